@@ -1,0 +1,90 @@
+"""What a shape is: a solid, and the height map of the surface that it presses with.
+
+Frames, the same in the whole project. Lengths are in mm.
+
+- Shape frame: the solid stands as printed, its pressing side up (+z), the press axis through
+  x = y = 0. Heights are measured from the highest point of the pressing side, so they are
+  <= 0.
+- Sensor frame: x to the right of the picture (columns), y down the picture (rows), z out of
+  the sensor towards the shape. Right-handed.
+- A press turns the shape over about x, turns it by yaw about +z, and moves it to (x, y):
+  p_sensor = Rz(yaw) diag(1, -1, -1) p_shape + (x, y, .). So at yaw 0 the DIGIT picture shows
+  the shape as one sees it from above with y up, and a positive yaw turns it clockwise in
+  the picture.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import trimesh
+from scipy import ndimage
+
+from primitives_cad.errors import T2TwinError
+
+NOTHING_MM = -1.0e3
+"""Height given where the solid has no surface, mm: far below any layer's thickness."""
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """Heights of a pressing surface on a regular grid, seen from above.
+
+    heights_mm: (ny, nx) float32, <= 0, 0 at the highest point, NOTHING_MM where there is no solid.
+    x_mm: (nx,) and y_mm: (ny,), both rising, equally spaced by pitch_mm.
+    """
+
+    heights_mm: np.ndarray
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+
+    def __post_init__(self) -> None:
+        if self.heights_mm.shape != (self.y_mm.size, self.x_mm.size):
+            raise T2TwinError(
+                f"heights of shape {self.heights_mm.shape} do not fit axes of "
+                f"{self.y_mm.size} rows and {self.x_mm.size} columns"
+            )
+
+    @property
+    def pitch_mm(self) -> float:
+        return float(self.x_mm[1] - self.x_mm[0])
+
+    def sample(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Heights at any points of the shape frame, bilinear; NOTHING_MM outside. Same shape as x."""
+        rows = (y_mm - self.y_mm[0]) / self.pitch_mm
+        columns = (x_mm - self.x_mm[0]) / self.pitch_mm
+        return ndimage.map_coordinates(
+            self.heights_mm, [rows, columns], order=1, mode="constant", cval=NOTHING_MM
+        )
+
+
+@dataclass(frozen=True)
+class Keypoint:
+    """A place of a tool to press with: where, from which direction, and its name.
+
+    point_mm: (3,) on the tool's surface, in the tool's own frame.
+    direction: (3,) unit vector out of the tool towards the sensor.
+    """
+
+    name: str
+    point_mm: tuple[float, float, float]
+    direction: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A named solid, ready to press: see the module's text for its frame.
+
+    name: as in the catalogue (`square-2`, `pliers/jaw-tip`) or a file's stem.
+    mesh: the solid, mm, in the shape frame, watertight.
+    surface: its pressing surface.
+    spacing_mm: pitch of the protocol's grid of press points for this shape.
+    parameters: what was varied, by name, mm.
+    base_mm: height of the base plate's top in the surface's heights (negative), or None.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    surface: HeightMap
+    spacing_mm: float
+    parameters: dict[str, float] = field(default_factory=dict)
+    base_mm: float | None = None

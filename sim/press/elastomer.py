@@ -1,0 +1,95 @@
+"""The two sensors' soft layers: size, thickness, stiffness, and how they stiffen."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from primitives_cad.errors import T2TwinError
+
+Law = Literal["linear", "stiffening"]
+
+
+@dataclass(frozen=True)
+class Elastomer:
+    """A soft layer bonded to a rigid base.
+
+    thickness_mm: at the thickest place.
+    young_mpa, poisson: small-strain modulus (MPa) and Poisson's ratio.
+    width_mm, length_mm: extent along x and y, centred on the origin.
+    dome_width_radius_mm, dome_length_radius_mm: radii of the outer surface along x and y;
+        inf means flat. The surface is flat for dome_flat_mm either side of the middle in y.
+    law: how deflection follows the linear layer's: "linear", or "stiffening", which reads the
+        linear layer's compression as a logarithmic strain, w = h (1 - exp(-u / h)), so that a
+        deep press never goes through.
+    """
+
+    name: str
+    thickness_mm: float
+    young_mpa: float
+    poisson: float
+    width_mm: float
+    length_mm: float
+    dome_width_radius_mm: float = np.inf
+    dome_length_radius_mm: float = np.inf
+    dome_flat_mm: float = 0.0
+    law: Law = "stiffening"
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("thickness_mm", 0.1, 200.0),
+            ("young_mpa", 0.001, 100.0),
+            ("poisson", 0.0, 0.499),
+            ("width_mm", 1.0, 500.0),
+            ("length_mm", 1.0, 500.0),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise T2TwinError(f"{name} is {value:g}; it must lie between {low:g} and {high:g}")
+        if self.law not in ("linear", "stiffening"):
+            raise T2TwinError(f"law is {self.law!r}; it must be 'linear' or 'stiffening'")
+
+    def rest_surface_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Height of the untouched surface above its apex, mm (<= 0), at points of equal shape."""
+        beyond = np.maximum(np.abs(y_mm) - self.dome_flat_mm, 0.0)
+        sag = _sag(np.abs(x_mm), self.dome_width_radius_mm) + _sag(
+            beyond, self.dome_length_radius_mm
+        )
+        return -np.minimum(sag, self.thickness_mm - THINNEST_MM)
+
+    def thickness_at_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Local thickness, mm: the dome thins towards the rim."""
+        return self.thickness_mm + self.rest_surface_mm(x_mm, y_mm)
+
+
+THINNEST_MM = 0.5
+"""Least thickness of a domed gel at its corners, mm (assumed; the CAD's corners are rounded)."""
+
+
+def _sag(distance_mm: np.ndarray, radius_mm: float) -> np.ndarray:
+    if not np.isfinite(radius_mm):
+        return np.zeros_like(distance_mm)
+    inside = np.minimum(distance_mm, 0.999 * radius_mm)
+    return radius_mm - np.sqrt(radius_mm**2 - inside**2)
+
+
+DIGIT_GEL = Elastomer(
+    name="digit",
+    thickness_mm=4.07,  # maker's published CAD
+    young_mpa=0.5,  # assumed, between Gent's 0.41 (Shore 10A) and 0.57 (Shore 15A)
+    poisson=0.47,  # assumed, range 0.45 to 0.49
+    width_mm=18.4,  # maker's published CAD
+    length_mm=25.0,  # maker's published CAD
+    dome_width_radius_mm=21.0,  # maker's published CAD
+    dome_length_radius_mm=30.0,  # assumed: "rounding off" beyond the flat, no radius published
+    dome_flat_mm=3.5,  # maker's published CAD
+)
+
+CYSKIN_COVER = Elastomer(
+    name="cyskin",
+    thickness_mm=2.5,  # assumed, range 2 to 3 mm
+    young_mpa=0.1,  # Ecoflex 00-10 at small strain, 0.05 to 0.1 MPa
+    poisson=0.47,  # assumed, range 0.45 to 0.49
+    width_mm=28.0,  # assumed: the layout's 19.5 mm and a margin
+    length_mm=46.0,  # assumed: the layout's 41.25 mm and a margin
+)
