@@ -1,0 +1,126 @@
+"""The MuJoCo model of a press: a bed of sprung pins and a rigid shape on a slide.
+
+Each grid cell of the elastomer that may be touched has one pin, a ball on a vertical slide joint
+with a spring; the shape's pressing surface stands over it as one ball at the shape's height there.
+The shape's balls are one body on a vertical slide joint, pushed with the commanded force. Each
+pin can touch only the ball above it, without friction, so that contact forces are vertical and
+the pin's and the shape's heights are all that matters: exact for normal contact, whatever the
+shape's outline or slope.
+
+Units inside the model: mm, s, and the force that presses one pin's spring by 1 mm, so that every
+spring is 1 and one compiled model serves every elastomer and pitch. The `discrete` integrator is
+implicit in position, so with masses far below stiffness x step^2 a step lands on the static
+equilibrium of springs and contact.
+"""
+
+from functools import lru_cache
+
+import mujoco
+import numpy as np
+
+BALL_MM = 1.0
+"""Radius of pins' and shape's balls, mm; more than any step's penetration. Balls of neighbours
+may overlap, for each touches only its own partner."""
+
+TOUCH_MM = 1e-3
+"""Overlap with which every pin meets its partner at the start of a step, mm. A step ends at the
+equilibrium wherever its pins start, and so no contact can be missed."""
+
+PIN_MASS = 1e-5
+"""Mass of a pin over its stiffness x step^2: small, so that it is at rest after a step."""
+
+SHAPE_MASS = 10.0
+"""The shape's mass over one pin's stiffness x step^2: it follows within a step or two once it
+stands on more than a few pins, and its contact stays stiff."""
+
+POOL_SIZES = (128, 256, 512, 1024, 2048, 4096, 8192)
+"""Numbers of pins for which a model is compiled; a press takes the smallest that fits."""
+
+PARKED_MM = 1.0e4
+"""Height at which the shape's ball over an unused pin is kept, mm."""
+
+
+def mjcf(pins: int) -> str:
+    """The bed as MJCF text: shape first, so that the solver's factorisation stays sparse."""
+    balls = "".join(
+        f'<geom name="over{i}" pos="{0.01 * (i + 1):g} 0 {PARKED_MM:g}"/>' for i in range(pins)
+    )
+    bed = "".join(
+        f'<body name="pin{i}" pos="{0.01 * (i + 1):g} 0 0"><joint class="pin"/>'
+        f'<geom name="tip{i}"/></body>'
+        for i in range(pins)
+    )
+    pairs = "".join(f'<pair geom1="over{i}" geom2="tip{i}"/>' for i in range(pins))
+    return f"""<mujoco model="press">
+  <option timestep="1" integrator="discrete" solver="Newton" gravity="0 0 0" tolerance="1e-10">
+    <flag refsafe="disable" island="disable" sensor="disable" actuation="disable"/>
+  </option>
+  <size memory="{max(16, pins // 16)}M"/>
+  <default>
+    <geom type="sphere" size="{BALL_MM:g}" mass="{PIN_MASS:g}" contype="0" conaffinity="0"/>
+    <pair condim="1" solref="0.001 1" solimp="0.9999 0.9999 0.001 0.5 2"/>
+    <default class="pin"><joint type="slide" axis="0 0 1" stiffness="1"/></default>
+  </default>
+  <worldbody>
+    <body name="shape"><inertial pos="0 0 0" mass="{SHAPE_MASS:g}" diaginertia="1 1 1"/>
+      <joint name="down" type="slide" axis="0 0 1"/>{balls}</body>
+    {bed}
+  </worldbody>
+  <contact>{pairs}</contact>
+</mujoco>"""
+
+
+class Bed:
+    """A compiled bed of a fixed number of pins, laid out anew for each press."""
+
+    def __init__(self, pins: int) -> None:
+        self.pins = pins
+        self.model = mujoco.MjModel.from_xml_string(mjcf(pins))
+        self.data = mujoco.MjData(self.model)
+        self._gap_mm = np.zeros(0)
+
+    def lay(
+        self,
+        x_mm: np.ndarray,
+        y_mm: np.ndarray,
+        rest_mm: np.ndarray,
+        gap_mm: np.ndarray,
+        depth_mm: float,
+    ) -> None:
+        """Place n <= pins pins and the shape above them.
+
+        All arrays (n,): the pins' places, the untouched surface's height, and how much higher
+        than at its first touch the shape stands there. depth_mm: where the shape starts.
+        """
+        model, data, n = self.model, self.data, x_mm.size
+        first_pin = 2
+        model.body_pos[first_pin : first_pin + n] = np.stack([x_mm, y_mm, rest_mm - BALL_MM], 1)
+        model.geom_pos[: self.pins, 2] = PARKED_MM
+        model.geom_pos[:n] = np.stack([x_mm, y_mm, rest_mm + gap_mm + BALL_MM], 1)
+        mujoco.mj_resetData(model, data)
+        model.qpos_spring[:] = 0.0
+        data.qpos[0] = -depth_mm
+        self._gap_mm = gap_mm
+
+    def push(self, force: float, spring_rest_mm: np.ndarray) -> tuple[float, np.ndarray]:
+        """One step under a force (in pin springs x mm), with the pins' springs at rest at given deflections (n,), mm.
+
+        Returns the shape's depth, mm, and the pins' deflections (n,), mm.
+        """
+        n = spring_rest_mm.size
+        self.model.qpos_spring[1 : n + 1] = -spring_rest_mm
+        self.data.qfrc_applied[0] = -force
+        self.data.qpos[1 : n + 1] = self.data.qpos[0] + self._gap_mm + TOUCH_MM
+        self.data.qvel[:] = 0.0
+        mujoco.mj_step(self.model, self.data)
+        return -float(self.data.qpos[0]), -self.data.qpos[1 : n + 1].copy()
+
+
+@lru_cache(maxsize=len(POOL_SIZES))
+def _compiled(pins: int) -> Bed:
+    return Bed(pins)
+
+
+def bed(pins: int) -> Bed:
+    """The compiled bed with at least so many pins."""
+    return _compiled(next(size for size in POOL_SIZES if size >= pins))

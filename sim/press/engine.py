@@ -1,0 +1,190 @@
+"""The press: a shape pushed into an elastomer until pressure and surface are at rest.
+
+Contact is normal and frictionless, the layer's answer is that of `sim.press.layer`, and MuJoCo
+(`sim.press.bed`) finds which pins touch and how they share the force. A pin's own spring D is
+local; the layer is not. So each step the springs' rest points take what the springs leave out,
+w(p) - D p, from the last pressure p: a majorise-minimise step on the elastic energy. Nesterov's
+extrapolation with restart (O'Donoghue and Candes, 2015) brings it to rest in about ten steps.
+"""
+
+import time
+
+import numpy as np
+
+from primitives_cad.errors import T2TwinError
+from primitives_cad.shape import NOTHING_MM, Shape
+from sim.press.bed import POOL_SIZES, bed
+from sim.press.elastomer import Elastomer
+from sim.press.layer import Layer, layer
+from sim.records import Contact, Press
+
+DIGIT_PITCH_MM = 0.25
+"""Grid of the DIGIT's gel, mm: fine enough for features of 1 mm seen at 0.05 mm a pixel."""
+
+CYSKIN_PITCH_MM = 0.5
+"""Grid of the CySkin's cover, mm: an eighth of a taxel's pad."""
+
+FORCE_RANGE_N = (0.01, 100.0)
+"""Forces that may be commanded, N."""
+
+SPRING_SHARE = 0.6
+"""A pin's compliance over the layer's largest. Above 0.5 the iteration cannot diverge."""
+
+AT_REST = 1e-3
+"""Relative change of the pressure in a step below which the press has settled."""
+
+MOST_STEPS = 80
+"""Steps after which a press is given up as not settled."""
+
+MARGIN_CELLS = 2
+"""Cells around the expected contact that get a pin from the start."""
+
+
+def press(
+    shape: Shape, command: Press, elastomer: Elastomer, pitch_mm: float
+) -> Contact:
+    """Press a shape into an elastomer.
+
+    The command's shape name is not looked at; its pose and force are. Raises T2TwinError where
+    the force is out of range, the shape is beside the pad, or the layer cannot carry the force.
+    """
+    started = time.perf_counter()
+    check_force(command.force_n)
+    ground = layer(elastomer, pitch_mm)
+    gap = _gap_mm(shape, command, ground)
+    state = _Solution(ground, gap, command.force_n)
+    settled = state.solve()
+    surface = state.surface_mm(state.pressure_mpa)
+    depth = state.depth_mm
+    if elastomer.law == "linear" and (surface >= ground.thickness_mm)[state.pressure_mpa > 0].any():
+        raise T2TwinError(
+            f"{command.force_n:g} N push {shape.name} through the {elastomer.name} layer of "
+            f"{elastomer.thickness_mm:g} mm; take a smaller force or a thicker or stiffer layer"
+        )
+    carried = float(state.pressure_mpa.sum() * pitch_mm**2)
+    touched = state.pressure_mpa > 0
+    return Contact(
+        surface_mm=surface.astype(np.float32),
+        pressure_kpa=(1e3 * state.pressure_mpa).astype(np.float32),
+        x_mm=ground.x_mm,
+        y_mm=ground.y_mm,
+        depth_mm=depth,
+        force_n=carried,
+        settled=settled,
+        bottomed=shape.base_mm is not None and bool((_heights(shape, command, ground)[touched]
+                                                     <= shape.base_mm + 1e-3).any()),
+        milliseconds=1e3 * (time.perf_counter() - started),
+    )
+
+
+def check_force(force_n: float) -> None:
+    low, high = FORCE_RANGE_N
+    if not low <= force_n <= high:
+        raise T2TwinError(f"a force of {force_n:g} N cannot be pressed; allowed are {low:g} to {high:g} N")
+
+
+def to_shape_frame(
+    command: Press, x_mm: np.ndarray, y_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where points of the sensor frame lie in the shape frame (see primitives_cad.shape)."""
+    cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
+    dx, dy = x_mm - command.x_mm, y_mm - command.y_mm
+    return cos * dx + sin * dy, sin * dx - cos * dy
+
+
+def _heights(shape: Shape, command: Press, ground: Layer) -> np.ndarray:
+    x, y = np.meshgrid(ground.x_mm, ground.y_mm)
+    return shape.surface.sample(*to_shape_frame(command, x, y))
+
+
+def _gap_mm(shape: Shape, command: Press, ground: Layer) -> np.ndarray:
+    """How far each cell's surface is from the shape at first touch, (rows, columns), mm, >= 0."""
+    heights = _heights(shape, command, ground)
+    distance = -ground.rest_mm - heights
+    nearest = float(distance.min())
+    if nearest > -NOTHING_MM / 2:
+        raise T2TwinError(
+            f"{shape.name} at x {command.x_mm:g} mm, y {command.y_mm:g} mm lies beside the "
+            f"{ground.elastomer.name} pad, which reaches {ground.elastomer.width_mm / 2:g} mm in x "
+            f"and {ground.elastomer.length_mm / 2:g} mm in y from its middle"
+        )
+    return distance - nearest
+
+
+class _Solution:
+    """The state of one press while it comes to rest. Pressures in MPa on the layer's grid."""
+
+    def __init__(self, ground: Layer, gap_mm: np.ndarray, force_n: float) -> None:
+        self.ground = ground
+        self.gap_mm = gap_mm
+        self.compliance = SPRING_SHARE * ground.compliance_mm_per_mpa  # D, mm/MPa
+        self.stiffness = ground.pitch_mm**2 / self.compliance  # of one pin, N/mm
+        self.force = force_n / self.stiffness  # in pin springs x mm
+        self.pressure_mpa = np.zeros_like(gap_mm)
+        self.depth_mm = winkler_depth_mm(gap_mm, self.force)
+        self.pins = _grown(gap_mm < self.depth_mm, MARGIN_CELLS)
+
+    def surface_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
+        """The layer's deflection by its law, mm."""
+        linear = self.ground.deflection_mm(pressure_mpa)
+        if self.ground.elastomer.law == "linear":
+            return linear
+        h = self.ground.thickness_mm
+        return -h * np.expm1(-linear / h)
+
+    def solve(self) -> bool:
+        """Bring the press to rest; False where it had not settled after MOST_STEPS."""
+        pins = self._lay()
+        last = self.pressure_mpa
+        ahead, momentum = last, 1.0
+        for _ in range(MOST_STEPS):
+            rest = self.surface_mm(ahead) - self.compliance * ahead
+            if self._missed(rest):
+                pins = self._lay()
+            self.depth_mm, deflection = pins.push(self.force, rest[self.pins])
+            pressure = np.zeros_like(last)
+            pressure[self.pins] = np.maximum(deflection - rest[self.pins], 0.0) / self.compliance
+            change = pressure - last
+            if ((ahead - pressure) * change).sum() > 0:
+                ahead, momentum = pressure, 1.0
+            else:
+                grown = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+                ahead, momentum = pressure + (momentum - 1) / grown * change, grown
+            last = pressure
+            if np.abs(change).sum() < AT_REST * pressure.sum():
+                self.pressure_mpa = pressure
+                return True
+        self.pressure_mpa = last
+        return False
+
+    def _lay(self):
+        if np.count_nonzero(self.pins) > POOL_SIZES[-1]:
+            raise T2TwinError(
+                f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
+            )
+        pins = bed(np.count_nonzero(self.pins))
+        x, y = np.meshgrid(self.ground.x_mm, self.ground.y_mm)
+        here = self.pins
+        pins.lay(x[here], y[here], self.ground.rest_mm[here], self.gap_mm[here], self.depth_mm)
+        return pins
+
+    def _missed(self, rest_mm: np.ndarray) -> bool:
+        """Whether the shape stands in cells without a pin; they get one."""
+        missed = (self.depth_mm - self.gap_mm > rest_mm) & ~self.pins
+        if not missed.any():
+            return False
+        self.pins |= _grown(missed, MARGIN_CELLS)
+        return True
+
+
+def winkler_depth_mm(gap_mm: np.ndarray, force: float) -> float:
+    """Depth at which independent unit springs under the gaps carry the force (springs x mm)."""
+    gaps = np.sort(gap_mm.ravel())
+    depths = (force + np.cumsum(gaps)) / np.arange(1, gaps.size + 1)
+    return float(depths[np.argmax(depths <= np.append(gaps[1:], np.inf))])
+
+
+def _grown(mask: np.ndarray, cells: int) -> np.ndarray:
+    from scipy import ndimage
+
+    return ndimage.binary_dilation(mask, np.ones((3, 3), bool), iterations=cells)

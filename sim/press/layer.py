@@ -1,0 +1,157 @@
+"""How an elastic layer, bonded to a rigid base and frictionless on top, answers a pressure.
+
+Everything is linear elasticity in plane-wave form: a surface pressure p cos(k.x) gives a surface
+deflection C(k) p cos(k.x), and a normal stress T(k) p cos(k.x) at the base.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy import fft
+
+from sim.press.elastomer import Elastomer
+
+THICKNESS_LEVELS = 3
+"""Thicknesses at which a domed layer's answer is worked out, between which it is interpolated."""
+
+ALIASES = 3
+"""Spectral images summed on either side, so that a grid cell's own deflection is right."""
+
+PERIODS_OF_THICKNESS = 12
+"""The kernel is worked out on a periodic square at least so many thicknesses wide."""
+
+
+def compliance_mm_per_mpa(
+    wavenumber: np.ndarray, thickness_mm: float, young_mpa: float, poisson: float
+) -> np.ndarray:
+    """Surface deflection per pressure at wavenumber k (rad/mm), mm/MPa; same shape as k.
+
+    Closed form of the bonded layer (Johnson, Contact Mechanics, 1985, section 5.8 gives the
+    plane-strain layer; the plane-wave problem is the same in three dimensions). As k goes to 0 it
+    is the confined compression h (1 - 2 nu)(1 + nu) / ((1 - nu) E), as k grows the half-space's
+    2 (1 - nu^2) / (E k).
+    """
+    s, kappa = _reduced(wavenumber, thickness_mm), 3 - 4 * poisson
+    shape = (2 * kappa * np.sinh(2 * s) - 4 * s) / _denominator(s, kappa)
+    return 2 * (1 - poisson**2) / young_mpa * thickness_mm * shape / s
+
+
+def base_stress(wavenumber: np.ndarray, thickness_mm: float, poisson: float) -> np.ndarray:
+    """Normal stress at the base per pressure on top, at wavenumber k (rad/mm); same shape as k.
+
+    From the same solution: T = 8 (1 - nu)(2 (1 - nu) cosh s + s sinh s) / D(s), s = k h. T(0) = 1:
+    the base carries the whole force.
+    """
+    s, kappa = _reduced(wavenumber, thickness_mm), 3 - 4 * poisson
+    return (
+        8
+        * (1 - poisson)
+        * (2 * (1 - poisson) * np.cosh(s) + s * np.sinh(s))
+        / _denominator(s, kappa)
+    )
+
+
+def _reduced(wavenumber: np.ndarray, thickness_mm: float) -> np.ndarray:
+    # Beyond s = 300 the hyperbolic functions overflow; there the layer is a half-space already,
+    # but for the 1 / s in the compliance, which matters only for k far beyond any grid here.
+    return np.clip(wavenumber * thickness_mm, 1e-6, 300.0)
+
+
+def _denominator(s: np.ndarray, kappa: float) -> np.ndarray:
+    return 2 * kappa * np.cosh(2 * s) + 1 + kappa**2 + 4 * s**2
+
+
+class Layer:
+    """One elastomer's linear answer on a grid of square cells.
+
+    rows, columns: the grid. pitch_mm: its cell. x_mm (columns,), y_mm (rows,): cell centres.
+    compliance_mm_per_mpa: the largest over all wavelengths, at the thickest place.
+    """
+
+    def __init__(self, elastomer: Elastomer, pitch_mm: float) -> None:
+        self.elastomer = elastomer
+        self.pitch_mm = pitch_mm
+        self.columns = int(elastomer.width_mm / pitch_mm + 1e-9)
+        self.rows = int(elastomer.length_mm / pitch_mm + 1e-9)
+        self.x_mm = (np.arange(self.columns) - (self.columns - 1) / 2) * pitch_mm
+        self.y_mm = (np.arange(self.rows) - (self.rows - 1) / 2) * pitch_mm
+        x, y = np.meshgrid(self.x_mm, self.y_mm)
+        self.rest_mm = elastomer.rest_surface_mm(x, y)
+        self.thickness_mm = elastomer.thickness_at_mm(x, y)
+
+        thinnest, thickest = float(self.thickness_mm.min()), float(self.thickness_mm.max())
+        domed = thickest - thinnest > 1e-6
+        levels = np.linspace(thinnest, thickest, THICKNESS_LEVELS) if domed else [thickest]
+        self._padded = (
+            fft.next_fast_len(2 * self.rows - 1, real=True),
+            fft.next_fast_len(2 * self.columns - 1, real=True),
+        )
+        self._transforms = np.stack([self._transform(float(h)) for h in levels])
+        self._weights = _hat_weights(self.thickness_mm, np.asarray(levels))
+        spectrum = compliance_mm_per_mpa(
+            np.linspace(1e-3, 10, 2000) / thickest, thickest, elastomer.young_mpa, elastomer.poisson
+        )
+        self.compliance_mm_per_mpa = float(spectrum.max())
+
+    def deflection_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
+        """Surface deflection of the linear layer, mm, under a pressure (rows, columns), MPa.
+
+        Where the layer is domed, each place answers as a layer of its own thickness would.
+        """
+        spectrum = self._transforms * fft.rfft2(pressure_mpa, self._padded)
+        answers = fft.irfft2(spectrum, self._padded)[:, : self.rows, : self.columns]
+        return (self._weights * answers).sum(axis=0)
+
+    def _transform(self, thickness_mm: float) -> np.ndarray:
+        kernel = _kernel(
+            self.rows,
+            self.columns,
+            self.pitch_mm,
+            thickness_mm,
+            self.elastomer.young_mpa,
+            self.elastomer.poisson,
+        )
+        padded = np.zeros(self._padded)
+        rows = np.arange(1 - self.rows, self.rows) % self._padded[0]
+        columns = np.arange(1 - self.columns, self.columns) % self._padded[1]
+        padded[np.ix_(rows, columns)] = kernel
+        return fft.rfft2(padded)
+
+
+@lru_cache(maxsize=16)
+def layer(elastomer: Elastomer, pitch_mm: float) -> Layer:
+    """The layer of an elastomer at a pitch, worked out once a process."""
+    return Layer(elastomer, pitch_mm)
+
+
+def _hat_weights(values: np.ndarray, levels: np.ndarray) -> np.ndarray:
+    """Linear-interpolation weights of each value between the levels, (levels, *values.shape)."""
+    if levels.size == 1:
+        return np.ones((1, *values.shape))
+    step = levels[1] - levels[0]
+    return np.maximum(0.0, 1.0 - np.abs(values[None] - levels[:, None, None]) / step)
+
+
+def _kernel(
+    rows: int, columns: int, pitch_mm: float, thickness_mm: float, young_mpa: float, poisson: float
+) -> np.ndarray:
+    """Deflection of each cell's centre per unit pressure on one cell, mm/MPa.
+
+    Shape (2 rows - 1, 2 columns - 1), the loaded cell in the middle.
+    """
+    width_mm = max(2 * max(rows, columns) * pitch_mm, PERIODS_OF_THICKNESS * thickness_mm)
+    n = fft.next_fast_len(int(np.ceil(width_mm / pitch_mm)))
+    wavenumber = 2 * np.pi * np.fft.fftfreq(n, pitch_mm)
+    spectrum = np.zeros((n, n))
+    for image_y in range(-ALIASES, ALIASES + 1):
+        ky = wavenumber[:, None] + 2 * np.pi * image_y / pitch_mm
+        for image_x in range(-ALIASES, ALIASES + 1):
+            kx = wavenumber[None, :] + 2 * np.pi * image_x / pitch_mm
+            cell = np.sinc(kx * pitch_mm / (2 * np.pi)) * np.sinc(ky * pitch_mm / (2 * np.pi))
+            spectrum += cell * compliance_mm_per_mpa(
+                np.hypot(kx, ky), thickness_mm, young_mpa, poisson
+            )
+    kernel = fft.ifft2(spectrum).real
+    return kernel[
+        np.ix_(np.arange(1 - rows, rows) % n, np.arange(1 - columns, columns) % n)
+    ]
