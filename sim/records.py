@@ -32,6 +32,8 @@ class Contact:
     pressure_kpa: (ny, nx) normal pressure, >= 0.
     x_mm: (nx,), y_mm: (ny,) the grid's axes in the sensor frame, mm, rising, equally spaced.
     depth_mm: how far the shape has travelled from its first touch.
+    shape_depth_mm: how far the shape's highest point lies below the apex of the untouched
+        surface (the same as depth_mm on a flat layer).
     force_n: the force that the pressure really carries.
     settled: whether both force and surface had come to rest.
     bottomed: whether the shape met something other than the pressing surface's features:
@@ -44,6 +46,7 @@ class Contact:
     x_mm: np.ndarray
     y_mm: np.ndarray
     depth_mm: float
+    shape_depth_mm: float
     force_n: float
     settled: bool
     bottomed: bool

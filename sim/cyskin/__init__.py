@@ -1,0 +1,1 @@
+"""The CySkin: where its taxels lie and what they count under a pressure."""

@@ -10,6 +10,7 @@ extrapolation with restart (O'Donoghue and Candes, 2015) brings it to rest in ab
 import time
 
 import numpy as np
+from scipy import ndimage
 
 from primitives_cad.errors import T2TwinError
 from primitives_cad.shape import NOTHING_MM, Shape
@@ -36,13 +37,14 @@ AT_REST = 1e-3
 MOST_STEPS = 80
 """Steps after which a press is given up as not settled."""
 
+BASE_TOLERANCE_MM = 1e-3
+"""A touched height so near the base plate's top counts as the base plate, mm."""
+
 MARGIN_CELLS = 2
 """Cells around the expected contact that get a pin from the start."""
 
 
-def press(
-    shape: Shape, command: Press, elastomer: Elastomer, pitch_mm: float
-) -> Contact:
+def press(shape: Shape, command: Press, elastomer: Elastomer, pitch_mm: float) -> Contact:
     """Press a shape into an elastomer.
 
     The command's shape name is not looked at; its pose and force are. Raises T2TwinError where
@@ -51,7 +53,8 @@ def press(
     started = time.perf_counter()
     check_force(command.force_n)
     ground = layer(elastomer, pitch_mm)
-    gap = _gap_mm(shape, command, ground)
+    heights = _heights(shape, command, ground)
+    gap, first_touch = _gap_mm(shape, command, ground, heights)
     state = _Solution(ground, gap, command.force_n)
     settled = state.solve()
     surface = state.surface_mm(state.pressure_mpa)
@@ -69,10 +72,11 @@ def press(
         x_mm=ground.x_mm,
         y_mm=ground.y_mm,
         depth_mm=depth,
+        shape_depth_mm=depth + first_touch,
         force_n=carried,
         settled=settled,
-        bottomed=shape.base_mm is not None and bool((_heights(shape, command, ground)[touched]
-                                                     <= shape.base_mm + 1e-3).any()),
+        bottomed=shape.base_mm is not None
+        and bool((heights[touched] <= shape.base_mm + BASE_TOLERANCE_MM).any()),
         milliseconds=1e3 * (time.perf_counter() - started),
     )
 
@@ -97,9 +101,13 @@ def _heights(shape: Shape, command: Press, ground: Layer) -> np.ndarray:
     return shape.surface.sample(*to_shape_frame(command, x, y))
 
 
-def _gap_mm(shape: Shape, command: Press, ground: Layer) -> np.ndarray:
-    """How far each cell's surface is from the shape at first touch, (rows, columns), mm, >= 0."""
-    heights = _heights(shape, command, ground)
+def _gap_mm(
+    shape: Shape, command: Press, ground: Layer, heights: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """How far each cell's surface is from the shape at first touch, (rows, columns), mm, >= 0.
+
+    And how far the shape's highest point lies below the apex then, mm.
+    """
     distance = -ground.rest_mm - heights
     nearest = float(distance.min())
     if nearest > -NOTHING_MM / 2:
@@ -108,7 +116,7 @@ def _gap_mm(shape: Shape, command: Press, ground: Layer) -> np.ndarray:
             f"{ground.elastomer.name} pad, which reaches {ground.elastomer.width_mm / 2:g} mm in x "
             f"and {ground.elastomer.length_mm / 2:g} mm in y from its middle"
         )
-    return distance - nearest
+    return distance - nearest, nearest
 
 
 class _Solution:
@@ -185,6 +193,4 @@ def winkler_depth_mm(gap_mm: np.ndarray, force: float) -> float:
 
 
 def _grown(mask: np.ndarray, cells: int) -> np.ndarray:
-    from scipy import ndimage
-
     return ndimage.binary_dilation(mask, np.ones((3, 3), bool), iterations=cells)

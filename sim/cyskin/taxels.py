@@ -1,0 +1,98 @@
+"""From pressure on the cover to taxel counts.
+
+The cover spreads the pressure on its way down; a pad averages what arrives; the dielectric under
+it thins, the capacitance rises as area over gap, and the reading counts that rise.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy import special
+
+from primitives_cad.errors import T2TwinError
+from sim.cyskin.layout import Layout
+from sim.press.elastomer import CYSKIN_COVER, Elastomer
+from sim.press.layer import base_stress
+from sim.records import Contact
+
+DIELECTRIC_MODULUS_MPA = 0.5
+"""Small-strain compressive modulus of the dielectric, MPa (assumed, range 0.2 to 1)."""
+
+DIELECTRIC_MOST_STRAIN = 0.5
+"""Strain at which the dielectric is pressed solid (assumed, range 0.3 to 0.7)."""
+
+FULL_SCALE_COUNTS = 40_000
+"""Count at which a taxel saturates (Grella et al. 2023)."""
+
+GAIN_COUNTS = 60_000.0
+"""Counts per doubling of the capacitance: set by benchmarks/gain.py so that the 99.5th percentile
+of the largest taxel over the training set reaches FULL_SCALE_COUNTS."""
+
+
+def pad_pressure_mpa(contact: Contact, layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarray:
+    """Mean normal stress on each taxel's pad under the cover, (n,), MPa."""
+    weights = _weights(
+        cover.thickness_mm,
+        cover.poisson,
+        tuple(contact.x_mm),
+        tuple(contact.y_mm),
+        tuple(layout.x_mm),
+        tuple(layout.y_mm),
+        tuple(layout.pad_diameter_mm),
+    )
+    return weights @ (1e-3 * contact.pressure_kpa.ravel().astype(np.float64))
+
+
+def counts(pressure_mpa: np.ndarray, gain: float = GAIN_COUNTS) -> np.ndarray:
+    """Noiseless counts before rounding, any shape, saturating at FULL_SCALE_COUNTS.
+
+    strain = m (1 - exp(-p / (M m))) for modulus M and greatest strain m; the parallel-plate
+    capacitance gains strain / (1 - strain) of itself (gap over area, Schmitz et al. 2011).
+    """
+    most = DIELECTRIC_MOST_STRAIN
+    strain = -most * np.expm1(-np.maximum(pressure_mpa, 0.0) / (DIELECTRIC_MODULUS_MPA * most))
+    return np.minimum(gain * strain / (1.0 - strain), FULL_SCALE_COUNTS)
+
+
+@lru_cache(maxsize=8)
+def _weights(
+    thickness_mm: float,
+    poisson: float,
+    x_mm: tuple[float, ...],
+    y_mm: tuple[float, ...],
+    taxel_x_mm: tuple[float, ...],
+    taxel_y_mm: tuple[float, ...],
+    diameter_mm: tuple[float, ...],
+) -> np.ndarray:
+    """What a unit pressure on each cell does to each pad's mean, (n, rows * columns)."""
+    taxel_x, taxel_y = np.array(taxel_x_mm), np.array(taxel_y_mm)
+    reach_x, reach_y = max(x_mm), max(y_mm)
+    if (np.abs(taxel_x) > reach_x).any() or (np.abs(taxel_y) > reach_y).any():
+        raise T2TwinError(
+            f"the layout has taxels outside the cover, which reaches {reach_x:g} mm in x and "
+            f"{reach_y:g} mm in y from its middle"
+        )
+    x, y = np.meshgrid(x_mm, y_mm)
+    pitch = x_mm[1] - x_mm[0]
+    distance = np.hypot(x.ravel() - taxel_x[:, None], y.ravel() - taxel_y[:, None])
+    weights = np.empty_like(distance)
+    for diameter in set(diameter_mm):
+        same = np.array(diameter_mm) == diameter
+        weights[same] = pitch**2 * _spread(distance[same], thickness_mm, poisson, diameter)
+    return weights
+
+
+def _spread(
+    distance_mm: np.ndarray, thickness_mm: float, poisson: float, diameter_mm: float
+) -> np.ndarray:
+    """Mean stress on a round pad from a unit point force at a distance, 1/mm^2: Hankel transform.
+
+    The integrand is the base's stress times the disc's transform 2 J1(k a) / (k a).
+    """
+    k = np.linspace(1e-4, 25.0 / thickness_mm, 3000)
+    radius = diameter_mm / 2
+    disc = 2 * special.j1(k * radius) / (k * radius)
+    spectrum = base_stress(k, thickness_mm, poisson) * disc * k / (2 * np.pi)
+    r = np.linspace(0.0, float(distance_mm.max()) + 0.1, 600)
+    profile = np.trapezoid(spectrum * special.j0(r[:, None] * k), k, axis=1)
+    return np.interp(distance_mm, r, profile)
