@@ -40,7 +40,8 @@ def pad_pressure_mpa(contact: Contact, layout: Layout, cover: Elastomer = CYSKIN
         tuple(layout.y_mm),
         tuple(layout.pad_diameter_mm),
     )
-    return weights @ (1e-3 * contact.pressure_kpa.ravel().astype(np.float64))
+    # einsum and not a BLAS product, whose last bits depend on the number of threads.
+    return np.einsum("ij,j->i", weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64))
 
 
 def counts(pressure_mpa: np.ndarray, gain: float = GAIN_COUNTS) -> np.ndarray:

@@ -16,6 +16,7 @@ class Led:
     radius_mm: distance from the sensor's axis. z_mm: height, negative on the camera's side of
         the apex. Both are of the light as the gel sees it, after the plate's refraction.
     size_mm: radius of the luminous disc.
+    aim_mm: a point on the beam's axis. beam_rad: half angles between which the beam fades out.
     on: whether it is lit.
     """
 
@@ -24,6 +25,8 @@ class Led:
     radius_mm: float
     z_mm: float
     size_mm: float
+    aim_mm: tuple[float, float, float]
+    beam_rad: tuple[float, float]
     on: bool = True
 
     def __post_init__(self) -> None:
@@ -59,22 +62,24 @@ class Led:
 
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 """Turn between neighbours of a sunflower, rad (Vogel 1979)."""
-REACH_MM = 10.0
-"""Distance at which an LED's colour is stated, mm."""
+REACH_MM = 22.0
+"""Distance at which an LED's colour is stated, mm: that of the axis."""
 
-RADIUS_MM = 16.0  # assumed: beyond the gel's rim, and as far again through the plate
-HEIGHT_MM = -3.5  # assumed: beside the gel, between its base and its apex
-SIZE_MM = 1.0  # assumed: an LED of 1 to 2 mm and its diffuser
+RADIUS_MM = 22.0  # assumed: beside the gel, and as far again for the spread-out light of its plate
+SIZE_MM = 1.8  # assumed: an LED of 1 to 2 mm behind a diffuser, as seen from RADIUS_MM
+BEAM_RAD = (np.radians(6.0), np.radians(38.0))  # assumed: a plain LED's lobe, narrowed by its slot
+AIM_MM = (0.0, -2.0, -1.0)  # assumed: a little above the middle, where real pictures are brightest
 
 DIGIT_LEDS = (
-    Led((1.9, 0.06, 0.16), 30.0, RADIUS_MM, HEIGHT_MM, SIZE_MM),  # red
-    Led((0.04, 1.4, 0.12), 150.0, RADIUS_MM, HEIGHT_MM, SIZE_MM),  # green
-    Led((0.03, 0.10, 1.0), 270.0, RADIUS_MM, HEIGHT_MM, SIZE_MM),  # blue
+    Led((0.95, 0.05, 0.09), 30.0, RADIUS_MM, -7.0, SIZE_MM, AIM_MM, BEAM_RAD),  # red
+    Led((0.04, 0.85, 0.07), 150.0, RADIUS_MM, -7.0, SIZE_MM, AIM_MM, BEAM_RAD),  # green
+    Led((0.02, 0.10, 0.85), 270.0, RADIUS_MM, -5.0, SIZE_MM, AIM_MM, BEAM_RAD),  # blue
 )
-"""Angles: TACTO's configuration and the maker's notes. Colours: assumed, so that the picture of
-the untouched gel resembles a real unit's."""
+"""Angles: TACTO's configuration and the maker's notes. Heights: assumed, 13 to 18 degrees over
+the apex, as the lengths of a real unit's cast shadows ask. Colours: assumed, so that the picture
+of the untouched gel resembles a real unit's."""
 
-AMBIENT = (0.045, 0.05, 0.09)
+AMBIENT = (0.030, 0.040, 0.045)
 """Linear RGB of the light that has been scattered inside the sensor and has no direction
 (assumed: what is left in the cast shadows of a real unit)."""
 

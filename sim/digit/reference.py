@@ -22,18 +22,9 @@ from sim.press.elastomer import DIGIT_GEL, Elastomer
 
 GAMMA = 2.2
 """Exponent of pyrender's output encoding."""
-INNER_CONE_RAD = np.radians(41.0)
-"""Half angle of a spot's even part: the whole picture lies within it (geometry)."""
-OUTER_CONE_RAD = np.radians(44.0)
-"""Half angle of a spot's end; narrow, because the shadow map's texels spread over it."""
-AIM_Z_MM = -1.0
-"""Height at which the spots are aimed on the axis, mm."""
-CASTER_DEPTH_MM = 0.06
-"""How far behind the gel's surface the surface that casts the shadows lies, mm: twice a texel of
-the shadow map at the far end of the gel, so that the gel does not shade itself."""
-MESH_STRIDE = 2
-"""Cells of the optical grid to a side of the mesh's: finer triangles than this, 4 pixels, cost
-software GL seconds and change nothing that can be seen."""
+CASTER_LEAST_MM = 0.02
+"""Least deflection that casts a shadow, mm. The untouched gel casts none: its lamps shine through
+its sides."""
 ALBEDO = 0.96
 """Part of the light that pyrender's rough dielectric scatters diffusely (its own constant)."""
 
@@ -81,7 +72,10 @@ class ReferenceRenderer:
         self.camera = camera
         self._pyrender = pyrender = _import_pyrender()
         self._lit = [led for led in leds if led.on]
-        self._points = np.array([led.points_mm(light_points) for led in self._lit])
+        self._poses = [
+            [_spot_pose(point, np.array(led.aim_mm)) for point in led.points_mm(light_points)]
+            for led in self._lit
+        ]
         self._passes = light_points if self._lit else 1
         self._x_mm, self._y_mm = optical_grid(gel)
         self._rest_mm = gel.rest_surface_mm(*np.meshgrid(self._x_mm, self._y_mm))
@@ -108,8 +102,8 @@ class ReferenceRenderer:
                 pyrender.SpotLight(
                     color=np.array(led.colour),
                     intensity=np.pi * REACH_MM ** 2 / ALBEDO,
-                    innerConeAngle=INNER_CONE_RAD,
-                    outerConeAngle=OUTER_CONE_RAD,
+                    innerConeAngle=led.beam_rad[0],
+                    outerConeAngle=led.beam_rad[1],
                 )
             )
             for led in self._lit
@@ -134,8 +128,8 @@ class ReferenceRenderer:
         self._place_gel(surface_mm)
         total = np.zeros((ROWS, COLUMNS, 3))
         for index in range(self._passes):
-            for lamp, points in zip(self._lamps, self._points, strict=True):
-                self._scene.set_pose(lamp, _spot_pose(points[index]))
+            for lamp, poses in zip(self._lamps, self._poses, strict=True):
+                self._scene.set_pose(lamp, poses[index])
             picture, _ = self._renderer.render(self._scene, flags=self._flags)
             total += (picture / 255.0) ** GAMMA
         return total / self._passes
@@ -164,14 +158,13 @@ class ReferenceRenderer:
         points = _blocks(np.stack([x, y, z], axis=-1))
         # pyrender draws shadow maps without back faces: the gel, turned away from the lamps,
         # receives shadows only, and a copy just behind it, out of the camera's sight, casts them
-        mesh = self._pyrender.Mesh(
-            [
-                self._primitive(points, normals, self._faces[:, ::-1], self._gel_material),
-                self._primitive(
-                    points - CASTER_DEPTH_MM * normals, normals, self._faces, self._caster_material
-                ),
-            ]
-        )
+        primitives = [self._primitive(points, normals, self._faces[:, ::-1], self._gel_material)]
+        deep = _blocks(surface_mm[..., None]).ravel() > CASTER_LEAST_MM
+        casting = self._faces[deep[self._faces].all(axis=1)]
+        if casting.size:
+            behind = points - CASTER_DEPTH_MM * normals
+            primitives.append(self._primitive(behind, normals, casting, self._caster_material))
+        mesh = self._pyrender.Mesh(primitives)
         if self._mesh_node is not None:
             self._scene.remove_node(self._mesh_node)
         self._mesh_node = self._scene.add(mesh)
@@ -191,10 +184,12 @@ def encode(linear: np.ndarray) -> np.ndarray:
 
 
 def _blocks(grid: np.ndarray) -> np.ndarray:
-    """(n, 3) means over blocks of MESH_STRIDE x MESH_STRIDE cells of a (ny, nx, 3) grid."""
+    """(n, k) means over blocks of MESH_STRIDE x MESH_STRIDE cells of a (ny, nx, k) grid."""
     ny, nx = (size // MESH_STRIDE for size in grid.shape[:2])
     cut = grid[: ny * MESH_STRIDE, : nx * MESH_STRIDE]
-    return cut.reshape(ny, MESH_STRIDE, nx, MESH_STRIDE, 3).mean(axis=(1, 3)).reshape(-1, 3)
+    return cut.reshape(ny, MESH_STRIDE, nx, MESH_STRIDE, -1).mean(axis=(1, 3)).reshape(
+        ny * nx, -1
+    )
 
 
 def _grid_faces(ny: int, nx: int) -> np.ndarray:
@@ -212,9 +207,9 @@ def _camera_pose(camera: Camera) -> np.ndarray:
     return pose
 
 
-def _spot_pose(position_mm: np.ndarray) -> np.ndarray:
-    """(4, 4) pose of a spot at a point, aimed at the sensor's axis; it shines along its -z."""
-    back = position_mm - np.array([0.0, 0.0, AIM_Z_MM])
+def _spot_pose(position_mm: np.ndarray, aim_mm: np.ndarray) -> np.ndarray:
+    """(4, 4) pose of a spot at one point, aimed at another; it shines along its -z."""
+    back = position_mm - aim_mm
     back = back / np.linalg.norm(back)
     sideways = np.cross([0.0, 0.0, 1.0], back)
     sideways /= np.linalg.norm(sideways)

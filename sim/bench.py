@@ -1,0 +1,99 @@
+"""The simulated bench: both sensors, touched by the same shape in the same way."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from primitives_cad.shape import Shape
+from sim.cyskin import reading, taxels
+from sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
+from sim.digit.camera import optical_grid
+from sim.digit.optics import DigitOptics
+from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from sim.press.surface import surface_on
+from sim.records import Contact, Press, Sample
+
+FRAMES = 30
+"""DIGIT frames averaged into a sample: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
+
+FRAME_NOISE_GREY = 2.8
+"""Noise of one DIGIT frame, grey levels: two real frames differ by 3.2 (L1) away from the contact,
+which is 2.8 a frame (sqrt(pi) / 2 of it)."""
+
+
+@dataclass(frozen=True)
+class Digit:
+    """A DIGIT: its gel, its optics' calibration file (None: the one that ships), its noise."""
+
+    gel: Elastomer = DIGIT_GEL
+    pitch_mm: float = DIGIT_PITCH_MM
+    calibration: str | None = None
+    noise_grey: float = FRAME_NOISE_GREY / np.sqrt(FRAMES)
+    optics: DigitOptics = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "optics", DigitOptics.load(self.calibration))
+
+    def touch(self, shape: Shape, command: Press) -> Contact:
+        return press(shape, command, self.gel, self.pitch_mm)
+
+    def see(
+        self,
+        contact: Contact,
+        shape: Shape,
+        command: Press,
+        rng: np.random.Generator | None = None,
+    ) -> np.ndarray:
+        """The picture of a contact, (320, 240, 3) uint8; with camera noise where rng is given."""
+        surface = surface_on(contact, shape, command, self.gel, *optical_grid())
+        return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
+
+
+@dataclass(frozen=True)
+class CySkin:
+    """A CySkin: its cover, its taxels (a layout's name or file), how imperfect it is."""
+
+    cover: Elastomer = CYSKIN_COVER
+    pitch_mm: float = CYSKIN_PITCH_MM
+    layout_source: str = DEFAULT_LAYOUT
+    imperfections: str = "white"
+    dead: tuple[int, ...] = ()
+    layout: Layout = field(init=False, repr=False, compare=False)
+    flaws: reading.Imperfections = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "layout", load_layout(self.layout_source))
+        object.__setattr__(
+            self, "flaws", reading.imperfections(self.imperfections, tuple(self.dead))
+        )
+
+    def touch(self, shape: Shape, command: Press) -> Contact:
+        return press(shape, command, self.cover, self.pitch_mm)
+
+    def feel(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
+        """The counts of a contact, (n,) uint16; with imperfections where rng is given."""
+        true = taxels.counts(taxels.pad_pressure_mpa(contact, self.layout, self.cover))
+        if rng is None:
+            return np.rint(true).astype(np.uint16)
+        return reading.read(true, self.layout, self.flaws, rng)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Both sensors side by side."""
+
+    digit: Digit = field(default_factory=Digit)
+    cyskin: CySkin = field(default_factory=CySkin)
+
+    def take(self, shape: Shape, command: Press, rng: np.random.Generator) -> Sample:
+        """One pair: the same press on both sensors."""
+        on_digit = self.digit.touch(shape, command)
+        on_cyskin = self.cyskin.touch(shape, command)
+        return Sample(
+            press=command,
+            image=self.digit.see(on_digit, shape, command, rng),
+            counts=self.cyskin.feel(on_cyskin, rng),
+            digit=on_digit,
+            cyskin=on_cyskin,
+        )
