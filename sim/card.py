@@ -5,11 +5,11 @@ from typing import Any
 COLUMNS = """\
 | column | type | unit | what |
 |---|---|---|---|
-| shape | string | | catalogue name: a primitive (`square-2`) or a tool at a keypoint (`pliers/jaw-tip`) |
+| shape | string | | a primitive (`square-2`) or a tool at a keypoint (`pliers/teeth`) |
 | family | string | | primitive family, or tool |
 | split | string | | `train`, `val` (version 3 of each primitive) or `test` (tools) |
 | index | int32 | | place in the shape's full list of presses |
-| x_mm, y_mm | float64 | mm | where the shape's origin stands on the sensor: x right, y down in the picture |
+| x_mm, y_mm | float64 | mm | where the shape's origin stands: x right, y down in the picture |
 | yaw_rad | float64 | rad | turn about the press axis, clockwise in the picture |
 | force_n | float64 | N | commanded force |
 | image | PNG, 320 x 240 x 3 | grey levels | what the DIGIT saw |

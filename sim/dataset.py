@@ -97,7 +97,10 @@ def row(sample: Sample, index: int, family: str, split: str) -> dict[str, Any]:
         "y_mm": press.y_mm,
         "yaw_rad": press.yaw_rad,
         "force_n": press.force_n,
-        "image": {"bytes": encode_png(sample.image), "path": f"{file_stem(press.shape)}-{index}.png"},
+        "image": {
+            "bytes": encode_png(sample.image),
+            "path": f"{file_stem(press.shape)}-{index}.png",
+        },
         "taxels": sample.counts,
         "digit_depth_mm": sample.digit.depth_mm,
         "digit_force_n": sample.digit.force_n,
@@ -172,9 +175,7 @@ def read_info(folder: str | Path) -> dict[str, Any]:
     return info
 
 
-def read_split(
-    folder: str | Path, split: str, columns: list[str] | None = None
-) -> pa.Table:
+def read_split(folder: str | Path, split: str, columns: list[str] | None = None) -> pa.Table:
     """All rows of a split as one table, shards in the order of their names.
 
     Raises T2TwinError where the dataset is missing or unfinished, or the split is unknown or empty.
@@ -190,7 +191,9 @@ def read_split(
     missing = [path for path in shards if not (Path(folder) / path).is_file()]
     if missing or not shards:
         what = f"lacks {missing[0]}" if missing else f"has no {split} pairs"
-        raise T2TwinError(f"the dataset in {folder} {what}; the same `t2twin simdata` makes it whole")
+        raise T2TwinError(
+            f"the dataset in {folder} {what}; the same `t2twin simdata` makes it whole"
+        )
     return pa.concat_tables(
         [pq.ParquetFile(Path(folder) / path).read(columns=columns) for path in shards]
     )

@@ -3,7 +3,6 @@
 import hashlib
 import multiprocessing
 import os
-import time
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import asdict
@@ -114,7 +113,8 @@ def _describe(bench: Bench, scale: str, seed: int, tasks: list[Task]) -> dict[st
             "shapes": {t.shape: list(t.indices) for t in tasks},
         },
         "versions": {
-            name: version(name) for name in ("t2twin", "mujoco", "numpy", "scipy", "cadquery", "pillow", "pyarrow")
+            name: version(name)
+            for name in ("t2twin", "mujoco", "numpy", "scipy", "cadquery", "pillow", "pyarrow")
         },
         "shards": {},
         "complete": False,
@@ -124,8 +124,11 @@ def _describe(bench: Bench, scale: str, seed: int, tasks: list[Task]) -> dict[st
 def _plain(values: dict[str, Any]) -> dict[str, Any]:
     """JSON has no infinity: a flat side's radius becomes null."""
     return {
-        key: None if isinstance(value, float) and not np.isfinite(value) else
-        list(value) if isinstance(value, tuple) else value
+        key: None
+        if isinstance(value, float) and not np.isfinite(value)
+        else list(value)
+        if isinstance(value, tuple)
+        else value
         for key, value in values.items()
     }
 
@@ -156,9 +159,7 @@ def _is_made(folder: Path, task: Task, info: dict[str, Any]) -> bool:
     return hashlib.sha256(path.read_bytes()).hexdigest() == info["shards"][task.path]["sha256"]
 
 
-def _make(
-    folder: Path, bench: Bench, todo: list[Task], info: dict[str, Any], workers: int
-) -> None:
+def _make(folder: Path, bench: Bench, todo: list[Task], info: dict[str, Any], workers: int) -> None:
     workers = min(workers, len(todo))
     pairs = sum(len(task.indices) for task in todo)
     print(

@@ -65,7 +65,9 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
         path = Path(source)
     if not path.is_file():
         known = ", ".join(sorted(p.stem for p in LAYOUTS.glob("*.json")))
-        raise T2TwinError(f"no taxel layout {source}; known are {known}, or a path to .json or .csv")
+        raise T2TwinError(
+            f"no taxel layout {source}; known are {known}, or a path to .json or .csv"
+        )
     try:
         if path.suffix.lower() == ".csv":
             with path.open(newline="") as file:

@@ -29,7 +29,9 @@ GAIN_COUNTS = 60_000.0
 of the largest taxel over the training set reaches FULL_SCALE_COUNTS."""
 
 
-def pad_pressure_mpa(contact: Contact, layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarray:
+def pad_pressure_mpa(
+    contact: Contact, layout: Layout, cover: Elastomer = CYSKIN_COVER
+) -> np.ndarray:
     """Mean normal stress on each taxel's pad under the cover, (n,), MPa."""
     weights = _weights(
         cover.thickness_mm,

@@ -14,9 +14,9 @@ from scipy import ndimage
 
 from primitives_cad.errors import T2TwinError
 from primitives_cad.shape import NOTHING_MM, Shape
-from sim.press.bed import POOL_SIZES, bed
+from sim.press.bed import POOL_SIZES, Bed, bed
 from sim.press.elastomer import Elastomer
-from sim.press.layer import Layer, layer
+from sim.press.layer import WHOLE, Layer, layer
 from sim.records import Contact, Press
 
 DIGIT_PITCH_MM = 0.25
@@ -28,10 +28,10 @@ CYSKIN_PITCH_MM = 0.5
 FORCE_RANGE_N = (0.01, 100.0)
 """Forces that may be commanded, N."""
 
-SPRING_SHARE = 0.6
-"""A pin's compliance over the layer's largest. Above 0.5 the iteration cannot diverge."""
+SPRING_SHARE = 0.85
+"""A pin's compliance over the layer's largest. Above 3/4 the extrapolated iteration cannot diverge."""
 
-AT_REST = 1e-3
+AT_REST = 2e-3
 """Relative change of the pressure in a step below which the press has settled."""
 
 MOST_STEPS = 80
@@ -39,6 +39,12 @@ MOST_STEPS = 80
 
 BASE_TOLERANCE_MM = 1e-3
 """A touched height so near the base plate's top counts as the base plate, mm."""
+
+MISSED_MM = 1e-4
+"""How far the shape may stand in a cell without a pin, mm."""
+
+WINDOW_CELLS = 8
+"""Step of the window's size, cells."""
 
 MARGIN_CELLS = 2
 """Cells around the expected contact that get a pin from the start."""
@@ -57,7 +63,7 @@ def press(shape: Shape, command: Press, elastomer: Elastomer, pitch_mm: float) -
     gap, first_touch = _gap_mm(shape, command, ground, heights)
     state = _Solution(ground, gap, command.force_n)
     settled = state.solve()
-    surface = state.surface_mm(state.pressure_mpa)
+    surface = state.surface_mm()
     depth = state.depth_mm
     if elastomer.law == "linear" and (surface >= ground.thickness_mm)[state.pressure_mpa > 0].any():
         raise T2TwinError(
@@ -84,7 +90,9 @@ def press(shape: Shape, command: Press, elastomer: Elastomer, pitch_mm: float) -
 def check_force(force_n: float) -> None:
     low, high = FORCE_RANGE_N
     if not low <= force_n <= high:
-        raise T2TwinError(f"a force of {force_n:g} N cannot be pressed; allowed are {low:g} to {high:g} N")
+        raise T2TwinError(
+            f"a force of {force_n:g} N cannot be pressed; allowed are {low:g} to {high:g} N"
+        )
 
 
 def to_shape_frame(
@@ -120,7 +128,10 @@ def _gap_mm(
 
 
 class _Solution:
-    """The state of one press while it comes to rest. Pressures in MPa on the layer's grid."""
+    """The state of one press while it comes to rest, worked out in a window around the contact.
+
+    pressure_mpa: on the layer's whole grid.
+    """
 
     def __init__(self, ground: Layer, gap_mm: np.ndarray, force_n: float) -> None:
         self.ground = ground
@@ -128,30 +139,50 @@ class _Solution:
         self.compliance = SPRING_SHARE * ground.compliance_mm_per_mpa  # D, mm/MPa
         self.stiffness = ground.pitch_mm**2 / self.compliance  # of one pin, N/mm
         self.force = force_n / self.stiffness  # in pin springs x mm
-        self.pressure_mpa = np.zeros_like(gap_mm)
+        self.pressure_mpa = np.zeros(gap_mm.shape)
         self.depth_mm = winkler_depth_mm(gap_mm, self.force)
-        self.pins = _grown(gap_mm < self.depth_mm, MARGIN_CELLS)
+        self.pins = ndimage.binary_dilation(
+            gap_mm < self.depth_mm, np.ones((3, 3), bool), iterations=MARGIN_CELLS
+        )
 
-    def surface_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
-        """The layer's deflection by its law, mm."""
-        linear = self.ground.deflection_mm(pressure_mpa)
-        if self.ground.elastomer.law == "linear":
-            return linear
-        h = self.ground.thickness_mm
-        return -h * np.expm1(-linear / h)
+    def surface_mm(self) -> np.ndarray:
+        """The deflection of the whole surface, mm."""
+        return self._by_law(self.ground.deflection_mm(self.pressure_mpa), WHOLE)
 
     def solve(self) -> bool:
         """Bring the press to rest; False where it had not settled after MOST_STEPS."""
-        pins = self._lay()
-        last = self.pressure_mpa
+        steps_left = MOST_STEPS
+        while True:
+            settled, steps = self._settle(steps_left)
+            steps_left -= steps
+            missed = (self.depth_mm - self.gap_mm > self.surface_mm() + MISSED_MM) & ~self.pins
+            if not missed.any():
+                return settled
+            if steps_left <= 0:
+                return False
+            self.pins |= ndimage.binary_dilation(
+                missed, np.ones((3, 3), bool), iterations=MARGIN_CELLS
+            )
+
+    def _by_law(self, linear_mm: np.ndarray, window: tuple[slice, slice]) -> np.ndarray:
+        if self.ground.elastomer.law == "linear":
+            return linear_mm
+        h = self.ground.thickness_mm[window]
+        return -h * np.expm1(-linear_mm / h)
+
+    def _settle(self, most_steps: int) -> tuple[bool, int]:
+        """Iterate on the pins as they are: whether it came to rest, and the steps it took."""
+        window = _window(self.pins)
+        here = self.pins[window]
+        bed_of_pins = self._lay()
+        last = self.pressure_mpa[window]
         ahead, momentum = last, 1.0
-        for _ in range(MOST_STEPS):
-            rest = self.surface_mm(ahead) - self.compliance * ahead
-            if self._missed(rest):
-                pins = self._lay()
-            self.depth_mm, deflection = pins.push(self.force, rest[self.pins])
-            pressure = np.zeros_like(last)
-            pressure[self.pins] = np.maximum(deflection - rest[self.pins], 0.0) / self.compliance
+        for step in range(1, most_steps + 1):
+            surface = self._by_law(self.ground.deflection_mm(ahead, window), window)
+            rest = (surface - self.compliance * ahead)[here]
+            self.depth_mm, deflection = bed_of_pins.push(self.force, rest)
+            pressure = np.zeros(here.shape)
+            pressure[here] = np.maximum(deflection - rest, 0.0) / self.compliance
             change = pressure - last
             if ((ahead - pressure) * change).sum() > 0:
                 ahead, momentum = pressure, 1.0
@@ -159,30 +190,34 @@ class _Solution:
                 grown = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
                 ahead, momentum = pressure + (momentum - 1) / grown * change, grown
             last = pressure
+            self.pressure_mpa[window] = pressure
             if np.abs(change).sum() < AT_REST * pressure.sum():
-                self.pressure_mpa = pressure
-                return True
-        self.pressure_mpa = last
-        return False
+                return True, step
+        return False, most_steps
 
-    def _lay(self):
-        if np.count_nonzero(self.pins) > POOL_SIZES[-1]:
+    def _lay(self) -> Bed:
+        pins = int(np.count_nonzero(self.pins))
+        if pins > POOL_SIZES[-1]:
             raise T2TwinError(
                 f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
             )
-        pins = bed(np.count_nonzero(self.pins))
-        x, y = np.meshgrid(self.ground.x_mm, self.ground.y_mm)
         here = self.pins
-        pins.lay(x[here], y[here], self.ground.rest_mm[here], self.gap_mm[here], self.depth_mm)
-        return pins
+        x, y = np.meshgrid(self.ground.x_mm, self.ground.y_mm)
+        laid = bed(pins)
+        laid.lay(x[here], y[here], self.ground.rest_mm[here], self.gap_mm[here], self.depth_mm)
+        return laid
 
-    def _missed(self, rest_mm: np.ndarray) -> bool:
-        """Whether the shape stands in cells without a pin; they get one."""
-        missed = (self.depth_mm - self.gap_mm > rest_mm) & ~self.pins
-        if not missed.any():
-            return False
-        self.pins |= _grown(missed, MARGIN_CELLS)
-        return True
+
+def _window(mask: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns that hold the mask, in steps of WINDOW_CELLS so that few sizes occur."""
+    spans = []
+    for axis in (1, 0):
+        found = np.flatnonzero(mask.any(axis=axis))
+        length = mask.shape[1 - axis]
+        size = min(-(-(found[-1] + 1 - found[0]) // WINDOW_CELLS) * WINDOW_CELLS, length)
+        start = min(found[0], length - size)
+        spans.append(slice(start, start + size))
+    return spans[0], spans[1]
 
 
 def winkler_depth_mm(gap_mm: np.ndarray, force: float) -> float:
@@ -190,7 +225,3 @@ def winkler_depth_mm(gap_mm: np.ndarray, force: float) -> float:
     gaps = np.sort(gap_mm.ravel())
     depths = (force + np.cumsum(gaps)) / np.arange(1, gaps.size + 1)
     return float(depths[np.argmax(depths <= np.append(gaps[1:], np.inf))])
-
-
-def _grown(mask: np.ndarray, cells: int) -> np.ndarray:
-    return ndimage.binary_dilation(mask, np.ones((3, 3), bool), iterations=cells)
