@@ -6,83 +6,39 @@ in linear units is
     L_k = V_k m_k (REACH / d_k)^2 sum_ij R_kij P_i(x, y) m_k^j,      m_k = max(n . l_k, 0)
 
 with l_k, d_k the direction and distance to the lamp, P the six polynomials of degree two in the
-place, R a fitted table (lambertian paint would be one constant), and V_k the part of the lamp's
-disc that the gel leaves in sight. V_k comes from three rays over the disc's width; along each
-the height map's least clearance, projected on to the disc, cuts the disc's height.
+place, R a fitted table (lambertian paint under an even lamp would be one constant), and V_k the
+part of the lamp's disc that the gel leaves in sight. V_k comes from three rays over the disc's
+width; along each the height map's least clearance, projected on to the disc, cuts its height.
 
 The picture is background - L(rest) + L(deformed), each looked up where the pixel's ray meets
 that surface, so that an untouched gel gives the background exactly, and whatever a background
 holds besides the lamps' light (scattered light, specks) stays where it is.
 """
 
-from dataclasses import dataclass
-
-import numba
 import numpy as np
 
 from primitives_cad.errors import T2TwinError
-from sim.digit.camera import COLUMNS, PARALLAX_STEPS, ROWS, Camera, optical_grid
+from sim.digit import kernels
+from sim.digit.calibration import PLACE_MM, Calibration
+from sim.digit.camera import COLUMNS, ROWS, optical_grid
 from sim.digit.lights import REACH_MM
 from sim.press.elastomer import DIGIT_GEL, Elastomer
 
 GAMMA = 2.2
-"""Exponent between linear light and grey levels (sRGB's nearest power)."""
-PLACE_MM = 8.0
-"""Length by which x and y are divided in the polynomials, mm: half the picture's height."""
-PLACE_TERMS, COSINE_TERMS = 6, 3
-"""Size of the response table: 1, x, y, x^2, xy, y^2 times m^0, m^1, m^2."""
-TOUCHED_MM = 5.0e-4
-"""Deflection below which a place counts as untouched, mm: a slope of less than a grey level."""
-SHADOW_STRIDE = 2
-"""Cells of the optical grid to a cell of the shadows' grid: 0.2 mm."""
-SHADOW_STEP_MM = 0.3
-"""Step of a shadow ray, mm; the gel's features are wider."""
-SHADOW_BIAS_MM = 0.05
-"""Clearance given to every ray, mm, so that a surface does not shade itself."""
-STRIP_PLACES = np.array([-0.6, 0.0, 0.6])
-"""Places of the rays over a lamp's width, in its radii: three upright strips of the disc."""
-STRIP_HALF_HEIGHTS = np.array([0.8, 1.0, 0.8])
-"""Half heights of the strips, in radii: sqrt(1 - place^2)."""
-STRIP_WEIGHTS = np.array([0.29, 0.42, 0.29])
-"""Parts of the disc's area in the strips, cut at 0.33 radii from the middle."""
+"""Exponent between linear light and grey levels (pyrender's; sRGB's nearest power)."""
+TOUCHED_MM = 2.0e-3
+"""Deflection below which a place counts as untouched, mm: less than a grey level."""
 ENCODING_STEPS = 4096
-"""Entries of the encoding's look-up table, over the square root of the light: 0.06 grey apart."""
+"""Entries of the encoding's table, over the square root of the light: 0.06 grey levels apart."""
+REST_STEPS = 12
+"""Fixed-point steps to where the pixels' rays meet the untouched gel: to rounding."""
+TOUCHED_STEPS = 4
+"""The same from there to the deformed gel: each shrinks the error by the surface's slope times
+the ray's, 0.4 at most, so that 1 mm ends within 0.03 mm."""
+HIGHEST_MM = 4.0
+"""Most that the gel can come towards the camera, mm: its thickness, for bounding what it shows."""
 
-
-@dataclass(frozen=True)
-class Calibration:
-    """All that one unit's optics need, as data.
-
-    background: (ROWS, COLUMNS, 3) grey levels of the untouched gel, float32.
-    lamps_mm: (3, 3) places of the lamps. size_mm: radius of their discs.
-    response: (3, PLACE_TERMS, COSINE_TERMS) see the module's text. colours: (3 lamps, 3 RGB).
-    scale_px_per_mm, distance_mm: the camera.
-    """
-
-    background: np.ndarray
-    lamps_mm: np.ndarray
-    size_mm: float
-    response: np.ndarray
-    colours: np.ndarray
-    scale_px_per_mm: float
-    distance_mm: float
-
-    def __post_init__(self) -> None:
-        for name, shape in (
-            ("background", (ROWS, COLUMNS, 3)),
-            ("lamps_mm", (3, 3)),
-            ("response", (3, PLACE_TERMS, COSINE_TERMS)),
-            ("colours", (3, 3)),
-        ):
-            if getattr(self, name).shape != shape:
-                raise T2TwinError(
-                    f"the calibration's {name} has shape {getattr(self, name).shape}; "
-                    f"it must be {shape}"
-                )
-
-    @property
-    def camera(self) -> Camera:
-        return Camera(self.scale_px_per_mm, self.distance_mm)
+Region = tuple[int, int, int, int]
 
 
 class BakedModel:
@@ -93,30 +49,30 @@ class BakedModel:
     ) -> None:
         self.calibration = calibration
         self._shadows = shadows
-        x, y = optical_grid(gel)
-        self._x_mm, self._y_mm = x, y
-        self._rest_mm = gel.rest_surface_mm(*np.meshgrid(x, y)).astype(np.float32)
+        self._x_mm, self._y_mm = optical_grid(gel)
+        self._pitch_mm = float(self._x_mm[1] - self._x_mm[0])
+        self._rest_mm = gel.rest_surface_mm(*np.meshgrid(self._x_mm, self._y_mm)).astype(np.float32)
+        self._lamps_mm = np.ascontiguousarray(calibration.lamps_mm, dtype=np.float64)
         self._strips_mm = strip_places(calibration.lamps_mm, calibration.size_mm)
-        self._response = np.ascontiguousarray(calibration.response, dtype=np.float32)
-        self._colours = np.ascontiguousarray(calibration.colours, dtype=np.float32)
-        self._across, self._down = (a.astype(np.float32) for a in calibration.camera.rays())
-        self._window = _seen_window(calibration.camera, x, y)
-        self._encoding = encoding_table()
+        self._response = np.ascontiguousarray(calibration.response, dtype=np.float64)
+        self._colours = np.ascontiguousarray(calibration.colours, dtype=np.float64)
+        self._across, self._down = calibration.camera.rays()
+        self._window = self._seen_window()
+        self._table = encoding_table()
         self._background = np.ascontiguousarray(calibration.background, dtype=np.float32)
-        untouched = np.zeros_like(self._rest_mm)
-        light = np.zeros((y.size, x.size, 3), dtype=np.float32)
-        open_sky = np.ones((3, y.size // SHADOW_STRIDE, x.size // SHADOW_STRIDE), dtype=np.float32)
-        self._shade(untouched, open_sky, self._window, light)
-        self._rest_light = light
-        self._rest_depth_mm = np.zeros((ROWS, COLUMNS), dtype=np.float32)
+
+        stride = kernels.SHADOW_STRIDE
+        self._shadow_shape = (3, self._y_mm.size // stride, self._x_mm.size // stride)
+        self._rest_light = np.zeros((*self._rest_mm.shape, 3), dtype=np.float32)
+        self._shade(
+            self._rest_mm, np.ones(self._shadow_shape, np.float32), self._window, self._rest_light
+        )
         everywhere = (0, ROWS, 0, COLUMNS)
+        self._rest_depth_mm = np.zeros((ROWS, COLUMNS), dtype=np.float32)
+        self._meet(self._rest_mm, everywhere, REST_STEPS, self._rest_depth_mm)
         seen = np.zeros((ROWS, COLUMNS, 3), dtype=np.float32)
-        _look(
-            self._rest_mm, light, self._across, self._down, calibration.distance_mm,
-            x[0], y[0], x[1] - x[0], everywhere, PARALLAX_STEPS, self._rest_depth_mm, seen,
-        )  # fmt: skip
-        linear = (self._background / 255.0) ** GAMMA
-        self._residual = (linear - seen).astype(np.float32)
+        self._look_up(self._rest_light, self._rest_depth_mm, everywhere, seen)
+        self._residual = ((self._background / 255.0) ** GAMMA - seen).astype(np.float32)
 
     @property
     def background(self) -> np.ndarray:
@@ -129,70 +85,159 @@ class BakedModel:
         surface_mm: on optical_grid(), rows x columns, positive into the sensor.
         Raises T2TwinError for another grid's shape or values that are not finite.
         """
+        surface = self._checked(surface_mm)
+        picture = self._background.copy()
+        *touched, finite = kernels.bounds(surface, TOUCHED_MM)
+        if not finite:
+            raise T2TwinError("surface_mm holds values that are not finite; it must not")
+        region = (touched[0], touched[1], touched[2], touched[3])
+        if region[1] <= region[0]:
+            return picture
+        sight = np.ones(self._shadow_shape, dtype=np.float32)
+        if self._shadows:
+            region = _union(region, self._cast(surface, region, sight))
+        region = _intersection(_grown(region, 2), self._window)
+        if region[1] <= region[0] or region[3] <= region[2]:
+            return picture
+        z = self._rest_mm - surface
+        light = self._rest_light.copy()
+        self._shade(z, sight, region, light)
+        pixels = self._pixels(region)
+        depth = self._rest_depth_mm.copy()
+        self._meet(z, pixels, TOUCHED_STEPS, depth)
+        seen = np.empty((ROWS, COLUMNS, 3), dtype=np.float32)
+        self._look_up(light, depth, pixels, seen)
+        kernels.encode(seen, self._residual, self._table, pixels, picture)
+        return picture
+
+    def lamp_light(
+        self, surface_mm: np.ndarray, response: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Each lamp's light under another response table: what a fit is made of.
+
+        response: (3, PLACE_TERMS, COSINE_TERMS). Returns the linear light of lamps 0 to 2 as a
+        (ROWS, COLUMNS, 3) picture, and x_mm and y_mm, (ROWS, COLUMNS), where its rays end.
+        """
+        surface = self._checked(surface_mm)
+        z = self._rest_mm - surface
+        top, bottom, left, right, _ = kernels.bounds(surface, TOUCHED_MM)
+        sight = np.ones(self._shadow_shape, dtype=np.float32)
+        if self._shadows and bottom > top:
+            self._cast(surface, (top, bottom, left, right), sight)
+        light = np.zeros((*z.shape, 3), dtype=np.float32)
+        kernels.shade(
+            z, sight, self._x_mm, self._y_mm, self._lamps_mm, response.astype(np.float64),
+            np.eye(3), PLACE_MM, REACH_MM, self._window, light,
+        )  # fmt: skip
+        everywhere = (0, ROWS, 0, COLUMNS)
+        depth = self._rest_depth_mm.copy()
+        self._meet(z, everywhere, REST_STEPS, depth)
+        seen = np.zeros((ROWS, COLUMNS, 3), dtype=np.float32)
+        self._look_up(light, depth, everywhere, seen)
+        reach = self.calibration.distance_mm + depth
+        return seen, self._across[None, :] * reach, self._down[:, None] * reach
+
+    def _checked(self, surface_mm: np.ndarray) -> np.ndarray:
         if surface_mm.shape != self._rest_mm.shape:
             raise T2TwinError(
                 f"surface_mm has shape {surface_mm.shape}; it must be {self._rest_mm.shape}, "
                 "on sim.digit.camera.optical_grid()"
             )
-        surface = np.ascontiguousarray(surface_mm, dtype=np.float32)
-        picture = self._background.copy()
-        touched = _bounds(surface, TOUCHED_MM)
-        if touched[0] < 0:
-            raise T2TwinError("surface_mm holds values that are not finite")
-        if touched[1] <= touched[0]:
-            return picture
-        sight = np.ones(
-            (3, surface.shape[0] // SHADOW_STRIDE, surface.shape[1] // SHADOW_STRIDE),
-            dtype=np.float32,
-        )
-        changed = touched
-        if self._shadows:
-            coarse = _coarse(self._rest_mm, surface)
-            changed = _sight(
-                coarse, self._x_mm[0], self._y_mm[0], self._x_mm[1] - self._x_mm[0],
-                touched, self._window, self._strips_mm, self.calibration.size_mm, sight,
-            )  # fmt: skip
-        region = _clip(changed, self._window)
-        if region[1] <= region[0] or region[3] <= region[2]:
-            return picture
-        light = self._rest_light.copy()
-        self._shade(surface, sight, region, light)
-        z = self._rest_mm - surface
-        pixels = self._pixels(region)
-        depth = self._rest_depth_mm.copy()
-        seen = np.zeros((ROWS, COLUMNS, 3), dtype=np.float32)
-        _look(
-            z, light, self._across, self._down, self.calibration.distance_mm,
-            self._x_mm[0], self._y_mm[0], self._x_mm[1] - self._x_mm[0],
-            pixels, PARALLAX_STEPS, depth, seen,
+        return np.ascontiguousarray(surface_mm, dtype=np.float32)
+
+    def _cast(self, surface: np.ndarray, touched: Region, sight: np.ndarray) -> Region:
+        """Fill sight with the shadows of a touched region; returns the region they fall on."""
+        stride = kernels.SHADOW_STRIDE
+        heights = kernels.coarse_heights(self._rest_mm, surface)
+        first = 0.5 * (stride - 1) * self._pitch_mm
+        shadowed = kernels.sight_of_lamps(
+            heights, self._x_mm[0] + first, self._y_mm[0] + first, stride * self._pitch_mm,
+            _coarse(touched, heights.shape), _coarse(self._window, heights.shape),
+            self._strips_mm, self.calibration.size_mm, sight,
         )  # fmt: skip
-        _encode(seen, self._residual, self._encoding, pixels, picture)
-        return picture
+        return tuple(stride * edge for edge in shadowed)  # type: ignore[return-value]
 
     def _shade(
-        self,
-        surface: np.ndarray,
-        sight: np.ndarray,
-        region: tuple[int, int, int, int],
-        light: np.ndarray,
+        self, z: np.ndarray, sight: np.ndarray, region: Region, light: np.ndarray
     ) -> None:
-        _shade(
-            self._rest_mm - surface, sight, self._x_mm, self._y_mm, self.calibration.lamps_mm,
-            self._response, self._colours, region, light,
+        kernels.shade(
+            z, sight, self._x_mm, self._y_mm, self._lamps_mm, self._response, self._colours,
+            PLACE_MM, REACH_MM, region, light,
         )  # fmt: skip
 
-    def _pixels(self, region: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
-        """Rows and columns of the picture that can see a region of the grid, with a margin."""
-        return (0, ROWS, 0, COLUMNS) if region else (0, 0, 0, 0)
+    def _meet(self, z: np.ndarray, region: Region, steps: int, depth: np.ndarray) -> None:
+        kernels.meet(
+            z, self._across, self._down, self.calibration.distance_mm, self._x_mm[0],
+            self._y_mm[0], self._pitch_mm, region, steps, depth,
+        )  # fmt: skip
+
+    def _look_up(
+        self, light: np.ndarray, depth: np.ndarray, region: Region, seen: np.ndarray
+    ) -> None:
+        kernels.look_up(
+            light, depth, self._across, self._down, self.calibration.distance_mm, self._x_mm[0],
+            self._y_mm[0], self._pitch_mm, region, seen,
+        )  # fmt: skip
+
+    def _seen_window(self) -> Region:
+        """Region of the grid that any pixel can show, the gel being at or below its apex."""
+        half_width, half_height = self.calibration.camera.seen_half_extent_mm()
+        rows = np.flatnonzero(np.abs(self._y_mm) < half_height + 4 * self._pitch_mm)
+        columns = np.flatnonzero(np.abs(self._x_mm) < half_width + 4 * self._pitch_mm)
+        return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+
+    def _pixels(self, region: Region) -> Region:
+        """Region of the picture that can show a region of the grid, whatever its height."""
+        camera = self.calibration.camera
+        edges = []
+        for axis, first, last, count in (
+            (self._y_mm, region[0], region[1] - 1, ROWS),
+            (self._x_mm, region[2], region[3] - 1, COLUMNS),
+        ):
+            ends = np.array([axis[first], axis[last]])
+            corners = np.outer(ends, camera.focal_px / (camera.distance_mm + np.array(
+                [0.0, -HIGHEST_MM]
+            ))) + (count - 1) / 2
+            edges += [
+                int(np.clip(np.floor(corners.min()) - 1, 0, count)),
+                int(np.clip(np.ceil(corners.max()) + 2, 0, count)),
+            ]
+        return edges[0], edges[1], edges[2], edges[3]
 
 
 def strip_places(lamps_mm: np.ndarray, size_mm: float) -> np.ndarray:
     """(lamps, strips, 3) middles of the upright strips of each lamp's disc, mm."""
     sideways = np.stack([-lamps_mm[:, 1], lamps_mm[:, 0], np.zeros(len(lamps_mm))], axis=1)
     sideways /= np.linalg.norm(sideways, axis=1, keepdims=True)
-    return lamps_mm[:, None] + size_mm * STRIP_PLACES[None, :, None] * sideways[:, None]
+    offsets = size_mm * kernels.STRIP_PLACES[None, :, None] * sideways[:, None]
+    return np.ascontiguousarray(lamps_mm[:, None] + offsets)
 
 
 def encoding_table() -> np.ndarray:
     """(ENCODING_STEPS,) float32 grey levels over the square root of linear light, 0 to 1."""
     return (255.0 * np.linspace(0.0, 1.0, ENCODING_STEPS) ** (2.0 / GAMMA)).astype(np.float32)
+
+
+def _union(a: Region, b: Region) -> Region:
+    if b[1] <= b[0] or b[3] <= b[2]:
+        return a
+    return min(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), max(a[3], b[3])
+
+
+def _intersection(a: Region, b: Region) -> Region:
+    return max(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), min(a[3], b[3])
+
+
+def _grown(a: Region, cells: int) -> Region:
+    return a[0] - cells, a[1] + cells, a[2] - cells, a[3] + cells
+
+
+def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
+    """A region of the grid as one of the shadow grid, not smaller."""
+    stride = kernels.SHADOW_STRIDE
+    return (
+        region[0] // stride,
+        min(-(-region[1] // stride), shape[0]),
+        region[2] // stride,
+        min(-(-region[3] // stride), shape[1]),
+    )

@@ -65,6 +65,10 @@ class Camera:
             (np.arange(ROWS) - (ROWS - 1) / 2) / self.focal_px,
         )
 
+    def seen_half_extent_mm(self) -> tuple[float, float]:
+        """(half width, half height), mm, of all that the picture can show at or below the apex."""
+        return COLUMNS / 2 / self.scale_px_per_mm, ROWS / 2 / self.scale_px_per_mm
+
     def gel_points(self, gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Where each pixel's ray meets the untouched gel: x, y, z in mm, each (ROWS, COLUMNS)."""
         across, down = np.meshgrid(*self.rays())

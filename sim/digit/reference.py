@@ -22,17 +22,24 @@ from sim.press.elastomer import DIGIT_GEL, Elastomer
 
 GAMMA = 2.2
 """Exponent of pyrender's output encoding."""
+MESH_STRIDE = 2
+"""Cells of the optical grid to a side of the mesh's: finer triangles than this, 4 pixels, cost
+software GL seconds and change nothing that can be seen."""
+CASTER_DEPTH_MM = 0.06
+"""How far behind the gel's surface the surface that casts the shadows lies, mm: twice a texel of
+the shadow map at the far end of the gel, so that the gel does not shade itself."""
 CASTER_LEAST_MM = 0.02
 """Least deflection that casts a shadow, mm. The untouched gel casts none: its lamps shine through
 its sides."""
+SEEN_MARGIN_MM = 0.3
+"""How far the receiving mesh reaches beyond what the picture shows, mm: a cell and a half."""
 ALBEDO = 0.96
 """Part of the light that pyrender's rough dielectric scatters diffusely (its own constant)."""
 
 
 def _import_pyrender() -> Any:
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
-    if not hasattr(np, "infty"):
-        np.infty = np.inf  # type: ignore[attr-defined]
+    vars(np).setdefault("infty", np.inf)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -81,6 +88,7 @@ class ReferenceRenderer:
         self._rest_mm = gel.rest_surface_mm(*np.meshgrid(self._x_mm, self._y_mm))
         ny, nx = (size // MESH_STRIDE for size in self._rest_mm.shape)
         self._faces = _grid_faces(ny, nx)
+        self._seen_faces = self._faces[self._is_seen()[self._faces].all(axis=1), ::-1]
         self._gel_material = pyrender.MetallicRoughnessMaterial(
             metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
         )
@@ -144,6 +152,13 @@ class ReferenceRenderer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
+    def _is_seen(self) -> np.ndarray:
+        """(vertices,) whether the picture can show them; the rim beyond would shade the rest."""
+        x, y = np.meshgrid(self._x_mm, self._y_mm)
+        half_width, half_height = self.camera.seen_half_extent_mm()
+        xy = _blocks(np.stack([x, y], axis=-1))
+        return (np.abs(xy) < np.array([half_width, half_height]) + SEEN_MARGIN_MM).all(axis=1)
+
     def _place_gel(self, surface_mm: np.ndarray) -> None:
         if surface_mm.shape != self._rest_mm.shape:
             raise T2TwinError(
@@ -158,7 +173,7 @@ class ReferenceRenderer:
         points = _blocks(np.stack([x, y, z], axis=-1))
         # pyrender draws shadow maps without back faces: the gel, turned away from the lamps,
         # receives shadows only, and a copy just behind it, out of the camera's sight, casts them
-        primitives = [self._primitive(points, normals, self._faces[:, ::-1], self._gel_material)]
+        primitives = [self._primitive(points, normals, self._seen_faces, self._gel_material)]
         deep = _blocks(surface_mm[..., None]).ravel() > CASTER_LEAST_MM
         casting = self._faces[deep[self._faces].all(axis=1)]
         if casting.size:

@@ -13,6 +13,9 @@ implicit in position, so with masses far below stiffness x step^2 a step lands o
 equilibrium of springs and contact.
 """
 
+# MuJoCo's Python module fills its names in at import, where pyright cannot see them.
+# pyright: reportAttributeAccessIssue=false
+
 from functools import lru_cache
 
 import mujoco
@@ -103,8 +106,9 @@ class Bed:
         self._gap_mm = gap_mm
 
     def push(self, force: float, spring_rest_mm: np.ndarray) -> tuple[float, np.ndarray]:
-        """One step under a force (in pin springs x mm), with the pins' springs at rest at given deflections (n,), mm.
+        """One step under a force, in pin springs x mm.
 
+        spring_rest_mm: (n,) deflections at which the pins' springs are at rest.
         Returns the shape's depth, mm, and the pins' deflections (n,), mm.
         """
         n = spring_rest_mm.size

@@ -29,7 +29,7 @@ FORCE_RANGE_N = (0.01, 100.0)
 """Forces that may be commanded, N."""
 
 SPRING_SHARE = 0.85
-"""A pin's compliance over the layer's largest. Above 3/4 the extrapolated iteration cannot diverge."""
+"""A pin's compliance over the layer's largest. Above 3/4 the extrapolated iteration is stable."""
 
 AT_REST = 2e-3
 """Relative change of the pressure in a step below which the press has settled."""
@@ -141,9 +141,7 @@ class _Solution:
         self.force = force_n / self.stiffness  # in pin springs x mm
         self.pressure_mpa = np.zeros(gap_mm.shape)
         self.depth_mm = winkler_depth_mm(gap_mm, self.force)
-        self.pins = ndimage.binary_dilation(
-            gap_mm < self.depth_mm, np.ones((3, 3), bool), iterations=MARGIN_CELLS
-        )
+        self.pins = _grown(gap_mm < self.depth_mm)
 
     def surface_mm(self) -> np.ndarray:
         """The deflection of the whole surface, mm."""
@@ -160,9 +158,7 @@ class _Solution:
                 return settled
             if steps_left <= 0:
                 return False
-            self.pins |= ndimage.binary_dilation(
-                missed, np.ones((3, 3), bool), iterations=MARGIN_CELLS
-            )
+            self.pins |= _grown(missed)
 
     def _by_law(self, linear_mm: np.ndarray, window: tuple[slice, slice]) -> np.ndarray:
         if self.ground.elastomer.law == "linear":
@@ -206,6 +202,12 @@ class _Solution:
         laid = bed(pins)
         laid.lay(x[here], y[here], self.ground.rest_mm[here], self.gap_mm[here], self.depth_mm)
         return laid
+
+
+def _grown(mask: np.ndarray) -> np.ndarray:
+    """The mask and MARGIN_CELLS around it."""
+    square = np.ones((2 * MARGIN_CELLS + 1, 2 * MARGIN_CELLS + 1), bool)
+    return np.asarray(ndimage.binary_dilation(mask, square), dtype=bool)
 
 
 def _window(mask: np.ndarray) -> tuple[slice, slice]:

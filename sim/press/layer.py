@@ -7,7 +7,8 @@ deflection C(k) p cos(k.x), and a normal stress T(k) p cos(k.x) at the base.
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft
+from numpy import fft
+from scipy.fft import next_fast_len
 
 from sim.press.elastomer import Elastomer
 
@@ -115,8 +116,8 @@ class Layer:
         """
         rows, columns = pressure_mpa.shape
         padded = (
-            fft.next_fast_len(2 * rows - 1, real=True),
-            fft.next_fast_len(2 * columns - 1, real=True),
+            _fast(2 * rows - 1),
+            _fast(2 * columns - 1),
         )
         if (rows, columns) not in self._transforms:
             self._transforms[rows, columns] = self._transform(rows, columns, padded)
@@ -144,6 +145,11 @@ def layer(elastomer: Elastomer, pitch_mm: float) -> Layer:
     return Layer(elastomer, pitch_mm)
 
 
+def _fast(length: int) -> int:
+    """The next length that transforms fast."""
+    return int(next_fast_len(length, real=True) or length)
+
+
 def _hat_weights(values: np.ndarray, levels: np.ndarray) -> np.ndarray:
     """Linear-interpolation weights of each value between the levels, (levels, *values.shape)."""
     if levels.size == 1:
@@ -160,7 +166,7 @@ def _kernel(
     Shape (2 rows - 1, 2 columns - 1), the loaded cell in the middle.
     """
     width_mm = max(2 * max(rows, columns) * pitch_mm, PERIODS_OF_THICKNESS * thickness_mm)
-    n = fft.next_fast_len(int(np.ceil(width_mm / pitch_mm)))
+    n = _fast(int(np.ceil(width_mm / pitch_mm)))
     wavenumber = 2 * np.pi * np.fft.fftfreq(n, pitch_mm)
     spectrum = np.zeros((n, n))
     for image_y in range(-ALIASES, ALIASES + 1):

@@ -1,0 +1,130 @@
+"""Make the default calibration: fit the baked model's response to pyrender's reference.
+
+    python -m sim.digit.bake
+
+Run it again whenever the lamps, the camera or the gel's dome change; it takes about a minute.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from sim.digit import presses
+from sim.digit.baked import GAMMA, BakedModel
+from sim.digit.calibration import (
+    COSINE_TERMS,
+    DEFAULT_PATH,
+    PLACE_MM,
+    PLACE_TERMS,
+    Calibration,
+)
+from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from sim.digit.lights import AMBIENT, DIGIT_LEDS, Led
+from sim.digit.reference import ReferenceRenderer
+
+PIXEL_STRIDE = 3
+"""Pixels from one that the fit reads to the next."""
+DARK = 0.05
+"""Linear light added to a pixel's own when weighing its error in grey levels: the ambient's."""
+RIDGE = 1e-4
+"""Weight of the response's size beside the squared errors: keeps idle terms at nought."""
+FIT_POINTS = 4
+"""Points per LED in the renders for the fit, which are free of shadows."""
+BACKGROUND_POINTS = 16
+"""Points per LED in the render of the background."""
+
+
+def fit_presses() -> list[np.ndarray]:
+    """Deflections that show every place and slope to the fit: balls, edges, and none."""
+    x, y = optical_grid()
+    still = [np.zeros((y.size, x.size))]
+    balls = [
+        presses.ball(x_mm, y_mm, depth_mm, radius_mm)
+        for x_mm in (-4.0, 0.0, 4.0)
+        for y_mm, depth_mm, radius_mm in ((-6.0, 1.0, 2.35), (-1.5, 1.5, 3.0), (4.0, 0.8, 4.0))
+    ]
+    edges = [
+        presses.block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
+        presses.block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
+        presses.ring(0.0, 0.0, 0.7, 2.0, 3.5),
+    ]
+    return still + balls + edges
+
+
+def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibration:
+    """Fit, write to out, and return the calibration. Raises T2TwinError where there is no GL."""
+    with ReferenceRenderer(leds, AMBIENT, light_points=BACKGROUND_POINTS) as renderer:
+        x, y = optical_grid()
+        background = renderer.render(np.zeros((y.size, x.size)))
+    pure = tuple(
+        replace(led, colour=(float(k == 0), float(k == 1), float(k == 2)))
+        for k, led in enumerate(leds)
+    )
+    surfaces = fit_presses()
+    with ReferenceRenderer(pure, (0.0, 0.0, 0.0), False, FIT_POINTS) as renderer:
+        lights = [renderer.render_linear(surface) for surface in surfaces]
+    blank = Calibration(
+        background=background,
+        lamps_mm=np.array([led.position_mm for led in leds]),
+        size_mm=float(np.mean([led.size_mm for led in leds])),
+        response=np.zeros((3, PLACE_TERMS, COSINE_TERMS)),
+        colours=np.array([led.colour for led in leds]),
+        scale_px_per_mm=DIGIT_CAMERA.scale_px_per_mm,
+        distance_mm=DIGIT_CAMERA.distance_mm,
+    )
+    calibration = replace(blank, response=fit_response(blank, surfaces, lights))
+    calibration.save(out)
+    return calibration
+
+
+def fit_response(
+    calibration: Calibration, surfaces: Sequence[np.ndarray], lights: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Least-squares response table from pictures of known deflections, free of shadows.
+
+    lights: (ROWS, COLUMNS, 3) linear light of lamps 0 to 2, apart. Errors are weighed by the
+    slope of the grey-level curve. Returns (3, PLACE_TERMS, COSINE_TERMS).
+    """
+    model = BakedModel(calibration, shadows=False)
+    squares = np.zeros((3, PLACE_TERMS * COSINE_TERMS, PLACE_TERMS * COSINE_TERMS))
+    products = np.zeros((3, PLACE_TERMS * COSINE_TERMS))
+    thin = (slice(0, ROWS, PIXEL_STRIDE), slice(0, COLUMNS, PIXEL_STRIDE))
+    for surface, light in zip(surfaces, lights, strict=True):
+        columns = lamp_columns(model, surface, thin)
+        for lamp in range(3):
+            target = light[thin][..., lamp].ravel()
+            slope = (target + DARK) ** (1.0 / GAMMA - 1.0)
+            weighted = columns[lamp] * slope[:, None]
+            squares[lamp] += weighted.T @ weighted
+            products[lamp] += weighted.T @ (target * slope)
+    ridge = RIDGE * np.eye(PLACE_TERMS * COSINE_TERMS)
+    table = [np.linalg.solve(s + ridge, p) for s, p in zip(squares, products, strict=True)]
+    return np.array(table).reshape(3, PLACE_TERMS, COSINE_TERMS)
+
+
+def lamp_columns(
+    model: BakedModel, surface: np.ndarray, thin: tuple[slice, slice]
+) -> np.ndarray:
+    """(3 lamps, pixels, PLACE_TERMS * COSINE_TERMS): light per unit of each table entry."""
+    powers = []
+    places = np.zeros(0)
+    for power in range(COSINE_TERMS):
+        only = np.zeros((3, PLACE_TERMS, COSINE_TERMS))
+        only[:, 0, power] = 1.0
+        seen, x, y = model.lamp_light(surface, only)
+        powers.append(seen[thin].reshape(-1, 3).astype(np.float64))
+        h, v = x[thin].ravel() / PLACE_MM, y[thin].ravel() / PLACE_MM
+        places = np.stack([np.ones_like(h), h, v, h * h, h * v, v * v], axis=-1)
+    cosines = np.stack(powers, axis=-1)  # pixels, lamps, powers
+    return np.einsum("pi,pkj->kpij", places, cosines).reshape(3, len(places), -1)
+
+
+def main() -> None:
+    bake()
+    print(f"wrote {DEFAULT_PATH}")
+
+
+if __name__ == "__main__":
+    main()

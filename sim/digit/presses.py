@@ -1,0 +1,70 @@
+"""Plausible deflections of the gel in closed form, for calibrating and testing the optics alone.
+
+The press engine gives the real ones; these need no contact solver and are as smooth as a soft
+layer leaves them.
+"""
+
+import numpy as np
+from scipy import ndimage
+
+from sim.digit.camera import GRID_PITCH_MM, optical_grid
+
+SKIRT_MM = 0.6
+"""Length over which the gel rises again beside a shape, mm (assumed: a fraction of its layer)."""
+SMOOTHING_MM = 0.12
+"""Rounding of every edge by the gel's skin, mm (assumed)."""
+BALL_HOLD = 0.8
+"""Part of a ball's contact radius inside which the gel follows the ball exactly (assumed; the
+gel leaves it where the skirt takes over with the same slope)."""
+
+
+def ball(x_mm: float, y_mm: float, depth_mm: float, radius_mm: float = 2.35) -> np.ndarray:
+    """Deflection, mm, on optical_grid() under a ball pressed depth_mm deep.
+
+    The ball's own profile within the contact, and an exponential skirt of equal slope outside.
+    """
+    x, y = np.meshgrid(*optical_grid())
+    distance = np.hypot(x - x_mm, y - y_mm)
+    chord = np.sqrt(radius_mm**2 - max(radius_mm - depth_mm, 0.0) ** 2)
+    hold = BALL_HOLD * chord
+    height = np.sqrt(radius_mm**2 - hold**2)
+    edge_mm = depth_mm - radius_mm + height
+    skirt_mm = edge_mm * height / hold
+    under = depth_mm - radius_mm + np.sqrt(np.maximum(radius_mm**2 - distance**2, 0.0))
+    beside = edge_mm * np.exp(-np.maximum(distance - hold, 0.0) / skirt_mm)
+    return _smoothed(np.where(distance < hold, under, beside))
+
+
+def block(
+    x_mm: float,
+    y_mm: float,
+    depth_mm: float,
+    width_mm: float,
+    length_mm: float,
+    yaw_rad: float = 0.0,
+) -> np.ndarray:
+    """The same under a flat rectangle, width along x and length along y at yaw 0."""
+    x, y = np.meshgrid(*optical_grid())
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    along = (x - x_mm) * cos + (y - y_mm) * sin
+    across = (y - y_mm) * cos - (x - x_mm) * sin
+    inside = (np.abs(along) <= width_mm / 2) & (np.abs(across) <= length_mm / 2)
+    return _flat(inside, depth_mm)
+
+
+def ring(
+    x_mm: float, y_mm: float, depth_mm: float, inner_mm: float, outer_mm: float
+) -> np.ndarray:
+    """The same under a flat ring of the given inner and outer radius."""
+    x, y = np.meshgrid(*optical_grid())
+    distance = np.hypot(x - x_mm, y - y_mm)
+    return _flat((distance >= inner_mm) & (distance <= outer_mm), depth_mm)
+
+
+def _flat(inside: np.ndarray, depth_mm: float) -> np.ndarray:
+    away_mm = ndimage.distance_transform_edt(~inside) * GRID_PITCH_MM
+    return _smoothed(depth_mm * np.exp(-away_mm / SKIRT_MM))
+
+
+def _smoothed(deflection_mm: np.ndarray) -> np.ndarray:
+    return ndimage.gaussian_filter(deflection_mm, SMOOTHING_MM / GRID_PITCH_MM)
