@@ -31,6 +31,7 @@ class Contact:
     surface_mm: (ny, nx) how far the surface has moved into the sensor, mm (negative: bulged out).
     pressure_kpa: (ny, nx) normal pressure, >= 0.
     x_mm: (nx,), y_mm: (ny,) the grid's axes in the sensor frame, mm, rising, equally spaced.
+    contact_area_mm2: area of the shape that the surface touches.
     depth_mm: how far the shape has travelled from its first touch.
     shape_depth_mm: how far the shape's highest point lies below the apex of the untouched
         surface (the same as depth_mm on a flat layer).
@@ -45,6 +46,7 @@ class Contact:
     pressure_kpa: np.ndarray
     x_mm: np.ndarray
     y_mm: np.ndarray
+    contact_area_mm2: float
     depth_mm: float
     shape_depth_mm: float
     force_n: float
@@ -55,11 +57,6 @@ class Contact:
     @property
     def pitch_mm(self) -> float:
         return float(self.x_mm[1] - self.x_mm[0])
-
-    @property
-    def contact_area_mm2(self) -> float:
-        """Area that carries pressure, mm^2."""
-        return float(np.count_nonzero(self.pressure_kpa > 0) * self.pitch_mm**2)
 
 
 @dataclass(frozen=True)

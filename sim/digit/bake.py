@@ -13,19 +13,12 @@ import numpy as np
 
 from sim.digit import presses
 from sim.digit.baked import GAMMA, BakedModel
-from sim.digit.calibration import (
-    COSINE_TERMS,
-    DEFAULT_PATH,
-    PLACE_MM,
-    PLACE_TERMS,
-    Calibration,
-)
+from sim.digit.calibration import DEFAULT_PATH, PLACE_TERMS, Calibration, place_terms
 from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from sim.digit.kernels import COSINE_TERMS
 from sim.digit.lights import AMBIENT, DIGIT_LEDS, Led
 from sim.digit.reference import ReferenceRenderer
 
-PIXEL_STRIDE = 3
-"""Pixels from one that the fit reads to the next."""
 DARK = 0.05
 """Linear light added to a pixel's own when weighing its error in grey levels: the ambient's."""
 RIDGE = 1e-4
@@ -88,37 +81,33 @@ def fit_response(
     slope of the grey-level curve. Returns (3, PLACE_TERMS, COSINE_TERMS).
     """
     model = BakedModel(calibration, shadows=False)
-    squares = np.zeros((3, PLACE_TERMS * COSINE_TERMS, PLACE_TERMS * COSINE_TERMS))
-    products = np.zeros((3, PLACE_TERMS * COSINE_TERMS))
-    thin = (slice(0, ROWS, PIXEL_STRIDE), slice(0, COLUMNS, PIXEL_STRIDE))
+    terms = PLACE_TERMS * COSINE_TERMS
+    squares, products = np.zeros((3, terms, terms)), np.zeros((3, terms))
     for surface, light in zip(surfaces, lights, strict=True):
-        columns = lamp_columns(model, surface, thin)
+        columns = lamp_columns(model, surface)
+        blocks = light.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3)).reshape(-1, 3)
         for lamp in range(3):
-            target = light[thin][..., lamp].ravel()
-            slope = (target + DARK) ** (1.0 / GAMMA - 1.0)
+            slope = (blocks[:, lamp] + DARK) ** (1.0 / GAMMA - 1.0)
             weighted = columns[lamp] * slope[:, None]
             squares[lamp] += weighted.T @ weighted
-            products[lamp] += weighted.T @ (target * slope)
-    ridge = RIDGE * np.eye(PLACE_TERMS * COSINE_TERMS)
-    table = [np.linalg.solve(s + ridge, p) for s, p in zip(squares, products, strict=True)]
+            products[lamp] += weighted.T @ (blocks[:, lamp] * slope)
+    table = [
+        np.linalg.solve(s + RIDGE * np.eye(terms), p)
+        for s, p in zip(squares, products, strict=True)
+    ]
     return np.array(table).reshape(3, PLACE_TERMS, COSINE_TERMS)
 
 
-def lamp_columns(
-    model: BakedModel, surface: np.ndarray, thin: tuple[slice, slice]
-) -> np.ndarray:
-    """(3 lamps, pixels, PLACE_TERMS * COSINE_TERMS): light per unit of each table entry."""
-    powers = []
-    places = np.zeros(0)
+def lamp_columns(model: BakedModel, surface: np.ndarray) -> np.ndarray:
+    """(3 lamps, samples, PLACE_TERMS * COSINE_TERMS): light per unit of each table entry."""
+    cosines = []
     for power in range(COSINE_TERMS):
         only = np.zeros((3, PLACE_TERMS, COSINE_TERMS))
         only[:, 0, power] = 1.0
-        seen, x, y = model.lamp_light(surface, only)
-        powers.append(seen[thin].reshape(-1, 3).astype(np.float64))
-        h, v = x[thin].ravel() / PLACE_MM, y[thin].ravel() / PLACE_MM
-        places = np.stack([np.ones_like(h), h, v, h * h, h * v, v * v], axis=-1)
-    cosines = np.stack(powers, axis=-1)  # pixels, lamps, powers
-    return np.einsum("pi,pkj->kpij", places, cosines).reshape(3, len(places), -1)
+        cosines.append(model.lamp_light(surface, only).reshape(-1, 3))
+    places = place_terms(*model.places_mm()).reshape(-1, PLACE_TERMS)
+    columns = np.einsum("pi,jpk->kpij", places, np.array(cosines, dtype=np.float64))
+    return columns.reshape(3, len(places), -1)
 
 
 def main() -> None:

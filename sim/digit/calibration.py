@@ -8,15 +8,28 @@ import numpy as np
 
 from primitives_cad.errors import T2TwinError
 from sim.digit.camera import COLUMNS, ROWS, Camera
+from sim.digit.kernels import COSINE_TERMS
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
 """The shipped calibration; written by sim.digit.bake."""
 PLACE_MM = 8.0
 """Length by which x and y are divided in the response's polynomials, mm: half the picture."""
-PLACE_TERMS = 6
-"""Polynomials of the place: 1, x, y, x^2, xy, y^2."""
-COSINE_TERMS = 3
-"""Powers of the cosine of incidence beside the first: m^0, m^1, m^2."""
+PLACE_DEGREE = 4
+"""Degree of the response's polynomials in the place."""
+PLACE_TERMS = (PLACE_DEGREE + 1) * (PLACE_DEGREE + 2) // 2
+
+
+def place_terms(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """(..., PLACE_TERMS): monomials of x and y over PLACE_MM, by rising degree."""
+    x, y = x_mm / PLACE_MM, y_mm / PLACE_MM
+    return np.stack(
+        [
+            x ** (degree - power) * y**power
+            for degree in range(PLACE_DEGREE + 1)
+            for power in range(degree + 1)
+        ],
+        axis=-1,
+    )
 
 
 @dataclass(frozen=True)

@@ -45,9 +45,8 @@ class DigitOptics:
         """
         if not 0.0 <= noise_grey <= 255.0:
             raise T2TwinError(f"noise_grey is {noise_grey:g}; it must lie between 0 and 255")
-        picture = self._model.render(surface_mm)
-        if rng is not None and noise_grey > 0:
-            noise = rng.standard_normal(picture.shape, dtype=np.float32)
-            noise *= np.float32(noise_grey)
-            picture = picture + noise
-        return np.rint(np.clip(picture, 0.0, 255.0)).astype(np.uint8)
+        if rng is None or noise_grey == 0:
+            return self._model.render(surface_mm)
+        count = self._model.calibration.background.size
+        draws = np.frombuffer(rng.bytes(2 * count), dtype=np.uint16)
+        return self._model.render(surface_mm, draws, noise_grey)

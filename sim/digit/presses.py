@@ -48,8 +48,8 @@ def block(
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     along = (x - x_mm) * cos + (y - y_mm) * sin
     across = (y - y_mm) * cos - (x - x_mm) * sin
-    inside = (np.abs(along) <= width_mm / 2) & (np.abs(across) <= length_mm / 2)
-    return _flat(inside, depth_mm)
+    beyond = np.stack([np.abs(along) - width_mm / 2, np.abs(across) - length_mm / 2])
+    return _flat(np.hypot(*np.maximum(beyond, 0.0)), depth_mm)
 
 
 def ring(
@@ -58,11 +58,11 @@ def ring(
     """The same under a flat ring of the given inner and outer radius."""
     x, y = np.meshgrid(*optical_grid())
     distance = np.hypot(x - x_mm, y - y_mm)
-    return _flat((distance >= inner_mm) & (distance <= outer_mm), depth_mm)
+    away = np.maximum(np.maximum(inner_mm - distance, distance - outer_mm), 0.0)
+    return _flat(away, depth_mm)
 
 
-def _flat(inside: np.ndarray, depth_mm: float) -> np.ndarray:
-    away_mm = ndimage.distance_transform_edt(~inside) * GRID_PITCH_MM
+def _flat(away_mm: np.ndarray, depth_mm: float) -> np.ndarray:
     return _smoothed(depth_mm * np.exp(-away_mm / SKIRT_MM))
 
 

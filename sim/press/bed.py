@@ -88,12 +88,13 @@ class Bed:
         y_mm: np.ndarray,
         rest_mm: np.ndarray,
         gap_mm: np.ndarray,
+        stiffness: np.ndarray,
         depth_mm: float,
     ) -> None:
         """Place n <= pins pins and the shape above them.
 
-        All arrays (n,): the pins' places, the untouched surface's height, and how much higher
-        than at its first touch the shape stands there. depth_mm: where the shape starts.
+        All arrays (n,): the pins' places, the untouched surface's height, how much higher than at
+        its first touch the shape stands there, and the springs. depth_mm: where the shape starts.
         """
         model, data, n = self.model, self.data, x_mm.size
         first_pin = 2
@@ -103,6 +104,8 @@ class Bed:
         mujoco.mj_resetData(model, data)
         model.qpos_spring[:] = 0.0
         data.qpos[0] = -depth_mm
+        model.jnt_stiffness[1:] = 1.0
+        model.jnt_stiffness[1 : n + 1] = stiffness
         self._gap_mm = gap_mm
 
     def push(self, force: float, spring_rest_mm: np.ndarray) -> tuple[float, np.ndarray]:

@@ -16,6 +16,7 @@ from primitives_cad.errors import T2TwinError
 from primitives_cad.shape import NOTHING_MM, Shape
 from sim.press.bed import POOL_SIZES, Bed, bed
 from sim.press.elastomer import Elastomer
+from sim.press.footprint import LEAST_COVER, footprint
 from sim.press.layer import WHOLE, Layer, layer
 from sim.records import Contact, Press
 
@@ -40,6 +41,10 @@ MOST_STEPS = 80
 BASE_TOLERANCE_MM = 1e-3
 """A touched height so near the base plate's top counts as the base plate, mm."""
 
+SQUARE_MEAN = 0.946
+"""Mean deflection of a uniformly loaded square of side s on a half-space, over (1 - nu^2) p s / E
+(Johnson, Contact Mechanics, 1985, section 3.3)."""
+
 MISSED_MM = 1e-4
 """How far the shape may stand in a cell without a pin, mm."""
 
@@ -54,36 +59,35 @@ def press(shape: Shape, command: Press, elastomer: Elastomer, pitch_mm: float) -
     """Press a shape into an elastomer.
 
     The command's shape name is not looked at; its pose and force are. Raises T2TwinError where
-    the force is out of range, the shape is beside the pad, or the layer cannot carry the force.
+    the force is out of range, the shape is beside the pad, or a linear layer cannot carry the
+    force.
     """
-    started = time.perf_counter()
     check_force(command.force_n)
     ground = layer(elastomer, pitch_mm)
-    heights = _heights(shape, command, ground)
+    started = time.perf_counter()
+    heights, shares = footprint(shape.surface, command, ground.x_mm, ground.y_mm)
     gap, first_touch = _gap_mm(shape, command, ground, heights)
-    state = _Solution(ground, gap, command.force_n)
-    settled = state.solve()
-    surface = state.surface_mm()
-    depth = state.depth_mm
-    if elastomer.law == "linear" and (surface >= ground.thickness_mm)[state.pressure_mpa > 0].any():
+    solution = _Solution(ground, gap, shares, command.force_n)
+    settled = solution.solve()
+    surface, touched = solution.surface_mm(), solution.pressure_mpa > 0
+    if elastomer.law == "linear" and (surface >= ground.thickness_mm)[touched].any():
         raise T2TwinError(
             f"{command.force_n:g} N push {shape.name} through the {elastomer.name} layer of "
             f"{elastomer.thickness_mm:g} mm; take a smaller force or a thicker or stiffer layer"
         )
-    carried = float(state.pressure_mpa.sum() * pitch_mm**2)
-    touched = state.pressure_mpa > 0
+    base = shape.base_mm
     return Contact(
         surface_mm=surface.astype(np.float32),
-        pressure_kpa=(1e3 * state.pressure_mpa).astype(np.float32),
+        pressure_kpa=(1e3 * solution.pressure_mpa).astype(np.float32),
         x_mm=ground.x_mm,
         y_mm=ground.y_mm,
-        depth_mm=depth,
-        shape_depth_mm=depth + first_touch,
-        force_n=carried,
+        contact_area_mm2=float(shares[touched].sum() * pitch_mm**2),
+        depth_mm=solution.depth_mm,
+        shape_depth_mm=solution.depth_mm + first_touch,
+        force_n=float(solution.pressure_mpa.sum() * pitch_mm**2),
         settled=settled,
-        bottomed=shape.base_mm is not None
-        and bool((heights[touched] <= shape.base_mm + BASE_TOLERANCE_MM).any()),
-        milliseconds=1e3 * (time.perf_counter() - started),
+        bottomed=base is not None and bool((heights[touched] <= base + BASE_TOLERANCE_MM).any()),
+        milliseconds=1e3 * (time.perf_counter() - started - solution.compiling_s),
     )
 
 
@@ -93,20 +97,6 @@ def check_force(force_n: float) -> None:
         raise T2TwinError(
             f"a force of {force_n:g} N cannot be pressed; allowed are {low:g} to {high:g} N"
         )
-
-
-def to_shape_frame(
-    command: Press, x_mm: np.ndarray, y_mm: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Where points of the sensor frame lie in the shape frame (see primitives_cad.shape)."""
-    cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
-    dx, dy = x_mm - command.x_mm, y_mm - command.y_mm
-    return cos * dx + sin * dy, sin * dx - cos * dy
-
-
-def _heights(shape: Shape, command: Press, ground: Layer) -> np.ndarray:
-    x, y = np.meshgrid(ground.x_mm, ground.y_mm)
-    return shape.surface.sample(*to_shape_frame(command, x, y))
 
 
 def _gap_mm(
@@ -133,12 +123,15 @@ class _Solution:
     pressure_mpa: on the layer's whole grid.
     """
 
-    def __init__(self, ground: Layer, gap_mm: np.ndarray, force_n: float) -> None:
+    def __init__(
+        self, ground: Layer, gap_mm: np.ndarray, shares: np.ndarray, force_n: float
+    ) -> None:
         self.ground = ground
         self.gap_mm = gap_mm
         self.compliance = SPRING_SHARE * ground.compliance_mm_per_mpa  # D, mm/MPa
-        self.stiffness = ground.pitch_mm**2 / self.compliance  # of one pin, N/mm
-        self.force = force_n / self.stiffness  # in pin springs x mm
+        self.edge_compliance = _edge_compliance(ground, shares)
+        self.force = force_n * self.compliance / ground.pitch_mm**2  # in pin springs x mm
+        self.compiling_s = 0.0
         self.pressure_mpa = np.zeros(gap_mm.shape)
         self.depth_mm = winkler_depth_mm(gap_mm, self.force)
         self.pins = _grown(gap_mm < self.depth_mm)
@@ -170,7 +163,8 @@ class _Solution:
         """Iterate on the pins as they are: whether it came to rest, and the steps it took."""
         window = _window(self.pins)
         here = self.pins[window]
-        bed_of_pins = self._lay()
+        pin_compliance = (self.compliance + self.edge_compliance)[self.pins]
+        bed_of_pins = self._lay(self.compliance / pin_compliance)
         last = self.pressure_mpa[window]
         ahead, momentum = last, 1.0
         for step in range(1, most_steps + 1):
@@ -178,7 +172,7 @@ class _Solution:
             rest = (surface - self.compliance * ahead)[here]
             self.depth_mm, deflection = bed_of_pins.push(self.force, rest)
             pressure = np.zeros(here.shape)
-            pressure[here] = np.maximum(deflection - rest, 0.0) / self.compliance
+            pressure[here] = np.maximum(deflection - rest, 0.0) / pin_compliance
             change = pressure - last
             if ((ahead - pressure) * change).sum() > 0:
                 ahead, momentum = pressure, 1.0
@@ -191,7 +185,7 @@ class _Solution:
                 return True, step
         return False, most_steps
 
-    def _lay(self) -> Bed:
+    def _lay(self, stiffness: np.ndarray) -> Bed:
         pins = int(np.count_nonzero(self.pins))
         if pins > POOL_SIZES[-1]:
             raise T2TwinError(
@@ -199,9 +193,25 @@ class _Solution:
             )
         here = self.pins
         x, y = np.meshgrid(self.ground.x_mm, self.ground.y_mm)
+        asked = time.perf_counter()
         laid = bed(pins)
-        laid.lay(x[here], y[here], self.ground.rest_mm[here], self.gap_mm[here], self.depth_mm)
+        self.compiling_s += time.perf_counter() - asked
+        laid.lay(
+            x[here], y[here], self.ground.rest_mm[here], self.gap_mm[here], stiffness, self.depth_mm
+        )
         return laid
+
+
+def _edge_compliance(ground: Layer, shares: np.ndarray) -> np.ndarray:
+    """What a cell that the shape covers in part gives way more than a covered one, mm/MPa.
+
+    The force of the cell stands on a share c of it. A uniformly loaded square of side s sinks by
+    SQUARE_MEAN (1 - nu^2) p s / E on a half-space, so the same force on c of the area sinks
+    1 / sqrt(c) times as far.
+    """
+    elastomer = ground.elastomer
+    whole = SQUARE_MEAN * (1 - elastomer.poisson**2) / elastomer.young_mpa * ground.pitch_mm
+    return whole * (1 / np.sqrt(np.clip(shares, LEAST_COVER, 1.0)) - 1)
 
 
 def _grown(mask: np.ndarray) -> np.ndarray:

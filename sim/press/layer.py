@@ -161,8 +161,10 @@ def _hat_weights(values: np.ndarray, levels: np.ndarray) -> np.ndarray:
 def _kernel(
     rows: int, columns: int, pitch_mm: float, thickness_mm: float, young_mpa: float, poisson: float
 ) -> np.ndarray:
-    """Deflection of each cell's centre per unit pressure on one cell, mm/MPa.
+    """Mean deflection of each cell per unit pressure on one cell, mm/MPa.
 
+    The mean, and not the middle's: together with a pressure that is constant on a cell it is a
+    Galerkin method, whose error at a punch's edges is about half as large.
     Shape (2 rows - 1, 2 columns - 1), the loaded cell in the middle.
     """
     width_mm = max(2 * max(rows, columns) * pitch_mm, PERIODS_OF_THICKNESS * thickness_mm)
@@ -174,7 +176,7 @@ def _kernel(
         for image_x in range(-ALIASES, ALIASES + 1):
             kx = wavenumber[None, :] + 2 * np.pi * image_x / pitch_mm
             cell = np.sinc(kx * pitch_mm / (2 * np.pi)) * np.sinc(ky * pitch_mm / (2 * np.pi))
-            spectrum += cell * compliance_mm_per_mpa(
+            spectrum += cell**2 * compliance_mm_per_mpa(
                 np.hypot(kx, ky), thickness_mm, young_mpa, poisson
             )
     kernel = fft.ifft2(spectrum).real

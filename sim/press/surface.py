@@ -5,7 +5,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from primitives_cad.shape import Shape
 from sim.press.elastomer import Elastomer
-from sim.press.engine import to_shape_frame
+from sim.press.footprint import heights_at
 from sim.records import Contact, Press
 
 
@@ -27,7 +27,6 @@ def surface_on(
     inside_y = np.clip(y_mm, contact.y_mm[0], contact.y_mm[-1])
     inside_x = np.clip(x_mm, contact.x_mm[0], contact.x_mm[-1])
     elastic = spline(inside_y, inside_x)
-    x, y = np.meshgrid(x_mm, y_mm)
-    bottom = shape.surface.sample(*to_shape_frame(command, x, y))
-    standing = contact.shape_depth_mm - (-elastomer.rest_surface_mm(x, y) - bottom)
+    rest = elastomer.rest_surface_mm(*np.meshgrid(x_mm, y_mm))
+    standing = contact.shape_depth_mm + rest + heights_at(shape.surface, command, x_mm, y_mm)
     return np.maximum(elastic, standing).astype(np.float32)

@@ -1,0 +1,125 @@
+"""What a shape's surface is over each cell of a grid: how high, and over how much of the cell."""
+
+# numba's own types hide a compiled function's signature.
+# pyright: reportCallIssue=false
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from primitives_cad.shape import NOTHING_MM, HeightMap
+from sim.records import Press
+
+SAMPLES = 5
+"""Points a side at which a cell's part of the surface is looked up."""
+
+STEEPEST = 1.5
+"""Height differences within a cell beyond this many cells count as a wall, not a slope."""
+
+LEAST_COVER = 0.1
+"""Cells of which the shape covers less than this share count as free."""
+
+
+def to_shape_frame(
+    command: Press, x_mm: np.ndarray, y_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where points of the sensor frame lie in the shape frame (see primitives_cad.shape)."""
+    cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
+    dx, dy = x_mm - command.x_mm, y_mm - command.y_mm
+    return cos * dx + sin * dy, sin * dx - cos * dy
+
+
+def heights_at(
+    surface: HeightMap, command: Press, x_mm: np.ndarray, y_mm: np.ndarray
+) -> np.ndarray:
+    """Heights of the turned-over shape over the axes' points, (y, x) float32, mm, bilinear."""
+    heights = np.empty((y_mm.size, x_mm.size), np.float32)
+    _heights(*_lookup(surface, command), x_mm, y_mm, heights)
+    return heights
+
+
+def footprint(
+    surface: HeightMap, command: Press, x_mm: np.ndarray, y_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean height of the part of the shape that stands over each cell, and its share of the cell.
+
+    x_mm (nx,), y_mm (ny,): cell centres, equally spaced. Returns heights (ny, nx), mm, NOTHING_MM
+    where there is no shape, and shares (ny, nx), 0 to 1.
+    """
+    heights = np.empty((y_mm.size, x_mm.size))
+    shares = np.empty_like(heights)
+    _footprint(*_lookup(surface, command), x_mm, y_mm, heights, shares)
+    return heights, shares
+
+
+def _lookup(surface: HeightMap, command: Press) -> tuple[Any, ...]:
+    return (
+        np.ascontiguousarray(surface.heights_mm, dtype=np.float32),
+        float(surface.x_mm[0]),
+        float(surface.y_mm[0]),
+        surface.pitch_mm,
+        float(command.x_mm),
+        float(command.y_mm),
+        float(np.cos(command.yaw_rad)),
+        float(np.sin(command.yaw_rad)),
+    )
+
+
+_LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8, f8"
+"""Types of what `_lookup` gives, so that compiling happens at import and not within a press."""
+
+
+@numba.njit(cache=True, inline="always")
+def _height(heights, x0, y0, pitch, press_x, press_y, cos, sin, x, y):
+    dx, dy = x - press_x, y - press_y
+    column = (cos * dx + sin * dy - x0) / pitch
+    row = (sin * dx - cos * dy - y0) / pitch
+    if not (0.0 <= column < heights.shape[1] - 1 and 0.0 <= row < heights.shape[0] - 1):
+        return np.float32(NOTHING_MM)
+    j, i = int(column), int(row)
+    across, down = column - j, row - i
+    return (
+        heights[i, j] * (1 - down) * (1 - across)
+        + heights[i, j + 1] * (1 - down) * across
+        + heights[i + 1, j] * down * (1 - across)
+        + heights[i + 1, j + 1] * down * across
+    )
+
+
+@numba.njit(f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1])", cache=True, nogil=True)
+def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, found):
+    for i in range(y_mm.size):
+        for j in range(x_mm.size):
+            found[i, j] = _height(
+                heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
+            )
+
+
+@numba.njit(f"void({_LOOKUP}, f8[::1], f8[::1], f8[:, ::1], f8[:, ::1])", cache=True, nogil=True)
+def _footprint(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, mean, share):
+    cell = x_mm[1] - x_mm[0]
+    offsets = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * cell / SAMPLES
+    samples = np.empty(SAMPLES * SAMPLES)
+    for i in range(y_mm.size):
+        for j in range(x_mm.size):
+            n = 0
+            for a in range(SAMPLES):
+                for b in range(SAMPLES):
+                    samples[n] = _height(
+                        heights, x0, y0, pitch, press_x, press_y, cos, sin,
+                        x_mm[j] + offsets[b], y_mm[i] + offsets[a],
+                    )  # fmt: skip
+                    n += 1
+            lowest = samples.max() - STEEPEST * cell
+            covered, total = 0, 0.0
+            for n in range(samples.size):
+                if samples[n] >= lowest and samples[n] > NOTHING_MM / 2:
+                    covered += 1
+                    total += samples[n]
+            share[i, j] = covered / samples.size
+            if share[i, j] < LEAST_COVER:
+                share[i, j] = 0.0
+                mean[i, j] = NOTHING_MM
+            else:
+                mean[i, j] = total / covered

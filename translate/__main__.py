@@ -1,0 +1,5 @@
+"""`python -m translate` is `t2twin`."""
+
+from translate.cli import main
+
+main()
