@@ -1,12 +1,15 @@
 """The simulated bench: both sensors, touched by the same shape in the same way."""
 
+import hashlib
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from primitives_cad.shape import Shape
 from sim.cyskin import reading, taxels
 from sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
+from sim.digit.calibration import DEFAULT_PATH
 from sim.digit.camera import optical_grid
 from sim.digit.optics import DigitOptics
 from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
@@ -34,6 +37,10 @@ class Digit:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "optics", DigitOptics.load(self.calibration))
+
+    @property
+    def calibration_sha256(self) -> str:
+        return hashlib.sha256(Path(self.calibration or DEFAULT_PATH).read_bytes()).hexdigest()
 
     def touch(self, shape: Shape, command: Press) -> Contact:
         return press(shape, command, self.gel, self.pitch_mm)

@@ -100,7 +100,7 @@ def _describe(bench: Bench, scale: str, seed: int, tasks: list[Task]) -> dict[st
             | {
                 "pitch_mm": bench.digit.pitch_mm,
                 "noise_grey": bench.digit.noise_grey,
-                "calibration_sha256": bench.digit.optics.sha256,
+                "calibration_sha256": bench.digit.calibration_sha256,
             },
             "cyskin": _plain(asdict(bench.cyskin.cover))
             | {

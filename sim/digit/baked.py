@@ -15,6 +15,10 @@ The picture is background + L(deformed) - L(rest), each where the pixel's ray me
 so that an untouched gel gives the background exactly, and whatever a background holds besides
 the lamps' light (scattered light, specks) stays where it is. Light is sampled at every second
 pixel, the optical grid's own pitch, and interpolated.
+
+What the camera sees is the gel's reflective coat, which rounds the gel's edges by its own
+thickness: both this model and the reference smooth the deflection by a Gaussian of 0.1 mm
+(assumed).
 """
 
 from functools import cache
@@ -100,7 +104,7 @@ class BakedModel:
             standard deviation noise_grey; or none.
         Raises T2TwinError for another grid's shape or values that are not finite.
         """
-        surface = self._checked(surface_mm)
+        surface = self._coated(surface_mm)
         change, pixels = self._change(surface)
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
         kernels.picture(
@@ -134,7 +138,7 @@ class BakedModel:
         response: (3, PLACE_TERMS, COSINE_TERMS). Returns the linear light of lamps 0 to 2 in the
         middles of the picture's blocks of 2 x 2 pixels, (ROWS / 2, COLUMNS / 2, 3).
         """
-        surface = self._checked(surface_mm)
+        surface = self._coated(surface_mm)
         z = self._rest_mm - surface
         sight, _ = self._sight(surface, z)
         depth, seen = self._rest_depth_mm.copy(), np.zeros_like(self._rest_light)
@@ -156,7 +160,7 @@ class BakedModel:
         terms = place_terms(*self._rest_places_mm())
         return np.ascontiguousarray(np.einsum("rci,kij->rckj", terms, response), dtype=np.float32)
 
-    def _checked(self, surface_mm: np.ndarray) -> np.ndarray:
+    def _coated(self, surface_mm: np.ndarray) -> np.ndarray:
         if surface_mm.shape != self._rest_mm.shape:
             raise T2TwinError(
                 f"surface_mm has shape {surface_mm.shape}; it must be {self._rest_mm.shape}, "
@@ -165,11 +169,11 @@ class BakedModel:
         surface = np.ascontiguousarray(surface_mm, dtype=np.float32)
         if not kernels.bounds(surface, TOUCHED_MM)[4]:
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
-        return surface
+        return kernels.coated(surface)
 
     def _sight(self, surface: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, Region]:
         """Sight of the lamps (lamps, C), and the region of the grid where it is not whole."""
-        casting = kernels.bounds(surface, CASTER_LEAST_MM)[:4]
+        casting = kernels.bounds(np.maximum(surface, 0.0), CASTER_LEAST_MM)[:4]
         if not self._shadows or casting[1] <= casting[0]:
             return self._sunlit, (0, 0, 0, 0)
         stride = kernels.SHADOW_STRIDE

@@ -1,6 +1,5 @@
 """One unit's optics as data: what the baked model needs, in a file."""
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,7 +78,7 @@ class Calibration:
         part = path.with_name(path.name + ".part")
         with part.open("wb") as file:
             np.savez_compressed(file, **{name: getattr(self, name) for name in _FIELDS})
-        os.replace(part, path)
+        part.replace(path)
 
     @classmethod
     def load(cls, path: Path | str = DEFAULT_PATH) -> "Calibration":

@@ -17,13 +17,17 @@ COSINE_TERMS = 4
 """Powers of the cosine of incidence beside the first: m^0 to m^3."""
 
 
+COAT_TAPS = np.array([0.0614, 0.2448, 0.3876, 0.2448, 0.0614], dtype=np.float32)
+"""Weights of five cells: a Gaussian of one cell, 0.1 mm."""
+
+
 def _ray_stops() -> np.ndarray:
     """Distances from a cell, mm, at which its rays look for blockers, rising.
 
     Near blockers are looked for at the shadow grid's pitch; the step then grows with the
     distance as the penumbra does.
     """
-    stops, step_mm, growth, reach_mm = [0.2], 0.2, 0.08, 40.0
+    stops, step_mm, growth, reach_mm = [0.2], 0.2, 0.05, 40.0
     while stops[-1] < reach_mm:
         stops.append(stops[-1] + step_mm + growth * stops[-1])
     return np.array(stops)
@@ -51,6 +55,29 @@ def bounds(surface, least):
                 left = min(left, j)
                 right = max(right, j + 1)
     return top, bottom, left, right, finite
+
+
+@_jit
+def coated(surface):
+    """(G) surface smoothed by COAT_TAPS along both axes; its edge cells continue outwards."""
+    ny, nx = surface.shape
+    reach = COAT_TAPS.size // 2
+    across = np.empty_like(surface)
+    out = np.empty_like(surface)
+    for i in range(ny):
+        for j in range(nx):
+            total = np.float32(0.0)
+            for k in range(COAT_TAPS.size):
+                total += COAT_TAPS[k] * surface[i, min(max(j + k - reach, 0), nx - 1)]
+            across[i, j] = total
+    for i in range(ny):
+        for j in range(nx):
+            out[i, j] = 0.0
+        for k in range(COAT_TAPS.size):
+            row = across[min(max(i + k - reach, 0), ny - 1)]
+            for j in range(nx):
+                out[i, j] += COAT_TAPS[k] * row[j]
+    return out
 
 
 @_jit

@@ -67,18 +67,18 @@ REACH_MM = 22.0
 
 RADIUS_MM = 22.0  # assumed: beside the gel, and as far again for the spread-out light of its plate
 SIZE_MM = 1.8  # assumed: an LED of 1 to 2 mm behind a diffuser, as seen from RADIUS_MM
-BEAM_RAD = (np.radians(4.0), np.radians(28.0))  # assumed: a plain LED's lobe behind its slot
+BEAM_RAD = (np.radians(4.0), np.radians(26.0))  # assumed: a plain LED's lobe behind its slot
 
 DIGIT_LEDS = (
-    Led((1.25, 0.01, 0.05), 30.0, RADIUS_MM, -6.2, SIZE_MM, (-11.0, 0.5, -1.0), BEAM_RAD),  # red
-    Led((0.01, 1.05, 0.02), 150.0, RADIUS_MM, -6.2, SIZE_MM, (11.0, 0.5, -1.0), BEAM_RAD),  # green
-    Led((0.01, 0.07, 0.72), 270.0, RADIUS_MM, -4.9, SIZE_MM, (0.0, -6.0, -1.0), BEAM_RAD),  # blue
+    Led((1.20, 0.02, 0.06), 30.0, RADIUS_MM, -6.8, SIZE_MM, (-11.0, 0.5, -1.0), BEAM_RAD),  # red
+    Led((0.03, 1.10, 0.02), 150.0, RADIUS_MM, -6.8, SIZE_MM, (11.0, 0.5, -1.0), BEAM_RAD),  # green
+    Led((0.01, 0.10, 0.85), 270.0, RADIUS_MM, -4.9, SIZE_MM, (0.0, -6.0, -1.0), BEAM_RAD),  # blue
 )
-"""Angles: TACTO's configuration and the maker's notes. Heights: assumed, 12 to 16 degrees over
+"""Angles: TACTO's configuration and the maker's notes. Heights: assumed, 12 to 17 degrees over
 the apex, as the lengths of a real unit's cast shadows ask. Colours and beams: assumed, so that
 the picture of the untouched gel resembles a real unit's."""
 
-AMBIENT = (0.024, 0.030, 0.045)
+AMBIENT = (0.024, 0.030, 0.032)
 """Linear RGB of the light that has been scattered inside the sensor and has no direction
 (assumed: what is left in the cast shadows of a real unit)."""
 

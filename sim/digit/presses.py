@@ -1,18 +1,13 @@
 """Plausible deflections of the gel in closed form, for calibrating and testing the optics alone.
 
-The press engine gives the real ones; these need no contact solver and are as smooth as a soft
-layer leaves them.
+The press engine gives the real ones; these need no contact solver.
 """
 
 import numpy as np
-from scipy import ndimage
-
-from sim.digit.camera import GRID_PITCH_MM, optical_grid
+from sim.digit.camera import optical_grid
 
 SKIRT_MM = 0.6
 """Length over which the gel rises again beside a shape, mm (assumed: a fraction of its layer)."""
-SMOOTHING_MM = 0.12
-"""Rounding of every edge by the gel's skin, mm (assumed)."""
 BALL_HOLD = 0.8
 """Part of a ball's contact radius inside which the gel follows the ball exactly (assumed; the
 gel leaves it where the skirt takes over with the same slope)."""
@@ -32,7 +27,7 @@ def ball(x_mm: float, y_mm: float, depth_mm: float, radius_mm: float = 2.35) -> 
     skirt_mm = edge_mm * height / hold
     under = depth_mm - radius_mm + np.sqrt(np.maximum(radius_mm**2 - distance**2, 0.0))
     beside = edge_mm * np.exp(-np.maximum(distance - hold, 0.0) / skirt_mm)
-    return _smoothed(np.where(distance < hold, under, beside))
+    return np.where(distance < hold, under, beside)
 
 
 def block(
@@ -52,9 +47,7 @@ def block(
     return _flat(np.hypot(*np.maximum(beyond, 0.0)), depth_mm)
 
 
-def ring(
-    x_mm: float, y_mm: float, depth_mm: float, inner_mm: float, outer_mm: float
-) -> np.ndarray:
+def ring(x_mm: float, y_mm: float, depth_mm: float, inner_mm: float, outer_mm: float) -> np.ndarray:
     """The same under a flat ring of the given inner and outer radius."""
     x, y = np.meshgrid(*optical_grid())
     distance = np.hypot(x - x_mm, y - y_mm)
@@ -63,8 +56,4 @@ def ring(
 
 
 def _flat(away_mm: np.ndarray, depth_mm: float) -> np.ndarray:
-    return _smoothed(depth_mm * np.exp(-away_mm / SKIRT_MM))
-
-
-def _smoothed(deflection_mm: np.ndarray) -> np.ndarray:
-    return ndimage.gaussian_filter(deflection_mm, SMOOTHING_MM / GRID_PITCH_MM)
+    return depth_mm * np.exp(-away_mm / SKIRT_MM)

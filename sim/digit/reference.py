@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from primitives_cad.errors import T2TwinError
+from sim.digit import kernels
 from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
 from sim.digit.lights import AMBIENT, DIGIT_LEDS, REACH_MM, Led
 from sim.press.elastomer import DIGIT_GEL, Elastomer
@@ -39,7 +40,7 @@ ALBEDO = 0.96
 
 def _import_pyrender() -> Any:
     os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
-    vars(np).setdefault("infty", np.inf)
+    np.__dict__.setdefault("infty", np.inf)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -109,7 +110,7 @@ class ReferenceRenderer:
             self._scene.add(
                 pyrender.SpotLight(
                     color=np.array(led.colour),
-                    intensity=np.pi * REACH_MM ** 2 / ALBEDO,
+                    intensity=np.pi * REACH_MM**2 / ALBEDO,
                     innerConeAngle=led.beam_rad[0],
                     outerConeAngle=led.beam_rad[1],
                 )
@@ -157,7 +158,8 @@ class ReferenceRenderer:
         x, y = np.meshgrid(self._x_mm, self._y_mm)
         half_width, half_height = self.camera.seen_half_extent_mm()
         xy = _blocks(np.stack([x, y], axis=-1))
-        return (np.abs(xy) < np.array([half_width, half_height]) + SEEN_MARGIN_MM).all(axis=1)
+        inside = np.abs(xy) < np.array([half_width, half_height]) + SEEN_MARGIN_MM
+        return np.logical_and(inside[:, 0], inside[:, 1])
 
     def _place_gel(self, surface_mm: np.ndarray) -> None:
         if surface_mm.shape != self._rest_mm.shape:
@@ -165,6 +167,7 @@ class ReferenceRenderer:
                 f"surface_mm has shape {surface_mm.shape}; it must be {self._rest_mm.shape}, "
                 "on sim.digit.camera.optical_grid()"
             )
+        surface_mm = kernels.coated(np.ascontiguousarray(surface_mm, dtype=np.float32))
         z = self._rest_mm - surface_mm
         along_y, along_x = np.gradient(z, self._y_mm, self._x_mm)
         x, y = np.meshgrid(self._x_mm, self._y_mm)
@@ -184,7 +187,6 @@ class ReferenceRenderer:
             self._scene.remove_node(self._mesh_node)
         self._mesh_node = self._scene.add(mesh)
 
-
     def _primitive(
         self, points: np.ndarray, normals: np.ndarray, faces: np.ndarray, material: Any
     ) -> Any:
@@ -202,9 +204,7 @@ def _blocks(grid: np.ndarray) -> np.ndarray:
     """(n, k) means over blocks of MESH_STRIDE x MESH_STRIDE cells of a (ny, nx, k) grid."""
     ny, nx = (size // MESH_STRIDE for size in grid.shape[:2])
     cut = grid[: ny * MESH_STRIDE, : nx * MESH_STRIDE]
-    return cut.reshape(ny, MESH_STRIDE, nx, MESH_STRIDE, -1).mean(axis=(1, 3)).reshape(
-        ny * nx, -1
-    )
+    return cut.reshape(ny, MESH_STRIDE, nx, MESH_STRIDE, -1).mean(axis=(1, 3)).reshape(ny * nx, -1)
 
 
 def _grid_faces(ny: int, nx: int) -> np.ndarray:

@@ -88,13 +88,12 @@ class Bed:
         y_mm: np.ndarray,
         rest_mm: np.ndarray,
         gap_mm: np.ndarray,
-        stiffness: np.ndarray,
         depth_mm: float,
     ) -> None:
         """Place n <= pins pins and the shape above them.
 
         All arrays (n,): the pins' places, the untouched surface's height, how much higher than at
-        its first touch the shape stands there, and the springs. depth_mm: where the shape starts.
+        its first touch the shape stands there. depth_mm: where the shape starts.
         """
         model, data, n = self.model, self.data, x_mm.size
         first_pin = 2
@@ -104,17 +103,20 @@ class Bed:
         mujoco.mj_resetData(model, data)
         model.qpos_spring[:] = 0.0
         data.qpos[0] = -depth_mm
-        model.jnt_stiffness[1:] = 1.0
-        model.jnt_stiffness[1 : n + 1] = stiffness
+        model.jnt_stiffness[n + 1 :] = 1.0
         self._gap_mm = gap_mm
 
-    def push(self, force: float, spring_rest_mm: np.ndarray) -> tuple[float, np.ndarray]:
+    def push(
+        self, force: float, spring_rest_mm: np.ndarray, stiffness: np.ndarray
+    ) -> tuple[float, np.ndarray]:
         """One step under a force, in pin springs x mm.
 
-        spring_rest_mm: (n,) deflections at which the pins' springs are at rest.
+        spring_rest_mm: (n,) deflections at which the pins' springs are at rest, mm.
+        stiffness: (n,) of those springs, in units of the one that the force is given in.
         Returns the shape's depth, mm, and the pins' deflections (n,), mm.
         """
         n = spring_rest_mm.size
+        self.model.jnt_stiffness[1 : n + 1] = stiffness
         self.model.qpos_spring[1 : n + 1] = -spring_rest_mm
         self.data.qfrc_applied[0] = -force
         self.data.qpos[1 : n + 1] = self.data.qpos[0] + self._gap_mm + TOUCH_MM

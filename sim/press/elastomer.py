@@ -19,9 +19,8 @@ class Elastomer:
     width_mm, length_mm: extent along x and y, centred on the origin.
     dome_width_radius_mm, dome_length_radius_mm: radii of the outer surface along x and y;
         inf means flat. The surface is flat for dome_flat_mm either side of the middle in y.
-    law: how deflection follows the linear layer's: "linear", or "stiffening", which reads the
-        linear layer's compression as a logarithmic strain, w = h (1 - exp(-u / h)), so that a
-        deep press never goes through.
+    law: how deflection follows the linear layer's: "linear" as it is, or "stiffening" as a
+        neo-Hookean solid, so that a deep press never goes through (see neo_hookean_mm).
     """
 
     name: str
@@ -72,6 +71,29 @@ def _sag(distance_mm: np.ndarray, radius_mm: float) -> np.ndarray:
     inside = np.minimum(distance_mm, 0.999 * radius_mm)
     return radius_mm - np.sqrt(radius_mm**2 - inside**2)
 
+
+def neo_hookean_mm(
+    linear_mm: np.ndarray, thickness_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Deflection w, mm, of a stiffening layer where a linear one would give u, and dw / du.
+
+    The linear layer's strain u / h stands for the stress over the modulus; a neo-Hookean solid takes
+    that stress at a stretch l with (1 / l^2 - l) / 3 = u / h (Treloar, The Physics of Rubber
+    Elasticity, 1975), and w = h (1 - l). Equal to u for small strain, below h for any stress. The
+    local strain is taken through the thickness, which leaves out large rotations.
+    """
+    strain = linear_mm / thickness_mm
+    # Newton's method on l^3 + 3 (u / h) l^2 = 1, from above the root, where it is convex.
+    stretch = 1 / np.sqrt(np.maximum(3 * strain, 1.0))
+    for _ in range(NEWTON_STEPS):
+        stretch -= (stretch**3 + 3 * strain * stretch**2 - 1) / (
+            3 * stretch**2 + 6 * strain * stretch
+        )
+    return thickness_mm * (1 - stretch), stretch / (stretch + 2 * strain)
+
+
+NEWTON_STEPS = 5
+"""Steps that bring the stretch to 1e-6 for strains from -0.3 up."""
 
 DIGIT_GEL = Elastomer(
     name="digit",

@@ -15,7 +15,7 @@ from scipy import ndimage
 from primitives_cad.errors import T2TwinError
 from primitives_cad.shape import NOTHING_MM, Shape
 from sim.press.bed import POOL_SIZES, Bed, bed
-from sim.press.elastomer import Elastomer
+from sim.press.elastomer import Elastomer, neo_hookean_mm
 from sim.press.footprint import LEAST_COVER, footprint
 from sim.press.layer import WHOLE, Layer, layer
 from sim.records import Contact, Press
@@ -40,6 +40,9 @@ MOST_STEPS = 80
 
 BASE_TOLERANCE_MM = 1e-3
 """A touched height so near the base plate's top counts as the base plate, mm."""
+
+LEAST_SLOPE = 0.02
+"""Least share of a pin's compliance that stiffening leaves: keeps the springs finite."""
 
 SQUARE_MEAN = 0.946
 """Mean deflection of a uniformly loaded square of side s on a half-space, over (1 - nu^2) p s / E
@@ -138,7 +141,7 @@ class _Solution:
 
     def surface_mm(self) -> np.ndarray:
         """The deflection of the whole surface, mm."""
-        return self._by_law(self.ground.deflection_mm(self.pressure_mpa), WHOLE)
+        return self._by_law(self.ground.deflection_mm(self.pressure_mpa), WHOLE)[0]
 
     def solve(self) -> bool:
         """Bring the press to rest; False where it had not settled after MOST_STEPS."""
@@ -153,24 +156,32 @@ class _Solution:
                 return False
             self.pins |= _grown(missed)
 
-    def _by_law(self, linear_mm: np.ndarray, window: tuple[slice, slice]) -> np.ndarray:
+    def _by_law(
+        self, linear_mm: np.ndarray, window: tuple[slice, slice]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Deflection by the elastomer's law from the linear layer's, and its slope."""
         if self.ground.elastomer.law == "linear":
-            return linear_mm
-        h = self.ground.thickness_mm[window]
-        return -h * np.expm1(-linear_mm / h)
+            return linear_mm, np.ones_like(linear_mm)
+        return neo_hookean_mm(linear_mm, self.ground.thickness_mm[window])
 
     def _settle(self, most_steps: int) -> tuple[bool, int]:
         """Iterate on the pins as they are: whether it came to rest, and the steps it took."""
         window = _window(self.pins)
         here = self.pins[window]
-        pin_compliance = (self.compliance + self.edge_compliance)[self.pins]
-        bed_of_pins = self._lay(self.compliance / pin_compliance)
+        edge = self.edge_compliance[self.pins]
+        bed_of_pins = self._lay()
         last = self.pressure_mpa[window]
         ahead, momentum = last, 1.0
         for step in range(1, most_steps + 1):
-            surface = self._by_law(self.ground.deflection_mm(ahead, window), window)
-            rest = (surface - self.compliance * ahead)[here]
-            self.depth_mm, deflection = bed_of_pins.push(self.force, rest)
+            linear = self.ground.deflection_mm(ahead, window)
+            surface, slope = self._by_law(linear, window)
+            # A stiffened place is stiffer in its pin's spring too.
+            local = self.compliance * np.maximum(slope, LEAST_SLOPE)
+            rest = (surface - local * ahead)[here]
+            pin_compliance = local[here] + edge
+            self.depth_mm, deflection = bed_of_pins.push(
+                self.force, rest, self.compliance / pin_compliance
+            )
             pressure = np.zeros(here.shape)
             pressure[here] = np.maximum(deflection - rest, 0.0) / pin_compliance
             change = pressure - last
@@ -185,7 +196,7 @@ class _Solution:
                 return True, step
         return False, most_steps
 
-    def _lay(self, stiffness: np.ndarray) -> Bed:
+    def _lay(self) -> Bed:
         pins = int(np.count_nonzero(self.pins))
         if pins > POOL_SIZES[-1]:
             raise T2TwinError(
@@ -196,9 +207,7 @@ class _Solution:
         asked = time.perf_counter()
         laid = bed(pins)
         self.compiling_s += time.perf_counter() - asked
-        laid.lay(
-            x[here], y[here], self.ground.rest_mm[here], self.gap_mm[here], stiffness, self.depth_mm
-        )
+        laid.lay(x[here], y[here], self.ground.rest_mm[here], self.gap_mm[here], self.depth_mm)
         return laid
 
 

@@ -8,21 +8,27 @@ from functools import lru_cache
 
 import numpy as np
 from numpy import fft
+from scipy import special
 from scipy.fft import next_fast_len
+from scipy.integrate import simpson
+from scipy.interpolate import CubicSpline
 
 from sim.press.elastomer import Elastomer
 
 THICKNESS_LEVELS = 3
 """Thicknesses at which a domed layer's answer is worked out, between which it is interpolated."""
 
-ALIASES = 3
-"""Spectral images summed on either side, so that a grid cell's own deflection is right."""
+SMOOTH_REACH = 30.0
+"""Wavenumber times thickness up to which the base is felt: there the rest is below exp(-60)."""
+
+HANKEL_POINTS_A_WAVE = 25
+"""Points a wave of the Hankel transform's integrand at the farthest distance."""
+
+HANKEL_RADII = 500
+"""Distances at which the transform is worked out, and splined between."""
 
 WHOLE = (slice(None), slice(None))
 """The window that is the whole grid."""
-
-PERIODS_OF_THICKNESS = 12
-"""The kernel is worked out on a periodic square at least so many thicknesses wide."""
 
 
 def compliance_mm_per_mpa(
@@ -88,17 +94,7 @@ class Layer:
         levels = np.linspace(thinnest, thickest, THICKNESS_LEVELS) if domed else [thickest]
         self._weights = _hat_weights(self.thickness_mm, np.asarray(levels)).astype(np.float32)
         self._kernels = np.stack(
-            [
-                _kernel(
-                    self.rows,
-                    self.columns,
-                    pitch_mm,
-                    float(h),
-                    elastomer.young_mpa,
-                    elastomer.poisson,
-                )
-                for h in levels
-            ]
+            [_kernel(self.rows, self.columns, pitch_mm, float(h), elastomer) for h in levels]
         ).astype(np.float32)
         self._transforms: dict[tuple[int, int], np.ndarray] = {}
         spectrum = compliance_mm_per_mpa(
@@ -159,25 +155,42 @@ def _hat_weights(values: np.ndarray, levels: np.ndarray) -> np.ndarray:
 
 
 def _kernel(
-    rows: int, columns: int, pitch_mm: float, thickness_mm: float, young_mpa: float, poisson: float
+    rows: int, columns: int, pitch_mm: float, thickness_mm: float, elastomer: Elastomer
 ) -> np.ndarray:
     """Mean deflection of each cell per unit pressure on one cell, mm/MPa.
 
     The mean, and not the middle's: together with a pressure that is constant on a cell it is a
-    Galerkin method, whose error at a punch's edges is about half as large.
+    Galerkin method, whose error at a punch's edges is about half as large. The half-space's part is
+    in closed form; what the layer's base takes away from it is smooth, and is found from its
+    plane waves by a Hankel transform. Laterally unbounded, no period.
     Shape (2 rows - 1, 2 columns - 1), the loaded cell in the middle.
     """
-    width_mm = max(2 * max(rows, columns) * pitch_mm, PERIODS_OF_THICKNESS * thickness_mm)
-    n = _fast(int(np.ceil(width_mm / pitch_mm)))
-    wavenumber = 2 * np.pi * np.fft.fftfreq(n, pitch_mm)
-    spectrum = np.zeros((n, n))
-    for image_y in range(-ALIASES, ALIASES + 1):
-        ky = wavenumber[:, None] + 2 * np.pi * image_y / pitch_mm
-        for image_x in range(-ALIASES, ALIASES + 1):
-            kx = wavenumber[None, :] + 2 * np.pi * image_x / pitch_mm
-            cell = np.sinc(kx * pitch_mm / (2 * np.pi)) * np.sinc(ky * pitch_mm / (2 * np.pi))
-            spectrum += cell**2 * compliance_mm_per_mpa(
-                np.hypot(kx, ky), thickness_mm, young_mpa, poisson
-            )
-    kernel = fft.ifft2(spectrum).real
-    return kernel[np.ix_(np.arange(1 - rows, rows) % n, np.arange(1 - columns, columns) % n)]
+    young, poisson = elastomer.young_mpa, elastomer.poisson
+    x = np.arange(1 - columns, columns) * pitch_mm
+    y = np.arange(1 - rows, rows) * pitch_mm
+    half_space = (1 - poisson**2) / (np.pi * young) * _mean_inverse_distance(x, y, pitch_mm)
+
+    distance = np.hypot(x[None, :], y[:, None])
+    farthest = float(distance.max())
+    step = min(2 * np.pi / farthest / HANKEL_POINTS_A_WAVE, SMOOTH_REACH / thickness_mm / 1000)
+    k = np.arange(1e-9, SMOOTH_REACH / thickness_mm, step)
+    # A cell's mean over a cell's load, to second order: sinc^4 is exp(-k^2 a^2 / 12) here.
+    taken = np.exp(-((k * pitch_mm) ** 2) / 12) * (
+        k * compliance_mm_per_mpa(k, thickness_mm, young, poisson) - 2 * (1 - poisson**2) / young
+    )
+    radii = np.linspace(0.0, farthest, HANKEL_RADII)
+    profile = simpson(taken * special.j0(radii[:, None] * k), x=k, axis=1) / (2 * np.pi)
+    return half_space + pitch_mm**2 * CubicSpline(radii, profile)(distance)
+
+
+def _mean_inverse_distance(x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
+    """The integral of 1 / distance over a square cell, meant over one that lies (x, y) away, mm.
+
+    (y, x). The fourth difference of a function whose derivative d^4 / dx^2 dy^2 is 1 / r.
+    """
+    x = np.concatenate([[x_mm[0] - pitch_mm], x_mm, [x_mm[-1] + pitch_mm]])[None, :]
+    y = np.concatenate([[y_mm[0] - pitch_mm], y_mm, [y_mm[-1] + pitch_mm]])[:, None]
+    r = np.hypot(x, y)
+    ax, ay = np.maximum(np.abs(x), 1e-12), np.maximum(np.abs(y), 1e-12)
+    potential = ax**2 * ay / 2 * np.arcsinh(ay / ax) + ay**2 * ax / 2 * np.arcsinh(ax / ay)
+    return np.diff(np.diff(potential - r**3 / 6, n=2, axis=0), n=2, axis=1) / pitch_mm**2

@@ -3,7 +3,6 @@
 import os
 import platform
 import shutil
-import sys
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 
@@ -48,8 +47,6 @@ def run_checks() -> bool:
 
 
 def _python() -> str:
-    if sys.version_info < (3, 11):
-        raise RuntimeError(f"Python {platform.python_version()} is too old; 3.11 or newer is needed")
     return f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
 
 
@@ -80,7 +77,7 @@ def _pushed(one_pin):
     one_pin.lay(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1), 1.0)
     depth, deflection = 0.0, np.zeros(1)
     for _ in range(200):
-        depth, deflection = one_pin.push(1.0, np.zeros(1))
+        depth, deflection = one_pin.push(1.0, np.zeros(1), np.ones(1))
     return depth, deflection
 
 

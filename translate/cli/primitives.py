@@ -6,7 +6,9 @@ from typing import Annotated
 import tyro
 
 
-def primitives(out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("data/primitives")) -> None:
+def primitives(
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("data/primitives"),
+) -> None:
     """Write the 32 primitives and the 5 tools as STEP and STL, the mosaic plate, the contact sheet.
 
     Args:

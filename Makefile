@@ -1,0 +1,96 @@
+# Everything from a fresh clone: `make demo` shows it, `make test` checks it.
+
+SCALE ?= paper
+PRESET ?= cpu
+PYTHON ?= python3
+WORKERS ?=
+PIP_ARGS ?=
+
+BIN := .venv/bin
+DATA := data/$(SCALE)
+RUNS := runs/$(SCALE)
+WORKERS_FLAG := $(if $(WORKERS),--workers $(WORKERS))
+MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
+
+.PHONY: help demo test setup system primitives simdata train-all evaluate report regression bench \
+	check clean
+
+help:
+	@echo "make demo        everything at scale small: data, both translators, report (minutes)"
+	@echo "make test        install, then the whole test suite with the RMSE regression"
+	@echo "make setup       virtual environment and pinned packages"
+	@echo "make primitives  STEP, STL, mosaic plate and contact sheet of all shapes"
+	@echo "make simdata     the paired dataset         SCALE=smoke|small|paper (paper)"
+	@echo "make train-all   both translators           SCALE=, PRESET=cpu|paper|smoke, MINUTES="
+	@echo "make evaluate    the results table          SCALE="
+	@echo "make report      the report                 SCALE="
+	@echo "make regression  RMSE on synthetic data held to its band"
+	@echo "make bench       speed and fidelity, kept in benchmarks/results"
+	@echo "make check       ruff and pyright"
+	@echo "make clean       remove data, runs and caches"
+
+demo: SCALE := small
+demo: setup
+	$(MAKE) primitives
+	$(MAKE) simdata SCALE=small
+	$(MAKE) train-all SCALE=small PRESET=demo
+	$(MAKE) evaluate SCALE=small
+	$(MAKE) report SCALE=small
+
+test: setup
+	$(BIN)/python -m pytest
+
+setup: .venv/installed
+
+.venv/installed: pyproject.toml constraints.txt | system
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo "$(PYTHON) is too old: Python 3.11 or newer is needed; name it with PYTHON="; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) \
+		-c constraints.txt -e '.[dev]'
+	touch $@
+
+# Headless OpenGL (EGL) for pyrender and libGL for the CAD kernel: installed where we may, else named.
+LIBRARIES := libegl1 libgl1 libgl1-mesa-dri
+system:
+	@ldconfig -p 2>/dev/null | grep -q 'libEGL.so.1' && ldconfig -p | grep -q 'libGL.so.1' && exit 0; \
+	if [ "$$(uname)" != Linux ]; then exit 0; fi; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		echo "installing $(LIBRARIES)"; \
+		apt-get update -qq && apt-get install -y -qq $(LIBRARIES) >/dev/null; \
+	else \
+		echo "headless OpenGL is missing; install it with: sudo apt-get install $(LIBRARIES)"; exit 1; \
+	fi
+
+primitives: setup
+	$(BIN)/t2twin primitives --out data/primitives
+
+simdata: setup
+	$(BIN)/t2twin simdata --scale $(SCALE) --out $(DATA) $(WORKERS_FLAG)
+
+train-all: setup
+	$(BIN)/t2twin train touch2touch --data $(DATA) --preset $(PRESET) --out $(RUNS)/touch2touch $(MINUTES_FLAG)
+	$(BIN)/t2twin train resnet18 --data $(DATA) --preset $(PRESET) --out $(RUNS)/resnet18 $(MINUTES_FLAG)
+
+evaluate: setup
+	$(BIN)/t2twin evaluate $(RUNS)/touch2touch $(RUNS)/resnet18 --data $(DATA) --split val \
+		--out $(RUNS)/evaluate/val
+	$(BIN)/t2twin evaluate $(RUNS)/touch2touch $(RUNS)/resnet18 --data $(DATA) --split test \
+		--out $(RUNS)/evaluate/test
+
+report: setup
+	$(BIN)/t2twin report --data $(DATA) --runs $(RUNS)/touch2touch $(RUNS)/resnet18 --out $(RUNS)/report
+
+regression: setup
+	$(BIN)/python -m pytest tests/test_regression.py
+
+bench: setup
+	$(BIN)/python -m benchmarks
+
+check: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
+
+clean:
+	rm -rf data runs .pytest_cache .ruff_cache build *.egg-info

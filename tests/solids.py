@@ -1,0 +1,44 @@
+"""Shapes given by a formula, for tests that must know the pressing surface exactly."""
+
+from collections.abc import Callable
+
+import numpy as np
+import trimesh
+
+from primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+
+REACH_MM = 14.0
+PITCH_MM = 0.05
+
+
+def formula(
+    heights: Callable[[np.ndarray, np.ndarray], np.ndarray], name: str = "formula"
+) -> Shape:
+    """A shape whose pressing surface is heights(x, y), mm, <= 0; its mesh is not used."""
+    axis = np.linspace(-REACH_MM, REACH_MM, round(2 * REACH_MM / PITCH_MM) + 1)
+    surface = heights(*np.meshgrid(axis, axis)).astype(np.float32)
+    return Shape(name, trimesh.Trimesh(), HeightMap(surface, axis, axis), spacing_mm=1.4)
+
+
+def ball(radius_mm: float) -> Shape:
+    def heights(x, y):
+        inside = np.maximum(radius_mm**2 - x**2 - y**2, 0.0)
+        return np.where(x**2 + y**2 < radius_mm**2, np.sqrt(inside) - radius_mm, NOTHING_MM)
+
+    return formula(heights, f"ball of {radius_mm:g} mm")
+
+
+def block(width_mm: float, length_mm: float) -> Shape:
+    return formula(
+        lambda x, y: np.where(
+            (np.abs(x) <= width_mm / 2) & (np.abs(y) <= length_mm / 2), 0.0, NOTHING_MM
+        ),
+        f"block of {width_mm:g} x {length_mm:g} mm",
+    )
+
+
+def punch(radius_mm: float) -> Shape:
+    return formula(
+        lambda x, y: np.where(np.hypot(x, y) <= radius_mm, 0.0, NOTHING_MM),
+        f"punch of {radius_mm:g} mm",
+    )

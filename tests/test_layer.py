@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from sim.press.layer import Layer, base_stress, compliance_mm_per_mpa
+
+H, E, NU = 2.5, 0.3, 0.47
+
+
+def test_long_waves_compress_a_confined_layer():
+    confined = H * (1 - 2 * NU) * (1 + NU) / ((1 - NU) * E)
+    assert compliance_mm_per_mpa(np.array([1e-4]), H, E, NU)[0] == pytest.approx(confined, rel=1e-3)
+
+
+def test_short_waves_see_a_half_space():
+    k = np.array([20.0])
+    half_space = 2 * (1 - NU**2) / (E * k)
+    assert compliance_mm_per_mpa(k, H, E, NU) == pytest.approx(half_space, rel=1e-6)
+
+
+def test_the_base_carries_long_waves_whole_and_short_ones_not_at_all():
+    carried = base_stress(np.array([1e-4, 10.0]), H, NU)
+    assert carried[0] == pytest.approx(1.0, rel=1e-4)
+    assert abs(carried[1]) < 1e-6
+
+
+def test_a_wide_pressure_sinks_by_the_confined_modulus():
+    flat = Elastomer("flat", H, E, NU, width_mm=40, length_mm=40, law="linear")
+    ground = Layer(flat, 0.5)
+    sunk = ground.deflection_mm(np.full((ground.rows, ground.columns), 0.01))
+    confined = H * (1 - 2 * NU) * (1 + NU) / ((1 - NU) * E)
+    assert sunk[ground.rows // 2, ground.columns // 2] == pytest.approx(0.01 * confined, rel=5e-3)
+
+
+def test_a_window_gives_the_same_as_the_whole():
+    ground = Layer(DIGIT_GEL, 0.5)
+    pressure = np.zeros((ground.rows, ground.columns))
+    window = (slice(10, 26), slice(8, 24))
+    pressure[14:20, 12:18] = np.random.default_rng(0).random((6, 6))
+    part = ground.deflection_mm(pressure[window], window)
+    assert part == pytest.approx(ground.deflection_mm(pressure)[window], abs=1e-5)
+
+
+def test_deflection_is_linear_and_mirrors():
+    ground = Layer(CYSKIN_COVER, 0.5)
+    pressure = np.random.default_rng(1).random((ground.rows, ground.columns))
+    sunk = ground.deflection_mm(pressure)
+    assert ground.deflection_mm(2 * pressure) == pytest.approx(2 * sunk, rel=1e-4)
+    assert ground.deflection_mm(pressure[::-1]) == pytest.approx(sunk[::-1], rel=1e-4)

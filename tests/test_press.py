@@ -1,0 +1,157 @@
+"""The engine against theory, against the oracle, and against what every press must keep to."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from solids import ball, block, formula, punch
+
+from benchmarks.oracle import kernel, solve
+from primitives_cad.errors import T2TwinError
+from primitives_cad.shape import NOTHING_MM
+from sim import protocol
+from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from sim.press.footprint import footprint
+from sim.press.layer import layer
+from sim.press.surface import surface_on
+from sim.records import Press
+
+FLAT = Elastomer("flat", 4.07, 0.5, 0.47, width_mm=18.5, length_mm=18.5, law="linear")
+
+
+def pressed(shape, elastomer=FLAT, pitch=0.5, force=8.0, x=0.0, y=0.0, yaw=0.0):
+    return press(shape, Press(shape.name, x, y, yaw, force), elastomer, pitch)
+
+
+@pytest.mark.parametrize("force", [0.1, 0.5])
+def test_a_ball_on_a_thick_layer_is_hertz(force):
+    thick = replace(FLAT, thickness_mm=50.0)
+    contact = pressed(ball(6.0), thick, pitch=0.1, force=force)
+    modulus = thick.young_mpa / (1 - thick.poisson**2)
+    radius = (3 * force * 6.0 / (4 * modulus)) ** (1 / 3)
+    assert contact.depth_mm == pytest.approx(radius**2 / 6.0, rel=0.05)
+    peak_kpa = 1e3 * 1.5 * force / (np.pi * radius**2)
+    assert contact.pressure_kpa.max() == pytest.approx(peak_kpa, rel=0.05)
+
+
+def test_a_flat_punch_on_a_thick_layer_is_boussinesq():
+    thick = replace(FLAT, thickness_mm=100.0)
+    contact = pressed(punch(3.0), thick, pitch=0.25, force=1.0)
+    modulus = thick.young_mpa / (1 - thick.poisson**2)
+    assert contact.depth_mm == pytest.approx(1.0 / (2 * 3.0 * modulus), rel=0.05)
+
+
+def test_depth_grows_with_force_as_theory_says():
+    thick = replace(FLAT, thickness_mm=50.0)
+    forces = np.array([0.1, 0.2, 0.4, 0.8])
+    for shape, exponent in ((ball(6.0), 2 / 3), (punch(3.0), 1.0)):
+        depths = [pressed(shape, thick, 0.2, float(force)).depth_mm for force in forces]
+        assert np.polyfit(np.log(forces), np.log(depths), 1)[0] == pytest.approx(exponent, abs=0.04)
+
+
+@pytest.mark.parametrize("shape", [ball(4.0), block(8.0, 8.0), block(2.0, 12.0)])
+def test_the_engine_agrees_with_the_oracle(shape):
+    contact = pressed(shape, pitch=0.5)
+    fine = 0.125
+    cells = round(FLAT.width_mm / fine)
+    axis = (np.arange(cells) - (cells - 1) / 2) * fine
+    x, y = np.meshgrid(axis, axis)
+    gap = -np.maximum(shape.surface.sample(x, y), -10.0)
+    answer = solve(
+        gap, 8.0, fine, kernel(cells, cells, fine, FLAT.thickness_mm, FLAT.young_mpa, FLAT.poisson),
+        tolerance=1e-3,
+    )  # fmt: skip
+    assert contact.depth_mm == pytest.approx(answer.depth_mm, rel=0.05)
+
+
+@pytest.mark.parametrize("elastomer, pitch", [(DIGIT_GEL, 0.25), (CYSKIN_COVER, 0.5)])
+@pytest.mark.parametrize("name", ["square-3", "hemisphere-1", "line-sharp-1", "pliers/teeth"])
+def test_eight_newtons_in_eight_newtons_out(name, elastomer, pitch, shapes):
+    shape = shapes(name)
+    for index in protocol.indices(name, protocol.SCALES["smoke"]):
+        contact = press(shape, protocol.press_at(shape, index), elastomer, pitch)
+        assert contact.settled and not contact.bottomed
+        assert contact.force_n == pytest.approx(8.0, rel=0.005)
+        assert (contact.pressure_kpa >= 0).all()
+        assert 0 < contact.depth_mm < elastomer.thickness_mm
+        ground = layer(elastomer, pitch)
+        assert (contact.surface_mm < ground.thickness_mm).all()
+
+
+def test_a_quarter_turn_of_the_press_turns_the_contact(shapes):
+    square = replace(CYSKIN_COVER, width_mm=28.0, length_mm=28.0)
+    shape = shapes("line-smooth-2")
+    for elastomer, pitch in ((square, CYSKIN_PITCH_MM), (FLAT, DIGIT_PITCH_MM)):
+        straight = pressed(shape, elastomer, pitch, x=2.0, y=1.0, yaw=0.3)
+        turned = pressed(shape, elastomer, pitch, x=-1.0, y=2.0, yaw=0.3 + np.pi / 2)
+        for name in ("surface_mm", "pressure_kpa"):
+            # A turn from x to y is clockwise where rows go down: rot90 backwards.
+            expected = np.rot90(getattr(straight, name), -1)
+            assert getattr(turned, name) == pytest.approx(
+                expected, abs=2e-3 * np.abs(expected).max()
+            )
+
+
+def test_a_press_to_the_right_touches_on_the_right():
+    contact = pressed(ball(3.0), x=4.0, y=-2.0)
+    row, column = np.unravel_index(contact.pressure_kpa.argmax(), contact.pressure_kpa.shape)
+    assert contact.x_mm[column] == pytest.approx(4.0, abs=0.5)
+    assert contact.y_mm[row] == pytest.approx(-2.0, abs=0.5)
+
+
+def test_the_shape_is_turned_over_about_x():
+    # Higher at its own +x and +y corner: at yaw 0 that corner lies at +x and -y of the sensor.
+    wedge = formula(lambda x, y: np.where((x > 1) & (y > 1) & (x < 4) & (y < 4), 0.0, NOTHING_MM))
+    contact = pressed(wedge, force=1.0)
+    x, y = np.meshgrid(contact.x_mm, contact.y_mm)
+    touched = contact.pressure_kpa > 0
+    assert (x[touched] > 0).all() and (y[touched] < 0).all()
+
+
+def test_more_force_goes_deeper_and_never_through():
+    depths = [
+        pressed(ball(4.0), CYSKIN_COVER, 0.5, force).depth_mm for force in (1.0, 4.0, 8.0, 30.0)
+    ]
+    assert depths == sorted(depths)
+    assert depths[-1] < CYSKIN_COVER.thickness_mm
+
+
+def test_halving_the_grid_changes_little():
+    for shape in (ball(4.0), block(5.0, 5.0)):
+        coarse = pressed(shape, pitch=0.5, yaw=0.4).depth_mm
+        assert pressed(shape, pitch=0.25, yaw=0.4).depth_mm == pytest.approx(coarse, rel=0.03)
+
+
+def test_footprint_of_a_turned_block_keeps_its_area():
+    command = Press("block", 0.3, -0.2, 0.4, 8.0)
+    axis = (np.arange(60) - 29.5) * 0.25
+    _, shares = footprint(block(5.0, 7.0).surface, command, axis, axis)
+    assert shares.sum() * 0.25**2 == pytest.approx(35.0, rel=0.02)
+
+
+def test_the_fine_surface_follows_the_shape(shapes):
+    shape = shapes("square-2")
+    command = Press("square-2", 0.0, 0.0, 0.2, 8.0)
+    contact = press(shape, command, DIGIT_GEL, DIGIT_PITCH_MM)
+    axis = np.linspace(-2, 2, 21)
+    fine = surface_on(contact, shape, command, DIGIT_GEL, axis, axis)
+    x, y = np.meshgrid(axis, axis)
+    expected = contact.shape_depth_mm + DIGIT_GEL.rest_surface_mm(x, y)
+    assert fine == pytest.approx(expected, abs=0.02)
+
+
+def test_beside_the_pad_is_an_error():
+    with pytest.raises(T2TwinError, match="beside the flat pad"):
+        pressed(ball(2.0), x=30.0)
+
+
+def test_through_a_linear_layer_is_an_error():
+    with pytest.raises(T2TwinError, match="through the flat layer"):
+        pressed(ball(2.0), replace(FLAT, thickness_mm=1.0), force=20.0)
+
+
+@pytest.mark.parametrize("force", [-3.0, 0.0, 5000.0, float("nan")])
+def test_an_impossible_force_is_an_error(force):
+    with pytest.raises(T2TwinError, match=r"0\.01 to 100 N"):
+        pressed(ball(4.0), force=force)
