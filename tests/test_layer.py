@@ -25,8 +25,8 @@ def test_the_base_carries_long_waves_whole_and_short_ones_not_at_all():
 
 
 def test_a_wide_pressure_sinks_by_the_confined_modulus():
-    flat = Elastomer("flat", H, E, NU, width_mm=40, length_mm=40, law="linear")
-    ground = Layer(flat, 0.5)
+    flat = Elastomer("flat", H, E, NU, width_mm=80, length_mm=80, law="linear")
+    ground = Layer(flat, 1.0)
     sunk = ground.deflection_mm(np.full((ground.rows, ground.columns), 0.01))
     confined = H * (1 - 2 * NU) * (1 + NU) / ((1 - NU) * E)
     assert sunk[ground.rows // 2, ground.columns // 2] == pytest.approx(0.01 * confined, rel=5e-3)
@@ -45,5 +45,5 @@ def test_deflection_is_linear_and_mirrors():
     ground = Layer(CYSKIN_COVER, 0.5)
     pressure = np.random.default_rng(1).random((ground.rows, ground.columns))
     sunk = ground.deflection_mm(pressure)
-    assert ground.deflection_mm(2 * pressure) == pytest.approx(2 * sunk, rel=1e-4)
-    assert ground.deflection_mm(pressure[::-1]) == pytest.approx(sunk[::-1], rel=1e-4)
+    assert ground.deflection_mm(2 * pressure) == pytest.approx(2 * sunk, abs=1e-5)
+    assert ground.deflection_mm(pressure[::-1]) == pytest.approx(sunk[::-1], abs=1e-5)

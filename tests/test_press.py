@@ -52,7 +52,7 @@ def test_depth_grows_with_force_as_theory_says():
 
 @pytest.mark.parametrize("shape", [ball(4.0), block(8.0, 8.0), block(2.0, 12.0)])
 def test_the_engine_agrees_with_the_oracle(shape):
-    contact = pressed(shape, pitch=0.5)
+    contact = pressed(shape, pitch=0.25)
     fine = 0.125
     cells = round(FLAT.width_mm / fine)
     axis = (np.arange(cells) - (cells - 1) / 2) * fine
@@ -62,7 +62,7 @@ def test_the_engine_agrees_with_the_oracle(shape):
         gap, 8.0, fine, kernel(cells, cells, fine, FLAT.thickness_mm, FLAT.young_mpa, FLAT.poisson),
         tolerance=1e-3,
     )  # fmt: skip
-    assert contact.depth_mm == pytest.approx(answer.depth_mm, rel=0.05)
+    assert contact.depth_mm == pytest.approx(answer.depth_mm, rel=0.03)
 
 
 @pytest.mark.parametrize("elastomer, pitch", [(DIGIT_GEL, 0.25), (CYSKIN_COVER, 0.5)])
@@ -89,7 +89,7 @@ def test_a_quarter_turn_of_the_press_turns_the_contact(shapes):
             # A turn from x to y is clockwise where rows go down: rot90 backwards.
             expected = np.rot90(getattr(straight, name), -1)
             assert getattr(turned, name) == pytest.approx(
-                expected, abs=2e-3 * np.abs(expected).max()
+                expected, abs=2e-3 * float(np.abs(expected).max())
             )
 
 

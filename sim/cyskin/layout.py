@@ -75,7 +75,7 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
         else:
             rows = json.loads(path.read_text())["taxels"]
         columns = [
-            np.array([float(row.get(key) or default) for row in rows])
+            np.array([_number(row.get(key), default) for row in rows])
             for key, default in (
                 ("x_mm", "missing"),
                 ("y_mm", "missing"),
@@ -88,3 +88,8 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
             'under "taxels" or as CSV columns'
         ) from error
     return Layout(path.stem, *columns)
+
+
+def _number(value: object, default: object) -> float:
+    """A cell of a layout; what is left empty is the default, and what is no number an error."""
+    return float(str(default if value is None or value == "" else value))

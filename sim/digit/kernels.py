@@ -36,6 +36,10 @@ def _ray_stops() -> np.ndarray:
 RAY_STOPS_MM = _ray_stops()
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+# finite numbers only: lets minima and maxima be vectorised, changes no rounding
+_jit_finite = numba.njit(
+    cache=True, nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz"}
+)
 
 
 @_jit
@@ -57,7 +61,7 @@ def bounds(surface, least):
     return top, bottom, left, right, finite
 
 
-@_jit
+@_jit_finite
 def coated(surface):
     """(G) surface smoothed by COAT_TAPS along both axes; its edge cells continue outwards."""
     ny, nx = surface.shape
@@ -80,7 +84,7 @@ def coated(surface):
     return out
 
 
-@_jit
+@_jit_finite
 def coarse_heights(z):
     """(C) means of heights z (G) over blocks of the grid, mm."""
     ny, nx = z.shape[0] // SHADOW_STRIDE, z.shape[1] // SHADOW_STRIDE
@@ -95,7 +99,7 @@ def coarse_heights(z):
     return out
 
 
-@_jit
+@_jit_finite
 def sight_of_lamps(heights, x0, y0, pitch, caster, window, lamps, size, sight):
     """Fill sight (lamps, C) with the part of each lamp's disc that each cell sees.
 
@@ -168,7 +172,7 @@ def sight_of_lamps(heights, x0, y0, pitch, caster, window, lamps, size, sight):
     return top, bottom, left, right
 
 
-@_jit
+@_jit_finite
 def soften(sight, region, softened):
     """Fill a region of softened with sight (lamps, C) blurred by 1, 2, 1 along both axes.
 
@@ -186,7 +190,7 @@ def soften(sight, region, softened):
                 softened[k, i, j] = total
 
 
-@_jit
+@_jit_finite
 def light(
     z, sight, gain, lamps, colours, reach_mm, across, down, distance, x0, y0, pitch, region, steps,
     depth, seen,
@@ -255,7 +259,7 @@ def light(
             seen[row, column, 2] = blue
 
 
-@_jit
+@_jit_finite
 def picture(change, background, rest, table, region, draws, quantiles, sigma, out):
     """Fill out (P, RGB) uint8: the background's light and the change, encoded, noisy, rounded.
 

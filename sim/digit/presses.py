@@ -4,6 +4,7 @@ The press engine gives the real ones; these need no contact solver.
 """
 
 import numpy as np
+
 from sim.digit.camera import optical_grid
 
 SKIRT_MM = 0.6

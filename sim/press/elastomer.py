@@ -77,23 +77,25 @@ def neo_hookean_mm(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Deflection w, mm, of a stiffening layer where a linear one would give u, and dw / du.
 
-    The linear layer's strain u / h stands for the stress over the modulus; a neo-Hookean solid takes
-    that stress at a stretch l with (1 / l^2 - l) / 3 = u / h (Treloar, The Physics of Rubber
-    Elasticity, 1975), and w = h (1 - l). Equal to u for small strain, below h for any stress. The
-    local strain is taken through the thickness, which leaves out large rotations.
+    The linear layer's strain u / h stands for the stress over the modulus; a neo-Hookean solid
+    takes that stress at a stretch l with (1 / l^2 - l) / 3 = u / h (Treloar, The Physics of Rubber
+    Elasticity, 1975), and w = h (1 - l). Equal to u for small strain, below h for any stress;
+    where the surface bulges out (u < 0) it stays u. The local strain is taken through the
+    thickness, which leaves out large rotations.
     """
-    strain = linear_mm / thickness_mm
+    strain = np.maximum(linear_mm, 0.0) / thickness_mm
     # Newton's method on l^3 + 3 (u / h) l^2 = 1, from above the root, where it is convex.
     stretch = 1 / np.sqrt(np.maximum(3 * strain, 1.0))
     for _ in range(NEWTON_STEPS):
         stretch -= (stretch**3 + 3 * strain * stretch**2 - 1) / (
             3 * stretch**2 + 6 * strain * stretch
         )
-    return thickness_mm * (1 - stretch), stretch / (stretch + 2 * strain)
+    pressed = thickness_mm * (1 - stretch)
+    return np.where(linear_mm > 0, pressed, linear_mm), stretch / (stretch + 2 * strain)
 
 
 NEWTON_STEPS = 5
-"""Steps that bring the stretch to 1e-6 for strains from -0.3 up."""
+"""Steps that bring the stretch to rounding error."""
 
 DIGIT_GEL = Elastomer(
     name="digit",

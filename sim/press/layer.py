@@ -75,7 +75,6 @@ class Layer:
     """One elastomer's linear answer on a grid of square cells.
 
     rows, columns: the grid. pitch_mm: its cell. x_mm (columns,), y_mm (rows,): cell centres.
-    compliance_mm_per_mpa: the largest over all wavelengths, at the thickest place.
     """
 
     def __init__(self, elastomer: Elastomer, pitch_mm: float) -> None:
@@ -97,10 +96,24 @@ class Layer:
             [_kernel(self.rows, self.columns, pitch_mm, float(h), elastomer) for h in levels]
         ).astype(np.float32)
         self._transforms: dict[tuple[int, int], np.ndarray] = {}
+        wavenumbers = np.linspace(1e-3, 10, 2000) / thickest
         spectrum = compliance_mm_per_mpa(
-            np.linspace(1e-3, 10, 2000) / thickest, thickest, elastomer.young_mpa, elastomer.poisson
+            wavenumbers, thickest, elastomer.young_mpa, elastomer.poisson
         )
-        self.compliance_mm_per_mpa = float(spectrum.max())
+        self._largest = float(spectrum.max())
+
+    def largest_compliance_mm_per_mpa(self, span: tuple[int, ...]) -> float:
+        """A bound of the deflection per pressure in a window of so many rows and columns, mm/MPa.
+
+        The lesser of the largest over all wavelengths and the largest row sum of the operator.
+        """
+        rows, columns = min(span[0], self.rows) // 2 + 1, min(span[1], self.columns) // 2 + 1
+        near = self._kernels[
+            -1,
+            self.rows - rows : self.rows + rows - 1,
+            self.columns - columns : self.columns + columns - 1,
+        ]
+        return min(self._largest, float(np.abs(near).sum()))
 
     def deflection_mm(
         self, pressure_mpa: np.ndarray, window: tuple[slice, slice] = WHOLE

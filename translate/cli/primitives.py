@@ -16,10 +16,10 @@ def primitives(
     """
     from primitives_cad.catalogue import NAMES
     from primitives_cad.export import export
-    from primitives_cad.sheet import contact_sheet
+    from primitives_cad.sheet import draw_sheet
 
     export(out)
-    sheet = contact_sheet(out / "contact_sheet.png")
+    sheet = draw_sheet(out / "contact_sheet.png")
     print("shapes to press:")
     for start in range(0, len(NAMES), 4):
         print("  " + "".join(f"{name:24}" for name in NAMES[start : start + 4]).rstrip())

@@ -1,0 +1,105 @@
+import json
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from translate.cli import main
+
+
+def run(*arguments, code=0):
+    """Run a command as the shell would; its exit status must be the given one."""
+    try:
+        main([str(argument) for argument in arguments])
+        status = 0
+    except SystemExit as stop:
+        status = int(stop.code or 0)
+    assert status == code
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder_of_its_own(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_press_writes_pictures_and_numbers(tmp_path, capsys):
+    run("press", "square-2", "--yaw-deg", "30", "--out", tmp_path / "out")
+    summary = json.loads((tmp_path / "out/press.json").read_text())
+    for sensor in ("digit", "cyskin"):
+        assert summary[sensor]["force_n"] == pytest.approx(8.0, rel=0.005)
+        assert summary[sensor]["settled"]
+        fields = np.load(tmp_path / f"out/contact_{sensor}.npz")
+        rows, columns = fields["y_mm"].size, fields["x_mm"].size
+        assert fields["pressure_kpa"].shape == fields["surface_mm"].shape == (rows, columns)
+        cell = (fields["x_mm"][1] - fields["x_mm"][0]) ** 2
+        assert fields["pressure_kpa"].sum() * cell / 1e3 == pytest.approx(8.0, rel=0.005)
+    assert Image.open(tmp_path / "out/digit.png").size == (240, 320)
+    tactile = np.asarray(Image.open(tmp_path / "out/tactile_image.png"))
+    counts = json.loads((tmp_path / "out/cyskin.json").read_text())["counts"]
+    assert tactile.shape == (396, 240) and len(counts) == 20
+    assert tactile.max() == pytest.approx(max(counts), rel=0.02)
+    assert "8.00 N" in capsys.readouterr().out
+
+
+def test_press_takes_a_users_stl_and_another_elastomer(tmp_path):
+    trimesh.creation.icosphere(subdivisions=4, radius=6.0).export(tmp_path / "my.stl")
+    run("press", tmp_path / "my.stl", "--sensor", "digit", "--flat", "--thickness-mm", "50",
+        "--young-mpa", "0.5", "--force-n", "0.5", "--out", tmp_path / "out")  # fmt: skip
+    depth = json.loads((tmp_path / "out/press.json").read_text())["digit"]["depth_mm"]
+    modulus = 0.5 / (1 - 0.47**2)
+    assert depth == pytest.approx((3 * 0.5 / (4 * modulus)) ** (2 / 3) / 6 ** (1 / 3), rel=0.08)
+
+
+def open_mesh(path):
+    box = trimesh.creation.box((5, 5, 5))
+    box.update_faces(np.arange(len(box.faces)) > 1)
+    box.export(path)
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (("press", "sqare-2"), "square-2"),
+        (("press", "missing.stl"), "missing.stl"),
+        (("press", "text.stl"), "text.stl"),
+        (("press", "open.stl"), "open"),
+        (("press", "square-2", "--force-n", "-3"), "0.01 to 100 N"),
+        (("press", "square-2", "--force-n", "5000"), "0.01 to 100 N"),
+        (("press", "square-2", "--force-n", "nan"), "0.01 to 100 N"),
+        (("press", "square-2", "--x-mm", "60"), "beside"),
+        (("press", "square-2", "--thickness-mm", "-1"), "thickness_mm"),
+        (("simdata", "--scale", "huge"), "smoke, small, paper"),
+        (("simdata", "--scale", "smoke", "--workers", "0"), "1 and more"),
+        (("train", "resnet18", "--data", "empty"), "empty"),
+        (("train", "alexnet", "--data", "empty"), "touch2touch"),
+        (("evaluate", "norun", "--data", "empty"), "norun"),
+        (("translate", "norun", "text.png"), "text.png"),
+        (("translate", "norun", "missing.png"), "missing.png"),
+        (("report", "--data", "empty"), "empty"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_status_2(tmp_path, capsys, arguments, words):
+    (tmp_path / "empty").mkdir()
+    for name in ("text.stl", "text.png"):
+        (tmp_path / name).write_text("no picture, no solid")
+    open_mesh(tmp_path / "open.stl")
+    before = {path for path in tmp_path.rglob("*") if "primitives" not in str(path)}
+    run(*arguments, code=2)
+    said = capsys.readouterr()
+    assert words in said.err
+    assert said.err.startswith("t2twin: ") and said.err.count("\n") == 1
+    assert "Traceback" not in said.err
+    assert {path for path in tmp_path.rglob("*") if "primitives" not in str(path)} == before
+
+
+def test_every_command_has_help(capsys):
+    for command in ("primitives", "press", "simdata", "train", "evaluate", "translate", "report",
+                    "doctor"):  # fmt: skip
+        run(command, "--help")
+        assert command in capsys.readouterr().out
+
+
+def test_doctor_finds_this_machine_fit(capsys):
+    run("doctor")
+    assert "FAIL" not in capsys.readouterr().out

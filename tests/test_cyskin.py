@@ -1,0 +1,133 @@
+import json
+
+import numpy as np
+import pytest
+from solids import ball
+
+from primitives_cad.errors import T2TwinError
+from sim.bench import CySkin
+from sim.cyskin import reading, taxels
+from sim.cyskin.layout import Layout, load_layout
+from sim.records import Press
+
+
+@pytest.fixture(scope="module")
+def sensor():
+    return CySkin()
+
+
+def dense(pitch):
+    x, y = np.meshgrid(np.arange(-12, 12.1, pitch), np.arange(-20, 20.1, pitch))
+    # A round pad as large as its square tile.
+    side = np.full(x.size, 2 * pitch / np.sqrt(np.pi))
+    return Layout("dense", x.ravel(), y.ravel(), side)
+
+
+def test_pads_that_tile_the_cover_feel_the_whole_force(sensor):
+    layout = dense(1.0)
+    contact = sensor.touch(ball(5.0), Press("ball", 1.0, 2.0, 0.0, 8.0))
+    pressure = taxels.pad_pressure_mpa(contact, layout, sensor.cover)
+    assert pressure.sum() * 1.0**2 == pytest.approx(8.0, rel=0.01)
+
+
+def test_one_pitch_further_is_one_taxel_further(sensor):
+    layout = sensor.layout
+    here = int(np.argmin(np.hypot(layout.x_mm + 3.2476, layout.y_mm + 1.875)))
+    there = int(np.argmin(np.hypot(layout.x_mm + 3.2476, layout.y_mm - 5.625)))
+    felt = [
+        sensor.feel(
+            sensor.touch(ball(5.0), Press("ball", layout.x_mm[n], layout.y_mm[n], 0.0, 8.0))
+        )
+        for n in (here, there)
+    ]
+    assert felt[0].argmax() == here and felt[1].argmax() == there
+    assert felt[1][there] == pytest.approx(felt[0][here], rel=0.03)
+
+
+def test_counts_rise_with_force_and_flatten_at_saturation(sensor):
+    pressure = np.linspace(0.0, 5.0, 200)
+    read = taxels.counts(pressure)
+    assert read[0] == 0 and read[-1] == taxels.FULL_SCALE_COUNTS
+    below = read < taxels.FULL_SCALE_COUNTS
+    assert (np.diff(read[below]) > 0).all()
+    assert (read <= taxels.FULL_SCALE_COUNTS).all()
+
+
+def test_untouched_readings_scatter_as_the_real_ones_do():
+    layout, rng = load_layout(), np.random.default_rng(0)
+    flaws = reading.imperfections("untouched")
+    # Around an offset, so that readings below the baseline are seen too.
+    offset = 5000.0
+    samples = np.array([reading.read(np.full(20, offset), layout, flaws, rng) for _ in range(2000)])
+    away = np.abs(samples.astype(float) - offset).ravel()
+    assert np.percentile(away, 95) == pytest.approx(600, rel=0.15)
+    assert np.percentile(away, 50) < 7
+
+
+def test_every_imperfection_does_what_it_says():
+    layout, true = load_layout(), np.full(20, 10_000.0)
+
+    def read(rng=0, **flaws):
+        found = reading.read(
+            true, layout, reading.Imperfections(**flaws), np.random.default_rng(rng)
+        )
+        return found.astype(float)
+
+    assert (read() == true).all()
+    assert read(dead=(3,))[3] == 0 and (np.delete(read(dead=(3,)), 3) == 10_000).all()
+    assert (read(crosstalk=0.01) > true).all()
+    assert (read(hysteresis=0.1) >= 9_000).all() and (read(hysteresis=0.1) < true).all()
+    assert read(gain_spread=0.1).std() == pytest.approx(1000, rel=0.5)
+    assert (read(0, gain_spread=0.1) == read(1, gain_spread=0.1)).all()
+    assert 0 < read(white_counts=50.0).std() < 50
+
+
+def test_saturated_readings_stay_at_full_scale():
+    flaws = reading.imperfections("white")
+    found = reading.read(np.full(20, 60_000.0), load_layout(), flaws, np.random.default_rng(0))
+    assert (found == taxels.FULL_SCALE_COUNTS).all()
+
+
+def test_the_default_layout_is_a_triangular_grid():
+    layout = load_layout()
+    apart = np.hypot(*(v[:, None] - v[None] for v in (layout.x_mm, layout.y_mm)))
+    apart[np.diag_indices(20)] = np.inf
+    assert layout.size == 20
+    assert apart.min(axis=1) == pytest.approx(7.5, abs=1e-3)
+    assert layout.x_mm.mean() == pytest.approx(0) and layout.y_mm.mean() == pytest.approx(0)
+
+
+def test_layouts_from_json_and_csv_agree(tmp_path):
+    rows = [(0.0, 0.0), (7.5, 0.0), (0.0, 7.5), (5.0, 5.0)]
+    (tmp_path / "a.csv").write_text("x_mm,y_mm\n" + "".join(f"{x},{y}\n" for x, y in rows))
+    (tmp_path / "a.json").write_text(
+        json.dumps({"taxels": [{"x_mm": x, "y_mm": y} for x, y in rows]})
+    )
+    first, second = load_layout(tmp_path / "a.csv"), load_layout(tmp_path / "a.json")
+    assert (first.x_mm == second.x_mm).all() and (first.y_mm == second.y_mm).all()
+
+
+@pytest.mark.parametrize(
+    "content, message",
+    [
+        ("x_mm,y_mm\n0,0\n1,1\n", "at least 3"),
+        ("x_mm,y_mm\n0,0\n1,1\n1,1\n", "in one place"),
+        ("x_mm,y_mm\n0,0\n1,abc\n1,1\n", "no taxel layout"),
+        ("a,b\n0,0\n", "no taxel layout"),
+        ("x_mm,y_mm\n0,0\n1,nan\n1,1\n", "finite"),
+    ],
+)
+def test_a_bad_layout_is_one_sentence(tmp_path, content, message):
+    path = tmp_path / "bad.csv"
+    path.write_text(content)
+    with pytest.raises(T2TwinError, match=message):
+        load_layout(path)
+    with pytest.raises(T2TwinError, match="allowed are|or a path"):
+        load_layout(tmp_path / "missing.csv")
+
+
+def test_taxels_outside_the_cover_are_an_error(sensor):
+    far = Layout("far", np.array([0.0, 5.0, 40.0]), np.zeros(3), np.full(3, 4.0))
+    contact = sensor.touch(ball(5.0), Press("ball", 0.0, 0.0, 0.0, 8.0))
+    with pytest.raises(T2TwinError, match="outside the cover"):
+        taxels.pad_pressure_mpa(contact, far, sensor.cover)

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from primitives_cad import catalogue
+from primitives_cad.errors import T2TwinError
+from sim import protocol
+
+
+def test_the_paper_scale_is_the_papers():
+    scale = protocol.SCALES["paper"]
+    counted = {"train": 0, "val": 0, "test": 0}
+    for name in catalogue.NAMES:
+        counted[catalogue.split(name)] += len(protocol.indices(name, scale))
+    assert counted["train"] + counted["val"] == 18_816
+    assert counted["train"] == 3 * counted["val"]
+    assert counted["test"] == 1_260
+    assert len(protocol.indices("square-1", scale)) == 588
+    assert len(protocol.indices("pliers/teeth", scale)) == 63
+
+
+@pytest.mark.parametrize("name", list(protocol.SCALES))
+def test_smaller_scales_are_part_of_the_paper_and_hold_every_shape(name):
+    for shape in catalogue.NAMES:
+        chosen = protocol.indices(shape, protocol.SCALES[name])
+        assert chosen and len(set(chosen)) == len(chosen)
+        assert set(chosen) <= set(protocol.indices(shape, protocol.SCALES["paper"]))
+
+
+def test_small_uses_all_orientations_evenly():
+    counted = np.zeros(12)
+    for shape in catalogue.PRIMITIVES:
+        for index in protocol.indices(shape, protocol.SCALES["small"]):
+            counted[index % 12] += 1
+    assert counted.min() > 0.9 * counted.mean() and counted.max() < 1.1 * counted.mean()
+
+
+def test_the_grid_turns_with_the_shape(shapes):
+    shape = shapes("square-2")
+    assert protocol.press_at(shape, 24 * 12).x_mm == pytest.approx(0.0)
+    corner = [protocol.press_at(shape, orientation) for orientation in range(12)]
+    yaws = np.array([press.yaw_rad for press in corner])
+    assert yaws == pytest.approx(np.linspace(0, 7 / 4 * np.pi, 12))
+    reach = 3 * shape.spacing_mm
+    for press in corner:
+        assert np.hypot(press.x_mm, press.y_mm) == pytest.approx(np.sqrt(2) * reach)
+    assert (corner[0].x_mm, corner[0].y_mm) == pytest.approx((-reach, -reach))
+
+
+def test_an_unknown_scale_names_the_known_ones():
+    with pytest.raises(T2TwinError, match="smoke, small, paper"):
+        protocol.scale_of("large")
