@@ -85,8 +85,7 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(made, tmp_path, cache
     folder = tmp_path / "killed"
     script = (
         "from sim.generate import generate\n"
-        "if __name__ == '__main__':\n"
-        f"    generate({str(folder)!r}, 'smoke', workers=1, cache={str(cache)!r}, shapes={SHAPES!r})"
+        f"generate({str(folder)!r}, 'smoke', workers=1, cache={str(cache)!r}, shapes={SHAPES!r})"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", script], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL

@@ -239,7 +239,8 @@ def _edge_compliance(ground: Layer, shares: np.ndarray) -> np.ndarray:
     elastomer = ground.elastomer
     own = SQUARE_MEAN * (1 - elastomer.poisson**2) / elastomer.young_mpa * ground.pitch_mm
     covered = shares > 0
-    within = ndimage.binary_erosion(covered, border_value=1) & (shares >= 1.0)
+    inner = np.asarray(ndimage.binary_erosion(covered, border_value=1), dtype=bool)
+    within = inner & (shares >= 1.0)
     wanted = own * (EDGE_SHARE / np.maximum(shares, LEAST_COVER) - EDGE_RISE)
     return np.where(covered & ~within, wanted, 0.0)
 

@@ -1,0 +1,159 @@
+"""The baked model: the background, the noise, the shadows, and how near it is to the reference."""
+
+import numpy as np
+import pytest
+from skimage.metrics import structural_similarity
+
+from primitives_cad.errors import T2TwinError
+from sim.digit import kernels, presses
+from sim.digit.calibration import Calibration
+from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from sim.digit.lights import DIGIT_LEDS
+from sim.digit.optics import DigitOptics
+from sim.digit.reference import ReferenceRenderer
+
+X_MM, Y_MM = np.meshgrid(*optical_grid())
+FLAT = np.zeros(X_MM.shape)
+HALF_CROP = 50
+
+
+@pytest.fixture(scope="module")
+def optics():
+    return DigitOptics.load()
+
+
+@pytest.fixture(scope="module")
+def reference():
+    with ReferenceRenderer(light_points=5) as renderer:
+        yield renderer
+
+
+def crop(picture, x_mm, y_mm):
+    row, column = (
+        int(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (x_mm, y_mm, 0.0)))
+    )
+    row = min(max(row, HALF_CROP), ROWS - HALF_CROP)
+    column = min(max(column, HALF_CROP), COLUMNS - HALF_CROP)
+    return picture[
+        row - HALF_CROP : row + HALF_CROP, column - HALF_CROP : column + HALF_CROP
+    ].astype(float)
+
+
+def psnr(a, b):
+    return 10 * np.log10(255**2 / np.mean((a - b) ** 2))
+
+
+def test_an_untouched_gel_gives_the_background(optics):
+    picture = optics.render(FLAT)
+    assert picture.dtype == np.uint8
+    assert picture.shape == (ROWS, COLUMNS, 3)
+    np.testing.assert_array_equal(picture, optics.background)
+
+
+def test_far_from_a_press_the_picture_is_the_background(optics):
+    picture = optics.render(presses.ball(-3.5, -5.0, 0.6)).astype(int)
+    assert np.abs(picture[200:] - optics.background[200:]).max() <= 1
+    assert np.abs(picture[:200] - optics.background[:200]).max() > 40
+
+
+def test_the_shipped_background_is_the_reference(optics, reference):
+    picture = reference.render(FLAT).astype(float)
+    assert psnr(picture, optics.background.astype(float)) > 45
+
+
+@pytest.mark.parametrize(
+    "surface, place",
+    [
+        (presses.ball(1.0, -1.4, 1.2), (1.0, -1.4)),
+        (presses.block(-1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
+        (presses.ring(0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
+    ],
+    ids=["ball", "block", "ring"],
+)
+def test_the_baked_picture_is_the_reference(optics, reference, surface, place):
+    wanted = crop(reference.render(surface), *place)
+    given = crop(optics.render(surface), *place)
+    nothing = crop(optics.background, *place)
+    assert psnr(wanted, given) > 32
+    assert psnr(wanted, given) > psnr(wanted, nothing) + 12
+    similarity = structural_similarity(wanted, given, channel_axis=2, data_range=255)
+    assert float(np.mean(similarity)) > 0.95
+
+
+def test_without_shadows_every_lamp_is_missed_on_its_far_side(optics):
+    surface = presses.ball(0.5, 0.5, 1.2)
+    bare = DigitOptics(Calibration.load(), shadows=False)
+    lost = bare.render(surface).astype(int) - optics.render(surface)
+    assert lost.min() >= -1
+    middle = np.array(
+        [float(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.5, 0.5, -0.5)))]
+    )
+    rows, columns = np.mgrid[:ROWS, :COLUMNS]
+    for channel, led in enumerate(DIGIT_LEDS):
+        weight = np.clip(lost[..., channel] - 25, 0, None)  # the lamp's own channel, mostly
+        centre = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
+        angle = np.radians(led.angle_deg)
+        assert (centre - middle) @ np.array([np.sin(angle), -np.cos(angle)]) > 15
+
+
+def test_a_wall_hides_half_the_lamp_where_similar_triangles_say():
+    pitch, height, wall = 0.1, 1.0, 60  # mm, mm, column
+    heights = np.zeros((21, 200), dtype=np.float32)
+    heights[:, wall - 10 : wall + 1] = -height
+    lamp = np.array([[-15.0, 1.0, -4.0]])  # in line with row 10, left of the wall
+    sight = np.ones((1, *heights.shape), dtype=np.float32)
+    kernels.sight_of_lamps(
+        heights, 0.0, 0.0, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), lamp, 0.5, sight
+    )
+    shadow = sight[0, 10, wall + 2 :]
+    far = (wall + 2 + np.argmax(shadow > 0.5)) * pitch  # first cell that sees half the disc
+    edge = wall * pitch
+    expected = edge + (edge + 15.0) * height / (4.0 - height)
+    assert far == pytest.approx(expected, abs=0.6)  # the rays' step there
+    assert (np.diff(shadow) >= -0.02).all()
+    assert shadow[0] == 0.0
+    assert (sight[0, :, : wall - 11] == 1.0).all()
+
+
+def test_noise_has_the_stated_deviation_and_comes_from_the_generator(optics):
+    first = optics.render(FLAT, np.random.default_rng(4), noise_grey=3.0)
+    again = optics.render(FLAT, np.random.default_rng(4), noise_grey=3.0)
+    other = optics.render(FLAT, np.random.default_rng(5), noise_grey=3.0)
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).mean() > 0.5
+    noise = first.astype(float) - optics.background
+    assert noise.mean() == pytest.approx(0.0, abs=0.03)
+    assert noise.std() == pytest.approx(np.hypot(3.0, np.sqrt(1 / 12)), rel=0.02)
+    neighbours = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
+    assert abs(neighbours) < 0.01
+
+
+def test_no_generator_or_no_deviation_gives_no_noise(optics):
+    rng = np.random.default_rng(0)
+    np.testing.assert_array_equal(optics.render(FLAT, rng, noise_grey=0.0), optics.background)
+
+
+def test_a_calibration_survives_its_file(tmp_path):
+    calibration = Calibration.load()
+    calibration.save(tmp_path / "unit.npz")
+    again = Calibration.load(tmp_path / "unit.npz")
+    np.testing.assert_array_equal(again.background, calibration.background)
+    np.testing.assert_array_equal(again.response, calibration.response)
+    assert again.distance_mm == calibration.distance_mm
+    assert [path.name for path in tmp_path.iterdir()] == ["unit.npz"]
+
+
+def test_bad_input_is_refused(optics, tmp_path):
+    with pytest.raises(T2TwinError, match="must be"):
+        optics.render(np.zeros((5, 5)))
+    holed = FLAT.copy()
+    holed[3, 3] = np.nan
+    with pytest.raises(T2TwinError, match="finite"):
+        optics.render(holed)
+    with pytest.raises(T2TwinError, match="between 0 and 255"):
+        optics.render(FLAT, np.random.default_rng(0), noise_grey=-1.0)
+    (tmp_path / "text.npz").write_text("no calibration")
+    with pytest.raises(T2TwinError, match="calibrat"):
+        DigitOptics.load(tmp_path / "text.npz")
+    with pytest.raises(T2TwinError, match="calibrat"):
+        DigitOptics.load(tmp_path / "absent.npz")

@@ -1,0 +1,97 @@
+"""Truths of the reference picture: light, colour, shadow and symmetry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from primitives_cad.errors import T2TwinError
+from sim.digit import presses
+from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from sim.digit.lights import AMBIENT, DIGIT_LEDS, permuted
+from sim.digit.reference import ReferenceRenderer, encode
+from sim.press.elastomer import DIGIT_GEL
+
+X_MM, Y_MM = np.meshgrid(*optical_grid())
+FLAT = np.zeros(X_MM.shape)
+PURE = tuple(
+    replace(led, colour=colour) for led, colour in zip(DIGIT_LEDS, np.eye(3).tolist(), strict=True)
+)
+GREY_AMBIENT = (0.03, 0.03, 0.03)
+
+
+def render(surface_mm, leds=PURE, ambient=GREY_AMBIENT, shadows=True):
+    with ReferenceRenderer(leds, ambient, shadows, light_points=1) as renderer:
+        return renderer.render(surface_mm).astype(int)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    return presses.ball(0.8, -0.6, 1.2)
+
+
+@pytest.fixture(scope="module")
+def ball_picture(ball):
+    return render(ball)
+
+
+def test_with_the_lamps_off_only_the_ambient_light_is_left(ball):
+    dark = tuple(replace(led, on=False) for led in DIGIT_LEDS)
+    picture = render(ball, dark, AMBIENT)
+    expected = encode(np.array(AMBIENT)).astype(int)
+    assert np.abs(picture - expected).max() <= 1
+
+
+def test_lamps_with_exchanged_colours_exchange_the_channels(ball, ball_picture):
+    exchanged = render(ball, permuted(PURE, (1, 0, 2)))
+    np.testing.assert_array_equal(exchanged, ball_picture[..., [1, 0, 2]])
+
+
+def test_a_mirrored_press_under_mirrored_lamps_gives_the_mirrored_picture(ball, ball_picture):
+    mirrored = tuple(
+        replace(led, angle_deg=180.0 - led.angle_deg, aim_mm=(-led.aim_mm[0], *led.aim_mm[1:]))
+        for led in PURE
+    )
+    picture = render(ball[:, ::-1], mirrored)
+    difference = np.abs(picture[:, ::-1] - ball_picture)
+    assert difference.mean() < 0.5
+    assert np.percentile(difference, 99.5) <= 8  # hard shadow edges fall on other texels
+
+
+def test_the_side_of_a_bulge_that_faces_a_lamp_is_the_bright_one(ball_picture):
+    row, column = (
+        int(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.8, -0.6, -1.0)))
+    )
+    for channel, led in enumerate(PURE):
+        angle = np.radians(led.angle_deg)
+        step = 20 * np.array([-np.sin(angle), np.cos(angle)])  # rows run down
+        near = ball_picture[int(row + step[0]), int(column + step[1]), channel]
+        far = ball_picture[int(row - step[0]), int(column - step[1]), channel]
+        assert near > far + 60
+
+
+def test_each_lamp_casts_its_shadow_on_the_far_side(ball, ball_picture):
+    lost = render(ball, shadows=False) - ball_picture
+    middle = np.array(
+        [float(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.8, -0.6, -0.5)))]
+    )
+    rows, columns = np.mgrid[:ROWS, :COLUMNS]
+    for channel, led in enumerate(PURE):
+        weight = np.clip(lost[..., channel] - 10, 0, None)
+        assert weight.sum() > 0
+        centre = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
+        angle = np.radians(led.angle_deg)
+        away = np.array([np.sin(angle), -np.cos(angle)])
+        assert (centre - middle) @ away > 15  # pixels
+
+
+def test_a_gel_pressed_flat_everywhere_shows_no_edges():
+    pressed = DIGIT_GEL.rest_surface_mm(X_MM, Y_MM) + 2.5  # a plane 2.5 mm into the sensor
+    picture = render(pressed)
+    for axis in (0, 1):
+        assert np.abs(np.diff(picture, n=2, axis=axis)).max() <= 3
+
+
+def test_a_surface_on_another_grid_is_refused():
+    with ReferenceRenderer(light_points=1) as renderer, pytest.raises(T2TwinError, match="shape"):
+        renderer.render(np.zeros((10, 10)))
