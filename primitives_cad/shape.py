@@ -49,7 +49,7 @@ class HeightMap:
         return float(self.x_mm[1] - self.x_mm[0])
 
     def sample(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """Heights at any points of the shape frame, bilinear; NOTHING_MM outside. Same shape as x."""
+        """Heights at points of the shape frame, bilinear, as many as x; NOTHING_MM outside."""
         rows = (y_mm - self.y_mm[0]) / self.pitch_mm
         columns = (x_mm - self.x_mm[0]) / self.pitch_mm
         return ndimage.map_coordinates(

@@ -1,0 +1,167 @@
+"""Every shape by name: the primitives, the tools at their keypoints, and a user's own files."""
+
+import difflib
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from primitives_cad import cache, families, files
+from primitives_cad.errors import T2TwinError
+from primitives_cad.families import PRIMITIVES
+from primitives_cad.shape import Keypoint, Shape
+
+CACHE_DIR = Path("data/primitives")
+"""Where prepared shapes are kept, below the current directory, unless told otherwise."""
+
+KEYPOINTS: dict[str, tuple[str, ...]] = {
+    "pliers": ("jaw-tip", "teeth", "pivot", "handle"),
+    "clamp": ("screw", "pad", "frame", "handle"),
+    "scissors": ("blade-tip", "blade-back", "pivot", "ring"),
+    "allen-key": ("long-arm", "bend", "short-end", "ridge"),
+    "wrench": ("ring", "open-end", "shank", "jaw-end"),
+}
+"""The tools and their keypoints by name; the points themselves stand with each tool's solid."""
+
+TOOLS = tuple(KEYPOINTS)
+OBJECTS = tuple(f"{tool}/{keypoint}" for tool in TOOLS for keypoint in KEYPOINTS[tool])
+NAMES = PRIMITIVES + OBJECTS
+
+OBJECT_SPACING_MM = 1.5
+"""Spacing of the 3 x 3 grid at a tool's keypoint, mm (Grella et al. 2023)."""
+
+
+def split(name: str) -> str:
+    """What a catalogue shape is for: "train", "val" (version 3) or "test" (tools).
+
+    Raises T2TwinError for a name that is not in the catalogue.
+    """
+    if name in OBJECTS:
+        return "test"
+    if name not in PRIMITIVES:
+        raise T2TwinError(_unknown(name))
+    return "val" if families.version(name) == families.VALIDATION_VERSION else "train"
+
+
+def load(name_or_path: str | Path, cache_dir: str | Path | None = None) -> Shape:
+    """A shape of the catalogue by name (`square-2`, `pliers/jaw-tip`), or of an STL or STEP file.
+
+    cache_dir: where meshes and height maps are kept between calls, None for CACHE_DIR. What is
+    kept is used only while the code that made it, or the file's content, is the same.
+    Raises T2TwinError for a name that is not in the catalogue, or a file that cannot be pressed.
+    """
+    folder = Path(cache_dir) if cache_dir is not None else CACHE_DIR
+    name = str(name_or_path)
+    if name in PRIMITIVES:
+        return cache.fetch(folder, name, b"", lambda: _primitive(name))
+    if name in OBJECTS:
+        return cache.fetch(folder, name, b"", lambda: _object(name, folder))
+    path = Path(name_or_path)
+    if path.suffix.lower() not in files.SUFFIXES:
+        raise T2TwinError(_unknown(name))
+    content = path.read_bytes() if path.is_file() else b""
+    content += path.suffix.lower().encode()
+    return cache.fetch(folder, path.stem, content, lambda: _file(path))
+
+
+def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh:
+    """A tool's watertight mesh in its own frame, mm, kept between calls as `load` does.
+
+    Raises T2TwinError for a name that is not a tool's.
+    """
+    from primitives_cad import tools
+
+    if tool not in TOOLS:
+        raise T2TwinError(f"there is no tool {tool!r}; the tools are {', '.join(TOOLS)}")
+    folder = Path(cache_dir) if cache_dir is not None else CACHE_DIR
+    return cache.fetch_mesh(folder, tool, lambda: tools.mesh(tool))
+
+
+def keypoints(tool: str) -> tuple[Keypoint, ...]:
+    """The four keypoints of a tool, in the tool's own frame.
+
+    Raises T2TwinError for a name that is not a tool's.
+    """
+    from primitives_cad import tools
+
+    if tool not in TOOLS:
+        raise T2TwinError(f"there is no tool {tool!r}; the tools are {', '.join(TOOLS)}")
+    return tools.keypoints(tool)
+
+
+def _unknown(name: str) -> str:
+    also = "a path to an .stl, .step or .stp file is also allowed"
+    if name in TOOLS:
+        choices = ", ".join(f"{name}/{keypoint}" for keypoint in KEYPOINTS[name])
+        return f"{name!r} is a tool and is pressed at a keypoint: {choices}; {also}"
+    # A family or a tool by itself is near, but not a shape: what it holds is named instead.
+    groups = {
+        **{
+            kind: tuple(n for n in PRIMITIVES if families.family(n) == kind)
+            for kind in families.FAMILIES
+        },
+        **{tool: tuple(n for n in OBJECTS if n.startswith(tool + "/")) for tool in TOOLS},
+    }
+    near = difflib.get_close_matches(name.lower(), (*NAMES, *groups), n=4, cutoff=0.5)
+    named = dict.fromkeys(full for guess in near for full in groups.get(guess, (guess,)))
+    if named:
+        hint = f"near names are {', '.join(named)}"
+    else:
+        hint = "names are like square-2 or pliers/jaw-tip, all listed by `t2twin primitives`"
+    return f"there is no shape {name!r}; {hint}; {also}"
+
+
+def _primitive(name: str) -> Shape:
+    from primitives_cad import solids, surface
+    from primitives_cad.tessellate import tessellate_symmetric
+
+    mesh, heights = surface.stand(tessellate_symmetric(solids.primitive(name)))
+    return Shape(
+        name=name,
+        mesh=mesh,
+        surface=heights,
+        spacing_mm=families.spacing_mm(families.extent_mm(name)),
+        parameters=families.parameters(name),
+        base_mm=-families.FEATURE_HEIGHT_MM,
+    )
+
+
+def _object(name: str, folder: Path) -> Shape:
+    from primitives_cad import surface, tools
+
+    tool, _, at = name.partition("/")
+    keypoint = next(each for each in tools.keypoints(tool) if each.name == at)
+    mesh = tool_mesh(tool, folder)
+    mesh.apply_transform(upright(keypoint))
+    mesh, heights = surface.stand(mesh)
+    return Shape(name=name, mesh=mesh, surface=heights, spacing_mm=OBJECT_SPACING_MM)
+
+
+def _file(path: Path) -> Shape:
+    from primitives_cad import surface
+
+    mesh: trimesh.Trimesh = files.read_solid(path)
+    mesh, heights = surface.stand(mesh)
+    reach = min(float(mesh.extents[:2].max()), 2.0 * surface.REACH_MM)
+    return Shape(name=path.stem, mesh=mesh, surface=heights, spacing_mm=families.spacing_mm(reach))
+
+
+def upright(keypoint: Keypoint) -> np.ndarray:
+    """(4, 4) transform that brings a keypoint to the origin and its direction to +z.
+
+    The smallest turn that does it (Rodrigues' rotation formula); half a turn about x for -z.
+    """
+    direction = np.asarray(keypoint.direction, dtype=np.float64)
+    axis = np.cross(direction, (0.0, 0.0, 1.0))
+    cosine = float(direction[2])
+    if cosine <= -1.0 + 1.0e-12:
+        turn = np.diag((1.0, -1.0, -1.0))
+    else:
+        skew = np.array(
+            [[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]]
+        )
+        turn = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    transform = np.eye(4)
+    transform[:3, :3] = turn
+    transform[:3, 3] = -turn @ np.asarray(keypoint.point_mm)
+    return transform

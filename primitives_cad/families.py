@@ -1,0 +1,113 @@
+"""The eight families of tactile primitives: what is varied in each, and by how much.
+
+Families, what is varied and the split by version are Grella et al. 2023's; the sizes are
+assumed, chosen for a DIGIT that sees about 12.5 x 16.7 mm. All lengths are in mm.
+"""
+
+from math import sqrt
+
+PLATE_SIDE_MM = 20.0
+"""Side of the square base plate that a primitive stands on, mm (assumed)."""
+
+PLATE_THICKNESS_MM = 3.0
+"""Thickness of the base plate, mm (assumed)."""
+
+FEATURE_HEIGHT_MM = 6.0
+"""Height of every feature's top above the plate, mm (assumed: well over the thickest soft
+layer, 4.07 mm, so that no press meets the plate)."""
+
+LINE_LENGTH_MM = 13.0
+"""Length of both kinds of line, along y, mm (assumed: within the 16.7 mm that a DIGIT sees)."""
+
+VALIDATION_VERSION = 3
+"""The version of each family that networks are validated on; the others are trained on."""
+
+FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
+    "line-smooth": (
+        {"width": 1.6, "radius": 0.4},
+        {"width": 3.0, "radius": 1.2},
+        {"width": 2.2, "radius": 0.8},
+        {"width": 2.6, "radius": 0.6},
+    ),
+    "square": ({"side": 5.6}, {"side": 8.4}, {"side": 7.0}, {"side": 10.0}),
+    "circle-empty": (
+        {"radius": 3.0, "edge": 0.8},
+        {"radius": 4.6, "edge": 1.6},
+        {"radius": 4.0, "edge": 1.1},
+        {"radius": 5.5, "edge": 1.3},
+    ),
+    "circle": ({"radius": 2.5}, {"radius": 4.2}, {"radius": 3.4}, {"radius": 5.0}),
+    "bump": (
+        {"height": 0.8, "curvature": 4.0},
+        {"height": 1.6, "curvature": 9.0},
+        {"height": 1.2, "curvature": 7.0},
+        {"height": 2.0, "curvature": 6.0},
+    ),
+    "square-empty": (
+        {"side": 6.0, "edge": 0.8},
+        {"side": 8.4, "edge": 1.6},
+        {"side": 7.2, "edge": 1.1},
+        {"side": 10.0, "edge": 1.3},
+    ),
+    "hemisphere": ({"radius": 2.5}, {"radius": 4.0}, {"radius": 3.3}, {"radius": 5.0}),
+    "line-sharp": ({"width": 1.0}, {"width": 3.0}, {"width": 1.8}, {"width": 2.4}),
+}
+"""Parameters of versions 1 to 4 of each family, mm (assumed). radius: of the long edges'
+rounding for line-smooth, else of the shape's outline (outer, for circle-empty); edge: wall
+thickness; curvature: radius of the bump's spherical cap."""
+
+SPACING_LIMITS_MM = (0.8, 1.5)
+"""Range of the press grid's spacing, mm (assumed; Grella et al. 2023 use 1.4 for a square)."""
+
+SPACING_STEP_MM = 0.05
+"""Spacings are rounded to this, mm (assumed)."""
+
+GRID_INTERVALS = 6
+"""Intervals along one side of the protocol's 7 x 7 grid (Grella et al. 2023)."""
+
+PRIMITIVES = tuple(
+    f"{family}-{version + 1}"
+    for family, versions in FAMILIES.items()
+    for version in range(len(versions))
+)
+"""Names of the 32 primitives, family by family."""
+
+
+def family(name: str) -> str:
+    """Family of a primitive: `square` of `square-2`."""
+    return name.rpartition("-")[0]
+
+
+def version(name: str) -> int:
+    """Version of a primitive, 1 to 4: 2 of `square-2`."""
+    return int(name.rpartition("-")[2])
+
+
+def parameters(name: str) -> dict[str, float]:
+    """What is varied in this primitive, by name, mm."""
+    return dict(FAMILIES[family(name)][version(name) - 1])
+
+
+def extent_mm(name: str) -> float:
+    """Largest side of the feature's outline, mm."""
+    sizes = parameters(name)
+    kind = family(name)
+    if kind in ("line-smooth", "line-sharp"):
+        return LINE_LENGTH_MM
+    if kind in ("square", "square-empty"):
+        return sizes["side"]
+    if kind == "bump":
+        return 2.0 * cap_radius_mm(sizes["height"], sizes["curvature"])
+    return 2.0 * sizes["radius"]
+
+
+def cap_radius_mm(height_mm: float, curvature_mm: float) -> float:
+    """Radius of the circle where a spherical cap of this height ends, mm: sqrt(2 R h - h^2)."""
+    return sqrt(2.0 * curvature_mm * height_mm - height_mm**2)
+
+
+def spacing_mm(extent: float) -> float:
+    """Spacing of a 7 x 7 grid of presses that covers a feature of this extent (mm), mm."""
+    low, high = SPACING_LIMITS_MM
+    steps = round(extent / GRID_INTERVALS / SPACING_STEP_MM)
+    return round(min(max(steps * SPACING_STEP_MM, low), high), 2)

@@ -1,0 +1,127 @@
+import numpy as np
+import pytest
+import torch
+
+from primitives_cad.errors import T2TwinError
+from sim.cyskin.layout import load_layout
+from translate.phi import TACTILE_SHAPE, Phi
+
+
+@pytest.fixture(scope="module")
+def phi() -> Phi:
+    layout = load_layout()
+    return Phi(layout.x_mm, layout.y_mm)
+
+
+@pytest.fixture(scope="module")
+def counts() -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 40001, (16, load_layout().size))
+
+
+def test_image_has_the_papers_size(phi: Phi, counts: np.ndarray) -> None:
+    assert phi(counts).shape == (16, 396, 240)
+    assert phi(counts[0]).shape == (396, 240)
+    assert phi(counts).dtype == np.float32
+
+
+def test_inverse_gives_the_array_back_within_a_count(phi: Phi, counts: np.ndarray) -> None:
+    assert np.abs(phi.inverse(phi(counts)) - counts).max() < 1.0
+    assert np.abs(phi.inverse(phi(counts[3])) - counts[3]).max() < 1.0
+
+
+@pytest.mark.parametrize("shape", [(256, 256), (128, 128), (64, 64), (32, 32)])
+def test_inverse_holds_at_the_generators_size(
+    phi: Phi, counts: np.ndarray, shape: tuple[int, int]
+) -> None:
+    small = phi.resized(shape)
+    assert small(counts).shape == (16, *shape)
+    assert np.abs(small.inverse(small(counts)) - counts).max() < 1.0
+
+
+def test_resize_is_by_area(phi: Phi, counts: np.ndarray) -> None:
+    """99 x 60 is a quarter: a pixel is the mean of the 16 it covers. 256 x 256 keeps the mean."""
+    image = phi(counts[0])
+    blocks = image.reshape(99, 4, 60, 4).mean(axis=(1, 3))
+    np.testing.assert_allclose(phi.resized((99, 60))(counts[0]), blocks, atol=0.05)
+    assert phi.resized((256, 256))(counts[0]).mean() == pytest.approx(image.mean(), rel=1e-5)
+
+
+def test_linear_field_is_exact_inside_the_hull_and_nought_outside(phi: Phi) -> None:
+    layout = load_layout()
+    x_mm, y_mm = np.meshgrid(*phi.centres_mm)
+    image = phi(1000.0 + 30.0 * layout.x_mm - 20.0 * layout.y_mm)
+    plane = 1000.0 + 30.0 * x_mm - 20.0 * y_mm
+    np.testing.assert_allclose(image[phi.hull], plane[phi.hull], rtol=1e-5)
+    assert not image[~phi.hull].any()
+
+
+def test_hull_has_the_area_of_the_layout(phi: Phi) -> None:
+    """Four rows of five at 7.5 mm, equilateral: 4 x 3 rhombi of 7.5 x 6.495 mm."""
+    area_mm2 = np.count_nonzero(phi.hull) / 8.8**2
+    assert area_mm2 == pytest.approx(12 * 7.5**2 * np.sqrt(3) / 2, rel=0.01)
+
+
+def test_weights_are_barycentric(phi: Phi) -> None:
+    sums = phi.matrix.sum(axis=1).reshape(TACTILE_SHAPE)
+    np.testing.assert_allclose(sums[phi.hull], 1.0, atol=1e-12)
+    assert phi.matrix.data.min() >= 0.0
+    assert np.diff(phi.matrix.indptr).max() == 3
+
+
+def test_one_taxel_peaks_at_its_place(phi: Phi) -> None:
+    layout = load_layout()
+    columns_mm, rows_mm = phi.centres_mm
+    for n in range(layout.size):
+        row, column = np.unravel_index(phi(np.eye(layout.size)[n]).argmax(), TACTILE_SHAPE)
+        assert abs(columns_mm[column] - layout.x_mm[n]) < 1.5 / 8.8
+        assert abs(rows_mm[row] - layout.y_mm[n]) < 1.5 / 8.8
+
+
+def test_inverse_is_least_squares(phi: Phi) -> None:
+    image = np.random.default_rng(1).normal(size=TACTILE_SHAPE)
+    expected = np.linalg.lstsq(phi.matrix.toarray(), image.ravel(), rcond=None)[0]
+    np.testing.assert_allclose(phi.inverse(image), expected, atol=1e-4)
+
+
+def test_any_layout_works() -> None:
+    rng = np.random.default_rng(2)
+    x_mm, y_mm = rng.uniform(-13, 13, 60), rng.uniform(-22, 22, 60)
+    phi = Phi(x_mm, y_mm)
+    counts = rng.uniform(0, 40000, 60)
+    assert np.abs(phi.inverse(phi(counts)) - counts).max() < 1.0
+
+
+def test_torch_says_the_same_and_has_gradients(phi: Phi, counts: np.ndarray) -> None:
+    small = phi.resized((64, 64))
+    of_torch = torch.tensor(counts, dtype=torch.float32, requires_grad=True)
+    images = small.to_torch(of_torch)
+    assert images.shape == (16, 1, 64, 64)
+    np.testing.assert_allclose(images[:, 0].detach().numpy(), small(counts), rtol=1e-4, atol=0.1)
+    back = small.from_torch(images)
+    back.sum().backward()
+    assert of_torch.grad is not None
+    np.testing.assert_allclose(of_torch.grad.numpy(), 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("x_mm", "y_mm", "says"),
+    [
+        ([0.0, 5.0], [0.0, 5.0], "at least 3"),
+        ([0.0, 5.0, 5.0, 0.0], [0.0, 0.0, 0.0, 5.0], "own place"),
+        ([0.0, 1.0, 2.0, 3.0], [0.0, 2.0, 4.0, 6.0], "one line"),
+        ([0.0, 5.0, 20.0], [0.0, 5.0, 0.0], "outside the tactile image"),
+        ([0.0, 5.0, np.nan], [0.0, 5.0, 0.0], "finite"),
+        ([0.0, 5.0, 0.0], [0.0, 5.0], "one length"),
+        ([0.0, 5.0, 0.0, 0.01], [0.0, 0.0, 5.0, 5.01], "a pixel apart"),
+    ],
+)
+def test_bad_layouts_are_refused(x_mm: list[float], y_mm: list[float], says: str) -> None:
+    with pytest.raises(T2TwinError, match=says):
+        Phi(np.array(x_mm), np.array(y_mm))
+
+
+def test_wrong_sizes_are_refused(phi: Phi) -> None:
+    with pytest.raises(T2TwinError, match="20 taxels"):
+        phi(np.zeros((4, 19)))
+    with pytest.raises(T2TwinError, match="396 x 240"):
+        phi.inverse(np.zeros((240, 396)))

@@ -1,0 +1,122 @@
+"""The 32 primitives: solids against closed forms, meshes against the solids they stand for."""
+
+from math import pi
+
+import numpy as np
+import pytest
+
+from primitives_cad import catalogue, families, solids
+from primitives_cad.families import FEATURE_HEIGHT_MM, LINE_LENGTH_MM, PLATE_SIDE_MM
+from primitives_cad.tessellate import tessellate_symmetric
+
+PLATE_MM3 = PLATE_SIDE_MM**2 * families.PLATE_THICKNESS_MM
+CHORDAL_MM = 0.01
+"""Promised distance of a mesh from its solid, mm."""
+
+
+def feature_mm3(name: str) -> float:
+    """Volume above the plate, by the closed form of each family."""
+    sizes = families.parameters(name)
+    tall = FEATURE_HEIGHT_MM
+    match families.family(name):
+        case "line-sharp":
+            return sizes["width"] * LINE_LENGTH_MM * tall
+        case "line-smooth":
+            # Each rounded edge leaves a quarter of a circle of its square.
+            corners = 2.0 * (1.0 - pi / 4.0) * sizes["radius"] ** 2
+            return (sizes["width"] * tall - corners) * LINE_LENGTH_MM
+        case "square":
+            return sizes["side"] ** 2 * tall
+        case "square-empty":
+            return (sizes["side"] ** 2 - (sizes["side"] - 2.0 * sizes["edge"]) ** 2) * tall
+        case "circle":
+            return pi * sizes["radius"] ** 2 * tall
+        case "circle-empty":
+            inner = sizes["radius"] - sizes["edge"]
+            return pi * (sizes["radius"] ** 2 - inner**2) * tall
+        case "hemisphere":
+            radius = sizes["radius"]
+            return pi * radius**2 * (tall - radius) + 2.0 / 3.0 * pi * radius**3
+        case "bump":
+            height, curvature = sizes["height"], sizes["curvature"]
+            rim_squared = 2.0 * curvature * height - height**2
+            cap = pi * height**2 * (3.0 * curvature - height) / 3.0
+            return pi * rim_squared * (tall - height) + cap
+        case other:
+            raise AssertionError(other)
+
+
+def on_triangles(mesh, rng: np.random.Generator, per_triangle: int = 8) -> np.ndarray:
+    """Points spread over every triangle of a mesh, its sides' middles among them, (n, 3) mm."""
+    weights = rng.dirichlet((1.0, 1.0, 1.0), per_triangle)
+    weights = np.concatenate([weights, [[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]]])
+    return np.einsum("wk,tkx->twx", weights, mesh.triangles).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("name", catalogue.PRIMITIVES)
+def test_solid_is_valid_and_has_the_volume_of_its_closed_form(name):
+    solid = solids.primitive(name)
+    assert solid.isValid()
+    assert len(solid.Solids()) == 1
+    assert solid.Volume() == pytest.approx(PLATE_MM3 + feature_mm3(name), rel=1e-6)
+
+
+@pytest.mark.parametrize("name", catalogue.PRIMITIVES)
+def test_mesh_is_closed_and_stands_in_the_shape_frame(name, shapes):
+    shape = shapes(name)
+    assert shape.mesh.is_watertight
+    assert shape.mesh.is_winding_consistent
+    assert shape.mesh.volume == pytest.approx(PLATE_MM3 + feature_mm3(name), rel=2e-3)
+    half = PLATE_SIDE_MM / 2.0
+    bottom = -FEATURE_HEIGHT_MM - families.PLATE_THICKNESS_MM
+    assert shape.mesh.bounds == pytest.approx(np.array([[-half, -half, bottom], [half, half, 0.0]]))
+
+
+def test_chordal_error_on_the_largest_curved_primitives():
+    rng = np.random.default_rng(0)
+    for name in ("hemisphere-4", "bump-2"):
+        radius = families.parameters(name).get("curvature", families.parameters(name).get("radius"))
+        assert radius is not None
+        mesh = tessellate_symmetric(solids.primitive(name))
+        faces = mesh.triangles[:, :, 2].min(axis=1) >= -families.parameters(name).get(
+            "height", radius
+        )
+        mesh.update_faces(faces)
+        centre = np.array([0.0, 0.0, -radius])
+        error = np.abs(np.linalg.norm(on_triangles(mesh, rng) - centre, axis=1) - radius)
+        assert len(mesh.faces) > 100
+        assert error.max() < CHORDAL_MM
+    radius = families.parameters("circle-4")["radius"]
+    points = on_triangles(tessellate_symmetric(solids.primitive("circle-4")), rng)
+    wall = points[(points[:, 2] > -FEATURE_HEIGHT_MM + 1e-6) & (points[:, 2] < -1e-6)]
+    assert len(wall) > 100
+    assert np.abs(np.hypot(wall[:, 0], wall[:, 1]) - radius).max() < CHORDAL_MM
+
+
+def test_versions_differ_and_validation_lies_inside_its_family():
+    for versions in families.FAMILIES.values():
+        assert len(versions) == 4
+        for parameter in versions[0]:
+            values = [version[parameter] for version in versions]
+            assert len(set(values)) == 4
+            validation = values.pop(families.VALIDATION_VERSION - 1)
+            assert min(values) < validation < max(values)
+
+
+def test_spacing_covers_the_feature_or_is_at_its_limit():
+    assert families.spacing_mm(families.extent_mm("square-2")) == 1.4
+    low, high = families.SPACING_LIMITS_MM
+    for name in catalogue.PRIMITIVES:
+        spacing = families.spacing_mm(families.extent_mm(name))
+        assert low <= spacing <= high
+        if low < spacing < high:
+            covered = families.GRID_INTERVALS * spacing
+            assert covered == pytest.approx(families.extent_mm(name), abs=0.16)
+
+
+def test_splits():
+    assert len(catalogue.PRIMITIVES) == 32
+    assert len(catalogue.OBJECTS) == 20
+    by_split = [catalogue.split(name) for name in catalogue.NAMES]
+    assert [by_split.count(split) for split in ("train", "val", "test")] == [24, 8, 20]
+    assert {catalogue.split(f"{family}-3") for family in families.FAMILIES} == {"val"}

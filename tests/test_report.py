@@ -1,0 +1,229 @@
+"""The report of a small dataset and two short runs: whole, self-contained, and true to metrics."""
+
+import base64
+import json
+import re
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from spots import write_spots
+
+from primitives_cad.errors import T2TwinError
+from sim.dataset import INFO
+from sim.generate import generate
+from translate.evaluate import METRICS
+from translate.report import pairs, qualitative, results, shapes
+from translate.report.material import gather
+from translate.report.names import name_of
+from translate.report.page import LINKS, PAGE, write_report
+from translate.run import LOG
+from translate.train import train
+
+SHAPES = (
+    "circle-1", "square-1", "hemisphere-4", "line-sharp-4", "square-3", "circle-3",
+    "wrench/shank", "allen-key/long-arm",
+)  # fmt: skip
+"""Shapes whose solids are quick to make: four to train on, two to validate, two tools."""
+
+VOID = {"meta", "img", "br", "hr", "link"}
+
+
+class Reader(HTMLParser):
+    """A page's elements: checks that every tag is closed in its turn."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.section = ""
+        self.rows: dict[str, list[list[str]]] = {}  # cells of each section's table rows
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "section":
+            self.section = dict(attrs)["id"] or ""
+        if tag == "tr":
+            self.rows.setdefault(self.section, []).append([])
+        if tag in ("td", "th"):
+            self.rows[self.section][-1].append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] in ("td", "th"):
+            self.rows[self.section][-1][-1] += data
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("report") / "data"
+    generate(folder, "smoke", workers=1, shapes=SHAPES)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def runs(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("runs")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OMP_NUM_THREADS", "1")
+        for model in ("touch2touch", "resnet18"):
+            train(model, data_dir, "smoke", folder / model, epochs=3)
+    return [folder / "touch2touch", folder / "resnet18"]
+
+
+@pytest.fixture(scope="module")
+def page(data_dir: Path, runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The contact sheet, which has its own test and takes long, is a blank here."""
+
+    def blank(path: Path) -> None:
+        Image.new("RGB", (8, 8), "white").save(path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(shapes, "draw_sheet", blank)
+        return write_report(tmp_path_factory.mktemp("out") / "report", data_dir, runs)
+
+
+@pytest.fixture(scope="module")
+def read(page: Path) -> Reader:
+    reader = Reader()
+    reader.feed(page.read_text(encoding="utf-8"))
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+def test_page_holds_every_section_in_order(page: Path, read: Reader) -> None:
+    assert page.name == PAGE
+    sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
+    assert sections == ["about", *LINKS]
+    anchors = [attrs["href"] for tag, attrs in read.tags if tag == "a"]
+    assert anchors == [f"#{name}" for name in LINKS]
+
+
+def test_page_needs_nothing_but_itself(page: Path, read: Reader) -> None:
+    """Every picture is a whole embedded file; nothing is fetched and nothing runs."""
+    images = [attrs for tag, attrs in read.tags if tag == "img"]
+    assert len(images) >= 3 + 1 + pairs.PAIRS + 1 + 1 + 2 + 1
+    starts = {"image/png": b"\x89PNG", "image/jpeg": b"\xff\xd8", "image/svg+xml": b"<?xml"}
+    for attrs in images:
+        kind, _, content = (attrs["src"] or "").removeprefix("data:").partition(";base64,")
+        assert base64.b64decode(content, validate=True).startswith(starts[kind])
+        assert attrs["alt"]
+    assert not {"script", "link", "iframe"} & {tag for tag, _ in read.tags}
+    assert "url(" not in page.read_text(encoding="utf-8")
+
+
+def test_table_has_the_numbers_of_metrics(page: Path, read: Reader) -> None:
+    rows: dict[str, list[list[str]]] = {}
+    for name, *cells in read.rows["results"]:
+        rows.setdefault(name, []).append(cells)
+    found = {split: json.loads((page.parent / f"evaluate-{split}" / METRICS).read_text())
+             for split in ("val", "test")}  # fmt: skip
+    assert list(found["val"]["models"]) == [
+        "mean-array", "nearest-neighbour", "touch2touch", "resnet18",
+    ]  # fmt: skip
+    for name in found["val"]["models"]:
+        expected = []
+        for split in ("val", "test"):
+            overall = found[split]["models"][name]["overall"]
+            expected += [
+                f"{overall['rmse_counts']:,.0f}",
+                f"{overall['rmse_percent']:.2f} %",
+                f"{overall['ssim']:.3f}",
+            ]
+        assert rows[name_of(name)][0] == expected
+    paper = [rows[name][1] for name in ("touch2touch", "ResNet18")]
+    assert paper == [
+        ["4,007", "10.01 %", "0.96", "6,072", "15.18 %", "–"],
+        ["3,931", "9.83 %", "0.95", "4,867", "12.17 %", "–"],
+    ]
+
+
+def test_sentences_follow_the_numbers() -> None:
+    def models(mean: float, nearest: float, run: float) -> dict:
+        figures = {"mean-array": mean, "nearest-neighbour": nearest, "resnet18": run}
+        found = {name: {"overall": {"rmse_counts": value}} for name, value in figures.items()}
+        found["resnet18"]["run"] = "somewhere"  # pyright: ignore[reportArgumentType]
+        return {"models": found}
+
+    said = results.sentences({"val": models(4000, 2000, 3000), "test": models(5000, 5000, 5000)})
+    assert said == [
+        "On validation, ResNet18 is 25.0 % below the mean array and 50.0 % above the nearest "
+        "neighbour.",
+        "On the objects, ResNet18 is level with the mean array and level with the nearest "
+        "neighbour.",
+    ]
+
+
+def test_samples_stand_at_their_quantiles(page: Path, data_dir: Path, runs: list[Path]) -> None:
+    material = gather(page.parent, data_dir, runs)
+    evaluated = material.evaluated["val"]
+    error = (evaluated.errors("touch2touch") + evaluated.errors("resnet18")) / 2
+    rows = qualitative.chosen(material, "val")
+    assert [quantile for _, quantile in rows] == [0.1, 0.5, 0.9]
+    for row, quantile in rows:
+        assert abs(np.mean(error <= error[row]) - quantile) <= 1.5 / error.size
+    # Two test pairs cannot fill five places, and none is shown twice.
+    assert [row for row, _ in qualitative.chosen(material, "test")] in ([0, 1], [1, 0])
+
+
+def test_pairs_are_of_every_family_and_all_different(
+    page: Path, data_dir: Path, runs: list[Path]
+) -> None:
+    material = gather(page.parent, data_dir, runs)
+    chosen = pairs.chosen(material)
+    assert len(set(chosen)) == len(chosen) == pairs.PAIRS
+    families = {material.tables[split]["family"][row].as_py() for split, row in chosen}
+    assert families == {"circle", "square", "hemisphere", "line-sharp", "wrench", "allen-key"}
+
+
+def test_pictures_are_those_of_their_rows(page: Path, data_dir: Path, runs: list[Path]) -> None:
+    """Translated again, a sample's picture gives the very counts that the evaluation gave."""
+    material = gather(page.parent, data_dir, runs)
+    for row in range(material.tables["val"].num_rows):
+        again = material.runs["resnet18"].predict([material.picture("val", row)])
+        expected = material.evaluated["val"].predictions["resnet18"][row]
+        np.testing.assert_allclose(again[0], expected, rtol=1e-3, atol=1.0)
+
+
+def test_evaluation_is_taken_up_again(page: Path, data_dir: Path, runs: list[Path]) -> None:
+    path = page.parent / "evaluate-val" / METRICS
+    before = path.stat().st_mtime_ns
+    gather(page.parent, data_dir, runs)
+    assert path.stat().st_mtime_ns == before
+    gather(page.parent, data_dir, runs[::-1])
+    assert path.stat().st_mtime_ns > before
+
+
+def test_what_is_missing_is_said_before_anything_is_written(
+    data_dir: Path, runs: list[Path], tmp_path: Path
+) -> None:
+    unfinished_data = tmp_path / "data"
+    shutil.copytree(data_dir, unfinished_data)
+    info = json.loads((data_dir / INFO).read_text())
+    (unfinished_data / INFO).write_text(json.dumps(info | {"complete": False}))
+    unfinished_run = tmp_path / "run"
+    shutil.copytree(runs[1], unfinished_run)
+    (unfinished_run / LOG).write_text((runs[1] / LOG).read_text().splitlines()[0] + "\n")
+    out = tmp_path / "out"
+    for data, given, said in (
+        (tmp_path / "none", runs, "holds no dataset"),
+        (unfinished_data, runs, "unfinished"),
+        (write_spots(tmp_path / "spots"), runs, "does not name its parameters"),
+        (data_dir, [], "no run"),
+        (data_dir, [tmp_path / "none"], "holds no"),
+        (data_dir, [unfinished_run], "after 1 of 3 epochs"),
+    ):
+        with pytest.raises(T2TwinError, match=re.escape(said)):
+            write_report(out, data, given)
+        assert not out.exists()
+    (tmp_path / "file").touch()
+    with pytest.raises(T2TwinError, match="is a file"):
+        write_report(tmp_path / "file", data_dir, runs)

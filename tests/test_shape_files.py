@@ -1,0 +1,206 @@
+"""Shapes from files and from the cache, what is written out, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from primitives_cad import cache, catalogue, export, mosaic, sheet
+from primitives_cad.errors import T2TwinError
+
+
+def block(path, sides=(6.0, 4.0, 3.0), at=(40.0, -7.0, 11.0)):
+    mesh = trimesh.creation.box(sides)
+    mesh.apply_translation(at)
+    mesh.export(path)
+    return path
+
+
+def step_of_block(path, sides=(6.0, 4.0, 3.0)):
+    import cadquery as cq
+
+    cq.exporters.export(cq.Workplane().box(*sides).translate((9.0, 9.0, 9.0)), str(path))
+    return path
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".STL", ".step", ".StP"])
+def test_a_user_s_solid_is_centred_below_the_axis(suffix, tmp_path):
+    made = tmp_path / "block.made.step" if suffix.lower() != ".stl" else tmp_path / "block.made.stl"
+    (step_of_block if suffix.lower() != ".stl" else block)(made)
+    path = made.rename(tmp_path / f"block{suffix}")
+    shape = catalogue.load(path, tmp_path / "kept")
+    assert shape.name == "block"
+    assert shape.mesh.is_watertight
+    np.testing.assert_allclose(shape.mesh.bounds, [[-3, -2, -3], [3, 2, 0]], atol=1e-5)
+    assert shape.mesh.volume == pytest.approx(72.0, rel=1e-5)
+    assert shape.surface.sample(np.array([0.0, 2.9]), np.array([0.0, -1.9])) == pytest.approx(0.0)
+    assert shape.base_mm is None
+
+
+def test_several_bodies_are_kept(tmp_path):
+    parts = [trimesh.creation.box((2.0, 2.0, height)) for height in (2.0, 4.0)]
+    parts[1].apply_translation((6.0, 0.0, 0.0))
+    path = tmp_path / "two.stl"
+    trimesh.util.concatenate(parts).export(path)
+    shape = catalogue.load(path, tmp_path)
+    assert shape.mesh.body_count == 2
+    assert shape.surface.sample(np.array([3.0, -3.0]), np.zeros(2)) == pytest.approx([0.0, -1.0])
+
+
+def test_inside_out_solids_are_turned(tmp_path):
+    mesh = trimesh.creation.box((5.0, 5.0, 5.0))
+    mesh.invert()
+    mesh.export(tmp_path / "inside-out.stl")
+    assert catalogue.load(tmp_path / "inside-out.stl", tmp_path).mesh.volume == pytest.approx(125.0)
+
+
+def test_a_mesh_with_hairline_gaps_is_joined(tmp_path):
+    mesh = trimesh.creation.box((5.0, 5.0, 5.0))
+    soup = mesh.triangles.copy()
+    soup += np.random.default_rng(0).uniform(-1e-5, 1e-5, soup.shape)
+    loose = trimesh.Trimesh(soup.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False)
+    loose.export(tmp_path / "loose.stl")
+    assert catalogue.load(tmp_path / "loose.stl", tmp_path).mesh.is_watertight
+
+
+def make_open(path):
+    mesh = trimesh.creation.box((5.0, 5.0, 5.0))
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    mesh.export(path)
+
+
+REFUSED = {
+    "missing.stl": (lambda path: None, "no file"),
+    "missing.step": (lambda path: None, "no file"),
+    "empty.stl": (lambda path: path.write_bytes(b""), "STL|no triangles"),
+    "noise.stl": (lambda path: path.write_bytes(bytes(range(256)) * 3), "STL|no triangles"),
+    "words.stl": (lambda path: path.write_text("solid nothing\nendsolid\n"), "STL|no triangles"),
+    "words.step": (lambda path: path.write_text("not a STEP file\n"), "STEP|no solid"),
+    "empty.stp": (lambda path: path.write_bytes(b""), "STEP|no solid"),
+    "open.stl": (make_open, "is open"),
+    "tiny.stl": (lambda path: block(path, (0.1, 0.1, 0.1)), "0.2 to 1000 mm"),
+    "huge.stl": (lambda path: block(path, (1500.0, 10.0, 10.0)), "0.2 to 1000 mm"),
+    "mesh.obj": (lambda path: path.write_text("v 0 0 0\n"), "also allowed"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_pressed_is_refused_in_one_sentence(name, tmp_path):
+    make, message = REFUSED[name]
+    make(tmp_path / name)
+    with pytest.raises(T2TwinError, match=message) as caught:
+        catalogue.load(tmp_path / name, tmp_path / "kept")
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "kept").exists()
+
+
+@pytest.mark.parametrize(
+    ("wrong", "near"),
+    [
+        ("squar-2", "square-2"),
+        ("hemisfere-1", "hemisphere-1"),
+        ("pliers", "pliers/jaw-tip"),
+        ("Wrench/rings", "wrench/ring"),
+        ("square", "square-4"),
+        ("xyzzy", "t2twin primitives"),
+    ],
+)
+def test_an_unknown_name_lists_the_near_ones(wrong, near, tmp_path):
+    with pytest.raises(T2TwinError) as caught:
+        catalogue.load(wrong, tmp_path)
+    assert near in str(caught.value)
+    assert ".step or .stp file is also allowed" in str(caught.value)
+    with pytest.raises(T2TwinError):
+        catalogue.split(wrong)
+
+
+def test_the_second_load_is_read_and_the_same(tmp_path, monkeypatch):
+    first = catalogue.load("bump-1", tmp_path)
+    monkeypatch.setattr(catalogue, "_primitive", lambda name: pytest.fail("was made again"))
+    second = catalogue.load("bump-1", tmp_path)
+    np.testing.assert_array_equal(first.mesh.vertices, second.mesh.vertices)
+    np.testing.assert_array_equal(first.mesh.faces, second.mesh.faces)
+    np.testing.assert_array_equal(first.surface.heights_mm, second.surface.heights_mm)
+    np.testing.assert_array_equal(first.surface.x_mm, second.surface.x_mm)
+    assert (first.name, first.spacing_mm, first.parameters, first.base_mm) == (
+        second.name,
+        second.spacing_mm,
+        second.parameters,
+        second.base_mm,
+    )
+
+
+def test_damaged_or_stale_copies_are_not_used(tmp_path, monkeypatch):
+    catalogue.load("square-1", tmp_path)
+    (kept,) = tmp_path.iterdir()
+    kept.write_bytes(kept.read_bytes()[:200])
+    again = catalogue.load("square-1", tmp_path)
+    assert again.mesh.is_watertight
+    monkeypatch.setattr(cache, "version", lambda name: "another")
+    catalogue.load("square-1", tmp_path)
+    (newer,) = tmp_path.iterdir()
+    assert newer != kept
+
+
+def test_a_changed_file_is_read_anew(tmp_path):
+    path = block(tmp_path / "block.stl")
+    assert catalogue.load(path, tmp_path / "kept").mesh.volume == pytest.approx(72.0)
+    block(path, (6.0, 4.0, 5.0))
+    assert catalogue.load(path, tmp_path / "kept").mesh.volume == pytest.approx(120.0)
+
+
+def test_a_file_in_the_cache_s_place_is_an_error(tmp_path):
+    (tmp_path / "kept").write_text("in the way")
+    with pytest.raises(T2TwinError, match="writable"):
+        catalogue.load("square-1", tmp_path / "kept")
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """A catalogue of two primitives and the quickest tool."""
+    monkeypatch.setattr(catalogue, "PRIMITIVES", ("circle-empty-2", "hemisphere-3"))
+    monkeypatch.setattr(catalogue, "TOOLS", ("allen-key",))
+
+
+def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    manifest = json.loads(export.export(out, tmp_path / "kept").read_text())
+    entries = {entry["name"]: entry for entry in manifest["shapes"]}
+    assert list(entries) == ["circle-empty-2", "hemisphere-3", "allen-key", "mosaic"]
+    assert entries["hemisphere-3"]["split"] == "val"
+    assert entries["hemisphere-3"]["parameters_mm"] == {"radius": 3.3}
+    assert len(entries["allen-key"]["keypoints"]) == 4
+    for name, entry in entries.items():
+        for suffix in (".stl", ".step"):
+            mesh = catalogue.files.read_solid(out / f"{name}{suffix}")
+            assert mesh.volume == pytest.approx(entry["volume_mm3"], rel=2e-3)
+    assert {file.suffix for file in out.iterdir()} == {".step", ".stl", ".json"}
+    times = {file: file.stat().st_mtime_ns for file in out.iterdir()}
+    (out / "hemisphere-3.stl").unlink()
+    export.export(out, tmp_path / "kept")
+    changed = {file.name for file in out.iterdir() if file.stat().st_mtime_ns != times.get(file)}
+    assert {"hemisphere-3.stl", "hemisphere-3.step"} <= changed
+    assert not changed & {"mosaic.step", "mosaic.stl", "allen-key.stl", "circle-empty-2.stl"}
+
+
+def test_the_mosaic_holds_every_feature(shapes):
+    solid = mosaic.solid()
+    plate = mosaic.COLUMNS * mosaic.ROWS * mosaic.PITCH_MM**2 * 3.0
+    single_plate = 20.0 * 20.0 * 3.0
+    features = sum(shapes(name).mesh.volume - single_plate for name in catalogue.PRIMITIVES)
+    assert solid.isValid()
+    assert len(solid.Solids()) == 1
+    assert solid.Volume() == pytest.approx(plate + features, rel=1e-3)
+    assert len(set(mosaic.places().values())) == 32
+
+
+def test_sheet_draws_shapes_and_places_points():
+    mesh = trimesh.creation.box((10.0, 10.0, 2.0))
+    picture, places = sheet.draw(mesh, (0.0, 90.0), (200, 200), sheet.STEEL, [(0, 0, 1), (5, 5, 1)])
+    assert picture.shape == (200, 200, 3)
+    assert picture.dtype == np.uint8
+    np.testing.assert_array_equal(picture[2, 2], sheet.PAPER)
+    assert (picture[100, 100] != sheet.PAPER).any()
+    # Seen from straight above, y is up in the picture and the box fills 0.88 of it.
+    assert places == pytest.approx(np.array([[100.0, 100.0], [188.0, 12.0]]), abs=1.0)

@@ -1,0 +1,118 @@
+"""The five tools: one closed solid each, and keypoints that a sensor can reach."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from primitives_cad import cache, catalogue, tools
+from primitives_cad.shape import Keypoint
+from primitives_cad.tessellate import CHORDAL_MM, tessellate
+
+NEAR_MM = 12.0
+"""Within this distance of the press axis the keypoint is among the highest places, mm."""
+
+LEDGE_MM = 0.6
+"""How far below the highest place near it a keypoint may lie, mm."""
+
+PROMISED_MM = 0.01
+"""Promised distance of a mesh from its solid, mm."""
+
+
+@pytest.fixture(scope="module")
+def solids():
+    return {tool: tools.solid(tool) for tool in catalogue.TOOLS}
+
+
+@pytest.fixture(scope="module")
+def folder(solids, tmp_path_factory):
+    """A cache with the tools' meshes, each made once."""
+    path = tmp_path_factory.mktemp("tools")
+    for tool, solid in solids.items():
+        chordal = tools.CHORDAL_MM.get(tool, CHORDAL_MM)
+        cache.fetch_mesh(
+            path, tool, lambda solid=solid, chordal=chordal: tessellate(solid, chordal)
+        )
+    return path
+
+
+def distance_mm(mesh: trimesh.Trimesh, point: np.ndarray) -> tuple[float, np.ndarray]:
+    """From a point to a mesh, mm, and the nearest triangle's normal."""
+    corners = mesh.triangles
+    near = (corners.min(axis=1) <= point + 1.0).all(axis=1)
+    near &= (corners.max(axis=1) >= point - 1.0).all(axis=1)
+    chosen = np.flatnonzero(near)
+    closest = trimesh.triangles.closest_point(corners[chosen], np.tile(point, (len(chosen), 1)))
+    distances = np.linalg.norm(closest - point, axis=1)
+    return float(distances.min()), mesh.face_normals[chosen[distances.argmin()]]
+
+
+@pytest.mark.parametrize("tool", catalogue.TOOLS)
+def test_each_tool_is_one_closed_solid(tool, solids, folder):
+    solid = solids[tool]
+    assert solid.isValid()
+    assert len(solid.Solids()) == 1
+    mesh = catalogue.tool_mesh(tool, folder)
+    assert mesh.is_watertight
+    assert mesh.body_count == 1
+    assert mesh.volume == pytest.approx(solid.Volume(), rel=2e-3)
+    assert 90.0 < mesh.extents.max() < 200.0
+
+
+@pytest.mark.parametrize("tool", catalogue.TOOLS)
+def test_chordal_error_of_tools(tool, solids, folder):
+    import cadquery as cq
+    from OCP.BRepExtrema import (
+        BRepExtrema_DistShapeShape,  # pyright: ignore[reportAttributeAccessIssue]
+    )
+
+    shell = cq.Compound.makeCompound(solids[tool].Faces()).wrapped
+    mesh = catalogue.tool_mesh(tool, folder)
+    chosen = np.random.default_rng(0).choice(len(mesh.faces), 120)
+    for point in mesh.triangles_center[chosen]:
+        vertex = cq.Vertex.makeVertex(*point).wrapped
+        assert BRepExtrema_DistShapeShape(shell, vertex).Value() < PROMISED_MM
+
+
+def test_tools_have_the_catalogue_s_keypoints():
+    for tool in catalogue.TOOLS:
+        names = tuple(keypoint.name for keypoint in catalogue.keypoints(tool))
+        assert names == catalogue.KEYPOINTS[tool]
+        places = np.array([keypoint.point_mm for keypoint in catalogue.keypoints(tool)])
+        apart = np.linalg.norm(places[:, None] - places[None], axis=-1) + 100.0 * np.eye(4)
+        assert apart.min() > 5.0
+
+
+@pytest.mark.parametrize("name", catalogue.OBJECTS)
+def test_keypoint_lies_on_the_tool_and_faces_outwards(name, folder):
+    tool, _, at = name.partition("/")
+    keypoint = next(each for each in catalogue.keypoints(tool) if each.name == at)
+    assert np.linalg.norm(keypoint.direction) == pytest.approx(1.0, abs=1e-4)
+    apart, normal = distance_mm(catalogue.tool_mesh(tool, folder), np.array(keypoint.point_mm))
+    assert apart < PROMISED_MM
+    # A corner's triangles stand up to 60 degrees off the direction between them.
+    assert normal @ keypoint.direction > 0.5
+
+
+@pytest.mark.parametrize("name", catalogue.OBJECTS)
+def test_a_sensor_reaches_the_keypoint(name, folder):
+    shape = catalogue.load(name, folder)
+    assert shape.spacing_mm == 1.5
+    assert shape.mesh.is_watertight
+    heights = shape.surface
+    assert heights.heights_mm.max() == 0.0
+    x, y = np.meshgrid(heights.x_mm, heights.y_mm)
+    at_axis = heights.sample(np.zeros(1), np.zeros(1))[0]
+    near = heights.heights_mm[np.hypot(x, y) <= NEAR_MM]
+    assert near.max() - at_axis < LEDGE_MM
+    assert near.min() < at_axis - LEDGE_MM  # there is an edge or a slope to feel
+
+
+@pytest.mark.parametrize(
+    "direction", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -1, 0), (0.6, 0.0, -0.8)]
+)
+def test_upright_turns_the_direction_up_and_the_point_to_the_axis(direction):
+    point = np.array([3.0, -2.0, 5.0])
+    transform = catalogue.upright(Keypoint("any", tuple(point), direction))
+    assert transform[:3, :3] @ direction == pytest.approx((0.0, 0.0, 1.0), abs=1e-12)
+    assert transform @ (*point, 1.0) == pytest.approx((0.0, 0.0, 0.0, 1.0), abs=1e-12)
+    assert np.linalg.det(transform[:3, :3]) == pytest.approx(1.0)

@@ -1,0 +1,281 @@
+"""Training: it learns, it resumes exactly, it stops, and it refuses what it cannot do."""
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+from spots import write_spots
+
+from primitives_cad.errors import T2TwinError
+from translate import train as training
+from translate.data import load_info, load_pairs
+from translate.images import augment, to_input
+from translate.presets import MODELS, PRESETS, Model, find_preset
+from translate.run import Config, build, load_config
+from translate.train import train
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_spots(tmp_path_factory.mktemp("spots") / "data")
+
+
+@pytest.fixture(autouse=True)
+def one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+
+
+def records(run_dir: Path) -> list[dict]:
+    return [json.loads(line) for line in (run_dir / "log.jsonl").read_text().splitlines()]
+
+
+def without_times(run_dir: Path) -> list[dict]:
+    return [{k: v for k, v in record.items() if k != "seconds"} for record in records(run_dir)]
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
+    """Eight pairs seen again and again are known by heart, to 2 % of full scale."""
+    preset = replace(PRESETS[model]["smoke"], learning_rate=2e-3)
+    info = load_info(data_dir)
+    torch.set_num_threads(1)
+    translator = build(Config(model, preset, 0, info, None, None, 1, False, 1))
+    pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
+    images = to_input(pairs.images[:8].astype(np.float32) / 255.0)
+    counts = torch.from_numpy(pairs.counts[:8])
+    first = translator.step(images, counts)
+    for _ in range(100):
+        last = translator.step(images, counts)
+    for optimizer in translator.optimizers.values():  # so that batch norm's averages settle
+        optimizer.param_groups[0]["lr"] = 1e-4
+    for _ in range(30):
+        last = translator.step(images, counts)
+    watched = "l3" if model == "resnet18" else "l1"
+    assert last[watched] < first[watched] / 4
+    rmse = (translator.predict(images) - counts).square().mean().sqrt().item()
+    assert rmse < 0.02 * info.full_scale_counts
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_stopped_and_resumed_is_as_undisturbed(
+    data_dir: Path, tmp_path: Path, model: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed in its second epoch's validation, it ends with the same weights and the same log."""
+    preset = replace(PRESETS[model]["smoke"], noise=0.05, brightness=0.05, contrast=0.1)
+    train(model, data_dir, preset, tmp_path / "whole", epochs=3)
+
+    validate = training._Training._validate
+
+    def killed(self: training._Training) -> float:
+        if len(self.history) == 1:
+            raise KeyboardInterrupt
+        return validate(self)
+
+    monkeypatch.setattr(training._Training, "_validate", killed)
+    with pytest.raises(KeyboardInterrupt):
+        train(model, data_dir, preset, tmp_path / "killed", epochs=3)
+    assert len(records(tmp_path / "killed")) == 1
+    monkeypatch.undo()
+    outcome = train(model, data_dir, preset, tmp_path / "killed", epochs=3)
+
+    assert outcome.epochs == 3
+    assert without_times(tmp_path / "killed") == without_times(tmp_path / "whole")
+    for name in ("last.safetensors", "best.safetensors"):
+        whole, resumed = load_file(tmp_path / "whole" / name), load_file(tmp_path / "killed" / name)
+        assert whole.keys() == resumed.keys()
+        for key, tensor in whole.items():
+            assert torch.equal(tensor, resumed[key]), key
+
+
+def test_run_folder_says_what_it_is(data_dir: Path, tmp_path: Path) -> None:
+    outcome = train("resnet18", data_dir, "smoke", tmp_path, seed=3, epochs=2)
+    config = load_config(tmp_path)
+    assert config.preset == PRESETS["resnet18"]["smoke"]
+    assert (config.seed, config.epochs, config.planned_epochs) == (3, 2, 2)
+    assert config.data.sha256 == load_info(data_dir).sha256
+    log = records(tmp_path)
+    assert [record["epoch"] for record in log] == [1, 2]
+    best = min(log, key=lambda record: record["val_rmse_counts"])
+    assert outcome.best_epoch == best["epoch"]
+    assert outcome.best_rmse_counts == best["val_rmse_counts"]
+    assert list((tmp_path / "tensorboard").iterdir())
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_finished_run_does_nothing_again(
+    data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    capsys.readouterr()
+    again = train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
+    assert again == first
+    assert "is finished" in capsys.readouterr().out
+    after = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if path.is_file()}
+    assert after == before
+
+
+def test_stops_early_and_keeps_the_best(
+    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Validation is best in epoch 2, then never again: patience 2 ends it after epoch 4."""
+    errors = iter([900.0, 500.0, 700.0, 600.0, 100.0])
+    weights = []
+
+    def validate(self: training._Training) -> float:
+        weights.append(self.translator.predictor.state_dict()["fc.weight"].clone())
+        return next(errors)
+
+    monkeypatch.setattr(training._Training, "_validate", validate)
+    preset = replace(PRESETS["resnet18"]["smoke"], patience=2)
+    outcome = train("resnet18", data_dir, preset, tmp_path)
+    assert (outcome.epochs, outcome.best_epoch, outcome.best_rmse_counts) == (4, 2, 500.0)
+    assert "2 epochs brought no better" in outcome.reason
+    assert torch.equal(load_file(tmp_path / "best.safetensors")["fc.weight"], weights[1])
+
+
+def test_minutes_bound_the_epochs(
+    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training._Training, "_measure", lambda self: 20.0)
+    train("resnet18", data_dir, "smoke", tmp_path, minutes=1.1)
+    assert load_config(tmp_path).planned_epochs == 3
+    assert len(records(tmp_path)) == 3
+
+
+def test_cosine_falls_from_the_rate_towards_nought(data_dir: Path, tmp_path: Path) -> None:
+    preset = replace(PRESETS["resnet18"]["smoke"], schedule="cosine", learning_rate=1e-3)
+    train("resnet18", data_dir, preset, tmp_path, epochs=4)
+    rates = [record["learning_rate"] for record in records(tmp_path)]
+    np.testing.assert_allclose(rates, 0.5e-3 * (1 + np.cos(np.pi * np.arange(4) / 4)))
+
+
+def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> None:
+    """Started as torchrun starts them, over gloo: it learns, and one of them keeps the log."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "translate.train", "resnet18", str(data_dir), "smoke"]
+    shared = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
+    processes = [
+        subprocess.Popen(
+            [*command, str(tmp_path)],
+            cwd=Path(training.__file__).parents[1],
+            env=os.environ | shared | {"LOCAL_WORLD_SIZE": "2", "RANK": str(rank)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        for rank in range(2)
+    ]
+    said = [process.communicate(timeout=180)[0] for process in processes]
+    assert [process.returncode for process in processes] == [0, 0], said
+    assert "2 process(es)" in said[0]
+    assert "step" not in said[1]
+    assert load_config(tmp_path).processes == 2
+    log = records(tmp_path)
+    assert [record["epoch"] for record in log] == list(range(1, len(log) + 1))
+    assert log[-1]["train_l3"] < log[0]["train_l3"] / 2
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"seed": 1}, "another seed"),
+        ({"epochs": 2}, "another number of epochs"),
+        ({"minutes": 5.0}, "another limit in minutes"),
+        ({"model": "touch2touch"}, "another model"),
+        ({"preset": replace(PRESETS["resnet18"]["smoke"], batch=4)}, "another preset"),
+    ],
+)
+def test_another_run_in_the_folder_is_refused(
+    data_dir: Path, tmp_path_factory: pytest.TempPathFactory, change: dict, says: str
+) -> None:
+    run_dir = tmp_path_factory.getbasetemp() / "taken"
+    asked = {"model": "resnet18", "preset": "smoke", "epochs": 1}
+    train(data_dir=data_dir, out_dir=run_dir, **asked)
+    with pytest.raises(T2TwinError, match=says):
+        train(data_dir=data_dir, out_dir=run_dir, **(asked | change))
+
+
+def test_another_data_set_in_the_folder_is_refused(data_dir: Path, tmp_path: Path) -> None:
+    train("resnet18", data_dir, "smoke", tmp_path / "run", epochs=1)
+    other = write_spots(tmp_path / "other", train=8, val=2, test=1, seed=1)
+    with pytest.raises(T2TwinError, match="another data set"):
+        train("resnet18", other, "smoke", tmp_path / "run", epochs=1)
+
+
+def test_bad_asking_is_refused(data_dir: Path, tmp_path: Path) -> None:
+    with pytest.raises(T2TwinError, match="touch2touch, resnet18"):
+        train("unet", data_dir, "smoke", tmp_path)
+    with pytest.raises(T2TwinError, match="paper, cpu, smoke"):
+        train("resnet18", data_dir, "huge", tmp_path)
+    with pytest.raises(T2TwinError, match="at least 1"):
+        train("resnet18", data_dir, "smoke", tmp_path, epochs=0)
+    with pytest.raises(T2TwinError, match="more than 0"):
+        train("resnet18", data_dir, "smoke", tmp_path, minutes=0)
+    with pytest.raises(T2TwinError, match="no dataset"):
+        train("resnet18", tmp_path / "nowhere", "smoke", tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_damaged_state_is_refused(data_dir: Path, tmp_path: Path) -> None:
+    train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
+    (tmp_path / "last.safetensors").write_bytes(b"not a checkpoint")
+    with pytest.raises(T2TwinError, match="no saved state"):
+        train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
+
+
+def test_cache_is_made_once_and_follows_the_data(data_dir: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(data_dir, folder, ignore=shutil.ignore_patterns("cache"))
+    pairs = load_pairs(folder, "val", 16, grey=False)
+    assert pairs.images[:2].shape == (2, 16, 16, 3)
+    [cache] = (folder / "cache").iterdir()
+    made = cache.stat().st_mtime_ns
+    load_pairs(folder, "val", 16, grey=False)
+    assert cache.stat().st_mtime_ns == made
+    write_spots(folder, seed=5)
+    other = load_pairs(folder, "val", 16, grey=False)
+    assert len(list((folder / "cache").iterdir())) == 2
+    assert not np.array_equal(other.images[:], pairs.images[:])
+
+
+def test_pairs_stay_paired(data_dir: Path) -> None:
+    """The brightest pixel of a decoded image lies where its row says that it was pressed."""
+    pairs = load_pairs(data_dir, "train", 64, grey=True)
+    images = pairs.images[:][..., 0]
+    assert len(images) == len(pairs) == 32
+    for image, x_mm, y_mm in zip(images, pairs.x_mm, pairs.y_mm, strict=True):
+        row, column = np.unravel_index(image.argmax(), image.shape)
+        assert abs((column + 0.5) * 240 / 64 / 8 - 15 - x_mm) < 1.0
+        assert abs((row + 0.5) * 320 / 64 / 8 - 20 - y_mm) < 1.0
+
+
+def test_augmentation_is_mild_seeded_and_keeps_the_geometry(data_dir: Path) -> None:
+    pixels = load_pairs(data_dir, "train", 32, grey=True).images[:8].astype(np.float32) / 255.0
+    preset = PRESETS["touch2touch"]["cpu"]
+    amounts = (preset.brightness, preset.contrast, preset.noise)
+    once = augment(pixels, np.random.default_rng(0), *amounts)
+    assert np.array_equal(once, augment(pixels, np.random.default_rng(0), *amounts))
+    assert 0.0 < np.abs(once - pixels).mean() < 0.1
+    for before, after in zip(pixels, once, strict=True):
+        assert np.corrcoef(before.ravel(), after.ravel())[0, 1] > 0.95
+    assert np.allclose(augment(pixels, np.random.default_rng(0), 0.0, 0.0, 0.0), pixels)
+
+
+def test_presets_are_the_papers() -> None:
+    paper = find_preset("touch2touch", "paper")
+    assert (paper.size, paper.filters, paper.batch, paper.learning_rate) == (256, 64, 32, 2e-4)
+    assert (paper.beta1, paper.beta2, paper.l1_weight) == (0.5, 0.999, 100.0)
+    resnet = find_preset("resnet18", "paper")
+    assert (resnet.batch, resnet.learning_rate, resnet.schedule) == (8, 1e-3, "fixed")
