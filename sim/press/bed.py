@@ -36,7 +36,7 @@ SHAPE_MASS = 10.0
 """The shape's mass over one pin's stiffness x step^2: it follows within a step or two once it
 stands on more than a few pins, and its contact stays stiff."""
 
-POOL_SIZES = (128, 256, 512, 1024, 2048, 4096, 8192)
+POOL_SIZES = (128, 192, 256, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 6144, 8192)
 """Numbers of pins for which a model is compiled; a press takes the smallest that fits."""
 
 PARKED_MM = 1.0e4

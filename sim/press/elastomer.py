@@ -87,9 +87,8 @@ def neo_hookean_mm(
     # Newton's method on l^3 + 3 (u / h) l^2 = 1, from above the root, where it is convex.
     stretch = 1 / np.sqrt(np.maximum(3 * strain, 1.0))
     for _ in range(NEWTON_STEPS):
-        stretch -= (stretch**3 + 3 * strain * stretch**2 - 1) / (
-            3 * stretch**2 + 6 * strain * stretch
-        )
+        excess = stretch * stretch * (stretch + 3 * strain) - 1
+        stretch -= excess / (3 * stretch * (stretch + 2 * strain))
     pressed = thickness_mm * (1 - stretch)
     return np.where(linear_mm > 0, pressed, linear_mm), stretch / (stretch + 2 * strain)
 
