@@ -1,0 +1,61 @@
+"""ResNet18 (He et al. 2016), its parameters named as torchvision names them.
+
+So weights saved from torchvision's resnet18 load with `load_state_dict`.
+"""
+
+import torch
+from torch import nn
+
+
+class BasicBlock(nn.Module):
+    """Two 3 x 3 convolutions and the way around them."""
+
+    def __init__(self, channels: int, width: int, stride: int):
+        super().__init__()
+        self.conv1 = nn.Conv2d(channels, width, 3, stride, 1, bias=False)
+        self.bn1 = nn.BatchNorm2d(width)
+        self.conv2 = nn.Conv2d(width, width, 3, 1, 1, bias=False)
+        self.bn2 = nn.BatchNorm2d(width)
+        self.downsample = (
+            nn.Sequential(nn.Conv2d(channels, width, 1, stride, bias=False), nn.BatchNorm2d(width))
+            if stride != 1 or channels != width
+            else None
+        )
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        around = x if self.downsample is None else self.downsample(x)
+        x = torch.relu(self.bn1(self.conv1(x)))
+        return torch.relu(self.bn2(self.conv2(x)) + around)
+
+
+class ResNet18(nn.Module):
+    """ResNet18 with `outputs` numbers at the end.
+
+    filters: base width, 64 in the published network, which has 11,689,512 parameters at 1000
+    outputs.
+    """
+
+    def __init__(self, outputs: int, filters: int = 64):
+        super().__init__()
+        self.conv1 = nn.Conv2d(3, filters, 7, 2, 3, bias=False)
+        self.bn1 = nn.BatchNorm2d(filters)
+        self.maxpool = nn.MaxPool2d(3, 2, 1)
+        self.layer1 = _stage(filters, filters, stride=1)
+        self.layer2 = _stage(filters, 2 * filters, stride=2)
+        self.layer3 = _stage(2 * filters, 4 * filters, stride=2)
+        self.layer4 = _stage(4 * filters, 8 * filters, stride=2)
+        self.avgpool = nn.AdaptiveAvgPool2d(1)
+        self.fc = nn.Linear(8 * filters, outputs)
+        for module in self.modules():
+            if isinstance(module, nn.Conv2d):
+                nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """(B, 3, S, S) -> (B, outputs)."""
+        x = self.maxpool(torch.relu(self.bn1(self.conv1(images))))
+        x = self.layer4(self.layer3(self.layer2(self.layer1(x))))
+        return self.fc(self.avgpool(x).flatten(1))
+
+
+def _stage(channels: int, width: int, stride: int) -> nn.Sequential:
+    return nn.Sequential(BasicBlock(channels, width, stride), BasicBlock(width, width, 1))

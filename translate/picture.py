@@ -1,0 +1,55 @@
+"""A tactile image as a picture: colours on a scale of counts, the taxels marked."""
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from translate.phi import PX_PER_MM
+
+SCALE = 2
+"""Picture pixels a tactile pixel."""
+
+MARGIN = 16
+BAR_WIDTH = 18
+LABELS_WIDTH = 64
+TAXEL_RADIUS = 4
+FONT_SIZE = 15
+"""Sizes of the picture's furniture, picture pixels."""
+
+STEPS = 5
+"""Labels on the colour bar."""
+
+
+def tactile_picture(
+    image: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray, full_scale: float
+) -> Image.Image:
+    """RGB picture of a tactile image with a colour bar.
+
+    image: (R, C), counts. x_mm, y_mm: (N,) taxel positions, mm, marked with rings. The colours go
+    from nought to full_scale (counts), so that pictures can be compared.
+    """
+    rows, columns = image.shape[0] * SCALE, image.shape[1] * SCALE
+    picture = Image.new("RGB", (columns + 3 * MARGIN + BAR_WIDTH + LABELS_WIDTH, rows + 2 * MARGIN))
+    picture.paste("white", (0, 0, *picture.size))
+    large = Image.fromarray(_colours(image / full_scale)).resize(
+        (columns, rows), Image.Resampling.BILINEAR
+    )
+    picture.paste(large, (MARGIN, MARGIN))
+    draw = ImageDraw.Draw(picture)
+    for x, y in zip(x_mm, y_mm, strict=True):
+        centre = (MARGIN + columns / 2 + x * PX_PER_MM * SCALE,
+                  MARGIN + rows / 2 + y * PX_PER_MM * SCALE)  # fmt: skip
+        draw.circle(centre, TAXEL_RADIUS, outline="white")
+    left = columns + 2 * MARGIN
+    bar = _colours(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))
+    picture.paste(Image.fromarray(bar), (left, MARGIN))
+    for part in np.linspace(0.0, 1.0, STEPS):
+        at = (left + BAR_WIDTH + MARGIN / 3, MARGIN + (1.0 - part) * (rows - 1))
+        draw.text(at, f"{part * full_scale:.0f}", "black", anchor="lm", font_size=FONT_SIZE)
+    return picture
+
+
+def _colours(values: np.ndarray) -> np.ndarray:
+    """(R, C) in [0, 1] -> (R, C, 3) uint8, matplotlib's viridis."""
+    from matplotlib import colormaps
+
+    return colormaps["viridis"](values.clip(0.0, 1.0), bytes=True)[..., :3]

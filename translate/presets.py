@@ -1,0 +1,146 @@
+"""Sizes and settings of the two translators: the paper's, one for a CPU, one for tests.
+
+Settings that Grella et al. 2023 give are theirs; pix2pix's own are Isola et al. 2017's; the rest
+says "assumed" or "measured".
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from primitives_cad.errors import T2TwinError
+
+Model = Literal["touch2touch", "resnet18"]
+MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Everything that decides a training besides its data and seed.
+
+    size: side of the square images, pixels. grey: whether the DIGIT image is turned to grey.
+    filters: base width of the networks. batch: pairs a step, over all processes.
+    learning_rate, beta1, beta2: Adam's. schedule: "fixed", or "cosine" down to nought over the
+        epochs.
+    l1_weight: lambda of the L1 loss beside the adversarial one; touch2touch only.
+    epochs: most epochs. patience: epochs without a better validation L3 before it stops.
+    bf16: compute in bfloat16 where the processor has it.
+    brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: an offset and
+        noise in parts of full scale, a relative gain. Geometry is never changed: it would break
+        the pairing.
+    """
+
+    name: str
+    size: int
+    grey: bool
+    filters: int
+    batch: int
+    learning_rate: float
+    beta1: float
+    epochs: int
+    patience: int
+    beta2: float = 0.999
+    schedule: Literal["fixed", "cosine"] = "fixed"
+    l1_weight: float = 0.0
+    bf16: bool = False
+    brightness: float = 0.0
+    contrast: float = 0.0
+    noise: float = 0.0
+
+
+PRESETS: dict[Model, dict[str, Preset]] = {
+    "touch2touch": {
+        "paper": Preset(
+            name="paper",
+            size=256,  # Grella et al. 2023
+            grey=True,  # Grella et al. 2023
+            filters=64,  # Isola et al. 2017
+            batch=32,  # Grella et al. 2023
+            learning_rate=2e-4,  # Isola et al. 2017
+            beta1=0.5,  # Isola et al. 2017
+            l1_weight=100.0,  # Isola et al. 2017
+            epochs=200,  # Isola et al. 2017, most of their data sets
+            patience=20,  # assumed
+        ),
+        "cpu": Preset(
+            name="cpu",
+            size=64,  # assumed
+            grey=True,
+            filters=16,  # a third of the work of 32 (measured)
+            batch=16,
+            learning_rate=1e-3,  # better than 4e-4 after as many epochs (measured)
+            beta1=0.5,
+            l1_weight=100.0,
+            schedule="cosine",
+            epochs=40,
+            patience=12,
+            bf16=True,
+            brightness=0.02,
+            contrast=0.05,
+            noise=0.01,
+        ),
+        "smoke": Preset(
+            name="smoke",
+            size=32,
+            grey=True,
+            filters=8,
+            batch=8,
+            learning_rate=1e-3,
+            beta1=0.5,
+            l1_weight=100.0,
+            epochs=10,
+            patience=10,
+        ),
+    },
+    "resnet18": {
+        "paper": Preset(
+            name="paper",
+            size=256,  # assumed: the same as touch2touch's; the paper gives none
+            grey=False,
+            filters=64,  # He et al. 2016
+            batch=8,  # Grella et al. 2023
+            learning_rate=1e-3,  # Grella et al. 2023, fixed
+            beta1=0.9,  # assumed: Adam as it comes; the paper names no optimiser
+            epochs=200,  # assumed
+            patience=20,  # assumed
+        ),
+        "cpu": Preset(
+            name="cpu",
+            size=96,  # assumed
+            grey=False,
+            filters=32,  # a quarter of the work, as good in as many epochs (measured)
+            batch=16,
+            learning_rate=1e-3,
+            beta1=0.9,
+            schedule="cosine",
+            epochs=40,
+            patience=12,
+            bf16=True,
+            brightness=0.02,
+            contrast=0.05,
+            noise=0.01,
+        ),
+        "smoke": Preset(
+            name="smoke",
+            size=64,  # at 32 the last stage has one pixel, too few for batch norm's statistics
+            grey=False,
+            filters=8,
+            batch=8,
+            learning_rate=2e-3,
+            beta1=0.9,
+            epochs=10,
+            patience=10,
+        ),
+    },
+}
+
+
+def find_preset(model: str, preset: str | Preset) -> Preset:
+    """The preset of that name for that model. Raises T2TwinError that lists the valid names."""
+    if model not in PRESETS:
+        raise T2TwinError(f"there is no model {model!r}; it must be one of {', '.join(MODELS)}")
+    if isinstance(preset, Preset):
+        return preset
+    if preset not in PRESETS[model]:
+        names = ", ".join(PRESETS[model])
+        raise T2TwinError(f"{model} has no preset {preset!r}; it must be one of {names}")
+    return PRESETS[model][preset]

@@ -1,0 +1,120 @@
+"""touch2touch: pix2pix from the grey DIGIT image to the tactile image (Grella et al. 2023).
+
+The generator draws the tactile image, scaled so that -1 is nothing and 1 full scale, at the
+preset's square size; phi at that size is phi at 396 x 240 followed by an area resize, and its
+inverse reads the counts from what was drawn. The counts never enter the loss; L3 is watched only.
+
+Shape letters: B batch, S image side, N taxels.
+"""
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from translate.data import DataInfo
+from translate.distributed import average_gradients
+from translate.networks.patchgan import PatchGAN
+from translate.networks.unet import UNet
+from translate.phi import Phi
+from translate.presets import Preset
+
+
+class Touch2Touch:
+    """The two networks, their optimisers, and one step of training.
+
+    networks, optimizers: by name. predictor: the network that is kept to predict with.
+    """
+
+    def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
+        self.phi = Phi(info.x_mm, info.y_mm).resized((preset.size, preset.size))
+        self.full_scale = info.full_scale_counts
+        self.l1_weight = preset.l1_weight
+        self.device = device
+        self.bf16 = bf16
+        self.generator = UNet(preset.size, preset.filters)
+        self.discriminator = PatchGAN(filters=preset.filters)
+        self.networks: dict[str, nn.Module] = {
+            "generator": self.generator,
+            "discriminator": self.discriminator,
+        }
+        self.predictor = self.generator
+        self.optimizers: dict[str, torch.optim.Optimizer] = {}
+        for name, network in self.networks.items():
+            network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+            self.optimizers[name] = torch.optim.Adam(
+                network.parameters(),
+                preset.learning_rate,
+                (preset.beta1, preset.beta2),
+                fused=True,  # five times as fast on a CPU
+            )
+
+    def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:
+        """One step of the discriminator, then one of the generator.
+
+        images: (B, 1, S, S) in [-1, 1]. counts: (B, N). Returns the losses by name.
+        """
+        images = images.to(self.device)
+        real = self._to_image(counts.to(self.device))
+        with self._precision():
+            drawn = self.generator(images)
+        discriminator_loss = self._discriminator_step(images, real, drawn.detach())
+        adversarial, l1 = self._generator_step(images, real, drawn)
+        return {"discriminator": discriminator_loss, "adversarial": adversarial, "l1": l1}
+
+    def predict(self, images: torch.Tensor) -> torch.Tensor:
+        """(B, 1, S, S) -> counts (B, N), within nought and full scale. In evaluation mode."""
+        return self.counts_of(self.draw(images))
+
+    def draw(self, images: torch.Tensor) -> torch.Tensor:
+        """(B, 1, S, S) -> the tactile images as drawn, in counts, (B, 1, S, S)."""
+        self.generator.eval()
+        with torch.inference_mode(), self._precision():
+            drawn = self.generator(images.to(self.device))
+        return (drawn.float() + 1.0) * (self.full_scale / 2.0)
+
+    def counts_of(self, tactile_images: torch.Tensor) -> torch.Tensor:
+        """phi^-1 of drawn images, clipped to what taxels can say. (B, 1, S, S) -> (B, N)."""
+        return self.phi.from_torch(tactile_images).clamp(0.0, self.full_scale)
+
+    def _to_image(self, counts: torch.Tensor) -> torch.Tensor:
+        return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
+
+    def _precision(self) -> torch.autocast:
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16)
+
+    def _discriminator_step(
+        self, images: torch.Tensor, real: torch.Tensor, drawn: torch.Tensor
+    ) -> float:
+        """Tell real pairs from drawn ones; the loss is halved to slow this network down."""
+        optimizer = self.optimizers["discriminator"]
+        optimizer.zero_grad()
+        with self._precision():
+            of_real = self.discriminator(images, real)
+            of_drawn = self.discriminator(images, drawn)
+        loss = 0.5 * (_adversarial(of_real, 1.0) + _adversarial(of_drawn, 0.0))
+        loss.backward()
+        average_gradients(self.discriminator)
+        optimizer.step()
+        return float(loss.detach())
+
+    def _generator_step(
+        self, images: torch.Tensor, real: torch.Tensor, drawn: torch.Tensor
+    ) -> tuple[float, float]:
+        """Pass for real, and stay close to the real image."""
+        optimizer = self.optimizers["generator"]
+        optimizer.zero_grad()
+        self.discriminator.requires_grad_(False)
+        with self._precision():
+            of_drawn = self.discriminator(images, drawn)
+        adversarial = _adversarial(of_drawn, 1.0)
+        l1 = functional.l1_loss(drawn.float(), real)
+        (adversarial + self.l1_weight * l1).backward()
+        self.discriminator.requires_grad_(True)
+        average_gradients(self.generator)
+        optimizer.step()
+        return float(adversarial.detach()), float(l1.detach())
+
+
+def _adversarial(logits: torch.Tensor, label: float) -> torch.Tensor:
+    logits = logits.float()
+    return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, label))
