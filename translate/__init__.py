@@ -1,0 +1,7 @@
+"""phi, the two translators, their training and evaluation."""
+
+import os
+
+# torch's threads wait by spinning, which on a machine that does anything else beside makes two
+# threads up to eight times slower than one (measured). Read when torch is first imported.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

@@ -1,0 +1,1 @@
+"""The DIGIT: light on the deflected gel, and the picture its camera takes of it."""
