@@ -33,7 +33,7 @@ demo: SCALE := small
 demo: setup
 	$(MAKE) primitives
 	$(MAKE) simdata SCALE=small
-	$(MAKE) train-all SCALE=small PRESET=demo
+	$(MAKE) train-all SCALE=small MINUTES=2.5
 	$(MAKE) evaluate SCALE=small
 	$(MAKE) report SCALE=small
 

@@ -67,7 +67,7 @@ def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_stopped_and_resumed_is_as_undisturbed(
-    data_dir: Path, tmp_path: Path, model: Model, monkeypatch: pytest.MonkeyPatch
+    data_dir: Path, tmp_path: Path, model: Model
 ) -> None:
     """Killed in its second epoch's validation, it ends with the same weights and the same log."""
     preset = replace(PRESETS[model]["smoke"], noise=0.05, brightness=0.05, contrast=0.1)
@@ -80,11 +80,11 @@ def test_stopped_and_resumed_is_as_undisturbed(
             raise KeyboardInterrupt
         return validate(self)
 
-    monkeypatch.setattr(training._Training, "_validate", killed)
-    with pytest.raises(KeyboardInterrupt):
-        train(model, data_dir, preset, tmp_path / "killed", epochs=3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training._Training, "_validate", killed)
+        with pytest.raises(KeyboardInterrupt):
+            train(model, data_dir, preset, tmp_path / "killed", epochs=3)
     assert len(records(tmp_path / "killed")) == 1
-    monkeypatch.undo()
     outcome = train(model, data_dir, preset, tmp_path / "killed", epochs=3)
 
     assert outcome.epochs == 3

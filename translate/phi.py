@@ -83,9 +83,7 @@ class Phi:
         # A has three entries a row, yet one dense product is some three times faster than the
         # sparse one, because it writes the batch image by image.
         self._forward = np.ascontiguousarray(matrix.toarray().T, dtype=np.float32)  # (N, R*C)
-        self._backward = np.ascontiguousarray(  # (R*C, N)
-            (matrix @ np.linalg.inv(normal)), dtype=np.float32
-        )
+        self._backward = matrix @ np.linalg.inv(normal)  # (R*C, N), in doubles: its terms cancel
 
     @property
     def taxels(self) -> int:
@@ -103,13 +101,14 @@ class Phi:
 
     def inverse(self, images: np.ndarray) -> np.ndarray:
         """Arrays of tactile images. images: (R, C) or (B, R, C). Returns (N,) or (B, N) float32."""
-        images = np.asarray(images, dtype=np.float32)
+        images = np.asarray(images, dtype=float)
         if images.shape[-2:] != self.shape:
             raise T2TwinError(
                 f"phi^-1 was built for images of {self.shape[0]} x {self.shape[1]} pixels and was "
                 f"given {' x '.join(map(str, images.shape[-2:]))}"
             )
-        return images.reshape(*images.shape[:-2], -1) @ self._backward
+        counts = images.reshape(*images.shape[:-2], -1) @ self._backward
+        return counts.astype(np.float32)
 
     def resized(self, shape: tuple[int, int]) -> Phi:
         """The same phi followed by an area resize to `shape`, as one matrix with its own inverse.

@@ -4,7 +4,8 @@
     torchrun --nproc-per-node 2 -m translate.train resnet18 data/small cpu runs/resnet18
 
 A run that was stopped goes on from its last whole epoch, and ends as if it had not been stopped:
-each epoch's order, dropout and augmentation are drawn from (seed, epoch).
+each epoch's order, dropout and augmentation are drawn from (seed, epoch). Another number of
+threads adds in another order, so it changes the last digits.
 """
 
 import json
