@@ -74,7 +74,7 @@ def evaluate(runs: list[Path], data_dir: Path, split: str, out_dir: Path) -> dic
         predictions[name] = run.predict_pixels(own.images, progress=name)
     phi = Phi(info.x_mm, info.y_mm)
     models = {
-        name: _figures(predicted, pairs, phi, info.full_scale_counts)
+        name: _figures(name, predicted, pairs, phi, info.full_scale_counts)
         for name, predicted in predictions.items()
     }
     for name, run in loaded.items():
@@ -133,8 +133,10 @@ def _trivial(pairs: Pairs, data_dir: Path, cache: Path) -> dict[str, np.ndarray]
     }
 
 
-def _figures(predicted: np.ndarray, pairs: Pairs, phi: Phi, full_scale: float) -> dict[str, Any]:
-    figures = compare(predicted, pairs.counts, phi, full_scale)
+def _figures(
+    name: str, predicted: np.ndarray, pairs: Pairs, phi: Phi, full_scale: float
+) -> dict[str, Any]:
+    figures = compare(predicted, pairs.counts, phi, full_scale, progress=f"figures of {name}")
 
     def each(names: np.ndarray) -> dict[str, dict[str, float | None]]:
         return {

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from skimage.metrics import structural_similarity
+from tqdm import tqdm
 
 from translate.phi import Phi
 
@@ -58,13 +59,22 @@ class Figures:
         }
 
 
-def compare(predicted: np.ndarray, true: np.ndarray, phi: Phi, full_scale: float) -> Figures:
-    """Figures of each pair. predicted, true: (P, N), counts; full_scale: SSIM's data range."""
+def compare(
+    predicted: np.ndarray,
+    true: np.ndarray,
+    phi: Phi,
+    full_scale: float,
+    progress: str | None = None,
+) -> Figures:
+    """Figures of each pair. predicted, true: (P, N), counts; full_scale: SSIM's data range.
+
+    progress: a name to show a bar under, or None.
+    """
     predicted, true = predicted.astype(float), true.astype(float)
     with ThreadPoolExecutor() as pool:
-        of_images = np.array(
-            list(pool.map(lambda a, b: _of_images(a, b, phi, full_scale), predicted, true))
-        ).reshape(-1, 3)
+        found = pool.map(lambda a, b: _of_images(a, b, phi, full_scale), predicted, true)
+        bar = tqdm(found, progress, len(true), unit="pair", disable=progress is None)
+        of_images = np.array(list(bar)).reshape(-1, 3)
     return Figures(
         squared_error=np.square(predicted - true).mean(axis=1),
         ssim=of_images[:, 0],

@@ -96,7 +96,7 @@ def train(
         earlier = _earlier_run(config, out_dir)
         if earlier is not None:
             config, history = earlier
-            reason = _reason_to_stop(config, history)
+            reason = reason_to_stop(config, history)
             if reason:
                 outcome = _outcome(out_dir, history, reason)
                 if rank == 0:
@@ -141,7 +141,7 @@ class _Training:
             self.config.save(self.out_dir)
         self._announce(epoch_seconds)
         self._train()
-        reason = _reason_to_stop(self.config, self.history)
+        reason = reason_to_stop(self.config, self.history)
         assert reason is not None
         outcome = _outcome(self.out_dir, self.history, reason)
         if self.rank == 0:
@@ -156,7 +156,7 @@ class _Training:
             total=total, initial=done * self.steps, desc=self.config.model, unit="step",
             disable=self.rank > 0, mininterval=0.5,
         ) as bar:  # fmt: skip
-            while _reason_to_stop(self.config, self.history) is None:
+            while reason_to_stop(self.config, self.history) is None:
                 record = self._epoch(len(self.history), bar)
                 best = not self.history or record["val_rmse_counts"] < min(
                     earlier["val_rmse_counts"] for earlier in self.history
@@ -334,7 +334,7 @@ def _earlier_run(config: Config, out_dir: Path) -> tuple[Config, History] | None
     return earlier, load_history(out_dir / LAST)
 
 
-def _reason_to_stop(config: Config, history: History) -> str | None:
+def reason_to_stop(config: Config, history: History) -> str | None:
     """Why a run with this history is finished, or None."""
     if len(history) >= config.planned_epochs:
         return "all its epochs are done"

@@ -16,7 +16,7 @@ from translate.evaluate import METRICS, PREDICTIONS, TRUTH, evaluate
 from translate.phi import Phi
 from translate.predict import Run, load_run
 from translate.run import BEST, LOG, Config
-from translate.train import _reason_to_stop as reason_to_stop
+from translate.train import reason_to_stop
 
 COLUMNS = [
     "shape",
