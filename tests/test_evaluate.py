@@ -175,7 +175,7 @@ def test_evaluation_of_objects_is_per_tool(
     lines = table(metrics).splitlines()
     assert lines[0] == "test, 8 pairs"
     assert len({len(line) for line in lines[1:]}) == 1
-    assert any(line.startswith("resnet18 (paper)") and "4867" in line for line in lines)
+    assert any(line.startswith("resnet18 (paper, hardware)") and "4867" in line for line in lines)
 
 
 def test_predictions_do_not_depend_on_the_batch(runs: list[Path], data_dir: Path) -> None:

@@ -105,7 +105,7 @@ def evaluate(runs: list[Path], data_dir: Path, split: str, out_dir: Path) -> dic
 
 def table(metrics: dict[str, Any]) -> str:
     """The overall figures of `evaluate` as lines of text, the paper's own below."""
-    names = [*metrics["models"], *(f"{name} (paper)" for name in metrics["paper"])]
+    names = [*metrics["models"], *(f"{name} (paper, hardware)" for name in metrics["paper"])]
     rows = [model["overall"] for model in metrics["models"].values()]
     rows += list(metrics["paper"].values())
     cells = [["", *(title for _, title, _ in FIGURES)]]
@@ -122,7 +122,8 @@ def table(metrics: dict[str, Any]) -> str:
         )
         for row in cells
     ]
-    return "\n".join([f"{metrics['split']}, {metrics['pairs']} pairs", *lines])
+    note = "The paper's rows are from real sensors and not to be compared one to one."
+    return "\n".join([f"{metrics['split']}, {metrics['pairs']} pairs", *lines, note])
 
 
 def _trivial(pairs: Pairs, data_dir: Path, cache: Path) -> dict[str, np.ndarray]:
