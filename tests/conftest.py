@@ -6,7 +6,12 @@ from primitives_cad import catalogue
 
 
 @pytest.fixture(scope="session")
-def shapes(tmp_path_factory):
-    """Catalogue shapes by name, made once for the whole session."""
-    cache = tmp_path_factory.mktemp("shapes")
-    return lru_cache(maxsize=None)(lambda name: catalogue.load(name, cache))
+def shape_cache(tmp_path_factory):
+    """Where prepared shapes are kept: each is made once for the whole session."""
+    return tmp_path_factory.mktemp("shapes")
+
+
+@pytest.fixture(scope="session")
+def shapes(shape_cache):
+    """Catalogue shapes by name."""
+    return lru_cache(maxsize=None)(lambda name: catalogue.load(name, shape_cache))

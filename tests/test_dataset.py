@@ -26,14 +26,9 @@ def digests(folder):
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory, cache):
+def made(tmp_path_factory, shape_cache):
     folder = tmp_path_factory.mktemp("data") / "smoke"
-    generate(folder, "smoke", workers=1, cache=cache, shapes=SHAPES)
+    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     return folder
 
 
@@ -68,24 +63,25 @@ def test_every_shard_is_what_info_says(made):
     assert json.loads(features[b"huggingface"])["info"]["features"]["image"]["_type"] == "Image"
 
 
-def test_two_workers_and_one_give_the_same_bytes(made, tmp_path, cache):
-    generate(tmp_path / "two", "smoke", workers=2, cache=cache, shapes=SHAPES)
+def test_two_workers_and_one_give_the_same_bytes(made, tmp_path, shape_cache):
+    generate(tmp_path / "two", "smoke", workers=2, cache=shape_cache, shapes=SHAPES)
     assert digests(tmp_path / "two") == digests(made)
 
 
-def test_another_seed_gives_other_noise_and_the_same_poses(made, tmp_path, cache):
-    generate(tmp_path / "other", "smoke", seed=1, workers=1, cache=cache, shapes=SHAPES[:1])
+def test_another_seed_gives_other_noise_and_the_same_poses(made, tmp_path, shape_cache):
+    generate(tmp_path / "other", "smoke", seed=1, workers=1, cache=shape_cache, shapes=SHAPES[:1])
     table = read_split(tmp_path / "other", "train")
     before = pq.ParquetFile(made / "train/square-1.parquet").read()
     assert table.column("x_mm") == before.column("x_mm")
     assert table.column("image") != before.column("image")
 
 
-def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(made, tmp_path, cache):
+def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(made, tmp_path, shape_cache):
     folder = tmp_path / "killed"
     script = (
         "from sim.generate import generate\n"
-        f"generate({str(folder)!r}, 'smoke', workers=1, cache={str(cache)!r}, shapes={SHAPES!r})"
+        f"generate({str(folder)!r}, 'smoke', workers=1, cache={str(shape_cache)!r}, "
+        f"shapes={SHAPES!r})"
     )
     process = subprocess.Popen(
         [sys.executable, "-c", script], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
@@ -98,25 +94,25 @@ def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(made, tmp_path, cache
     assert list(folder.rglob("*.parquet"))
     with pytest.raises(T2TwinError, match="unfinished"):
         read_split(folder, "train")
-    generate(folder, "smoke", workers=1, cache=cache, shapes=SHAPES)
+    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     assert digests(folder) == digests(made)
 
 
-def test_a_damaged_shard_is_made_anew(made, tmp_path, cache):
+def test_a_damaged_shard_is_made_anew(made, tmp_path, shape_cache):
     folder = tmp_path / "damaged"
-    generate(folder, "smoke", workers=1, cache=cache, shapes=SHAPES[:2])
+    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES[:2])
     before = digests(folder)
     shard = folder / "train/square-1.parquet"
     content = bytearray(shard.read_bytes())
     content[len(content) // 2] ^= 1
     shard.write_bytes(content)
-    generate(folder, "smoke", workers=1, cache=cache, shapes=SHAPES[:2])
+    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES[:2])
     assert digests(folder) == before
 
 
-def test_other_parameters_are_refused(made, cache):
+def test_other_parameters_are_refused(made, shape_cache):
     with pytest.raises(T2TwinError, match="another seed"):
-        generate(made, "smoke", seed=5, workers=1, cache=cache, shapes=SHAPES)
+        generate(made, "smoke", seed=5, workers=1, cache=shape_cache, shapes=SHAPES)
 
 
 def test_a_folder_with_something_else_is_refused(tmp_path):

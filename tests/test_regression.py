@@ -5,8 +5,8 @@ import json
 from benchmarks.regression import BASELINE, failures, measure
 
 
-def test_both_translators_stay_within_the_band(tmp_path):
-    found = measure(tmp_path, cache=tmp_path / "cache")
+def test_both_translators_stay_within_the_band(tmp_path, shape_cache):
+    found = measure(tmp_path, cache=shape_cache)
     print(json.dumps(found, indent=1))
     assert not failures(found, json.loads(BASELINE.read_text()))
 

@@ -80,8 +80,9 @@ class Layer:
     def __init__(self, elastomer: Elastomer, pitch_mm: float) -> None:
         self.elastomer = elastomer
         self.pitch_mm = pitch_mm
-        self.columns = int(elastomer.width_mm / pitch_mm + 1e-9)
-        self.rows = int(elastomer.length_mm / pitch_mm + 1e-9)
+        # Even numbers both, so that a quarter turn about the middle maps cells onto cells.
+        self.columns = 2 * int(elastomer.width_mm / pitch_mm / 2 + 1e-9)
+        self.rows = 2 * int(elastomer.length_mm / pitch_mm / 2 + 1e-9)
         self.x_mm = (np.arange(self.columns) - (self.columns - 1) / 2) * pitch_mm
         self.y_mm = (np.arange(self.rows) - (self.rows - 1) / 2) * pitch_mm
         x, y = np.meshgrid(self.x_mm, self.y_mm)

@@ -18,8 +18,8 @@ def primitives(
     from primitives_cad.export import export
     from primitives_cad.sheet import draw_sheet
 
-    export(out)
-    sheet = draw_sheet(out / "contact_sheet.png")
+    export(out, cache_dir=out)
+    sheet = draw_sheet(out / "contact_sheet.png", cache_dir=out)
     print("shapes to press:")
     for start in range(0, len(NAMES), 4):
         print("  " + "".join(f"{name:24}" for name in NAMES[start : start + 4]).rstrip())
