@@ -22,7 +22,7 @@ from translate.train import train
 BASELINE = Path(__file__).parent / "results" / "regression.json"
 
 SCALE = "small"
-EPOCHS = {"touch2touch": 8, "resnet18": 8}
+EPOCHS = {"touch2touch": 16, "resnet18": 8}
 """Epochs of each translator: brief, yet enough to be well below the mean array."""
 
 BAND = 0.2
