@@ -21,6 +21,7 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from primitives_cad.errors import T2TwinError
+from primitives_cad.writing import whole_file
 from sim.records import Press, Sample
 
 SPLITS = ("train", "val", "test")
@@ -134,22 +135,16 @@ def write_shard(path: Path, rows: Iterable[dict[str, Any]]) -> str:
         use_dictionary=["shape", "family", "split"],  # pyright: ignore[reportArgumentType]
     )
     content = buffer.getvalue().to_pybytes()
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, content)
     return hashlib.sha256(content).hexdigest()
 
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file so that it is whole or absent, also after a power cut."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def write_info(folder: Path, info: dict[str, Any]) -> None:

@@ -144,7 +144,7 @@ def _begin(folder: Path, wanted: dict[str, Any]) -> dict[str, Any]:
                     f"{folder} holds a dataset made with another {key}; choose another folder, "
                     "or remove that one"
                 )
-        for left_over in folder.rglob(".*.part"):
+        for left_over in folder.rglob(".*.part*"):
             left_over.unlink()  # what a killed run was writing
         return there
     if folder.exists() and any(folder.iterdir()):

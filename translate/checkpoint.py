@@ -14,7 +14,7 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from primitives_cad.errors import T2TwinError
-from translate.files import replacing
+from primitives_cad.writing import whole_file
 from translate.resnet18 import Regression
 from translate.touch2touch import Touch2Touch
 
@@ -93,6 +93,6 @@ def _save(
 ) -> None:
     # safetensors stores rows in order; channels-last weights are not.
     in_order = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    with replacing(path) as temporary:
+    with whole_file(path) as temporary:
         save_file(in_order, temporary, metadata)
         temporary.chmod(0o644)  # safetensors lets only the owner read

@@ -22,8 +22,8 @@ from PIL import Image
 from tqdm import tqdm
 
 from primitives_cad.errors import T2TwinError
+from primitives_cad.writing import whole_file
 from sim.dataset import INFO, read_info, read_split, taxels
-from translate.files import replacing
 from translate.images import to_pixels
 
 CACHE = "cache"
@@ -161,7 +161,7 @@ def _write_cache(path: Path, shards: list[Path], rows: int, size: int, grey: boo
         "shape": (rows, size, size, 1 if grey else 3),
     }
     with (
-        replacing(path) as temporary,
+        whole_file(path) as temporary,
         temporary.open("wb") as file,
         ThreadPoolExecutor() as pool,
         tqdm(total=rows, desc=f"decoding {path.stem}", unit="image", disable=rows < 1000) as bar,

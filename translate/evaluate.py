@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from primitives_cad.errors import T2TwinError
+from primitives_cad.writing import whole_file
 from translate.baselines import FEATURE_SIZE, mean_array, nearest_neighbour
 from translate.data import PRESS, DataInfo, Pairs, load_info, load_pairs, usable_cache
-from translate.files import replacing, write_json
+from translate.files import write_json
 from translate.metrics import CONTACT_LEVEL, compare
 from translate.phi import Phi
 from translate.predict import Run, load_run
@@ -89,7 +90,7 @@ def evaluate(runs: list[Path], data_dir: Path, split: str, out_dir: Path) -> dic
         "models": models,
         "paper": PAPER.get(split, {}),
     }
-    with replacing(out_dir / PREDICTIONS) as temporary, temporary.open("wb") as file:
+    with whole_file(out_dir / PREDICTIONS) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             allow_pickle=False,

@@ -16,10 +16,11 @@ from torch.nn import functional
 from tqdm import tqdm
 
 from primitives_cad.errors import T2TwinError
+from primitives_cad.writing import whole_file
 from translate import distributed
 from translate.checkpoint import load_weights
 from translate.data import ImageFile
-from translate.files import replacing, write_json
+from translate.files import write_json
 from translate.images import open_image, to_input, to_pixels
 from translate.phi import TACTILE_SHAPE, Phi
 from translate.picture import tactile_picture
@@ -145,7 +146,7 @@ def _write_counts(
     out_dir: Path, run: Run, image_paths: Sequence[Path], names: list[str], counts: np.ndarray
 ) -> None:
     rounded = np.rint(counts).astype(int)
-    with replacing(out_dir / "counts.csv") as temporary, temporary.open("w", newline="") as file:
+    with whole_file(out_dir / "counts.csv") as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["image", *(f"taxel_{n}" for n in range(counts.shape[1]))])
         for path, row in zip(image_paths, rounded, strict=True):

@@ -21,10 +21,10 @@ import torch
 from tqdm import tqdm
 
 from primitives_cad.errors import T2TwinError
+from primitives_cad.writing import whole_file
 from translate import distributed
 from translate.checkpoint import load_history, load_state, save_state, save_weights
 from translate.data import Pairs, load_info, load_pairs, usable_cache
-from translate.files import replacing
 from translate.images import augment, to_input
 from translate.presets import Preset, find_preset
 from translate.resnet18 import Regression
@@ -278,7 +278,7 @@ class _Log:
         self.board = SummaryWriter(str(out_dir / TENSORBOARD), purge_step=len(history) + 1)
 
     def write(self, history: History) -> None:
-        with replacing(self.path) as temporary:
+        with whole_file(self.path) as temporary:
             temporary.write_text("".join(json.dumps(record) + "\n" for record in history))
         for name, value in history[-1].items():
             if name != "epoch":

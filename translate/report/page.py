@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from translate.files import replacing
+from primitives_cad.writing import whole_file
 from translate.report import (
     about,
     by_shape,
@@ -102,7 +102,7 @@ def write_report(out: Path, data: Path, runs: list[Path]) -> Path:
     ]
     body = [section() for section in tqdm(sections, desc="report", unit="section")]
     path = Path(out) / PAGE
-    with replacing(path) as temporary:
+    with whole_file(path) as temporary:
         temporary.write_text(_page(body), encoding="utf-8")
     return path
 
