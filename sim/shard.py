@@ -1,5 +1,8 @@
 """Making one shard: all presses of one shape."""
 
+import multiprocessing
+import os
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -55,6 +58,15 @@ def start_worker(bench: Bench, made) -> None:
     """Give a pool's process its bench and the counter of pairs that all of them share."""
     global _bench, _made
     _bench, _made = bench, made
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A killed run takes its workers with it; they would wait for tasks for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def work(task: Task) -> str:
