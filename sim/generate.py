@@ -32,7 +32,6 @@ from sim.shard import Task, make_shard, start_worker, work
 SECONDS_PER_PAIR = 0.09
 """Time of one pair on one core, for the estimate before the start, s."""
 
-
 BAR_SECONDS = 0.5
 """How often the progress bar looks at the workers, s."""
 

@@ -29,10 +29,6 @@ class Grid:
     points: int
     orientations: int
 
-    @property
-    def presses(self) -> int:
-        return self.points**2 * self.orientations
-
 
 PRIMITIVE_GRID = Grid(points=7, orientations=12)
 OBJECT_GRID = Grid(points=3, orientations=7)

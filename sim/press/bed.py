@@ -7,10 +7,10 @@ pin can touch only the ball above it, without friction, so that contact forces a
 the pin's and the shape's heights are all that matters: exact for normal contact, whatever the
 shape's outline or slope.
 
-Units inside the model: mm, s, and the force that presses one pin's spring by 1 mm, so that every
-spring is 1 and one compiled model serves every elastomer and pitch. The `discrete` integrator is
-implicit in position, so with masses far below stiffness x step^2 a step lands on the static
-equilibrium of springs and contact.
+Units inside the model: mm, s, and the force that presses an unstiffened pin's spring by 1 mm, so
+that springs are about 1 and one compiled model serves every elastomer and pitch. The `discrete`
+integrator is implicit in position, so with masses far below stiffness x step^2 a step lands on the
+static equilibrium of springs and contact.
 """
 
 # MuJoCo's Python module fills its names in at import, where pyright cannot see them.
