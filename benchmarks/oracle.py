@@ -1,20 +1,76 @@
 """An independent answer to the contact problem, to hold the engine against.
 
-The same elastic layer, but its own discretisation and its own solver: pressure constant on each
-cell, contact enforced at the cells' middles, and a constrained conjugate-gradient iteration
-(Polonsky and Keer, Wear 231, 1999) on the layer's kernel, which is worked out here from the closed
-form by its own sum over aliases. It knows nothing of MuJoCo.
+The same elastic layer, but its own elasticity, its own discretisation and its own solver: the
+equations of elasticity integrated through the thickness for each plane wave, pressure constant on
+each cell, contact enforced at the cells' middles, and a constrained conjugate-gradient iteration
+(Polonsky and Keer, Wear 231, 1999). It shares nothing with the engine and knows nothing of MuJoCo.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.linalg import expm
 from scipy.signal import fftconvolve
-
-from sim.press.layer import compliance_mm_per_mpa
 
 ALIASES = 4
 """Spectral images summed on either side."""
+
+
+THICK = 12.0
+"""Wavenumber times thickness beyond which a layer is a half-space: what is left is below 1e-8."""
+
+THIN = 1e-3
+"""Wavenumber times thickness below which a wave is as good as none."""
+
+WAVES = 300
+"""Waves between THIN and THICK that are integrated, and splined between."""
+
+
+def wave(reduced: float, poisson: float) -> tuple[float, float]:
+    """Sinking of the top, times shear modulus x wavenumber, and the base's stress, under a wave.
+
+    A pressure cos(k x) on a layer of thickness h, k h = reduced. Displacements a sin(k x) along x
+    and b cos(k x) along z, stresses t sin(k x) in shear and s cos(k x) along z (over the shear
+    modulus) obey four linear equations in k z, Hooke's two and equilibrium's two, which take
+    the base (a = b = 0) to the top (t = 0, s = -1) by one matrix exponential.
+    """
+    lame = 2 * poisson / (1 - 2 * poisson)
+    confined = lame + 2
+    growth = np.array(
+        [
+            [0, 1, 1, 0],
+            [-lame / confined, 0, 0, 1 / confined],
+            [confined - lame**2 / confined, 0, 0, lame / confined],
+            [0, 0, -1, 0],
+        ]
+    )
+    through = expm(growth * reduced)
+    at_base = np.linalg.solve(through[2:, 2:], [0.0, -1.0])
+    return -float(through[1, 2:] @ at_base), -float(at_base[1])
+
+
+class Waves:
+    """Compliance and base stress of a bonded layer, mm/MPa and 1, at any wavenumber, rad/mm."""
+
+    def __init__(self, thickness_mm: float, young_mpa: float, poisson: float) -> None:
+        self.thickness_mm = thickness_mm
+        self.half_space = 2 * (1 - poisson**2) / young_mpa
+        shear = young_mpa / (2 * (1 + poisson))
+        reduced = np.geomspace(THIN, THICK, WAVES)
+        found = np.array([wave(float(s), poisson) for s in reduced])
+        self._sinking = CubicSpline(np.log(reduced), found[:, 0] * thickness_mm / shear / reduced)
+        self._base = CubicSpline(np.log(reduced), found[:, 1])
+
+    def compliance(self, wavenumber: np.ndarray) -> np.ndarray:
+        reduced = np.maximum(wavenumber * self.thickness_mm, THIN)
+        within = np.log(np.minimum(reduced, THICK))
+        beyond = self.half_space * self.thickness_mm / reduced
+        return np.where(reduced < THICK, self._sinking(within), beyond)
+
+    def base_stress(self, wavenumber: np.ndarray) -> np.ndarray:
+        reduced = np.maximum(wavenumber * self.thickness_mm, THIN)
+        return np.where(reduced < THICK, self._base(np.log(np.minimum(reduced, THICK))), 0.0)
 
 
 @dataclass(frozen=True)
@@ -33,6 +89,7 @@ def kernel(
     n = int(np.ceil(max(2.5 * max(rows, columns) * pitch_mm, 14 * thickness_mm) / pitch_mm))
     base = 2 * np.pi * np.fft.fftfreq(n, pitch_mm)
     shifts = 2 * np.pi * np.arange(-ALIASES, ALIASES + 1) / pitch_mm
+    waves = Waves(thickness_mm, young_mpa, poisson)
     spectrum = np.zeros((n, n))
     for shift_x in shifts:
         kx = base[None, :] + shift_x
@@ -40,7 +97,7 @@ def kernel(
             ky = base[:, None] + shift_y
             cell = np.sinc(kx * pitch_mm / 2 / np.pi) * np.sinc(ky * pitch_mm / 2 / np.pi)
             k = np.hypot(kx, ky)
-            spectrum += cell * compliance_mm_per_mpa(k, thickness_mm, young_mpa, poisson)
+            spectrum += cell * waves.compliance(k)
     whole = np.fft.fftshift(np.fft.ifft2(spectrum).real)
     middle = n // 2
     return whole[middle - rows + 1 : middle + rows, middle - columns + 1 : middle + columns]

@@ -132,7 +132,7 @@ def test_halving_the_grid_changes_little():
 def test_footprint_of_a_turned_block_keeps_its_area():
     command = Press("block", 0.3, -0.2, 0.4, 8.0)
     axis = (np.arange(60) - 29.5) * 0.25
-    _, shares = footprint(block(5.0, 7.0).surface, command, axis, axis)
+    shares = footprint(block(5.0, 7.0).surface, command, axis, axis).shares
     assert shares.sum() * 0.25**2 == pytest.approx(35.0, rel=0.02)
 
 

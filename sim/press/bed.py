@@ -49,7 +49,7 @@ def mjcf(pins: int) -> str:
         f'<geom name="over{i}" pos="{0.01 * (i + 1):g} 0 {PARKED_MM:g}"/>' for i in range(pins)
     )
     bed = "".join(
-        f'<body name="pin{i}" pos="{0.01 * (i + 1):g} 0 0"><joint class="pin"/>'
+        f'<body name="pin{i}" pos="{0.01 * (i + 1):g} 0 {-BALL_MM:g}"><joint class="pin"/>'
         f'<geom name="tip{i}"/></body>'
         for i in range(pins)
     )
@@ -82,24 +82,15 @@ class Bed:
         self.data = mujoco.MjData(self.model)
         self._gap_mm = np.zeros(0)
 
-    def lay(
-        self,
-        x_mm: np.ndarray,
-        y_mm: np.ndarray,
-        rest_mm: np.ndarray,
-        gap_mm: np.ndarray,
-        depth_mm: float,
-    ) -> None:
+    def lay(self, gap_mm: np.ndarray, depth_mm: float) -> None:
         """Place n <= pins pins and the shape above them.
 
-        All arrays (n,): the pins' places, the untouched surface's height, how much higher than at
-        its first touch the shape stands there. depth_mm: where the shape starts.
+        gap_mm: (n,) how much higher than at its first touch the shape stands over each pin.
+        depth_mm: where the shape starts.
         """
-        model, data, n = self.model, self.data, x_mm.size
-        first_pin = 2
-        model.body_pos[first_pin : first_pin + n] = np.stack([x_mm, y_mm, rest_mm - BALL_MM], 1)
-        model.geom_pos[: self.pins, 2] = PARKED_MM
-        model.geom_pos[:n] = np.stack([x_mm, y_mm, rest_mm + gap_mm + BALL_MM], 1)
+        model, data, n = self.model, self.data, gap_mm.size
+        model.geom_pos[n : self.pins, 2] = PARKED_MM
+        model.geom_pos[:n, 2] = gap_mm + BALL_MM
         mujoco.mj_resetData(model, data)
         model.qpos_spring[:] = 0.0
         data.qpos[0] = -depth_mm

@@ -20,7 +20,7 @@ class Elastomer:
     dome_width_radius_mm, dome_length_radius_mm: radii of the outer surface along x and y;
         inf means flat. The surface is flat for dome_flat_mm either side of the middle in y.
     law: how deflection follows the linear layer's: "linear" as it is, or "stiffening" as a
-        neo-Hookean solid, so that a deep press never goes through (see neo_hookean_mm).
+        neo-Hookean solid, so that a deep press never goes through (see sim.press.law).
     """
 
     name: str
@@ -71,30 +71,6 @@ def _sag(distance_mm: np.ndarray, radius_mm: float) -> np.ndarray:
     inside = np.minimum(distance_mm, 0.999 * radius_mm)
     return radius_mm - np.sqrt(radius_mm**2 - inside**2)
 
-
-def neo_hookean_mm(
-    linear_mm: np.ndarray, thickness_mm: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Deflection w, mm, of a stiffening layer where a linear one would give u, and dw / du.
-
-    The linear layer's strain u / h stands for the stress over the modulus; a neo-Hookean solid
-    takes that stress at a stretch l with (1 / l^2 - l) / 3 = u / h (Treloar, The Physics of Rubber
-    Elasticity, 1975), and w = h (1 - l). Equal to u for small strain, below h for any stress;
-    where the surface bulges out (u < 0) it stays u. The local strain is taken through the
-    thickness, which leaves out large rotations.
-    """
-    strain = np.maximum(linear_mm, 0.0) / thickness_mm
-    # Newton's method on l^3 + 3 (u / h) l^2 = 1, from above the root, where it is convex.
-    stretch = 1 / np.sqrt(np.maximum(3 * strain, 1.0))
-    for _ in range(NEWTON_STEPS):
-        excess = stretch * stretch * (stretch + 3 * strain) - 1
-        stretch -= excess / (3 * stretch * (stretch + 2 * strain))
-    pressed = thickness_mm * (1 - stretch)
-    return np.where(linear_mm > 0, pressed, linear_mm), stretch / (stretch + 2 * strain)
-
-
-NEWTON_STEPS = 5
-"""Steps that bring the stretch to rounding error."""
 
 DIGIT_GEL = Elastomer(
     name="digit",

@@ -3,12 +3,14 @@
 # numba's own types hide a compiled function's signature.
 # pyright: reportCallIssue=false
 
+from dataclasses import dataclass
 from typing import Any
 
 import numba
 import numpy as np
 
 from primitives_cad.shape import NOTHING_MM, HeightMap
+from sim.press.grid import blocks, sums
 from sim.records import Press
 
 SAMPLES = 5
@@ -16,6 +18,10 @@ SAMPLES = 5
 
 STEEPEST = 1.5
 """Height differences within a cell beyond this many cells count as a wall, not a slope."""
+
+MIDDLE_WEIGHT = 1 - 1 / (12 * 0.4**2)
+"""Weight of a cell's middle in its mean height, the corners' being the rest: exact where the
+height is quadratic, the corner samples lying 0.4 cells off the middle both ways."""
 
 LEAST_COVER = 0.1
 """Cells of which the shape covers less than this share count as free."""
@@ -39,18 +45,35 @@ def heights_at(
     return heights
 
 
-def footprint(
-    surface: HeightMap, command: Press, x_mm: np.ndarray, y_mm: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean height of the part of the shape that stands over each cell, and its share of the cell.
+@dataclass(frozen=True)
+class Footprint:
+    """What of a shape stands over each cell of a grid, all (ny, nx).
 
-    x_mm (nx,), y_mm (ny,): cell centres, equally spaced. Returns heights (ny, nx), mm, NOTHING_MM
-    where there is no shape, and shares (ny, nx), 0 to 1.
+    heights_mm: mean height of that part, mm, NOTHING_MM where there is none.
+    shares: its share of the cell, 0 to 1.
+    peaks_mm: its highest point, mm.
     """
-    heights = np.empty((y_mm.size, x_mm.size))
-    shares = np.empty_like(heights)
-    _footprint(*_lookup(surface, command), x_mm, y_mm, heights, shares)
-    return heights, shares
+
+    heights_mm: np.ndarray
+    shares: np.ndarray
+    peaks_mm: np.ndarray
+
+    def coarsened(self, parts: int) -> "Footprint":
+        """The same on cells of parts x parts of these."""
+        if parts == 1:
+            return self
+        highest = blocks(self.peaks_mm, parts).max(axis=(1, 3))
+        covered = sums(self.shares, parts)
+        heights = np.where(self.shares > 0, self.heights_mm, 0.0)
+        mean = sums(self.shares * heights, parts) / np.maximum(covered, LEAST_COVER)
+        return Footprint(np.where(covered > 0, mean, NOTHING_MM), covered / parts**2, highest)
+
+
+def footprint(surface: HeightMap, command: Press, x_mm: np.ndarray, y_mm: np.ndarray) -> Footprint:
+    """The footprint on cells with centres x_mm (nx,), y_mm (ny,), mm, equally spaced."""
+    heights, shares, peaks = np.empty((3, y_mm.size, x_mm.size))
+    _footprint(*_lookup(surface, command), x_mm, y_mm, heights, shares, peaks)
+    return Footprint(heights, shares, peaks)
 
 
 def _lookup(surface: HeightMap, command: Press) -> tuple[Any, ...]:
@@ -96,25 +119,45 @@ def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, fou
             )
 
 
-@numba.njit(f"void({_LOOKUP}, f8[::1], f8[::1], f8[:, ::1], f8[:, ::1])", cache=True, nogil=True)
-def _footprint(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, mean, share):
+@numba.njit(
+    f"void({_LOOKUP}, f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])",
+    cache=True,
+    nogil=True,
+)
+def _footprint(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, mean, share, peak):
     cell = x_mm[1] - x_mm[0]
     offsets = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * cell / SAMPLES
     middle, last = SAMPLES // 2, SAMPLES - 1
     samples = np.empty(SAMPLES * SAMPLES)
+    mean[:] = NOTHING_MM
+    share[:] = 0.0
+    peak[:] = NOTHING_MM
+    # Only cells within the turned map's bounding box can have something over them.
+    corner_x = max(abs(x0), abs(x0 + pitch * (heights.shape[1] - 1)))
+    corner_y = max(abs(y0), abs(y0 + pitch * (heights.shape[0] - 1)))
+    reach_x = abs(cos) * corner_x + abs(sin) * corner_y + cell
+    reach_y = abs(sin) * corner_x + abs(cos) * corner_y + cell
     for i in range(y_mm.size):
+        if abs(y_mm[i] - press_y) > reach_y:
+            continue
         for j in range(x_mm.size):
+            if abs(x_mm[j] - press_x) > reach_x:
+                continue
             # Where middle and corners lie near each other, five points say it all.
-            low, high, total = np.inf, -np.inf, 0.0
+            low, high, total, centre = np.inf, -np.inf, 0.0, 0.0
             for a, b in ((middle, middle), (0, 0), (0, last), (last, 0), (last, last)):
                 height = _height(
                     heights, x0, y0, pitch, press_x, press_y, cos, sin,
                     x_mm[j] + offsets[b], y_mm[i] + offsets[a],
                 )  # fmt: skip
                 low, high, total = min(low, height), max(high, height), total + height
+                if a == middle:
+                    centre = height
             if high - low <= STEEPEST * cell:
-                mean[i, j] = total / 5 if low > NOTHING_MM / 2 else NOTHING_MM
+                weighted = MIDDLE_WEIGHT * centre + (1 - MIDDLE_WEIGHT) * (total - centre) / 4
+                mean[i, j] = weighted if low > NOTHING_MM / 2 else NOTHING_MM
                 share[i, j] = 1.0 if low > NOTHING_MM / 2 else 0.0
+                peak[i, j] = high
                 continue
             n = 0
             for a in range(SAMPLES):
@@ -136,3 +179,4 @@ def _footprint(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, m
                 mean[i, j] = NOTHING_MM
             else:
                 mean[i, j] = total / covered
+                peak[i, j] = samples.max()

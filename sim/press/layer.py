@@ -7,8 +7,7 @@ deflection C(k) p cos(k.x), and a normal stress T(k) p cos(k.x) at the base.
 from functools import lru_cache
 
 import numpy as np
-from numpy import fft
-from scipy import special
+from scipy import fft, special
 from scipy.fft import next_fast_len
 from scipy.integrate import simpson
 from scipy.interpolate import CubicSpline
@@ -74,15 +73,17 @@ def _denominator(s: np.ndarray, kappa: float) -> np.ndarray:
 class Layer:
     """One elastomer's linear answer on a grid of square cells.
 
-    rows, columns: the grid. pitch_mm: its cell. x_mm (columns,), y_mm (rows,): cell centres.
+    Cells of pitch_mm, each cut into parts x parts finer ones.
+    rows, columns: the fine grid. pitch_mm: its cell. x_mm (columns,), y_mm (rows,): cell centres.
     """
 
-    def __init__(self, elastomer: Elastomer, pitch_mm: float) -> None:
+    def __init__(self, elastomer: Elastomer, pitch_mm: float, parts: int = 1) -> None:
         self.elastomer = elastomer
-        self.pitch_mm = pitch_mm
         # Even numbers both, so that a quarter turn about the middle maps cells onto cells.
-        self.columns = 2 * int(elastomer.width_mm / pitch_mm / 2 + 1e-9)
-        self.rows = 2 * int(elastomer.length_mm / pitch_mm / 2 + 1e-9)
+        self.columns = parts * 2 * int(elastomer.width_mm / pitch_mm / 2 + 1e-9)
+        self.rows = parts * 2 * int(elastomer.length_mm / pitch_mm / 2 + 1e-9)
+        self.parts = parts
+        self.pitch_mm = pitch_mm = pitch_mm / parts
         self.x_mm = (np.arange(self.columns) - (self.columns - 1) / 2) * pitch_mm
         self.y_mm = (np.arange(self.rows) - (self.rows - 1) / 2) * pitch_mm
         x, y = np.meshgrid(self.x_mm, self.y_mm)
@@ -132,11 +133,13 @@ class Layer:
         if (rows, columns) not in self._transforms:
             self._transforms[rows, columns] = self._transform(rows, columns, padded)
         # Single precision: 1e-6 of the deflection, and twice as fast.
-        spectrum = self._transforms[rows, columns] * fft.rfft2(
-            pressure_mpa.astype(np.float32), padded
+        spectrum = self._transforms[rows, columns] * np.asarray(
+            fft.rfft2(pressure_mpa.astype(np.float32), padded)
         )
-        answers = fft.irfft2(spectrum, padded)[:, :rows, :columns]
-        return np.einsum("lyx,lyx->yx", self._weights[:, *window], answers)
+        answers = np.asarray(fft.irfft2(spectrum, padded))[:, :rows, :columns]
+        if len(answers) == 1:
+            return answers[0].astype(np.float64)
+        return np.einsum("lyx,lyx->yx", self._weights[:, *window], answers).astype(np.float64)
 
     def _transform(self, rows: int, columns: int, padded: tuple[int, int]) -> np.ndarray:
         """Transforms of the kernels cut to what a window of this size needs."""
@@ -146,13 +149,13 @@ class Layer:
         cut[:, *np.ix_(offset_rows % padded[0], offset_columns % padded[1])] = self._kernels[
             :, *np.ix_(offset_rows + middle_row, offset_columns + middle_column)
         ]
-        return fft.rfft2(cut)
+        return np.asarray(fft.rfft2(cut))
 
 
 @lru_cache(maxsize=16)
-def layer(elastomer: Elastomer, pitch_mm: float) -> Layer:
-    """The layer of an elastomer at a pitch, worked out once a process."""
-    return Layer(elastomer, pitch_mm)
+def layer(elastomer: Elastomer, pitch_mm: float, parts: int = 1) -> Layer:
+    """The layer of an elastomer on cells of a pitch cut into parts, worked out once a process."""
+    return Layer(elastomer, pitch_mm, parts)
 
 
 def _fast(length: int) -> int:

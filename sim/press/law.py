@@ -1,0 +1,49 @@
+"""How a soft layer stiffens: from the linear layer's deflection to the real one."""
+
+# numba's own types hide a compiled function's signature.
+# pyright: reportCallIssue=false
+
+import numba
+import numpy as np
+
+NEWTON_STEPS = 5
+"""Steps that bring the stretch to rounding error."""
+
+
+def neo_hookean_mm(
+    linear_mm: np.ndarray, thickness_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Deflection w, mm, of a stiffening layer where a linear one would give u, and dw / du.
+
+    Both (rows, columns), as what is given. The linear layer's strain u / h stands for the stress
+    over the modulus; a neo-Hookean solid takes that stress at a stretch l with
+    (1 / l^2 - l) / 3 = u / h (Treloar, The Physics of Rubber Elasticity, 1975), and w = h (1 - l).
+    Equal to u for small strain, below h for any stress; where the surface bulges out (u < 0) it
+    stays u. The local strain is taken through the thickness, which leaves out large rotations.
+    """
+    deflection, slope = np.empty(linear_mm.shape), np.empty(linear_mm.shape)
+    _neo_hookean(
+        np.ascontiguousarray(linear_mm, np.float64),
+        np.ascontiguousarray(thickness_mm, np.float64),
+        deflection,
+        slope,
+    )
+    return deflection, slope
+
+
+@numba.njit("void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])", cache=True, nogil=True)
+def _neo_hookean(linear, thickness, deflection, slope):
+    for i in range(linear.shape[0]):
+        for j in range(linear.shape[1]):
+            u, h = linear[i, j], thickness[i, j]
+            if u <= 0.0:
+                deflection[i, j], slope[i, j] = u, 1.0
+                continue
+            # Newton's method on l^3 + 3 (u / h) l^2 = 1, from above the root, where it is convex.
+            strain = u / h
+            stretch = 1.0 if 3.0 * strain < 1.0 else 1.0 / np.sqrt(3.0 * strain)
+            for _ in range(NEWTON_STEPS):
+                excess = stretch * stretch * (stretch + 3.0 * strain) - 1.0
+                stretch -= excess / (3.0 * stretch * (stretch + 2.0 * strain))
+            deflection[i, j] = h * (1.0 - stretch)
+            slope[i, j] = stretch / (stretch + 2.0 * strain)

@@ -1,0 +1,199 @@
+"""One press on its pins, brought to rest.
+
+Each step the pins' springs get rest points that take what the springs leave out of the layer's
+answer, w(p) - D p, MuJoCo finds which pins touch and how they share the force, and Anderson's
+acceleration mixes the steps.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from primitives_cad.errors import T2TwinError
+from sim.press.anderson import Anderson
+from sim.press.bed import POOL_SIZES, Bed, bed
+from sim.press.cells import Cells
+from sim.press.grid import Window, grown, repeated, scaled, span, window_around, within
+from sim.press.law import neo_hookean_mm
+from sim.press.layer import Layer
+
+SPRING_SHARE = 0.6
+"""A pin's compliance over the layer's largest. 0.3 to 0.85 settle equally fast."""
+
+MOST_STEPS = 80
+"""Steps after which a press is given up as not settled."""
+
+LEAST_SLOPE = 0.02
+"""Least share of a pin's compliance that stiffening leaves: keeps the springs finite."""
+
+MISSED_MM = 1e-3
+"""How far the shape may stand in a cell without a pin, mm: what a step at rest still changes."""
+
+GUESSES = 3
+"""Rounds in which the springs and the contact they expect are made to fit each other."""
+
+MARGIN_PINS = 1
+"""Pins around the expected contact that are in use from the start."""
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """The bed of pins as a press left it, all (n,): what `sim.press.scene` draws.
+
+    x_mm, y_mm, rest_mm: where the pins stand, and their tops untouched. deflection_mm: how far
+    they are pressed. gap_mm: how far each was from the shape at first touch. spring_rest_mm,
+    stiffness_n_per_mm: their springs. share: the covered part of each cell.
+    """
+
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    rest_mm: np.ndarray
+    gap_mm: np.ndarray
+    deflection_mm: np.ndarray
+    spring_rest_mm: np.ndarray
+    stiffness_n_per_mm: np.ndarray
+    pitch_mm: float
+
+
+class Solution:
+    """The state of one press while it comes to rest.
+
+    pressure_mpa: (rows, columns) of the pins, on the covered part of each one's cell.
+    """
+
+    def __init__(self, pins: Cells, force_n: float, start: "Solution | None") -> None:
+        self.pins = pins
+        self.force_n = force_n
+        self.compiling_s = 0.0
+        standing = np.isfinite(pins.gap_mm)
+        if start is not None:
+            finer = len(standing) // len(start.pressure_mpa)
+            self.pressure_mpa = np.where(standing, repeated(start.pressure_mpa, finer), 0.0)
+            self.depth_mm = start.depth_mm
+            self.used = grown(self.pressure_mpa > 0, MARGIN_PINS) & standing
+            self._soften()
+            return
+        self.pressure_mpa = np.zeros(pins.gap_mm.shape)
+        self.used = standing
+        for _ in range(GUESSES):
+            self._soften()
+            self.depth_mm = winkler_depth_mm(pins.gap_mm[standing], self.force)
+            self.used = grown(pins.gap_mm < self.depth_mm, MARGIN_PINS) & standing
+        self._soften()
+
+    def _soften(self) -> None:
+        """Choose the springs' compliance D, mm/MPa, for the pins in use."""
+        pressed = scaled(window_around(self.used), self.pins.parts)
+        self.compliance = spring_compliance(self.pins.ground, pressed)
+
+    @property
+    def force(self) -> float:
+        """The commanded force in pin springs x mm."""
+        return self.force_n * self.compliance / self.pins.pitch_mm**2
+
+    def fine_pressure_mpa(self) -> np.ndarray:
+        """Mean pressure of each fine cell of the window."""
+        return self.pins.spread(self.pressure_mpa)
+
+    def solve(self, at_rest: float) -> bool:
+        """Bring the press to rest; False where it had not settled after MOST_STEPS."""
+        steps_left = MOST_STEPS
+        while True:
+            settled, steps = self._settle(steps_left, at_rest)
+            steps_left -= steps
+            missed = (self.depth_mm - self.pins.gap_mm > self.surface_mm + MISSED_MM) & ~self.used
+            if not missed.any():
+                return settled
+            if steps_left <= 0:
+                return False
+            self.used |= grown(missed, MARGIN_PINS) & np.isfinite(self.pins.gap_mm)
+            self.pressure_mpa[~self.used] = 0.0
+            self._soften()
+
+    def _settle(self, most_steps: int, at_rest: float) -> tuple[bool, int]:
+        """Iterate on the pins in use: whether it came to rest, and the steps it took."""
+        pins, used = self.pins, self.used
+        area, edge = pins.share[used], pins.edge_mm_per_mpa[used]
+        bed_of_pins = self._lay()
+        acceleration = Anderson()
+        ahead = self.pressure_mpa[used]
+        steps = 0
+        while True:
+            steps += 1
+            self.pressure_mpa[used] = ahead
+            linear = pins.ground.deflection_mm(self.fine_pressure_mpa(), pins.window)
+            fine, fine_slope = by_law(pins.ground, linear, pins.window)
+            # A stiffened place is stiffer in its pin's spring too.
+            slope = np.maximum(pins.gather(fine_slope)[used], LEAST_SLOPE)
+            self.surface_mm = pins.gather(fine)
+            surface = self.surface_mm[used] + edge * slope * ahead
+            local = (self.compliance + edge) * slope
+            rest = surface - local * ahead
+            self.depth_mm, deflection = bed_of_pins.push(
+                self.force, rest, area * self.compliance / local
+            )
+            pressure = np.maximum(deflection - rest, 0.0) / local
+            change = float((np.abs(pressure - ahead) * area).sum() / (pressure * area).sum())
+            if change < at_rest or steps == most_steps:
+                break
+            ahead = np.maximum(acceleration.next(ahead, pressure), 0.0)
+        self.pressure_mpa[used] = pressure
+        self._rest, self._deflection, self._local = rest, deflection, local
+        return change < at_rest, steps
+
+    def _lay(self) -> Bed:
+        used = self.used
+        count = int(np.count_nonzero(used))
+        if count > POOL_SIZES[-1]:
+            raise T2TwinError(
+                f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
+            )
+        asked = time.perf_counter()
+        laid = bed(count)
+        self.compiling_s += time.perf_counter() - asked
+        laid.lay(self.pins.gap_mm[used], self.depth_mm)
+        return laid
+
+    def at_rest(self) -> AtRest:
+        """The pins that touch, as the press left them."""
+        pins, used = self.pins, self.used
+        x, y = pins.places_mm()
+        height = pins.gather(pins.ground.rest_mm[pins.window])
+        stiffness = pins.share[used] * pins.pitch_mm**2 / self._local
+        return AtRest(
+            x[used],
+            y[used],
+            height[used],
+            pins.gap_mm[used],
+            self._deflection,
+            self._rest,
+            stiffness,
+            pins.pitch_mm,
+        )
+
+    def fine_surface_mm(self, window: Window) -> np.ndarray:
+        """Mean deflection of each fine cell of a window that holds the pins', mm."""
+        ground = self.pins.ground
+        pressure = np.zeros(span(window))
+        pressure[within(self.pins.window, window)] = self.fine_pressure_mpa()
+        return by_law(ground, ground.deflection_mm(pressure, window), window)[0]
+
+
+def by_law(ground: Layer, linear_mm: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
+    """Deflection by the elastomer's law from the linear layer's, and its slope."""
+    if ground.elastomer.law == "linear":
+        return linear_mm, np.ones_like(linear_mm)
+    return neo_hookean_mm(linear_mm, ground.thickness_mm[window])
+
+
+def spring_compliance(ground: Layer, pressed: Window) -> float:
+    """The springs' compliance for a pressed part of a layer's grid, mm/MPa."""
+    return SPRING_SHARE * ground.largest_compliance_mm_per_mpa(span(pressed))
+
+
+def winkler_depth_mm(gap_mm: np.ndarray, force: float) -> float:
+    """Depth at which independent unit springs under the gaps carry the force (springs x mm)."""
+    gaps = np.sort(gap_mm.ravel())
+    depths = (force + np.cumsum(gaps)) / np.arange(1, gaps.size + 1)
+    return float(depths[np.argmax(depths <= np.append(gaps[1:], np.inf))])
