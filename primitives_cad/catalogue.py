@@ -143,7 +143,13 @@ def _file(path: Path) -> Shape:
     mesh: trimesh.Trimesh = files.read_solid(path)
     mesh, heights = surface.stand(mesh)
     reach = min(float(mesh.extents[:2].max()), 2.0 * surface.REACH_MM)
-    return Shape(name=path.stem, mesh=mesh, surface=heights, spacing_mm=families.spacing_mm(reach))
+    return Shape(
+        name=path.stem,
+        mesh=mesh,
+        surface=heights,
+        spacing_mm=families.spacing_mm(reach),
+        base_mm=surface.base_mm(heights),
+    )
 
 
 def upright(keypoint: Keypoint) -> np.ndarray:

@@ -79,7 +79,8 @@ class Shape:
     surface: its pressing surface.
     spacing_mm: pitch of the protocol's grid of press points for this shape.
     parameters: what was varied, by name, mm.
-    base_mm: height of the base plate's top in the surface's heights (negative), or None.
+    base_mm: height of the base plate's top in the surface's heights (negative), or None; of a
+        user's file its lowest flat face, where other parts stand on one.
     """
 
     name: str

@@ -17,6 +17,15 @@ cover, 27 mm, and the protocol's largest offset, 4.5 mm)."""
 MOST_CELLS = 1_500_000
 """Largest map that is made without being asked for by pitch (assumed)."""
 
+FACE_MM = 0.02
+"""Heights this near to the lowest are one flat face, mm (assumed: finer than a print's layer)."""
+
+FACE_SHARE = 0.2
+"""Least share of the surface that a base plate has, seen from above (assumed)."""
+
+FEATURES_MM = 0.1
+"""Least height of what stands on a base plate, mm (assumed)."""
+
 EDGE_MM = 1.0e-6
 """A grid point this near to a triangle's outline is on it, mm, so that both sides of a
 symmetric shape own their edges."""
@@ -66,6 +75,17 @@ def stand(
         x_mm=np.arange(-columns - 1, columns + 2) * pitch,
         y_mm=np.arange(-rows - 1, rows + 2) * pitch,
     )
+
+
+def base_mm(surface: HeightMap) -> float | None:
+    """Height of the flat face that everything else stands on, mm, or None where there is none.
+
+    That is the lowest face of the pressing surface, if it is flat, large and not the only one.
+    """
+    heights = surface.heights_mm[surface.heights_mm > NOTHING_MM / 2]
+    lowest = float(heights.min())
+    share = float((heights <= lowest + FACE_MM).mean())
+    return lowest if share >= FACE_SHARE and lowest < -FEATURES_MM else None
 
 
 def highest(triangles: np.ndarray, pitch_mm: float, rows: int, columns: int) -> np.ndarray:

@@ -17,25 +17,35 @@ class Anderson:
 
     Walker and Ni, SIAM J. Numer. Anal. 49, 2011: of all mixtures of the last steps, with weights
     that add up to 1, take the one whose linearised residual g(x) - x is smallest.
+    size: unknowns, n.
     """
 
-    def __init__(self) -> None:
-        self._points: list[np.ndarray] = []
-        self._residuals: list[np.ndarray] = []
+    def __init__(self, size: int) -> None:
+        self._images = np.empty((MEMORY, size))
+        self._changes = np.empty((MEMORY, size))
+        self._normal = np.empty((MEMORY, MEMORY))
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self._kept = self._next = 0
 
     def next(self, point: np.ndarray, image: np.ndarray) -> np.ndarray:
         """Where to evaluate g next, (n,), after g(point) = image, both (n,)."""
         residual = image - point
-        if self._residuals and np.abs(residual).sum() > GROWN * np.abs(self._residuals[-1]).sum():
-            self._points, self._residuals = [], []
-        self._points = [*self._points[-MEMORY:], point]
-        self._residuals = [*self._residuals[-MEMORY:], residual]
-        if len(self._points) == 1:
+        last, self._last = self._last, (image, residual)
+        if last is None:
             return image
-        steps = np.diff(np.array(self._points), axis=0)
-        changes = np.diff(np.array(self._residuals), axis=0)
+        if np.abs(residual).sum() > GROWN * np.abs(last[1]).sum():
+            self._kept = self._next = 0
+            return image
+        row = self._next
+        self._images[row] = image - last[0]
+        self._changes[row] = residual - last[1]
+        self._kept = min(self._kept + 1, MEMORY)
+        self._next = (row + 1) % MEMORY
+        changes = self._changes[: self._kept]
         # einsum and not a BLAS product, whose last bits depend on the number of threads.
-        normal = np.einsum("in,jn->ij", changes, changes)
-        normal[np.diag_indices(len(normal))] *= 1 + RIDGE
+        products = np.einsum("in,n->i", changes, changes[row])
+        self._normal[row, : self._kept] = self._normal[: self._kept, row] = products
+        normal = self._normal[: self._kept, : self._kept].copy()
+        normal[np.diag_indices(self._kept)] *= 1 + RIDGE
         weights = np.linalg.solve(normal, np.einsum("in,n->i", changes, residual))
-        return image - np.einsum("i,in->n", weights, steps + changes)
+        return image - np.einsum("i,in->n", weights, self._images[: self._kept])

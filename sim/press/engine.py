@@ -56,7 +56,7 @@ GUESSES = 3
 MARGIN_CELLS = 1
 """Cells of the survey around the expected contact that belong to the window."""
 
-FIELD_CELLS = 3
+FIELD_CELLS = 2
 """Cells of the survey around the window in which the surface still is worked out finely."""
 
 
@@ -80,14 +80,13 @@ def press_bed(
     survey = _Survey(shape, command, ground)
     expected = survey.expected_contact(command.force_n)
     finer = _finer(float(survey.seen.shares[expected].sum()))
-    compiling_s = 0.0
     while True:
         window = window_around(grown(expected, MARGIN_CELLS))
         solution = None
         for pins, at_rest in _stages(survey, window, finer):
             solution = Solution(pins, command.force_n, solution)
             settled = solution.solve(at_rest)
-            compiling_s += solution.compiling_s
+            survey.preparing_s += solution.compiling_s
         assert solution is not None
         here = scaled(window, survey.parts)
         fine = solution.pins.ground.parts
@@ -128,7 +127,7 @@ def press_bed(
         force_n=float(pressure.sum() * pitch_mm**2),
         settled=settled,
         bottomed=base is not None and bool((under <= base + BASE_TOLERANCE_MM).any()),
-        milliseconds=1e3 * (time.perf_counter() - started - compiling_s),
+        milliseconds=1e3 * (time.perf_counter() - started - survey.preparing_s),
     )
     return contact, solution.at_rest()
 
@@ -146,6 +145,7 @@ class _Survey:
 
     parts: cells of the contact's grid along one of the survey's.
     gap_mm: (rows, columns) how far the surface is from the shape at first touch, mm, >= 0.
+    preparing_s: time spent on what is kept for the next press.
     """
 
     def __init__(self, shape: Shape, command: Press, ground: Layer) -> None:
@@ -163,6 +163,14 @@ class _Survey:
                 f"in x and {ground.elastomer.length_mm / 2:g} mm in y from its middle"
             )
         self.gap_mm = distance - nearest
+        self.preparing_s = 0.0
+
+    def layer(self, parts: int) -> Layer:
+        """The elastomer's layer on the contact's cells cut into parts."""
+        asked = time.perf_counter()
+        found = layer(self.ground.elastomer, self.ground.pitch_mm, parts)
+        self.preparing_s += time.perf_counter() - asked
+        return found
 
     def expected_contact(self, force_n: float) -> np.ndarray:
         """Where independent springs as soft as the layer would touch, (rows, columns)."""
@@ -190,14 +198,14 @@ def _stages(survey: _Survey, window: Window, finer: int) -> list[tuple[Cells, fl
         for pins, (layer_mm, at_rest) in zip((max(1, finer // 2), finer), STAGES, strict=True)
     ]
     finest = max(parts for _, parts, _ in stages)
-    fine = layer(ground.elastomer, ground.pitch_mm, finest)
+    fine = survey.layer(finest)
     rows, columns = scaled(window, survey.parts * finest)
     seen = footprint(survey.shape.surface, survey.command, fine.x_mm[columns], fine.y_mm[rows])
     first_touch = float((-fine.rest_mm[rows, columns] - seen.peaks_mm).min())
     return [
         (
             cells(
-                layer(ground.elastomer, ground.pitch_mm, parts),
+                survey.layer(parts),
                 scaled(window, survey.parts * parts),
                 survey.parts * parts // pins,
                 seen.coarsened(finest // parts),

@@ -102,12 +102,8 @@ def _height(heights, x0, y0, pitch, press_x, press_y, cos, sin, x, y):
         return np.float32(NOTHING_MM)
     j, i = int(column), int(row)
     across, down = column - j, row - i
-    return (
-        heights[i, j] * (1 - down) * (1 - across)
-        + heights[i, j + 1] * (1 - down) * across
-        + heights[i + 1, j] * down * (1 - across)
-        + heights[i + 1, j + 1] * down * across
-    )
+    a, b, c, d = heights[i, j], heights[i, j + 1], heights[i + 1, j], heights[i + 1, j + 1]
+    return (a * (1 - across) + b * across) * (1 - down) + (c * (1 - across) + d * across) * down
 
 
 @numba.njit(f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1])", cache=True, nogil=True)

@@ -80,6 +80,9 @@ class Solution:
             self._soften()
             self.depth_mm = winkler_depth_mm(pins.gap_mm[standing], self.force)
             self.used = grown(pins.gap_mm < self.depth_mm, MARGIN_PINS) & standing
+        # What the springs carry by themselves.
+        pressed = np.maximum(self.depth_mm - pins.gap_mm, 0.0)
+        self.pressure_mpa = np.where(self.used, pressed, 0.0) / self.compliance
         self._soften()
 
     def _soften(self) -> None:
@@ -116,7 +119,7 @@ class Solution:
         pins, used = self.pins, self.used
         area, edge = pins.share[used], pins.edge_mm_per_mpa[used]
         bed_of_pins = self._lay()
-        acceleration = Anderson()
+        acceleration = Anderson(int(area.size))
         ahead = self.pressure_mpa[used]
         steps = 0
         while True:

@@ -20,6 +20,8 @@ def press(
     poisson: float | None = None,
     flat: bool = False,
     layout: str = "cyskin-20",
+    calibration: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    view: bool = False,
 ) -> None:
     """Press one shape into one sensor or both, and write what they see and feel.
 
@@ -38,6 +40,9 @@ def press(
         poisson: Another elastomer's Poisson's ratio.
         flat: Take the dome off the gel.
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm.
+        calibration: The DIGIT's light, as t2twin calibrate writes it; the one that ships unless
+            given.
+        view: Then open the scene in MuJoCo's viewer (the DIGIT's, where both are touched).
     """
     import numpy as np
 
@@ -74,10 +79,30 @@ def press(
 
     files = PressFiles(out or Path("runs/press") / shape_folder(solid.name), solid, command)
     if sensor in ("digit", "both"):
-        files.add_digit(Digit(gel=elastomer(DIGIT_GEL)))
+        light = None if calibration is None else str(calibration)
+        files.add_digit(Digit(gel=elastomer(DIGIT_GEL), calibration=light))
     if sensor in ("cyskin", "both"):
         files.add_cyskin(CySkin(cover=elastomer(CYSKIN_COVER), layout_source=layout))
     files.write()
+    if view:
+        show(files.scene_path())
+
+
+def show(path: Path) -> None:
+    """Open a scene where there is a display, else say where it lies."""
+    import os
+    import sys
+
+    from sim.press.scene import view
+
+    if sys.platform == "linux" and not (
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    ):
+        print(
+            f"no display here to view on; open it elsewhere: python -m mujoco.viewer --mjcf={path}"
+        )
+        return
+    view(path)
 
 
 def shape_folder(name: str) -> str:

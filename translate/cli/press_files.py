@@ -11,6 +11,9 @@ from PIL import Image
 from primitives_cad.shape import Shape
 from sim.bench import CySkin, Digit
 from sim.cyskin.taxels import FULL_SCALE_COUNTS
+from sim.press import scene
+from sim.press.elastomer import Elastomer
+from sim.press.engine import press_bed
 from sim.records import Contact, Press
 
 
@@ -20,20 +23,31 @@ class PressFiles:
     def __init__(self, folder: Path, shape: Shape, command: Press) -> None:
         self.folder, self.shape, self.command = folder, shape, command
         self.contacts: dict[str, Contact] = {}
+        self.scenes: dict[str, str] = {}
         self.image: np.ndarray | None = None
         self.cyskin: CySkin | None = None
         self.counts = np.zeros(0, np.uint16)
 
     def add_digit(self, digit: Digit) -> None:
-        contact = digit.touch(self.shape, self.command)
-        self.contacts["digit"] = contact
+        contact = self._touch("digit", digit.gel, digit.pitch_mm)
         self.image = digit.see(contact, self.shape, self.command)
 
     def add_cyskin(self, cyskin: CySkin) -> None:
-        contact = cyskin.touch(self.shape, self.command)
-        self.contacts["cyskin"] = contact
+        contact = self._touch("cyskin", cyskin.cover, cyskin.pitch_mm)
         self.cyskin = cyskin
         self.counts = cyskin.feel(contact)
+
+    def _touch(self, sensor: str, elastomer: Elastomer, pitch_mm: float) -> Contact:
+        contact, bed = press_bed(self.shape, self.command, elastomer, pitch_mm)
+        self.contacts[sensor] = contact
+        self.scenes[sensor] = scene.scene(
+            self.shape, self.command, elastomer, contact, bed, scene.mesh_name(self.shape)
+        )
+        return contact
+
+    def scene_path(self) -> Path:
+        """The first sensor's scene, once written."""
+        return self.folder / f"scene_{next(iter(self.scenes))}.xml"
 
     def write(self) -> None:
         """Write all files, or none, and say what was found."""
@@ -58,6 +72,11 @@ class PressFiles:
                 x_mm=contact.x_mm,
                 y_mm=contact.y_mm,
             )
+        for sensor, text in self.scenes.items():
+            (folder / f"scene_{sensor}.xml").write_text(text)
+        mesh_file = scene.mesh_name(self.shape)
+        if mesh_file is not None:
+            self.shape.mesh.export(folder / mesh_file)
         if self.image is not None:
             Image.fromarray(self.image).save(folder / "digit.png")
         if self.cyskin is not None:
@@ -111,5 +130,5 @@ def _in_words(sensor: str, contact: Contact) -> str:
     if not contact.settled:
         words += "; it did not come to rest"
     if contact.bottomed:
-        words += "; the base plate touched"
+        words += "; it bottomed out: the base plate (the lowest flat face) touched"
     return words

@@ -1,0 +1,63 @@
+"""The oracle that the engine is held against, itself held against closed forms."""
+
+import numpy as np
+import pytest
+
+from benchmarks.oracle import Waves, kernel, solve
+from sim.press.layer import base_stress, compliance_mm_per_mpa
+
+E, NU = 0.5, 0.47
+MODULUS = E / (1 - NU**2)
+PITCH, CELLS = 0.2, 60
+
+
+def grid():
+    axis = (np.arange(CELLS) - (CELLS - 1) / 2) * PITCH
+    return np.hypot(*np.meshgrid(axis, axis))
+
+
+@pytest.fixture(scope="module")
+def thick():
+    return kernel(CELLS, CELLS, PITCH, 50.0, E, NU)
+
+
+@pytest.mark.parametrize("force", [0.2, 0.5])
+def test_a_ball_is_hertz(thick, force):
+    radius = 6.0
+    answer = solve(grid() ** 2 / (2 * radius), force, PITCH, thick)
+    contact = (3 * force * radius / (4 * MODULUS)) ** (1 / 3)
+    assert answer.depth_mm == pytest.approx(contact**2 / radius, rel=0.05)
+    assert answer.pressure_mpa.max() == pytest.approx(1.5 * force / np.pi / contact**2, rel=0.05)
+    area = np.count_nonzero(answer.pressure_mpa) * PITCH**2
+    assert np.sqrt(area / np.pi) == pytest.approx(contact, rel=0.08)
+    assert answer.pressure_mpa.sum() * PITCH**2 == pytest.approx(force)
+
+
+def test_a_flat_punch_is_boussinesq(thick):
+    radius, force = 2.0, 1.0
+    answer = solve(np.where(grid() <= radius, 0.0, 10.0), force, PITCH, thick)
+    assert answer.depth_mm == pytest.approx(force / (2 * radius * MODULUS), rel=0.05)
+    # Half the mean pressure over sqrt(1 - (r / a)^2), where the edge is far.
+    inner = grid() < radius / 3
+    expected = force / (2 * np.pi * radius * np.sqrt(radius**2 - grid()[inner] ** 2))
+    assert answer.pressure_mpa[inner] == pytest.approx(expected, rel=0.05)
+
+
+def test_a_wide_punch_meets_the_confined_modulus():
+    thin, nu = 1.0, 0.3
+    cells, pitch = 80, 0.25
+    wide = kernel(cells, cells, pitch, thin, E, nu)
+    pressure = np.full((cells, cells), 0.01)
+    sunk = np.tensordot(pressure, wide[cells // 2 :, cells // 2 :][:cells, :cells], 2)
+    confined = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    assert sunk == pytest.approx(0.01 * thin / confined, rel=0.01)
+
+
+def test_waves_integrated_through_the_thickness_meet_the_engine_s_closed_form():
+    wavenumbers = np.geomspace(1e-3, 20.0, 60)
+    waves = Waves(2.5, E, NU)
+    closed = compliance_mm_per_mpa(wavenumbers, 2.5, E, NU)
+    assert waves.compliance(wavenumbers) == pytest.approx(closed, rel=1e-5)
+    assert waves.base_stress(wavenumbers) == pytest.approx(
+        base_stress(wavenumbers, 2.5, NU), abs=1e-4
+    )

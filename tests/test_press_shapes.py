@@ -1,0 +1,122 @@
+"""Shapes that a user might bring: the pressing surface is found, and the contact is right."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from primitives_cad import catalogue
+from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
+from sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from sim.records import Press
+
+SENSORS = ((DIGIT_GEL, DIGIT_PITCH_MM), (CYSKIN_COVER, CYSKIN_PITCH_MM))
+
+
+def box(sides, at):
+    solid = trimesh.creation.box(sides)
+    solid.apply_translation(at)
+    return solid
+
+
+@pytest.fixture
+def solid(tmp_path):
+    def made(*parts):
+        path = tmp_path / "my.stl"
+        trimesh.util.concatenate(parts).export(path)
+        return catalogue.load(path, tmp_path)
+
+    return made
+
+
+# A solid's outline is known to half a point of its height map, 0.025 mm: a ring of 1 mm may lose
+# 5 % of its area, and a turned block 1.5 % of its depth.
+def pressed(shape, elastomer, pitch, force=8.0, x=0.0, y=0.0, yaw=0.0):
+    contact = press(shape, Press(shape.name, x, y, yaw, force), elastomer, pitch)
+    assert contact.settled
+    assert contact.force_n == pytest.approx(force, rel=0.005)
+    return contact
+
+
+def centre(contact):
+    """Centre of pressure, mm."""
+    weights = contact.pressure_kpa / contact.pressure_kpa.sum()
+    return float(weights.sum(0) @ contact.x_mm), float(weights.sum(1) @ contact.y_mm)
+
+
+@pytest.mark.parametrize("elastomer, pitch", SENSORS)
+def test_two_posts_apart_share_the_force(solid, elastomer, pitch):
+    shape = solid(box((2, 2, 8), (-5, 0, 0)), box((2, 2, 8), (5, 0, 0)))
+    contact = pressed(shape, elastomer, pitch)
+    left = contact.pressure_kpa[:, contact.x_mm < 0].sum()
+    assert left == pytest.approx(contact.pressure_kpa[:, contact.x_mm > 0].sum(), rel=0.01)
+    assert not contact.pressure_kpa[:, np.abs(contact.x_mm) < 3].any()
+    assert contact.contact_area_mm2 == pytest.approx(8.0, rel=0.03)
+
+
+@pytest.mark.parametrize("elastomer, pitch", SENSORS)
+def test_a_hollow_shape_leaves_its_middle_free(solid, elastomer, pitch):
+    ring = trimesh.creation.annulus(r_min=2.5, r_max=3.5, height=6.0, sections=128)
+    contact = pressed(solid(ring), elastomer, pitch)
+    distance = np.hypot(*np.meshgrid(contact.x_mm, contact.y_mm))
+    assert not contact.pressure_kpa[distance < 2.0].any()
+    assert contact.contact_area_mm2 == pytest.approx(np.pi * (3.5**2 - 2.5**2), rel=0.08)
+    assert contact.surface_mm[distance < 0.4].max() < contact.depth_mm
+
+
+@pytest.mark.parametrize("elastomer, pitch", SENSORS)
+def test_only_the_higher_of_two_steps_touches_until_pushed_harder(solid, elastomer, pitch):
+    shape = solid(box((3, 6, 6.3), (-2, 0, 3.15)), box((3, 6, 6), (2, 0, 3)))
+    light = pressed(shape, elastomer, pitch, 0.5)
+    assert light.contact_area_mm2 < 18.6 and not light.bottomed
+    hard = pressed(shape, elastomer, pitch, 20.0)
+    assert hard.contact_area_mm2 > 20.0
+    assert hard.bottomed
+
+
+def test_a_part_off_centre_presses_where_it_stands(solid):
+    # The box around both parts is centred: the post stands 6 mm to the right of its middle.
+    plate, post = box((14, 4, 1), (0, 0, 0)), box((2, 2, 9), (6, 0, 5))
+    contact = pressed(solid(plate, post), CYSKIN_COVER, CYSKIN_PITCH_MM, x=1.0, y=-3.0)
+    assert centre(contact) == pytest.approx((7.0, -3.0), abs=0.1)
+    turned = pressed(
+        solid(plate, post), CYSKIN_COVER, CYSKIN_PITCH_MM, x=1.0, y=-3.0, yaw=np.pi / 2
+    )
+    assert centre(turned) == pytest.approx((1.0, 3.0), abs=0.1)
+
+
+@pytest.mark.parametrize("elastomer, pitch", SENSORS)
+def test_a_plate_larger_than_the_pad_presses_it_all(solid, elastomer, pitch):
+    contact = pressed(solid(box((60, 60, 5), (0, 0, 0))), elastomer, pitch)
+    touched = contact.pressure_kpa > 0
+    if elastomer is CYSKIN_COVER:
+        assert touched.all()
+    else:  # on a dome the middle only
+        assert touched[len(contact.y_mm) // 2, len(contact.x_mm) // 2] and not touched[0, 0]
+    assert centre(contact) == pytest.approx((0.0, 0.0), abs=0.05)
+
+
+def test_a_tilted_block_touches_with_its_edge(solid):
+    block = box((6, 10, 6), (0, 0, 0))
+    block.apply_transform(trimesh.transformations.rotation_matrix(np.deg2rad(20), (0, 1, 0)))
+    shape = solid(block)
+    contact = pressed(shape, CYSKIN_COVER, CYSKIN_PITCH_MM, force=1.0)
+    corner = shape.mesh.vertices[shape.mesh.vertices[:, 2] > -1e-6]
+    assert centre(contact)[0] == pytest.approx(corner[:, 0].mean(), abs=1.0)
+    assert contact.contact_area_mm2 < 30.0
+
+
+def test_a_block_turned_in_its_file_presses_as_one_turned_by_the_press(solid):
+    yaw = 0.5
+    straight = solid(box((3, 8, 6), (0, 0, 0)), box((2, 2, 6), (3, 2, 0)))
+    turned_mesh = straight.mesh.copy()
+    # The press turns the turned-over shape by +yaw: in the shape's own frame that is -yaw.
+    turned_mesh.apply_transform(trimesh.transformations.rotation_matrix(-yaw, (0, 0, 1)))
+    turned = solid(turned_mesh)
+    # A file's solid is centred on its bounding box: where its axis then stands is known.
+    away = turned_mesh.bounds.mean(axis=0)
+    one = pressed(straight, CYSKIN_COVER, CYSKIN_PITCH_MM, yaw=yaw)
+    other = pressed(turned, CYSKIN_COVER, CYSKIN_PITCH_MM, x=away[0], y=-away[1])
+    assert other.depth_mm == pytest.approx(one.depth_mm, rel=0.02)
+    assert centre(other) == pytest.approx(centre(one), abs=0.05)
+    difference = np.linalg.norm(other.surface_mm - one.surface_mm)
+    assert difference < 0.04 * np.linalg.norm(one.surface_mm)

@@ -1,0 +1,53 @@
+"""The scene that a press leaves: MuJoCo, given only that file, finds the same press."""
+
+import mujoco
+import numpy as np
+import pytest
+from solids import ball
+
+from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
+from sim.press.engine import press_bed
+from sim.press.scene import mesh_name, scene
+from sim.records import Press
+
+
+@pytest.mark.parametrize("elastomer, pitch", [(DIGIT_GEL, 0.25), (CYSKIN_COVER, 0.5)])
+@pytest.mark.parametrize("name", ["line-smooth-2", "wrench/ring"])
+def test_the_scene_stays_at_rest_under_the_force(name, elastomer, pitch, shapes, tmp_path):
+    shape = shapes(name)
+    command = Press(name, 1.0, -2.0, 0.5, 8.0)
+    contact, bed = press_bed(shape, command, elastomer, pitch)
+    shape.mesh.export(tmp_path / "shape.stl")
+    (tmp_path / "scene.xml").write_text(
+        scene(shape, command, elastomer, contact, bed, mesh_name(shape))
+    )
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+    carried, one = 0.0, np.zeros(6)
+    for index in range(data.ncon):
+        mujoco.mj_contactForce(model, data, index, one)
+        carried += one[0]
+    assert carried == pytest.approx(8.0, rel=1e-4)
+    assert -data.qpos[0] == pytest.approx(contact.depth_mm, abs=1e-3)
+
+    # The solid stands where it presses: its highest corner at the shape's depth.
+    mesh = model.geom("over0").bodyid[0]
+    solid = next(g for g in range(model.ngeom) if model.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH)
+    assert model.geom_bodyid[solid] == mesh
+    start = model.mesh_vertadr[0]
+    corners = model.mesh_vert[start : start + model.mesh_vertnum[0]]
+    turned = corners @ data.geom_xmat[solid].reshape(3, 3).T + data.geom_xpos[solid]
+    inside = np.hypot(turned[:, 0] - 1.0, turned[:, 1] + 2.0) < 40
+    assert turned[inside, 2].min() == pytest.approx(-contact.shape_depth_mm, abs=0.03)
+
+
+def test_a_shape_without_a_mesh_leaves_it_out():
+    shape, command = ball(3.0), Press("ball", 0.0, 0.0, 0.0, 2.0)
+    contact, bed = press_bed(shape, command, DIGIT_GEL, 0.25)
+    model = mujoco.MjModel.from_xml_string(
+        scene(shape, command, DIGIT_GEL, contact, bed, mesh_name(shape))
+    )
+    assert model.nmesh == 0
