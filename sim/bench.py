@@ -11,18 +11,14 @@ from sim.cyskin import reading, taxels
 from sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
 from sim.digit.calibration import DEFAULT_PATH
 from sim.digit.camera import optical_grid
-from sim.digit.optics import DigitOptics
+from sim.digit.optics import NOISE_GREY, DigitOptics
 from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
 from sim.press.surface import surface_on
-from sim.records import Contact, Press, Sample
+from sim.records import Contact, Press
 
 FRAMES = 30
 """DIGIT frames averaged into a sample: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
-
-FRAME_NOISE_GREY = 2.8
-"""Noise of one DIGIT frame, grey levels: two real frames differ by 3.2 (L1) away from the contact,
-which is 2.8 a frame (sqrt(pi) / 2 of it)."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +28,11 @@ class Digit:
     gel: Elastomer = DIGIT_GEL
     pitch_mm: float = DIGIT_PITCH_MM
     calibration: str | None = None
-    noise_grey: float = FRAME_NOISE_GREY / np.sqrt(FRAMES)
+    noise_grey: float = NOISE_GREY / np.sqrt(FRAMES)
     optics: DigitOptics = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "optics", DigitOptics.load(self.calibration))
+        object.__setattr__(self, "optics", DigitOptics.load(self.calibration, self.gel))
 
     @property
     def calibration_sha256(self) -> str:
@@ -92,15 +88,3 @@ class Bench:
 
     digit: Digit = field(default_factory=Digit)
     cyskin: CySkin = field(default_factory=CySkin)
-
-    def take(self, shape: Shape, command: Press, rng: np.random.Generator) -> Sample:
-        """One pair: the same press on both sensors."""
-        on_digit = self.digit.touch(shape, command)
-        on_cyskin = self.cyskin.touch(shape, command)
-        return Sample(
-            press=command,
-            image=self.digit.see(on_digit, shape, command, rng),
-            counts=self.cyskin.feel(on_cyskin, rng),
-            digit=on_digit,
-            cyskin=on_cyskin,
-        )

@@ -21,13 +21,10 @@ COLUMNS = """\
 """
 
 
-def card(info: dict[str, Any]) -> str:
-    """README.md of a dataset."""
-    pairs = info["pairs"]
-    return f"""---
-license: mit
+HEAD = """---
+license: {licence}
 task_categories: [image-to-image, tabular-regression]
-tags: [tactile, digit, cyskin, simulation]
+tags: [tactile, digit, cyskin{tag}]
 configs:
 - config_name: default
   data_files:
@@ -35,7 +32,19 @@ configs:
   - {{split: validation, path: "val/*.parquet"}}
   - {{split: test, path: "test/*.parquet"}}
 ---
-# t2twin, scale {info["scale"]}
+"""
+
+
+def card(info: dict[str, Any]) -> str:
+    """README.md of a dataset."""
+    if "scale" in info:
+        return HEAD.format(licence="mit", tag=", simulation") + _simulated(info)
+    return HEAD.format(licence="unknown", tag="") + _imported(info)
+
+
+def _simulated(info: dict[str, Any]) -> str:
+    pairs = info["pairs"]
+    return f"""# t2twin, scale {info["scale"]}
 
 Simulated pairs of two tactile sensors touching the same shape in the same place with the same
 force: a DIGIT camera sensor's picture and a CySkin capacitive array's counts. Protocol of Grella et
@@ -45,6 +54,23 @@ al., Touch-to-Touch Translation (IROS 2023); all data here are simulated, no har
 training never saw), {pairs["test"]} test pairs (hand tools). Seed {info["seed"]}.
 
 {COLUMNS}
+Where they come from: `x_mm` to `force_n` are the protocol's; `image` is rendered from the surface
+and `taxels` computed from the pressure that the simulated contact leaves in each sensor; depths,
+carried forces and flags are that contact's own. A pair is one press, taken by both sensors.
+
 Made by t2twin {info["versions"]["t2twin"]} with MuJoCo {info["versions"]["mujoco"]}; all parameters
 stand in `info.json`. Licence: MIT.
 """
+
+
+def _imported(info: dict[str, Any]) -> str:
+    pairs = info["pairs"]
+    return f"""# Pairs brought in with t2twin import-pairs
+
+{pairs["train"]} training, {pairs["val"]} validation and {pairs["test"]} test pairs of a camera
+sensor's picture and the counts of {len(info["layout_x_mm"])} taxels (layout {info["layout"]},
+saturated at {info["full_scale_counts"]:,}). They are the owner's; where they come from and under
+which licence they may be used is for the owner to say. Columns that the owner did not have are
+empty.
+
+{COLUMNS}"""

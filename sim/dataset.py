@@ -2,30 +2,34 @@
 
     DIR/info.json                    what made it, its parameters, a sha256 per shard
     DIR/README.md                    the dataset card
+    DIR/log.jsonl                    how long each run of `t2twin simdata` took, and for what
+    DIR/cache/                       pictures that trainings have decoded; no part of the dataset
     DIR/{train,val,test}/SHAPE.parquet
 
 A shard is written to a temporary name and renamed, so it is whole or absent.
 """
 
+import errno
 import hashlib
-import io
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from io import BufferedRandom
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from PIL import Image
 
 from primitives_cad.errors import T2TwinError
 from primitives_cad.writing import whole_file
 from sim.records import Press, Sample
 
 SPLITS = ("train", "val", "test")
-INFO = "info.json"
+INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
 FORMAT = 1
 """Version of this layout of folders and columns."""
 
@@ -58,7 +62,7 @@ HUGGING_FACE_FEATURES = {
     "info": {
         "features": {
             "image": {"_type": "Image"},
-            "taxels": {"feature": {"dtype": "uint16", "_type": "Value"}, "_type": "List"},
+            "taxels": {"feature": {"dtype": "uint16", "_type": "Value"}, "_type": "Sequence"},
             **{
                 field.name: {"dtype": _dtype, "_type": "Value"}
                 for field in SCHEMA
@@ -68,26 +72,18 @@ HUGGING_FACE_FEATURES = {
         }
     }
 }
-"""Column types as Hugging Face's `datasets` reads them from a Parquet file's metadata."""
+"""Column types as Hugging Face's `datasets` reads them from a Parquet file's metadata.
+Its versions 3 to 5 know "Sequence"; "List" is known from 4 on only."""
 
-PNG_LEVEL = 1
-"""zlib level of the pictures: at 6 they are 5 to 10 % smaller and take several times as long."""
+ROWS_AT_ONCE = 128
+"""Rows written together, a row group: some 9 MB, what a shard in the making takes of memory."""
 
-
-def encode_png(image: np.ndarray) -> bytes:
-    """PNG bytes of a (rows, columns, 3) uint8 picture."""
-    buffer = io.BytesIO()
-    Image.fromarray(image).save(buffer, format="PNG", compress_level=PNG_LEVEL)
-    return buffer.getvalue()
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a write for which there is no room."""
 
 
-def decode_png(content: bytes) -> np.ndarray:
-    """The (rows, columns, 3) uint8 picture in PNG bytes."""
-    return np.asarray(Image.open(io.BytesIO(content)).convert("RGB"))
-
-
-def row(sample: Sample, index: int, family: str, split: str) -> dict[str, Any]:
-    """A sample as a row of the table."""
+def row(sample: Sample, picture: bytes, index: int, family: str, split: str) -> dict[str, Any]:
+    """A sample as a row of the table. picture: its image as PNG bytes."""
     press: Press = sample.press
     return {
         "shape": press.shape,
@@ -99,7 +95,7 @@ def row(sample: Sample, index: int, family: str, split: str) -> dict[str, Any]:
         "yaw_rad": press.yaw_rad,
         "force_n": press.force_n,
         "image": {
-            "bytes": encode_png(sample.image),
+            "bytes": picture,
             "path": f"{file_stem(press.shape)}-{index}.png",
         },
         "taxels": sample.counts,
@@ -124,27 +120,60 @@ def shard_path(split: str, shape: str) -> str:
 
 
 def write_shard(path: Path, rows: Iterable[dict[str, Any]]) -> str:
-    """Write rows as one shard; returns its sha256."""
+    """Write rows as one shard, as they come; returns its sha256.
+
+    Raises T2TwinError where it cannot be written; then there is no shard.
+    """
     schema = SCHEMA.with_metadata({"huggingface": json.dumps(HUGGING_FACE_FEATURES)})
-    buffer = pa.BufferOutputStream()
-    # Pictures are compressed already; a dictionary pays for the names only.
-    pq.write_table(
-        pa.Table.from_pylist(list(rows), schema=schema),
-        buffer,
-        compression="zstd",
-        use_dictionary=["shape", "family", "split"],  # pyright: ignore[reportArgumentType]
-    )
-    content = buffer.getvalue().to_pybytes()
-    write_whole(path, content)
-    return hashlib.sha256(content).hexdigest()
+    waiting = iter(rows)
+    with _durable(path) as file:
+        # Pictures are compressed already; a dictionary pays for the names only.
+        writer = pq.ParquetWriter(
+            file,
+            schema,
+            compression="zstd",
+            use_dictionary=["shape", "family", "split"],  # pyright: ignore[reportArgumentType]
+        )
+        try:
+            while group := list(islice(waiting, ROWS_AT_ONCE)):
+                writer.write_table(pa.Table.from_pylist(group, schema=schema))
+            writer.close()
+        except BaseException:
+            writer.is_open = False  # or it would end the file when collected, after it is gone
+            raise
+        file.flush()
+        file.seek(0)
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def sha256_of(path: Path) -> str:
+    """A file's sha256 in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file so that it is whole or absent, also after a power cut."""
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with _durable(path) as file:
         file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
+
+
+@contextmanager
+def _durable(path: Path) -> Iterator[BufferedRandom]:
+    """A file to write that is on the disk before it gets its name."""
+    with whole_file(path) as temporary:
+        try:
+            with temporary.open("w+b") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            raise T2TwinError(
+                f"there is no room for {path} ({os.strerror(error.errno).lower()}); once there is, "
+                "the same command goes on from here"
+            ) from error
 
 
 def write_info(folder: Path, info: dict[str, Any]) -> None:

@@ -93,20 +93,25 @@ def indices(name: str, scale: Scale) -> list[int]:
 
 
 def press_at(shape: Shape, index: int) -> Press:
-    """The press of an index.
+    """The press of an index of a shape's full list."""
+    return press_of(shape.name, shape.spacing_mm, index)
+
+
+def press_of(name: str, spacing_mm: float, index: int) -> Press:
+    """The press of an index, of a shape by name and the spacing of its grid.
 
     The sensor goes to a grid point of the shape and turns about the press axis there; seen from
     the sensor, the grid turns with the shape: (x, y) = Rz(yaw) (grid point).
     """
-    grid = grid_of(shape.name)
+    grid = grid_of(name)
     point, orientation = divmod(index, grid.orientations)
     row, column = divmod(point, grid.points)
     middle = (grid.points - 1) / 2
-    grid_x, grid_y = (column - middle) * shape.spacing_mm, (row - middle) * shape.spacing_mm
+    grid_x, grid_y = (column - middle) * spacing_mm, (row - middle) * spacing_mm
     yaw = LAST_YAW_RAD * orientation / (grid.orientations - 1)
     cos, sin = float(np.cos(yaw)), float(np.sin(yaw))
     return Press(
-        shape=shape.name,
+        shape=name,
         x_mm=cos * grid_x - sin * grid_y,
         y_mm=sin * grid_x + cos * grid_y,
         yaw_rad=float(yaw),

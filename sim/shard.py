@@ -1,19 +1,22 @@
 """Making one shard: all presses of one shape."""
 
-import multiprocessing
-import os
-import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from primitives_cad import catalogue
 from primitives_cad.errors import T2TwinError
+from primitives_cad.shape import Shape
 from sim import protocol
 from sim.bench import Bench
 from sim.dataset import row, shard_path, write_shard
+from sim.png import encode_png
+from sim.records import Sample
+from sim.timing import Stopwatch, peak_memory, process_name
 
 
 @dataclass(frozen=True)
@@ -32,49 +35,68 @@ class Task:
         return shard_path(self.split, self.shape)
 
 
-def make_shard(task: Task, bench: Bench, progress: Callable[[], object]) -> str:
-    """Press, look, feel and write; returns the shard's sha256. Calls progress after each pair."""
-    shape = catalogue.load(task.shape, task.cache)
-    family = task.shape.split("/")[0] if "/" in task.shape else task.shape.rpartition("-")[0]
+@dataclass(frozen=True)
+class Made:
+    """A shard that was made: its sha256, the time it took, and by which process.
+
+    peak_memory: the most that the process has held up to now, bytes.
+    """
+
+    sha256: str
+    watch: Stopwatch
+    process: str
+    peak_memory: int
+
+
+def make_shard(task: Task, bench: Bench, progress: Callable[[], object]) -> Made:
+    """Press, look, feel and write. Calls progress after each pair.
+
+    Raises T2TwinError where a press did not come to rest or the shard cannot be written.
+    """
+    watch = Stopwatch()
+    with watch.running("shape"):
+        shape = catalogue.load(task.shape, task.cache)
+    before, start = watch.total, time.process_time()
+    digest = write_shard(Path(task.folder) / task.path, _rows(task, shape, bench, watch, progress))
+    # Rows are made while the shard is being written; what is left of its time is the writing.
+    watch.seconds["writing"] += time.process_time() - start - (watch.total - before)
+    return Made(digest, watch, process_name(), peak_memory())
+
+
+def family_of(shape: str) -> str:
+    """The tool of `pliers/teeth`, the primitive family of `square-2`."""
+    return shape.split("/")[0] if "/" in shape else shape.rpartition("-")[0]
+
+
+def _rows(
+    task: Task, shape: Shape, bench: Bench, watch: Stopwatch, progress: Callable[[], object]
+) -> Iterator[dict[str, Any]]:
+    family = family_of(task.shape)
     place = catalogue.NAMES.index(task.shape)
-    rows = []
     for index in task.indices:
-        command = protocol.press_at(shape, index)
-        sample = bench.take(shape, command, np.random.default_rng((task.seed, place, index)))
+        rng = np.random.default_rng((task.seed, place, index))
+        sample = _take(bench, shape, index, rng, watch)
         if not (sample.digit.settled and sample.cyskin.settled):
             raise T2TwinError(
                 f"press {index} of {task.shape} did not come to rest; take a finer or coarser grid"
             )
-        rows.append(row(sample, index, family, task.split))
+        with watch.running("encoding"):
+            picture = encode_png(sample.image)
+        yield row(sample, picture, index, family, task.split)
         progress()
-    return write_shard(Path(task.folder) / task.path, rows)
 
 
-_bench: Bench
-_made = None
-
-
-def start_worker(bench: Bench, made) -> None:
-    """Give a pool's process its bench and the counter of pairs that all of them share."""
-    global _bench, _made
-    _bench, _made = bench, made
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """A killed run takes its workers with it; they would wait for tasks for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def work(task: Task) -> str:
-    """make_shard in a pool's process."""
-    return make_shard(task, _bench, _count)
-
-
-def _count() -> None:
-    assert _made is not None
-    with _made.get_lock():
-        _made.value += 1
+def _take(
+    bench: Bench, shape: Shape, index: int, rng: np.random.Generator, watch: Stopwatch
+) -> Sample:
+    """One pair: the same press on both sensors."""
+    command = protocol.press_at(shape, index)
+    with watch.running("press digit"):
+        on_digit = bench.digit.touch(shape, command)
+    with watch.running("press cyskin"):
+        on_cyskin = bench.cyskin.touch(shape, command)
+    with watch.running("picture"):
+        image = bench.digit.see(on_digit, shape, command, rng)
+    with watch.running("taxels"):
+        counts = bench.cyskin.feel(on_cyskin, rng)
+    return Sample(command, image, counts, on_digit, on_cyskin)

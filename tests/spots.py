@@ -10,7 +10,8 @@ import numpy as np
 import pyarrow as pa
 
 from sim.cyskin.layout import load_layout
-from sim.dataset import FORMAT, SCHEMA, encode_png, shard_path, write_info, write_shard
+from sim.dataset import FORMAT, SCHEMA, shard_path, write_info, write_shard
+from sim.png import encode_png
 
 ROWS, COLUMNS = 320, 240
 PX_PER_MM = 8.0

@@ -1,28 +1,71 @@
+import errno
 import hashlib
 import json
+import multiprocessing
 import os
+import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from primitives_cad import catalogue
 from primitives_cad.errors import T2TwinError
-from sim.dataset import decode_png, encode_png, read_info, read_split, taxels
+from sim import protocol
+from sim.bench import Bench
+from sim.dataset import (
+    LOG,
+    ROWS_AT_ONCE,
+    read_info,
+    read_split,
+    sha256_of,
+    taxels,
+    write_info,
+    write_shard,
+)
 from sim.generate import generate
+from sim.png import decode_png, encode_png
+from sim.timing import STAGES
+from sim.verify import verify
+from translate.cli import main
 
 SHAPES = ("square-1", "square-3", "circle-2", "pliers/teeth")
 
 
 def digests(folder):
+    """Of all files but the log, which says how long the runs took."""
     return {
-        str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest()
+        str(path.relative_to(folder)): sha256_of(path)
         for path in sorted(folder.rglob("*"))
-        if path.is_file()
+        if path.is_file() and path.name != LOG
     }
+
+
+def flip_a_bit(path):
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def remade(folder, changes):
+    """The dataset with rows changed, and info.json made to fit: only the content gives it away."""
+    path = folder / "train/square-1.parquet"
+    table = pq.ParquetFile(path).read()
+    for name, values in changes.items():
+        place = table.schema.get_field_index(name)
+        field = table.schema.field(name)
+        table = table.set_column(place, field, pa.array(values, field.type))
+    pq.write_table(table, path)
+    info = read_info(folder)
+    info["shards"]["train/square-1.parquet"] = {"sha256": sha256_of(path), "pairs": len(table)}
+    write_info(folder, info)
+    return verify(folder)
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +76,15 @@ def made(tmp_path_factory, shape_cache):
 
 
 def test_png_gives_back_the_picture():
-    image = np.random.default_rng(0).integers(0, 256, (320, 240, 3), dtype=np.uint8)
-    assert (decode_png(encode_png(image)) == image).all()
+    rng = np.random.default_rng(0)
+    for image in (
+        rng.integers(0, 256, (320, 240, 3), dtype=np.uint8),
+        np.zeros((1, 1, 3), np.uint8),
+        np.full((5, 7, 3), 255, np.uint8),
+    ):
+        assert (decode_png(encode_png(image)) == image).all()
+    with pytest.raises(T2TwinError, match="rows x columns x 3"):
+        encode_png(np.zeros((4, 4), np.uint8))
 
 
 def test_splits_hold_their_shapes_and_every_press_its_force(made):
@@ -76,38 +126,168 @@ def test_another_seed_gives_other_noise_and_the_same_poses(made, tmp_path, shape
     assert table.column("image") != before.column("image")
 
 
-def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(made, tmp_path, shape_cache):
+def test_a_run_killed_again_and_again_ends_with_the_same_bytes(made, tmp_path, shape_cache):
     folder = tmp_path / "killed"
     script = (
         "from sim.generate import generate\n"
         f"generate({str(folder)!r}, 'smoke', workers=1, cache={str(shape_cache)!r}, "
         f"shapes={SHAPES!r})"
     )
-    process = subprocess.Popen(
-        [sys.executable, "-c", script], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    deadline = time.monotonic() + 120
-    while not list(folder.rglob("*.parquet")) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    assert list(folder.rglob("*.parquet"))
+    for kill in (1, 2):
+        process = subprocess.Popen(
+            [sys.executable, "-c", script], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        deadline = time.monotonic() + 120
+        while len(list(folder.rglob("[a-z]*.parquet"))) < kill and time.monotonic() < deadline:
+            time.sleep(0.01)
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        assert 0 < len(list(folder.rglob("[a-z]*.parquet"))) < len(SHAPES)
     with pytest.raises(T2TwinError, match="unfinished"):
         read_split(folder, "train")
+    assert "info.json: the dataset is unfinished" in [str(problem) for problem in verify(folder)]
     generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     assert digests(folder) == digests(made)
 
 
-def test_a_damaged_shard_is_made_anew(made, tmp_path, shape_cache):
+def test_a_flipped_bit_is_named_and_its_shard_alone_made_anew(made, tmp_path, shape_cache):
     folder = tmp_path / "damaged"
-    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES[:2])
-    before = digests(folder)
-    shard = folder / "train/square-1.parquet"
-    content = bytearray(shard.read_bytes())
-    content[len(content) // 2] ^= 1
-    shard.write_bytes(content)
-    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES[:2])
-    assert digests(folder) == before
+    shutil.copytree(made, folder)
+    assert verify(folder) == []
+    flip_a_bit(folder / "train/square-1.parquet")
+    broken = verify(folder)
+    assert [problem.part for problem in broken] == ["train/square-1.parquet"]
+    others = [path for path in folder.rglob("*.parquet") if path.name != "square-1.parquet"]
+    before = [path.stat().st_mtime_ns for path in others]
+    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
+    assert digests(folder) == digests(made)
+    assert [path.stat().st_mtime_ns for path in others] == before
+
+
+def test_verify_finds_what_a_digest_cannot(made, tmp_path, capsys):
+    """Rows that are not the protocol's, though info.json was made to fit them."""
+    table = pq.ParquetFile(made / "train/square-1.parquet").read()
+    image, counts = table["image"].to_pylist(), table["taxels"].to_pylist()
+    index = table["index"].to_pylist()
+    for changes, said in (
+        ({"index": [index[0], index[0], index[2]]}, "comes more than once"),
+        ({"x_mm": [99.0, *table["x_mm"].to_pylist()[1:]]}, "x_mm is not the protocol's"),
+        ({"shape": ["circle-1"] * 3}, "another shape"),
+        ({"split": ["train", "val", "train"]}, "another split"),
+        ({"image": [{"bytes": b"no picture", "path": ""}, *image[1:]]}, "cannot be decoded"),
+        ({"taxels": [[40_001] * 20, *counts[1:]]}, "outside of 0 to 40000"),
+        ({"taxels": [counts[0][:19], *counts[1:]]}, "19 taxels"),
+    ):
+        folder = tmp_path / "changed"
+        shutil.copytree(made, folder)
+        assert any(said in str(problem) for problem in remade(folder, changes))
+        shutil.rmtree(folder)
+    shutil.copytree(made, folder)
+    (folder / "val/square-3.parquet").unlink()
+    (folder / "cache").mkdir()
+    (folder / "cache/train.parquet").touch()  # what trainings keep is nobody's business
+    shutil.copy(folder / "train/square-1.parquet", folder / "train/mine.parquet")
+    with pytest.raises(SystemExit) as stop:
+        main(["simdata", "--verify", str(folder)])
+    assert stop.value.code == 1
+    said = capsys.readouterr().out
+    assert "val/square-3.parquet: it is missing" in said and "train/mine.parquet: " in said
+    assert "broken in 2 files" in said
+
+
+def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(
+    made, tmp_path, shape_cache, monkeypatch
+):
+    """Held to files of 150 kB, a process writes the shard of one press and not that of three."""
+    folder = tmp_path / "full"
+    shapes = ("pliers/teeth", "square-1")
+    script = (
+        "import resource\n"
+        "from sim.generate import generate\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, resource.RLIM_INFINITY))\n"
+        f"generate({str(folder)!r}, 'smoke', workers=1, cache={str(shape_cache)!r}, "
+        f"shapes={shapes!r})"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert "T2TwinError: there is no room for" in ended.stderr.splitlines()[-1]
+    assert "Exception ignored" not in ended.stderr
+    assert [path.name for path in folder.rglob("*.parquet")] == ["pliers-teeth.parquet"]
+
+    def no_space(_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch, pytest.raises(T2TwinError, match="no space left"):
+        patch.setattr(os, "fsync", no_space)
+        generate(folder, "smoke", workers=1, cache=shape_cache, shapes=shapes)
+    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=shapes)
+    assert verify(folder) == []
+    for path in ("test/pliers-teeth.parquet", "train/square-1.parquet"):
+        assert sha256_of(folder / path) == sha256_of(made / path)
+
+
+def test_a_killed_worker_is_one_sentence(tmp_path, shape_cache):
+    folder = tmp_path / "data"
+
+    def kill() -> None:
+        deadline = time.monotonic() + 60
+        while not list(folder.rglob(".*.part.parquet")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        os.kill(multiprocessing.active_children()[0].pid or 0, signal.SIGKILL)
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    with pytest.raises(T2TwinError, match="a worker was killed"):
+        generate(folder, "smoke", workers=2, cache=shape_cache, shapes=SHAPES[:2])
+    killer.join()
+
+
+def test_the_log_says_where_the_time_went(made):
+    (record,) = [json.loads(line) for line in (made / LOG).read_text().splitlines()]
+    assert record["pairs"] == 10 and record["workers"] == 1
+    assert list(record["stage_seconds"]) == list(STAGES)
+    assert all(seconds > 0 for seconds in record["stage_seconds"].values())
+    assert sum(record["stage_seconds"].values()) < 2 * record["seconds"]
+    assert 50e6 < record["peak_memory_bytes"] < 4 * 2**30
+
+
+def test_a_pair_is_what_the_bench_takes(made, shapes):
+    """The row's picture and counts are those of the two sensors under the row's own press."""
+    table = pq.ParquetFile(made / "train/square-1.parquet").read()
+    index, bench = table["index"][1].as_py(), Bench()
+    command = protocol.press_at(shapes("square-1"), index)
+    rng = np.random.default_rng((0, catalogue.NAMES.index("square-1"), index))
+    image = bench.digit.see(
+        bench.digit.touch(shapes("square-1"), command), shapes("square-1"), command, rng
+    )
+    counts = bench.cyskin.feel(bench.cyskin.touch(shapes("square-1"), command), rng)
+    assert (decode_png(table["image"][1].as_py()["bytes"]) == image).all()
+    assert table["taxels"][1].as_py() == counts.tolist()
+
+
+def test_a_pair_takes_at_most_80_kb(made):
+    """1.5 GiB for the 20,076 pairs of the paper."""
+    sizes = [len(cell.as_py()["bytes"]) for cell in read_split(made, "train")["image"]]
+    assert np.mean(sizes) < 75_000
+
+
+def test_many_rows_come_in_groups(tmp_path, made):
+    table = pq.ParquetFile(made / "train/square-1.parquet").read()
+    rows = [table.to_pylist()[0] | {"index": index} for index in range(ROWS_AT_ONCE + 1)]
+    digest = write_shard(tmp_path / "long.parquet", rows)
+    assert digest == sha256_of(tmp_path / "long.parquet")
+    with pq.ParquetFile(tmp_path / "long.parquet") as file:
+        assert file.num_row_groups == 2
+        assert file.read(["index"])["index"].to_pylist() == list(range(ROWS_AT_ONCE + 1))
+
+
+def test_a_calibration_is_checked_before_anything_is_written(tmp_path, capsys):
+    (tmp_path / "lamps.npz").write_text("none")
+    with pytest.raises(SystemExit) as stop:
+        main(["simdata", "--scale", "smoke", "--out", str(tmp_path / "out"),
+              "--calibration", str(tmp_path / "lamps.npz")])  # fmt: skip
+    assert stop.value.code == 2 and "is not a calibration" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 def test_other_parameters_are_refused(made, shape_cache):

@@ -8,18 +8,26 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from PIL import Image
 from spots import write_spots
 
 from primitives_cad.errors import T2TwinError
-from sim.dataset import INFO
+from sim.cyskin.layout import load_layout
+from sim.dataset import INFO, read_split, write_shard
 from sim.generate import generate
+from sim.import_pairs import import_pairs
+from sim.png import decode_png, encode_png
+from translate.cli import main
 from translate.evaluate import METRICS
-from translate.report import pairs, qualitative, results, shapes
-from translate.report.material import gather
+from translate.report import data_page, oddities, pairs, qualitative, results, shapes
+from translate.report.data_page import write_data_report
+from translate.report.material import gather, gather_dataset
 from translate.report.names import name_of
 from translate.report.page import LINKS, PAGE, write_report
+from translate.report.scan import nearest_others, scan
 from translate.run import LOG
 from translate.train import train
 
@@ -200,6 +208,76 @@ def test_evaluation_is_taken_up_again(page: Path, data_dir: Path, runs: list[Pat
     assert path.stat().st_mtime_ns == before
     gather(page.parent, data_dir, runs[::-1])
     assert path.stat().st_mtime_ns > before
+
+
+def read_page(page: Path) -> tuple[Reader, str]:
+    reader, text = Reader(), page.read_text(encoding="utf-8")
+    reader.feed(text)
+    reader.close()
+    assert reader.open == []
+    return reader, re.sub(r"<[^>]+>", " ", text)
+
+
+def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -> None:
+    main(["report", "--data", str(data_dir), "--out", str(tmp_path)])
+    read, text = read_page(tmp_path / PAGE)
+    sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
+    assert sections == ["about", *data_page.LINKS]
+    assert len([tag for tag, _ in read.tags if tag == "img"]) == 1 + 1 + pairs.PAIRS + 2 + 1 + 1 + 1
+    assert "12 pairs of 4 shapes" in text and "2 pairs of 2 shapes" in text
+    assert "none of 20 " in text  # without contact
+    assert sum(len(table) for table in gather_dataset(data_dir).tables.values()) == 20
+
+
+def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path) -> None:
+    """One press taken twice, with another noise, among presses that differ."""
+    folder = tmp_path / "data"
+    shutil.copytree(data_dir, folder)
+    before = gather_dataset(folder)
+    assert not oddities.near_duplicates(before, scan(before)).any()
+    path = folder / "train/square-1.parquet"
+    rows = pq.ParquetFile(path).read().to_pylist()
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0.0, 0.5, (320, 240, 3))
+    again = np.clip(np.rint(decode_png(rows[1]["image"]["bytes"]) + noise), 0, 255)
+    twin = {"image": {"bytes": encode_png(again.astype(np.uint8)), "path": ""}, "index": 587}
+    write_shard(path, [*rows, rows[1] | twin])
+    dataset = gather_dataset(folder)
+    looked = scan(dataset)
+    found = np.flatnonzero(oddities.near_duplicates(dataset, looked))
+    assert [dataset.column("index")[place] for place in found] == [rows[1]["index"], 587]
+    assert looked.nearest[found].tolist() == found[::-1].tolist()
+    assert oddities.taxels_apart(dataset, looked)[found].max() == 0
+
+
+def test_what_is_far_from_its_shape_is_an_outlier() -> None:
+    values = np.array([1.0, 1.1, 0.9, 1.05, 9.0, 5.0, 5.0, 5.0, 5.2])
+    groups = np.array(["a"] * 5 + ["b"] * 4)
+    far = oddities.deviations(values, groups)
+    assert far.argmax() == 4 and far[4] > 50
+    assert far[5:8].max() == 0 and far[8] == pytest.approx(0.2 / (0.02 * 5.0))
+
+
+def test_nearest_others_are_those_of_plain_arithmetic() -> None:
+    coarse = np.random.default_rng(0).normal(0, 5, (300, 60)).astype(np.float32)
+    apart = np.sqrt(np.square(coarse[:, None] - coarse[None]).mean(axis=2))
+    apart[np.diag_indices(300)] = np.inf
+    least, where = nearest_others(coarse)
+    assert (where == apart.argmin(axis=1)).all()
+    np.testing.assert_allclose(least, apart.min(axis=1), rtol=1e-3)
+    assert np.isinf(nearest_others(coarse[:1])[0]).all()
+
+
+def test_pairs_of_the_owners_have_a_page_without_forces(tmp_path: Path) -> None:
+    spots = write_spots(tmp_path / "spots", test=0)
+    table = pa.concat_tables([read_split(spots, s, ["image", "taxels", "split"])
+                              for s in ("train", "val")])  # fmt: skip
+    pq.write_table(table, tmp_path / "mine.parquet")
+    import_pairs(tmp_path / "mine.parquet", tmp_path / "data", load_layout())
+    read, text = read_page(write_data_report(tmp_path / "out", tmp_path / "data"))
+    sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
+    assert sections == ["about", *(name for name in data_page.LINKS if name != "forces")]
+    assert "brought in with t2twin import-pairs" in text and "32 pairs of 1 shapes" in text
 
 
 def test_what_is_missing_is_said_before_anything_is_written(

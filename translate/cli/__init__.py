@@ -7,8 +7,10 @@ import tyro
 
 from primitives_cad.errors import T2TwinError
 from translate.cli import (
+    calibrate,
     doctor,
     evaluate,
+    import_pairs,
     press,
     primitives,
     report,
@@ -19,8 +21,10 @@ from translate.cli import (
 
 COMMANDS = {
     "primitives": primitives.primitives,
+    "calibrate": calibrate.calibrate,
     "press": press.press,
     "simdata": simdata.simdata,
+    "import-pairs": import_pairs.import_pairs,
     "train": train.train,
     "evaluate": evaluate.evaluate,
     "translate": translate.translate,

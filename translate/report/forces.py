@@ -5,11 +5,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from sim.dataset import SPLITS, taxels
+from sim.dataset import taxels
 from translate.report import markup
 from translate.report.figures import figure
-from translate.report.material import Material
-from translate.report.names import SENSOR_COLOURS, SENSOR_NAMES
+from translate.report.material import Dataset
+from translate.report.names import SENSOR_COLOURS, SENSOR_NAMES, SPLIT_COLOURS
 
 SENSORS = ("digit", "cyskin")
 BINS = 40
@@ -17,11 +17,11 @@ COUNTS_TICKS = 5
 WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
 
 
-def section(material: Material) -> str:
+def section(material: Dataset) -> str:
     """Histograms of force and counts, depths by family, and the numbers that they come to."""
     charts = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _forces_and_counts(page, material))
     depths = figure("svg", WIDTH_IN, DEPTHS_IN, lambda page: _depths(page, material))
-    counts = np.concatenate([taxels(material.tables[split]) for split in SPLITS])
+    counts = material.counts
     full_scale = material.layout.full_scale_counts
     saturated = counts >= full_scale
     return markup.section(
@@ -48,7 +48,7 @@ def section(material: Material) -> str:
     )
 
 
-def _numbers(material: Material) -> list[tuple[str, str]]:
+def _numbers(material: Dataset) -> list[tuple[str, str]]:
     commanded = material.column("force_n")
     pairs = commanded.size
     facts = [("Commanded", _range(commanded, "N"))]
@@ -91,7 +91,7 @@ def _range(values: np.ndarray, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def _forces_and_counts(page: Figure, material: Material) -> None:
+def _forces_and_counts(page: Figure, material: Dataset) -> None:
     left, right = page.subplots(1, 2)
     commanded = material.column("force_n")
     off = {s: 1e3 * (material.column(f"{s}_force_n") - commanded) for s in SENSORS}
@@ -108,10 +108,12 @@ def _forces_and_counts(page: Figure, material: Material) -> None:
     _counts(right, material)
 
 
-def _counts(axes: Axes, material: Material) -> None:
+def _counts(axes: Axes, material: Dataset) -> None:
     full_scale = material.layout.full_scale_counts
     bins = np.linspace(0.0, full_scale, BINS + 1).tolist()
-    for split, colour in zip(SPLITS, ("#999999", "#0072b2", "#d55e00"), strict=True):
+    for split, colour in SPLIT_COLOURS.items():
+        if split not in material.tables:
+            continue
         counts = taxels(material.tables[split]).ravel()
         weights = np.full(counts.size, 100.0 / counts.size)
         axes.hist(counts, bins, weights=weights, histtype="step", color=colour, label=split)
@@ -121,9 +123,9 @@ def _counts(axes: Axes, material: Material) -> None:
     axes.legend()
 
 
-def _depths(page: Figure, material: Material) -> None:
+def _depths(page: Figure, material: Dataset) -> None:
     families = np.concatenate(
-        [np.array(material.tables[split]["family"].to_pylist()) for split in SPLITS]
+        [np.array(table["family"].to_pylist()) for table in material.tables.values()]
     )
     names = list(dict.fromkeys(families.tolist()))
     axes = page.subplots()

@@ -10,7 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from primitives_cad.errors import T2TwinError
-from sim.dataset import SPLITS, decode_png, read_info, read_split, shard_path
+from sim.dataset import SPLITS, read_info, read_split, shard_path, taxels
+from sim.png import decode_png
 from translate.data import DataInfo, load_info
 from translate.evaluate import METRICS, PREDICTIONS, TRUTH, evaluate
 from translate.phi import Phi
@@ -53,12 +54,11 @@ class Evaluated:
 
 
 @dataclass(frozen=True)
-class Material:
-    """What the report is made of.
+class Dataset:
+    """A dataset as the report draws it.
 
-    data: the dataset's folder. info: its info.json; layout: the part of it that phi needs.
-    tables: every split's COLUMNS. runs: by the names that `evaluate` gives them. histories: their
-    logs, one record an epoch. evaluated: by split, "val" and "test".
+    data: its folder. info: its info.json; layout: the part of it that phi needs. tables: COLUMNS
+    of every split that has pairs.
     """
 
     data: Path
@@ -66,21 +66,71 @@ class Material:
     layout: DataInfo
     phi: Phi
     tables: dict[str, pa.Table]
-    runs: dict[str, Run]
-    histories: dict[str, list[dict[str, Any]]]
-    evaluated: dict[str, Evaluated]
 
     def picture(self, split: str, row: int) -> np.ndarray:
         """The DIGIT picture of a split's row, (320, 240, 3) uint8, read from its shard alone."""
         shape = self.tables[split]["shape"][row].as_py()
         index = self.tables[split]["index"][row].as_py()
-        shard = pq.ParquetFile(self.data / shard_path(split, shape))
-        found = shard.read(columns=["index"])["index"].to_pylist().index(index)
-        return decode_png(shard.read(columns=["image"])["image"][found].as_py()["bytes"])
+        with pq.ParquetFile(self.data / shard_path(split, shape)) as shard:
+            found = shard.read(columns=["index"])["index"].to_pylist().index(index)
+            for group in range(shard.num_row_groups):
+                rows = shard.metadata.row_group(group).num_rows
+                if found < rows:
+                    images = shard.read_row_group(group, columns=["image"])["image"]
+                    return decode_png(images[found].as_py()["bytes"])
+                found -= rows
+        raise AssertionError("a row lies in one of its file's groups")
 
     def column(self, name: str) -> np.ndarray:
-        """A column of all splits, one after another: (P,)."""
-        return np.concatenate([self.tables[split][name].to_numpy() for split in SPLITS])
+        """A column of all splits, one after another: (P,). Numbers that are empty are NaN."""
+        return np.concatenate([table[name].to_numpy() for table in self.tables.values()])
+
+    @property
+    def places(self) -> list[tuple[str, int]]:
+        """Split and row of every pair, in the order of `column`."""
+        return [(split, row) for split, table in self.tables.items() for row in range(len(table))]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """All taxels' counts, in the order of `column`: (P, N)."""
+        return np.concatenate([taxels(table) for table in self.tables.values()])
+
+    @property
+    def pad_diameter_mm(self) -> np.ndarray:
+        """(N,)"""
+        of_skin = self.info.get("parameters", {}).get("cyskin", self.info)
+        return np.asarray(of_skin["pad_diameter_mm"], dtype=float)
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether `t2twin simdata` made it, and so knows forces and depths."""
+        return "scale" in self.info
+
+
+@dataclass(frozen=True)
+class Material(Dataset):
+    """What the report of runs is made of.
+
+    runs: by the names that `evaluate` gives them. histories: their logs, one record an epoch.
+    evaluated: by split, "val" and "test".
+    """
+
+    runs: dict[str, Run]
+    histories: dict[str, list[dict[str, Any]]]
+    evaluated: dict[str, Evaluated]
+
+
+def gather_dataset(data: Path) -> Dataset:
+    """Reads a dataset alone. Raises T2TwinError where it is missing or unfinished."""
+    info, layout = read_info(data), load_info(data)
+    with_pairs = {path.split("/")[0] for path in info["shards"]}
+    return Dataset(
+        data=data,
+        info=info,
+        layout=layout,
+        phi=Phi(layout.x_mm, layout.y_mm),
+        tables={s: read_split(data, s, COLUMNS) for s in SPLITS if s in with_pairs},
+    )
 
 
 def gather(out: Path, data: Path, runs: list[Path]) -> Material:
@@ -94,13 +144,13 @@ def gather(out: Path, data: Path, runs: list[Path]) -> Material:
         raise T2TwinError(f"{out} is a file; give a folder to write the report into")
     if not runs:
         raise T2TwinError("there is no run to report on; give at least one folder of `train`")
-    info, layout = _simulated(data), load_info(data)
-    tables = {split: read_split(data, split, COLUMNS) for split in SPLITS}
+    _check_simulated(data)
+    dataset = gather_dataset(data)
     histories = {run: load_log(run) for run in runs}
     loaded = {run: load_run(run) for run in runs}
     for run in loaded.values():
         _check_finished(run.run_dir, run.config, histories[run.run_dir])
-    evaluated = {split: _evaluated(runs, data, layout, split, out) for split in SHOWN}
+    evaluated = {split: _evaluated(runs, data, dataset.layout, split, out) for split in SHOWN}
     names = {
         model["run"]: name
         for name, model in evaluated["val"].metrics["models"].items()
@@ -108,25 +158,25 @@ def gather(out: Path, data: Path, runs: list[Path]) -> Material:
     }
     return Material(
         data=data,
-        info=info,
-        layout=layout,
-        phi=Phi(layout.x_mm, layout.y_mm),
-        tables=tables,
+        info=dataset.info,
+        layout=dataset.layout,
+        phi=dataset.phi,
+        tables=dataset.tables,
         runs={names[str(run)]: loaded[run] for run in runs},
         histories={names[str(run)]: histories[run] for run in runs},
         evaluated=evaluated,
     )
 
 
-def _simulated(data: Path) -> dict[str, Any]:
-    """info.json of a dataset that `t2twin simdata` made: the page says what it was made with."""
+def _check_simulated(data: Path) -> None:
+    """The page of runs says what their dataset was made with."""
     info = read_info(data)
     lacks = [key for key in ("scale", "seed", "parameters", "versions") if key not in info]
     if lacks:
         raise T2TwinError(
-            f"{data} does not name its {lacks[0]}; the report is of datasets of `t2twin simdata`"
+            f"{data} does not name its {lacks[0]}; a report of runs is of datasets of "
+            "`t2twin simdata`, and of other pairs there is one without --runs"
         )
-    return info
 
 
 def load_log(run_dir: Path) -> list[dict[str, Any]]:

@@ -13,6 +13,8 @@ RUN_COLOURS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
 SENSOR_COLOURS = {"digit": "#0072b2", "cyskin": "#e69f00"}
 """Colours that readers with any colour vision tell apart (Okabe and Ito 2008)."""
 
+SPLIT_COLOURS = {"train": "#999999", "val": "#0072b2", "test": "#d55e00"}
+SPLIT_NAMES = {"train": "training", "val": "validation", "test": "test"}
 SENSOR_NAMES = {"digit": "DIGIT", "cyskin": "CySkin"}
 
 

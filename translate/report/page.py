@@ -100,18 +100,28 @@ def write_report(out: Path, data: Path, runs: list[Path]) -> Path:
         lambda: by_shape.section(material),
         lambda: limits.section(material),
     ]
+    return write_page(Path(out), TITLE, LINKS, sections)
+
+
+def write_page(
+    out: Path, title: str, links: dict[str, str], sections: list[Callable[[], str]]
+) -> Path:
+    """Writes out/index.html of sections, made one after the other; returns its path.
+
+    links: the sections' names and titles, for the line at the top.
+    """
     body = [section() for section in tqdm(sections, desc="report", unit="section")]
-    path = Path(out) / PAGE
+    path = out / PAGE
     with whole_file(path) as temporary:
-        temporary.write_text(_page(body), encoding="utf-8")
+        temporary.write_text(_page(title, links, body), encoding="utf-8")
     return path
 
 
-def _page(body: list[str]) -> str:
-    links = " ".join(f'<a href="#{name}">{escape(title)}</a>' for name, title in LINKS.items())
+def _page(title: str, named: dict[str, str], body: list[str]) -> str:
+    links = " ".join(f'<a href="#{name}">{escape(text)}</a>' for name, text in named.items())
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(TITLE)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        f"<h1>{escape(TITLE)}</h1>\n<nav>{links}</nav>\n" + "\n".join(body) + "\n</body>\n</html>\n"
+        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        f"<h1>{escape(title)}</h1>\n<nav>{links}</nav>\n" + "\n".join(body) + "\n</body>\n</html>\n"
     )

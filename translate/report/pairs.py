@@ -6,7 +6,6 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from sim.dataset import SPLITS
 from sim.digit.camera import DIGIT_CAMERA
 from translate.report import markup
 from translate.report.figures import (
@@ -18,14 +17,14 @@ from translate.report.figures import (
     rings,
     tactile_image,
 )
-from translate.report.material import Material
+from translate.report.material import Dataset
 
 PAIRS = 12
 SEED = 0
 WIDTH_IN, HEIGHT_IN = 4.4, 2.1
 
 
-def section(material: Material) -> str:
+def section(material: Dataset) -> str:
     """One picture a pair, each of another family as far as there are."""
     half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
     text = (
@@ -45,12 +44,12 @@ def section(material: Material) -> str:
     )
 
 
-def chosen(material: Material) -> list[tuple[str, int]]:
+def chosen(material: Dataset) -> list[tuple[str, int]]:
     """Splits and rows of PAIRS pairs: families in turn, one more of each until there are enough."""
     rng = np.random.default_rng(SEED)
     of_family: dict[str, list[tuple[str, int]]] = {}
-    for split in SPLITS:
-        for row, family in enumerate(material.tables[split]["family"].to_pylist()):
+    for split, table in material.tables.items():
+        for row, family in enumerate(table["family"].to_pylist()):
             of_family.setdefault(family, []).append((split, row))
     orders = [[rows[i] for i in rng.permutation(len(rows))] for rows in of_family.values()]
     deepest = max(len(order) for order in orders)
@@ -58,23 +57,24 @@ def chosen(material: Material) -> list[tuple[str, int]]:
     return in_turn[:PAIRS]
 
 
-def _pair(material: Material, split: str, row: int) -> str:
+def _pair(material: Dataset, split: str, row: int) -> str:
     table = material.tables[split]
     shape = table["shape"][row].as_py()
     counts = np.array(table["taxels"][row].as_py(), dtype=np.float32)
     content = figure(
         "png", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, material, split, row, counts)
     )
-    note = (
-        f"({split}): largest taxel {counts.max():,.0f} counts; depth in the gel "
-        f"{table['digit_depth_mm'][row].as_py():.2f} mm, in the skin "
-        f"{table['cyskin_depth_mm'][row].as_py():.2f} mm"
-    )
+    note = f"({split}): largest taxel {counts.max():,.0f} counts"
+    if material.is_simulated:
+        note += (
+            f"; depth in the gel {table['digit_depth_mm'][row].as_py():.2f} mm, in the skin "
+            f"{table['cyskin_depth_mm'][row].as_py():.2f} mm"
+        )
     alt = f"DIGIT picture, taxel counts and tactile image of {shape}"
     return markup.picture(content, "png", alt, shape, width="narrow", note=note)
 
 
-def _draw(page: Figure, material: Material, split: str, row: int, counts: np.ndarray) -> None:
+def _draw(page: Figure, material: Dataset, split: str, row: int, counts: np.ndarray) -> None:
     picture, array, image = page.subplots(1, 3, width_ratios=(1.24, 1, 1))
     digit_picture(picture, material.picture(split, row))
     limits = (0.0, max(float(counts.max()), 1.0))
@@ -84,10 +84,10 @@ def _draw(page: Figure, material: Material, split: str, row: int, counts: np.nda
     colour_bar(page, drawn, image, 0.07)
 
 
-def _array(axes: Axes, material: Material, counts: np.ndarray, limits: tuple[float, float]) -> None:
+def _array(axes: Axes, material: Dataset, counts: np.ndarray, limits: tuple[float, float]) -> None:
     """Every pad as a disc of its diameter, mm, with the DIGIT's field of view about the middle."""
     x_mm, y_mm = material.layout.x_mm, material.layout.y_mm
-    size = np.asarray(material.info["parameters"]["cyskin"]["pad_diameter_mm"], dtype=float)
+    size = material.pad_diameter_mm
     pads = EllipseCollection(
         size,
         size,

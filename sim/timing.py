@@ -1,0 +1,81 @@
+"""Where the time of a pair goes, and how much memory a process took."""
+
+import os
+import platform
+import resource
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+STAGES = (
+    "press digit",
+    "press cyskin",
+    "picture",
+    "taxels",
+    "encoding",
+    "writing",
+    "shape",
+)
+"""What the making of a shard is made of; a shape is prepared once a shard."""
+
+
+@dataclass
+class Stopwatch:
+    """Seconds of processor time by stage, added up over many pairs."""
+
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+
+    @contextmanager
+    def running(self, stage: str) -> Iterator[None]:
+        """Adds the processor time of the block to a stage."""
+        start = time.process_time()
+        try:
+            yield
+        finally:
+            self.seconds[stage] += time.process_time() - start
+
+    def add(self, other: "Stopwatch") -> None:
+        for stage, seconds in other.seconds.items():
+            self.seconds[stage] += seconds
+
+    @property
+    def total(self) -> float:
+        return sum(self.seconds.values())
+
+
+def peak_memory() -> int:
+    """The most that this process has held, bytes.
+
+    On Linux from the process's own status: getrusage counts what the process that started this one
+    held before.
+    """
+    status = Path("/proc/self/status")
+    if status.is_file():
+        for line in status.read_text().splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) * 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def process_name() -> str:
+    """This process's, unlike any other's of a cluster."""
+    return f"{platform.node()}:{os.getpid()}"
+
+
+def in_words(pairs: int, seconds: float, workers: int, watch: Stopwatch, memory: int) -> str:
+    """What a run says at its end: pairs a second, the stages of a pair, and memory.
+
+    seconds: of the whole run. memory: the sum of all processes' peaks, bytes.
+    """
+    stages = ", ".join(
+        f"{stage} {1e3 * watch.seconds[stage] / pairs:.1f}" for stage in STAGES if stage != "shape"
+    )
+    return (
+        f"{pairs} pairs in {seconds:.0f} s with {workers} workers: {pairs / seconds:.1f} pairs/s, "
+        f"workers busy {100 * watch.total / (workers * seconds):.0f} % of the time\n"
+        f"processor time of a pair, ms: {stages}; and {watch.seconds['shape']:.1f} s to load the "
+        f"shapes\n"
+        f"peak memory of all processes together: {memory / 2**30:.2f} GiB"
+    )

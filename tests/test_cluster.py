@@ -1,0 +1,106 @@
+"""A Dask cluster on loopback: a scheduler and two worker processes, one killed in the middle."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from primitives_cad.errors import T2TwinError
+from sim import cluster
+from sim.bench import Bench
+from sim.dataset import INFO, LOG, read_info
+from sim.generate import generate
+from sim.shard import Task
+from sim.verify import verify
+
+SHAPES = ("square-1", "square-3", "circle-2", "square-2", "circle-1", "pliers/teeth")
+PATIENCE_SECONDS = 120
+
+
+@contextmanager
+def started(*arguments):
+    """A process of Dask, ended with the block."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+@contextmanager
+def scheduler():
+    """Yields its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with started("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port),
+                 "--no-dashboard"):  # fmt: skip
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        while time.monotonic() < deadline:
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.1)
+        yield f"tcp://127.0.0.1:{port}"
+
+
+def worker(address, folder):
+    return started("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny",
+                   "--no-dashboard", "--local-directory", str(folder))  # fmt: skip
+
+
+def digests(folder):
+    return {path: about["sha256"] for path, about in read_info(folder)["shards"].items()}
+
+
+def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cache):
+    generate(tmp_path / "here", "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
+    data = tmp_path / "there"
+    killed_at, kept = [], {}
+
+    def kill(process):
+        """While it presses: after the first shard is whole, with another one in the making."""
+        deadline = time.monotonic() + PATIENCE_SECONDS
+        while time.monotonic() < deadline:
+            whole = len(list(data.glob("*/[a-z]*.parquet")))
+            if whole and list(data.glob(f"*/.*.{process.pid}.part.parquet")):
+                os.kill(process.pid, signal.SIGKILL)
+                killed_at.append(whole)
+                for path in read_info(data)["shards"]:
+                    kept[path] = (data / path).stat().st_mtime_ns
+                return
+            time.sleep(0.01)
+
+    with scheduler() as address, worker(address, tmp_path) as first, worker(address, tmp_path):
+        killer = threading.Thread(target=kill, args=(first,))
+        killer.start()
+        generate(data, "smoke", cache=shape_cache, shapes=SHAPES, scheduler=address)
+        killer.join()
+        assert killed_at and killed_at[0] < len(SHAPES)
+    assert {path: (data / path).stat().st_mtime_ns for path in kept} == kept
+    assert digests(data) == digests(tmp_path / "here")
+    assert verify(data) == []
+    assert not list(data.rglob(".*.part*"))
+    assert (data / INFO).read_bytes() == (tmp_path / "here" / INFO).read_bytes()
+    assert (data / LOG).is_file()
+
+
+def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
+    monkeypatch.setattr(cluster, "CONNECT_SECONDS", 1)
+    with pytest.raises(T2TwinError, match="no Dask scheduler answers"):
+        generate(tmp_path / "none", "smoke", cache=shape_cache, shapes=SHAPES[:1],
+                 scheduler="tcp://127.0.0.1:9")  # fmt: skip
+    task = Task("square-1", "train", (0,), 0, str(tmp_path / "elsewhere"), str(shape_cache))
+    with scheduler() as address, worker(address, tmp_path):
+        for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "does not see")):
+            with pytest.raises(T2TwinError, match=said):
+                list(cluster.run(Bench(), [task], address, needed, lambda pairs: None))

@@ -1,0 +1,143 @@
+"""A user's own pairs: into the dataset's format, then trained on and evaluated."""
+
+import csv
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+from spots import write_spots
+
+from primitives_cad.errors import T2TwinError
+from sim.cyskin.layout import load_layout
+from sim.dataset import CARD, read_info, read_split, taxels
+from sim.import_pairs import import_pairs
+from sim.png import decode_png
+from sim.verify import verify
+from translate.cli import main
+from translate.data import load_pairs
+from translate.evaluate import evaluate
+from translate.train import train
+
+TAXELS = 4
+LAYOUT_CSV = "x_mm,y_mm\n0,0\n8,0\n0,8\n8,8\n"
+
+
+@pytest.fixture
+def layout(tmp_path):
+    (tmp_path / "mine.csv").write_text(LAYOUT_CSV)
+    return load_layout(tmp_path / "mine.csv")
+
+
+def write_csv(folder, pairs=20, **changes):
+    """Pictures and a CSV of taxels. changes: a column's value by row, {name: {row: value}}."""
+    rng = np.random.default_rng(0)
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for row in range(pairs):
+        pixels = rng.integers(0, 256, (32, 24, 3), dtype=np.uint8)
+        Image.fromarray(pixels).save(folder / f"{row}.png")
+        counts = rng.integers(0, 1000, TAXELS)
+        rows.append({"image": f"{row}.png", **{f"taxel_{i}": c for i, c in enumerate(counts)}})
+    for name, values in changes.items():
+        for row, value in values.items():
+            rows[row][name] = value
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    with (folder / "pairs.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, names, restval="")
+        writer.writeheader()
+        writer.writerows(rows)
+    return folder, rows
+
+
+def test_a_folder_of_pictures_and_a_csv_comes_in_whole(tmp_path, layout):
+    folder, rows = write_csv(tmp_path / "mine")
+    info = import_pairs(folder, tmp_path / "data", layout, full_scale=1000)
+    assert info["pairs"] == {"train": 16, "val": 2, "test": 2}
+    assert info["image_shape"] == [32, 24, 3] and verify(tmp_path / "data") == []
+    assert not list(tmp_path.glob(".*"))
+    assert "20 pairs" not in (tmp_path / "data" / CARD).read_text()
+    found = {}
+    for split in ("train", "val", "test"):
+        table = read_split(tmp_path / "data", split)
+        for image, counts in zip(table["image"].to_pylist(), taxels(table), strict=True):
+            found[decode_png(image["bytes"]).tobytes()] = counts.tolist()
+        assert table["x_mm"].null_count == len(table)
+    for row in rows:
+        with Image.open(folder / row["image"]) as image:
+            expected = [row[f"taxel_{i}"] for i in range(TAXELS)]
+            assert found[np.asarray(image).tobytes()] == expected
+
+
+def test_what_the_rows_say_is_kept(tmp_path, layout):
+    splits = {row: ("train", "train", "val", "test")[row % 4] for row in range(20)}
+    shapes = {row: f"mug-{row % 2}" for row in range(20)}
+    folder, _ = write_csv(
+        tmp_path / "mine", split=splits, shape=shapes, x_mm={0: 1.5}, force_n={0: 3.0}
+    )
+    import_pairs(folder / "pairs.csv", tmp_path / "data", layout)
+    table = read_split(tmp_path / "data", "train")
+    assert len(table) == 10 and sorted(set(table["shape"].to_pylist())) == ["mug-0", "mug-1"]
+    pairs = load_pairs(tmp_path / "data", "train", 16, grey=True)
+    assert pairs.x_mm[0] == 1.5 and pairs.force_n[0] == 3.0 and np.isnan(pairs.x_mm[1:]).all()
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        ({"taxel_1": {3: 50_000}}, "row 3: its counts must be numbers from 0 to 40000"),
+        ({"taxel_1": {3: -1}}, "row 3: its counts"),
+        ({"taxel_1": {3: ""}}, "row 3: its counts"),
+        ({"taxel_4": {3: 5}}, "5 columns"),
+        ({"image": {3: "gone.png"}}, "row 3: there is no picture"),
+        ({"image": {3: "text.png"}}, "row 3: its picture cannot be read"),
+        ({"image": {3: "deep.png"}}, "row 3: its picture cannot be read"),
+        ({"image": {3: "large.png"}}, "24 x 32; all must be of one size"),
+        ({"image": {3: "2.png"}}, "rows 2 and 3 have the same picture"),
+        ({"image": {3: ""}}, "row 3: there is no picture"),
+        ({"split": {3: "training"}}, "allowed are train, val, test"),
+        ({"x_mm": {3: "inf"}}, "row 3: x_mm"),
+    ],
+)
+def test_what_is_wrong_is_named_and_nothing_written(tmp_path, layout, changes, said):
+    if "split" in changes:
+        changes = {"split": dict.fromkeys(range(20), "train") | changes["split"]}
+    folder, _ = write_csv(tmp_path / "mine", **changes)
+    (folder / "text.png").write_text("no picture")
+    Image.fromarray(np.zeros((40, 24, 3), np.uint8)).save(folder / "large.png")
+    Image.fromarray(np.zeros((32, 24), np.uint16)).save(folder / "deep.png")
+    with pytest.raises(T2TwinError, match=said):
+        import_pairs(folder, tmp_path / "data", layout)
+    assert not (tmp_path / "data").exists() and not list(tmp_path.glob(".*"))
+
+
+def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout):
+    folder, _ = write_csv(tmp_path / "mine")
+    with pytest.raises(T2TwinError, match="not empty"):
+        import_pairs(folder, folder, layout)
+    for source in (tmp_path, tmp_path / "mine" / "0.png", tmp_path / "none.csv"):
+        (tmp_path / "second.csv").touch()  # two in the folder: which is meant?
+        with pytest.raises(T2TwinError, match=r"give a \.csv|name the one"):
+            import_pairs(source, tmp_path / "data", layout)
+
+
+def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
+    """The columns image and taxels of another dataset, as a user may have them in one file."""
+    spots = write_spots(tmp_path / "spots")
+    tables = [read_split(spots, split, ["image", "taxels", "split", "shape"])
+              for split in ("train", "val", "test")]  # fmt: skip
+    pq.write_table(pa.concat_tables(tables), tmp_path / "mine.parquet")
+    data = tmp_path / "data"
+    main(["import-pairs", str(tmp_path / "mine.parquet"), "--out", str(data)])
+    assert "32 training, 12 validation and 8 test pairs" in capsys.readouterr().out
+    assert verify(data) == [] and "scale" not in read_info(data)
+    for split in ("train", "val", "test"):
+        ours, theirs = read_split(data, split), read_split(spots, split)
+        assert (taxels(ours) == taxels(theirs)).all()
+        for one, other in zip(ours["image"], theirs["image"], strict=True):
+            pixels = [decode_png(cell.as_py()["bytes"]) for cell in (one, other)]
+            assert (pixels[0] == pixels[1]).all()
+    train("resnet18", data, "smoke", tmp_path / "run", epochs=1)
+    metrics = evaluate([tmp_path / "run"], data, "val", tmp_path / "out")
+    assert metrics["pairs"] == 12 and metrics["models"]["resnet18"]["overall"]["rmse_counts"] > 0
