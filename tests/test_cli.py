@@ -103,8 +103,9 @@ def test_bad_input_is_one_sentence_and_status_2(tmp_path, capsys, arguments, wor
 
 
 def test_every_command_has_help(capsys):
-    for command in ("primitives", "press", "simdata", "train", "evaluate", "translate", "report",
-                    "doctor"):  # fmt: skip
+    from translate.cli import COMMANDS
+
+    for command in COMMANDS:
         run(command, "--help")
         assert command in capsys.readouterr().out
 
@@ -112,3 +113,23 @@ def test_every_command_has_help(capsys):
 def test_doctor_finds_this_machine_fit(capsys):
     run("doctor")
     assert "FAIL" not in capsys.readouterr().out
+
+
+def test_press_leaves_its_scene_and_says_where_there_is_no_display(tmp_path, capsys, monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    run("press", "circle-1", "--sensor", "cyskin", "--view", "--out", tmp_path / "out")
+    assert (tmp_path / "out/scene_cyskin.xml").is_file()
+    assert (tmp_path / "out/shape.stl").is_file()
+    assert "no display" in capsys.readouterr().out
+
+
+def test_press_says_that_a_shape_bottoms_out(tmp_path, capsys):
+    post = trimesh.creation.box((2, 2, 0.4))
+    post.apply_translation((0, 0, 0.7))
+    parts = [trimesh.creation.box((12, 12, 1)), post]
+    trimesh.util.concatenate(parts).export(tmp_path / "low.stl")
+    run("press", tmp_path / "low.stl", "--sensor", "cyskin", "--out", tmp_path / "out")
+    assert json.loads((tmp_path / "out/press.json").read_text())["cyskin"]["bottomed"]
+    assert "bottomed out" in capsys.readouterr().out

@@ -74,7 +74,7 @@ def _contact() -> str:
 def _pushed(one_pin):
     import numpy as np
 
-    one_pin.lay(np.zeros(1), np.zeros(1), np.zeros(1), np.zeros(1), 1.0)
+    one_pin.lay(np.zeros(1), 1.0)
     depth, deflection = 0.0, np.zeros(1)
     for _ in range(200):
         depth, deflection = one_pin.push(1.0, np.zeros(1), np.ones(1))
