@@ -1,11 +1,18 @@
-"""`make bench`: every measurement, one after the other."""
+"""`make bench`: every measurement, one after the other; fails where one misses a limit of its own."""
 
 import runpy
 import sys
 
-MODULES = ("press", "digit_render", "gain")
+MODULES = ("press", "dome", "digit_render", "phi", "gain")
 
+failed = []
 for module in MODULES:
-    print(f"== {module}")
+    print(f"== {module}", flush=True)
     sys.argv = [module]
-    runpy.run_module(f"benchmarks.{module}", run_name="__main__")
+    try:
+        runpy.run_module(f"benchmarks.{module}", run_name="__main__")
+    except SystemExit as stop:
+        if stop.code:
+            failed.append(module)
+if failed:
+    sys.exit(f"over their limits: {', '.join(failed)}")

@@ -103,8 +103,9 @@ def test_a_wall_hides_half_the_lamp_where_similar_triangles_say():
     lamp = np.array([[-15.0, 1.0, -4.0]])  # in line with row 10, left of the wall
     sight = np.ones((1, *heights.shape), dtype=np.float32)
     kernels.sight_of_lamps(
-        heights, 0.0, 0.0, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), lamp, 0.5, sight
-    )
+        heights, 0.0, 0.0, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), lamp,
+        np.array([0.5]), sight,
+    )  # fmt: skip
     shadow = sight[0, 10, wall + 2 :]
     far = (wall + 2 + np.argmax(shadow > 0.5)) * pitch  # first cell that sees half the disc
     edge = wall * pitch

@@ -9,6 +9,7 @@ from primitives_cad.errors import T2TwinError
 from sim.digit import presses
 from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from sim.digit.lights import AMBIENT, DIGIT_LEDS, permuted
+from sim.digit.optics import DigitOptics
 from sim.digit.reference import ReferenceRenderer, encode
 from sim.press.elastomer import DIGIT_GEL
 
@@ -95,3 +96,21 @@ def test_a_gel_pressed_flat_everywhere_shows_no_edges():
 def test_a_surface_on_another_grid_is_refused():
     with ReferenceRenderer(light_points=1) as renderer, pytest.raises(T2TwinError, match="shape"):
         renderer.render(np.zeros((10, 10)))
+
+
+def test_the_baked_model_takes_a_gel_without_a_dome():
+    flat_gel = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
+    own, domed = DigitOptics.load(gel=flat_gel), DigitOptics.load()
+    pressed = presses.ball(0.5, -0.5, 0.8)
+    middle = (slice(100, 200), slice(80, 180))
+    with ReferenceRenderer(light_points=5, gel=flat_gel) as renderer:
+        pictures = [renderer.render(surface) for surface in (FLAT, pressed)]
+
+    def psnr(wanted, given):
+        return 10 * np.log10(255**2 / np.mean((wanted[middle].astype(float) - given[middle]) ** 2))
+
+    assert psnr(pictures[0], own.background) > 38 > 32 > psnr(pictures[0], domed.background)
+    assert (
+        psnr(pictures[1], own.render(pressed)) > 34 > 30 > psnr(pictures[1], domed.render(pressed))
+    )
+    np.testing.assert_array_equal(own.render(FLAT), own.background)

@@ -12,12 +12,18 @@ from pathlib import Path
 import numpy as np
 
 from sim.digit import presses
-from sim.digit.baked import GAMMA, BakedModel
-from sim.digit.calibration import DEFAULT_PATH, PLACE_TERMS, Calibration, place_terms
+from sim.digit.calibration import (
+    DEFAULT_PATH,
+    PLACE_TERMS,
+    Calibration,
+    lamp_columns,
+    place_terms,
+)
 from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from sim.digit.kernels import COSINE_TERMS
 from sim.digit.lights import AMBIENT, DIGIT_LEDS, Led
-from sim.digit.reference import ReferenceRenderer
+from sim.digit.rays import Lamps, Rays
+from sim.digit.reference import GAMMA, ReferenceRenderer
 
 DARK = 0.05
 """Linear light added to a pixel's own when weighing its error in grey levels: the ambient's."""
@@ -61,13 +67,15 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
     blank = Calibration(
         background=background,
         lamps_mm=np.array([led.position_mm for led in leds]),
-        size_mm=float(np.mean([led.size_mm for led in leds])),
-        response=np.zeros((3, PLACE_TERMS, COSINE_TERMS)),
-        colours=np.array([led.colour for led in leds]),
+        sizes_mm=np.array([led.size_mm for led in leds]),
+        response=np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS)),
+        gamma=GAMMA,
         scale_px_per_mm=DIGIT_CAMERA.scale_px_per_mm,
         distance_mm=DIGIT_CAMERA.distance_mm,
     )
-    calibration = replace(blank, response=fit_response(blank, surfaces, lights))
+    table = fit_response(blank, surfaces, lights)
+    colours = np.array([led.colour for led in leds])
+    calibration = replace(blank, response=np.einsum("kij,kc->kcij", table, colours))
     calibration.save(out)
     return calibration
 
@@ -78,17 +86,21 @@ def fit_response(
     """Least-squares response table from pictures of known deflections, free of shadows.
 
     lights: (ROWS, COLUMNS, 3) linear light of lamps 0 to 2, apart. Errors are weighed by the
-    slope of the grey-level curve. Returns (3, PLACE_TERMS, COSINE_TERMS).
+    slope of the grey-level curve. Returns (3 lamps, PLACE_TERMS, COSINE_TERMS).
     """
-    model = BakedModel(calibration, shadows=False)
+    rays = Rays(calibration.camera, shadows=False)
+    lamps = Lamps(calibration.lamps_mm, calibration.sizes_mm)
+    places = place_terms(*rays.places_mm)
     terms = PLACE_TERMS * COSINE_TERMS
     squares, products = np.zeros((3, terms, terms)), np.zeros((3, terms))
     for surface, light in zip(surfaces, lights, strict=True):
-        columns = lamp_columns(model, surface)
+        cosine, weight = rays.incidence(rays.coated(surface), lamps)
         blocks = light.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3)).reshape(-1, 3)
         for lamp in range(3):
+            columns = lamp_columns(cosine[..., lamp], weight[..., lamp], places)
+            columns = columns[1:-1, 1:-1].reshape(-1, terms)
             slope = (blocks[:, lamp] + DARK) ** (1.0 / GAMMA - 1.0)
-            weighted = columns[lamp] * slope[:, None]
+            weighted = columns * slope[:, None]
             squares[lamp] += weighted.T @ weighted
             products[lamp] += weighted.T @ (blocks[:, lamp] * slope)
     table = [
@@ -96,18 +108,6 @@ def fit_response(
         for s, p in zip(squares, products, strict=True)
     ]
     return np.array(table).reshape(3, PLACE_TERMS, COSINE_TERMS)
-
-
-def lamp_columns(model: BakedModel, surface: np.ndarray) -> np.ndarray:
-    """(3 lamps, samples, PLACE_TERMS * COSINE_TERMS): light per unit of each table entry."""
-    cosines = []
-    for power in range(COSINE_TERMS):
-        only = np.zeros((3, PLACE_TERMS, COSINE_TERMS))
-        only[:, 0, power] = 1.0
-        cosines.append(model.lamp_light(surface, only).reshape(-1, 3))
-    places = place_terms(*model.places_mm()).reshape(-1, PLACE_TERMS)
-    columns = np.einsum("pi,jpk->kpij", places, np.array(cosines, dtype=np.float64))
-    return columns.reshape(3, len(places), -1)
 
 
 def main() -> None:

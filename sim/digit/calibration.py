@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 
@@ -31,22 +33,34 @@ def place_terms(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     )
 
 
+def lamp_columns(
+    cosine: np.ndarray, weight: np.ndarray, places: np.ndarray, powers: int = COSINE_TERMS
+) -> np.ndarray:
+    """(..., places * powers): one lamp's light per unit of each entry of its response table.
+
+    cosine, weight: (...) of that lamp. places: (..., places) polynomials. powers: of the cosine.
+    """
+    entries = [weight[..., None] * cosine[..., None] ** j * places for j in range(powers)]
+    return np.stack(entries, axis=-1).reshape(*cosine.shape, -1)
+
+
 @dataclass(frozen=True)
 class Calibration:
     """See sim.digit.baked for the model that these belong to.
 
     background: (ROWS, COLUMNS, 3) uint8, the untouched gel.
-    lamps_mm: (3, 3) places of the lamps in the sensor frame. size_mm: radius of their discs.
-    response: (3 lamps, PLACE_TERMS, COSINE_TERMS). colours: (3 lamps, RGB).
+    lamps_mm: (3, 3) places of the lamps in the sensor frame. sizes_mm: (3,) radii of their discs.
+    response: (3 lamps, RGB, PLACE_TERMS, COSINE_TERMS).
+    gamma: exponent between light and grey levels.
     scale_px_per_mm, distance_mm: the camera.
-    Raises T2TwinError for arrays of other shapes.
+    Raises T2TwinError for arrays of other shapes or values that cannot be.
     """
 
     background: np.ndarray
     lamps_mm: np.ndarray
-    size_mm: float
+    sizes_mm: np.ndarray
     response: np.ndarray
-    colours: np.ndarray
+    gamma: float
     scale_px_per_mm: float
     distance_mm: float
 
@@ -54,20 +68,27 @@ class Calibration:
         for name, shape in (
             ("background", (ROWS, COLUMNS, 3)),
             ("lamps_mm", (3, 3)),
-            ("response", (3, PLACE_TERMS, COSINE_TERMS)),
-            ("colours", (3, 3)),
+            ("sizes_mm", (3,)),
+            ("response", (3, 3, PLACE_TERMS, COSINE_TERMS)),
         ):
-            if np.shape(getattr(self, name)) != shape:
+            value = np.asarray(getattr(self, name))
+            if value.shape != shape:
                 raise T2TwinError(
-                    f"the calibration's {name} has shape {np.shape(getattr(self, name))}; "
-                    f"it must be {shape}"
+                    f"the calibration's {name} has shape {value.shape}; it must be {shape}"
                 )
+            if value.dtype.kind not in "fiu" or not np.isfinite(value).all():
+                raise T2TwinError(f"the calibration's {name} must hold finite numbers only")
         if self.background.dtype != np.uint8:
             raise T2TwinError(
                 f"the calibration's background is {self.background.dtype}; it must be uint8"
             )
-        if self.size_mm <= 0:
-            raise T2TwinError("the calibration's size_mm must be positive")
+        if not (np.asarray(self.sizes_mm) > 0).all():
+            raise T2TwinError("the calibration's sizes_mm must be positive")
+        if not 0.5 <= self.gamma <= 4.0:
+            raise T2TwinError(
+                f"the calibration's gamma is {self.gamma:g}; it must lie between 0.5 and 4"
+            )
+        _ = self.camera  # refuses what cannot be
 
     @property
     def camera(self) -> Camera:
@@ -75,6 +96,7 @@ class Calibration:
 
     def save(self, path: Path) -> None:
         """Write as .npz, whole or not at all."""
+        path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part")
         with part.open("wb") as file:
             np.savez_compressed(file, **{name: getattr(self, name) for name in _FIELDS})
@@ -83,16 +105,28 @@ class Calibration:
     @classmethod
     def load(cls, path: Path | str = DEFAULT_PATH) -> "Calibration":
         """Read what save wrote. Raises T2TwinError if it is not such a file."""
+        if not Path(path).is_file():
+            raise T2TwinError(f"{path} does not exist; `t2twin calibrate` writes a calibration")
         try:
-            with np.load(path, allow_pickle=False) as file:
-                values = {name: file[name] for name in _FIELDS}
-        except (OSError, ValueError, KeyError) as error:
+            return cls(**_parts(path))
+        except (OSError, EOFError, ValueError, TypeError, BadZipFile, T2TwinError) as error:
+            reason = str(error).rstrip(".")
             raise T2TwinError(
-                f"{path} is not a calibration ({error}); `t2twin calibrate` writes one"
+                f"{path} is not a calibration ({reason}); `t2twin calibrate` writes one"
             ) from error
-        for name in ("size_mm", "scale_px_per_mm", "distance_mm"):
-            values[name] = float(values[name])
-        return cls(**values)
+
+
+def _parts(path: Path | str) -> dict[str, Any]:
+    if not is_zipfile(path):
+        raise T2TwinError("it is no .npz file")
+    with np.load(path, allow_pickle=False) as file:
+        for name in _FIELDS:
+            if name not in file:
+                raise T2TwinError(f"its {name} is missing")
+        values: dict[str, Any] = {name: file[name] for name in _FIELDS}
+    for name in ("gamma", "scale_px_per_mm", "distance_mm"):
+        values[name] = float(values[name])
+    return values
 
 
 _FIELDS = tuple(Calibration.__dataclass_fields__)

@@ -7,27 +7,38 @@ import numpy as np
 from primitives_cad.errors import T2TwinError
 from sim.digit.baked import BakedModel
 from sim.digit.calibration import DEFAULT_PATH, Calibration
+from sim.press.elastomer import DIGIT_GEL, Elastomer
 
-NOISE_GREY = 3.0
-"""Standard deviation of the camera's noise, grey levels. Two real frames differ by 3.2 (mean
-absolute) away from the contact, which is 2.8 each (measured on real frames); TACTO takes 7."""
+NOISE_GREY = 2.8
+"""Standard deviation of one frame's noise, grey levels. Two real frames differ by 3.2 (mean
+absolute) away from the contact, which is 2.8 each, sqrt(pi) / 2 of it (measured on real frames);
+TACTO takes 7."""
 
 
 class DigitOptics:
-    """Pictures as the maker's interface gives them, from one calibration."""
+    """Pictures as the maker's interface gives them, from one calibration and one gel.
 
-    def __init__(self, calibration: Calibration, shadows: bool = True) -> None:
-        self._model = BakedModel(calibration, shadows)
+    A gel of another dome than the DIGIT's own stands in the same lamps' light; its background
+    follows from the calibration's.
+    """
+
+    def __init__(
+        self, calibration: Calibration, shadows: bool = True, gel: Elastomer = DIGIT_GEL
+    ) -> None:
+        self._model = BakedModel(calibration, shadows, gel)
 
     @classmethod
-    def load(cls, calibration: Path | str | None = None) -> "DigitOptics":
+    def load(
+        cls, calibration: Path | str | None = None, gel: Elastomer = DIGIT_GEL
+    ) -> "DigitOptics":
         """From a calibration file, or the shipped one. Raises T2TwinError if it is not one."""
-        return cls(Calibration.load(DEFAULT_PATH if calibration is None else calibration))
+        path = DEFAULT_PATH if calibration is None else calibration
+        return cls(Calibration.load(path), gel=gel)
 
     @property
     def background(self) -> np.ndarray:
         """(320, 240, 3) uint8: the untouched gel, without noise."""
-        return self._model.calibration.background
+        return self._model.background
 
     def render(
         self,
@@ -47,6 +58,6 @@ class DigitOptics:
             raise T2TwinError(f"noise_grey is {noise_grey:g}; it must lie between 0 and 255")
         if rng is None or noise_grey == 0:
             return self._model.render(surface_mm)
-        count = self._model.calibration.background.size
+        count = self._model.background.size
         draws = np.frombuffer(rng.bytes(2 * count), dtype=np.uint16)
         return self._model.render(surface_mm, draws, noise_grey)

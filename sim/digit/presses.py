@@ -12,23 +12,33 @@ SKIRT_MM = 0.6
 BALL_HOLD = 0.8
 """Part of a ball's contact radius inside which the gel follows the ball exactly (assumed; the
 gel leaves it where the skirt takes over with the same slope)."""
+BALL_SKIRT = 1.0
+"""Length of that skirt over the one of equal slope (assumed)."""
 
 
-def ball(x_mm: float, y_mm: float, depth_mm: float, radius_mm: float = 2.35) -> np.ndarray:
+def ball(
+    x_mm: float,
+    y_mm: float,
+    depth_mm: float,
+    radius_mm: float = 2.35,
+    hold: float = BALL_HOLD,
+    skirt: float = BALL_SKIRT,
+) -> np.ndarray:
     """Deflection, mm, on optical_grid() under a ball pressed depth_mm deep.
 
-    The ball's own profile within the contact, and an exponential skirt of equal slope outside.
+    The ball's own profile within hold of the contact, and an exponential skirt outside, skirt
+    times as long as one of equal slope.
     """
     x, y = np.meshgrid(*optical_grid())
     distance = np.hypot(x - x_mm, y - y_mm)
     chord = np.sqrt(radius_mm**2 - max(radius_mm - depth_mm, 0.0) ** 2)
-    hold = BALL_HOLD * chord
-    height = np.sqrt(radius_mm**2 - hold**2)
+    held_mm = hold * chord
+    height = np.sqrt(radius_mm**2 - held_mm**2)
     edge_mm = depth_mm - radius_mm + height
-    skirt_mm = edge_mm * height / hold
+    skirt_mm = skirt * edge_mm * height / held_mm
     under = depth_mm - radius_mm + np.sqrt(np.maximum(radius_mm**2 - distance**2, 0.0))
-    beside = edge_mm * np.exp(-np.maximum(distance - hold, 0.0) / skirt_mm)
-    return np.where(distance < hold, under, beside)
+    beside = edge_mm * np.exp(-np.maximum(distance - held_mm, 0.0) / skirt_mm)
+    return np.where(distance < held_mm, under, beside)
 
 
 def block(

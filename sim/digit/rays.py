@@ -1,0 +1,224 @@
+"""What the camera's rays meet on the gel: where they end, and how the lamps shine there.
+
+The geometry half of the baked model (see sim.digit.baked): it knows the camera and the gel, and
+takes the lamps by argument, so that a fit can move them. S is the picture's lattice of samples:
+one in the middle of every 2 x 2 pixels and one more beyond each edge.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from primitives_cad.errors import T2TwinError
+from sim.digit import kernels
+from sim.digit.camera import COLUMNS, ROWS, Camera, optical_grid
+from sim.digit.lights import REACH_MM
+from sim.press.elastomer import DIGIT_GEL, Elastomer
+
+TOUCHED_MM = 2.0e-3
+"""Deflection below which a place counts as untouched, mm: less than a grey level."""
+CASTER_LEAST_MM = 0.02
+"""Least deflection that casts a shadow, mm, as in the reference."""
+REST_STEPS = 12
+"""Most fixed-point steps to where the pixels' rays meet the untouched gel."""
+TOUCHED_STEPS = 3
+"""The same to the deformed gel, from where its neighbour met it: each shrinks the error by the
+surface's slope times the ray's, 0.4 at most."""
+
+Region = tuple[int, int, int, int]
+NOWHERE: Region = (0, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Lamps:
+    """places_mm: (lamps, 3) in the sensor frame. sizes_mm: (lamps,) radii of their discs."""
+
+    places_mm: np.ndarray
+    sizes_mm: np.ndarray
+
+
+class Rays:
+    """One camera over one untouched gel. shadows: whether lamps cast them."""
+
+    def __init__(self, camera: Camera, gel: Elastomer = DIGIT_GEL, shadows: bool = True) -> None:
+        self.camera = camera
+        self._shadows = shadows
+        self.x_mm, self.y_mm = optical_grid(gel)
+        self.pitch_mm = float(self.x_mm[1] - self.x_mm[0])
+        self.rest_mm = gel.rest_surface_mm(*np.meshgrid(self.x_mm, self.y_mm)).astype(np.float32)
+        self._across = _sample_slopes(COLUMNS, camera.focal_px)
+        self._down = _sample_slopes(ROWS, camera.focal_px)
+        self.everywhere: Region = (0, self._down.size, 0, self._across.size)
+        self._window = self._seen_window()
+        stride = kernels.SHADOW_STRIDE
+        self._coarse_shape = (self.y_mm.size // stride, self.x_mm.size // stride)
+        self._rest_depth_mm = np.zeros((self._down.size, self._across.size), dtype=np.float32)
+        nothing = Lamps(np.zeros((0, 3)), np.zeros(0))
+        none = np.zeros((0, *self._rest_depth_mm.shape), dtype=np.float32)
+        self._cast(
+            self.rest_mm, self._sunlit(0), NOWHERE, nothing, self.everywhere, REST_STEPS,
+            self._rest_depth_mm, none, none,
+        )  # fmt: skip
+        reach = camera.distance_mm + self._rest_depth_mm
+        self.places_mm = self._across[None, :] * reach, self._down[:, None] * reach
+        """x and y, (S) each, where the rays meet the untouched gel."""
+
+    def coated(self, surface_mm: np.ndarray) -> np.ndarray:
+        """A deflection on optical_grid() as the reflective coat shows it, float32.
+
+        Raises T2TwinError for another shape or values that are not finite.
+        """
+        if surface_mm.shape != self.rest_mm.shape:
+            raise T2TwinError(
+                f"surface_mm has shape {surface_mm.shape}; it must be {self.rest_mm.shape}, "
+                "on sim.digit.camera.optical_grid()"
+            )
+        surface = np.ascontiguousarray(surface_mm, dtype=np.float32)
+        if not kernels.bounds(surface, TOUCHED_MM)[4]:
+            raise T2TwinError("surface_mm holds values that are not finite; all must be")
+        return kernels.coated(surface)
+
+    def incidence(
+        self, coated_mm: np.ndarray, lamps: Lamps, samples: Region | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cosine of incidence m_k and weight V_k m_k (REACH / d_k)^2, (S, lamps) float32 each.
+
+        coated_mm: what coated returns. samples: the region of S wanted, everywhere unless given;
+        the rest holds no meaning.
+        """
+        z = self.rest_mm - coated_mm
+        sight, shadowed = self._sight(coated_mm, z, lamps)
+        cosine, weight = self._incidence(z, sight, shadowed, lamps, samples or self.everywhere)
+        return np.moveaxis(cosine, 0, -1), np.moveaxis(weight, 0, -1)
+
+    def incidence_in_sight(
+        self, coated_mm: np.ndarray, lamps: Lamps
+    ) -> tuple[np.ndarray, np.ndarray, Region, Region]:
+        """incidence, but (lamps, S), and the regions of samples and pixels that may change."""
+        touched = kernels.bounds(coated_mm, TOUCHED_MM)[:4]
+        nothing = np.zeros(0, dtype=np.float32)
+        if touched[1] <= touched[0]:
+            return nothing, nothing, NOWHERE, NOWHERE
+        z = self.rest_mm - coated_mm
+        sight, shadowed = self._sight(coated_mm, z, lamps)
+        region = _intersection(_grown(_union(touched, shadowed), 2), self._window)
+        if region[1] <= region[0] or region[3] <= region[2]:
+            return nothing, nothing, NOWHERE, NOWHERE
+        pixels = self._pixels(region, float(z.min()))
+        samples = (pixels[0] // 2, (pixels[1] + 1) // 2 + 2, pixels[2] // 2,
+                   (pixels[3] + 1) // 2 + 2)  # fmt: skip
+        return *self._incidence(z, sight, shadowed, lamps, samples), samples, pixels
+
+    def _incidence(
+        self,
+        z: np.ndarray,
+        sight: np.ndarray,
+        shadowed: Region,
+        lamps: Lamps,
+        samples: Region,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        count = len(lamps.places_mm)
+        cosine = np.empty((count, *self._rest_depth_mm.shape), dtype=np.float32)
+        weight = np.empty_like(cosine)
+        depth = self._rest_depth_mm.copy()
+        self._cast(z, sight, shadowed, lamps, samples, TOUCHED_STEPS, depth, cosine, weight)
+        return cosine, weight
+
+    def _cast(
+        self,
+        z: np.ndarray,
+        sight: np.ndarray,
+        shadowed: Region,
+        lamps: Lamps,
+        samples: Region,
+        steps: int,
+        depth: np.ndarray,
+        cosine: np.ndarray,
+        weight: np.ndarray,
+    ) -> None:
+        single = np.float32
+        kernels.incidence(
+            z, sight, _grown(shadowed, kernels.SHADOW_STRIDE), lamps.places_mm.astype(np.float32),
+            single(REACH_MM), self._across, self._down, single(self.camera.distance_mm),
+            single(self.x_mm[0]), single(self.y_mm[0]), single(self.pitch_mm), samples, steps,
+            depth, cosine, weight,
+        )  # fmt: skip
+
+    def _sunlit(self, lamps: int) -> np.ndarray:
+        return np.ones((lamps, *self._coarse_shape), dtype=np.float32)
+
+    def _sight(self, surface: np.ndarray, z: np.ndarray, lamps: Lamps) -> tuple[np.ndarray, Region]:
+        """Sight of the lamps (lamps, C), and the region of the grid where it is not whole."""
+        hard = self._sunlit(len(lamps.places_mm))
+        casting = kernels.bounds(np.maximum(surface, 0.0), CASTER_LEAST_MM)[:4]
+        if not self._shadows or casting[1] <= casting[0]:
+            return hard, NOWHERE
+        stride = kernels.SHADOW_STRIDE
+        heights = kernels.coarse_heights(z)
+        first = 0.5 * (stride - 1) * self.pitch_mm
+        shadowed = kernels.sight_of_lamps(
+            heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),
+            np.float32(stride * self.pitch_mm), _coarse(casting, heights.shape),
+            _coarse(self._window, heights.shape),
+            np.ascontiguousarray(lamps.places_mm, dtype=np.float32),
+            np.ascontiguousarray(lamps.sizes_mm, dtype=np.float64), hard,
+        )  # fmt: skip
+        shadowed = _grown(shadowed, 1)
+        sight = hard.copy()
+        kernels.soften(hard, shadowed, sight)
+        top, bottom, left, right = (stride * edge for edge in shadowed)
+        return sight, (top, bottom, left, right)
+
+    def _seen_window(self) -> Region:
+        """Region of the grid that any pixel can show, the gel being at or below its apex."""
+        half_width, half_height = self.camera.seen_half_extent_mm()
+        rows = np.flatnonzero(np.abs(self.y_mm) < half_height + 4 * self.pitch_mm)
+        columns = np.flatnonzero(np.abs(self.x_mm) < half_width + 4 * self.pitch_mm)
+        return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+
+    def _pixels(self, region: Region, nearest_mm: float) -> Region:
+        """Region of the picture that can show a region of the grid, from z nearest_mm to 0."""
+        camera = self.camera
+        per_mm = camera.focal_px / (camera.distance_mm + np.array([0.0, min(nearest_mm, 0.0)]))
+        edges = []
+        for axis, first, last, count in (
+            (self.y_mm, region[0], region[1] - 1, ROWS),
+            (self.x_mm, region[2], region[3] - 1, COLUMNS),
+        ):
+            places = np.outer([axis[first], axis[last]], per_mm) + (count - 1) / 2
+            edges += [
+                int(np.clip(np.floor(places.min()) - 1, 0, count)),
+                int(np.clip(np.ceil(places.max()) + 2, 0, count)),
+            ]
+        return edges[0], edges[1], edges[2], edges[3]
+
+
+def _sample_slopes(count: int, focal_px: float) -> np.ndarray:
+    """(count / 2 + 2,) float32 slopes of the rays of the lattice of samples along one axis."""
+    places = 2.0 * np.arange(count // 2 + 2) - 1.5 - (count - 1) / 2
+    return (places / focal_px).astype(np.float32)
+
+
+def _union(a: Region, b: Region) -> Region:
+    if b[1] <= b[0] or b[3] <= b[2]:
+        return a
+    return min(a[0], b[0]), max(a[1], b[1]), min(a[2], b[2]), max(a[3], b[3])
+
+
+def _intersection(a: Region, b: Region) -> Region:
+    return max(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), min(a[3], b[3])
+
+
+def _grown(a: Region, cells: int) -> Region:
+    return a[0] - cells, a[1] + cells, a[2] - cells, a[3] + cells
+
+
+def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
+    """A region of the grid as one of the shadow grid, not smaller."""
+    stride = kernels.SHADOW_STRIDE
+    return (
+        region[0] // stride,
+        min(-(-region[1] // stride), shape[0]),
+        region[2] // stride,
+        min(-(-region[3] // stride), shape[1]),
+    )

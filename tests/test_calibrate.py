@@ -1,0 +1,259 @@
+"""Calibrating the optics: places, depths and light found again, held-out scores, bad input."""
+
+import re
+import shutil
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from primitives_cad.errors import T2TwinError
+from sim.digit import presses
+from sim.digit.calibrate import calibrate
+from sim.digit.calibration import Calibration
+from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS
+from sim.digit.frames import clean_background, crop, touched_patch
+from sim.digit.optics import NOISE_GREY, DigitOptics
+from sim.digit.scores import cut_and_paste, repeats_floor, score, untouched_floor
+from translate.cli import main
+
+BALL_MM = 4.7
+POSES = np.array(
+    [
+        (1.1, -0.6, 1.1), (-2.2, 2.0, 0.8), (0.1, 2.4, 0.9), (-1.6, -1.8, 1.2), (2.2, -3.0, 1.0),
+        (-2.4, 0.0, 0.9), (2.4, 1.5, 1.2), (0.0, -3.4, 0.8), (-0.8, 0.5, 1.3),
+        (1.2, 0.9, 1.0), (-1.5, -0.5, 1.1), (0.6, -1.9, 0.9),
+    ]
+)  # fmt: skip
+HELD_OUT = 3
+ONE_PIXEL_MM = 1 / DIGIT_CAMERA.scale_px_per_mm
+
+
+def run(*arguments, code=0):
+    """Run the command as the shell would; its exit status must be the given one."""
+    try:
+        main([str(argument) for argument in ("calibrate", *arguments)])
+        status = 0
+    except SystemExit as stop:
+        status = int(stop.code or 0)
+    assert status == code
+
+
+def save(picture, path):
+    Image.fromarray(picture).save(path)
+
+
+@pytest.fixture(scope="session")
+def unit(tmp_path_factory):
+    """Frames of a unit whose light is known: the shipped one, rendered with a frame's noise."""
+    folder, optics = tmp_path_factory.mktemp("unit"), DigitOptics.load()
+    rng = np.random.default_rng(3)
+    save(optics.render(presses.ball(0, 0, 1.0) * 0, rng, NOISE_GREY), folder / "background.png")
+    for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):
+        surface = presses.ball(x_mm, y_mm, depth_mm, BALL_MM / 2)
+        save(optics.render(surface, rng, NOISE_GREY), folder / f"press_{index:02d}.png")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def report(unit):
+    return calibrate(unit / "background.png", unit, BALL_MM, HELD_OUT)
+
+
+def test_places_and_depths_are_found_again(report):
+    found = np.concatenate([report.training_poses, report.poses])
+    assert len(report.poses) == HELD_OUT
+    off = np.hypot(*(found - POSES)[:, :2].T)
+    assert off.max() < 2 * ONE_PIXEL_MM
+    ratio = found[:, 2] / POSES[:, 2]
+    assert np.abs(ratio - 1).max() < 0.12
+    assert np.ptp(ratio) < 0.12
+
+
+def test_the_lamps_are_found_again(report):
+    truth = Calibration.load().lamps_mm
+    for found, true in zip(report.calibration.lamps_mm, truth, strict=True):
+        directions = [np.arctan2(place[1], place[0]) for place in (found, true)]
+        turn = np.angle(np.exp(1j * (directions[0] - directions[1])))
+        assert abs(np.degrees(turn)) < 6
+        heights = [np.arctan2(-place[2], np.hypot(*place[:2])) for place in (found, true)]
+        assert abs(np.degrees(heights[0] - heights[1])) < 6
+
+
+def test_held_out_presses_score_near_the_noise(report):
+    assert report.rows["calibrated"].psnr_db > 32
+    assert report.rows["calibrated"].psnr_db > report.rows["cut and paste"].psnr_db + 4
+    assert report.rows["cut and paste"].psnr_db > report.rows["do nothing"].psnr_db + 4
+    assert report.rows["calibrated"].ssim > report.rows["cut and paste"].ssim
+    assert min(each.psnr_db for each in report.each) > 30
+    away = report.rows["noise floor: two frames, away"]
+    assert away.l1 == pytest.approx(2 / np.sqrt(np.pi) * NOISE_GREY, rel=0.15)  # and shadows' tails
+
+
+def test_a_unit_of_another_make_is_not_what_ships(report, unit):
+    """The fit must come from the frames: the colours handed round, it follows them."""
+    optics = DigitOptics(report.calibration)
+    picture = optics.render(presses.ball(0.5, 0.2, 1.0, BALL_MM / 2))
+    wanted = DigitOptics.load().render(presses.ball(0.5, 0.2, 1.0, BALL_MM / 2))
+    place = (163.0, 129.0)
+    assert score(crop(wanted, place), crop(picture, place)).psnr_db > 30
+    swapped = wanted[..., [1, 2, 0]]
+    assert score(crop(swapped, place), crop(picture, place)).psnr_db < 25
+
+
+def test_the_file_is_what_press_takes(report, tmp_path):
+    report.calibration.save(tmp_path / "unit.npz")
+    with np.load(tmp_path / "unit.npz", allow_pickle=False) as file:
+        assert set(file.files) == set(np.load("sim/digit/default_calibration.npz").files)
+    with_own, shipped = tmp_path / "own", tmp_path / "shipped"
+    arguments = ["press", "circle-1", "--sensor", "digit", "--force-n", "4"]
+    main([*arguments, "--out", str(with_own), "--calibration", str(tmp_path / "unit.npz")])
+    main([*arguments, "--out", str(shipped)])
+    pictures = [np.asarray(Image.open(p / "digit.png")) for p in (with_own, shipped)]
+    assert (pictures[0] != pictures[1]).mean() > 0.3
+    assert score(*pictures).psnr_db > 25  # it is that unit's light
+
+
+def test_an_untouched_gel_gives_the_cleaned_background(report):
+    optics = DigitOptics(report.calibration)
+    still = optics.render(presses.ball(0, 0, 1.0) * 0)
+    np.testing.assert_array_equal(still, report.calibration.background)
+    truth = DigitOptics.load().background
+    assert np.abs(still.astype(float) - truth).mean() < 0.5 * NOISE_GREY
+
+
+def test_cleaning_keeps_specks_and_loses_noise():
+    rng = np.random.default_rng(0)
+    truth = np.full((ROWS, COLUMNS, 3), 90.0)
+    truth[100:103, 50:53] = 160.0
+    frames = [truth + rng.normal(0, NOISE_GREY, truth.shape) for _ in range(9)]
+    noisy = [np.clip(np.rint(frame), 0, 255).astype(np.uint8) for frame in frames]
+    noisy[3][180:260, 100:180] = 200  # a contact, which must not be averaged in
+    clean = clean_background(noisy[0], np.array(noisy[1:])).astype(float)
+    assert (clean - truth).std() < 0.5 * NOISE_GREY
+    assert np.abs(clean - truth)[100:103, 50:53].mean() < 8
+    assert np.abs(clean - truth)[180:260, 100:180].mean() < NOISE_GREY
+
+
+def test_a_patch_is_where_the_press_is():
+    optics = DigitOptics.load()
+    picture = optics.render(presses.ball(1.5, -2.0, 1.0))
+    patch = touched_patch(picture, optics.background)
+    assert patch is not None
+    row, column = patch
+    assert row == pytest.approx(159.5 - 2.0 * 19.2, abs=20)
+    assert column == pytest.approx(119.5 + 1.5 * 19.2, abs=20)
+    assert touched_patch(optics.background, optics.background) is None
+    dimmer = (optics.background * 0.9).astype(np.uint8)
+    assert touched_patch(dimmer, optics.background) is None
+
+
+def test_cut_and_paste_moves_a_press_exactly():
+    still = np.full((ROWS, COLUMNS, 3), 50, np.uint8)
+    pressed, wanted = still.copy(), still.copy()
+    pressed[100:120, 100:120] = 200
+    wanted[150:170, 90:110] = 200
+    pasted = cut_and_paste(still, pressed[None], np.array([[110, 110]]), np.array([[160, 100]]))
+    np.testing.assert_array_equal(pasted[0], wanted)
+
+
+def test_noise_floors():
+    rng = np.random.default_rng(1)
+    frames = np.clip(rng.normal(100, 2.0, (3, ROWS, COLUMNS, 3)).round(), 0, 255).astype(np.uint8)
+    poses = np.array([[0, 0, 1.0], [0.01, 0, 1.0], [2, 0, 1.0]])
+    places = [(160.0, 120.0), (160.0, 120.0), (160.0, 158.0)]
+    expected = pytest.approx(2 / np.sqrt(np.pi) * np.hypot(2.0, np.sqrt(1 / 12)), rel=0.05)
+    floor = repeats_floor(frames, poses, places)
+    assert floor is not None and floor.l1 == expected
+    assert repeats_floor(frames[1:], poses[1:], places[1:]) is None
+    away = untouched_floor(frames, places)
+    assert away is not None and away.l1 == expected
+    assert untouched_floor(frames[:1], places[:1]) is None
+
+
+@pytest.fixture
+def copy(unit, tmp_path):
+    return shutil.copytree(unit, tmp_path / "copy")
+
+
+def refused(copy, capsys, *more, ball=BALL_MM, background=None):
+    run("--background", background or copy / "background.png", "--presses", copy,
+        "--ball-diameter-mm", ball, "--out", copy / "out", *more, code=2)  # fmt: skip
+    assert not (copy / "out").exists()
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "Traceback" not in said
+    return said
+
+
+def test_a_frame_of_another_size_is_refused(copy, capsys):
+    save(np.zeros((64, 48, 3), np.uint8), copy / "press_04.png")
+    assert re.search(r"press_04\.png is 48 x 64 px.*240 x 320", refused(copy, capsys))
+    for path in copy.glob("*.png"):
+        save(np.zeros((64, 48, 3), np.uint8), path)
+    assert "must be 240 wide and 320 high" in refused(copy, capsys)
+
+
+def test_a_press_without_a_contact_is_named(copy, capsys):
+    shutil.copy(copy / "background.png", copy / "press_07.png")
+    assert "no contact is visible in press_07.png" in refused(copy, capsys)
+
+
+def test_what_is_no_picture_is_refused(copy, capsys):
+    (copy / "press_03.png").write_text("no picture")
+    assert "press_03.png is not a picture" in refused(copy, capsys)
+    assert "does not exist" in refused(copy, capsys, background=copy / "absent.png")
+    (copy / "press_03.png").write_bytes((copy / "press_05.png").read_bytes()[:3000])
+    assert "press_03.png is not a picture" in refused(copy, capsys)
+
+
+def test_too_few_presses_are_refused(copy, capsys):
+    assert "at least 6" in refused(copy, capsys, "--held-out", 8)
+    assert "at least 1 held out" in refused(copy, capsys, "--held-out", 0)
+    for path in sorted(copy.glob("press_*"))[1:9]:
+        shutil.copy(copy / "press_00.png", path)
+    assert "copies of others" in refused(copy, capsys, "--held-out", 3)
+    for path in copy.glob("press_*"):
+        path.unlink()
+    assert "holds no pictures" in refused(copy, capsys)
+
+
+def test_a_ball_that_cannot_be_is_refused(copy, capsys):
+    assert "between 1 and 12" in refused(copy, capsys, ball=0.2)
+    assert "between 1 and 12" in refused(copy, capsys, ball=float("nan"))
+
+
+def save_parts(parts: dict[str, Any], path):
+    np.savez(path, **parts)
+
+
+def test_what_is_no_calibration_is_refused(tmp_path):
+    good = tmp_path / "good.npz"
+    Calibration.load().save(good)
+    with np.load(good) as file:
+        parts: dict[str, Any] = dict(file)
+    bad = tmp_path / "bad.npz"
+    save_parts({name: value for name, value in parts.items() if name != "lamps_mm"}, bad)
+    with pytest.raises(T2TwinError, match="lamps_mm is missing"):
+        Calibration.load(bad)
+    save_parts(parts | {"response": np.zeros((3, 2))}, bad)
+    with pytest.raises(T2TwinError, match="response has shape"):
+        Calibration.load(bad)
+    save_parts(parts | {"lamps_mm": np.full((3, 3), np.nan)}, bad)
+    with pytest.raises(T2TwinError, match="finite"):
+        Calibration.load(bad)
+    save_parts(parts | {"lamps_mm": np.array([{}] * 9, dtype=object)}, bad)
+    with pytest.raises(T2TwinError, match="not a calibration"):
+        Calibration.load(bad)
+    bad.write_bytes(good.read_bytes()[:500])
+    with pytest.raises(T2TwinError, match=r"no \.npz file"):
+        Calibration.load(bad)
+
+
+def test_real_frames_held_out(real_digit):
+    """Fitted to presses 00 to 13, scored on 14 to 20."""
+    report = calibrate(real_digit / "background.png", real_digit, 4.70, 7)
+    ours, pasted = report.rows["calibrated"], report.rows["cut and paste"]
+    assert ours.psnr_db > 28.5 and ours.psnr_db > pasted.psnr_db + 3
+    assert ours.ssim > 0.85 and ours.ssim > pasted.ssim + 0.04
+    assert report.rows["do nothing"].psnr_db == pytest.approx(15.4, abs=0.3)
