@@ -1,4 +1,4 @@
-"""`make bench`: every measurement, one after the other; fails where one misses a limit of its own."""
+"""`make bench`: every measurement in turn; fails where one misses a limit of its own."""
 
 import runpy
 import sys

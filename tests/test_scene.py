@@ -1,5 +1,7 @@
 """The scene that a press leaves: MuJoCo, given only that file, finds the same press."""
 
+# pyright: reportAttributeAccessIssue=false
+
 import mujoco
 import numpy as np
 import pytest
