@@ -103,10 +103,12 @@ def press_bed(
     pins = solution.pins
     near = scaled(widened(window, FIELD_CELLS, expected.shape), survey.parts)
     surface[near] = middles(solution.fine_surface_mm(scaled(near, fine)), fine)
-    # Where the shape stands, the surface lies on it.
     shape_depth = solution.depth_mm + pins.first_touch_mm
-    heights = heights_at(shape.surface, command, ground.x_mm[near[1]], ground.y_mm[near[0]])
-    surface[near] = np.maximum(surface[near], shape_depth + ground.rest_mm[near] + heights)
+    if survey.parts == 1:
+        # Where the shape stands, the surface lies on it. A finer grid sees that by itself, and
+        # points taken from the solid would make a slanting edge look like a string of beads.
+        heights = heights_at(shape.surface, command, ground.x_mm[near[1]], ground.y_mm[near[0]])
+        surface[near] = np.maximum(surface[near], shape_depth + ground.rest_mm[near] + heights)
 
     touched = solution.pressure_mpa > 0
     if elastomer.law == "linear" and (surface >= ground.thickness_mm)[pressure > 0].any():
