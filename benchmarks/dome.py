@@ -19,9 +19,10 @@ from scipy.interpolate import RectBivariateSpline
 from tqdm import tqdm
 
 from benchmarks.solid import Answer, Gel, solve
+from benchmarks.solids import ball
 from primitives_cad import catalogue
 from primitives_cad.errors import T2TwinError
-from primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+from primitives_cad.shape import Shape
 from sim import protocol
 from sim.press.elastomer import DIGIT_GEL, Elastomer
 from sim.press.engine import DIGIT_PITCH_MM, press
@@ -31,6 +32,9 @@ from sim.records import Press
 SHAPES = ("hemisphere-2", "square-2", "line-smooth-2", "circle-empty-2", "line-sharp-4")
 BALL_MM = 4.0
 """Radius of the ball that is pressed beside the catalogue's shapes, mm."""
+
+BALL_PITCH_MM = 0.04
+"""Pitch of the ball's height map, mm."""
 
 PLACES_MM = (
     (0, 0), (2, 0), (4, 0), (6, 0), (8, 0), (0, 2), (0, 4), (0, 6), (0, 8), (0, 10), (0, 11),
@@ -68,17 +72,6 @@ FLAT = replace(DOMED, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
 WIDE = replace(FLAT, width_mm=WIDE_MM, length_mm=WIDE_MM)
 
 RESULTS = Path("benchmarks/results/dome.json")
-
-
-def ball(radius_mm: float) -> Shape:
-    """A ball as a shape to press; it has no mesh."""
-    import trimesh
-
-    axis = np.arange(-100, 101) * radius_mm / 100
-    square = radius_mm**2 - axis[:, None] ** 2 - axis[None, :] ** 2
-    heights = np.where(square > 0, np.sqrt(np.maximum(square, 0)) - radius_mm, NOTHING_MM)
-    surface = HeightMap(heights.astype(np.float32), axis, axis)
-    return Shape(f"ball-{radius_mm:g}mm", trimesh.Trimesh(), surface, spacing_mm=1.0)
 
 
 def touch_mm(shape: Shape, command: Press, elastomer: Elastomer) -> float:
@@ -219,7 +212,8 @@ def show(rows: list[dict]) -> None:
 
 
 def main() -> None:
-    shapes = [ball(BALL_MM), *(catalogue.load(name) for name in SHAPES)]
+    pressed = replace(ball(BALL_MM, BALL_PITCH_MM), name=f"ball-{BALL_MM:g}mm")
+    shapes = [pressed, *(catalogue.load(name) for name in SHAPES)]
     coarse, fine = (Gel(WIDE, pitch, WIDE_FINE_MM) for pitch in (COARSE_MM, FINE_MM))
     control = [
         compare(shape, command, FLAT, coarse, fine, None)

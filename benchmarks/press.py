@@ -11,7 +11,6 @@ grid halved, the twelve orientations, Hertz, exponents of depth with force, and 
 import argparse
 import json
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest.mock import patch
@@ -22,8 +21,9 @@ from scipy.special import j1
 from tqdm import tqdm
 
 from benchmarks.oracle import Answer, Waves, kernel, solve
+from benchmarks.solids import ball, punch
 from primitives_cad import catalogue
-from primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+from primitives_cad.shape import Shape
 from sim import protocol
 from sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
 from sim.cyskin.taxels import pad_pressure_mpa
@@ -48,7 +48,8 @@ PAD_REACH_MM = 24.0
 
 HERTZ_RADIUS_MM, HERTZ_LAYER_MM, HERTZ_PITCH_MM = 6.0, 50.0, 0.1
 HERTZ_FORCES_N = (0.1, 0.5)
-EXPONENT_FORCES_N = (0.1, 0.2, 0.4, 0.8)
+EXPONENT_FORCES_N, EXPONENT_PITCH_MM = (0.1, 0.2, 0.4, 0.8), 0.2
+PUNCH_RADIUS_MM = 3.0
 
 HALVED = {
     "FINER": (*engine.FINER, 2 * engine.FINER[-1]),
@@ -188,23 +189,6 @@ def orientations(shape: Shape, sensor: Sensor) -> float:
     return float(np.abs(np.array(depths) / np.mean(depths) - 1).max())
 
 
-def formula(heights: Callable[[np.ndarray], np.ndarray], reach_mm: float, name: str) -> Shape:
-    """A round shape by its height over the distance from its axis."""
-    import trimesh
-
-    axis = np.linspace(-reach_mm, reach_mm, round(2 * reach_mm / 0.05) + 1)
-    surface = heights(np.hypot(*np.meshgrid(axis, axis))).astype(np.float32)
-    return Shape(name, trimesh.Trimesh(), HeightMap(surface, axis, axis), spacing_mm=1.0)
-
-
-def ball() -> Shape:
-    def heights(r: np.ndarray) -> np.ndarray:
-        inside = np.sqrt(np.maximum(HERTZ_RADIUS_MM**2 - r**2, 0.0)) - HERTZ_RADIUS_MM
-        return np.where(r < HERTZ_RADIUS_MM, inside, NOTHING_MM)
-
-    return formula(heights, HERTZ_RADIUS_MM, "ball")
-
-
 def hertz() -> dict:
     """A ball on a thick layer against Hertz, and how depth grows with force."""
     thick = Elastomer(
@@ -213,7 +197,9 @@ def hertz() -> dict:
     modulus = thick.young_mpa / (1 - thick.poisson**2)
     rows = []
     for force in HERTZ_FORCES_N:
-        contact = press(ball(), Press("ball", 0.0, 0.0, 0.0, force), thick, HERTZ_PITCH_MM)
+        contact = press(
+            ball(HERTZ_RADIUS_MM), Press("ball", 0.0, 0.0, 0.0, force), thick, HERTZ_PITCH_MM
+        )
         radius = (3 * force * HERTZ_RADIUS_MM / (4 * modulus)) ** (1 / 3)
         peak = 1e3 * 1.5 * force / (np.pi * radius**2)
         rows.append(
@@ -223,14 +209,13 @@ def hertz() -> dict:
                 "peak_pressure_error": float(contact.pressure_kpa.max()) / peak - 1,
             }
         )
-    punch = formula(lambda r: np.where(r <= 3.0, 0.0, NOTHING_MM), 4.0, "punch")
     exponents = {}
-    for shape in (ball(), punch):
+    for name, shape in (("ball", ball(HERTZ_RADIUS_MM)), ("punch", punch(PUNCH_RADIUS_MM))):
         depths = [
-            press(shape, Press(shape.name, 0.0, 0.0, 0.0, force), thick, 0.2).depth_mm
+            press(shape, Press(name, 0.0, 0.0, 0.0, force), thick, EXPONENT_PITCH_MM).depth_mm
             for force in EXPONENT_FORCES_N
         ]
-        exponents[shape.name] = float(np.polyfit(np.log(EXPONENT_FORCES_N), np.log(depths), 1)[0])
+        exponents[name] = float(np.polyfit(np.log(EXPONENT_FORCES_N), np.log(depths), 1)[0])
     return {"hertz": rows, "exponents": exponents}
 
 

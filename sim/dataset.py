@@ -33,6 +33,9 @@ INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
 FORMAT = 1
 """Version of this layout of folders and columns."""
 
+POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
+"""Columns that say where and how hard was pressed: those of a Press."""
+
 IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
 SCHEMA = pa.schema(

@@ -35,6 +35,7 @@ from sim.cyskin.taxels import FULL_SCALE_COUNTS
 from sim.dataset import (
     CARD,
     FORMAT,
+    POSE,
     SCHEMA,
     SPLITS,
     file_stem,
@@ -46,7 +47,6 @@ from sim.dataset import (
 from sim.describe import versions
 from sim.png import encode_png
 
-POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
 ORIGIN = "imported"
 SHARES = (0.8, 0.1, 0.1)
 """Of train, val and test, where the rows do not say."""

@@ -14,11 +14,10 @@ import pyarrow.parquet as pq
 from tqdm import tqdm
 
 from primitives_cad import catalogue, families
-from sim.dataset import INFO, ROWS_AT_ONCE, SCHEMA, SPLITS, read_info, sha256_of, shard_path
+from sim.dataset import INFO, POSE, ROWS_AT_ONCE, SCHEMA, SPLITS, read_info, sha256_of, shard_path
 from sim.png import decode_png
 from sim.protocol import press_of
 
-POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
 POSE_TOLERANCE = 1e-9
 """Largest difference of a pose from the protocol's, mm, rad and N: rounding alone."""
 

@@ -2,8 +2,8 @@ import json
 
 import numpy as np
 import pytest
-from solids import ball
 
+from benchmarks.solids import ball
 from primitives_cad.errors import T2TwinError
 from sim.bench import CySkin
 from sim.cyskin import reading, taxels

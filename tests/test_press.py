@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solids import ball, block, formula, punch
 
 from benchmarks.oracle import kernel, solve
+from benchmarks.solids import ball, block, formula, punch
 from primitives_cad.errors import T2TwinError
 from primitives_cad.shape import NOTHING_MM
 from sim import protocol

@@ -5,8 +5,8 @@
 import mujoco
 import numpy as np
 import pytest
-from solids import ball
 
+from benchmarks.solids import ball
 from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
 from sim.press.engine import press_bed
 from sim.press.scene import mesh_name, scene

@@ -18,7 +18,14 @@ from sim.press.elastomer import Elastomer
 from sim.press.footprint import footprint, heights_at
 from sim.press.grid import Window, grown, means, middles, scaled, widened, window_around
 from sim.press.layer import WHOLE, Layer, layer
-from sim.press.solution import AtRest, Solution, by_law, spring_compliance, winkler_depth_mm
+from sim.press.solution import (
+    GUESSES,
+    AtRest,
+    Solution,
+    by_law,
+    spring_compliance,
+    winkler_depth_mm,
+)
 from sim.records import Contact, Press
 
 DIGIT_PITCH_MM = 0.25
@@ -49,9 +56,6 @@ BASE_TOLERANCE_MM = 1e-3
 
 MISSED_OUTSIDE_MM = 0.01
 """How far the shape may stand in the surface outside the window, mm: heights are means there."""
-
-GUESSES = 3
-"""Rounds in which the springs and the contact they expect are made to fit each other."""
 
 MARGIN_CELLS = 1
 """Cells of the survey around the expected contact that belong to the window."""

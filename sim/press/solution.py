@@ -43,7 +43,7 @@ class AtRest:
 
     x_mm, y_mm, rest_mm: where the pins stand, and their tops untouched. deflection_mm: how far
     they are pressed. gap_mm: how far each was from the shape at first touch. spring_rest_mm,
-    stiffness_n_per_mm: their springs. share: the covered part of each cell.
+    stiffness_n_per_mm: their springs. pitch_mm: how far apart they stand.
     """
 
     x_mm: np.ndarray
