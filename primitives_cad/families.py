@@ -1,12 +1,14 @@
 """The eight families of tactile primitives: what is varied in each, and by how much.
 
 Families, what is varied and the split by version are Grella et al. 2023's; the sizes are
-assumed, chosen for a DIGIT that sees about 12.5 x 16.7 mm. All lengths are in mm.
+assumed, chosen for a DIGIT that sees about 12.5 x 16.7 mm: most features lie within that view,
+but lines and the largest version of each flat family leave it, as the edges and faces of tools
+do. All lengths are in mm.
 """
 
 from math import sqrt
 
-PLATE_SIDE_MM = 20.0
+PLATE_SIDE_MM = 30.0
 """Side of the square base plate that a primitive stands on, mm (assumed)."""
 
 PLATE_THICKNESS_MM = 3.0
@@ -16,8 +18,9 @@ FEATURE_HEIGHT_MM = 6.0
 """Height of every feature's top above the plate, mm (assumed: well over the thickest soft
 layer, 4.07 mm, so that no press meets the plate)."""
 
-LINE_LENGTH_MM = 13.0
-"""Length of both kinds of line, along y, mm (assumed: within the 16.7 mm that a DIGIT sees)."""
+LINE_LENGTH_MM = 26.0
+"""Length of both kinds of line, along y, mm (assumed: more than the 16.7 mm that a DIGIT sees, so
+that a line which leaves the picture is also felt beyond it)."""
 
 VALIDATION_VERSION = 3
 """The version of each family that networks are validated on; the others are trained on."""
@@ -29,14 +32,14 @@ FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
         {"width": 2.2, "radius": 0.8},
         {"width": 2.6, "radius": 0.6},
     ),
-    "square": ({"side": 5.6}, {"side": 8.4}, {"side": 7.0}, {"side": 10.0}),
+    "square": ({"side": 5.6}, {"side": 10.0}, {"side": 7.6}, {"side": 16.0}),
     "circle-empty": (
         {"radius": 3.0, "edge": 0.8},
         {"radius": 4.6, "edge": 1.6},
         {"radius": 4.0, "edge": 1.1},
-        {"radius": 5.5, "edge": 1.3},
+        {"radius": 6.5, "edge": 1.3},
     ),
-    "circle": ({"radius": 2.5}, {"radius": 4.2}, {"radius": 3.4}, {"radius": 5.0}),
+    "circle": ({"radius": 2.5}, {"radius": 5.0}, {"radius": 3.6}, {"radius": 8.0}),
     "bump": (
         {"height": 0.8, "curvature": 4.0},
         {"height": 1.6, "curvature": 9.0},
@@ -46,10 +49,10 @@ FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
     "square-empty": (
         {"side": 6.0, "edge": 0.8},
         {"side": 8.4, "edge": 1.6},
-        {"side": 7.2, "edge": 1.1},
-        {"side": 10.0, "edge": 1.3},
+        {"side": 7.6, "edge": 1.1},
+        {"side": 13.0, "edge": 1.3},
     ),
-    "hemisphere": ({"radius": 2.5}, {"radius": 4.0}, {"radius": 3.3}, {"radius": 5.0}),
+    "hemisphere": ({"radius": 2.5}, {"radius": 4.0}, {"radius": 3.3}, {"radius": 7.0}),
     "line-sharp": ({"width": 1.0}, {"width": 3.0}, {"width": 1.8}, {"width": 2.4}),
 }
 """Parameters of versions 1 to 4 of each family, mm (assumed). radius: of the long edges'
