@@ -24,18 +24,19 @@ CORE_RADIUS_MM, CREST_RADIUS_MM = 5.0, 6.4
 THREAD_PITCH_MM = 3.0
 CREST_WIDTH_MM, ROOT_WIDTH_MM = 0.9, 1.9
 """Axial width of the thread at its crest and at the core, mm."""
-THREADS = ((-74.0, 18), (6.5, 9))
+THREADS = ((-80.0, 20), (6.5, 9))
 """y of the first crest and number of crests, below the boss and above it. Crests are rings, not
 a helix: the lead is under 5 degrees, and the kernel needs minutes to mesh a helix this fine."""
 
 PAD_RADIUS_MM, PAD_FROM_MM, PAD_TO_MM = 10.0, 34.0, 41.0
-HEAD_RADIUS_MM, HEAD_FROM_MM, HEAD_TO_MM = 8.0, -94.0, -76.0
-BAR_RADIUS_MM, BAR_HALF_LENGTH_MM, BAR_AT_MM = 3.2, 36.0, -85.0
+HEAD_RADIUS_MM, HEAD_FROM_MM, HEAD_TO_MM = 8.0, -100.0, -82.0
+BAR_RADIUS_MM, BAR_HALF_LENGTH_MM, BAR_AT_MM = 3.2, 36.0, -91.0
 BALL_RADIUS_MM = 5.2
 
-CREST_AT_MM = THREADS[0][0] + 9 * THREAD_PITCH_MM
-"""y of a crest midway between the boss and the head, whose sides are higher, so that a sensor
-pressed there touches neither."""
+CREST_AT_MM = THREADS[0][0] + 10 * THREAD_PITCH_MM
+"""y of a crest midway between the boss and the head, whose sides are higher: 31 mm from either,
+so that no corner of a CySkin pressed there touches them (26.4 mm from its middle, which the
+protocol moves by up to 2.1 mm)."""
 
 KEYPOINTS = (
     Keypoint("screw", (0.0, CREST_AT_MM, CREST_RADIUS_MM), (0.0, 0.0, 1.0)),
