@@ -18,7 +18,7 @@ FEATURE_HEIGHT_MM = 6.0
 """Height of every feature's top above the plate, mm (assumed: well over the thickest soft
 layer, 4.07 mm, so that no press meets the plate)."""
 
-LINE_LENGTH_MM = 26.0
+LINE_LENGTH_MM = 20.0
 """Length of both kinds of line, along y, mm (assumed: more than the 16.7 mm that a DIGIT sees, so
 that a line which leaves the picture is also felt beyond it)."""
 
@@ -32,7 +32,7 @@ FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
         {"width": 2.2, "radius": 0.8},
         {"width": 2.6, "radius": 0.6},
     ),
-    "square": ({"side": 5.6}, {"side": 10.0}, {"side": 7.6}, {"side": 16.0}),
+    "square": ({"side": 5.6}, {"side": 8.4}, {"side": 7.0}, {"side": 16.0}),
     "circle-empty": (
         {"radius": 3.0, "edge": 0.8},
         {"radius": 4.6, "edge": 1.6},
@@ -49,10 +49,10 @@ FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
     "square-empty": (
         {"side": 6.0, "edge": 0.8},
         {"side": 8.4, "edge": 1.6},
-        {"side": 7.6, "edge": 1.1},
+        {"side": 7.2, "edge": 1.1},
         {"side": 13.0, "edge": 1.3},
     ),
-    "hemisphere": ({"radius": 2.5}, {"radius": 4.0}, {"radius": 3.3}, {"radius": 7.0}),
+    "hemisphere": ({"radius": 2.5}, {"radius": 4.0}, {"radius": 3.3}, {"radius": 5.5}),
     "line-sharp": ({"width": 1.0}, {"width": 3.0}, {"width": 1.8}, {"width": 2.4}),
 }
 """Parameters of versions 1 to 4 of each family, mm (assumed). radius: of the long edges'

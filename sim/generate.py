@@ -19,7 +19,7 @@ from sim.describe import describe
 from sim.shard import Task
 from sim.timing import Stopwatch, in_words, peak_memory, process_name
 
-SECONDS_PER_PAIR = 0.09
+SECONDS_PER_PAIR = 0.083
 """Time of one pair on one core, for the estimate before the start, s."""
 
 

@@ -55,10 +55,10 @@ BASE_TOLERANCE_MM = 1e-3
 """A touched height so near the base plate's top counts as the base plate, mm."""
 
 MISSED_OUTSIDE_MM = 0.01
-"""How far the shape may stand in the surface outside the window, mm: heights are means there."""
+"""How far the shape may stand in the surface where no pins are, mm: heights are means there."""
 
 MARGIN_CELLS = 1
-"""Cells of the survey around the expected contact that belong to the window."""
+"""Cells of the survey around the expected contact that get pins too."""
 
 FIELD_CELLS = 2
 """Cells of the survey around the window in which the surface still is worked out finely."""
@@ -85,9 +85,10 @@ def press_bed(
     expected = survey.expected_contact(command.force_n)
     finer = _finer(float(survey.seen.shares[expected].sum()))
     while True:
-        window = window_around(grown(expected, MARGIN_CELLS))
+        looked_at = grown(expected, MARGIN_CELLS)
+        window = window_around(looked_at)
         solution = None
-        for pins, at_rest in _stages(survey, window, finer):
+        for pins, at_rest in _stages(survey, looked_at, window, finer):
             solution = Solution(pins, command.force_n, solution)
             settled = solution.solve(at_rest)
             survey.preparing_s += solution.compiling_s
@@ -99,11 +100,10 @@ def press_bed(
         surface = middles(by_law(ground, ground.deflection_mm(pressure), WHOLE)[0], 1)
         standing_mm = solution.depth_mm - survey.gap_mm
         missed = standing_mm > means(surface, survey.parts) + MISSED_OUTSIDE_MM
-        missed[window] = False
+        missed[looked_at] = False
         if not missed.any():
             break
-        expected[window] = True
-        expected |= missed
+        expected = looked_at | missed
     pins = solution.pins
     near = scaled(widened(window, FIELD_CELLS, expected.shape), survey.parts)
     surface[near] = middles(solution.fine_surface_mm(scaled(near, fine)), fine)
@@ -195,8 +195,13 @@ def _finer(cells_in_contact: float) -> int:
     return next(enough, FINER[-1])
 
 
-def _stages(survey: _Survey, window: Window, finer: int) -> list[tuple[Cells, float]]:
-    """The pins of each stage, and how far it is to come to rest."""
+def _stages(
+    survey: _Survey, looked_at: np.ndarray, window: Window, finer: int
+) -> list[tuple[Cells, float]]:
+    """The pins of each stage, and how far it is to come to rest.
+
+    looked_at: the survey's cells that get pins; window: what holds them.
+    """
     ground = survey.ground
     # Pins along a survey's cell, and fine cells along one of the contact's, no fewer than pins.
     stages = [
@@ -206,7 +211,13 @@ def _stages(survey: _Survey, window: Window, finer: int) -> list[tuple[Cells, fl
     finest = max(parts for _, parts, _ in stages)
     fine = survey.layer(finest)
     rows, columns = scaled(window, survey.parts * finest)
-    seen = footprint(survey.shape.surface, survey.command, fine.x_mm[columns], fine.y_mm[rows])
+    seen = footprint(
+        survey.shape.surface,
+        survey.command,
+        fine.x_mm[columns],
+        fine.y_mm[rows],
+        looked_at[window],
+    )
     first_touch = float((-fine.rest_mm[rows, columns] - seen.peaks_mm).min())
     return [
         (

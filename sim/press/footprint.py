@@ -69,10 +69,21 @@ class Footprint:
         return Footprint(np.where(covered > 0, mean, NOTHING_MM), covered / parts**2, highest)
 
 
-def footprint(surface: HeightMap, command: Press, x_mm: np.ndarray, y_mm: np.ndarray) -> Footprint:
-    """The footprint on cells with centres x_mm (nx,), y_mm (ny,), mm, equally spaced."""
+def footprint(
+    surface: HeightMap,
+    command: Press,
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    looked_at: np.ndarray | None = None,
+) -> Footprint:
+    """The footprint on cells with centres x_mm (nx,), y_mm (ny,), mm, equally spaced.
+
+    looked_at: bool on coarser cells, of a whole number of these each; over the others nothing is
+        said to stand. None looks at all.
+    """
     heights, shares, peaks = np.empty((3, y_mm.size, x_mm.size))
-    _footprint(*_lookup(surface, command), x_mm, y_mm, heights, shares, peaks)
+    wanted = np.ones((1, 1), bool) if looked_at is None else np.ascontiguousarray(looked_at)
+    _footprint(*_lookup(surface, command), x_mm, y_mm, wanted, heights, shares, peaks)
     return Footprint(heights, shares, peaks)
 
 
@@ -116,11 +127,13 @@ def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, fou
 
 
 @numba.njit(
-    f"void({_LOOKUP}, f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])",
+    f"void({_LOOKUP}, f8[::1], f8[::1], b1[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])",
     cache=True,
     nogil=True,
 )
-def _footprint(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, mean, share, peak):
+def _footprint(
+    heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, wanted, mean, share, peak
+):
     cell = x_mm[1] - x_mm[0]
     offsets = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * cell / SAMPLES
     middle, last = SAMPLES // 2, SAMPLES - 1
@@ -133,11 +146,12 @@ def _footprint(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, m
     corner_y = max(abs(y0), abs(y0 + pitch * (heights.shape[0] - 1)))
     reach_x = abs(cos) * corner_x + abs(sin) * corner_y + cell
     reach_y = abs(sin) * corner_x + abs(cos) * corner_y + cell
+    down, across = y_mm.size // wanted.shape[0], x_mm.size // wanted.shape[1]
     for i in range(y_mm.size):
         if abs(y_mm[i] - press_y) > reach_y:
             continue
         for j in range(x_mm.size):
-            if abs(x_mm[j] - press_x) > reach_x:
+            if abs(x_mm[j] - press_x) > reach_x or not wanted[i // down, j // across]:
                 continue
             # Where middle and corners lie near each other, five points say it all.
             low, high, total, centre = np.inf, -np.inf, 0.0, 0.0

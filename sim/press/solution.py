@@ -22,7 +22,10 @@ SPRING_SHARE = 0.6
 """A pin's compliance over the layer's largest. 0.3 to 0.85 settle equally fast."""
 
 MOST_STEPS = 80
-"""Steps after which a press is given up as not settled."""
+"""Steps after which whole ones are given up."""
+
+SMALL_STEP, MOST_SMALL_STEPS = 0.1, 400
+"""Share of a step that is then taken, and steps after which a press is given up as not settled."""
 
 LEAST_SLOPE = 0.02
 """Least share of a pin's compliance that stiffening leaves: keeps the springs finite."""
@@ -100,10 +103,18 @@ class Solution:
         return self.pins.spread(self.pressure_mpa)
 
     def solve(self, at_rest: float) -> bool:
-        """Bring the press to rest; False where it had not settled after MOST_STEPS."""
-        steps_left = MOST_STEPS
+        """Bring the press to rest; False where it had not settled after all steps.
+
+        Where whole steps run in circles, as they may about a place that is pressed almost through,
+        it goes on in small ones.
+        """
+        return self._solve(at_rest, 1.0, MOST_STEPS) or self._solve(
+            at_rest, SMALL_STEP, MOST_SMALL_STEPS
+        )
+
+    def _solve(self, at_rest: float, step: float, steps_left: int) -> bool:
         while True:
-            settled, steps = self._settle(steps_left, at_rest)
+            settled, steps = self._settle(steps_left, at_rest, step)
             steps_left -= steps
             missed = (self.depth_mm - self.pins.gap_mm > self.surface_mm + MISSED_MM) & ~self.used
             if not missed.any():
@@ -114,8 +125,11 @@ class Solution:
             self.pressure_mpa[~self.used] = 0.0
             self._soften()
 
-    def _settle(self, most_steps: int, at_rest: float) -> tuple[bool, int]:
-        """Iterate on the pins in use: whether it came to rest, and the steps it took."""
+    def _settle(self, most_steps: int, at_rest: float, step: float) -> tuple[bool, int]:
+        """Iterate on the pins in use: whether it came to rest, and the steps it took.
+
+        step: how much of each step is taken; whole ones are accelerated.
+        """
         pins, used = self.pins, self.used
         area, edge = pins.share[used], pins.edge_mm_per_mpa[used]
         bed_of_pins = self._lay()
@@ -140,7 +154,10 @@ class Solution:
             change = float((np.abs(pressure - ahead) * area).sum() / (pressure * area).sum())
             if change < at_rest or steps == most_steps:
                 break
-            ahead = np.maximum(acceleration.next(ahead, pressure), 0.0)
+            if step < 1.0:
+                ahead += step * (pressure - ahead)
+            else:
+                ahead = np.maximum(acceleration.next(ahead, pressure), 0.0)
         self.pressure_mpa[used] = pressure
         self._rest, self._deflection, self._local = rest, deflection, local
         return change < at_rest, steps

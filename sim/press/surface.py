@@ -1,12 +1,18 @@
 """The pressed surface between the grid's points: the elastic surface, made to fit the shape."""
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from primitives_cad.shape import Shape
 from sim.press.elastomer import Elastomer
 from sim.press.footprint import heights_at
+from sim.press.grid import grown
 from sim.records import Contact, Press
+
+NEAR_CELLS = 3
+"""Cells of the contact's grid around the touched ones in which the shape is looked up."""
 
 
 def surface_on(
@@ -26,7 +32,26 @@ def surface_on(
     spline = RectBivariateSpline(contact.y_mm, contact.x_mm, contact.surface_mm)
     inside_y = np.clip(y_mm, contact.y_mm[0], contact.y_mm[-1])
     inside_x = np.clip(x_mm, contact.x_mm[0], contact.x_mm[-1])
-    elastic = spline(inside_y, inside_x)
-    rest = elastomer.rest_surface_mm(*np.meshgrid(x_mm, y_mm))
-    standing = contact.shape_depth_mm + rest + heights_at(shape.surface, command, x_mm, y_mm)
-    return np.maximum(elastic, standing).astype(np.float32)
+    surface = spline(inside_y, inside_x).astype(np.float32)
+    touched = grown(contact.pressure_kpa > 0, NEAR_CELLS)
+    near = (
+        _between(y_mm, contact.y_mm[touched.any(axis=1)]),
+        _between(x_mm, contact.x_mm[touched.any(axis=0)]),
+    )
+    heights = heights_at(shape.surface, command, x_mm[near[1]], y_mm[near[0]])
+    standing = contact.shape_depth_mm + _rest(elastomer, tuple(x_mm), tuple(y_mm))[near] + heights
+    surface[near] = np.maximum(surface[near], standing)
+    return surface
+
+
+def _between(axis_mm: np.ndarray, touched_mm: np.ndarray) -> slice:
+    """The part of a rising axis from the first to the last touched place."""
+    if not touched_mm.size:
+        return slice(0, 0)
+    first, last = np.searchsorted(axis_mm, touched_mm[[0, -1]])
+    return slice(int(first), int(last))
+
+
+@lru_cache(maxsize=8)
+def _rest(elastomer: Elastomer, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> np.ndarray:
+    return elastomer.rest_surface_mm(*np.meshgrid(x_mm, y_mm))
