@@ -3,7 +3,7 @@
 import runpy
 import sys
 
-MODULES = ("press", "dome", "digit_render", "phi", "gain")
+MODULES = ("press", "dome", "digit_render", "phi", "gain", "latency", "training")
 
 failed = []
 for module in MODULES:

@@ -6,16 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from skimage.metrics import structural_similarity
 from spots import write_spots
 
 from primitives_cad.errors import T2TwinError
 from sim.cyskin.layout import load_layout
-from translate.baselines import FEATURE_SIZE, mean_array, nearest_neighbour
+from translate.baselines import FEATURE_SIZE, mean_array, nearest_neighbour, neighbours
+from translate.cli import main
 from translate.data import load_pairs
-from translate.evaluate import evaluate, table
+from translate.evaluate import evaluate
 from translate.metrics import compare
 from translate.phi import Phi
 from translate.predict import load_run
+from translate.similarity import alike
+from translate.table import table
 from translate.touch2touch import Touch2Touch
 from translate.train import train
 
@@ -69,6 +73,31 @@ def test_rmse_is_over_samples_and_taxels(phi: Phi, true: np.ndarray) -> None:
     summary = compare(off, true, phi, FULL_SCALE).summary(FULL_SCALE)
     assert summary["rmse_counts"] == pytest.approx(12000.0 / np.sqrt(120))
     assert summary["rmse_percent"] == pytest.approx(30.0 / np.sqrt(120))
+
+
+def test_error_of_a_part_of_the_taxels(phi: Phi, true: np.ndarray) -> None:
+    off = true.copy()
+    off[2, 7] += 12000.0
+    some = np.arange(20) < 8
+    parts = {"some": some, "others": ~some, "none": np.zeros(20, bool)}
+    summary = compare(off, true, phi, FULL_SCALE, parts=parts).summary(FULL_SCALE)
+    assert summary["rmse_some_counts"] == pytest.approx(12000.0 / np.sqrt(6 * 8))
+    assert summary["rmse_others_counts"] == 0.0
+    assert np.isnan(summary["rmse_none_counts"])
+
+
+def test_ssim_is_scikit_images(phi: Phi, true: np.ndarray) -> None:
+    """Over the image and over the contact, of tactile images and of noise up to the rim."""
+    rng = np.random.default_rng(1)
+    images = list(zip(phi(0.7 * true + 500.0), phi(true), strict=True))
+    images += [tuple(rng.uniform(0, 30000, (2, 9, 23)).astype(np.float32)) for _ in range(3)]
+    for a, b in images:
+        ssim, local, *_ = structural_similarity(a, b, data_range=FULL_SCALE, full=True)
+        contact_a, contact_b = a > 0.1 * a.max(), b > 0.1 * b.max()
+        found = alike(a, b, FULL_SCALE, 0.1)
+        assert found[0] == pytest.approx(ssim, abs=1e-6)
+        assert found[1] == pytest.approx(local[contact_b].mean(), abs=1e-6)
+        assert found[2] == (contact_a & contact_b).sum() / (contact_a | contact_b).sum()
 
 
 def test_weaker_response_keeps_its_shape(phi: Phi, true: np.ndarray) -> None:
@@ -143,6 +172,19 @@ def test_nearest_neighbour_is_by_euclid(data_dir: Path) -> None:
         assert np.array_equal(counts, pairs.counts[nearest])
 
 
+def test_neighbours_pass_over_their_own_shape(data_dir: Path) -> None:
+    pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
+    shapes = np.where(np.arange(len(pairs)) % 2 == 0, "a", "b")
+    found = neighbours(pairs.images, pairs.images, 3, (shapes, shapes))
+    assert (shapes[found.index] != shapes[:, None]).all()
+    stored = pairs.images[:].astype(float).reshape(len(pairs), -1)
+    apart = np.sqrt(np.square(stored[:, None] - stored[None]).mean(axis=2))
+    apart[shapes[:, None] == shapes[None]] = np.inf
+    np.testing.assert_allclose(found.distance_grey, np.sort(apart, axis=1)[:, :3], rtol=1e-5)
+    alone = neighbours(pairs.images, pairs.images, 2, (np.full(48, "a"), np.full(48, "a")))
+    assert np.isinf(alone.distance_grey).all()
+
+
 def test_evaluation_agrees_with_training(runs: list[Path], data_dir: Path, tmp_path: Path) -> None:
     """On val, a run's sqrt(L3) is its best epoch's, and the files say what was returned."""
     metrics = evaluate(runs, data_dir, "val", tmp_path)
@@ -174,9 +216,33 @@ def test_evaluation_of_objects_is_per_tool(
     assert model["by_family"]["pliers"] == model["overall"]
     lines = table(metrics).splitlines()
     assert lines[0] == "test, 8 pairs"
-    assert len({len(line) for line in lines[1:-1]}) == 1
+    assert len({len(line) for line in lines[1:-3]}) == 1
     assert "real sensors" in lines[-1]
     assert any(line.startswith("resnet18 (paper, hardware)") and "4867" in line for line in lines)
+
+
+def test_both_splits_at_once(
+    runs: list[Path], data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = [str(run) for run in runs]
+    main(["evaluate", *given, "--data", str(data_dir), "--split", "both", "--out", str(tmp_path)])
+    metrics = {split: json.loads((tmp_path / split / "metrics.json").read_text())
+               for split in ("val", "test")}  # fmt: skip
+    found = json.loads((tmp_path / "findings.json").read_text())
+    assert found["val"] == metrics["val"]["findings"]
+    assert set(found["gap"]) == {"gap-touch2touch", "gap-resnet18"}
+    for name in ("touch2touch", "resnet18"):
+        errors = {s: m["models"][name]["overall"]["rmse_counts"] for s, m in metrics.items()}
+        gap = found["gap"][f"gap-{name}"]
+        assert gap["difference"] == pytest.approx(errors["test"] - errors["val"])
+        assert gap["answer"] == "undecided"  # one shape a split has no interval
+    lines = (tmp_path / "results.md").read_text().splitlines()
+    assert len({line.count("|") for line in lines}) == 1
+    error = metrics["test"]["models"]["resnet18"]["overall"]["rmse_counts"]
+    assert any(line.startswith("| resnet18 |") and f"| {error:,.0f} |" in line for line in lines)
+    said = capsys.readouterr().out
+    assert "val, 12 pairs" in said and "test, 8 pairs" in said
+    assert "Is resnet18 worse on the novel objects than on validation? Undecided" in said
 
 
 def test_predictions_do_not_depend_on_the_batch(runs: list[Path], data_dir: Path) -> None:
@@ -225,6 +291,8 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
     info = json.loads((other / "info.json").read_text())
     info["layout_x_mm"] = [0.5 * x for x in info["layout_x_mm"]]
     (other / "info.json").write_text(json.dumps(info))
-    with pytest.raises(T2TwinError, match="must be the same"):
+    with pytest.raises(T2TwinError, match=r"resnet18 is a ResNet18, which gives the 20 taxels"):
+        evaluate(runs[1:], other, "val", tmp_path / "out")
+    with pytest.raises(T2TwinError, match="outside the array"):
         evaluate(runs, other, "val", tmp_path / "out")
     assert not (tmp_path / "out").exists()

@@ -1,11 +1,28 @@
+from copy import deepcopy
+from dataclasses import replace
+
 import pytest
 import torch
 from torch import nn
 
 from primitives_cad.errors import T2TwinError
+from sim.cyskin.layout import load_layout
+from translate.data import DataInfo
+from translate.networks.fused import fuse
 from translate.networks.patchgan import PatchGAN
 from translate.networks.resnet18 import ResNet18
 from translate.networks.unet import UNet
+from translate.presets import find_preset
+from translate.resnet18 import Regression
+from translate.touch2touch import Touch2Touch
+
+CPU = torch.device("cpu")
+FULL_SCALE = 40_000.0
+
+
+def info() -> DataInfo:
+    layout = load_layout()
+    return DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE)
 
 
 def parameters(network: nn.Module) -> int:
@@ -35,6 +52,18 @@ def test_unet_drops_out_in_the_three_innermost_decoder_blocks() -> None:
         for block in network.decoder
     ]
     assert has == [True, True, True, False, False]
+
+
+def test_unet_is_made_of_4_x_4_convolutions_of_stride_2_with_pix2pix_widths() -> None:
+    network = UNet(256, 64)
+    down = [m for m in network.encoder.modules() if isinstance(m, nn.Conv2d)]
+    up = [m for m in network.modules() if isinstance(m, nn.ConvTranspose2d)]
+    for layer in (*down, *up):
+        assert (layer.kernel_size, layer.stride, layer.padding) == ((4, 4), (2, 2), (1, 1))
+    assert [layer.out_channels for layer in down] == [64, 128, 256, 512, 512, 512, 512, 512]
+    assert [layer.out_channels for layer in up] == [512, 512, 512, 512, 256, 128, 64, 1]
+    # Each decoder level takes its encoder's output beside what comes from below.
+    assert [layer.in_channels for layer in up] == [512, 1024, 1024, 1024, 1024, 512, 256, 128]
 
 
 def test_initial_weights_are_normal_with_a_deviation_of_a_fiftieth() -> None:
@@ -70,22 +99,121 @@ def test_patchgan_has_the_published_parameters() -> None:
     assert parameters(PatchGAN(channels_in=6)) == 2_768_705
 
 
+def test_paper_preset_trains_the_published_networks() -> None:
+    """The pair that touch2touch trains: one channel in, one out, both at their full width."""
+    translator = Touch2Touch(find_preset("touch2touch", "paper"), info(), CPU, bf16=False)
+    assert parameters(translator.generator) == 54_407_809
+    discriminator = translator.discriminator
+    assert isinstance(discriminator.layers[0], nn.Conv2d)
+    assert discriminator.layers[0].weight.shape == (64, 2, 4, 4)  # the grey picture and the image
+    assert parameters(discriminator) == 2_768_705 - 4 * 64 * 16
+
+
+@pytest.mark.parametrize(
+    ("model", "rate", "betas"),
+    [("touch2touch", 2e-4, (0.5, 0.999)), ("resnet18", 1e-3, (0.9, 0.999))],
+)
+def test_adam_is_set_as_in_the_paper(model: str, rate: float, betas: tuple[float, float]) -> None:
+    """The settings of the optimisers themselves, which hold every weight once, without decay."""
+    kind = Touch2Touch if model == "touch2touch" else Regression
+    translator = kind(replace(find_preset(model, "paper"), filters=4), info(), CPU, bf16=False)
+    assert translator.optimizers.keys() == translator.networks.keys()
+    for name, optimizer in translator.optimizers.items():
+        assert isinstance(optimizer, torch.optim.Adam)
+        [group] = optimizer.param_groups
+        assert (group["lr"], group["betas"], group["weight_decay"]) == (rate, betas, 0)
+        held = {id(parameter) for parameter in group["params"]}
+        assert held == {id(parameter) for parameter in translator.networks[name].parameters()}
+
+
+def test_generator_minimises_the_adversarial_loss_and_100_times_l1() -> None:
+    """Its gradient is that of pix2pix's loss, written out; the discriminator's loss is halved."""
+    preset = replace(find_preset("touch2touch", "paper"), size=32, filters=4)
+    torch.manual_seed(0)
+    translator = Touch2Touch(preset, info(), CPU, bf16=False)
+    for module in translator.generator.modules():
+        if isinstance(module, nn.Dropout):
+            module.p = 0.0  # so that two passes draw the same
+    images = torch.rand(4, 1, 32, 32) * 2 - 1
+    counts = torch.rand(4, 20) * FULL_SCALE
+    real = translator.phi.to_torch(counts) / FULL_SCALE * 2 - 1
+    before = deepcopy(translator)
+
+    losses = translator.step(images, counts)
+
+    drawn = before.generator(images)
+    likely_real = torch.sigmoid(before.discriminator(images, real))
+    likely_drawn = torch.sigmoid(before.discriminator(images, drawn.detach()))
+    expected = -0.5 * (likely_real.log().mean() + (1 - likely_drawn).log().mean())
+    assert losses["discriminator"] == pytest.approx(expected.item(), rel=1e-4)
+
+    # The generator meets the discriminator as it is after its own step.
+    l1 = (drawn - real).abs().mean()
+    assert losses["l1"] == pytest.approx(l1.item(), rel=1e-4)
+    before.discriminator.load_state_dict(translator.discriminator.state_dict())
+    adversarial = -torch.sigmoid(before.discriminator(images, drawn)).log().mean()
+    assert losses["adversarial"] == pytest.approx(adversarial.item(), rel=1e-3)
+    (adversarial + 100.0 * l1).backward()
+    for ours, written_out in zip(
+        translator.generator.parameters(), before.generator.parameters(), strict=True
+    ):
+        assert ours.grad is not None and written_out.grad is not None
+        scale = written_out.grad.abs().max().item()
+        torch.testing.assert_close(ours.grad, written_out.grad, rtol=0, atol=1e-3 * scale + 1e-9)
+
+
+def test_resnet18_minimises_l3() -> None:
+    """L3 is the mean squared error of the counts: over all taxels of all pairs, in counts^2."""
+    torch.manual_seed(0)
+    preset = replace(find_preset("resnet18", "paper"), size=64, filters=4)
+    translator = Regression(preset, info(), CPU, bf16=False)
+    images, counts = torch.randn(3, 3, 64, 64), torch.rand(3, 20) * FULL_SCALE
+    with torch.no_grad():
+        predicted = deepcopy(translator.predictor)(images) * FULL_SCALE
+    l3 = ((predicted - counts) ** 2).sum() / (3 * 20)
+    loss = translator.step(images, counts)["l3"]
+    assert loss * FULL_SCALE**2 == pytest.approx(l3.item(), rel=1e-4)
+
+
+def torchvision_names() -> list[str]:
+    """The state_dict of torchvision's resnet18, in its order."""
+
+    def norm(name: str) -> list[str]:
+        kept = ("weight", "bias", "running_mean", "running_var", "num_batches_tracked")
+        return [f"{name}.{what}" for what in kept]
+
+    names = ["conv1.weight", *norm("bn1")]
+    for stage in ("layer1", "layer2", "layer3", "layer4"):
+        for block in (f"{stage}.0", f"{stage}.1"):
+            names += [f"{block}.conv1.weight", *norm(f"{block}.bn1")]
+            names += [f"{block}.conv2.weight", *norm(f"{block}.bn2")]
+            if block.endswith(".0") and stage != "layer1":
+                names += [f"{block}.downsample.0.weight", *norm(f"{block}.downsample.1")]
+    return [*names, "fc.weight", "fc.bias"]
+
+
 def test_resnet18_has_the_published_parameters_and_names() -> None:
     network = ResNet18(1000)
     assert parameters(network) == 11_689_512
-    keys = set(network.state_dict())
-    assert len(keys) == 122
-    assert {
-        "conv1.weight",
-        "bn1.running_var",
-        "layer1.1.conv2.weight",
-        "layer2.0.downsample.0.weight",
-        "layer4.0.downsample.1.num_batches_tracked",
-        "layer4.1.bn2.bias",
-        "fc.weight",
-    } <= keys
-    assert "layer1.0.downsample.0.weight" not in keys
-    assert network.fc.weight.shape == (1000, 512)
+    weights = network.state_dict()
+    assert list(weights) == torchvision_names()
+    assert len(weights) == 122
+    for name, shape in {
+        "conv1.weight": (64, 3, 7, 7),
+        "layer1.0.conv1.weight": (64, 64, 3, 3),
+        "layer2.0.conv1.weight": (128, 64, 3, 3),
+        "layer2.0.downsample.0.weight": (128, 64, 1, 1),
+        "layer4.1.conv2.weight": (512, 512, 3, 3),
+        "layer4.1.bn2.running_var": (512,),
+        "fc.weight": (1000, 512),
+    }.items():
+        assert weights[name].shape == shape, name
+
+
+def test_resnet18_of_the_paper_has_one_output_a_taxel() -> None:
+    """The final layer replaced by 20 outputs: the published network less 980 rows of it."""
+    network = Regression(find_preset("resnet18", "paper"), info(), CPU, bf16=False).predictor
+    assert parameters(network) == 11_689_512 - 980 * (512 + 1)
 
 
 def test_resnet18_strides_by_32() -> None:
@@ -95,3 +223,21 @@ def test_resnet18_strides_by_32() -> None:
     x = network.layer4(network.layer3(network.layer2(network.layer1(x))))
     assert x.shape == (2, 32, 2, 2)
     assert network(images).shape == (2, 20)
+
+
+@pytest.mark.parametrize("network", [UNet(64, 8), ResNet18(20, 8)], ids=["unet", "resnet18"])
+def test_folding_the_batch_norms_changes_nothing(network: nn.Module) -> None:
+    """With statistics as a training leaves them, far from nought and one."""
+    torch.manual_seed(0)
+    norms = [module for module in network.modules() if isinstance(module, nn.BatchNorm2d)]
+    for norm in norms:
+        norm.running_mean = torch.randn(norm.num_features)
+        norm.running_var = torch.rand(norm.num_features) + 0.5
+        nn.init.uniform_(norm.weight, 0.5, 1.5)
+        nn.init.uniform_(norm.bias, -0.5, 0.5)
+    images = torch.randn(2, 1 if isinstance(network, UNet) else 3, 64, 64)
+    expected = network.eval()(images).detach()
+    assert len(norms) > 5
+    fuse(network)
+    assert not any(isinstance(module, nn.BatchNorm2d) for module in network.modules())
+    torch.testing.assert_close(network(images), expected, rtol=1e-3, atol=1e-4)

@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shutil
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -21,8 +22,8 @@ from sim.generate import generate
 from sim.import_pairs import import_pairs
 from sim.png import decode_png, encode_png
 from translate.cli import main
-from translate.evaluate import METRICS
-from translate.report import data_page, oddities, pairs, qualitative, results, shapes
+from translate.evaluate import FINDINGS, METRICS
+from translate.report import data_page, lookalikes, oddities, pairs, qualitative, results, shapes
 from translate.report.data_page import write_data_report
 from translate.report.material import gather, gather_dataset
 from translate.report.names import name_of
@@ -135,7 +136,7 @@ def test_table_has_the_numbers_of_metrics(page: Path, read: Reader) -> None:
     found = {split: json.loads((page.parent / f"evaluate-{split}" / METRICS).read_text())
              for split in ("val", "test")}  # fmt: skip
     assert list(found["val"]["models"]) == [
-        "mean-array", "nearest-neighbour", "touch2touch", "resnet18",
+        "mean-array", "nearest-neighbour", "noise-floor", "touch2touch", "resnet18",
     ]  # fmt: skip
     for name in found["val"]["models"]:
         expected = []
@@ -152,6 +153,42 @@ def test_table_has_the_numbers_of_metrics(page: Path, read: Reader) -> None:
         ["4,007", "10.01 %", "0.96", "6,072", "15.18 %", "–"],
         ["3,931", "9.83 %", "0.95", "4,867", "12.17 %", "–"],
     ]
+
+
+def test_findings_on_the_page_are_those_of_the_file(page: Path, read: Reader) -> None:
+    found = json.loads((page.parent / FINDINGS).read_text())
+    names = ("lower-error", "better-shape-ssim", "better-shape-iou")
+    expected = [found[split][name]["answer"] for name in names for split in ("val", "test")]
+    expected += [found["gap"][f"gap-{model}"]["answer"] for model in ("touch2touch", "resnet18")]
+    rows = [row for row in read.rows["finding"] if len(row) > 1 and row[0]]
+    assert [row[1] for row in rows] == expected
+    assert rows[-1][0] == "ResNet18"
+    gap = found["gap"]["gap-resnet18"]["figures"]
+    assert f"validation {gap['val']:,.0f}, test {gap['test']:,.0f}" in rows[-1][4]
+
+
+def test_errors_by_view_are_those_of_metrics(page: Path, read: Reader) -> None:
+    rows = {row[0]: row[1:] for row in read.rows["by-view"]}
+    for split, by in (("val", "by_shape"), ("test", "by_family")):
+        models = json.loads((page.parent / f"evaluate-{split}" / METRICS).read_text())["models"]
+        del models["noise-floor"]
+        for name in models["resnet18"][by]:
+            assert rows[name] == [
+                f"{model[by][name][f'rmse_{group}_counts']:,.0f}"
+                for model in models.values()
+                for group in ("under", "near", "beyond")
+            ]
+
+
+def test_lookalikes_are_said_as_they_are(page: Path) -> None:
+    found = {split: json.loads((page.parent / f"evaluate-{split}" / METRICS).read_text())
+             ["lookalikes"] for split in ("val", "test")}  # fmt: skip
+    said = lookalikes.sentences(found)
+    assert len(said) == 4 and said[0].startswith("Validation, other shapes")
+    nearest = found["test"]["training"]["nearest"]
+    assert f"says {nearest['rmse_counts']:,.0f} counts; 0 of 2 presses have" in said[3]
+    text = page.read_text(encoding="utf-8")
+    assert all(escape(sentence) in text for sentence in said)
 
 
 def test_sentences_follow_the_numbers() -> None:
@@ -175,7 +212,8 @@ def test_samples_stand_at_their_quantiles(page: Path, data_dir: Path, runs: list
     evaluated = material.evaluated["val"]
     error = (evaluated.errors("touch2touch") + evaluated.errors("resnet18")) / 2
     rows = qualitative.chosen(material, "val")
-    assert [quantile for _, quantile in rows] == [0.1, 0.5, 0.9]
+    assert [quantile for _, quantile in rows] == [0.1, 0.5, 0.9, 1.0]
+    assert rows[-1][0] == error.argmax()
     for row, quantile in rows:
         assert abs(np.mean(error <= error[row]) - quantile) <= 1.5 / error.size
     # Two test pairs cannot fill five places, and none is shown twice.

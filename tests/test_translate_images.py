@@ -11,9 +11,14 @@ from PIL import Image
 from spots import write_spots
 
 from primitives_cad.errors import T2TwinError
+from translate import batch
+from translate.batch import find_images, translate_images
+from translate.checkpoint import load_weights
+from translate.cli import main
 from translate.data import load_pairs
-from translate.images import open_image
-from translate.predict import load_run, translate_images
+from translate.images import open_image, to_input
+from translate.predict import load_run
+from translate.run import build
 from translate.train import train
 
 
@@ -143,8 +148,11 @@ def test_bad_files_get_a_sentence_and_nothing_is_written(
     for bad in (text, cut, empty):
         with pytest.raises(T2TwinError, match="cannot be read as an image"):
             translate_images(run_dir, [good, bad], out)
-    with pytest.raises(T2TwinError, match="is not there"):
-        translate_images(run_dir, [tmp_path], out)
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(T2TwinError, match="holds no images"):
+        translate_images(run_dir, [tmp_path / "folder"], out)
+    for bad in (text, cut, empty):
+        bad.unlink()
     with pytest.raises(T2TwinError, match="holds no config\\.json"):
         translate_images(tmp_path, [good], out)
     assert not out.exists()
@@ -156,7 +164,143 @@ def test_arrays_that_are_no_images_are_refused(run_dir: Path) -> None:
         run.predict(np.zeros((1, 32, 32, 3)))
     with pytest.raises(T2TwinError, match="of uint8"):
         run.predict(np.zeros((1, 32, 32, 4), np.uint8))
+    with pytest.raises(T2TwinError, match="of uint8"):
+        run.predict(np.zeros((0, 32), np.uint8))
     assert run.predict(np.zeros((0, 32, 32, 3), np.uint8)).shape == (0, 20)
+
+
+def test_one_frame_is_a_batch_of_one(run_dir: Path, digit: Image.Image) -> None:
+    run, frame = load_run(run_dir), np.asarray(digit)
+    several = run.predict(np.stack([frame, frame[::-1]]))
+    assert several.shape == (2, 20)
+    one = run.predict(frame)
+    assert one.shape == (20,)
+    np.testing.assert_allclose(one, several[0], atol=0.5)
+    assert run.predict(frame[:, :, 0]).shape == (20,)
+    assert run.predict(frame[None, :, :, 0]).shape == (1, 20)
+    assert run.tactile_images(frame).shape == (396, 240)
+    assert run.tactile_images([frame]).shape == (1, 396, 240)
+
+
+def test_folded_batch_norms_change_nothing(run_dir: Path, digit: Image.Image) -> None:
+    """The run as it predicts against its network as it was trained."""
+    run = load_run(run_dir)
+    trained = build(run.config)
+    load_weights(run_dir / "best.safetensors", trained.predictor)
+    pixels = np.stack([np.asarray(digit), np.asarray(digit)[::-1]])
+    pixels = run._pixels(pixels).astype(np.float32) / 255.0
+    expected = trained.predict(to_input(pixels)).numpy()
+    np.testing.assert_allclose(run.translator.predict(to_input(pixels)), expected, atol=0.5)
+    assert expected.std() > 10
+
+
+def test_folder_gives_its_images_sorted(digit: Image.Image, tmp_path: Path) -> None:
+    names = ["b.png", "a.JPG", "c.jpeg", ".hidden.png", "notes.txt", "scan.tiff"]
+    for name in names:
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "below").mkdir()
+    digit.save(tmp_path / "below" / "deep.png")
+    found = find_images([tmp_path / "below" / "deep.png", tmp_path])
+    assert [path.name for path in found] == ["deep.png", "a.JPG", "b.png", "c.jpeg"]
+
+
+def test_folder_of_many_is_as_one_by_one(
+    run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More than fits in one batch, and a last batch that is smaller: every row is its image's."""
+    monkeypatch.setattr(batch, "AT_ONCE", 5)
+    frames = load_pairs(data_dir, "train", 64, grey=False).images[:23]
+    (tmp_path / "frames").mkdir()
+    for number, frame in enumerate(frames):
+        Image.fromarray(frame).save(tmp_path / "frames" / f"{number:02}.png")
+    counts = translate_images(run_dir, [tmp_path / "frames"], tmp_path / "out", pictures=False)
+    run = load_run(run_dir)
+    expected = np.stack([run.predict(frame) for frame in frames])
+    np.testing.assert_allclose(counts, expected, atol=0.5)
+    assert len(np.unique(expected.round(), axis=0)) == 23
+
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"counts.csv", "counts.json"}
+    content = json.loads((tmp_path / "out" / "counts.json").read_text())
+    assert [Path(image["image"]).name for image in content["images"]] == [
+        f"{number:02}.png" for number in range(23)
+    ]
+    assert [image["counts"] for image in content["images"]] == np.rint(counts).tolist()
+    assert "tactile_image" not in content["images"][0]
+    with_pictures = translate_images(run_dir, [tmp_path / "frames"], tmp_path / "both")
+    np.testing.assert_allclose(with_pictures, counts, atol=0.5)
+    assert len(list((tmp_path / "both").glob("*.png"))) == 23
+
+
+def test_file_cut_in_its_middle_leaves_earlier_outputs_as_they_were(
+    run_dir: Path, digit: Image.Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Found only when it is decoded, after others were translated."""
+    monkeypatch.setattr(batch, "AT_ONCE", 1)
+    out = tmp_path / "out"
+    digit.save(tmp_path / "a.png")
+    translate_images(run_dir, [tmp_path / "a.png"], out)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    for name in "bcdefg":
+        digit.save(tmp_path / f"{name}.png")
+    (tmp_path / "g.png").write_bytes((tmp_path / "g.png").read_bytes()[:2000])
+    with pytest.raises(T2TwinError, match=r"g\.png cannot be read as an image"):
+        translate_images(run_dir, [tmp_path], out)
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_inputs_are_never_replaced(run_dir: Path, digit: Image.Image, tmp_path: Path) -> None:
+    digit.save(tmp_path / "press.png")
+    before = (tmp_path / "press.png").read_bytes()
+    with pytest.raises(T2TwinError, match="another folder"):
+        translate_images(run_dir, [tmp_path], tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["press.png"]
+    translate_images(run_dir, [tmp_path], tmp_path, pictures=False)
+    assert (tmp_path / "press.png").read_bytes() == before
+
+
+def test_only_touch2touch_is_read_at_another_layout(
+    run_dir: Path, digit: Image.Image, tmp_path: Path
+) -> None:
+    """At its own taxels in another order it gives its own counts in that order."""
+    digit.save(tmp_path / "press.png")
+    info = load_run(run_dir).config.data
+    n = int(load_run(run_dir).predict(np.asarray(digit)).argmax())
+    taxels = [{"x_mm": x, "y_mm": y} for x, y in zip(info.x_mm[::-1], info.y_mm[::-1], strict=True)]
+    (tmp_path / "mine.json").write_text(json.dumps({"taxels": taxels}))
+    arguments = (run_dir, [tmp_path / "press.png"], tmp_path / "out", tmp_path / "mine.json")
+    if run_dir.name == "resnet18":
+        with pytest.raises(T2TwinError, match="another layout needs a touch2touch run"):
+            translate_images(*arguments)
+        assert not (tmp_path / "out").exists()
+        return
+    [counts] = translate_images(*arguments)
+    own = load_run(run_dir).predict(np.asarray(digit))
+    np.testing.assert_allclose(counts[::-1], own, atol=1.0)
+    assert counts.argmax() == 19 - n
+    content = json.loads((tmp_path / "out" / "counts.json").read_text())
+    assert content["layout"] == "mine"
+    assert content["layout_x_mm"] == info.x_mm[::-1].tolist()
+
+
+def test_command_prints_a_few_and_writes_all(
+    run_dir: Path,
+    data_dir: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    frames = load_pairs(data_dir, "val", 64, grey=False).images[:9]
+    (tmp_path / "frames").mkdir()
+    for number, frame in enumerate(frames):
+        Image.fromarray(frame).save(tmp_path / "frames" / f"{number}.png")
+    main(["translate", str(run_dir), str(tmp_path / "frames"), "--out", str(tmp_path / "out"),
+          "--no-pictures"])  # fmt: skip
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == 7
+    assert said[5:] == ["and 4 more", f"written to {tmp_path / 'out'}"]
+    with (tmp_path / "out" / "counts.csv").open(newline="") as file:
+        rows = list(csv.reader(file))
+    assert len(rows) == 10
+    assert said[0] == f"{rows[1][0]}: " + " ".join(rows[1][1:])
 
 
 def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> None:

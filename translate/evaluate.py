@@ -1,4 +1,4 @@
-"""The paper's table and what it lacks: every run and two trivial predictors on one split."""
+"""The paper's table and what it lacks: every run, trivial predictors and floors on one split."""
 
 from pathlib import Path
 from typing import Any
@@ -7,19 +7,40 @@ import numpy as np
 
 from primitives_cad.errors import T2TwinError
 from primitives_cad.writing import whole_file
-from translate.baselines import FEATURE_SIZE, mean_array, nearest_neighbour
+from sim.dataset import read_info
+from translate import bootstrap
+from translate.baselines import (
+    FEATURE_SIZE,
+    MEAN_ARRAY,
+    NEAREST_NEIGHBOUR,
+    Neighbours,
+    mean_array,
+    neighbours,
+)
 from translate.data import PRESS, DataInfo, Pairs, load_info, load_pairs, usable_cache
 from translate.files import write_json
-from translate.metrics import CONTACT_LEVEL, compare
+from translate.findings import findings, gap, paired
+from translate.layouts import for_layout, same_layout, seen_through
+from translate.lookalikes import NEIGHBOURS, lookalikes
+from translate.metrics import CONTACT_LEVEL, Figures, compare
+from translate.noise_floor import second_reading
 from translate.phi import Phi
 from translate.predict import Run, load_run
+from translate.table import markdown
+from translate.view import View, view_on
 
 METRICS = "metrics.json"
 PREDICTIONS = "predictions.npz"
+FINDINGS = "findings.json"
+TABLE = "results.md"
+FORMAT = 2
+"""Version of what metrics.json holds."""
 
-MEAN_ARRAY = "mean-array"
-NEAREST_NEIGHBOUR = "nearest-neighbour"
+NOISE_FLOOR, LAYOUT_FLOOR = "noise-floor", "layout-floor"
+"""Rows that no predictor is expected to pass; they are made from the truth."""
+
 TRUTH = "truth"
+SPLITS = ("val", "test")
 
 PAPER: dict[str, dict[str, dict[str, float]]] = {
     "val": {
@@ -33,113 +54,142 @@ PAPER: dict[str, dict[str, dict[str, float]]] = {
 }
 """Results on the real sensors (Grella et al. 2023). The paper gives one SSIM a model."""
 
-FIGURES = (
-    ("rmse_counts", "sqrt(L3), counts", "{:.0f}"),
-    ("rmse_percent", "%", "{:.2f}"),
-    ("ssim", "SSIM", "{:.3f}"),
-    ("ssim_contact", "in contact", "{:.3f}"),
-    ("contact_iou", "IoU", "{:.3f}"),
-    ("centroid_error_mm", "centroid, mm", "{:.2f}"),
-    ("total_error_percent", "total, %", "{:.1f}"),
-)
-
 
 def evaluate(runs: list[Path], data_dir: Path, split: str, out_dir: Path) -> dict[str, Any]:
     """Compares runs and baselines on one split; writes metrics.json and predictions.npz.
 
-    runs: folders that `train` has made, all with the data set's taxel layout. split: "val" or
-    "test" (or "train"). Returns what metrics.json holds:
+    runs: folders that `train` has made. touch2touch runs may be of another taxel layout than the
+    data set, which is then read from the images that they draw (translate.layouts). split: "val"
+    or "test" (or "train"). Returns what metrics.json holds:
 
-    - "split", "pairs", "full_scale_counts", "contact_level", "info_sha256";
+    - "format", "split", "pairs", "full_scale_counts", "contact_level", "info_sha256", "layout";
+    - "view": the DIGIT's view on the taxels, how many lie under it, within a pitch of it, beyond;
     - "models": by name, each with "overall", "by_shape" and "by_family", whose figures
-      translate.metrics.Figures.summary describes; "run" for a run, with "same_data";
+      translate.metrics.Figures.summary describes, and "interval", of the overall figures, by
+      bootstrap over shapes (translate.bootstrap); of a run also "run", "same_data" and
+      "trained_layout". Beside the runs stand mean-array, nearest-neighbour, where the data set
+      names its imperfections noise-floor (translate.noise_floor), and for runs of another layout
+      layout-floor (translate.layouts.seen_through);
+    - "bootstrap": how the intervals are made;
+    - "paired": touch2touch less ResNet18 in every figure, with intervals, where both are there;
+    - "findings": the paper's findings, each answered (translate.findings);
+    - "lookalikes": how far presses that look alike differ in taxels (translate.lookalikes);
     - "paper": the published figures of that split.
 
     predictions.npz holds "truth" and one (P, N) array a model, by the same names, and the presses:
     "shape", "family", "x_mm", "y_mm", "yaw_rad", "force_n".
 
-    Raises T2TwinError for no runs, a folder that is no run, another layout, and a missing split.
+    Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, and a
+    missing split.
     """
     if not runs:
         raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
     info = load_info(data_dir)
-    loaded = _named(runs)
-    for run in loaded.values():
-        _check_layout(run, info, data_dir)
+    trained = _named(runs)
+    applied = {
+        name: for_layout(run, info.x_mm, info.y_mm, info.layout) for name, run in trained.items()
+    }
     cache = usable_cache(data_dir, out_dir)
-    pairs = load_pairs(data_dir, split, FEATURE_SIZE, grey=False, cache_dir=cache)
-    predictions = _trivial(pairs, data_dir, cache)
-    for name, run in loaded.items():
+    pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, False, cache) for s in (split, "train"))
+    near = neighbours(train.images, pairs.images, NEIGHBOURS, progress=NEAREST_NEIGHBOUR)
+    predictions = _without_runs(data_dir, pairs, train, near)
+    predictions |= _layout_floor(list(trained.values()), info, pairs)
+    for name, run in applied.items():
         preset = run.config.preset
         own = load_pairs(data_dir, split, preset.size, preset.grey, cache)
         predictions[name] = run.predict_pixels(own.images, progress=name)
+    view = view_on(info.x_mm, info.y_mm)
     phi = Phi(info.x_mm, info.y_mm)
-    models = {
-        name: _figures(name, predicted, pairs, phi, info.full_scale_counts)
-        for name, predicted in predictions.items()
-    }
-    for name, run in loaded.items():
+    models: dict[str, Any] = {}
+    resampled: dict[str, dict[str, np.ndarray]] = {}
+    for name, predicted in predictions.items():
+        figures = compare(
+            predicted, pairs.counts, phi, info.full_scale_counts, f"figures of {name}", view.groups
+        )
+        resampled[name] = bootstrap.replicates(figures, pairs.shapes, info.full_scale_counts)
+        models[name] = _summaries(figures, pairs, info.full_scale_counts) | {
+            "interval": {k: bootstrap.interval(v) for k, v in resampled[name].items()}
+        }
+    for name, run in trained.items():
+        own_data = run.config.data
         models[name]["run"] = str(run.run_dir)
-        models[name]["same_data"] = run.config.data.sha256 == info.sha256
+        models[name]["same_data"] = own_data.sha256 == info.sha256
+        models[name]["trained_layout"] = own_data.layout
     metrics = {
+        "format": FORMAT,
         "split": split,
         "pairs": len(pairs),
         "full_scale_counts": info.full_scale_counts,
         "contact_level": CONTACT_LEVEL,
         "info_sha256": info.sha256,
+        "layout": info.layout,
+        "view": _json_of_view(view),
         "models": models,
+        "bootstrap": {
+            "over": "shapes",
+            "shapes": int(np.unique(pairs.shapes).size),
+            "resamples": bootstrap.RESAMPLES,
+            "seed": bootstrap.SEED,
+            "confidence": bootstrap.CONFIDENCE,
+        },
+        "paired": paired(models, resampled),
+        "lookalikes": (
+            None  # every pair is its own nearest
+            if split == "train"
+            else lookalikes(data_dir, split, pairs, train, near, view.groups)
+        ),
         "paper": PAPER.get(split, {}),
     }
-    with whole_file(out_dir / PREDICTIONS) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            allow_pickle=False,
-            **{TRUTH: pairs.counts},
-            **predictions,
-            shape=pairs.shapes,
-            family=pairs.families,
-            **{name: getattr(pairs, name) for name in PRESS},
-        )
+    metrics["findings"] = findings(metrics)
+    _write_predictions(out_dir / PREDICTIONS, predictions, pairs)
     write_json(out_dir / METRICS, metrics)
     return metrics
 
 
-def table(metrics: dict[str, Any]) -> str:
-    """The overall figures of `evaluate` as lines of text, the paper's own below."""
-    names = [*metrics["models"], *(f"{name} (paper, hardware)" for name in metrics["paper"])]
-    rows = [model["overall"] for model in metrics["models"].values()]
-    rows += list(metrics["paper"].values())
-    cells = [["", *(title for _, title, _ in FIGURES)]]
-    for name, row in zip(names, rows, strict=True):
-        cells.append(
-            [name]
-            + [how.format(row[key]) if row.get(key) is not None else "-" for key, _, how in FIGURES]
-        )
-    widths = [max(len(row[i]) for row in cells) for i in range(len(cells[0]))]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in cells
-    ]
-    note = "The paper's rows are from real sensors and not to be compared one to one."
-    return "\n".join([f"{metrics['split']}, {metrics['pairs']} pairs", *lines, note])
+def evaluate_both(runs: list[Path], data_dir: Path, out_dir: Path) -> dict[str, dict[str, Any]]:
+    """`evaluate` of validation and test, into out_dir/val and out_dir/test.
+
+    Beside them go findings.json and results.md, a table in Markdown.
+
+    Returns both, by split. Raises T2TwinError as `evaluate` does.
+    """
+    metrics = {split: evaluate(runs, data_dir, split, out_dir / split) for split in SPLITS}
+    write_findings(metrics, out_dir)
+    with whole_file(out_dir / TABLE) as temporary:
+        temporary.write_text(markdown(metrics))
+    return metrics
 
 
-def _trivial(pairs: Pairs, data_dir: Path, cache: Path) -> dict[str, np.ndarray]:
-    train = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False, cache_dir=cache)
-    return {
+def write_findings(metrics: dict[str, dict[str, Any]], out_dir: Path) -> None:
+    """findings.json: each split's findings by its name, and "gap" between the two.
+
+    metrics: what `evaluate` returns, by split.
+    """
+    content = {split: metrics[split]["findings"] for split in SPLITS}
+    write_json(out_dir / FINDINGS, content | {"gap": gap(metrics["val"], metrics["test"])})
+
+
+def _without_runs(
+    data_dir: Path, pairs: Pairs, train: Pairs, near: Neighbours
+) -> dict[str, np.ndarray]:
+    found = {
         MEAN_ARRAY: np.tile(mean_array(train), (len(pairs), 1)),
-        NEAREST_NEIGHBOUR: nearest_neighbour(train, pairs.images),
+        NEAREST_NEIGHBOUR: train.counts[near.index[:, 0]],
     }
+    again = second_reading(pairs.counts, read_info(data_dir))
+    return found if again is None else found | {NOISE_FLOOR: again}
 
 
-def _figures(
-    name: str, predicted: np.ndarray, pairs: Pairs, phi: Phi, full_scale: float
-) -> dict[str, Any]:
-    figures = compare(predicted, pairs.counts, phi, full_scale, progress=f"figures of {name}")
+def _layout_floor(trained: list[Run], info: DataInfo, pairs: Pairs) -> dict[str, np.ndarray]:
+    """Of the first run that was trained on another layout, if any was."""
+    for run in trained:
+        if not same_layout(run.config.data, info.x_mm, info.y_mm):
+            kept = seen_through(run.config.data, info.x_mm, info.y_mm)
+            return {LAYOUT_FLOOR: (pairs.counts @ kept.T).astype(np.float32)}
+    return {}
 
+
+def _summaries(figures: Figures, pairs: Pairs, full_scale: float) -> dict[str, Any]:
     def each(names: np.ndarray) -> dict[str, dict[str, float | None]]:
         return {
             str(name): _json(figures.summary(full_scale, names == name))
@@ -158,6 +208,28 @@ def _json(summary: dict[str, float]) -> dict[str, float | None]:
     return {name: None if np.isnan(value) else value for name, value in summary.items()}
 
 
+def _json_of_view(view: View) -> dict[str, Any]:
+    return {
+        "width_mm": 2 * view.half_width_mm,
+        "height_mm": 2 * view.half_height_mm,
+        "pitch_mm": view.pitch_mm,
+        "taxels": {name: int(mask.sum()) for name, mask in view.groups.items()},
+    }
+
+
+def _write_predictions(path: Path, predictions: dict[str, np.ndarray], pairs: Pairs) -> None:
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            allow_pickle=False,
+            **{TRUTH: pairs.counts},
+            **predictions,
+            shape=pairs.shapes,
+            family=pairs.families,
+            **{name: getattr(pairs, name) for name in PRESS},
+        )
+
+
 def _named(runs: list[Path]) -> dict[str, Run]:
     """By model, and by folder too where two runs are of one model."""
     loaded = [load_run(run) for run in runs]
@@ -169,13 +241,3 @@ def _named(runs: list[Path]) -> dict[str, Run]:
     if len(set(names)) < len(names):
         names = [f"{run.config.model} ({run.run_dir})" for run in loaded]
     return dict(zip(names, loaded, strict=True))
-
-
-def _check_layout(run: Run, info: DataInfo, data_dir: Path) -> None:
-    own = run.config.data
-    same = own.x_mm.shape == info.x_mm.shape and np.allclose(own.x_mm, info.x_mm)
-    if not (same and np.allclose(own.y_mm, info.y_mm)):
-        raise T2TwinError(
-            f"{run.run_dir} was trained for the taxel layout {own.layout} ({own.x_mm.size} taxels) "
-            f"and {data_dir} has {info.layout} ({info.x_mm.size}); they must be the same"
-        )

@@ -3,8 +3,6 @@
 Shape letters: B images, R rows, C columns, N taxels, S the run's image side.
 """
 
-import csv
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,14 +14,13 @@ from torch.nn import functional
 from tqdm import tqdm
 
 from primitives_cad.errors import T2TwinError
-from primitives_cad.writing import whole_file
+from sim.cyskin.layout import load_layout
 from translate import distributed
 from translate.checkpoint import load_weights
 from translate.data import ImageFile
-from translate.files import write_json
-from translate.images import open_image, to_input, to_pixels
+from translate.images import to_input, to_pixels
+from translate.networks.fused import fuse
 from translate.phi import TACTILE_SHAPE, Phi
-from translate.picture import tactile_picture
 from translate.resnet18 import Regression
 from translate.run import BEST, Config, build, has_bf16, load_config
 from translate.touch2touch import Touch2Touch
@@ -46,11 +43,15 @@ class Run:
         return Phi(self.config.data.x_mm, self.config.data.y_mm)
 
     def predict(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
-        """Counts of DIGIT images. images: (B, h, w, 3) or (B, h, w) uint8, any h and w.
+        """Counts of one DIGIT frame, or of several.
 
-        Returns (B, N) float32, within nought and full scale.
+        images: a frame, (h, w, 3) or (h, w) uint8, any h and w, colours in the order red, green,
+        blue; or several, (B, h, w, 3) or (B, h, w), or a list of frames. An array of three axes
+        whose last has length 3 is one frame in colour.
+        Returns (N,) float32 of one frame, (B, N) of several, within nought and full scale.
         """
-        return self.predict_pixels(self._pixels(images))
+        counts = self.predict_pixels(self._pixels(images))
+        return counts[0] if _is_frame(images) else counts
 
     def predict_pixels(
         self, pixels: np.ndarray | ImageFile, progress: str | None = None
@@ -66,13 +67,18 @@ class Run:
         return np.concatenate(counts)
 
     def tactile_images(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
-        """Tactile images of DIGIT images, given as for `predict`: (B, R, C) float32, counts.
+        """Tactile images of DIGIT frames, given as for `predict`: (R, C) or (B, R, C), counts.
 
         touch2touch's are what its generator drew, resized; ResNet18's are phi of its counts.
         """
-        return self._counts_and_tactile_images(self._pixels(images))[1]
+        tactile = self.counts_and_tactile_images(self._pixels(images))[1]
+        return tactile[0] if _is_frame(images) else tactile
 
-    def _counts_and_tactile_images(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def counts_and_tactile_images(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Both at once, of images already at the run's size and colour, (B, S, S, c) uint8.
+
+        Returns (B, N) and (B, R, C) float32, counts.
+        """
         inputs = to_input(pixels.astype(np.float32) / 255.0)
         if isinstance(self.translator, Touch2Touch):
             drawn = self.translator.draw(inputs)
@@ -86,9 +92,9 @@ class Run:
         """(B, S, S, c) uint8. Raises T2TwinError for arrays that are no 8-bit images."""
         preset = self.config.preset
         pixels = [np.empty((0, preset.size, preset.size, 1 if preset.grey else 3), np.uint8)]
-        for image in images:
-            of_images = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
-            if image.dtype != np.uint8 or not of_images:
+        frames = [images] if _is_frame(images) else images
+        for image in map(np.asarray, frames):
+            if image.dtype != np.uint8 or not _is_frame(image) or not image.size:
                 raise T2TwinError(
                     f"an image has shape {image.shape} and type {image.dtype}; it must be "
                     "(h, w, 3) or (h, w) of uint8"
@@ -97,88 +103,32 @@ class Run:
         return np.concatenate(pixels)
 
 
-def load_run(run_dir: Path) -> Run:
-    """A run's best weights, ready to predict. Raises T2TwinError where the folder holds none."""
+def load_run(run_dir: Path, layout: str | Path | None = None) -> Run:
+    """A run's best weights, ready to predict.
+
+    layout: a taxel layout's name or file to read a touch2touch run at, its own unless given.
+    Raises T2TwinError where the folder holds no run, and for a layout that it cannot be read at.
+    """
     config = load_config(run_dir)
     distributed.use_all_cores()
     translator = build(config)
     translator.bf16 = config.preset.bf16 and has_bf16()
     load_weights(run_dir / BEST, translator.predictor)
-    translator.predictor.eval()
-    return Run(run_dir, config, translator)
+    fuse(translator.predictor)
+    run = Run(run_dir, config, translator)
+    if layout is None:
+        return run
+    from translate.layouts import for_layout  # which knows what a Run is
+
+    places = load_layout(layout)
+    return for_layout(run, places.x_mm, places.y_mm, places.name)
 
 
-def translate_images(run_dir: Path, image_paths: Sequence[Path], out_dir: Path) -> np.ndarray:
-    """Translates image files; writes counts.csv, counts.json and one tactile image each.
-
-    image_paths: PNG or JPEG, any size, grey, colour or 16-bit; upright as the DIGIT gives them,
-    rows along the sensor's length. Tactile images are named by their inputs, `press.png` for
-    `press.jpg`; of two inputs with one name the second gets `press-2.png`.
-    Returns the counts, (B, N) float32.
-    Raises T2TwinError, before anything is written, for an empty list, a file that is missing or
-    is no image, and a folder that is no run.
-    """
-    if not image_paths:
-        raise T2TwinError("there is no image to translate; give at least one PNG or JPEG file")
-    for path in image_paths:
-        open_image(path)
-    run = load_run(run_dir)
-    preset, info = run.config.preset, run.config.data
-    names = _output_names(image_paths)
-    counts = np.empty((len(image_paths), info.x_mm.size), np.float32)
-    out_dir.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".translate-", dir=out_dir) as folder:
-        for part in _parts(len(image_paths), "translating" if len(image_paths) > 1 else None):
-            pixels = np.stack(
-                [to_pixels(open_image(p), preset.size, preset.grey) for p in image_paths[part]]
-            )
-            counts[part], tactile = run._counts_and_tactile_images(pixels)
-            for name, image in zip(names[part], tactile, strict=True):
-                picture = tactile_picture(image, info.x_mm, info.y_mm, info.full_scale_counts)
-                picture.save(Path(folder) / name)
-        for name in names:
-            (Path(folder) / name).replace(out_dir / name)
-    _write_counts(out_dir, run, image_paths, names, counts)
-    return counts
-
-
-def _write_counts(
-    out_dir: Path, run: Run, image_paths: Sequence[Path], names: list[str], counts: np.ndarray
-) -> None:
-    rounded = np.rint(counts).astype(int)
-    with whole_file(out_dir / "counts.csv") as temporary, temporary.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(["image", *(f"taxel_{n}" for n in range(counts.shape[1]))])
-        for path, row in zip(image_paths, rounded, strict=True):
-            writer.writerow([str(path), *row.tolist()])
-    info = run.config.data
-    content = {
-        "model": run.config.model,
-        "preset": run.config.preset.name,
-        "layout": info.layout,
-        "layout_x_mm": info.x_mm.tolist(),
-        "layout_y_mm": info.y_mm.tolist(),
-        "full_scale_counts": info.full_scale_counts,
-        "images": [
-            {"image": str(path), "tactile_image": name, "counts": row.tolist()}
-            for path, name, row in zip(image_paths, names, rounded, strict=True)
-        ],
-    }
-    write_json(out_dir / "counts.json", content)
-
-
-def _output_names(image_paths: Sequence[Path]) -> list[str]:
-    """One PNG name an input, all different, whatever the case of the letters."""
-    names: list[str] = []
-    taken: set[str] = set()
-    for path in image_paths:
-        name, number = f"{path.stem}.png", 1
-        while name.lower() in taken:
-            number += 1
-            name = f"{path.stem}-{number}.png"
-        taken.add(name.lower())
-        names.append(name)
-    return names
+def _is_frame(images: np.ndarray | Sequence[np.ndarray]) -> bool:
+    """Whether this is one frame, grey or in colour, and not several."""
+    if not isinstance(images, np.ndarray):
+        return False
+    return images.ndim == 2 or (images.ndim == 3 and images.shape[2] == 3)
 
 
 def _parts(size: int, progress: str | None) -> list[slice] | tqdm:

@@ -10,6 +10,7 @@ from translate.cli import (
     calibrate,
     doctor,
     evaluate,
+    export,
     import_pairs,
     press,
     primitives,
@@ -28,6 +29,7 @@ COMMANDS = {
     "train": train.train,
     "evaluate": evaluate.evaluate,
     "translate": translate.translate,
+    "export": export.export,
     "report": report.report,
     "doctor": doctor.doctor,
 }

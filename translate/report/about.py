@@ -90,6 +90,19 @@ def _runs(material: Material) -> list[str]:
             "note",
         )
     )
+    other = {
+        name_of(name): model["trained_layout"]
+        for name, model in material.evaluated["val"].metrics["models"].items()
+        if "run" in model and model["trained_layout"] != material.layout.layout
+    }
+    if other:
+        named = ", ".join(f"{name} ({layout})" for name, layout in other.items())
+        parts.append(
+            markup.paragraph(
+                f"Trained on another taxel layout than {material.layout.layout}, which is read "
+                f"from the tactile images that the generator draws: {named}."
+            )
+        )
     elsewhere = [
         name_of(name)
         for name in material.runs

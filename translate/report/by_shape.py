@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from primitives_cad import catalogue
-from translate.evaluate import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from translate.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
 from translate.report import markup
 from translate.report.figures import figure
 from translate.report.material import SHOWN, Material

@@ -57,7 +57,7 @@ def table(
     """A table of figures.
 
     heads: rows of (text, columns it spans). groups: a title over its rows ("" for none), each row
-    a name and its cells.
+    a name and its cells; a row without a name belongs to the one above and is drawn paler.
     """
     columns = sum(span for _, span in heads[0])
     head = "".join(
@@ -72,8 +72,9 @@ def table(
                 "</tr>"
             )
         for name, *cells in rows:
+            kind = "" if name else ' class="span"'
             lines.append(
-                f'<tr><th scope="row">{escape(name)}</th>'
+                f'<tr{kind}><th scope="row">{escape(name)}</th>'
                 + "".join(f"<td>{escape(cell)}</td>" for cell in cells)
                 + "</tr>"
             )

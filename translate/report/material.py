@@ -13,7 +13,7 @@ from primitives_cad.errors import T2TwinError
 from sim.dataset import SPLITS, read_info, read_split, shard_path, taxels
 from sim.png import decode_png
 from translate.data import DataInfo, load_info
-from translate.evaluate import METRICS, PREDICTIONS, TRUTH, evaluate
+from translate.evaluate import FORMAT, METRICS, PREDICTIONS, TRUTH, evaluate, write_findings
 from translate.phi import Phi
 from translate.predict import Run, load_run
 from translate.run import BEST, LOG, Config
@@ -134,7 +134,8 @@ def gather_dataset(data: Path) -> Dataset:
 
 
 def gather(out: Path, data: Path, runs: list[Path]) -> Material:
-    """Reads the dataset and the runs, and evaluates them into out/evaluate-val and -test.
+    """Reads the dataset and the runs, and evaluates them into out/evaluate-val and -test, with
+    out/findings.json.
 
     An evaluation that is there already, of the same runs and dataset, is read again instead.
     Raises T2TwinError, before anything is written, for a dataset, a run or a folder that cannot be
@@ -151,6 +152,7 @@ def gather(out: Path, data: Path, runs: list[Path]) -> Material:
     for run in loaded.values():
         _check_finished(run.run_dir, run.config, histories[run.run_dir])
     evaluated = {split: _evaluated(runs, data, dataset.layout, split, out) for split in SHOWN}
+    write_findings({split: one.metrics for split, one in evaluated.items()}, out)
     names = {
         model["run"]: name
         for name, model in evaluated["val"].metrics["models"].items()
@@ -219,7 +221,11 @@ def _earlier(folder: Path, runs: list[Path], info: DataInfo) -> dict[str, Any] |
     try:
         metrics = json.loads(path.read_text())
         of_runs = [m["run"] for m in metrics["models"].values() if "run" in m]
-        same = metrics["info_sha256"] == info.sha256 and of_runs == [str(run) for run in runs]
+        same = (
+            metrics["format"] == FORMAT
+            and metrics["info_sha256"] == info.sha256
+            and of_runs == [str(run) for run in runs]
+        )
     except (ValueError, KeyError, TypeError, AttributeError):
         return None
     newer = all(made >= (run / BEST).stat().st_mtime for run in runs)

@@ -1,10 +1,13 @@
 """Names and colours, the same on the whole page."""
 
-from translate.evaluate import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from translate.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from translate.evaluate import LAYOUT_FLOOR, NOISE_FLOOR
 
 NAMES = {
     MEAN_ARRAY: "mean array",
     NEAREST_NEIGHBOUR: "nearest neighbour",
+    NOISE_FLOOR: "noise floor",
+    LAYOUT_FLOOR: "layout floor",
     "resnet18": "ResNet18",
     "touch2touch": "touch2touch",
 }

@@ -10,9 +10,12 @@ from primitives_cad.writing import whole_file
 from translate.report import (
     about,
     by_shape,
+    by_view,
     curves,
+    finding,
     forces,
     limits,
+    lookalikes,
     pairs,
     qualitative,
     results,
@@ -54,6 +57,8 @@ th { font-weight: 600; text-align: left; }
 .figures tbody th { font-weight: 400; white-space: nowrap; }
 .figures td { text-align: right; white-space: nowrap; border-bottom: 1px solid #eee; }
 .figures tbody th { border-bottom: 1px solid #eee; }
+.figures .span td, .figures .span th { color: #666; font-size: 0.82rem; padding-top: 0; }
+.figures tr:has(+ .span) > * { border-bottom: 0; padding-bottom: 0; }
 .figures .group th { font-weight: 600; padding-top: 0.7rem; border-bottom: 1px solid #999; }
 @media print {
   body { max-width: none; font-size: 10pt; padding: 0; }
@@ -70,6 +75,9 @@ th { font-weight: 600; text-align: left; }
 
 LINKS = {
     "results": "Results",
+    "finding": "The paper's finding",
+    "by-view": "By view",
+    "lookalikes": "Look-alikes",
     "samples": "Samples",
     "pairs": "Pairs",
     "shapes": "Shapes",
@@ -84,14 +92,18 @@ def write_report(out: Path, data: Path, runs: list[Path]) -> Path:
     """Writes out/index.html, with every picture in it, and returns its path.
 
     data: a finished dataset with all three splits. runs: folders of finished trainings. Both
-    evaluations are left in out/evaluate-val and out/evaluate-test.
+    evaluations are left in out/evaluate-val and out/evaluate-test, the findings in
+    out/findings.json.
     Raises T2TwinError, before anything is written, for a dataset or a run that is missing or
-    unfinished, and a run of another taxel layout.
+    unfinished, and a run that cannot give the dataset's taxel layout.
     """
     material = gather(Path(out), Path(data), [Path(run) for run in runs])
     sections: list[Callable[[], str]] = [
         lambda: about.section(material),
         lambda: results.section(material),
+        lambda: finding.section(material),
+        lambda: by_view.section(material),
+        lambda: lookalikes.section(material),
         lambda: qualitative.section(material),
         lambda: pairs.section(material),
         lambda: shapes.section(),

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from translate.evaluate import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from translate.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from translate.evaluate import LAYOUT_FLOOR, NOISE_FLOOR
 from translate.report import markup
 from translate.report.material import SHOWN, Material
 from translate.report.names import name_of
@@ -12,6 +13,7 @@ SPLIT_NAMES = {"val": "Validation, unseen versions", "test": "Test, objects"}
 WHERE = {"val": "On validation", "test": "On the objects"}
 NONE = "–"
 
+SHORT = (("rmse_counts", "{:,.0f}"), ("rmse_percent", "{:.2f}"), ("ssim", "{:.3f}"))
 RATIOS = (
     ("ssim_contact", "SSIM in contact", "{:.3f}"),
     ("contact_iou", "Contact IoU", "{:.3f}"),
@@ -23,6 +25,7 @@ RATIOS = (
 def section(material: Material) -> str:
     """The two tables and the sentences that the numbers make."""
     metrics = {split: material.evaluated[split].metrics for split in SHOWN}
+    how = metrics["val"]["bootstrap"]
     return markup.section(
         "results",
         "Results",
@@ -34,7 +37,8 @@ def section(material: Material) -> str:
                 "of which set. What can be compared is how far each model is from a predictor that "
                 "learns nothing. Mean array: the mean of the training set's arrays, whatever the "
                 "picture. Nearest neighbour: the array of the training pair whose DIGIT picture is "
-                "nearest.",
+                f"nearest.{_floors(metrics['val'])} Pale: {100 * how['confidence']:.0f} % "
+                "intervals, by bootstrap over shapes.",
                 "note",
             ),
             markup.items(sentences(metrics)),
@@ -66,6 +70,19 @@ def sentences(metrics: dict[str, dict[str, Any]]) -> list[str]:
     ]
 
 
+def _floors(metrics: dict[str, Any]) -> str:
+    """What the rows are that no predictor is expected to pass."""
+    said = ""
+    if NOISE_FLOOR in metrics["models"]:
+        said += " Noise floor: the same press read twice by the CySkin."
+    if LAYOUT_FLOOR in metrics["models"]:
+        said += (
+            " Layout floor: the nearest to the true array that a tactile image of the layout "
+            "trained on can say."
+        )
+    return said
+
+
 def counts(value: float) -> str:
     return f"{value:,.0f}"
 
@@ -87,10 +104,11 @@ def _paper_table(metrics: dict[str, dict[str, Any]]) -> str:
             *[("sqrt(L3), counts", 1), (f"% of {full_scale:,.0f}", 1), ("SSIM", 1)] * len(SHOWN),
         ],
     ]
-    here = [
-        [name_of(name), *_cells([metrics[split]["models"][name]["overall"] for split in SHOWN])]
-        for name in metrics["val"]["models"]
-    ]
+    here = []
+    for name in metrics["val"]["models"]:
+        models = [metrics[split]["models"][name] for split in SHOWN]
+        here.append([name_of(name), *_cells([model["overall"] for model in models])])
+        here.append(["", *(_span(m["interval"][key], how) for m in models for key, how in SHORT)])
     paper = [
         [name_of(name), *_cells([metrics[split]["paper"][name] for split in SHOWN], "{:.2f}")]
         for name in metrics["val"]["paper"]
@@ -112,22 +130,25 @@ def _further_table(metrics: dict[str, dict[str, Any]]) -> str:
         [("", 1), *((SPLIT_NAMES[split], len(RATIOS)) for split in SHOWN)],
         [("", 1), *[(title, 1) for _, title, _ in RATIOS] * len(SHOWN)],
     ]
-    rows = [
-        [
-            name_of(name),
-            *(
-                _figure(metrics[split]["models"][name]["overall"][key], how)
-                for split in SHOWN
-                for key, _, how in RATIOS
-            ),
-        ]
-        for name in metrics["val"]["models"]
-    ]
+    rows = []
+    for name in metrics["val"]["models"]:
+        models = [metrics[split]["models"][name] for split in SHOWN]
+        rows.append(
+            [
+                name_of(name),
+                *(_figure(m["overall"][k], how) for m in models for k, _, how in RATIOS),
+            ]
+        )
+        rows.append(["", *(_span(m["interval"][k], how) for m in models for k, _, how in RATIOS)])
     return markup.table(heads, [("", rows)])
 
 
 def _split_title(split: str, metrics: dict[str, Any]) -> str:
     return f"{SPLIT_NAMES[split]} ({metrics['pairs']:,} pairs)"
+
+
+def _span(span: list[float] | None, how: str) -> str:
+    return "" if span is None else f"{how.format(span[0])}–{how.format(span[1])}"
 
 
 def _figure(value: float | None, how: str) -> str:

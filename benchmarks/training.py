@@ -1,0 +1,235 @@
+"""Training throughput: `t2twin train` against the loop that one would write first.
+
+    python -m benchmarks.training [--data DIR]
+
+The same networks at preset cpu, with the same batch, on the same pairs, turn by turn on the same
+machine. The plain loop computes in float32 on contiguous tensors, takes every picture from its PNG
+in the Parquet files anew each epoch through a DataLoader in the main process, and steps with Adam
+as it comes. It leaves out the augmentation that the preset asks of t2twin. An epoch of either ends
+with the validation, which is in its time; the first decoding, the estimate and saving are not.
+Without --data a data set of scale smoke is made for it. Writes benchmarks/results/training.json.
+"""
+
+import argparse
+import io
+import json
+import os
+import platform
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import torch
+from PIL import Image
+from torch import nn
+from torch.utils.data import DataLoader, Dataset
+
+from primitives_cad.writing import whole_file
+from sim.generate import generate
+from translate.data import DataInfo, load_info
+from translate.distributed import use_all_cores
+from translate.images import RGB_MEAN, RGB_STD
+from translate.networks.patchgan import PatchGAN
+from translate.networks.resnet18 import ResNet18
+from translate.networks.unet import UNet
+from translate.phi import Phi
+from translate.presets import MODELS, PRESETS, Model, Preset
+from translate.run import LOG, has_bf16
+from translate.train import train
+
+PRESET = "cpu"
+ROUNDS = 3
+LEAST_STEPS = 24
+"""Steps of a round, at least; as many epochs as that takes."""
+LEAST_RATIO = 1.5
+RESULTS = Path(__file__).parent / "results" / "training.json"
+
+
+class PngPairs(Dataset):
+    """A split's pairs, decoded when they are asked for: image (c, S, S) and counts (N,)."""
+
+    def __init__(self, data_dir: Path, split: str, preset: Preset) -> None:
+        self.preset = preset
+        self.rows = []
+        for path in sorted((data_dir / split).glob("*.parquet")):
+            self.rows += pq.read_table(path, columns=["image", "taxels"]).to_pylist()
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, index: int) -> tuple[torch.Tensor, torch.Tensor]:
+        row, size = self.rows[index], (self.preset.size, self.preset.size)
+        with Image.open(io.BytesIO(row["image"]["bytes"])) as image:
+            pixels = image.convert("L" if self.preset.grey else "RGB").resize(
+                size, Image.Resampling.BILINEAR
+            )
+        scaled = np.asarray(pixels, dtype=np.float32) / 255.0
+        scaled = 2.0 * scaled[:, :, None] - 1.0 if self.preset.grey else _normalised(scaled)
+        counts = torch.tensor(row["taxels"], dtype=torch.float32)
+        return torch.from_numpy(np.ascontiguousarray(scaled.transpose(2, 0, 1))), counts
+
+
+class PlainResNet18:
+    """Regression on the counts in parts of full scale."""
+
+    def __init__(self, preset: Preset, info: DataInfo) -> None:
+        self.full_scale = info.full_scale_counts
+        self.network = ResNet18(info.x_mm.size, preset.filters)
+        self.networks: list[nn.Module] = [self.network]
+        self.optimizer = _adam(self.network, preset)
+
+    def step(self, images: torch.Tensor, counts: torch.Tensor) -> None:
+        self.optimizer.zero_grad()
+        loss = nn.functional.mse_loss(self.network(images), counts / self.full_scale)
+        loss.backward()
+        self.optimizer.step()
+        loss.item()
+
+    def predict(self, images: torch.Tensor) -> torch.Tensor:
+        return self.network(images) * self.full_scale
+
+
+class PlainTouch2Touch:
+    """pix2pix: the discriminator's step, then the generator's."""
+
+    def __init__(self, preset: Preset, info: DataInfo) -> None:
+        self.full_scale, self.l1_weight = info.full_scale_counts, preset.l1_weight
+        self.phi = Phi(info.x_mm, info.y_mm).resized((preset.size, preset.size))
+        self.generator = UNet(preset.size, preset.filters)
+        self.discriminator = PatchGAN(filters=preset.filters)
+        self.networks: list[nn.Module] = [self.generator, self.discriminator]
+        self.generator_adam = _adam(self.generator, preset)
+        self.discriminator_adam = _adam(self.discriminator, preset)
+        self.adversarial = nn.BCEWithLogitsLoss()
+
+    def step(self, images: torch.Tensor, counts: torch.Tensor) -> None:
+        real = self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
+        fake = self.generator(images)
+
+        self.discriminator_adam.zero_grad()
+        of_real = self.discriminator(images, real)
+        of_fake = self.discriminator(images, fake.detach())
+        discriminator_loss = 0.5 * (
+            self.adversarial(of_real, torch.ones_like(of_real))
+            + self.adversarial(of_fake, torch.zeros_like(of_fake))
+        )
+        discriminator_loss.backward()
+        self.discriminator_adam.step()
+
+        self.generator_adam.zero_grad()
+        for parameter in self.discriminator.parameters():
+            parameter.requires_grad = False
+        of_fake = self.discriminator(images, fake)
+        loss = self.adversarial(of_fake, torch.ones_like(of_fake))
+        loss = loss + self.l1_weight * nn.functional.l1_loss(fake, real)
+        loss.backward()
+        for parameter in self.discriminator.parameters():
+            parameter.requires_grad = True
+        self.generator_adam.step()
+        discriminator_loss.item()
+        loss.item()
+
+    def predict(self, images: torch.Tensor) -> torch.Tensor:
+        return self.phi.from_torch((self.generator(images) + 1.0) * (self.full_scale / 2.0))
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Training throughput against a plain loop.")
+    parser.add_argument("--data", type=Path, metavar="DIR", help="a data set; smoke unless given")
+    given: Path | None = parser.parse_args().data
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        data_dir = given or folder / "data"
+        if given is None:
+            generate(data_dir, "smoke", seed=0)
+        models = {model: _measure(model, data_dir, folder) for model in MODELS}
+    found = {
+        "command": "python -m benchmarks.training" + (" --data DIR" if given else ""),
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+        "threads": torch.get_num_threads(),
+        "load_average": os.getloadavg()[0],
+        "preset": PRESET,
+        "bf16": has_bf16(),
+        "rounds": ROUNDS,
+        "least_ratio": LEAST_RATIO,
+        "models": models,
+    }
+    for model, figures in models.items():
+        for name, value in figures.items():
+            print(f"training.{model}.{name:28s} {value}")
+    with whole_file(RESULTS) as out:
+        out.write_text(json.dumps(found, indent=2) + "\n")
+    return 0 if all(each["ratio"] >= LEAST_RATIO for each in models.values()) else 1
+
+
+def _measure(model: Model, data_dir: Path, folder: Path) -> dict[str, Any]:
+    """Images a second of both, the medians of the rounds, and the median of the rounds' ratios."""
+    preset = PRESETS[model][PRESET]
+    use_all_cores()
+    splits = {split: PngPairs(data_dir, split, preset) for split in ("train", "val")}
+    steps = len(splits["train"]) // preset.batch
+    epochs = -(-LEAST_STEPS // steps)
+    ours, plain = [], []
+    for number in range(ROUNDS):
+        ours.append(_ours(model, data_dir, folder / f"{model}-{number}", epochs))
+        plain.append(_plain(model, preset, splits, load_info(data_dir), epochs))
+    images = epochs * steps * preset.batch
+    return {
+        "pairs": len(splits["train"]),
+        "validated_on": len(splits["val"]),
+        "batch": preset.batch,
+        "steps_a_round": epochs * steps,
+        "images_a_second": images / statistics.median(ours),
+        "plain_images_a_second": images / statistics.median(plain),
+        "ratio": statistics.median(slow / fast for slow, fast in zip(plain, ours, strict=True)),
+    }
+
+
+def _ours(model: Model, data_dir: Path, run_dir: Path, epochs: int) -> float:
+    """Seconds of the epochs by the run's own log."""
+    train(model, data_dir, PRESET, run_dir, epochs=epochs)
+    records = map(json.loads, (run_dir / LOG).read_text().splitlines())
+    return sum(record["seconds"] for record in records)
+
+
+def _plain(
+    model: Model, preset: Preset, splits: dict[str, PngPairs], info: DataInfo, epochs: int
+) -> float:
+    """Seconds of the same epochs in the plain loop."""
+    loader = DataLoader(splits["train"], preset.batch, shuffle=True, drop_last=True)
+    validation = DataLoader(splits["val"], preset.batch)
+    kind = PlainTouch2Touch if model == "touch2touch" else PlainResNet18
+    translator = kind(preset, info)
+    started = time.perf_counter()
+    for _ in range(epochs):
+        for network in translator.networks:
+            network.train()
+        for images, counts in loader:
+            translator.step(images, counts)
+        for network in translator.networks:
+            network.eval()
+        squares = 0.0
+        with torch.no_grad():
+            for images, counts in validation:
+                squares += (translator.predict(images) - counts).square().sum().item()
+    return time.perf_counter() - started
+
+
+def _adam(network: nn.Module, preset: Preset) -> torch.optim.Adam:
+    return torch.optim.Adam(
+        network.parameters(), preset.learning_rate, (preset.beta1, preset.beta2)
+    )
+
+
+def _normalised(pixels: np.ndarray) -> np.ndarray:
+    return (pixels - RGB_MEAN) / RGB_STD
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,155 @@
+"""The ONNX file gives the run's counts, for any batch, and says what it is; the model card too."""
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+from spots import write_spots
+
+from primitives_cad.errors import T2TwinError
+from translate.card import write_card
+from translate.cli import main
+from translate.export import export_onnx
+from translate.predict import load_run
+from translate.presets import PRESETS
+from translate.run import load_config
+from translate.train import train
+
+onnx = pytest.importorskip("onnx")
+onnxruntime = pytest.importorskip("onnxruntime")
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_spots(tmp_path_factory.mktemp("spots") / "data")
+
+
+@pytest.fixture(scope="module", params=["touch2touch", "resnet18"])
+def run_dir(
+    request: pytest.FixtureRequest, data_dir: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Path:
+    folder = tmp_path_factory.mktemp("runs") / request.param
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OMP_NUM_THREADS", "1")
+        train(request.param, data_dir, "smoke", folder, epochs=4)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def session(run_dir: Path, tmp_path_factory: pytest.TempPathFactory):
+    path = tmp_path_factory.mktemp("onnx") / "run.onnx"
+    assert export_onnx(load_run(run_dir), path) < 1.0
+    assert [file.name for file in path.parent.iterdir()] == ["run.onnx"]
+    return onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+
+
+@pytest.mark.parametrize("size", [1, 5])
+def test_counts_and_tactile_images_are_the_runs(run_dir: Path, session, size: int) -> None:
+    """From a user's side: frames resized with PIL, float32 in [0, 1], channels first."""
+    run = load_run(run_dir)
+    side, grey = run.config.preset.size, run.config.preset.grey
+    frames = np.random.default_rng(1).integers(0, 256, (size, 320, 240, 3), dtype=np.uint8)
+    images = np.empty((size, 1 if grey else 3, side, side), np.float32)
+    for image, frame in zip(images, frames, strict=True):
+        picture = Image.fromarray(frame).convert("L" if grey else "RGB")
+        pixels = np.asarray(picture.resize((side, side), Image.Resampling.BILINEAR))
+        image[:] = (pixels[None] if grey else pixels.transpose(2, 0, 1)) / 255.0
+    counts, tactile = session.run(None, {"images": images})
+    assert counts.shape == (size, 20) and tactile.shape == (size, 396, 240)
+    expected = run.predict(frames)
+    assert expected.std() > 100
+    np.testing.assert_allclose(counts, expected, atol=1.0)
+    np.testing.assert_allclose(tactile, run.tactile_images(frames), atol=1.0)
+
+
+def test_file_says_what_it_is(run_dir: Path, session) -> None:
+    config = load_config(run_dir)
+    said = session.get_modelmeta().custom_metadata_map
+    assert said["model"] == config.model == run_dir.name
+    assert (said["preset"], said["layout"]) == ("smoke", "cyskin-20")
+    assert said["full_scale_counts"] == "40000"
+    assert said["colour"] == ("grey" if run_dir.name == "touch2touch" else "rgb")
+    assert int(said["size"]) == config.preset.size
+    assert json.loads(said["layout_x_mm"]) == config.data.x_mm.tolist()
+    assert session.get_inputs()[0].shape[0] == "batch"
+    assert "[0, 1]" in session.get_modelmeta().description
+
+
+def test_command_writes_into_the_runs_folder(
+    run_dir: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["export", str(run_dir)])
+    path = run_dir / f"{run_dir.name}.onnx"
+    onnx.checker.check_model(path, full_check=True)
+    assert f"written to {path}" in capsys.readouterr().out
+
+
+def test_missing_package_and_run_get_a_sentence(
+    run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(T2TwinError, match="holds no config"):
+        load_run(tmp_path)
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(T2TwinError, match="t2twin\\[onnx\\]"):
+        export_onnx(load_run(run_dir), tmp_path / "run.onnx")
+    assert not list(tmp_path.iterdir())
+
+
+def test_card_says_what_the_run_is(run_dir: Path, data_dir: Path) -> None:
+    write_card(run_dir, data_dir)
+    _, head, text = (run_dir / "README.md").read_text().split("---\n", 2)
+    best = min(
+        map(json.loads, (run_dir / "log.jsonl").read_text().splitlines()),
+        key=lambda record: record["val_rmse_counts"],
+    )
+    about = yaml.safe_load(head)
+    assert about["license"] == "mit"
+    assert run_dir.name in about["tags"]
+    [result] = about["model-index"][0]["results"]
+    assert result["metrics"][0]["value"] == pytest.approx(best["val_rmse_counts"], abs=0.1)
+    config = load_config(run_dir)
+    for words in (
+        config.data.sha256,
+        "32 train, 12 val, 8 test",
+        "| scale | smoke |",
+        f"epoch {best['epoch']} of the 4",
+        f"| learning_rate | {PRESETS[run_dir.name]['smoke'].learning_rate:g} |",  # pyright: ignore[reportArgumentType]
+        "arXiv:2411.02187",
+        "## What it is not good for",
+    ):
+        assert words in text, words
+
+
+def test_cards_lines_of_code_work(
+    run_dir: Path, data_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_card(run_dir, data_dir)
+    code = (run_dir / "README.md").read_text().split("```python\n")[1].split("```")[0]
+    monkeypatch.chdir(run_dir.parent)
+    names = {"frame": np.zeros((320, 240, 3), np.uint8)}
+    exec(code, names)
+    assert names["counts"].shape == (20,)
+
+
+def test_card_of_pairs_brought_in_gives_no_licence_away(data_dir: Path, tmp_path: Path) -> None:
+    folder = write_spots(tmp_path / "data")
+    info = json.loads((folder / "info.json").read_text())
+    del info["scale"]
+    (folder / "info.json").write_text(json.dumps(info))
+    train("resnet18", folder, "smoke", tmp_path / "run", epochs=1)
+    write_card(tmp_path / "run", folder)
+    text = (tmp_path / "run" / "README.md").read_text()
+    assert yaml.safe_load(text.split("---\n")[1])["license"] == "unknown"
+    assert "simulat" not in text
+    with pytest.raises(T2TwinError, match="is not the data set"):
+        write_card(tmp_path / "run", data_dir)
+
+
+def test_card_needs_an_epoch(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text((run_dir / "config.json").read_text())
+    with pytest.raises(T2TwinError, match="not finished its first epoch"):
+        write_card(tmp_path, data_dir)

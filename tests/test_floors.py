@@ -1,0 +1,232 @@
+"""Floors, intervals and findings on cases whose answers are known."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim.cyskin.layout import load_layout
+from sim.generate import generate
+from translate import bootstrap
+from translate.baselines import FEATURE_SIZE, NEAREST_NEIGHBOUR, Neighbours
+from translate.data import Pairs, load_pairs
+from translate.evaluate import NOISE_FLOOR, _without_runs
+from translate.findings import findings, gap, paired
+from translate.lookalikes import CLOSE, _floor, lookalikes, noise_distance_grey
+from translate.metrics import Figures
+from translate.noise_floor import second_reading
+
+FULL_SCALE = 40000.0
+SHAPES = ("circle-1", "square-1", "circle-3", "square-3")
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory, shape_cache: Path) -> Path:
+    folder = tmp_path_factory.mktemp("floors") / "data"
+    generate(folder, "smoke", workers=1, shapes=SHAPES, cache=shape_cache)
+    return folder
+
+
+def info_with(**flaws: Any) -> dict[str, Any]:
+    layout = load_layout()
+    none = {"white_counts": 0.0, "drift_share": 0.0, "drift_counts": 0.0, "hysteresis": 0.0,
+            "crosstalk": 0.0, "gain_spread": 0.0, "dead": []}  # fmt: skip
+    return {
+        "layout": layout.name,
+        "layout_x_mm": layout.x_mm.tolist(),
+        "layout_y_mm": layout.y_mm.tolist(),
+        "parameters": {
+            "cyskin": {
+                "imperfections": none | flaws,
+                "pad_diameter_mm": layout.pad_diameter_mm.tolist(),
+            }
+        },
+    }
+
+
+def test_two_readings_differ_by_the_noise_of_both() -> None:
+    """White noise of 100 counts a reading, five readings a sample: sqrt(2 / 5) of it."""
+    stored = np.full((500, 20), 9000.0)
+    again = second_reading(stored, info_with(white_counts=100.0))
+    assert again is not None
+    apart = again - stored
+    assert np.sqrt(np.square(apart).mean()) == pytest.approx(100.0 * np.sqrt(2 / 5), rel=0.03)
+    assert abs(apart.mean()) < 3.0
+    once_more = second_reading(stored, info_with(white_counts=100.0))
+    assert once_more is not None and np.array_equal(again, once_more)
+
+
+def test_flaws_for_good_cancel_between_readings() -> None:
+    stored = np.random.default_rng(0).uniform(1000, 20000, (30, 20))
+    same = second_reading(stored, info_with(gain_spread=0.1, crosstalk=0.02, dead=[3]))
+    assert same is not None
+    np.testing.assert_allclose(same, stored, rtol=1e-6)
+    assert second_reading(stored, {"parameters": {}}) is None
+
+
+def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
+    pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
+    near = Neighbours(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
+    rows = _without_runs(data_dir, pairs, train, near)
+    error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
+    # 8.6 counts a reading; where a taxel is at nought, half of the noise is cut off
+    assert 0.6 * 8.6 * np.sqrt(2 / 5) < error < 1.1 * 8.6 * np.sqrt(2 / 5)
+    assert error < np.sqrt(np.square(rows[NEAREST_NEIGHBOUR] - pairs.counts).mean()) / 20
+
+
+def figures_of(errors: np.ndarray) -> Figures:
+    """Pairs with these sqrt(L3), and SSIM and the rest following from them."""
+    ones = np.ones_like(errors)
+    return Figures(
+        squared_error=errors**2,
+        ssim=1.0 - errors / 1e4,
+        ssim_contact=1.0 - errors / 5e3,
+        contact_iou=1.0 - errors / 5e3,
+        centroid_error_mm=np.where(errors > 0, errors / 1e3, np.nan),
+        total_error=errors,
+        total=1e4 * ones,
+    )
+
+
+def test_interval_is_that_of_the_mean_of_shapes() -> None:
+    """400 shapes of two pairs: as wide as 1.96 standard errors of their mean squared errors."""
+    rng = np.random.default_rng(0)
+    of_shape = rng.uniform(500, 1500, 400)
+    shapes = np.repeat(np.array([f"s{n}" for n in range(400)]), 2)
+    drawn = bootstrap.replicates(figures_of(np.repeat(of_shape, 2)), shapes, FULL_SCALE)
+    span = bootstrap.interval(np.square(drawn["rmse_counts"]))
+    assert span is not None
+    error = np.square(of_shape).std() / math.sqrt(400)
+    assert span[0] == pytest.approx(np.square(of_shape).mean() - 1.96 * error, rel=0.01)
+    assert span[1] == pytest.approx(np.square(of_shape).mean() + 1.96 * error, rel=0.01)
+    assert drawn["ssim"].mean() == pytest.approx(1 - of_shape.mean() / 1e4, rel=1e-3)
+
+
+def test_resamples_of_one_shape_are_no_interval() -> None:
+    drawn = bootstrap.replicates(figures_of(np.array([3.0, 4.0])), np.array(["a", "a"]), FULL_SCALE)
+    assert all(bootstrap.interval(values) is None for values in drawn.values())
+    np.testing.assert_allclose(drawn["rmse_counts"], math.sqrt(12.5))
+
+
+def test_summary_is_the_whole_of_the_sums() -> None:
+    figures = figures_of(np.array([0.0, 100.0, 300.0]))
+    summary = figures.summary(FULL_SCALE, np.array([True, False, True]))
+    assert summary["pairs"] == 2
+    assert summary["rmse_counts"] == pytest.approx(math.sqrt((0 + 9e4) / 2))
+    assert summary["centroid_error_mm"] == pytest.approx(0.3)  # the pair that has one
+    assert summary["total_error_percent"] == pytest.approx(100 * 300 / 2e4)
+
+
+def metrics_of(errors: dict[str, np.ndarray], shapes: np.ndarray) -> dict[str, Any]:
+    """What `evaluate` returns, as far as findings look at it."""
+    models: dict[str, Any] = {}
+    drawn = {}
+    for name, error in errors.items():
+        figures = figures_of(error)
+        models[name] = {
+            "overall": figures.summary(FULL_SCALE),
+            "by_shape": {s: figures.summary(FULL_SCALE, shapes == s) for s in np.unique(shapes)},
+        } | ({} if name == "mean-array" else {"run": name})
+        drawn[name] = bootstrap.replicates(figures, shapes, FULL_SCALE)
+    return {"models": models, "paired": paired(models, drawn)}
+
+
+def test_findings_follow_the_paired_interval() -> None:
+    """A small difference that every shape shows is a yes; one that shapes disagree on is not."""
+    rng = np.random.default_rng(0)
+    shapes = np.repeat([f"s{n}" for n in range(12)], 5)
+    base = np.repeat(rng.uniform(500, 3000, 12), 5)  # shapes differ far more than the models
+    sign = np.repeat(np.where(np.arange(12) % 2 == 0, 1.0, -1.0), 5)
+    for off, answer in ((20.0, "yes"), (-20.0, "no"), (200.0 * sign, "undecided")):
+        errors = {"mean-array": base, "touch2touch": base + off, "resnet18": base}
+        found = findings(metrics_of(errors, shapes))
+        assert found["lower-error"]["answer"] == answer
+        opposite = {"yes": "no", "no": "yes"}.get(answer, answer)
+        assert found["better-shape-ssim"]["answer"] == opposite
+        assert found["better-shape-iou"]["answer"] == opposite
+    alone = metrics_of({"mean-array": base, "resnet18": base}, shapes)
+    assert findings(alone) == alone["paired"] == {}
+
+
+def test_gap_is_between_the_splits() -> None:
+    rng = np.random.default_rng(0)
+    shapes = np.repeat([f"s{n}" for n in range(12)], 5)
+    low, high = (np.repeat(rng.uniform(a, a + 200, 12), 5) for a in (500, 900))
+    easy = metrics_of({"mean-array": 2 * low, "resnet18": low}, shapes)
+    hard = metrics_of({"mean-array": high, "resnet18": high}, shapes)
+    found = gap(easy, hard)
+    assert list(found) == ["gap-resnet18"]
+    assert found["gap-resnet18"]["answer"] == "yes"
+    assert found["gap-resnet18"]["percent_of_mean_array"] == pytest.approx(
+        {"val": 50.0, "test": 100.0}
+    )
+    assert gap(hard, easy)["gap-resnet18"]["answer"] == "no"
+    assert gap(easy, easy)["gap-resnet18"]["answer"] == "undecided"
+
+
+def pairs_with(counts: np.ndarray, shapes: np.ndarray) -> Pairs:
+    nothing = np.zeros(len(counts))
+    return Pairs(None, counts, shapes, shapes, nothing, nothing, nothing, nothing)  # pyright: ignore
+
+
+def test_unknowable_part_is_found_by_extrapolation() -> None:
+    """Counts are a smooth function of the picture, and a part that it does not show.
+
+    The picture is a place in the plane, 1 grey level a unit; counts rise linearly in it and have
+    800 counts of something else. What must be found is that 800, from pairs that are far apart.
+    """
+    rng = np.random.default_rng(0)
+    places = rng.uniform(0, 40, (1500, 2))
+    hidden = 800.0
+    counts = 900.0 * places.sum(axis=1)[:, None] + hidden * rng.standard_normal((1500, 20))
+    apart = np.linalg.norm(places[:, None] - places[None], axis=2)
+    apart[apart < 1.0] = np.inf  # no pictures are nearly the same
+    order = np.argsort(apart, axis=1)[:, :8]
+    near = Neighbours(order, np.take_along_axis(apart, order, axis=1))
+    pairs = pairs_with(counts.astype(np.float32), np.array([f"s{n % 15}" for n in range(1500)]))
+    some = np.arange(20) < 5
+    found = _floor(pairs, pairs, near, 0.3, {"some": some, "none": np.zeros(20, bool)})
+    assert found is not None
+    assert found["close"]["pairs"] == 0
+    assert found["parts"] == {"some": pytest.approx(hidden, rel=0.1)}
+    assert found["nearest"]["rmse_counts"] > 1.05 * hidden
+    assert found["extrapolated_rmse_counts"] == pytest.approx(hidden, rel=0.05)
+    assert found["interval"][0] < hidden < found["interval"][1]
+    assert sum(group["pairs"] for group in found["curve"]) == 1500 * 8
+    rises = [group["rmse_counts"] for group in found["curve"]]
+    assert rises[-1] > rises[0]
+
+
+def test_twins_within_the_noise_are_counted() -> None:
+    """Every press has one twin that looks the same: the floor is half their squared difference."""
+    counts = np.zeros((40, 20), np.float32)
+    counts[::2] = 1000.0
+    index = np.arange(40) ^ 1
+    near = Neighbours(index[:, None], np.full((40, 1), 0.5))
+    pairs = pairs_with(counts, np.array([f"s{n % 2}" for n in range(40)]))
+    found = _floor(pairs, pairs, near, 0.3, {})
+    assert found is not None
+    assert found["close"]["pairs"] == 40
+    assert found["close"]["rmse_counts"] == pytest.approx(1000.0 / math.sqrt(2))
+    assert found["extrapolated_rmse_counts"] is None  # one distance makes no line
+    far = Neighbours(near.index, np.full((40, 1), np.inf))
+    assert _floor(pairs, pairs, far, 0.3, {}) is None
+
+
+def test_lookalikes_of_a_dataset(data_dir: Path) -> None:
+    pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
+    near = Neighbours(np.zeros((len(pairs), 1), int), np.full((len(pairs), 1), 5.0))
+    found = lookalikes(data_dir, "val", pairs, train, near, {})
+    assert found is not None
+    noise = noise_distance_grey(data_dir, "val")
+    assert noise is not None and found["noise_grey"] == noise
+    assert found["close_grey"] == CLOSE * noise
+    # Noise of 0.5 grey levels is a tenth of that in a picture of 32 pixels, whose own rounding is
+    # of 0.29: two of them differ by less than two roundings do.
+    assert 0.05 < noise < 0.29 * math.sqrt(2)
+    assert found["split"]["nearest"]["pairs"] == len(pairs)
+    assert found["split"]["nearest"]["distance_grey"] > noise
+    half = np.square(pairs.counts - train.counts[0]).mean() / 2
+    assert found["training"]["nearest"]["rmse_counts"] == pytest.approx(math.sqrt(half), rel=1e-5)

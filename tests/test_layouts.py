@@ -1,0 +1,139 @@
+"""A translator on a taxel layout that it was not trained on: what is read, what is refused."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from spots import write_spots
+
+from primitives_cad.errors import T2TwinError
+from sim.cyskin.layout import load_layout
+from translate.evaluate import LAYOUT_FLOOR, evaluate
+from translate.layouts import for_layout, same_layout, seen_through
+from translate.predict import Run, load_run
+from translate.touch2touch import Touch2Touch
+from translate.train import train
+from translate.view import view_on
+
+PITCH_MM = 4.0
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
+    folder = tmp_path_factory.mktemp("layouts")
+    data = write_spots(folder / "data", train=16, val=4, test=2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OMP_NUM_THREADS", "1")
+        for model in ("touch2touch", "resnet18"):
+            train(model, data, "smoke", folder / model, epochs=1)
+    return {model: load_run(folder / model) for model in ("touch2touch", "resnet18")}
+
+
+@pytest.fixture(scope="module")
+def dense() -> tuple[np.ndarray, np.ndarray]:
+    """A triangular grid, 4 mm apart, inside the default layout: its rim is not the layout's."""
+    rows, columns = np.mgrid[-6:7, -5:6]
+    x, y = (columns + 0.5 * (rows % 2)) * PITCH_MM, rows * PITCH_MM * np.sqrt(3) / 2
+    layout = load_layout()
+    low = np.interp(x, layout.x_mm[:4], layout.y_mm[:4])  # two sides of the parallelogram
+    high = np.interp(x, layout.x_mm[-4:], layout.y_mm[-4:])
+    inside = (np.abs(x) <= layout.x_mm.max()) & (y >= low) & (y <= high)
+    return x[inside], y[inside]
+
+
+def drawing(run: Run, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes the run's generator draw exactly the tactile images of these trained counts."""
+    assert isinstance(run.translator, Touch2Touch)
+    perfect = run.translator.phi.to_torch(torch.tensor(counts, dtype=torch.float32))
+    monkeypatch.setattr(Touch2Touch, "draw", lambda self, images: perfect)
+
+
+def test_linear_response_is_read_exactly_by_any_layout(
+    runs: dict[str, Run], dense: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Interpolation leaves what is linear in x and y as it is, up to the new layout's rim."""
+
+    def response(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        return 20000.0 + 500.0 * x_mm - 300.0 * y_mm
+
+    run, layout = runs["touch2touch"], load_layout()
+    drawing(run, response(layout.x_mm, layout.y_mm)[None], monkeypatch)
+    applied = for_layout(run, *dense, "dense")
+    counts = applied.predict(np.zeros((1, 320, 240, 3), np.uint8))
+    assert counts.shape == (1, dense[0].size) and dense[0].size > 30
+    np.testing.assert_allclose(counts[0], response(*dense), atol=1.0)
+    assert applied.config.data.layout == "dense"
+    assert run.predict(np.zeros((1, 320, 240, 3), np.uint8)).shape == (1, 20)
+
+
+def test_own_layout_changes_nothing(runs: dict[str, Run]) -> None:
+    layout = load_layout()
+    for run in runs.values():
+        assert for_layout(run, layout.x_mm, layout.y_mm + 1e-6, "again") is run
+        assert not same_layout(run.config.data, layout.x_mm[::-1], layout.y_mm[::-1])
+
+
+def test_layouts_that_cannot_be_read_are_refused(
+    runs: dict[str, Run], dense: tuple[np.ndarray, np.ndarray]
+) -> None:
+    with pytest.raises(T2TwinError, match="needs a touch2touch run"):
+        for_layout(runs["resnet18"], *dense, "dense")
+    x_mm, y_mm = dense[0].copy(), dense[1].copy()
+    x_mm[3] += 12.0
+    with pytest.raises(T2TwinError, match=r"1 taxel\(s\) outside .* taxel 3 at"):
+        for_layout(runs["touch2touch"], x_mm, y_mm, "wide")
+    close = np.linspace(-1.0, 1.0, 5)
+    x_mm, y_mm = (v.ravel() for v in np.meshgrid(close, close))
+    with pytest.raises(T2TwinError, match="too close together"):
+        for_layout(runs["touch2touch"], x_mm, y_mm, "tiny")
+
+
+def test_what_the_trained_layout_can_say(
+    runs: dict[str, Run], dense: tuple[np.ndarray, np.ndarray]
+) -> None:
+    """A projection of rank 20: any trained array's interpolation passes, nothing is added."""
+    trained = runs["touch2touch"].config.data
+    kept = seen_through(trained, *dense)
+    np.testing.assert_allclose(kept @ kept, kept, atol=1e-9)
+    assert np.linalg.matrix_rank(kept) == 20
+    linear = 3.0 + dense[0] - 2.0 * dense[1]
+    np.testing.assert_allclose(kept @ linear, linear, atol=1e-9)
+
+
+def test_evaluation_on_a_denser_layout(
+    runs: dict[str, Run], dense: tuple[np.ndarray, np.ndarray], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """Errors are of the new layout's taxels; a generator that drew the truth meets the floor."""
+    layout = replace(load_layout(), name="dense", x_mm=dense[0], y_mm=dense[1],
+                     pad_diameter_mm=np.full(dense[0].size, 4.0))  # fmt: skip
+    with monkeypatch.context() as patch:
+        patch.setattr("spots.load_layout", lambda: layout)
+        data = write_spots(tmp_path / "dense", train=8, val=4, test=2)
+    run = runs["touch2touch"]
+    metrics = evaluate([run.run_dir], data, "val", tmp_path / "out")
+    assert metrics["models"]["touch2touch"]["trained_layout"] == "cyskin-20"
+    assert metrics["layout"] == "dense"
+    assert sum(metrics["view"]["taxels"].values()) == dense[0].size
+    assert metrics["view"]["pitch_mm"] == pytest.approx(PITCH_MM)
+    stored = np.load(tmp_path / "out" / "predictions.npz")
+    assert stored["touch2touch"].shape == stored["truth"].shape == (4, dense[0].size)
+    kept = seen_through(run.config.data, *dense)
+    np.testing.assert_allclose(stored[LAYOUT_FLOOR], stored["truth"] @ kept.T, rtol=1e-5, atol=0.1)
+    floor = metrics["models"][LAYOUT_FLOOR]["overall"]["rmse_counts"]
+    assert 0 < floor < metrics["models"]["touch2touch"]["overall"]["rmse_counts"]
+
+
+def test_view_sorts_the_default_layout() -> None:
+    """12.5 x 16.7 mm over taxels 7.5 mm apart: 4 under it, 12 within a pitch, 4 beyond."""
+    layout = load_layout()
+    view = view_on(layout.x_mm, layout.y_mm)
+    assert view.pitch_mm == pytest.approx(7.5, abs=1e-3)
+    assert 2 * view.half_width_mm == pytest.approx(12.5, abs=0.05)
+    assert 2 * view.half_height_mm == pytest.approx(16.7, abs=0.05)
+    assert {name: mask.sum() for name, mask in view.groups.items()} == {
+        "under": 4, "near": 12, "beyond": 4,
+    }  # fmt: skip
+    assert (np.stack(list(view.groups.values())).sum(axis=0) == 1).all()

@@ -1,0 +1,169 @@
+"""A trained run as one ONNX file, for a robot's computer that has no PyTorch.
+
+The graph holds everything between pixels and counts: the normalisation, the network with its batch
+norms folded in, phi^-1 for touch2touch, the clipping to full scale.
+
+    input    images          (B, c, S, S) float32 in [0, 1]: grey (c = 1), or red, green, blue
+    outputs  counts          (B, N) float32, within nought and full scale
+             tactile_images  (B, R, C) float32, counts, R x C = 396 x 240
+
+B is free. The file's metadata name the model, its preset, the layout with its positions and full
+scale. Shape letters: c channels, S the run's image side, N taxels, R rows and C columns.
+"""
+
+import json
+import warnings
+from copy import copy, deepcopy
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import nn
+from torch.nn import functional
+
+from primitives_cad.errors import T2TwinError
+from primitives_cad.writing import whole_file
+from translate.images import RGB_MEAN, RGB_STD
+from translate.phi import TACTILE_SHAPE
+from translate.predict import Run
+from translate.touch2touch import Touch2Touch
+
+INPUT, COUNTS, TACTILE_IMAGES = "images", "counts", "tactile_images"
+
+OPSET = 17
+"""Version of ONNX's operators: not the newest, so that older runtimes read the file too."""
+
+PARITY_IMAGES = 5
+"""Random pictures that the file is compared with the run on before it is kept."""
+
+PARITY_COUNTS = 1.0
+"""Largest difference that is let through, counts."""
+
+
+def export_onnx(run: Run, path: Path) -> float:
+    """Writes a run, with its layout, as an ONNX file, and compares the two on random images.
+
+    Returns the largest difference between onnxruntime's counts and the run's, counts.
+    Raises T2TwinError where onnx or onnxruntime is not installed, and where they differ by more
+    than PARITY_COUNTS.
+    """
+    try:
+        import onnx
+        import onnxruntime
+    except ImportError:
+        raise T2TwinError(
+            "the export needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
+        ) from None
+    run = replace(run, translator=copy(run.translator))
+    run.translator.bf16 = False  # the file computes in float32
+    pixels = _random_pixels(run)
+    images = torch.from_numpy(pixels.astype(np.float32) / 255.0).permute(0, 3, 1, 2).contiguous()
+    with whole_file(path) as temporary:
+        with warnings.catch_warnings():
+            # The tracing exporter is deprecated, but its successor needs onnxscript as well.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            warnings.filterwarnings("ignore", "torch.from_numpy results are registered")  # as meant
+            torch.onnx.export(
+                _Graph(run).eval(),
+                (images,),
+                str(temporary),
+                input_names=[INPUT],
+                output_names=[COUNTS, TACTILE_IMAGES],
+                dynamic_axes={name: {0: "batch"} for name in (INPUT, COUNTS, TACTILE_IMAGES)},
+                opset_version=OPSET,
+                dynamo=False,
+            )
+        model = onnx.load(temporary)
+        model.doc_string = _about(run)
+        onnx.helper.set_model_props(model, _metadata(run))
+        onnx.checker.check_model(model, full_check=True)
+        onnx.save(model, temporary)
+        session = onnxruntime.InferenceSession(temporary, providers=["CPUExecutionProvider"])
+        (theirs,) = session.run([COUNTS], {INPUT: images.numpy()})
+        apart = float(np.abs(theirs - run.predict_pixels(pixels)).max())
+        if apart > PARITY_COUNTS:
+            raise T2TwinError(
+                f"the ONNX file's counts differ from the run's by {apart:.1f}, more than "
+                f"{PARITY_COUNTS:g}; it was not written"
+            )
+    return apart
+
+
+class _Graph(nn.Module):
+    """From pixels in [0, 1] to counts and tactile images, in float32 on the CPU."""
+
+    rows: torch.Tensor
+    columns: torch.Tensor
+    mean: torch.Tensor
+    std: torch.Tensor
+
+    def __init__(self, run: Run) -> None:
+        super().__init__()
+        translator = run.translator
+        self.full_scale = translator.full_scale
+        self.network = deepcopy(translator.predictor).cpu()
+        self.draws = isinstance(translator, Touch2Touch)
+        if isinstance(translator, Touch2Touch):
+            self.phi = translator.phi
+            size = run.config.preset.size
+            self.register_buffer("rows", _resizing(size, TACTILE_SHAPE[0]))
+            self.register_buffer("columns", _resizing(size, TACTILE_SHAPE[1]).T.contiguous())
+        else:
+            self.phi = run.phi
+            self.register_buffer("mean", torch.from_numpy(RGB_MEAN).view(3, 1, 1))
+            self.register_buffer("std", torch.from_numpy(RGB_STD).view(3, 1, 1))
+
+    def forward(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        if self.draws:
+            drawn = (self.network(2.0 * images - 1.0) + 1.0) * (self.full_scale / 2.0)
+            counts = self.phi.from_torch(drawn).clamp(0.0, self.full_scale)
+            return counts, (self.rows @ drawn[:, 0] @ self.columns).clamp(min=0.0)
+        counts = self.network((images - self.mean) / self.std) * self.full_scale
+        counts = counts.clamp(0.0, self.full_scale)
+        return counts, self.phi.to_torch(counts)[:, 0]
+
+
+def _resizing(size: int, new: int) -> torch.Tensor:
+    """(new, size): a bilinear resize along one side as a product, as `Run.tactile_images` has it.
+
+    ONNX's own Resize has no antialiasing in this opset.
+    """
+    unit = torch.eye(size)[None, None]
+    return functional.interpolate(unit, (new, size), mode="bilinear", antialias=True)[0, 0]
+
+
+def _random_pixels(run: Run) -> np.ndarray:
+    """(PARITY_IMAGES, S, S, c) uint8."""
+    preset = run.config.preset
+    shape = (PARITY_IMAGES, preset.size, preset.size, 1 if preset.grey else 3)
+    return np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+
+
+def _about(run: Run) -> str:
+    preset, info = run.config.preset, run.config.data
+    colour = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
+    return (
+        f"{run.config.model} of t2twin: DIGIT images to the counts of {info.x_mm.size} taxels. "
+        f"Input {INPUT}: {preset.size} x {preset.size} pixels, {colour}, float32 in [0, 1], "
+        f"upright, resized bilinearly with antialiasing. Outputs {COUNTS} and {TACTILE_IMAGES}: "
+        f"float32, counts, from 0 to {info.full_scale_counts:g}."
+    )
+
+
+def _metadata(run: Run) -> dict[str, str]:
+    """All values are text, as ONNX has them; lists are JSON."""
+    preset, info = run.config.preset, run.config.data
+    return {
+        "made_by": f"t2twin {version('t2twin')}",
+        "model": run.config.model,
+        "preset": preset.name,
+        "size": str(preset.size),
+        "colour": "grey" if preset.grey else "rgb",
+        "layout": info.layout,
+        "layout_x_mm": json.dumps(info.x_mm.tolist()),
+        "layout_y_mm": json.dumps(info.y_mm.tolist()),
+        "full_scale_counts": f"{info.full_scale_counts:g}",
+        "info_sha256": info.sha256,
+    }
