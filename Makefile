@@ -73,10 +73,8 @@ train-all: setup
 	$(BIN)/t2twin train resnet18 --data $(DATA) --preset $(PRESET) --out $(RUNS)/resnet18 $(MINUTES_FLAG)
 
 evaluate: setup
-	$(BIN)/t2twin evaluate $(RUNS)/touch2touch $(RUNS)/resnet18 --data $(DATA) --split val \
-		--out $(RUNS)/evaluate/val
-	$(BIN)/t2twin evaluate $(RUNS)/touch2touch $(RUNS)/resnet18 --data $(DATA) --split test \
-		--out $(RUNS)/evaluate/test
+	$(BIN)/t2twin evaluate $(RUNS)/touch2touch $(RUNS)/resnet18 --data $(DATA) --split both \
+		--out $(RUNS)/evaluate
 
 report: setup
 	$(BIN)/t2twin report --data $(DATA) --runs $(RUNS)/touch2touch $(RUNS)/resnet18 --out $(RUNS)/report

@@ -9,27 +9,20 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
-from spots import write_spots
 
-from primitives_cad.errors import T2TwinError
-from sim.cyskin.layout import load_layout
-from sim.dataset import INFO, read_split, write_shard
+from sim.dataset import write_shard
 from sim.generate import generate
-from sim.import_pairs import import_pairs
 from sim.png import decode_png, encode_png
 from translate.cli import main
 from translate.evaluate import FINDINGS, METRICS
 from translate.report import data_page, lookalikes, oddities, pairs, qualitative, results, shapes
-from translate.report.data_page import write_data_report
 from translate.report.material import gather, gather_dataset
 from translate.report.names import name_of
 from translate.report.page import LINKS, PAGE, write_report
 from translate.report.scan import nearest_others, scan
-from translate.run import LOG
 from translate.train import train
 
 SHAPES = (
@@ -272,20 +265,31 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
     folder = tmp_path / "data"
     shutil.copytree(data_dir, folder)
     before = gather_dataset(folder)
-    assert not oddities.near_duplicates(before, scan(before)).any()
+    noise = oddities.noise_grey(before)
+    assert not oddities.near_duplicates(before, scan(before, noise)).any()
     path = folder / "train/square-1.parquet"
     rows = pq.ParquetFile(path).read().to_pylist()
     rng = np.random.default_rng(0)
-    noise = rng.normal(0.0, 0.5, (320, 240, 3))
-    again = np.clip(np.rint(decode_png(rows[1]["image"]["bytes"]) + noise), 0, 255)
-    twin = {"image": {"bytes": encode_png(again.astype(np.uint8)), "path": ""}, "index": 587}
-    write_shard(path, [*rows, rows[1] | twin])
+    shaken = rng.normal(0.0, noise, (320, 240, 3))
+    again = np.clip(np.rint(decode_png(rows[1]["image"]["bytes"]) + shaken), 0, 255)
+    picture = {"bytes": encode_png(again.astype(np.uint8)), "path": ""}
+    felt = np.array(rows[0]["taxels"])
+    write_shard(
+        path,
+        [
+            *rows,
+            rows[1] | {"image": picture, "index": 587},
+            # looks like another press, but feels otherwise
+            rows[0] | {"index": 588, "taxels": (felt + 200).tolist()},
+        ],
+    )
     dataset = gather_dataset(folder)
-    looked = scan(dataset)
+    looked = scan(dataset, noise)
     found = np.flatnonzero(oddities.near_duplicates(dataset, looked))
     assert [dataset.column("index")[place] for place in found] == [rows[1]["index"], 587]
-    assert looked.nearest[found].tolist() == found[::-1].tolist()
-    assert oddities.taxels_apart(dataset, looked)[found].max() == 0
+    assert looked.alike_counts[found].max() == 0
+    alike = np.flatnonzero(np.isfinite(looked.alike_counts))
+    assert {rows[0]["index"], 588} <= {int(dataset.column("index")[place]) for place in alike}
 
 
 def test_what_is_far_from_its_shape_is_an_outlier() -> None:
@@ -297,49 +301,17 @@ def test_what_is_far_from_its_shape_is_an_outlier() -> None:
 
 
 def test_nearest_others_are_those_of_plain_arithmetic() -> None:
-    coarse = np.random.default_rng(0).normal(0, 5, (300, 60)).astype(np.float32)
-    apart = np.sqrt(np.square(coarse[:, None] - coarse[None]).mean(axis=2))
+    rng = np.random.default_rng(0)
+    coarse = rng.normal(0, 5, (300, 60)).astype(np.float32)
+    counts = rng.uniform(0, 40_000, (300, 20))
+    apart, felt = (
+        np.sqrt(np.square(of[:, None] - of[None]).mean(axis=2)) for of in (coarse, counts)
+    )
     apart[np.diag_indices(300)] = np.inf
-    least, where = nearest_others(coarse)
-    assert (where == apart.argmin(axis=1)).all()
-    np.testing.assert_allclose(least, apart.min(axis=1), rtol=1e-3)
-    assert np.isinf(nearest_others(coarse[:1])[0]).all()
-
-
-def test_pairs_of_the_owners_have_a_page_without_forces(tmp_path: Path) -> None:
-    spots = write_spots(tmp_path / "spots", test=0)
-    table = pa.concat_tables([read_split(spots, s, ["image", "taxels", "split"])
-                              for s in ("train", "val")])  # fmt: skip
-    pq.write_table(table, tmp_path / "mine.parquet")
-    import_pairs(tmp_path / "mine.parquet", tmp_path / "data", load_layout())
-    read, text = read_page(write_data_report(tmp_path / "out", tmp_path / "data"))
-    sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
-    assert sections == ["about", *(name for name in data_page.LINKS if name != "forces")]
-    assert "brought in with t2twin import-pairs" in text and "32 pairs of 1 shapes" in text
-
-
-def test_what_is_missing_is_said_before_anything_is_written(
-    data_dir: Path, runs: list[Path], tmp_path: Path
-) -> None:
-    unfinished_data = tmp_path / "data"
-    shutil.copytree(data_dir, unfinished_data)
-    info = json.loads((data_dir / INFO).read_text())
-    (unfinished_data / INFO).write_text(json.dumps(info | {"complete": False}))
-    unfinished_run = tmp_path / "run"
-    shutil.copytree(runs[1], unfinished_run)
-    (unfinished_run / LOG).write_text((runs[1] / LOG).read_text().splitlines()[0] + "\n")
-    out = tmp_path / "out"
-    for data, given, said in (
-        (tmp_path / "none", runs, "holds no dataset"),
-        (unfinished_data, runs, "unfinished"),
-        (write_spots(tmp_path / "spots"), runs, "does not name its parameters"),
-        (data_dir, [], "no run"),
-        (data_dir, [tmp_path / "none"], "holds no"),
-        (data_dir, [unfinished_run], "after 1 of 3 epochs"),
-    ):
-        with pytest.raises(T2TwinError, match=re.escape(said)):
-            write_report(out, data, given)
-        assert not out.exists()
-    (tmp_path / "file").touch()
-    with pytest.raises(T2TwinError, match="is a file"):
-        write_report(tmp_path / "file", data_dir, runs)
+    noise = float(np.quantile(apart, 0.01))
+    nearest, alike = nearest_others(coarse, counts, noise)
+    np.testing.assert_allclose(nearest, apart.min(axis=1), rtol=1e-3)
+    expected = np.where(apart < noise, felt, np.inf).min(axis=1)
+    assert 0 < np.isfinite(expected).sum() < 300
+    np.testing.assert_allclose(alike, expected, rtol=1e-3)
+    assert np.isinf(nearest_others(coarse[:1], counts[:1], noise)).all()

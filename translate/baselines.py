@@ -38,7 +38,7 @@ def mean_array(train: Pairs) -> np.ndarray:
     return train.counts.mean(axis=0, dtype=float).astype(np.float32)
 
 
-def nearest_neighbour(train: Pairs, images: ImageFile) -> np.ndarray:
+def nearest_neighbour(train: Pairs, images: ImageFile | np.ndarray) -> np.ndarray:
     """The array of the training pair whose image is nearest, in the Euclidean sense.
 
     train: its images at FEATURE_SIZE in RGB. images: the P queries, same size.
@@ -49,7 +49,7 @@ def nearest_neighbour(train: Pairs, images: ImageFile) -> np.ndarray:
 
 def neighbours(
     stored: ImageFile,
-    queries: ImageFile,
+    queries: ImageFile | np.ndarray,
     k: int = 1,
     shapes: tuple[np.ndarray, np.ndarray] | None = None,
     progress: str | None = None,
@@ -88,12 +88,12 @@ def _middle(images: ImageFile) -> np.ndarray:
     return np.asarray(total / len(images), dtype=np.float32)
 
 
-def _features(images: ImageFile, part: slice, middle: np.ndarray) -> np.ndarray:
+def _features(images: ImageFile | np.ndarray, part: slice, middle: np.ndarray) -> np.ndarray:
     """(b, F) float32, grey levels about the middle."""
     return _pixels(images, part).astype(np.float32) - middle
 
 
-def _pixels(images: ImageFile, part: slice) -> np.ndarray:
+def _pixels(images: ImageFile | np.ndarray, part: slice) -> np.ndarray:
     """(b, F) uint8."""
     pixels = images[part]
     return pixels.reshape(pixels.shape[0], -1)

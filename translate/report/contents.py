@@ -48,7 +48,7 @@ def shapes_section(dataset: Dataset) -> str:
     """A bar a shape."""
     names = _shapes(dataset)
     content = figure(
-        "svg", WIDTH_IN, FURNITURE_IN + BAR_IN * len(names), lambda page: _bars(page, dataset)
+        "svg", WIDTH_IN, FURNITURE_IN + BAR_IN * len(names), lambda page: bars(page, dataset)
     )
     return markup.section(
         "shapes",
@@ -61,7 +61,7 @@ def gallery_section(dataset: Dataset) -> str:
     """Pictures of all shapes in turn."""
     rows = gallery(dataset)
     lines = -(-len(rows) // GALLERY_COLUMNS)
-    content = figure("png", WIDTH_IN, TILE_IN * lines, lambda page: _tiles(page, dataset, rows))
+    content = figure("png", WIDTH_IN, TILE_IN * lines, lambda page: tiles(page, dataset, rows))
     return markup.section(
         "gallery",
         "Pictures",
@@ -86,13 +86,13 @@ def gallery(dataset: Dataset) -> list[tuple[str, int]]:
 
 def saturation_section(dataset: Dataset) -> str:
     """Taxels at full scale: by pair, by taxel."""
-    saturated = dataset.counts >= dataset.layout.full_scale_counts
+    saturated = dataset.saturated
     some = saturated.any(axis=1)
     text = (
         f"{saturated.sum():,} of {saturated.size:,} counts are saturated, "
         f"{100 * saturated.mean():.3g} %; at least one in {100 * some.mean():.3g} % of the pairs."
     )
-    chart = figure("svg", WIDTH_IN, SATURATION_IN, lambda page: _saturation(page, dataset))
+    chart = figure("svg", WIDTH_IN, SATURATION_IN, lambda page: saturation(page, dataset))
     return markup.section(
         "saturation",
         "Saturation",
@@ -116,7 +116,7 @@ def _shapes(dataset: Dataset) -> list[tuple[str, str]]:
     )
 
 
-def _bars(page: Figure, dataset: Dataset) -> None:
+def bars(page: Figure, dataset: Dataset) -> None:
     axes = page.subplots()
     names = _shapes(dataset)
     for split, table in dataset.tables.items():
@@ -134,7 +134,7 @@ def _bars(page: Figure, dataset: Dataset) -> None:
     axes.legend()
 
 
-def _tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
+def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
     lines = -(-len(rows) // GALLERY_COLUMNS)
     axes: list[Axes] = list(np.ravel(page.subplots(lines, GALLERY_COLUMNS, squeeze=False)))
     for place in axes:
@@ -144,14 +144,14 @@ def _tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
         place.set_title(dataset.tables[split]["shape"][row].as_py(), fontsize=6)
 
 
-def _saturation(page: Figure, dataset: Dataset) -> None:
+def saturation(page: Figure, dataset: Dataset) -> None:
     largest, number, array = page.subplots(1, 3)
     counts, full_scale = dataset.counts, dataset.layout.full_scale_counts
     largest.hist(counts.max(axis=1), np.linspace(0, full_scale, 41).tolist(), color="#0072b2")
     largest.set(xlabel="largest count of a pair", ylabel="pairs")
     largest.xaxis.set_major_formatter("{x:,.0f}")
     largest.locator_params(axis="x", nbins=4)
-    saturated = counts >= full_scale
+    saturated = dataset.saturated
     times = np.bincount(saturated.sum(axis=1))
     number.bar(range(times.size), times, color="#0072b2")
     number.set(xlabel="saturated taxels of a pair", ylabel="pairs", yscale="log")

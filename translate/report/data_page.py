@@ -31,7 +31,7 @@ def write_data_report(out: Path, data: Path) -> Path:
     if out.exists() and not out.is_dir():
         raise T2TwinError(f"{out} is a file; give a folder to write the report into")
     dataset = gather_dataset(data)
-    looked = scan(dataset)
+    looked = scan(dataset, oddities.noise_grey(dataset))
     sections: dict[str, Callable[[], str]] = {
         "about": lambda: contents.about_section(dataset),
         "shapes": lambda: contents.shapes_section(dataset),

@@ -19,11 +19,10 @@ WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
 
 def section(material: Dataset) -> str:
     """Histograms of force and counts, depths by family, and the numbers that they come to."""
-    charts = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _forces_and_counts(page, material))
-    depths = figure("svg", WIDTH_IN, DEPTHS_IN, lambda page: _depths(page, material))
+    charts = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: forces_and_counts(page, material))
+    depths = figure("svg", WIDTH_IN, DEPTHS_IN, lambda page: depths_in(page, material))
     counts = material.counts
     full_scale = material.layout.full_scale_counts
-    saturated = counts >= full_scale
     return markup.section(
         "forces",
         "Forces, depths, counts",
@@ -35,7 +34,7 @@ def section(material: Dataset) -> str:
                 "Histograms of the forces carried and of the counts",
                 note="Left: the force that each sensor's contact pressure integrates to, less the "
                 f"one commanded, over all {counts.shape[0]:,} pairs. Right: all {counts.size:,} "
-                f"counts; {_saturation(saturated)} at {full_scale:,.0f}.",
+                f"counts; {_saturation(material.saturated)} at {full_scale:,.0f}.",
             ),
             markup.picture(
                 depths,
@@ -91,7 +90,7 @@ def _range(values: np.ndarray, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def _forces_and_counts(page: Figure, material: Dataset) -> None:
+def forces_and_counts(page: Figure, material: Dataset) -> None:
     left, right = page.subplots(1, 2)
     commanded = material.column("force_n")
     off = {s: 1e3 * (material.column(f"{s}_force_n") - commanded) for s in SENSORS}
@@ -123,7 +122,7 @@ def _counts(axes: Axes, material: Dataset) -> None:
     axes.legend()
 
 
-def _depths(page: Figure, material: Dataset) -> None:
+def depths_in(page: Figure, material: Dataset) -> None:
     families = np.concatenate(
         [np.array(table["family"].to_pylist()) for table in material.tables.values()]
     )

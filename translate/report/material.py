@@ -53,6 +53,10 @@ class Evaluated:
         return np.sqrt(np.square(self.predictions[model] - self.truth).mean(axis=1, dtype=float))
 
 
+SATURATED_SHARE = 0.999
+"""Part of full scale above which a count is taken as saturated (assumed: ten times the noise)."""
+
+
 @dataclass(frozen=True)
 class Dataset:
     """A dataset as the report draws it.
@@ -94,6 +98,12 @@ class Dataset:
     def counts(self) -> np.ndarray:
         """All taxels' counts, in the order of `column`: (P, N)."""
         return np.concatenate([taxels(table) for table in self.tables.values()])
+
+    @property
+    def saturated(self) -> np.ndarray:
+        """(P, N), which counts are saturated: a mean of noisy readings that are cut off at full
+        scale lies a little below it."""
+        return self.counts >= SATURATED_SHARE * self.layout.full_scale_counts
 
     @property
     def pad_diameter_mm(self) -> np.ndarray:

@@ -12,6 +12,13 @@ from translate.report.scan import BLOCK_PX, Scan
 NOISE_GREY = 0.5
 """Noise of a picture whose dataset does not say: that of the simulated ones, grey levels."""
 
+DUPLICATE_SHARE = 0.0025
+"""Difference of two pairs' taxels, in parts of full scale, below which they are the same (assumed:
+100 of 40,000 counts, well below what any translator is off by)."""
+
+NAMED = 5
+"""Shapes named as those with most."""
+
 SHOWN = 12
 BINS = 60
 MAD_TO_SIGMA = 1.4826
@@ -28,24 +35,21 @@ PANELS, PANEL_IN, LINE_IN = 6, 1.5, 2.3
 def duplicates_section(dataset: Dataset, scan: Scan) -> str:
     """The share of near-duplicates, with what is meant by it."""
     noise = noise_grey(dataset)
-    found = near_duplicates(dataset, scan)
+    duplicates, alike = near_duplicates(dataset, scan), np.isfinite(scan.alike_counts)
     text = (
-        "A near-duplicate: a pair whose picture differs from another one of the same shape by less "
-        f"than a picture's own noise, {noise:.2f} grey levels (root mean square over squares of "
-        f"{BLOCK_PX} x {BLOCK_PX} pixels, in which the noise itself has fallen to an eighth). "
-        f"{found.sum():,} of {found.size:,} pairs are, {100 * found.mean():.2f} %"
+        "Two presses of a shape look alike where their pictures differ by less than a picture's "
+        f"own noise, {noise:.2f} grey levels (root mean square over squares of {BLOCK_PX} x "
+        f"{BLOCK_PX} pixels, in which the noise itself has fallen to an eighth). Where their "
+        f"taxels are alike too, within {same_counts(dataset):.0f} counts (root mean square), one "
+        "is a near-duplicate of the other and teaches nothing new: "
+        f"{duplicates.sum():,} of {duplicates.size:,} pairs, {100 * duplicates.mean():.2f} %"
+        f"{_most(dataset, duplicates)}. A round shape pressed in its middle is one however it is "
+        f"turned. {(alike & ~duplicates).sum():,} more, "
+        f"{100 * (alike & ~duplicates).mean():.2f} %, look like another press but feel otherwise"
+        f"{_most(dataset, alike & ~duplicates)}: a line whose ends lie outside the picture looks "
+        "the same wherever along it is pressed. Those are true pairs, of which no translator can "
+        "tell one from the other."
     )
-    if found.any():
-        apart = taxels_apart(dataset, scan)[found]
-        shapes = np.array([dataset.tables[s]["shape"][r].as_py() for s, r in dataset.places])
-        names, times = np.unique(shapes[found], return_counts=True)
-        most = ", ".join(f"{names[i]} ({times[i]})" for i in np.argsort(-times, kind="stable")[:8])
-        text += (
-            f"; their taxels differ by {np.median(apart):,.0f} counts in the median. Most of them: "
-            f"{most}. A round shape pressed in its middle looks the same however it is turned."
-        )
-    else:
-        text += "."
     chart = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _histogram(page, scan, noise))
     return markup.section(
         "duplicates",
@@ -64,14 +68,22 @@ def noise_grey(dataset: Dataset) -> float:
 
 def near_duplicates(dataset: Dataset, scan: Scan) -> np.ndarray:
     """(P,) whether each pair is one of another."""
-    return scan.nearest_grey < noise_grey(dataset)
+    return scan.alike_counts < same_counts(dataset)
 
 
-def taxels_apart(dataset: Dataset, scan: Scan) -> np.ndarray:
-    """(P,) root mean square difference of its taxels from those of the pair with the nearest
-    picture, counts."""
-    counts = dataset.counts
-    return np.sqrt(np.square(counts - counts[scan.nearest]).mean(axis=1))
+def same_counts(dataset: Dataset) -> float:
+    """Difference of two pairs' taxels below which they are the same, counts."""
+    return DUPLICATE_SHARE * dataset.layout.full_scale_counts
+
+
+def _most(dataset: Dataset, found: np.ndarray) -> str:
+    """The shapes that most of them are of, in brackets."""
+    if not found.any():
+        return ""
+    shapes = np.array([dataset.tables[s]["shape"][r].as_py() for s, r in dataset.places])
+    names, times = np.unique(shapes[found], return_counts=True)
+    order = np.argsort(-times, kind="stable")[:NAMED]
+    return " (most of " + ", ".join(f"{names[i]}, {times[i]}" for i in order) + ")"
 
 
 def outliers_section(dataset: Dataset, scan: Scan) -> str:

@@ -27,59 +27,65 @@ class Scan:
     """Of every pair, in the order of Dataset.column.
 
     nearest_grey: (P,) root mean square difference between its coarse picture and the nearest other
-    one of its shape, grey levels; infinite where the shape has no other. nearest: (P,) that other
-    pair's place in the same order, or its own. off_grey: (P,) the same difference from the shape's
-    median picture.
+    one of its shape, grey levels; infinite where the shape has no other. alike_counts: (P,) least
+    root mean square difference of its taxels from those of another pair of its shape whose picture
+    is within the noise; infinite where there is none. off_grey: (P,) difference of its picture from
+    the shape's median picture.
     """
 
     nearest_grey: np.ndarray
-    nearest: np.ndarray
+    alike_counts: np.ndarray
     off_grey: np.ndarray
 
 
-def scan(dataset: Dataset) -> Scan:
-    """Decodes every picture once."""
-    found = {}
+def scan(dataset: Dataset, noise_grey: float) -> Scan:
+    """Decodes every picture once. noise_grey: standard deviation of a picture's noise."""
     of_shape: dict[tuple[str, str], list[int]] = {}
     for place, (split, row) in enumerate(dataset.places):
         of_shape.setdefault((split, dataset.tables[split]["shape"][row].as_py()), []).append(place)
     pairs = len(dataset.places)
-    nearest_grey, nearest, off_grey = np.zeros(pairs), np.arange(pairs), np.zeros(pairs)
+    nearest_grey, alike_counts, off_grey = np.zeros((3, pairs))
 
     def look(key: tuple[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         coarse = _coarse_pictures(dataset, *key)
         median = np.median(coarse, axis=0)
         coarse -= median  # nearer to nought, so that single precision does
-        return *nearest_others(coarse), np.sqrt(np.square(coarse).mean(axis=1))
+        counts = dataset.counts[of_shape[key]].astype(float)
+        return *nearest_others(coarse, counts, noise_grey), np.sqrt(np.square(coarse).mean(axis=1))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         looks = pool.map(look, of_shape)
-        for places, found in zip(
+        for here, found in zip(
             of_shape.values(),
             tqdm(looks, total=len(of_shape), desc="pictures", unit="shape"),
             strict=True,
         ):
-            here = np.array(places)
-            nearest_grey[here], nearest[here], off_grey[here] = found[0], here[found[1]], found[2]
-    return Scan(nearest_grey, nearest, off_grey)
+            nearest_grey[here], alike_counts[here], off_grey[here] = found
+    return Scan(nearest_grey, alike_counts, off_grey)
 
 
-def nearest_others(coarse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest other row of each: root mean square difference (n,) and its index (n,).
+def nearest_others(
+    coarse: np.ndarray, counts: np.ndarray, noise_grey: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """How near the others come to each row: nearest_grey and alike_counts of Scan, (n,) each.
 
-    coarse: (n, B). The difference is infinite, and the index its own, where there is no other.
+    coarse: (n, B) pictures. counts: (n, N) taxels.
     """
-    squares = np.square(coarse).sum(axis=1)
-    least, where = np.full(len(coarse), np.inf), np.arange(len(coarse))
-    if len(coarse) == 1:
-        return least, where
+    nearest_grey, alike_counts = np.full((2, len(coarse)), np.inf)
     for start in range(0, len(coarse), ROWS_COMPARED):
         rows = np.arange(start, min(start + ROWS_COMPARED, len(coarse)))
-        apart = squares[rows, None] + squares[None] - 2.0 * coarse[rows] @ coarse.T
-        apart[np.arange(rows.size), rows] = np.inf
-        where[rows] = apart.argmin(axis=1)
-        least[rows] = apart.min(axis=1)
-    return np.sqrt(np.maximum(least, 0.0) / coarse.shape[1]), where
+        apart_grey, apart_counts = (_apart(of, rows) for of in (coarse, counts))
+        apart_grey[np.arange(rows.size), rows] = np.inf
+        nearest_grey[rows] = apart_grey.min(axis=1)
+        alike_counts[rows] = np.where(apart_grey < noise_grey, apart_counts, np.inf).min(axis=1)
+    return nearest_grey, alike_counts
+
+
+def _apart(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Root mean square difference of some rows of (n, B) from all: (rows, n)."""
+    squares = np.square(values).sum(axis=1)
+    apart = squares[rows, None] + squares[None] - 2.0 * values[rows] @ values.T
+    return np.sqrt(np.maximum(apart, 0.0) / values.shape[1])
 
 
 def coarse_picture(picture: np.ndarray) -> np.ndarray:
