@@ -21,6 +21,12 @@ FORCE_N = 8.0
 LAST_YAW_RAD = 7 / 4 * np.pi
 """Orientations are equally spaced from 0 to this (Grella et al. 2023)."""
 
+GRID_OFFSET_MM = (0.3, 0.17)
+"""Where the middle of the grid lies from the shape's own middle, x and y in the shape's frame, mm
+(assumed: as well as a robot finds a part). Were it nought, turning would bring a fifth of the
+presses of a round shape back to where another one was: its middle, and points at angles that the
+orientations happen to make up."""
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -107,7 +113,8 @@ def press_of(name: str, spacing_mm: float, index: int) -> Press:
     point, orientation = divmod(index, grid.orientations)
     row, column = divmod(point, grid.points)
     middle = (grid.points - 1) / 2
-    grid_x, grid_y = (column - middle) * spacing_mm, (row - middle) * spacing_mm
+    grid_x = (column - middle) * spacing_mm + GRID_OFFSET_MM[0]
+    grid_y = (row - middle) * spacing_mm + GRID_OFFSET_MM[1]
     yaw = LAST_YAW_RAD * orientation / (grid.orientations - 1)
     cos, sin = float(np.cos(yaw)), float(np.sin(yaw))
     return Press(

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from primitives_cad import catalogue
 from primitives_cad.errors import T2TwinError
@@ -36,14 +37,25 @@ def test_small_uses_all_orientations_evenly():
 
 def test_the_grid_turns_with_the_shape(shapes):
     shape = shapes("square-2")
-    assert protocol.press_at(shape, 24 * 12).x_mm == pytest.approx(0.0)
+    off_x, off_y = protocol.GRID_OFFSET_MM
+    assert protocol.press_at(shape, 24 * 12).x_mm == pytest.approx(off_x)
     corner = [protocol.press_at(shape, orientation) for orientation in range(12)]
     yaws = np.array([press.yaw_rad for press in corner])
     assert yaws == pytest.approx(np.linspace(0, 7 / 4 * np.pi, 12))
     reach = 3 * shape.spacing_mm
+    at = (off_x - reach, off_y - reach)
     for press in corner:
-        assert np.hypot(press.x_mm, press.y_mm) == pytest.approx(np.sqrt(2) * reach)
-    assert (corner[0].x_mm, corner[0].y_mm) == pytest.approx((-reach, -reach))
+        assert np.hypot(press.x_mm, press.y_mm) == pytest.approx(np.hypot(*at))
+    assert (corner[0].x_mm, corner[0].y_mm) == pytest.approx(at)
+
+
+@pytest.mark.parametrize("name", ["hemisphere-1", "circle-1", "bump-4", "circle-empty-4"])
+def test_a_round_shape_is_hardly_ever_pressed_twice_in_one_place(name, shapes):
+    presses = [protocol.press_at(shapes(name), index) for index in range(588)]
+    places = np.array([(press.x_mm, press.y_mm) for press in presses])
+    apart = KDTree(places).query(places, k=2)[0][:, 1]
+    assert (apart < 0.02).sum() == 0
+    assert (apart < 0.03).sum() < 20
 
 
 def test_an_unknown_scale_names_the_known_ones():
