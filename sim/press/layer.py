@@ -4,6 +4,7 @@ Everything is linear elasticity in plane-wave form: a surface pressure p cos(k.x
 deflection C(k) p cos(k.x), and a normal stress T(k) p cos(k.x) at the base.
 """
 
+from collections import OrderedDict
 from functools import lru_cache
 
 import numpy as np
@@ -28,6 +29,9 @@ HANKEL_POINTS_A_WAVE = 25
 
 HANKEL_RADII = 500
 """Distances at which the transform is worked out, and splined between."""
+
+MOST_KEPT_BYTES = 100_000_000
+"""Most memory for the transforms that a layer keeps: the windows of a hundred presses and more."""
 
 WHOLE = (slice(None), slice(None))
 """The window that is the whole grid."""
@@ -94,7 +98,7 @@ class Layer:
         self.thickness_mm = elastomer.thickness_at_mm(x, y)
 
         self._weights, self._kernels, self._softest = _answers(self, elastomer)
-        self._transforms: dict[tuple[int, int], np.ndarray] = {}
+        self._transforms: OrderedDict[tuple[int, int], np.ndarray] = OrderedDict()
         thickest = float(self.thickness_mm.max())
         wavenumbers = np.linspace(1e-3, 10, 2000) / thickest
         spectrum = compliance_mm_per_mpa(
@@ -127,10 +131,8 @@ class Layer:
             _fast(2 * rows - 1),
             _fast(2 * columns - 1),
         )
-        if (rows, columns) not in self._transforms:
-            self._transforms[rows, columns] = self._transform(rows, columns, padded)
         # Single precision: 1e-6 of the deflection, and twice as fast.
-        spectrum = self._transforms[rows, columns] * np.asarray(
+        spectrum = self._transform(rows, columns, padded) * np.asarray(
             fft.rfft2(pressure_mpa.astype(np.float32), padded)
         )
         answers = np.asarray(fft.irfft2(spectrum, padded))[:, :rows, :columns]
@@ -139,7 +141,17 @@ class Layer:
         return np.einsum("lyx,lyx->yx", self._weights[:, *window], answers).astype(np.float64)
 
     def _transform(self, rows: int, columns: int, padded: tuple[int, int]) -> np.ndarray:
-        """Transforms of the kernels cut to what a window of this size needs."""
+        """Transforms of the kernels cut to what a window of this size needs; the last are kept."""
+        kept = self._transforms
+        if (rows, columns) in kept:
+            kept.move_to_end((rows, columns))
+            return kept[rows, columns]
+        kept[rows, columns] = self._cut_and_transformed(rows, columns, padded)
+        while len(kept) > 1 and sum(each.nbytes for each in kept.values()) > MOST_KEPT_BYTES:
+            kept.popitem(last=False)
+        return kept[rows, columns]
+
+    def _cut_and_transformed(self, rows: int, columns: int, padded: tuple[int, int]) -> np.ndarray:
         middle_row, middle_column = self.rows - 1, self.columns - 1
         cut = np.zeros((len(self._kernels), *padded), np.float32)
         offset_rows, offset_columns = np.arange(1 - rows, rows), np.arange(1 - columns, columns)
