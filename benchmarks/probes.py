@@ -121,7 +121,7 @@ def errors(predicted: np.ndarray, true: np.ndarray, names: np.ndarray, full: flo
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Translators on the probes")
     parser.add_argument("runs", nargs="*", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="dataset of the trivial rows")
     parser.add_argument("--probes", type=Path, default=Path("data/probes.npz"))

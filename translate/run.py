@@ -5,6 +5,7 @@ RUN/log.jsonl          one line an epoch
 RUN/tensorboard/       the same for TensorBoard
 RUN/last.safetensors   state after the last epoch, to go on from
 RUN/best.safetensors   weights of the epoch with the lowest validation L3
+RUN/README.md          the model card, once the training is done
 """
 
 import json

@@ -23,6 +23,7 @@ from tqdm import tqdm
 from primitives_cad.errors import T2TwinError
 from primitives_cad.writing import whole_file
 from translate import distributed
+from translate.card import write_card
 from translate.checkpoint import load_history, load_state, save_state, save_weights
 from translate.data import Pairs, load_info, load_pairs, usable_cache
 from translate.images import augment, to_input
@@ -108,7 +109,10 @@ def train(
             _load_both(data_dir, settings, cache)
         distributed.wait()
         pairs, validation = _load_both(data_dir, settings, cache)
-        return _Training(config, out_dir, pairs, validation, rank).run()
+        outcome = _Training(config, out_dir, pairs, validation, rank).run()
+        if rank == 0:
+            write_card(out_dir, data_dir)
+        return outcome
 
 
 class _Training:
