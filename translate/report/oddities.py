@@ -12,9 +12,9 @@ from translate.report.scan import BLOCK_PX, Scan
 NOISE_GREY = 0.5
 """Noise of a picture whose dataset does not say: that of the simulated ones, grey levels."""
 
-DUPLICATE_SHARE = 0.0025
+DUPLICATE_SHARE = 0.0005
 """Difference of two pairs' taxels, in parts of full scale, below which they are the same (assumed:
-100 of 40,000 counts, well below what any translator is off by)."""
+20 of 40,000 counts, four times what two readings of one press differ by)."""
 
 NAMED = 5
 """Shapes named as those with most."""
