@@ -5,10 +5,10 @@ import cadquery as cq
 from primitives_cad.families import FAMILIES, PRIMITIVES
 from primitives_cad.solids import feature, plate
 
-PITCH_MM = 27.0
+PITCH_MM = 31.0
 """Distance from one primitive to the next, mm (assumed: half the diagonal of a DIGIT's gel,
-15.5 mm, the protocol's largest offset, 4.5 mm, and half the longest feature, 6.5 mm, so that no
-neighbour is touched; and eight of them fit a printer's bed of 220 mm)."""
+15.5 mm, the protocol's largest offset, 4.8 mm, and half the longest feature, 10 mm, so that no
+neighbour is touched; and eight of them fit a printer's bed of 250 mm)."""
 
 COLUMNS = len(FAMILIES)
 ROWS = len(PRIMITIVES) // COLUMNS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from primitives_cad import cache, catalogue, export, mosaic, sheet
+from primitives_cad import cache, catalogue, export, families, mosaic, sheet
 from primitives_cad.errors import T2TwinError
 
 
@@ -187,7 +187,7 @@ def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monke
 def test_the_mosaic_holds_every_feature(shapes):
     solid = mosaic.solid()
     plate = mosaic.COLUMNS * mosaic.ROWS * mosaic.PITCH_MM**2 * 3.0
-    single_plate = 20.0 * 20.0 * 3.0
+    single_plate = families.PLATE_SIDE_MM**2 * 3.0
     features = sum(shapes(name).mesh.volume - single_plate for name in catalogue.PRIMITIVES)
     assert solid.isValid()
     assert len(solid.Solids()) == 1
