@@ -42,22 +42,21 @@ LEAST_SPEED_UP = 1.8
 SENSORS = ("digit", "cyskin")
 
 
-def measure(folder: Path) -> dict[str, Any]:
+def measure(dataset: Dataset) -> dict[str, Any]:
     """What a dataset's shards and log say."""
-    dataset = gather_dataset(folder)
     looked = scan(dataset, oddities.noise_grey(dataset))
     counts, saturated = dataset.counts, dataset.saturated
     largest = counts.max(axis=1)
     split = np.array([split for split, _ in dataset.places])
-    shards = [folder / path for path in dataset.info["shards"]]
+    size = sum((dataset.data / path).stat().st_size for path in dataset.info["shards"])
     force = dataset.column("force_n")
     alike, duplicates = np.isfinite(looked.alike_counts), oddities.near_duplicates(dataset, looked)
     return {
         "pairs": {name: len(table) for name, table in dataset.tables.items()},
         "versions": dataset.info["versions"],
-        "run": _last_run(folder),
-        "size_gib": sum(path.stat().st_size for path in shards) / 2**30,
-        "kb_a_pair": sum(path.stat().st_size for path in shards) / len(counts) / 1e3,
+        "run": _last_run(dataset.data),
+        "size_gib": size / 2**30,
+        "kb_a_pair": size / len(counts) / 1e3,
         "pairs_without_contact": int((largest < contents.TOUCHED_COUNTS).sum()),
         "unsettled": int(sum((~dataset.column(f"{s}_settled")).sum() for s in SENSORS)),
         "bottomed": int(sum(dataset.column(f"{s}_bottomed").sum() for s in SENSORS)),
@@ -93,9 +92,8 @@ def _last_run(folder: Path) -> dict[str, Any]:
     }
 
 
-def draw(folder: Path) -> None:
+def draw(dataset: Dataset) -> None:
     """The pictures of a dataset."""
-    dataset: Dataset = gather_dataset(folder)
     rows = contents.gallery(dataset)
     lines = -(-len(rows) // contents.GALLERY_COLUMNS)
     drawings: dict[str, tuple[float, Callable[[Figure], None]]] = {
@@ -134,13 +132,14 @@ def main() -> None:
         help="one dataset made twice in a row, with one worker and with two",
     )
     options = parser.parse_args()
-    found = {"command": f"python -m benchmarks.dataset {options.folder}"} | measure(options.folder)
+    dataset = gather_dataset(options.folder)
+    found = {"command": f"python -m benchmarks.dataset {options.folder}"} | measure(dataset)
     if options.rates is not None:
         one, two = (_last_run(folder) for folder in options.rates)
         found["one_worker"], found["two_workers"] = one, two
         found["two_workers_over_one"] = two["pairs_a_second"] / one["pairs_a_second"]
     RESULT.write_text(json.dumps(found, indent=1) + "\n")
-    draw(options.folder)
+    draw(dataset)
     print(json.dumps(found, indent=1))
     missed = misses(found)
     if missed:

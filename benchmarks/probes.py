@@ -32,9 +32,6 @@ from translate.predict import load_run
 if TYPE_CHECKING:
     import cadquery as cq
 
-PLACES = np.array([-1, 0, 1]) * catalogue.OBJECT_SPACING_MM
-"""Of a press along either axis of the solid, mm: the objects' grid."""
-
 LONG_MM = 60.0
 """Length of what goes on past both sensors, mm."""
 
@@ -72,17 +69,11 @@ def solids() -> dict[str, "cq.Workplane"]:
 
 def presses(name: str) -> list[Press]:
     """The protocol's object presses of a solid: 63."""
-    last = protocol.OBJECT_GRID.orientations - 1
-    found = []
-    for y in PLACES:
-        for x in PLACES:
-            for turn in range(last + 1):
-                yaw = protocol.LAST_YAW_RAD * turn / last
-                cos, sin = np.cos(yaw), np.sin(yaw)
-                found.append(
-                    Press(name, cos * x - sin * y, sin * x + cos * y, yaw, protocol.FORCE_N)
-                )
-    return found
+    grid = protocol.OBJECT_GRID
+    return [
+        protocol.press_of(name, catalogue.OBJECT_SPACING_MM, index, grid)
+        for index in range(grid.points**2 * grid.orientations)
+    ]
 
 
 def shape_of(name: str, solid: "cq.Workplane") -> Shape:

@@ -103,13 +103,15 @@ def press_at(shape: Shape, index: int) -> Press:
     return press_of(shape.name, shape.spacing_mm, index)
 
 
-def press_of(name: str, spacing_mm: float, index: int) -> Press:
+def press_of(name: str, spacing_mm: float, index: int, grid: Grid | None = None) -> Press:
     """The press of an index, of a shape by name and the spacing of its grid.
+
+    grid: a catalogue shape's own unless given.
 
     The sensor goes to a grid point of the shape and turns about the press axis there; seen from
     the sensor, the grid turns with the shape: (x, y) = Rz(yaw) (grid point).
     """
-    grid = grid_of(name)
+    grid = grid or grid_of(name)
     point, orientation = divmod(index, grid.orientations)
     row, column = divmod(point, grid.points)
     middle = (grid.points - 1) / 2

@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pytest
 
 from sim.cyskin.layout import load_layout
 from sim.dataset import FORMAT, SCHEMA, shard_path, write_info, write_shard
 from sim.png import encode_png
+from translate.train import train
 
 ROWS, COLUMNS = 320, 240
 PX_PER_MM = 8.0
@@ -51,6 +53,14 @@ def write_spots(folder: Path, train: int = 32, val: int = 12, test: int = 8, see
         },
     )
     return folder
+
+
+def train_smoke(model: str, data_dir: Path, run_dir: Path, epochs: int) -> Path:
+    """Trains at preset smoke on one thread, the same on every machine. Returns the run's folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OMP_NUM_THREADS", "1")
+        train(model, data_dir, "smoke", run_dir, epochs=epochs)
+    return run_dir
 
 
 def _spot(shape: str, family: str, split: str, index: int, rng: np.random.Generator) -> dict:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from skimage.metrics import structural_similarity
-from spots import write_spots
+from spots import train_smoke, write_spots
 
 from primitives_cad.errors import T2TwinError
 from sim.cyskin.layout import load_layout
@@ -21,7 +21,6 @@ from translate.predict import load_run
 from translate.similarity import alike
 from translate.table import table
 from translate.touch2touch import Touch2Touch
-from translate.train import train
 
 FULL_SCALE = 40000.0
 
@@ -50,11 +49,10 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def runs(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("runs")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("OMP_NUM_THREADS", "1")
-        for model in ("touch2touch", "resnet18"):
-            train(model, data_dir, "smoke", folder / model, epochs=3)
-    return [folder / "touch2touch", folder / "resnet18"]
+    return [
+        train_smoke(model, data_dir, folder / model, epochs=3)
+        for model in ("touch2touch", "resnet18")
+    ]
 
 
 def test_perfect_prediction(phi: Phi, true: np.ndarray) -> None:

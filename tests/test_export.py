@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
-from spots import write_spots
+from spots import train_smoke, write_spots
 
 from primitives_cad.errors import T2TwinError
 from translate.card import write_card
@@ -33,10 +33,7 @@ def run_dir(
     request: pytest.FixtureRequest, data_dir: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     folder = tmp_path_factory.mktemp("runs") / request.param
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("OMP_NUM_THREADS", "1")
-        train(request.param, data_dir, "smoke", folder, epochs=4)
-    return folder
+    return train_smoke(request.param, data_dir, folder, epochs=4)
 
 
 @pytest.fixture(scope="module")

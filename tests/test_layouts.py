@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from spots import write_spots
+from spots import train_smoke, write_spots
 
 from primitives_cad.errors import T2TwinError
 from sim.cyskin.layout import load_layout
@@ -14,7 +14,6 @@ from translate.evaluate import LAYOUT_FLOOR, evaluate
 from translate.layouts import for_layout, same_layout, seen_through
 from translate.predict import Run, load_run
 from translate.touch2touch import Touch2Touch
-from translate.train import train
 from translate.view import view_on
 
 PITCH_MM = 4.0
@@ -24,11 +23,10 @@ PITCH_MM = 4.0
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
     folder = tmp_path_factory.mktemp("layouts")
     data = write_spots(folder / "data", train=16, val=4, test=2)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("OMP_NUM_THREADS", "1")
-        for model in ("touch2touch", "resnet18"):
-            train(model, data, "smoke", folder / model, epochs=1)
-    return {model: load_run(folder / model) for model in ("touch2touch", "resnet18")}
+    return {
+        model: load_run(train_smoke(model, data, folder / model, epochs=1))
+        for model in ("touch2touch", "resnet18")
+    }
 
 
 @pytest.fixture(scope="module")

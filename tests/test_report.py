@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
+from spots import train_smoke
 
 from sim.dataset import write_shard
 from sim.generate import generate
@@ -23,7 +24,6 @@ from translate.report.material import gather, gather_dataset
 from translate.report.names import name_of
 from translate.report.page import LINKS, PAGE, write_report
 from translate.report.scan import nearest_others, scan
-from translate.train import train
 
 SHAPES = (
     "circle-1", "square-1", "hemisphere-4", "line-sharp-4", "square-3", "circle-3",
@@ -73,11 +73,10 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def runs(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     folder = tmp_path_factory.mktemp("runs")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("OMP_NUM_THREADS", "1")
-        for model in ("touch2touch", "resnet18"):
-            train(model, data_dir, "smoke", folder / model, epochs=3)
-    return [folder / "touch2touch", folder / "resnet18"]
+    return [
+        train_smoke(model, data_dir, folder / model, epochs=3)
+        for model in ("touch2touch", "resnet18")
+    ]
 
 
 @pytest.fixture(scope="module")

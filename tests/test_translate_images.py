@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from spots import write_spots
+from spots import train_smoke, write_spots
 
 from primitives_cad.errors import T2TwinError
 from translate import batch
@@ -19,7 +19,6 @@ from translate.data import load_pairs
 from translate.images import open_image, to_input
 from translate.predict import load_run
 from translate.run import build
-from translate.train import train
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +31,7 @@ def run_dir(
     request: pytest.FixtureRequest, data_dir: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> Path:
     folder = tmp_path_factory.mktemp("runs") / request.param
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("OMP_NUM_THREADS", "1")
-        train(request.param, data_dir, "smoke", folder, epochs=2)
-    return folder
+    return train_smoke(request.param, data_dir, folder, epochs=2)
 
 
 @pytest.fixture
