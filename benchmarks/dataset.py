@@ -39,6 +39,9 @@ LIMITS = {
 LEAST_SPEED_UP = 1.8
 """Of two workers over one."""
 
+RATES = ("one_worker", "two_workers", "two_workers_over_one")
+"""Figures of --rates."""
+
 SENSORS = ("digit", "cyskin")
 
 
@@ -129,15 +132,17 @@ def main() -> None:
         nargs=2,
         type=Path,
         metavar=("ONE", "TWO"),
-        help="one dataset made twice in a row, with one worker and with two",
+        help="one dataset made twice in a row, with one worker and with two; what the results "
+        "hold of these stays unless given",
     )
     options = parser.parse_args()
     dataset = gather_dataset(options.folder)
     found = {"command": f"python -m benchmarks.dataset {options.folder}"} | measure(dataset)
+    earlier = json.loads(RESULT.read_text()) if RESULT.is_file() else {}
+    found |= {name: earlier[name] for name in RATES if name in earlier}
     if options.rates is not None:
         one, two = (_last_run(folder) for folder in options.rates)
-        found["one_worker"], found["two_workers"] = one, two
-        found["two_workers_over_one"] = two["pairs_a_second"] / one["pairs_a_second"]
+        found |= zip(RATES, (one, two, two["pairs_a_second"] / one["pairs_a_second"]), strict=True)
     RESULT.write_text(json.dumps(found, indent=1) + "\n")
     draw(dataset)
     print(json.dumps(found, indent=1))

@@ -19,7 +19,7 @@ def formula(
     """A shape whose pressing surface is heights(x, y), mm, <= 0; its mesh is not used."""
     axis = np.linspace(-REACH_MM, REACH_MM, round(2 * REACH_MM / pitch_mm) + 1)
     surface = heights(*np.meshgrid(axis, axis)).astype(np.float32)
-    return Shape(name, trimesh.Trimesh(), HeightMap(surface, axis, axis), spacing_mm=1.4)
+    return Shape(name, trimesh.Trimesh(), HeightMap(surface, axis, axis), spacing_mm=(1.4, 1.4))
 
 
 def ball(radius_mm: float, pitch_mm: float = PITCH_MM) -> Shape:

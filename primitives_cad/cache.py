@@ -51,10 +51,13 @@ def fetch(folder: Path, name: str, content: bytes, build: Callable[[], Shape]) -
         }
 
     def unpack(kept: Mapping[str, np.ndarray]) -> Shape:
+        about = json.loads(str(kept["about"]))
+        x, y = about.pop("spacing_mm")
         return Shape(
             mesh=trimesh.Trimesh(kept["vertices"], kept["faces"], process=False),
             surface=HeightMap(kept["heights_mm"], kept["x_mm"], kept["y_mm"]),
-            **json.loads(str(kept["about"])),
+            spacing_mm=(x, y),
+            **about,
         )
 
     return _fetch(_path(folder, name, content), build, pack, unpack)

@@ -27,8 +27,12 @@ TOOLS = tuple(KEYPOINTS)
 OBJECTS = tuple(f"{tool}/{keypoint}" for tool in TOOLS for keypoint in KEYPOINTS[tool])
 NAMES = PRIMITIVES + OBJECTS
 
-OBJECT_SPACING_MM = 1.5
-"""Spacing of the 3 x 3 grid at a tool's keypoint, mm (Grella et al. 2023)."""
+OBJECT_SPACING_MM = (1.5, 1.5)
+"""Spacing of the 3 x 3 grid at a tool's keypoint, x and y, mm (Grella et al. 2023)."""
+
+FILE_SPACING_MM = 1.5
+"""Largest spacing of the grid on a user's shape, mm (assumed: so that it stays near the middle,
+where there surely is something to press)."""
 
 
 def split(name: str) -> str:
@@ -120,7 +124,7 @@ def _primitive(name: str) -> Shape:
         name=name,
         mesh=mesh,
         surface=heights,
-        spacing_mm=families.spacing_mm(families.extent_mm(name)),
+        spacing_mm=families.spacings_mm(name),
         parameters=families.parameters(name),
         base_mm=-families.FEATURE_HEIGHT_MM,
     )
@@ -142,12 +146,12 @@ def _file(path: Path) -> Shape:
 
     mesh: trimesh.Trimesh = files.read_solid(path)
     mesh, heights = surface.stand(mesh)
-    reach = min(float(mesh.extents[:2].max()), 2.0 * surface.REACH_MM)
+    spacing = min(families.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(
         name=path.stem,
         mesh=mesh,
         surface=heights,
-        spacing_mm=families.spacing_mm(reach),
+        spacing_mm=(spacing, spacing),
         base_mm=surface.base_mm(heights),
     )
 

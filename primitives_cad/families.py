@@ -3,13 +3,15 @@
 Families, what is varied and the split by version are Grella et al. 2023's; the sizes are
 assumed, chosen for a DIGIT that sees about 12.5 x 16.7 mm: most features lie within that view,
 but lines and the largest version of each flat family leave it, as the edges and faces of tools
-do. All lengths are in mm.
+do. The lines are of different lengths, because a picture that an edge crosses does not say where
+the edge ends: who has met one length only believes in it. All lengths are in mm.
 """
 
 from math import sqrt
 
-PLATE_SIDE_MM = 30.0
-"""Side of the square base plate that a primitive stands on, mm (assumed)."""
+PLATE_SIDE_MM = 46.0
+"""Side of the square base plate that a primitive stands on, mm (assumed: room for the longest
+line)."""
 
 PLATE_THICKNESS_MM = 3.0
 """Thickness of the base plate, mm (assumed)."""
@@ -18,19 +20,15 @@ FEATURE_HEIGHT_MM = 6.0
 """Height of every feature's top above the plate, mm (assumed: well over the thickest soft
 layer, 4.07 mm, so that no press meets the plate)."""
 
-LINE_LENGTH_MM = 20.0
-"""Length of both kinds of line, along y, mm (assumed: more than the 16.7 mm that a DIGIT sees, so
-that a line which leaves the picture is also felt beyond it)."""
-
 VALIDATION_VERSION = 3
 """The version of each family that networks are validated on; the others are trained on."""
 
 FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
     "line-smooth": (
-        {"width": 1.6, "radius": 0.4},
-        {"width": 3.0, "radius": 1.2},
-        {"width": 2.2, "radius": 0.8},
-        {"width": 2.6, "radius": 0.6},
+        {"width": 1.6, "radius": 0.4, "length": 40.0},
+        {"width": 3.0, "radius": 1.2, "length": 20.0},
+        {"width": 2.2, "radius": 0.8, "length": 24.0},
+        {"width": 2.6, "radius": 0.6, "length": 28.0},
     ),
     "square": ({"side": 5.6}, {"side": 8.4}, {"side": 7.0}, {"side": 16.0}),
     "circle-empty": (
@@ -53,14 +51,21 @@ FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
         {"side": 13.0, "edge": 1.3},
     ),
     "hemisphere": ({"radius": 2.5}, {"radius": 4.0}, {"radius": 3.3}, {"radius": 5.5}),
-    "line-sharp": ({"width": 1.0}, {"width": 3.0}, {"width": 1.8}, {"width": 2.4}),
+    "line-sharp": (
+        {"width": 1.0, "length": 20.0},
+        {"width": 3.0, "length": 40.0},
+        {"width": 1.8, "length": 24.0},
+        {"width": 2.4, "length": 28.0},
+    ),
 }
 """Parameters of versions 1 to 4 of each family, mm (assumed). radius: of the long edges'
 rounding for line-smooth, else of the shape's outline (outer, for circle-empty); edge: wall
-thickness; curvature: radius of the bump's spherical cap."""
+thickness; curvature: radius of the bump's spherical cap; length: along y, all beyond the 16.7 mm
+that a DIGIT sees."""
 
-SPACING_LIMITS_MM = (0.8, 1.5)
-"""Range of the press grid's spacing, mm (assumed; Grella et al. 2023 use 1.4 for a square)."""
+LEAST_SPACING_MM = 1.0
+"""Least spacing of the press grid, mm (assumed; Grella et al. 2023 use 1.4 for a square, and their
+grid covers each primitive): so that presses on narrow shapes differ."""
 
 SPACING_STEP_MM = 0.05
 """Spacings are rounded to this, mm (assumed)."""
@@ -91,17 +96,18 @@ def parameters(name: str) -> dict[str, float]:
     return dict(FAMILIES[family(name)][version(name) - 1])
 
 
-def extent_mm(name: str) -> float:
-    """Largest side of the feature's outline, mm."""
+def extents_mm(name: str) -> tuple[float, float]:
+    """Sides of the feature's outline along x and y, mm."""
     sizes = parameters(name)
     kind = family(name)
     if kind in ("line-smooth", "line-sharp"):
-        return LINE_LENGTH_MM
+        return sizes["width"], sizes["length"]
     if kind in ("square", "square-empty"):
-        return sizes["side"]
-    if kind == "bump":
-        return 2.0 * cap_radius_mm(sizes["height"], sizes["curvature"])
-    return 2.0 * sizes["radius"]
+        return sizes["side"], sizes["side"]
+    radius = (
+        cap_radius_mm(sizes["height"], sizes["curvature"]) if kind == "bump" else sizes["radius"]
+    )
+    return 2.0 * radius, 2.0 * radius
 
 
 def cap_radius_mm(height_mm: float, curvature_mm: float) -> float:
@@ -111,6 +117,11 @@ def cap_radius_mm(height_mm: float, curvature_mm: float) -> float:
 
 def spacing_mm(extent: float) -> float:
     """Spacing of a 7 x 7 grid of presses that covers a feature of this extent (mm), mm."""
-    low, high = SPACING_LIMITS_MM
     steps = round(extent / GRID_INTERVALS / SPACING_STEP_MM)
-    return round(min(max(steps * SPACING_STEP_MM, low), high), 2)
+    return round(max(steps * SPACING_STEP_MM, LEAST_SPACING_MM), 2)
+
+
+def spacings_mm(name: str) -> tuple[float, float]:
+    """Spacings along x and y of the grid that covers a primitive, mm."""
+    x, y = extents_mm(name)
+    return spacing_mm(x), spacing_mm(y)

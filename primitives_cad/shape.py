@@ -77,7 +77,7 @@ class Shape:
     name: as in the catalogue (`square-2`, `pliers/jaw-tip`) or a file's stem.
     mesh: the solid, mm, in the shape frame, watertight.
     surface: its pressing surface.
-    spacing_mm: pitch of the protocol's grid of press points for this shape.
+    spacing_mm: pitch of the protocol's grid of press points for this shape, along x and y.
     parameters: what was varied, by name, mm.
     base_mm: height of the base plate's top in the surface's heights (negative), or None; of a
         user's file its lowest flat face, where other parts stand on one.
@@ -86,6 +86,6 @@ class Shape:
     name: str
     mesh: trimesh.Trimesh
     surface: HeightMap
-    spacing_mm: float
+    spacing_mm: tuple[float, float]
     parameters: dict[str, float] = field(default_factory=dict)
     base_mm: float | None = None

@@ -5,7 +5,6 @@ import cadquery as cq
 
 from primitives_cad.families import (
     FEATURE_HEIGHT_MM,
-    LINE_LENGTH_MM,
     PLATE_SIDE_MM,
     PLATE_THICKNESS_MM,
     cap_radius_mm,
@@ -34,9 +33,9 @@ def feature(name: str) -> cq.Workplane:
     sizes = parameters(name)
     kind = family(name)
     if kind == "line-sharp":
-        return _floor().rect(sizes["width"], LINE_LENGTH_MM).extrude(FEATURE_HEIGHT_MM)
+        return _floor().rect(sizes["width"], sizes["length"]).extrude(FEATURE_HEIGHT_MM)
     if kind == "line-smooth":
-        bar = _floor().rect(sizes["width"], LINE_LENGTH_MM).extrude(FEATURE_HEIGHT_MM)
+        bar = _floor().rect(sizes["width"], sizes["length"]).extrude(FEATURE_HEIGHT_MM)
         return bar.faces(">Z").edges("|Y").fillet(sizes["radius"])
     if kind == "square":
         return _floor().rect(sizes["side"], sizes["side"]).extrude(FEATURE_HEIGHT_MM)

@@ -103,8 +103,10 @@ def press_at(shape: Shape, index: int) -> Press:
     return press_of(shape.name, shape.spacing_mm, index)
 
 
-def press_of(name: str, spacing_mm: float, index: int, grid: Grid | None = None) -> Press:
-    """The press of an index, of a shape by name and the spacing of its grid.
+def press_of(
+    name: str, spacing_mm: tuple[float, float], index: int, grid: Grid | None = None
+) -> Press:
+    """The press of an index, of a shape by name and the spacing of its grid along x and y.
 
     grid: a catalogue shape's own unless given.
 
@@ -115,8 +117,8 @@ def press_of(name: str, spacing_mm: float, index: int, grid: Grid | None = None)
     point, orientation = divmod(index, grid.orientations)
     row, column = divmod(point, grid.points)
     middle = (grid.points - 1) / 2
-    grid_x = (column - middle) * spacing_mm + GRID_OFFSET_MM[0]
-    grid_y = (row - middle) * spacing_mm + GRID_OFFSET_MM[1]
+    grid_x = (column - middle) * spacing_mm[0] + GRID_OFFSET_MM[0]
+    grid_y = (row - middle) * spacing_mm[1] + GRID_OFFSET_MM[1]
     yaw = LAST_YAW_RAD * orientation / (grid.orientations - 1)
     cos, sin = float(np.cos(yaw)), float(np.sin(yaw))
     return Press(

@@ -120,10 +120,10 @@ def _pairing(path: str, rows: pa.Table, protocol: dict[str, list[int]]) -> Itera
             yield f"row {worst}: its {name} is not the protocol's for press {indices[worst]}"
 
 
-def _spacing_mm(shape: str) -> float:
+def _spacing_mm(shape: str) -> tuple[float, float]:
     if shape in catalogue.OBJECTS:
         return catalogue.OBJECT_SPACING_MM
-    return families.spacing_mm(families.extent_mm(shape))
+    return families.spacings_mm(shape)
 
 
 def _sample(image: dict[str, Any], counts: list[int], info: dict[str, Any]) -> Iterator[str]:

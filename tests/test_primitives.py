@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from primitives_cad import catalogue, families, solids
-from primitives_cad.families import FEATURE_HEIGHT_MM, LINE_LENGTH_MM, PLATE_SIDE_MM
+from primitives_cad.families import FEATURE_HEIGHT_MM, PLATE_SIDE_MM
 from primitives_cad.tessellate import tessellate_symmetric
 
 PLATE_MM3 = PLATE_SIDE_MM**2 * families.PLATE_THICKNESS_MM
@@ -20,11 +20,11 @@ def feature_mm3(name: str) -> float:
     tall = FEATURE_HEIGHT_MM
     match families.family(name):
         case "line-sharp":
-            return sizes["width"] * LINE_LENGTH_MM * tall
+            return sizes["width"] * sizes["length"] * tall
         case "line-smooth":
             # Each rounded edge leaves a quarter of a circle of its square.
             corners = 2.0 * (1.0 - pi / 4.0) * sizes["radius"] ** 2
-            return (sizes["width"] * tall - corners) * LINE_LENGTH_MM
+            return (sizes["width"] * tall - corners) * sizes["length"]
         case "square":
             return sizes["side"] ** 2 * tall
         case "square-empty":
@@ -103,15 +103,19 @@ def test_versions_differ_and_validation_lies_inside_its_family():
             assert min(values) < validation < max(values)
 
 
-def test_spacing_covers_the_feature_or_is_at_its_limit():
-    assert families.spacing_mm(families.extent_mm("square-2")) == 1.4
-    low, high = families.SPACING_LIMITS_MM
+def test_the_grid_covers_the_feature():
+    """From side to side along either axis; on narrow ones beyond."""
+    assert families.spacings_mm("square-2") == (1.4, 1.4)
+    assert families.spacings_mm("line-sharp-2") == pytest.approx((1.0, 6.65), abs=0.05)
     for name in catalogue.PRIMITIVES:
-        spacing = families.spacing_mm(families.extent_mm(name))
-        assert low <= spacing <= high
-        if low < spacing < high:
+        for spacing, extent in zip(
+            families.spacings_mm(name), families.extents_mm(name), strict=True
+        ):
             covered = families.GRID_INTERVALS * spacing
-            assert covered == pytest.approx(families.extent_mm(name), abs=0.16)
+            if spacing > families.LEAST_SPACING_MM:
+                assert covered == pytest.approx(extent, abs=0.16)
+            else:
+                assert covered >= extent - 0.16
 
 
 def test_splits():

@@ -42,7 +42,7 @@ def test_the_grid_turns_with_the_shape(shapes):
     corner = [protocol.press_at(shape, orientation) for orientation in range(12)]
     yaws = np.array([press.yaw_rad for press in corner])
     assert yaws == pytest.approx(np.linspace(0, 7 / 4 * np.pi, 12))
-    reach = 3 * shape.spacing_mm
+    reach = 3 * shape.spacing_mm[0]
     at = (off_x - reach, off_y - reach)
     for press in corner:
         assert np.hypot(press.x_mm, press.y_mm) == pytest.approx(np.hypot(*at))

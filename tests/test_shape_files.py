@@ -186,7 +186,7 @@ def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monke
 
 def test_the_mosaic_holds_every_feature(shapes):
     solid = mosaic.solid()
-    plate = mosaic.COLUMNS * mosaic.ROWS * mosaic.PITCH_MM**2 * 3.0
+    plate = mosaic.COLUMNS * mosaic.ROWS * mosaic.PITCH_MM[0] * mosaic.PITCH_MM[1] * 3.0
     single_plate = families.PLATE_SIDE_MM**2 * 3.0
     features = sum(shapes(name).mesh.volume - single_plate for name in catalogue.PRIMITIVES)
     assert solid.isValid()

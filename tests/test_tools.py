@@ -96,7 +96,7 @@ def test_keypoint_lies_on_the_tool_and_faces_outwards(name, folder):
 @pytest.mark.parametrize("name", catalogue.OBJECTS)
 def test_a_sensor_reaches_the_keypoint(name, folder):
     shape = catalogue.load(name, folder)
-    assert shape.spacing_mm == 1.5
+    assert shape.spacing_mm == (1.5, 1.5)
     assert shape.mesh.is_watertight
     heights = shape.surface
     assert heights.heights_mm.max() == 0.0

@@ -159,6 +159,25 @@ def test_cosine_falls_from_the_rate_towards_nought(data_dir: Path, tmp_path: Pat
     np.testing.assert_allclose(rates, 0.5e-3 * (1 + np.cos(np.pi * np.arange(4) / 4)))
 
 
+def test_the_discriminator_takes_its_share_of_the_rate(data_dir: Path, tmp_path: Path) -> None:
+    """At no share it stays as it was drawn, while the generator learns; at its own it moves."""
+    smoke = PRESETS["touch2touch"]["smoke"]
+    moved: dict[float, dict[str, bool]] = {}
+    for share in (0.0, 0.2):
+        run_dir = tmp_path / f"{share}"
+        train("touch2touch", data_dir, replace(smoke, discriminator_share=share), run_dir, epochs=1)
+        state = load_file(run_dir / "last.safetensors")
+        moved[share] = {
+            name: any(
+                not torch.equal(state[f"network/{name}/{key}"], value)
+                for key, value in network.named_parameters()
+            )
+            for name, network in build(load_config(run_dir)).networks.items()
+        }
+    assert moved[0.0] == {"generator": True, "discriminator": False}
+    assert moved[0.2] == {"generator": True, "discriminator": True}
+
+
 def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> None:
     """Started as torchrun starts them, over gloo: it learns, and one of them keeps the log."""
     with socket.socket() as free:

@@ -182,9 +182,10 @@ class _Training:
         started = time.perf_counter()
         config, translator = self.config, self.translator
         rate = _learning_rate(config, epoch)
-        for optimizer in translator.optimizers.values():
+        for name, optimizer in translator.optimizers.items():
+            share = config.preset.discriminator_share if name == "discriminator" else 1.0
             for group in optimizer.param_groups:
-                group["lr"] = rate
+                group["lr"] = rate * share
         order = np.random.default_rng([config.seed, epoch]).permutation(len(self.pairs))
         rng = np.random.default_rng([config.seed, epoch, 1 + self.rank])
         torch.manual_seed(int(rng.integers(2**63)))  # dropout
