@@ -152,6 +152,16 @@ def test_minutes_bound_the_epochs(
     assert len(records(tmp_path)) == 3
 
 
+def test_a_presets_steps_bound_the_epochs_unless_those_are_given(
+    data_dir: Path, tmp_path: Path
+) -> None:
+    preset = replace(PRESETS["resnet18"]["smoke"], steps=9)  # 4 steps an epoch
+    train("resnet18", data_dir, preset, tmp_path / "steps")
+    train("resnet18", data_dir, preset, tmp_path / "epochs", epochs=3)
+    planned = [load_config(tmp_path / name).planned_epochs for name in ("steps", "epochs")]
+    assert planned == [2, 3]
+
+
 def test_cosine_falls_from_the_rate_towards_nought(data_dir: Path, tmp_path: Path) -> None:
     preset = replace(PRESETS["resnet18"]["smoke"], schedule="cosine", learning_rate=1e-3)
     train("resnet18", data_dir, preset, tmp_path, epochs=4)

@@ -68,8 +68,9 @@ def train(
     """Trains a translator on DIR's train split, watching its val split, into the folder out_dir.
 
     model: "touch2touch" or "resnet18". preset: a name of translate.presets, or a Preset.
-    epochs: most epochs, the preset's by default. minutes: most minutes; as many epochs are
-    planned as fit in, and the schedule of the learning rate follows the plan.
+    epochs: most epochs; by default the preset's, and no more than its steps make. minutes: most
+    minutes; as many epochs are planned as fit in, and the schedule of the learning rate follows
+    the plan.
     Raises T2TwinError for an unknown model or preset, a data set that cannot be read, a folder that
     holds another run, and a loss that stops being a number.
     """
@@ -134,10 +135,8 @@ class _Training:
     def run(self) -> Outcome:
         resumed = (self.out_dir / LAST).is_file()
         epoch_seconds = self._measure()
-        if not resumed and self.config.minutes is not None:
-            fit = int(self.config.minutes * 60 / epoch_seconds)
-            planned = max(1, min(fit, self.config.planned_epochs))
-            self.config = replace(self.config, planned_epochs=planned)
+        if not resumed:
+            self.config = replace(self.config, planned_epochs=self._planned_epochs(epoch_seconds))
         self.translator = build(self.config)
         if resumed:
             self.history = load_state(self.out_dir / LAST, self.translator)
@@ -151,6 +150,15 @@ class _Training:
         if self.rank == 0:
             print(f"{self.out_dir}: {_in_words(outcome)}.")
         return outcome
+
+    def _planned_epochs(self, epoch_seconds: float) -> int:
+        """As many as asked for, or as the preset allows; with a limit in minutes, what fits in."""
+        config, planned = self.config, self.config.planned_epochs
+        if config.epochs is None and config.preset.steps:
+            planned = min(planned, round(config.preset.steps / self.steps))
+        if config.minutes is not None:
+            planned = min(planned, int(config.minutes * 60 / epoch_seconds))
+        return max(1, planned)
 
     def _train(self) -> None:
         done = len(self.history)
