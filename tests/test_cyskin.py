@@ -2,6 +2,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from benchmarks.solids import ball
 from primitives_cad.errors import T2TwinError
@@ -95,6 +96,17 @@ def test_the_default_layout_is_a_triangular_grid():
     assert layout.size == 20
     assert apart.min(axis=1) == pytest.approx(7.5, abs=1e-3)
     assert layout.x_mm.mean() == pytest.approx(0) and layout.y_mm.mean() == pytest.approx(0)
+
+
+def test_the_denser_layout_holds_the_default_one():
+    """And one more taxel midway between any two neighbours: a triangular grid of half the pitch."""
+    coarse, fine = load_layout(), load_layout("cyskin-63")
+    places, of = (np.stack([each.x_mm, each.y_mm], 1) for each in (fine, coarse))
+    assert fine.size == 20 + 43  # 3 x 5 + 4 x 4 + 3 x 4 pairs of neighbours
+    apart, _ = KDTree(places).query(of)
+    assert apart.max() < 1e-3
+    nearest = KDTree(places).query(places, k=2)[0][:, 1]
+    np.testing.assert_allclose(nearest, 3.75, atol=1e-3)
 
 
 def test_layouts_from_json_and_csv_agree(tmp_path):
