@@ -60,7 +60,7 @@ def _square(*axis: int) -> tuple[tuple[int, int], ...]:
 
 SCALES = {
     "smoke": Scale("smoke", ((0, 0), (3, 3), (6, 6)), 1, ((1, 1),), 1),
-    "small": Scale("small", _square(0, 2, 4, 6), 2, _square(0, 1, 2), 1),
+    "small": Scale("small", _square(1, 2, 4, 5), 2, _square(0, 1, 2), 1),
     "paper": Scale("paper", _square(*range(7)), 12, _square(*range(3)), 7),
 }
 

@@ -67,11 +67,7 @@ def _sample(material: Material, split: str, row: int, quantile: float) -> str:
     evaluated, table = material.evaluated[split], material.tables[split]
     errors = {name: float(evaluated.errors(name)[row]) for name in material.runs}
     shape = table["shape"][row].as_py()
-    drawings = sum(isinstance(run.translator, Touch2Touch) for run in material.runs.values())
-    panels = 2 + 2 * len(material.runs) + drawings
-    content = figure(
-        "png", PANEL_IN * panels + BARS_IN, ROW_IN, lambda page: _draw(page, material, split, row)
-    )
+    content = row_picture(material, split, row)
     said = "; ".join(f"{name_of(name)} {error:,.0f}" for name, error in errors.items())
     where = (
         f"x {_tenths(table['x_mm'][row].as_py())} mm, y {_tenths(table['y_mm'][row].as_py())} mm, "
@@ -80,6 +76,15 @@ def _sample(material: Material, split: str, row: int, quantile: float) -> str:
     note = f"{SPLIT_NAMES[split]}, quantile {quantile:g}; {where}. sqrt(L3) in counts: {said}."
     alt = f"DIGIT picture, predicted tactile images and the true one of {shape}"
     return markup.picture(content, "png", alt, shape, note=note)
+
+
+def row_picture(material: Material, split: str, row: int) -> bytes:
+    """One sample as PNG: X, what each model draws, phi of its counts and how that is off, and I."""
+    drawings = sum(isinstance(run.translator, Touch2Touch) for run in material.runs.values())
+    panels = 2 + 2 * len(material.runs) + drawings
+    return figure(
+        "png", PANEL_IN * panels + BARS_IN, ROW_IN, lambda page: _draw(page, material, split, row)
+    )
 
 
 def _tenths(value: float) -> str:
