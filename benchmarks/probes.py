@@ -5,7 +5,8 @@
 Nine plain solids of edges, faces and ribs that leave the DIGIT's view, neither primitives nor
 tools, are pressed as the protocol presses the objects: 3 x 3 places by 7 orientations. Prints
 sqrt(L3) in percent of full scale for each run and, beside them, for the mean array and the nearest
-neighbour of the training set, by solid. What a preset or an augmentation is worth is read here.
+neighbour of the training set, by solid, and keeps it in benchmarks/results/probes.json. What a
+preset or an augmentation is worth is read here.
 """
 
 import argparse
@@ -39,6 +40,8 @@ TALL_MM = 8.0
 """Height of the solids, mm: deeper than either elastomer."""
 
 SEED = 0
+
+RESULTS = Path(__file__).parent / "results" / "probes.json"
 
 
 def solids() -> dict[str, "cq.Workplane"]:
@@ -126,8 +129,16 @@ def main() -> None:
         "nearest neighbour": nearest_neighbour(train, small),
         **{str(run): load_run(run).predict(images) for run in options.runs},
     }
-    for name, predicted in found.items():
-        print(name, json.dumps(errors(predicted, counts, names, info.full_scale_counts)))
+    percent = {
+        name: errors(predicted, counts, names, info.full_scale_counts)
+        for name, predicted in found.items()
+    }
+    for name, each in percent.items():
+        print(name, json.dumps(each))
+    runs = " ".join(map(str, options.runs))
+    command = f"python -m benchmarks.probes {runs} --data {options.data}"
+    with whole_file(RESULTS) as temporary:
+        temporary.write_text(json.dumps({"command": command, **percent}, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ PITCH_MM = 0.05
 
 REACH_MM = 32.0
 """How far from the press axis a sensor can feel, mm (assumed: half the diagonal of a 28 x 46 mm
-cover, 27 mm, and the protocol's largest offset, 4.5 mm)."""
+cover, 27 mm, and 4.5 mm, the largest offset from the middle of a tool's or a file's shape)."""
 
 MOST_CELLS = 1_500_000
 """Largest map that is made without being asked for by pitch (assumed)."""
