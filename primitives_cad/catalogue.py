@@ -115,6 +115,11 @@ def _unknown(name: str) -> str:
     return f"there is no shape {name!r}; {hint}; {also}"
 
 
+def spacing_mm(name: str) -> tuple[float, float]:
+    """Spacings along x and y of the protocol's grid on a shape of the catalogue, mm."""
+    return OBJECT_SPACING_MM if name in OBJECTS else families.spacings_mm(name)
+
+
 def _primitive(name: str) -> Shape:
     from primitives_cad import solids, surface
     from primitives_cad.tessellate import tessellate_symmetric
@@ -124,7 +129,7 @@ def _primitive(name: str) -> Shape:
         name=name,
         mesh=mesh,
         surface=heights,
-        spacing_mm=families.spacings_mm(name),
+        spacing_mm=spacing_mm(name),
         parameters=families.parameters(name),
         base_mm=-families.FEATURE_HEIGHT_MM,
     )
@@ -138,7 +143,7 @@ def _object(name: str, folder: Path) -> Shape:
     mesh = tool_mesh(tool, folder)
     mesh.apply_transform(upright(keypoint))
     mesh, heights = surface.stand(mesh)
-    return Shape(name=name, mesh=mesh, surface=heights, spacing_mm=OBJECT_SPACING_MM)
+    return Shape(name=name, mesh=mesh, surface=heights, spacing_mm=spacing_mm(name))
 
 
 def _file(path: Path) -> Shape:

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from tqdm import tqdm
 
-from primitives_cad import catalogue, families
+from primitives_cad import catalogue
 from sim.dataset import INFO, POSE, ROWS_AT_ONCE, SCHEMA, SPLITS, read_info, sha256_of, shard_path
 from sim.png import decode_png
 from sim.protocol import press_of
@@ -112,18 +112,12 @@ def _pairing(path: str, rows: pa.Table, protocol: dict[str, list[int]]) -> Itera
         return
     if sorted(set(indices)) != protocol.get(shape, []):
         yield "its presses are not the protocol's"
-    wanted = [press_of(shape, _spacing_mm(shape), index) for index in indices]
+    wanted = [press_of(shape, catalogue.spacing_mm(shape), index) for index in indices]
     for name in POSE:
         off = np.abs(rows[name].to_numpy() - [getattr(press, name) for press in wanted])
         if not (off <= POSE_TOLERANCE).all():
             worst = int(np.argmax(~(off <= POSE_TOLERANCE)))
             yield f"row {worst}: its {name} is not the protocol's for press {indices[worst]}"
-
-
-def _spacing_mm(shape: str) -> tuple[float, float]:
-    if shape in catalogue.OBJECTS:
-        return catalogue.OBJECT_SPACING_MM
-    return families.spacings_mm(shape)
 
 
 def _sample(image: dict[str, Any], counts: list[int], info: dict[str, Any]) -> Iterator[str]:
