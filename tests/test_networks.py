@@ -116,7 +116,7 @@ def test_paper_preset_trains_the_published_networks() -> None:
 def test_adam_is_set_as_in_the_paper(model: str, rate: float, betas: tuple[float, float]) -> None:
     """The settings of the optimisers themselves, which hold every weight once, without decay."""
     kind = Touch2Touch if model == "touch2touch" else Regression
-    translator = kind(replace(find_preset(model, "paper"), filters=4), info(), CPU, bf16=False)
+    translator = kind(replace(find_preset(model, "paper"), filters=16), info(), CPU, bf16=False)
     assert translator.optimizers.keys() == translator.networks.keys()
     for name, optimizer in translator.optimizers.items():
         assert isinstance(optimizer, torch.optim.Adam)
@@ -165,7 +165,7 @@ def test_generator_minimises_the_adversarial_loss_and_100_times_l1() -> None:
 def test_resnet18_minimises_l3() -> None:
     """L3 is the mean squared error of the counts: over all taxels of all pairs, in counts^2."""
     torch.manual_seed(0)
-    preset = replace(find_preset("resnet18", "paper"), size=64, filters=4)
+    preset = replace(find_preset("resnet18", "paper"), size=64, filters=16)
     translator = Regression(preset, info(), CPU, bf16=False)
     images, counts = torch.randn(3, 3, 64, 64), torch.rand(3, 20) * FULL_SCALE
     with torch.no_grad():
@@ -217,15 +217,20 @@ def test_resnet18_of_the_paper_has_one_output_a_taxel() -> None:
 
 
 def test_resnet18_strides_by_32() -> None:
-    network = ResNet18(20, filters=4).eval()
+    network = ResNet18(20, filters=16).eval()
     images = torch.zeros(2, 3, 64, 64)
     x = network.maxpool(network.conv1(images))
     x = network.layer4(network.layer3(network.layer2(network.layer1(x))))
-    assert x.shape == (2, 32, 2, 2)
+    assert x.shape == (2, 128, 2, 2)
     assert network(images).shape == (2, 20)
 
 
-@pytest.mark.parametrize("network", [UNet(64, 8), ResNet18(20, 8)], ids=["unet", "resnet18"])
+def test_a_resnet18_too_narrow_to_be_trained_safely_is_refused() -> None:
+    with pytest.raises(T2TwinError, match="at least 16"):
+        ResNet18(20, filters=8)
+
+
+@pytest.mark.parametrize("network", [UNet(64, 8), ResNet18(20, 16)], ids=["unet", "resnet18"])
 def test_folding_the_batch_norms_changes_nothing(network: nn.Module) -> None:
     """With statistics as a training leaves them, far from nought and one."""
     torch.manual_seed(0)

@@ -6,6 +6,13 @@ So weights saved from torchvision's resnet18 load with `load_state_dict`.
 import torch
 from torch import nn
 
+from primitives_cad.errors import T2TwinError
+
+LEAST_FILTERS = 16
+"""Least base width. Below it oneDNN (PyTorch 2.13, AVX-512) writes past its buffer in the backward
+pass of the strided 1 x 1 convolutions, where its threads do not share a batch evenly (measured with
+a guard page behind every tensor)."""
+
 
 class BasicBlock(nn.Module):
     """Two 3 x 3 convolutions and the way around them."""
@@ -32,11 +39,16 @@ class ResNet18(nn.Module):
     """ResNet18 with `outputs` numbers at the end.
 
     filters: base width, 64 in the published network, which has 11,689,512 parameters at 1000
-    outputs.
+    outputs. Raises T2TwinError for fewer than LEAST_FILTERS.
     """
 
     def __init__(self, outputs: int, filters: int = 64):
         super().__init__()
+        if filters < LEAST_FILTERS:
+            raise T2TwinError(
+                f"a ResNet18 of base width {filters} cannot be trained safely; it must be at least "
+                f"{LEAST_FILTERS}"
+            )
         self.conv1 = nn.Conv2d(3, filters, 7, 2, 3, bias=False)
         self.bn1 = nn.BatchNorm2d(filters)
         self.maxpool = nn.MaxPool2d(3, 2, 1)
