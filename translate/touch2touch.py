@@ -38,12 +38,16 @@ class Touch2Touch:
             "discriminator": self.discriminator,
         }
         self.predictor = self.generator
+        rates = {
+            "generator": preset.learning_rate,
+            "discriminator": preset.learning_rate * preset.discriminator_share,
+        }
         self.optimizers: dict[str, torch.optim.Optimizer] = {}
         for name, network in self.networks.items():
             network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
             self.optimizers[name] = torch.optim.Adam(
                 network.parameters(),
-                preset.learning_rate,
+                rates[name],
                 (preset.beta1, preset.beta2),
                 fused=True,  # five times as fast on a CPU
             )

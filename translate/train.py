@@ -189,11 +189,10 @@ class _Training:
         """Trains for one epoch and validates. Returns its record for the log."""
         started = time.perf_counter()
         config, translator = self.config, self.translator
-        rate = _learning_rate(config, epoch)
-        for name, optimizer in translator.optimizers.items():
-            share = config.preset.discriminator_share if name == "discriminator" else 1.0
+        share = _share_of_rate(config, epoch)
+        for optimizer in translator.optimizers.values():
             for group in optimizer.param_groups:
-                group["lr"] = rate * share
+                group["lr"] = share * optimizer.defaults["lr"]
         order = np.random.default_rng([config.seed, epoch]).permutation(len(self.pairs))
         rng = np.random.default_rng([config.seed, epoch, 1 + self.rank])
         torch.manual_seed(int(rng.integers(2**63)))  # dropout
@@ -216,7 +215,7 @@ class _Training:
         rmse = self._validate()
         return {
             "epoch": epoch + 1,
-            "learning_rate": rate,
+            "learning_rate": share * config.preset.learning_rate,
             **{f"train_{name}": loss for name, loss in sums.items()},
             "val_rmse_counts": rmse,
             "val_rmse_percent": 100.0 * rmse / config.data.full_scale_counts,
@@ -360,12 +359,12 @@ def reason_to_stop(config: Config, history: History) -> str | None:
     return None
 
 
-def _learning_rate(config: Config, epoch: int) -> float:
-    """That of an epoch (from 0): fixed, or half a cosine that would reach 0 after the last one."""
-    rate = config.preset.learning_rate
-    if config.preset.schedule == "cosine":
-        rate *= 0.5 * (1.0 + math.cos(math.pi * epoch / config.planned_epochs))
-    return rate
+def _share_of_rate(config: Config, epoch: int) -> float:
+    """Parts of its learning rate that an epoch (from 0) has: all, or half a cosine that would reach
+    0 after the last one."""
+    if config.preset.schedule == "fixed":
+        return 1.0
+    return 0.5 * (1.0 + math.cos(math.pi * epoch / config.planned_epochs))
 
 
 def _outcome(out_dir: Path, history: History, reason: str) -> Outcome:
