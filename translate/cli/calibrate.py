@@ -13,7 +13,7 @@ def calibrate(
     background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
     presses: Annotated[Path, tyro.conf.arg(metavar="DIR")],
     ball_diameter_mm: float,
-    held_out: int | None = None,
+    held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     scale_px_per_mm: float = 19.2,
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/calibration"),
 ) -> None:

@@ -8,9 +8,9 @@ import tyro
 
 
 def simdata(
-    scale: str | None = None,
+    scale: Annotated[str | None, tyro.conf.arg(metavar="SCALE")] = None,
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
-    workers: int | None = None,
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     seed: int = 0,
     layout: str = "cyskin-20",
     imperfections: str = "white",

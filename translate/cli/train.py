@@ -12,8 +12,8 @@ def train(
     preset: str = "cpu",
     out: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
     seed: int = 0,
-    epochs: int | None = None,
-    minutes: float | None = None,
+    epochs: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
 ) -> None:
     """Train a translator, or go on with a training that was stopped.
 
