@@ -7,7 +7,8 @@ machine. The plain loop computes in float32 on contiguous tensors, takes every p
 in the Parquet files anew each epoch through a DataLoader in the main process, and steps with Adam
 as it comes. It leaves out the augmentation that the preset asks of t2twin. An epoch of either ends
 with the validation, which is in its time; the first decoding, the estimate and saving are not.
-Without --data a data set of scale smoke is made for it. Writes benchmarks/results/training.json.
+Without --data a data set of scale smoke is made for it. Last, some steps of preset paper are timed,
+for the hours that all of it would take here. Writes benchmarks/results/training.json.
 """
 
 import argparse
@@ -29,7 +30,9 @@ from PIL import Image
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
+from primitives_cad import catalogue, families
 from primitives_cad.writing import whole_file
+from sim import protocol
 from sim.generate import generate
 from translate.data import DataInfo, load_info
 from translate.distributed import use_all_cores
@@ -39,7 +42,9 @@ from translate.networks.resnet18 import ResNet18
 from translate.networks.unet import UNet
 from translate.phi import Phi
 from translate.presets import MODELS, PRESETS, Model, Preset
+from translate.resnet18 import Regression
 from translate.run import LOG, has_bf16
+from translate.touch2touch import Touch2Touch
 from translate.train import train
 
 PRESET = "cpu"
@@ -47,6 +52,8 @@ ROUNDS = 3
 LEAST_STEPS = 24
 """Steps of a round, at least; as many epochs as that takes."""
 LEAST_RATIO = 1.5
+PAPER_STEPS = 3
+"""Timed steps of preset paper, after one that is not counted."""
 RESULTS = Path(__file__).parent / "results" / "training.json"
 
 
@@ -147,7 +154,11 @@ def main() -> int:
         data_dir = given or folder / "data"
         if given is None:
             generate(data_dir, "smoke", seed=0)
-        models = {model: _measure(model, data_dir, folder) for model in MODELS}
+        models = {
+            model: _measure(model, data_dir, folder)
+            | {"paper_preset_hours": _paper_hours(model, load_info(data_dir))}
+            for model in MODELS
+        }
     found = {
         "command": "python -m benchmarks.training" + (" --data DIR" if given else ""),
         "python": platform.python_version(),
@@ -189,6 +200,26 @@ def _measure(model: Model, data_dir: Path, folder: Path) -> dict[str, Any]:
         "plain_images_a_second": images / statistics.median(plain),
         "ratio": statistics.median(slow / fast for slow, fast in zip(plain, ours, strict=True)),
     }
+
+
+def _paper_hours(model: Model, info: DataInfo) -> float:
+    """Hours that the steps of preset paper take on the paper's training set, if none is spared."""
+    preset, scale = PRESETS[model]["paper"], protocol.scale_of("paper")
+    pairs = sum(
+        len(protocol.indices(name, scale))
+        for name in catalogue.PRIMITIVES
+        if families.version(name) != families.VALIDATION_VERSION
+    )
+    kind = Touch2Touch if model == "touch2touch" else Regression
+    translator = kind(preset, info, torch.device("cpu"), preset.bf16 and has_bf16())
+    images = torch.zeros(preset.batch, 1 if preset.grey else 3, preset.size, preset.size)
+    counts = torch.zeros(preset.batch, info.x_mm.size)
+    translator.step(images, counts)
+    started = time.perf_counter()
+    for _ in range(PAPER_STEPS):
+        translator.step(images, counts)
+    step_seconds = (time.perf_counter() - started) / PAPER_STEPS
+    return preset.epochs * (pairs // preset.batch) * step_seconds / 3600
 
 
 def _ours(model: Model, data_dir: Path, run_dir: Path, epochs: int) -> float:

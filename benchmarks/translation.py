@@ -1,10 +1,12 @@
 """Trained translators in figures and in the paper's picture, from the folder of `t2twin report`.
 
     python -m benchmarks.translation data/paper RUN... --report runs/paper/report
+                                     [--layouts EVALUATION...]
 
 Writes benchmarks/results/translation.json: what evaluation found of every row, overall with its
-interval and by shape; and docs/pictures/samples.png: the report's samples at some of its quantiles
-of the error, from good to bad, so that nobody picks them.
+interval and by shape, and overall on the taxel layouts of other folders of `t2twin evaluate`; and
+docs/pictures/samples.png: the report's samples at some of its quantiles of the error, from good to
+bad, so that nobody picks them.
 """
 
 import argparse
@@ -18,7 +20,7 @@ import numpy as np
 from PIL import Image
 
 from primitives_cad.writing import whole_file
-from translate.evaluate import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from translate.evaluate import MEAN_ARRAY, METRICS, NEAREST_NEIGHBOUR
 from translate.report.material import Material, gather
 from translate.report.qualitative import chosen, row_picture
 
@@ -60,6 +62,15 @@ def measure(material: Material) -> dict[str, Any]:
     }
 
 
+def on_layout(evaluation: Path) -> dict[str, Any]:
+    """Figures of every row, overall, by split, from a folder of `t2twin evaluate`."""
+    metrics = {s: json.loads((evaluation / s / METRICS).read_text()) for s in SHOWN}
+    return {"layout": metrics["val"]["layout"]} | {
+        split: {name: row["overall"] for name, row in each["models"].items()}
+        for split, each in metrics.items()
+    }
+
+
 def misses(found: dict[str, Any]) -> list[str]:
     """The limits that are missed, a sentence each."""
     errors = {
@@ -95,11 +106,15 @@ def main() -> None:
     parser.add_argument("data", type=Path)
     parser.add_argument("runs", nargs="+", type=Path)
     parser.add_argument("--report", type=Path, required=True, help="the report's folder")
+    parser.add_argument("--layouts", nargs="*", type=Path, default=[], help="evaluations on others")
     options = parser.parse_args()
     material = gather(options.report, options.data, options.runs)
     runs = " ".join(map(str, options.runs))
     command = f"python -m benchmarks.translation {options.data} {runs} --report {options.report}"
+    if options.layouts:
+        command += " --layouts " + " ".join(map(str, options.layouts))
     found = {"command": command} | measure(material)
+    found["layouts"] = [on_layout(evaluation) for evaluation in options.layouts]
     with whole_file(RESULTS) as temporary:
         temporary.write_text(json.dumps(found, indent=1) + "\n")
     draw(material)
