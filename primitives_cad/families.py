@@ -4,7 +4,8 @@ Families, what is varied and the split by version are Grella et al. 2023's; the 
 assumed, chosen for a DIGIT that sees about 12.5 x 16.7 mm: most features lie within that view,
 but lines and the largest version of each flat family leave it, as the edges and faces of tools
 do. The lines are of different lengths, because a picture that an edge crosses does not say where
-the edge ends: who has met one length only believes in it. All lengths are in mm.
+the edge ends: who has met one length only believes in it; and of widths from an edge's to a
+handle's. All lengths are in mm.
 """
 
 from math import sqrt
@@ -25,10 +26,10 @@ VALIDATION_VERSION = 3
 
 FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
     "line-smooth": (
-        {"width": 1.6, "radius": 0.4, "length": 40.0},
+        {"width": 1.6, "radius": 0.4, "length": 28.0},
         {"width": 3.0, "radius": 1.2, "length": 20.0},
         {"width": 2.2, "radius": 0.8, "length": 24.0},
-        {"width": 2.6, "radius": 0.6, "length": 28.0},
+        {"width": 7.0, "radius": 2.0, "length": 40.0},
     ),
     "square": ({"side": 5.6}, {"side": 8.4}, {"side": 7.0}, {"side": 16.0}),
     "circle-empty": (
@@ -52,10 +53,10 @@ FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
     ),
     "hemisphere": ({"radius": 2.5}, {"radius": 4.0}, {"radius": 3.3}, {"radius": 5.5}),
     "line-sharp": (
-        {"width": 1.0, "length": 20.0},
-        {"width": 3.0, "length": 40.0},
+        {"width": 1.0, "length": 40.0},
+        {"width": 2.6, "length": 20.0},
         {"width": 1.8, "length": 24.0},
-        {"width": 2.4, "length": 28.0},
+        {"width": 5.5, "length": 28.0},
     ),
 }
 """Parameters of versions 1 to 4 of each family, mm (assumed). radius: of the long edges'

@@ -106,7 +106,7 @@ def test_versions_differ_and_validation_lies_inside_its_family():
 def test_the_grid_covers_the_feature():
     """From side to side along either axis; on narrow ones beyond."""
     assert families.spacings_mm("square-2") == (1.4, 1.4)
-    assert families.spacings_mm("line-sharp-2") == pytest.approx((1.0, 6.65), abs=0.05)
+    assert families.spacings_mm("line-sharp-1") == pytest.approx((1.0, 6.65), abs=0.05)
     for name in catalogue.PRIMITIVES:
         for spacing, extent in zip(
             families.spacings_mm(name), families.extents_mm(name), strict=True
