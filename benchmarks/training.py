@@ -30,7 +30,7 @@ from PIL import Image
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
-from primitives_cad import catalogue, families
+from primitives_cad import catalogue
 from primitives_cad.writing import whole_file
 from sim import protocol
 from sim.generate import generate
@@ -208,7 +208,7 @@ def _paper_hours(model: Model, info: DataInfo) -> float:
     pairs = sum(
         len(protocol.indices(name, scale))
         for name in catalogue.PRIMITIVES
-        if families.version(name) != families.VALIDATION_VERSION
+        if catalogue.split(name) == "train"
     )
     kind = Touch2Touch if model == "touch2touch" else Regression
     translator = kind(preset, info, torch.device("cpu"), preset.bf16 and has_bf16())
