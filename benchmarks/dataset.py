@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from sim.dataset import LOG
-from translate.report import contents, forces, oddities
-from translate.report.figures import figure
-from translate.report.material import Dataset, gather_dataset
-from translate.report.scan import scan
+from t2twin.report import contents, forces, oddities
+from t2twin.report.figures import figure
+from t2twin.report.material import Dataset, gather_dataset
+from t2twin.report.scan import scan
+from t2twin.sim.dataset.store import LOG
 
 RESULT = Path(__file__).parent / "results" / "dataset.json"
 PICTURES = Path("docs/pictures")

@@ -20,14 +20,14 @@ from pathlib import Path
 import numpy as np
 from skimage.metrics import structural_similarity
 
-from primitives_cad.catalogue import NAMES, load
-from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from sim.digit.optics import DigitOptics
-from sim.digit.reference import ReferenceRenderer
-from sim.press.elastomer import DIGIT_GEL
-from sim.press.engine import DIGIT_PITCH_MM, press
-from sim.press.surface import surface_on
-from sim.records import Press
+from t2twin.primitives_cad.catalogue import NAMES, load
+from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.reference import ReferenceRenderer
+from t2twin.sim.press.elastomer import DIGIT_GEL
+from t2twin.sim.press.engine import DIGIT_PITCH_MM, press
+from t2twin.sim.press.records import PressCommand
+from t2twin.sim.press.surface import surface_on
 
 FORCE_N = 8.0
 HALF_CROP_PX = 50
@@ -39,7 +39,7 @@ cores (measured with TACTO as published; not part of this run)."""
 RESULTS = Path(__file__).parent / "results" / "digit_render.json"
 
 
-def deflections(presses: int) -> Iterator[tuple[Press, np.ndarray]]:
+def deflections(presses: int) -> Iterator[tuple[PressCommand, np.ndarray]]:
     """The presses, each a little off the middle and turned, and the gel's deflection under it."""
     rng = np.random.default_rng(0)
     names = list(NAMES)
@@ -48,13 +48,15 @@ def deflections(presses: int) -> Iterator[tuple[Press, np.ndarray]]:
         name = names[number % len(names)]
         shape = load(name)
         x_mm, y_mm = rng.uniform(-1.5, 1.5, size=2)
-        command = Press(name, float(x_mm), float(y_mm), float(rng.uniform(0.0, 6.28)), FORCE_N)
+        command = PressCommand(
+            name, float(x_mm), float(y_mm), float(rng.uniform(0.0, 6.28)), FORCE_N
+        )
         contact = press(shape, command, DIGIT_GEL, DIGIT_PITCH_MM)
         surface = surface_on(contact, shape, command, DIGIT_GEL, *optical_grid())
         yield command, surface
 
 
-def contact_crop(picture: np.ndarray, command: Press) -> np.ndarray:
+def contact_crop(picture: np.ndarray, command: PressCommand) -> np.ndarray:
     """The 100 x 100 pixels around a press, as far in as the picture allows."""
     row, column = (
         int(np.clip(round(float(value)), HALF_CROP_PX, count - HALF_CROP_PX))

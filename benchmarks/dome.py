@@ -20,14 +20,14 @@ from tqdm import tqdm
 
 from benchmarks.solid import Answer, Gel, solve
 from benchmarks.solids import ball
-from primitives_cad import catalogue
-from primitives_cad.errors import T2TwinError
-from primitives_cad.shape import Shape
-from sim import protocol
-from sim.press.elastomer import DIGIT_GEL, Elastomer
-from sim.press.engine import DIGIT_PITCH_MM, press
-from sim.press.footprint import heights_at
-from sim.records import Press
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.dataset import protocol
+from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.press.engine import DIGIT_PITCH_MM, press
+from t2twin.sim.press.footprint import heights_at
+from t2twin.sim.press.records import PressCommand
 
 SHAPES = ("hemisphere-2", "square-2", "line-smooth-2", "circle-empty-2", "line-sharp-4")
 BALL_MM = 4.0
@@ -74,7 +74,7 @@ WIDE = replace(FLAT, width_mm=WIDE_MM, length_mm=WIDE_MM)
 RESULTS = Path("benchmarks/results/dome.json")
 
 
-def touch_mm(shape: Shape, command: Press, elastomer: Elastomer) -> float:
+def touch_mm(shape: Shape, command: PressCommand, elastomer: Elastomer) -> float:
     """Shape's depth below the gel's apex at its first touch, mm."""
     axes = []
     for middle, size in ((command.x_mm, elastomer.width_mm), (command.y_mm, elastomer.length_mm)):
@@ -84,14 +84,19 @@ def touch_mm(shape: Shape, command: Press, elastomer: Elastomer) -> float:
     return float((-heights - elastomer.rest_surface_mm(*np.meshgrid(*axes))).min())
 
 
-def on_solid(gel: Gel, shape: Shape, command: Press) -> Answer:
+def on_solid(gel: Gel, shape: Shape, command: PressCommand) -> Answer:
     """The press on the solid; depth_mm is below the gel's apex."""
     heights = heights_at(shape.surface, command, gel.x_mm, gel.y_mm)
     return solve(gel, -gel.rest_mm - heights, command.force_n)
 
 
 def compare(
-    shape: Shape, command: Press, elastomer: Elastomer, coarse: Gel, fine: Gel, normal: Gel | None
+    shape: Shape,
+    command: PressCommand,
+    elastomer: Elastomer,
+    coarse: Gel,
+    fine: Gel,
+    normal: Gel | None,
 ) -> dict:
     """Figures of one press, the engine against the solid; less force where 8 N goes through."""
     while True:
@@ -191,10 +196,10 @@ def near_rim(names: tuple[str, ...], rng: np.random.Generator) -> dict:
     }
 
 
-def commands(shape: Shape) -> Iterator[Press]:
+def commands(shape: Shape) -> Iterator[PressCommand]:
     for x, y in PLACES_MM:
         for force in FORCES_N:
-            yield Press(shape.name, float(x), float(y), YAW_RAD, force)
+            yield PressCommand(shape.name, float(x), float(y), YAW_RAD, force)
 
 
 def show(rows: list[dict]) -> None:

@@ -3,7 +3,7 @@
     python -m benchmarks.gain [SCALE]
 
 Presses the training shapes of a scale (small unless given), prints the gain to write into
-sim.cyskin.taxels.GAIN_COUNTS, and the share of samples that saturate with the one there.
+t2twin.sim.cyskin.taxels.GAIN_COUNTS, and the share of samples that saturate with the one there.
 """
 
 import json
@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from primitives_cad import catalogue
-from sim import protocol
-from sim.bench import CySkin
-from sim.cyskin import taxels
+from t2twin.primitives_cad import catalogue
+from t2twin.sim.cyskin import taxels
+from t2twin.sim.dataset import protocol
+from t2twin.sim.sensors import CySkin
 
 PERCENTILE = 99.5
 """Percentile of the largest taxel that is to reach full scale (assumed)."""

@@ -20,10 +20,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from primitives_cad import catalogue
-from sim.dataset import INFO, read_info
-from sim.describe import versions
-from sim.verify import verify
+from t2twin.primitives_cad import catalogue
+from t2twin.sim.dataset.info import versions
+from t2twin.sim.dataset.store import INFO, read_info
+from t2twin.sim.dataset.verify import verify
 
 RESULT = Path(__file__).parent / "results" / "kills.json"
 SCALE = "smoke"

@@ -25,16 +25,16 @@ import onnxruntime
 import torch
 from PIL import Image
 
-from primitives_cad.writing import whole_file
-from sim.cyskin.layout import load_layout
-from translate.checkpoint import load_weights, save_weights
-from translate.data import DataInfo
-from translate.export import COUNTS, INPUT, export_onnx
-from translate.images import to_input, to_pixels
-from translate.predict import Run, load_run
-from translate.presets import MODELS, PRESETS, Model, Preset
-from translate.run import BEST, Config, build
-from translate.touch2touch import Touch2Touch
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.data.images import to_input, to_pixels
+from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.export import COUNTS, INPUT, export_onnx
+from t2twin.translate.predict import TrainedTranslator, load_run
+from t2twin.translate.presets import MODELS, PRESETS, Model, Preset
+from t2twin.translate.runs.checkpoint import load_weights, save_weights
+from t2twin.translate.runs.config import BEST, RunConfig, build
+from t2twin.translate.touch2touch import Touch2Touch
 
 FRAME = (320, 240, 3)
 FULL_SCALE = 40_000.0
@@ -113,16 +113,16 @@ def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, floa
     }
 
 
-def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> Run:
+def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> TrainedTranslator:
     layout = load_layout()
     info = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE)
-    config = Config(model, preset, 0, info, None, None, 1, False, 1)
+    config = RunConfig(model, preset, 0, info, None, None, 1, False, 1)
     config.save(run_dir)
     save_weights(run_dir / BEST, build(config).predictor)
     return load_run(run_dir)
 
 
-def _plain(run: Run, run_dir: Path) -> Callable[[np.ndarray], np.ndarray]:
+def _plain(run: TrainedTranslator, run_dir: Path) -> Callable[[np.ndarray], np.ndarray]:
     """The same network as anyone would write its use first."""
     translator, preset = build(run.config), run.config.preset
     load_weights(run_dir / BEST, translator.predictor)

@@ -20,8 +20,8 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
-from sim.cyskin.layout import load_layout
-from translate.phi import Phi
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.phi import Phi
 
 BATCH = 64
 ONE_BY_ONE = 8

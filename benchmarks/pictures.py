@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from primitives_cad import catalogue, sheet
-from sim.bench import CySkin, Digit
-from sim.cyskin.taxels import FULL_SCALE_COUNTS
-from sim.protocol import FORCE_N
-from sim.records import Press
-from translate.phi import Phi
-from translate.picture import tactile_picture
+from t2twin.primitives_cad import catalogue, sheet
+from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.dataset.protocol import FORCE_N
+from t2twin.sim.press.records import PressCommand
+from t2twin.sim.sensors import CySkin, Digit
+from t2twin.translate.phi import Phi
+from t2twin.translate.picture import tactile_picture
 
 PRESSES = (
-    Press("hemisphere-4", 0.0, 0.0, 0.0, FORCE_N),
-    Press("square-2", 1.0, -1.5, 0.5, FORCE_N),
-    Press("circle-empty-2", -1.0, 2.0, 0.0, FORCE_N),
-    Press("line-smooth-2", 0.5, 0.0, -0.7, FORCE_N),
-    Press("pliers/teeth", 1.5, 0.0, 0.3, FORCE_N),
+    PressCommand("hemisphere-4", 0.0, 0.0, 0.0, FORCE_N),
+    PressCommand("square-2", 1.0, -1.5, 0.5, FORCE_N),
+    PressCommand("circle-empty-2", -1.0, 2.0, 0.0, FORCE_N),
+    PressCommand("line-smooth-2", 0.5, 0.0, -0.7, FORCE_N),
+    PressCommand("pliers/teeth", 1.5, 0.0, 0.3, FORCE_N),
 )
 SHAPE_PX = (240, 220)
 DIGIT_PX = (240, 320)

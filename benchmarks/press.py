@@ -22,15 +22,15 @@ from tqdm import tqdm
 
 from benchmarks.oracle import Answer, Waves, kernel, solve
 from benchmarks.solids import ball, punch
-from primitives_cad import catalogue
-from primitives_cad.shape import Shape
-from sim import protocol
-from sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
-from sim.cyskin.taxels import pad_pressure_mpa
-from sim.press import engine
-from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
-from sim.records import Contact, Press
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
+from t2twin.sim.cyskin.taxels import pad_pressure_mpa
+from t2twin.sim.dataset import protocol
+from t2twin.sim.press import engine
+from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from t2twin.sim.press.records import Contact, PressCommand
 
 FORCES_N = (1.0, 2.0, 4.0, 8.0)
 ORACLE_PITCHES_MM = (0.125, 0.0625)
@@ -102,7 +102,7 @@ class Oracle:
         cells = self.cells[pitch]
         return (np.arange(cells) - (cells - 1) / 2) * pitch
 
-    def answer(self, shape: Shape, command: Press, pitch: float) -> Answer:
+    def answer(self, shape: Shape, command: PressCommand, pitch: float) -> Answer:
         x, y = np.meshgrid(self.axis_mm(pitch), self.axis_mm(pitch))
         cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
         heights = shape.surface.sample(cos * x + sin * y, sin * x - cos * y)
@@ -131,7 +131,7 @@ def compare(shape: Shape, sensor: Sensor, oracle: Oracle) -> list[dict]:
     """Rows of figures of one shape on one flat layer, one a force."""
     rows = []
     for force in FORCES_N:
-        command = Press(shape.name, 0.0, 0.0, YAW_RAD, force)
+        command = PressCommand(shape.name, 0.0, 0.0, YAW_RAD, force)
         contact = press(shape, command, sensor.flat, sensor.pitch_mm)
         with patch.multiple(engine, **HALVED):
             halved = press(shape, command, sensor.flat, sensor.pitch_mm / 2)
@@ -183,7 +183,9 @@ def _pressure_error(contact: Contact, axis: np.ndarray, truth: np.ndarray) -> fl
 def orientations(shape: Shape, sensor: Sensor) -> float:
     """Greatest departure of a depth from the mean over the protocol's orientations."""
     depths = [
-        press(shape, Press(shape.name, 0.0, 0.0, yaw, 8.0), sensor.flat, sensor.pitch_mm).depth_mm
+        press(
+            shape, PressCommand(shape.name, 0.0, 0.0, yaw, 8.0), sensor.flat, sensor.pitch_mm
+        ).depth_mm
         for yaw in np.linspace(0, protocol.LAST_YAW_RAD, protocol.PRIMITIVE_GRID.orientations)
     ]
     return float(np.abs(np.array(depths) / np.mean(depths) - 1).max())
@@ -198,7 +200,7 @@ def hertz() -> dict:
     rows = []
     for force in HERTZ_FORCES_N:
         contact = press(
-            ball(HERTZ_RADIUS_MM), Press("ball", 0.0, 0.0, 0.0, force), thick, HERTZ_PITCH_MM
+            ball(HERTZ_RADIUS_MM), PressCommand("ball", 0.0, 0.0, 0.0, force), thick, HERTZ_PITCH_MM
         )
         radius = (3 * force * HERTZ_RADIUS_MM / (4 * modulus)) ** (1 / 3)
         peak = 1e3 * 1.5 * force / (np.pi * radius**2)
@@ -212,7 +214,9 @@ def hertz() -> dict:
     exponents = {}
     for name, shape in (("ball", ball(HERTZ_RADIUS_MM)), ("punch", punch(PUNCH_RADIUS_MM))):
         depths = [
-            press(shape, Press(name, 0.0, 0.0, 0.0, force), thick, EXPONENT_PITCH_MM).depth_mm
+            press(
+                shape, PressCommand(name, 0.0, 0.0, 0.0, force), thick, EXPONENT_PITCH_MM
+            ).depth_mm
             for force in EXPONENT_FORCES_N
         ]
         exponents[name] = float(np.polyfit(np.log(EXPONENT_FORCES_N), np.log(depths), 1)[0])

@@ -18,17 +18,17 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from primitives_cad import catalogue, surface
-from primitives_cad.shape import Shape
-from primitives_cad.tessellate import tessellate
-from primitives_cad.writing import whole_file
-from sim import protocol
-from sim.bench import Bench
-from sim.records import Press
-from translate.baselines import FEATURE_SIZE, mean_array, nearest_neighbour
-from translate.data import load_info, load_pairs
-from translate.images import to_pixels
-from translate.predict import load_run
+from t2twin.primitives_cad import catalogue, surface
+from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.tessellate import tessellate
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.dataset import protocol
+from t2twin.sim.press.records import PressCommand
+from t2twin.sim.sensors import SensorPair
+from t2twin.translate.data.images import to_pixels
+from t2twin.translate.data.pairs import load_info, load_pairs
+from t2twin.translate.evaluation.baselines import FEATURE_SIZE, mean_array, nearest_neighbour
+from t2twin.translate.predict import load_run
 
 if TYPE_CHECKING:
     import cadquery as cq
@@ -70,7 +70,7 @@ def solids() -> dict[str, "cq.Workplane"]:
     }
 
 
-def presses(name: str) -> list[Press]:
+def presses(name: str) -> list[PressCommand]:
     """The protocol's object presses of a solid: 63."""
     grid = protocol.OBJECT_GRID
     return [
@@ -88,7 +88,7 @@ def shape_of(name: str, solid: "cq.Workplane") -> Shape:
 def make(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Images (P, 320, 240, 3), counts (P, N) and names (P,) of every press, kept in a file."""
     if not path.is_file():
-        bench, images, counts, names = Bench(), [], [], []
+        bench, images, counts, names = SensorPair(), [], [], []
         for place, (name, solid) in enumerate(solids().items()):
             shape = shape_of(name, solid)
             for number, command in enumerate(tqdm(presses(name), name, unit="press")):

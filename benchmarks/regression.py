@@ -14,9 +14,9 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
-from sim.generate import generate
-from translate.evaluate import evaluate
-from translate.train import train
+from t2twin.sim.dataset.generate import generate
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.train import train
 
 BASELINE = Path(__file__).parent / "results" / "regression.json"
 

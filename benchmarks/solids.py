@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import trimesh
 
-from primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 
 REACH_MM = 14.0
 PITCH_MM = 0.05

@@ -30,22 +30,22 @@ from PIL import Image
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
-from primitives_cad import catalogue
-from primitives_cad.writing import whole_file
-from sim import protocol
-from sim.generate import generate
-from translate.data import DataInfo, load_info
-from translate.distributed import use_all_cores
-from translate.images import RGB_MEAN, RGB_STD
-from translate.networks.patchgan import PatchGAN
-from translate.networks.resnet18 import ResNet18
-from translate.networks.unet import UNet
-from translate.phi import Phi
-from translate.presets import MODELS, PRESETS, Model, Preset
-from translate.resnet18 import Regression
-from translate.run import LOG, has_bf16
-from translate.touch2touch import Touch2Touch
-from translate.train import train
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.dataset import protocol
+from t2twin.sim.dataset.generate import generate
+from t2twin.translate.data.images import RGB_MEAN, RGB_STD
+from t2twin.translate.data.pairs import DataInfo, load_info
+from t2twin.translate.distributed import use_all_cores
+from t2twin.translate.networks.patchgan import PatchGAN
+from t2twin.translate.networks.resnet18 import ResNet18
+from t2twin.translate.networks.unet import UNet
+from t2twin.translate.phi import Phi
+from t2twin.translate.presets import MODELS, PRESETS, Model, Preset
+from t2twin.translate.resnet18 import ResNet18Translator
+from t2twin.translate.runs.config import LOG, has_bf16
+from t2twin.translate.touch2touch import Touch2Touch
+from t2twin.translate.train import train
 
 PRESET = "cpu"
 ROUNDS = 3
@@ -210,7 +210,7 @@ def _paper_hours(model: Model, info: DataInfo) -> float:
         for name in catalogue.PRIMITIVES
         if catalogue.split(name) == "train"
     )
-    kind = Touch2Touch if model == "touch2touch" else Regression
+    kind = Touch2Touch if model == "touch2touch" else ResNet18Translator
     translator = kind(preset, info, torch.device("cpu"), preset.bf16 and has_bf16())
     images = torch.zeros(preset.batch, 1 if preset.grey else 3, preset.size, preset.size)
     counts = torch.zeros(preset.batch, info.x_mm.size)

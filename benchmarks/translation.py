@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from primitives_cad.writing import whole_file
-from translate.evaluate import MEAN_ARRAY, METRICS, NEAREST_NEIGHBOUR
-from translate.report.material import Material, gather
-from translate.report.qualitative import chosen, row_picture
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.report.material import ReportData, gather
+from t2twin.report.qualitative import chosen, row_picture
+from t2twin.translate.evaluation.evaluate import MEAN_ARRAY, METRICS, NEAREST_NEIGHBOUR
 
 RESULTS = Path(__file__).parent / "results" / "translation.json"
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "samples.png"
@@ -37,7 +37,7 @@ MOST_OF_BEST_TRIVIAL = 0.75
 """Largest error on the objects, in parts of the better of mean array and nearest neighbour."""
 
 
-def measure(material: Material) -> dict[str, Any]:
+def measure(material: ReportData) -> dict[str, Any]:
     """Epochs and minutes of each run, and the figures of every row by split."""
     return {
         "runs": {
@@ -90,7 +90,7 @@ def misses(found: dict[str, Any]) -> list[str]:
     ]
 
 
-def draw(material: Material) -> None:
+def draw(material: ReportData) -> None:
     """The samples, one below another."""
     rows = []
     for split, quantiles in SHOWN.items():

@@ -12,8 +12,8 @@ from typing import TypeVar
 import numpy as np
 import trimesh
 
-from primitives_cad.shape import HeightMap, Shape
-from primitives_cad.writing import whole_file
+from t2twin.primitives_cad.shape import HeightMap, Shape
+from t2twin.primitives_cad.writing import whole_file
 
 KEY_DIGITS = 16
 """Hexadecimal digits of the key in a kept file's name: 64 bits, so no two meet."""

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from primitives_cad import cache, families, files
-from primitives_cad.errors import T2TwinError
-from primitives_cad.families import PRIMITIVES
-from primitives_cad.shape import Keypoint, Shape
+from t2twin.primitives_cad import cache, families, files
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.families import PRIMITIVES
+from t2twin.primitives_cad.shape import Keypoint, Shape
 
 CACHE_DIR = Path("data/primitives")
 """Where prepared shapes are kept, below the current directory, unless told otherwise."""
@@ -73,7 +73,7 @@ def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh
 
     Raises T2TwinError for a name that is not a tool's.
     """
-    from primitives_cad import tools
+    from t2twin.primitives_cad import tools
 
     if tool not in TOOLS:
         raise T2TwinError(f"there is no tool {tool!r}; the tools are {', '.join(TOOLS)}")
@@ -86,7 +86,7 @@ def keypoints(tool: str) -> tuple[Keypoint, ...]:
 
     Raises T2TwinError for a name that is not a tool's.
     """
-    from primitives_cad import tools
+    from t2twin.primitives_cad import tools
 
     if tool not in TOOLS:
         raise T2TwinError(f"there is no tool {tool!r}; the tools are {', '.join(TOOLS)}")
@@ -121,8 +121,8 @@ def spacing_mm(name: str) -> tuple[float, float]:
 
 
 def _primitive(name: str) -> Shape:
-    from primitives_cad import solids, surface
-    from primitives_cad.tessellate import tessellate_symmetric
+    from t2twin.primitives_cad import solids, surface
+    from t2twin.primitives_cad.tessellate import tessellate_symmetric
 
     mesh, heights = surface.stand(tessellate_symmetric(solids.primitive(name)))
     return Shape(
@@ -136,7 +136,7 @@ def _primitive(name: str) -> Shape:
 
 
 def _object(name: str, folder: Path) -> Shape:
-    from primitives_cad import surface, tools
+    from t2twin.primitives_cad import surface, tools
 
     tool, _, at = name.partition("/")
     keypoint = next(each for each in tools.keypoints(tool) if each.name == at)
@@ -147,7 +147,7 @@ def _object(name: str, folder: Path) -> Shape:
 
 
 def _file(path: Path) -> Shape:
-    from primitives_cad import surface
+    from t2twin.primitives_cad import surface
 
     mesh: trimesh.Trimesh = files.read_solid(path)
     mesh, heights = surface.stand(mesh)

@@ -7,9 +7,9 @@ from typing import Any
 import trimesh
 from tqdm import tqdm
 
-from primitives_cad import cache, catalogue, families
-from primitives_cad.errors import T2TwinError
-from primitives_cad.writing import whole_file
+from t2twin.primitives_cad import cache, catalogue, families
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
 
 MANIFEST = "manifest.json"
 MOSAIC = "mosaic"
@@ -66,7 +66,7 @@ def _write_shape(folder: Path, name: str, cache_dir: str | Path | None) -> dict[
     """Both files of one shape; returns its entry in the manifest."""
     import cadquery as cq
 
-    from primitives_cad import mosaic, solids, tessellate, tools
+    from t2twin.primitives_cad import mosaic, solids, tessellate, tools
 
     mesh: trimesh.Trimesh
     if name == MOSAIC:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.errors import T2TwinError
 
 STL_SUFFIXES = (".stl",)
 STEP_SUFFIXES = (".step", ".stp")
@@ -60,7 +60,7 @@ def _read_stl(path: Path) -> trimesh.Trimesh:
 def _read_step(path: Path) -> trimesh.Trimesh:
     import cadquery as cq
 
-    from primitives_cad.tessellate import tessellate
+    from t2twin.primitives_cad.tessellate import tessellate
 
     try:
         solids = cq.importers.importStep(str(path)).solids().vals()

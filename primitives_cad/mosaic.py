@@ -2,8 +2,8 @@
 
 import cadquery as cq
 
-from primitives_cad.families import FAMILIES, PRIMITIVES
-from primitives_cad.solids import feature, plate
+from t2twin.primitives_cad.families import FAMILIES, PRIMITIVES
+from t2twin.primitives_cad.solids import feature, plate
 
 PITCH_MM = (31.0, 56.0)
 """Distance from one primitive to the next along x and y, mm (assumed: half the diagonal of a

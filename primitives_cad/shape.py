@@ -19,7 +19,7 @@ import numpy as np
 import trimesh
 from scipy import ndimage
 
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.errors import T2TwinError
 
 NOTHING_MM = -1.0e3
 """Height given where the solid has no surface, mm: far below any layer's thickness."""

@@ -12,9 +12,9 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 from tqdm import tqdm
 
-from primitives_cad import catalogue
-from primitives_cad.shape import NOTHING_MM
-from primitives_cad.writing import whole_file
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape import NOTHING_MM
+from t2twin.primitives_cad.writing import whole_file
 
 COLUMNS = 8
 TILE_PX = (330, 300)
@@ -104,7 +104,7 @@ def draw(
     view_deg: turn of the mesh about z, and the eye's height above the horizon.
     Also returns where points of the mesh's frame fall: (n, 2) columns and rows, pixels.
     """
-    from primitives_cad.surface import highest
+    from t2twin.primitives_cad.surface import highest
 
     turn, height = np.radians(view_deg[0]), np.radians(90.0 - view_deg[1])
     about_z = np.array(

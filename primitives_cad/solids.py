@@ -3,7 +3,7 @@ plate below it, centred on the press axis."""
 
 import cadquery as cq
 
-from primitives_cad.families import (
+from t2twin.primitives_cad.families import (
     FEATURE_HEIGHT_MM,
     PLATE_SIDE_MM,
     PLATE_THICKNESS_MM,

@@ -4,8 +4,8 @@ import numba
 import numpy as np
 import trimesh
 
-from primitives_cad.errors import T2TwinError
-from primitives_cad.shape import NOTHING_MM, HeightMap
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 
 PITCH_MM = 0.05
 """Finest pitch of a height map, mm (assumed: about one pixel of a DIGIT)."""

@@ -5,7 +5,7 @@ import numpy as np
 import trimesh
 from OCP.BRepMesh import BRepMesh_IncrementalMesh  # pyright: ignore[reportAttributeAccessIssue]
 
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.errors import T2TwinError
 
 CHORDAL_MM = 0.005
 """Chordal error asked of the mesher, mm (assumed: half of the 0.01 mm that is promised)."""

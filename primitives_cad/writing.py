@@ -1,11 +1,13 @@
 """Files that are whole or absent: written under a temporary name, then renamed."""
 
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.errors import T2TwinError
 
 
 @contextmanager
@@ -26,3 +28,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     finally:
         if temporary.parent.is_dir():
             temporary.unlink(missing_ok=True)
+
+
+def write_json(path: Path, content: Any) -> None:
+    """JSON with an indent of two."""
+    with whole_file(path) as temporary:
+        temporary.write_text(json.dumps(content, indent=2) + "\n")

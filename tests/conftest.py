@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from primitives_cad import catalogue
+from t2twin.primitives_cad import catalogue
 
 
 def pytest_addoption(parser):

@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from sim.cyskin.layout import load_layout
-from sim.dataset import FORMAT, SCHEMA, shard_path, write_info, write_shard
-from sim.png import encode_png
-from translate.train import train
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.dataset.png import encode_png
+from t2twin.sim.dataset.store import FORMAT, SCHEMA, shard_path, write_info, write_shard
+from t2twin.translate.train import train
 
 ROWS, COLUMNS = 320, 240
 PX_PER_MM = 8.0

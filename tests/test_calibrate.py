@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from primitives_cad.errors import T2TwinError
-from sim.digit import presses
-from sim.digit.calibrate import calibrate
-from sim.digit.calibration import Calibration
-from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS
-from sim.digit.frames import clean_background, crop, touched_patch
-from sim.digit.optics import NOISE_GREY, DigitOptics
-from sim.digit.scores import cut_and_paste, repeats_floor, score, untouched_floor
-from translate.cli import main
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit import deflections
+from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.frames import clean_background, crop, touched_patch
+from t2twin.sim.digit.calibrate.scores import cut_and_paste, repeats_floor, score, untouched_floor
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
 BALL_MM = 4.7
 POSES = np.array(
@@ -49,9 +49,9 @@ def unit(tmp_path_factory):
     """Frames of a unit whose light is known: the shipped one, rendered with a frame's noise."""
     folder, optics = tmp_path_factory.mktemp("unit"), DigitOptics.load()
     rng = np.random.default_rng(3)
-    save(optics.render(presses.ball(0, 0, 1.0) * 0, rng, NOISE_GREY), folder / "background.png")
+    save(optics.render(deflections.ball(0, 0, 1.0) * 0, rng, NOISE_GREY), folder / "background.png")
     for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):
-        surface = presses.ball(x_mm, y_mm, depth_mm, BALL_MM / 2)
+        surface = deflections.ball(x_mm, y_mm, depth_mm, BALL_MM / 2)
         save(optics.render(surface, rng, NOISE_GREY), folder / f"press_{index:02d}.png")
     return folder
 
@@ -71,9 +71,9 @@ def test_places_and_depths_are_found_again(report):
     assert np.ptp(ratio) < 0.12
 
 
-def test_the_lamps_are_found_again(report):
-    truth = Calibration.load().lamps_mm
-    for found, true in zip(report.calibration.lamps_mm, truth, strict=True):
+def test_the_leds_are_found_again(report):
+    truth = Calibration.load().leds_mm
+    for found, true in zip(report.calibration.leds_mm, truth, strict=True):
         directions = [np.arctan2(place[1], place[0]) for place in (found, true)]
         turn = np.angle(np.exp(1j * (directions[0] - directions[1])))
         assert abs(np.degrees(turn)) < 6
@@ -94,8 +94,8 @@ def test_held_out_presses_score_near_the_noise(report):
 def test_a_unit_of_another_make_is_not_what_ships(report, unit):
     """The fit must come from the frames: the colours handed round, it follows them."""
     optics = DigitOptics(report.calibration)
-    picture = optics.render(presses.ball(0.5, 0.2, 1.0, BALL_MM / 2))
-    wanted = DigitOptics.load().render(presses.ball(0.5, 0.2, 1.0, BALL_MM / 2))
+    picture = optics.render(deflections.ball(0.5, 0.2, 1.0, BALL_MM / 2))
+    wanted = DigitOptics.load().render(deflections.ball(0.5, 0.2, 1.0, BALL_MM / 2))
     place = (163.0, 129.0)
     assert score(crop(wanted, place), crop(picture, place)).psnr_db > 30
     swapped = wanted[..., [1, 2, 0]]
@@ -117,7 +117,7 @@ def test_the_file_is_what_press_takes(report, tmp_path):
 
 def test_an_untouched_gel_gives_the_cleaned_background(report):
     optics = DigitOptics(report.calibration)
-    still = optics.render(presses.ball(0, 0, 1.0) * 0)
+    still = optics.render(deflections.ball(0, 0, 1.0) * 0)
     np.testing.assert_array_equal(still, report.calibration.background)
     truth = DigitOptics.load().background
     assert np.abs(still.astype(float) - truth).mean() < 0.5 * NOISE_GREY
@@ -138,7 +138,7 @@ def test_cleaning_keeps_specks_and_loses_noise():
 
 def test_a_patch_is_where_the_press_is():
     optics = DigitOptics.load()
-    picture = optics.render(presses.ball(1.5, -2.0, 1.0))
+    picture = optics.render(deflections.ball(1.5, -2.0, 1.0))
     patch = touched_patch(picture, optics.background)
     assert patch is not None
     row, column = patch

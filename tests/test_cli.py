@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from translate.cli import main
+from t2twin.cli import main
 
 
 def run(*arguments, code=0):
@@ -103,7 +103,7 @@ def test_bad_input_is_one_sentence_and_status_2(tmp_path, capsys, arguments, wor
 
 
 def test_every_command_has_help(capsys):
-    from translate.cli import COMMANDS
+    from t2twin.cli import COMMANDS
 
     for command in COMMANDS:
         run(command, "--help")

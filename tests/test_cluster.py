@@ -11,13 +11,13 @@ from contextlib import contextmanager
 
 import pytest
 
-from primitives_cad.errors import T2TwinError
-from sim import cluster
-from sim.bench import Bench
-from sim.dataset import INFO, LOG, read_info
-from sim.generate import generate
-from sim.shard import Task
-from sim.verify import verify
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset import cluster
+from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.shard import Task
+from t2twin.sim.dataset.store import INFO, LOG, read_info
+from t2twin.sim.dataset.verify import verify
+from t2twin.sim.sensors import SensorPair
 
 SHAPES = ("square-1", "square-3", "circle-2", "square-2", "circle-1", "pliers/teeth")
 PATIENCE_SECONDS = 120
@@ -103,4 +103,4 @@ def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
     with scheduler() as address, worker(address, tmp_path):
         for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "does not see")):
             with pytest.raises(T2TwinError, match=said):
-                list(cluster.run(Bench(), [task], address, needed, lambda pairs: None))
+                list(cluster.run(SensorPair(), [task], address, needed, lambda pairs: None))

@@ -15,11 +15,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from primitives_cad import catalogue
-from primitives_cad.errors import T2TwinError
-from sim import protocol
-from sim.bench import Bench
-from sim.dataset import (
+from t2twin.cli import main
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset import protocol
+from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.png import decode_png, encode_png
+from t2twin.sim.dataset.store import (
     LOG,
     ROWS_AT_ONCE,
     read_info,
@@ -29,11 +31,9 @@ from sim.dataset import (
     write_info,
     write_shard,
 )
-from sim.generate import generate
-from sim.png import decode_png, encode_png
-from sim.timing import STAGES
-from sim.verify import verify
-from translate.cli import main
+from t2twin.sim.dataset.timing import STAGES
+from t2twin.sim.dataset.verify import verify
+from t2twin.sim.sensors import SensorPair
 
 SHAPES = ("square-1", "square-3", "circle-2", "pliers/teeth")
 
@@ -129,7 +129,7 @@ def test_another_seed_gives_other_noise_and_the_same_poses(made, tmp_path, shape
 def test_a_run_killed_again_and_again_ends_with_the_same_bytes(made, tmp_path, shape_cache):
     folder = tmp_path / "killed"
     script = (
-        "from sim.generate import generate\n"
+        "from t2twin.sim.dataset.generate import generate\n"
         f"generate({str(folder)!r}, 'smoke', workers=1, cache={str(shape_cache)!r}, "
         f"shapes={SHAPES!r})"
     )
@@ -203,7 +203,7 @@ def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(
     shapes = ("pliers/teeth", "square-1")
     script = (
         "import resource\n"
-        "from sim.generate import generate\n"
+        "from t2twin.sim.dataset.generate import generate\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, resource.RLIM_INFINITY))\n"
         f"generate({str(folder)!r}, 'smoke', workers=1, cache={str(shape_cache)!r}, "
         f"shapes={shapes!r})"
@@ -254,7 +254,7 @@ def test_the_log_says_where_the_time_went(made):
 def test_a_pair_is_what_the_bench_takes(made, shapes):
     """The row's picture and counts are those of the two sensors under the row's own press."""
     table = pq.ParquetFile(made / "train/square-1.parquet").read()
-    index, bench = table["index"][1].as_py(), Bench()
+    index, bench = table["index"][1].as_py(), SensorPair()
     command = protocol.press_at(shapes("square-1"), index)
     rng = np.random.default_rng((0, catalogue.NAMES.index("square-1"), index))
     image = bench.digit.see(

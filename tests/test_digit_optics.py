@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from primitives_cad.errors import T2TwinError
-from sim.digit import kernels, presses
-from sim.digit.calibration import Calibration
-from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from sim.digit.lights import DIGIT_LEDS
-from sim.digit.optics import DigitOptics
-from sim.digit.reference import ReferenceRenderer
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit import deflections, kernels
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.leds import DIGIT_LEDS
+from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.reference import ReferenceRenderer
 
 X_MM, Y_MM = np.meshgrid(*optical_grid())
 FLAT = np.zeros(X_MM.shape)
@@ -51,7 +51,7 @@ def test_an_untouched_gel_gives_the_background(optics):
 
 
 def test_far_from_a_press_the_picture_is_the_background(optics):
-    picture = optics.render(presses.ball(-3.5, -5.0, 0.6)).astype(int)
+    picture = optics.render(deflections.ball(-3.5, -5.0, 0.6)).astype(int)
     assert np.abs(picture[200:] - optics.background[200:]).max() <= 1
     assert np.abs(picture[:200] - optics.background[:200]).max() > 40
 
@@ -64,9 +64,9 @@ def test_the_shipped_background_is_the_reference(optics, reference):
 @pytest.mark.parametrize(
     "surface, place",
     [
-        (presses.ball(1.0, -1.4, 1.2), (1.0, -1.4)),
-        (presses.block(-1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
-        (presses.ring(0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
+        (deflections.ball(1.0, -1.4, 1.2), (1.0, -1.4)),
+        (deflections.block(-1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
+        (deflections.ring(0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
     ],
     ids=["ball", "block", "ring"],
 )
@@ -80,8 +80,8 @@ def test_the_baked_picture_is_the_reference(optics, reference, surface, place):
     assert float(np.mean(similarity)) > 0.95
 
 
-def test_without_shadows_every_lamp_is_missed_on_its_far_side(optics):
-    surface = presses.ball(0.5, 0.5, 1.2)
+def test_without_shadows_every_led_is_missed_on_its_far_side(optics):
+    surface = deflections.ball(0.5, 0.5, 1.2)
     bare = DigitOptics(Calibration.load(), shadows=False)
     lost = bare.render(surface).astype(int) - optics.render(surface)
     assert lost.min() >= -1
@@ -90,20 +90,20 @@ def test_without_shadows_every_lamp_is_missed_on_its_far_side(optics):
     )
     rows, columns = np.mgrid[:ROWS, :COLUMNS]
     for channel, led in enumerate(DIGIT_LEDS):
-        weight = np.clip(lost[..., channel] - 25, 0, None)  # the lamp's own channel, mostly
+        weight = np.clip(lost[..., channel] - 25, 0, None)  # the LED's own channel, mostly
         centre = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
         angle = np.radians(led.angle_deg)
         assert (centre - middle) @ np.array([np.sin(angle), -np.cos(angle)]) > 15
 
 
-def test_a_wall_hides_half_the_lamp_where_similar_triangles_say():
+def test_a_wall_hides_half_the_led_where_similar_triangles_say():
     pitch, height, wall = 0.1, 1.0, 60  # mm, mm, column
     heights = np.zeros((21, 200), dtype=np.float32)
     heights[:, wall - 10 : wall + 1] = -height
-    lamp = np.array([[-15.0, 1.0, -4.0]])  # in line with row 10, left of the wall
+    led = np.array([[-15.0, 1.0, -4.0]])  # in line with row 10, left of the wall
     sight = np.ones((1, *heights.shape), dtype=np.float32)
-    kernels.sight_of_lamps(
-        heights, 0.0, 0.0, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), lamp,
+    kernels.sight_of_leds(
+        heights, 0.0, 0.0, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), led,
         np.array([0.5]), sight,
     )  # fmt: skip
     shadow = sight[0, 10, wall + 2 :]

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from primitives_cad.errors import T2TwinError
-from sim.digit import presses
-from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from sim.digit.lights import AMBIENT, DIGIT_LEDS, permuted
-from sim.digit.optics import DigitOptics
-from sim.digit.reference import ReferenceRenderer, encode
-from sim.press.elastomer import DIGIT_GEL
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit import deflections
+from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.leds import AMBIENT, DIGIT_LEDS, permuted
+from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.reference import ReferenceRenderer, encode
+from t2twin.sim.press.elastomer import DIGIT_GEL
 
 X_MM, Y_MM = np.meshgrid(*optical_grid())
 FLAT = np.zeros(X_MM.shape)
@@ -28,7 +28,7 @@ def render(surface_mm, leds=PURE, ambient=GREY_AMBIENT, shadows=True):
 
 @pytest.fixture(scope="module")
 def ball():
-    return presses.ball(0.8, -0.6, 1.2)
+    return deflections.ball(0.8, -0.6, 1.2)
 
 
 @pytest.fixture(scope="module")
@@ -36,19 +36,19 @@ def ball_picture(ball):
     return render(ball)
 
 
-def test_with_the_lamps_off_only_the_ambient_light_is_left(ball):
+def test_with_the_leds_off_only_the_ambient_light_is_left(ball):
     dark = tuple(replace(led, on=False) for led in DIGIT_LEDS)
     picture = render(ball, dark, AMBIENT)
     expected = encode(np.array(AMBIENT)).astype(int)
     assert np.abs(picture - expected).max() <= 1
 
 
-def test_lamps_with_exchanged_colours_exchange_the_channels(ball, ball_picture):
+def test_leds_with_exchanged_colours_exchange_the_channels(ball, ball_picture):
     exchanged = render(ball, permuted(PURE, (1, 0, 2)))
     np.testing.assert_array_equal(exchanged, ball_picture[..., [1, 0, 2]])
 
 
-def test_a_mirrored_press_under_mirrored_lamps_gives_the_mirrored_picture(ball, ball_picture):
+def test_a_mirrored_press_under_mirrored_leds_gives_the_mirrored_picture(ball, ball_picture):
     mirrored = tuple(
         replace(led, angle_deg=180.0 - led.angle_deg, aim_mm=(-led.aim_mm[0], *led.aim_mm[1:]))
         for led in PURE
@@ -59,7 +59,7 @@ def test_a_mirrored_press_under_mirrored_lamps_gives_the_mirrored_picture(ball, 
     assert np.percentile(difference, 99.5) <= 8  # hard shadow edges fall on other texels
 
 
-def test_the_side_of_a_bulge_that_faces_a_lamp_is_the_bright_one(ball_picture):
+def test_the_side_of_a_bulge_that_faces_a_led_is_the_bright_one(ball_picture):
     row, column = (
         int(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.8, -0.6, -1.0)))
     )
@@ -71,7 +71,7 @@ def test_the_side_of_a_bulge_that_faces_a_lamp_is_the_bright_one(ball_picture):
         assert near > far + 60
 
 
-def test_each_lamp_casts_its_shadow_on_the_far_side(ball, ball_picture):
+def test_each_led_casts_its_shadow_on_the_far_side(ball, ball_picture):
     lost = render(ball, shadows=False) - ball_picture
     middle = np.array(
         [float(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.8, -0.6, -0.5)))]
@@ -101,7 +101,7 @@ def test_a_surface_on_another_grid_is_refused():
 def test_the_baked_model_takes_a_gel_without_a_dome():
     flat_gel = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
     own, domed = DigitOptics.load(gel=flat_gel), DigitOptics.load()
-    pressed = presses.ball(0.5, -0.5, 0.8)
+    pressed = deflections.ball(0.5, -0.5, 0.8)
     middle = (slice(100, 200), slice(80, 180))
     with ReferenceRenderer(light_points=5, gel=flat_gel) as renderer:
         pictures = [renderer.render(surface) for surface in (FLAT, pressed)]

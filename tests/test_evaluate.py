@@ -9,18 +9,23 @@ import torch
 from skimage.metrics import structural_similarity
 from spots import train_smoke, write_spots
 
-from primitives_cad.errors import T2TwinError
-from sim.cyskin.layout import load_layout
-from translate.baselines import FEATURE_SIZE, mean_array, nearest_neighbour, neighbours
-from translate.cli import main
-from translate.data import load_pairs
-from translate.evaluate import evaluate
-from translate.metrics import compare
-from translate.phi import Phi
-from translate.predict import load_run
-from translate.similarity import alike
-from translate.table import table
-from translate.touch2touch import Touch2Touch
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.data.pairs import load_pairs
+from t2twin.translate.evaluation.baselines import (
+    FEATURE_SIZE,
+    mean_array,
+    nearest_neighbour,
+    neighbours,
+)
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.metrics import compare
+from t2twin.translate.evaluation.similarity import alike
+from t2twin.translate.evaluation.table import table
+from t2twin.translate.phi import Phi
+from t2twin.translate.predict import load_run
+from t2twin.translate.touch2touch import Touch2Touch
 
 FULL_SCALE = 40000.0
 

@@ -10,14 +10,14 @@ import yaml
 from PIL import Image
 from spots import train_smoke, write_spots
 
-from primitives_cad.errors import T2TwinError
-from translate.card import write_card
-from translate.cli import main
-from translate.export import export_onnx
-from translate.predict import load_run
-from translate.presets import PRESETS
-from translate.run import load_config
-from translate.train import train
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.export import export_onnx
+from t2twin.translate.predict import load_run
+from t2twin.translate.presets import PRESETS
+from t2twin.translate.runs.card import write_card
+from t2twin.translate.runs.config import load_config
+from t2twin.translate.train import train
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")

@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.cyskin.layout import load_layout
-from sim.generate import generate
-from translate import bootstrap
-from translate.baselines import FEATURE_SIZE, NEAREST_NEIGHBOUR, Neighbours
-from translate.data import Pairs, load_pairs
-from translate.evaluate import NOISE_FLOOR, _without_runs
-from translate.findings import findings, gap, paired
-from translate.lookalikes import CLOSE, _floor, lookalikes, noise_distance_grey
-from translate.metrics import Figures
-from translate.noise_floor import second_reading
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.dataset.generate import generate
+from t2twin.translate.data.pairs import Pairs, load_pairs
+from t2twin.translate.evaluation import bootstrap
+from t2twin.translate.evaluation.baselines import FEATURE_SIZE, NEAREST_NEIGHBOUR, Neighbours
+from t2twin.translate.evaluation.evaluate import NOISE_FLOOR, _without_runs
+from t2twin.translate.evaluation.findings import findings, gap, paired
+from t2twin.translate.evaluation.lookalikes import CLOSE, _floor, lookalikes, noise_distance_grey
+from t2twin.translate.evaluation.metrics import Figures
+from t2twin.translate.evaluation.noise_floor import second_reading
 
 FULL_SCALE = 40000.0
 SHAPES = ("circle-1", "square-1", "circle-3", "square-3")

@@ -9,16 +9,16 @@ import pytest
 from PIL import Image
 from spots import write_spots
 
-from primitives_cad.errors import T2TwinError
-from sim.cyskin.layout import load_layout
-from sim.dataset import CARD, read_info, read_split, taxels
-from sim.import_pairs import import_pairs
-from sim.png import decode_png
-from sim.verify import verify
-from translate.cli import main
-from translate.data import load_pairs
-from translate.evaluate import evaluate
-from translate.train import train
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.dataset.import_pairs import import_pairs
+from t2twin.sim.dataset.png import decode_png
+from t2twin.sim.dataset.store import CARD, read_info, read_split, taxels
+from t2twin.sim.dataset.verify import verify
+from t2twin.translate.data.pairs import load_pairs
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.train import train
 
 TAXELS = 4
 LAYOUT_CSV = "x_mm,y_mm\n0,0\n8,0\n0,8\n8,8\n"

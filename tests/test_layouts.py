@@ -8,19 +8,19 @@ import pytest
 import torch
 from spots import train_smoke, write_spots
 
-from primitives_cad.errors import T2TwinError
-from sim.cyskin.layout import load_layout
-from translate.evaluate import LAYOUT_FLOOR, evaluate
-from translate.layouts import for_layout, same_layout, seen_through
-from translate.predict import Run, load_run
-from translate.touch2touch import Touch2Touch
-from translate.view import view_on
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.evaluation.evaluate import LAYOUT_FLOOR, evaluate
+from t2twin.translate.evaluation.field_of_view import view_on
+from t2twin.translate.layouts import for_layout, same_layout, seen_through
+from t2twin.translate.predict import TrainedTranslator, load_run
+from t2twin.translate.touch2touch import Touch2Touch
 
 PITCH_MM = 4.0
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Run]:
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, TrainedTranslator]:
     folder = tmp_path_factory.mktemp("layouts")
     data = write_spots(folder / "data", train=16, val=4, test=2)
     return {
@@ -41,7 +41,7 @@ def dense() -> tuple[np.ndarray, np.ndarray]:
     return x[inside], y[inside]
 
 
-def drawing(run: Run, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def drawing(run: TrainedTranslator, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes the run's generator draw exactly the tactile images of these trained counts."""
     assert isinstance(run.translator, Touch2Touch)
     perfect = run.translator.phi.to_torch(torch.tensor(counts, dtype=torch.float32))
@@ -49,7 +49,9 @@ def drawing(run: Run, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_linear_response_is_read_exactly_by_any_layout(
-    runs: dict[str, Run], dense: tuple[np.ndarray, np.ndarray], monkeypatch: pytest.MonkeyPatch
+    runs: dict[str, TrainedTranslator],
+    dense: tuple[np.ndarray, np.ndarray],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Interpolation leaves what is linear in x and y as it is, up to the new layout's rim."""
 
@@ -66,7 +68,7 @@ def test_linear_response_is_read_exactly_by_any_layout(
     assert run.predict(np.zeros((1, 320, 240, 3), np.uint8)).shape == (1, 20)
 
 
-def test_own_layout_changes_nothing(runs: dict[str, Run]) -> None:
+def test_own_layout_changes_nothing(runs: dict[str, TrainedTranslator]) -> None:
     layout = load_layout()
     for run in runs.values():
         assert for_layout(run, layout.x_mm, layout.y_mm + 1e-6, "again") is run
@@ -74,7 +76,7 @@ def test_own_layout_changes_nothing(runs: dict[str, Run]) -> None:
 
 
 def test_layouts_that_cannot_be_read_are_refused(
-    runs: dict[str, Run], dense: tuple[np.ndarray, np.ndarray]
+    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray]
 ) -> None:
     with pytest.raises(T2TwinError, match="needs a touch2touch run"):
         for_layout(runs["resnet18"], *dense, "dense")
@@ -89,7 +91,7 @@ def test_layouts_that_cannot_be_read_are_refused(
 
 
 def test_what_the_trained_layout_can_say(
-    runs: dict[str, Run], dense: tuple[np.ndarray, np.ndarray]
+    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray]
 ) -> None:
     """A projection of rank 20: any trained array's interpolation passes, nothing is added."""
     trained = runs["touch2touch"].config.data
@@ -101,7 +103,7 @@ def test_what_the_trained_layout_can_say(
 
 
 def test_evaluation_on_a_denser_layout(
-    runs: dict[str, Run], dense: tuple[np.ndarray, np.ndarray], tmp_path: Path,
+    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray], tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """Errors are of the new layout's taxels; a generator that drew the truth meets the floor."""

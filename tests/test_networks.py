@@ -5,16 +5,16 @@ import pytest
 import torch
 from torch import nn
 
-from primitives_cad.errors import T2TwinError
-from sim.cyskin.layout import load_layout
-from translate.data import DataInfo
-from translate.networks.fused import fuse
-from translate.networks.patchgan import PatchGAN
-from translate.networks.resnet18 import ResNet18
-from translate.networks.unet import UNet
-from translate.presets import find_preset
-from translate.resnet18 import Regression
-from translate.touch2touch import Touch2Touch
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.networks.fused import fuse
+from t2twin.translate.networks.patchgan import PatchGAN
+from t2twin.translate.networks.resnet18 import ResNet18
+from t2twin.translate.networks.unet import UNet
+from t2twin.translate.presets import find_preset
+from t2twin.translate.resnet18 import ResNet18Translator
+from t2twin.translate.touch2touch import Touch2Touch
 
 CPU = torch.device("cpu")
 FULL_SCALE = 40_000.0
@@ -115,7 +115,7 @@ def test_paper_preset_trains_the_published_networks() -> None:
 )
 def test_adam_is_set_as_in_the_paper(model: str, rate: float, betas: tuple[float, float]) -> None:
     """The settings of the optimisers themselves, which hold every weight once, without decay."""
-    kind = Touch2Touch if model == "touch2touch" else Regression
+    kind = Touch2Touch if model == "touch2touch" else ResNet18Translator
     translator = kind(replace(find_preset(model, "paper"), filters=16), info(), CPU, bf16=False)
     assert translator.optimizers.keys() == translator.networks.keys()
     for name, optimizer in translator.optimizers.items():
@@ -166,7 +166,7 @@ def test_resnet18_minimises_l3() -> None:
     """L3 is the mean squared error of the counts: over all taxels of all pairs, in counts^2."""
     torch.manual_seed(0)
     preset = replace(find_preset("resnet18", "paper"), size=64, filters=16)
-    translator = Regression(preset, info(), CPU, bf16=False)
+    translator = ResNet18Translator(preset, info(), CPU, bf16=False)
     images, counts = torch.randn(3, 3, 64, 64), torch.rand(3, 20) * FULL_SCALE
     with torch.no_grad():
         predicted = deepcopy(translator.predictor)(images) * FULL_SCALE
@@ -212,7 +212,9 @@ def test_resnet18_has_the_published_parameters_and_names() -> None:
 
 def test_resnet18_of_the_paper_has_one_output_a_taxel() -> None:
     """The final layer replaced by 20 outputs: the published network less 980 rows of it."""
-    network = Regression(find_preset("resnet18", "paper"), info(), CPU, bf16=False).predictor
+    network = ResNet18Translator(
+        find_preset("resnet18", "paper"), info(), CPU, bf16=False
+    ).predictor
     assert parameters(network) == 11_689_512 - 980 * (512 + 1)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.oracle import Waves, kernel, solve
-from sim.press.layer import base_stress, compliance_mm_per_mpa
+from t2twin.sim.press.layer import base_stress, compliance_mm_per_mpa
 
 E, NU = 0.5, 0.47
 MODULUS = E / (1 - NU**2)

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from primitives_cad.errors import T2TwinError
-from sim.cyskin.layout import load_layout
-from translate.phi import TACTILE_SHAPE, Phi
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.phi import TACTILE_SHAPE, Phi
 
 
 @pytest.fixture(scope="module")

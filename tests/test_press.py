@@ -7,21 +7,21 @@ import pytest
 
 from benchmarks.oracle import kernel, solve
 from benchmarks.solids import ball, block, formula, punch
-from primitives_cad.errors import T2TwinError
-from primitives_cad.shape import NOTHING_MM
-from sim import protocol
-from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
-from sim.press.footprint import footprint
-from sim.press.layer import layer
-from sim.press.surface import surface_on
-from sim.records import Press
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.shape import NOTHING_MM
+from t2twin.sim.dataset import protocol
+from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from t2twin.sim.press.footprint import footprint
+from t2twin.sim.press.layer import cached_layer
+from t2twin.sim.press.records import PressCommand
+from t2twin.sim.press.surface import surface_on
 
 FLAT = Elastomer("flat", 4.07, 0.5, 0.47, width_mm=18.5, length_mm=18.5, law="linear")
 
 
 def pressed(shape, elastomer=FLAT, pitch=0.5, force=8.0, x=0.0, y=0.0, yaw=0.0):
-    return press(shape, Press(shape.name, x, y, yaw, force), elastomer, pitch)
+    return press(shape, PressCommand(shape.name, x, y, yaw, force), elastomer, pitch)
 
 
 @pytest.mark.parametrize("force", [0.1, 0.5])
@@ -75,8 +75,8 @@ def test_eight_newtons_in_eight_newtons_out(name, elastomer, pitch, shapes):
         assert contact.force_n == pytest.approx(8.0, rel=0.005)
         assert (contact.pressure_kpa >= 0).all()
         assert 0 < contact.depth_mm < elastomer.thickness_mm
-        ground = layer(elastomer, pitch)
-        assert (contact.surface_mm < ground.thickness_mm).all()
+        layer = cached_layer(elastomer, pitch)
+        assert (contact.surface_mm < layer.thickness_mm).all()
 
 
 def test_a_quarter_turn_of_the_press_turns_the_contact():
@@ -130,7 +130,7 @@ def test_halving_the_grid_changes_little():
 
 
 def test_footprint_of_a_turned_block_keeps_its_area():
-    command = Press("block", 0.3, -0.2, 0.4, 8.0)
+    command = PressCommand("block", 0.3, -0.2, 0.4, 8.0)
     axis = (np.arange(60) - 29.5) * 0.25
     shares = footprint(block(5.0, 7.0).surface, command, axis, axis).shares
     assert shares.sum() * 0.25**2 == pytest.approx(35.0, rel=0.02)
@@ -138,7 +138,7 @@ def test_footprint_of_a_turned_block_keeps_its_area():
 
 def test_the_fine_surface_follows_the_shape(shapes):
     shape = shapes("square-2")
-    command = Press("square-2", 0.0, 0.0, 0.2, 8.0)
+    command = PressCommand("square-2", 0.0, 0.0, 0.2, 8.0)
     contact = press(shape, command, DIGIT_GEL, DIGIT_PITCH_MM)
     axis = np.linspace(-2, 2, 21)
     fine = surface_on(contact, shape, command, DIGIT_GEL, axis, axis)

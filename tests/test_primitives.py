@@ -5,9 +5,9 @@ from math import pi
 import numpy as np
 import pytest
 
-from primitives_cad import catalogue, families, solids
-from primitives_cad.families import FEATURE_HEIGHT_MM, PLATE_SIDE_MM
-from primitives_cad.tessellate import tessellate_symmetric
+from t2twin.primitives_cad import catalogue, families, solids
+from t2twin.primitives_cad.families import FEATURE_HEIGHT_MM, PLATE_SIDE_MM
+from t2twin.primitives_cad.tessellate import tessellate_symmetric
 
 PLATE_MM3 = PLATE_SIDE_MM**2 * families.PLATE_THICKNESS_MM
 CHORDAL_MM = 0.01

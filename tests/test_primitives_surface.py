@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from primitives_cad import catalogue, families, surface
-from primitives_cad.errors import T2TwinError
-from primitives_cad.shape import NOTHING_MM
+from t2twin.primitives_cad import catalogue, families, surface
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.shape import NOTHING_MM
 
 CHORDAL_MM = 0.01
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from primitives_cad import catalogue
-from primitives_cad.errors import T2TwinError
-from sim import protocol
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset import protocol
 
 
 def test_the_paper_scale_is_the_papers():

@@ -14,16 +14,16 @@ import pytest
 from PIL import Image
 from spots import train_smoke
 
-from sim.dataset import write_shard
-from sim.generate import generate
-from sim.png import decode_png, encode_png
-from translate.cli import main
-from translate.evaluate import FINDINGS, METRICS
-from translate.report import data_page, lookalikes, oddities, pairs, qualitative, results, shapes
-from translate.report.material import gather, gather_dataset
-from translate.report.names import name_of
-from translate.report.page import LINKS, PAGE, write_report
-from translate.report.scan import nearest_others, scan
+from t2twin.cli import main
+from t2twin.report import data_page, lookalikes, oddities, pairs, qualitative, results, shapes
+from t2twin.report.material import gather, gather_dataset
+from t2twin.report.names import name_of
+from t2twin.report.page import LINKS, PAGE, write_report
+from t2twin.report.scan import nearest_others, scan
+from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.png import decode_png, encode_png
+from t2twin.sim.dataset.store import write_shard
+from t2twin.translate.evaluation.evaluate import FINDINGS, METRICS
 
 SHAPES = (
     "circle-1", "square-1", "hemisphere-4", "line-sharp-4", "square-3", "circle-3",

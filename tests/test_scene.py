@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from benchmarks.solids import ball
-from sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
-from sim.press.engine import press_bed
-from sim.press.scene import mesh_name, scene
-from sim.records import Press
+from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
+from t2twin.sim.press.engine import press_bed
+from t2twin.sim.press.records import PressCommand
+from t2twin.sim.press.scene import mesh_name, scene
 
 
 @pytest.mark.parametrize("elastomer, pitch", [(DIGIT_GEL, 0.25), (CYSKIN_COVER, 0.5)])
 @pytest.mark.parametrize("name", ["line-smooth-2", "wrench/ring"])
 def test_the_scene_stays_at_rest_under_the_force(name, elastomer, pitch, shapes, tmp_path):
     shape = shapes(name)
-    command = Press(name, 1.0, -2.0, 0.5, 8.0)
+    command = PressCommand(name, 1.0, -2.0, 0.5, 8.0)
     contact, bed = press_bed(shape, command, elastomer, pitch)
     shape.mesh.export(tmp_path / "shape.stl")
     (tmp_path / "scene.xml").write_text(
@@ -47,7 +47,7 @@ def test_the_scene_stays_at_rest_under_the_force(name, elastomer, pitch, shapes,
 
 
 def test_a_shape_without_a_mesh_leaves_it_out():
-    shape, command = ball(3.0), Press("ball", 0.0, 0.0, 0.0, 2.0)
+    shape, command = ball(3.0), PressCommand("ball", 0.0, 0.0, 0.0, 2.0)
     contact, bed = press_bed(shape, command, DIGIT_GEL, 0.25)
     model = mujoco.MjModel.from_xml_string(
         scene(shape, command, DIGIT_GEL, contact, bed, mesh_name(shape))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from primitives_cad import cache, catalogue, export, families, mosaic, sheet
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad import cache, catalogue, export, families, mosaic, sheet
+from t2twin.primitives_cad.errors import T2TwinError
 
 
 def block(path, sides=(6.0, 4.0, 3.0), at=(40.0, -7.0, 11.0)):

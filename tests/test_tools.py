@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from primitives_cad import cache, catalogue, tools
-from primitives_cad.shape import Keypoint
-from primitives_cad.tessellate import CHORDAL_MM, tessellate
+from t2twin.primitives_cad import cache, catalogue, tools
+from t2twin.primitives_cad.shape import Keypoint
+from t2twin.primitives_cad.tessellate import CHORDAL_MM, tessellate
 
 NEAR_MM = 12.0
 """Within this distance of the press axis the keypoint is among the highest places, mm."""

@@ -15,13 +15,13 @@ import torch
 from safetensors.torch import load_file
 from spots import write_spots
 
-from primitives_cad.errors import T2TwinError
-from translate import train as training
-from translate.data import load_info, load_pairs
-from translate.images import augment, to_input
-from translate.presets import MODELS, PRESETS, Model, find_preset
-from translate.run import Config, build, load_config
-from translate.train import train
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate import train as training
+from t2twin.translate.data.images import augment, to_input
+from t2twin.translate.data.pairs import load_info, load_pairs
+from t2twin.translate.presets import MODELS, PRESETS, Model, find_preset
+from t2twin.translate.runs.config import RunConfig, build, load_config
+from t2twin.translate.train import train
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
     preset = replace(PRESETS[model]["smoke"], learning_rate=2e-3)
     info = load_info(data_dir)
     torch.set_num_threads(1)
-    translator = build(Config(model, preset, 0, info, None, None, 1, False, 1))
+    translator = build(RunConfig(model, preset, 0, info, None, None, 1, False, 1))
     pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
     images = to_input(pairs.images[:8].astype(np.float32) / 255.0)
     counts = torch.from_numpy(pairs.counts[:8])
@@ -193,7 +193,7 @@ def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> Non
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "translate.train", "resnet18", str(data_dir), "smoke"]
+    command = [sys.executable, "-m", "t2twin.translate.train", "resnet18", str(data_dir), "smoke"]
     shared = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
     processes = [
         subprocess.Popen(

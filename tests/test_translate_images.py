@@ -10,15 +10,15 @@ import pytest
 from PIL import Image
 from spots import train_smoke, write_spots
 
-from primitives_cad.errors import T2TwinError
-from translate import batch
-from translate.batch import find_images, translate_images
-from translate.checkpoint import load_weights
-from translate.cli import main
-from translate.data import load_pairs
-from translate.images import open_image, to_input
-from translate.predict import load_run
-from translate.run import build
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate import batch
+from t2twin.translate.batch import find_images, translate_images
+from t2twin.translate.data.images import open_image, to_input
+from t2twin.translate.data.pairs import load_pairs
+from t2twin.translate.predict import load_run
+from t2twin.translate.runs.checkpoint import load_weights
+from t2twin.translate.runs.config import build
 
 
 @pytest.fixture(scope="module")

@@ -21,10 +21,10 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from primitives_cad.errors import T2TwinError
-from translate.images import FORMATS, open_image, to_pixels
-from translate.picture import tactile_picture
-from translate.predict import AT_ONCE, Run, load_run
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.data.images import FORMATS, open_image, to_pixels
+from t2twin.translate.picture import tactile_picture
+from t2twin.translate.predict import AT_ONCE, TrainedTranslator, load_run
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
 """Names that a folder's images end in, in small or capital letters."""
@@ -95,7 +95,11 @@ def translate_images(
 
 
 def _translate(
-    run: Run, images: list[Path], names: list[str], folder: Path, pool: ThreadPoolExecutor
+    run: TrainedTranslator,
+    images: list[Path],
+    names: list[str],
+    folder: Path,
+    pool: ThreadPoolExecutor,
 ) -> np.ndarray:
     """Writes everything into a folder; names: the pictures', or none. Returns (B, N) float32."""
     counts = np.empty((len(images), run.config.data.x_mm.size), np.float32)
@@ -117,7 +121,7 @@ def _translate(
 
 
 def _batches(
-    run: Run, images: list[Path], pool: ThreadPoolExecutor
+    run: TrainedTranslator, images: list[Path], pool: ThreadPoolExecutor
 ) -> Iterator[tuple[slice, np.ndarray]]:
     """The images batch by batch, (b, S, S, c) uint8, and which they are."""
     preset = run.config.preset
@@ -137,7 +141,7 @@ def _read(path: Path, size: int, grey: bool) -> np.ndarray:
     return to_pixels(open_image(path), size, grey)
 
 
-def _save_picture(run: Run, folder: Path, tactile: np.ndarray, name: str) -> None:
+def _save_picture(run: TrainedTranslator, folder: Path, tactile: np.ndarray, name: str) -> None:
     info = run.config.data
     picture = tactile_picture(tactile, info.x_mm, info.y_mm, info.full_scale_counts)
     picture.save(folder / name, compress_level=1)  # in half the time, if half as large again
@@ -178,7 +182,7 @@ def _write_csv(path: Path, images: list[Path], counts: np.ndarray) -> None:
 
 
 def _write_json(
-    path: Path, run: Run, images: list[Path], names: list[str], counts: np.ndarray
+    path: Path, run: TrainedTranslator, images: list[Path], names: list[str], counts: np.ndarray
 ) -> None:
     """One line an image, so that ten thousand can still be read by eye and by line."""
     info = run.config.data

@@ -23,12 +23,12 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from primitives_cad.errors import T2TwinError
-from primitives_cad.writing import whole_file
-from translate.images import RGB_MEAN, RGB_STD
-from translate.phi import TACTILE_SHAPE
-from translate.predict import Run
-from translate.touch2touch import Touch2Touch
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.translate.data.images import RGB_MEAN, RGB_STD
+from t2twin.translate.phi import TACTILE_SHAPE
+from t2twin.translate.predict import TrainedTranslator
+from t2twin.translate.touch2touch import Touch2Touch
 
 INPUT, COUNTS, TACTILE_IMAGES = "images", "counts", "tactile_images"
 
@@ -42,7 +42,7 @@ PARITY_COUNTS = 1.0
 """Largest difference that is let through, counts."""
 
 
-def export_onnx(run: Run, path: Path) -> float:
+def export_onnx(run: TrainedTranslator, path: Path) -> float:
     """Writes a run, with its layout, as an ONNX file, and compares the two on random images.
 
     Returns the largest difference between onnxruntime's counts and the run's, counts.
@@ -99,7 +99,7 @@ class _Graph(nn.Module):
     mean: torch.Tensor
     std: torch.Tensor
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: TrainedTranslator) -> None:
         super().__init__()
         translator = run.translator
         self.full_scale = translator.full_scale
@@ -134,14 +134,14 @@ def _resizing(size: int, new: int) -> torch.Tensor:
     return functional.interpolate(unit, (new, size), mode="bilinear", antialias=True)[0, 0]
 
 
-def _random_pixels(run: Run) -> np.ndarray:
+def _random_pixels(run: TrainedTranslator) -> np.ndarray:
     """(PARITY_IMAGES, S, S, c) uint8."""
     preset = run.config.preset
     shape = (PARITY_IMAGES, preset.size, preset.size, 1 if preset.grey else 3)
     return np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
 
 
-def _about(run: Run) -> str:
+def _about(run: TrainedTranslator) -> str:
     preset, info = run.config.preset, run.config.data
     colour = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
     return (
@@ -152,7 +152,7 @@ def _about(run: Run) -> str:
     )
 
 
-def _metadata(run: Run) -> dict[str, str]:
+def _metadata(run: TrainedTranslator) -> dict[str, str]:
     """All values are text, as ONNX has them; lists are JSON."""
     preset, info = run.config.preset, run.config.data
     return {

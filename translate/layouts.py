@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import ConvexHull, Delaunay
 
-from primitives_cad.errors import T2TwinError
-from translate.data import DataInfo
-from translate.phi import LARGEST_CONDITION, Phi
-from translate.predict import Run
-from translate.touch2touch import Touch2Touch
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.phi import LARGEST_CONDITION, Phi
+from t2twin.translate.predict import TrainedTranslator
+from t2twin.translate.touch2touch import Touch2Touch
 
 SAME_MM = 1e-3
 """Two layouts whose taxels lie within this of each other are one layout, mm (assumed: far below
@@ -29,7 +29,9 @@ SAME_COVER = 1e-6
 """Parts of a pixel by which two hulls' covers may differ and count as the same (assumed)."""
 
 
-def for_layout(run: Run, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> Run:
+def for_layout(
+    run: TrainedTranslator, x_mm: np.ndarray, y_mm: np.ndarray, name: str
+) -> TrainedTranslator:
     """The run as a translator for another layout: it predicts those taxels' counts.
 
     x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: the layout's.

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 from scipy.spatial import Delaunay, KDTree, QhullError
 
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.errors import T2TwinError
 
 if TYPE_CHECKING:
     import torch

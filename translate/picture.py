@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image, ImageDraw
 
-from translate.phi import PX_PER_MM
+from t2twin.translate.phi import PX_PER_MM
 
 SCALE = 2
 """Picture pixels a tactile pixel."""

@@ -13,29 +13,29 @@ from PIL import Image
 from torch.nn import functional
 from tqdm import tqdm
 
-from primitives_cad.errors import T2TwinError
-from sim.cyskin.layout import load_layout
-from translate import distributed
-from translate.checkpoint import load_weights
-from translate.data import ImageFile
-from translate.images import to_input, to_pixels
-from translate.networks.fused import fuse
-from translate.phi import TACTILE_SHAPE, Phi
-from translate.resnet18 import Regression
-from translate.run import BEST, Config, build, has_bf16, load_config
-from translate.touch2touch import Touch2Touch
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate import distributed
+from t2twin.translate.data.images import to_input, to_pixels
+from t2twin.translate.data.pairs import ImageFile
+from t2twin.translate.networks.fused import fuse
+from t2twin.translate.phi import TACTILE_SHAPE, Phi
+from t2twin.translate.resnet18 import ResNet18Translator
+from t2twin.translate.runs.checkpoint import load_weights
+from t2twin.translate.runs.config import BEST, RunConfig, build, has_bf16, load_config
+from t2twin.translate.touch2touch import Touch2Touch
 
 AT_ONCE = 64
 """Images in one batch; bounds memory."""
 
 
 @dataclass(frozen=True)
-class Run:
+class TrainedTranslator:
     """A trained translator with its best weights; `load_run` makes one."""
 
     run_dir: Path
-    config: Config
-    translator: Touch2Touch | Regression
+    config: RunConfig
+    translator: Touch2Touch | ResNet18Translator
 
     @cached_property
     def phi(self) -> Phi:
@@ -103,7 +103,7 @@ class Run:
         return np.concatenate(pixels)
 
 
-def load_run(run_dir: Path, layout: str | Path | None = None) -> Run:
+def load_run(run_dir: Path, layout: str | Path | None = None) -> TrainedTranslator:
     """A run's best weights, ready to predict.
 
     layout: a taxel layout's name or file to read a touch2touch run at, its own unless given.
@@ -115,10 +115,10 @@ def load_run(run_dir: Path, layout: str | Path | None = None) -> Run:
     translator.bf16 = config.preset.bf16 and has_bf16()
     load_weights(run_dir / BEST, translator.predictor)
     fuse(translator.predictor)
-    run = Run(run_dir, config, translator)
+    run = TrainedTranslator(run_dir, config, translator)
     if layout is None:
         return run
-    from translate.layouts import for_layout  # which knows what a Run is
+    from t2twin.translate.layouts import for_layout  # which knows what a Run is
 
     places = load_layout(layout)
     return for_layout(run, places.x_mm, places.y_mm, places.name)

@@ -7,7 +7,7 @@ says "assumed" or "measured".
 from dataclasses import dataclass
 from typing import Literal
 
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.errors import T2TwinError
 
 Model = Literal["touch2touch", "resnet18"]
 MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")

@@ -7,13 +7,13 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from translate.data import DataInfo
-from translate.distributed import average_gradients
-from translate.networks.resnet18 import ResNet18
-from translate.presets import Preset
+from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.distributed import average_gradients
+from t2twin.translate.networks.resnet18 import ResNet18
+from t2twin.translate.presets import Preset
 
 
-class Regression:
+class ResNet18Translator:
     """The network, its optimiser, and one step of training.
 
     networks, optimizers: by name. predictor: the network that is kept to predict with.

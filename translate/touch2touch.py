@@ -11,12 +11,12 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from translate.data import DataInfo
-from translate.distributed import average_gradients
-from translate.networks.patchgan import PatchGAN
-from translate.networks.unet import UNet
-from translate.phi import Phi
-from translate.presets import Preset
+from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.distributed import average_gradients
+from t2twin.translate.networks.patchgan import PatchGAN
+from t2twin.translate.networks.unet import UNet
+from t2twin.translate.phi import Phi
+from t2twin.translate.presets import Preset
 
 
 class Touch2Touch:

@@ -1,7 +1,7 @@
 """Training, one loop for both translators.
 
     t2twin train resnet18 --data data/small --preset cpu --out runs/resnet18
-    torchrun --nproc-per-node 2 -m translate.train resnet18 data/small cpu runs/resnet18
+    torchrun --nproc-per-node 2 -m t2twin.translate.train resnet18 data/small cpu runs/resnet18
 
 A run that was stopped goes on from its last whole epoch, and ends as if it had not been stopped:
 each epoch's order, dropout and augmentation are drawn from (seed, epoch). Another number of
@@ -20,17 +20,27 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from primitives_cad.errors import T2TwinError
-from primitives_cad.writing import whole_file
-from translate import distributed
-from translate.card import write_card
-from translate.checkpoint import load_history, load_state, save_state, save_weights
-from translate.data import Pairs, load_info, load_pairs, usable_cache
-from translate.images import augment, to_input
-from translate.presets import Preset, find_preset
-from translate.resnet18 import Regression
-from translate.run import BEST, CONFIG, LAST, LOG, TENSORBOARD, Config, build, has_bf16, load_config
-from translate.touch2touch import Touch2Touch
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.translate import distributed
+from t2twin.translate.data.images import augment, to_input
+from t2twin.translate.data.pairs import Pairs, load_info, load_pairs, usable_cache
+from t2twin.translate.presets import Preset, find_preset
+from t2twin.translate.resnet18 import ResNet18Translator
+from t2twin.translate.runs.card import write_card
+from t2twin.translate.runs.checkpoint import load_history, load_state, save_state, save_weights
+from t2twin.translate.runs.config import (
+    BEST,
+    CONFIG,
+    LAST,
+    LOG,
+    TENSORBOARD,
+    RunConfig,
+    build,
+    has_bf16,
+    load_config,
+)
+from t2twin.translate.touch2touch import Touch2Touch
 
 PREDICT_AT_ONCE = 64
 """Images in one batch where nothing is learnt; bounds memory."""
@@ -67,7 +77,7 @@ def train(
 ) -> Outcome:
     """Trains a translator on DIR's train split, watching its val split, into the folder out_dir.
 
-    model: "touch2touch" or "resnet18". preset: a name of translate.presets, or a Preset.
+    model: "touch2touch" or "resnet18". preset: a name of t2twin.translate.presets, or a Preset.
     epochs: most epochs; by default the preset's, and no more than its steps make. minutes: most
     minutes; as many epochs are planned as fit in, and the schedule of the learning rate follows
     the plan.
@@ -84,7 +94,7 @@ def train(
                 f"a batch of {settings.batch} cannot be shared by {processes} processes; their "
                 "number must divide it"
             )
-        config = Config(
+        config = RunConfig(
             model=model,
             preset=settings,
             seed=seed,
@@ -120,7 +130,7 @@ class _Training:
     """One run in progress, in one of its processes."""
 
     def __init__(
-        self, config: Config, out_dir: Path, pairs: Pairs, validation: Pairs, rank: int
+        self, config: RunConfig, out_dir: Path, pairs: Pairs, validation: Pairs, rank: int
     ) -> None:
         self.config = config
         self.out_dir = out_dir
@@ -223,7 +233,10 @@ class _Training:
         }
 
     def _step(
-        self, translator: Touch2Touch | Regression, batch: np.ndarray, rng: np.random.Generator
+        self,
+        translator: Touch2Touch | ResNet18Translator,
+        batch: np.ndarray,
+        rng: np.random.Generator,
     ) -> dict[str, float]:
         """One step on the pairs with these indices."""
         preset = self.config.preset
@@ -321,7 +334,7 @@ def _load_both(data_dir: Path, preset: Preset, cache: Path) -> tuple[Pairs, Pair
     return pairs, validation
 
 
-def _earlier_run(config: Config, out_dir: Path) -> tuple[Config, History] | None:
+def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, History] | None:
     """The run that out_dir holds already, if any. Raises T2TwinError where it is another one."""
     if not (out_dir / CONFIG).is_file():
         return None
@@ -346,7 +359,7 @@ def _earlier_run(config: Config, out_dir: Path) -> tuple[Config, History] | None
     return earlier, load_history(out_dir / LAST)
 
 
-def reason_to_stop(config: Config, history: History) -> str | None:
+def reason_to_stop(config: RunConfig, history: History) -> str | None:
     """Why a run with this history is finished, or None."""
     if len(history) >= config.planned_epochs:
         return "all its epochs are done"
@@ -359,7 +372,7 @@ def reason_to_stop(config: Config, history: History) -> str | None:
     return None
 
 
-def _share_of_rate(config: Config, epoch: int) -> float:
+def _share_of_rate(config: RunConfig, epoch: int) -> float:
     """Parts of its learning rate that an epoch (from 0) has: all, or half a cosine that would reach
     0 after the last one."""
     if config.preset.schedule == "fixed":

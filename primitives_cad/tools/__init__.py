@@ -8,7 +8,7 @@ import importlib
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from primitives_cad.shape import Keypoint
+from t2twin.primitives_cad.shape import Keypoint
 
 if TYPE_CHECKING:
     import cadquery as cq
@@ -27,7 +27,7 @@ def solid(tool: str) -> "cq.Shape":
 
 def mesh(tool: str) -> "trimesh.Trimesh":
     """A watertight mesh of a tool, mm, in the tool's own frame."""
-    from primitives_cad import tessellate
+    from t2twin.primitives_cad import tessellate
 
     return tessellate.tessellate(solid(tool), CHORDAL_MM.get(tool, tessellate.CHORDAL_MM))
 

@@ -7,7 +7,7 @@ from math import sqrt
 
 import cadquery as cq
 
-from primitives_cad.shape import Keypoint
+from t2twin.primitives_cad.shape import Keypoint
 
 ACROSS_FLATS_MM = 6.0
 LONG_ARM_MM = 96.0

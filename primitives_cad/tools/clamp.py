@@ -5,7 +5,7 @@ The screw's axis is y, the fixed anvil at the top, the frame's spine on the left
 
 import cadquery as cq
 
-from primitives_cad.shape import Keypoint
+from t2twin.primitives_cad.shape import Keypoint
 
 FRAME_THICKNESS_MM = 11.0
 SPINE_LEFT_MM, SPINE_RIGHT_MM = -62.0, -47.0

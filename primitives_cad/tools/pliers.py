@@ -8,7 +8,7 @@ from math import cos, radians, sin
 
 import cadquery as cq
 
-from primitives_cad.shape import Keypoint
+from t2twin.primitives_cad.shape import Keypoint
 
 OPENING_DEG = 4.0
 """Turn of each half from closed."""

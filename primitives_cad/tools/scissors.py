@@ -7,7 +7,7 @@ from math import cos, hypot, radians, sin
 
 import cadquery as cq
 
-from primitives_cad.shape import Keypoint
+from t2twin.primitives_cad.shape import Keypoint
 
 OPENING_DEG = 13.0
 """Turn of each half from closed."""

@@ -4,7 +4,7 @@ from math import cos, radians, sin, sqrt
 
 import cadquery as cq
 
-from primitives_cad.shape import Keypoint
+from t2twin.primitives_cad.shape import Keypoint
 
 ACROSS_FLATS_MM = 13.0
 HEAD_AT_MM = 142.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.errors import T2TwinError
 
 LAYOUTS = Path(__file__).parent / "layouts"
 DEFAULT_LAYOUT = "cyskin-20"

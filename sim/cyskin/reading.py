@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
-from sim.cyskin.layout import Layout
-from sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import Layout
+from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 
 READINGS = 5
 """Readings averaged into a sample: 0.5 s (Grella et al. 2023) at about 10 Hz (measured on real

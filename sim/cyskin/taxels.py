@@ -9,11 +9,11 @@ from functools import lru_cache
 import numpy as np
 from scipy import special
 
-from primitives_cad.errors import T2TwinError
-from sim.cyskin.layout import Layout
-from sim.press.elastomer import CYSKIN_COVER, Elastomer
-from sim.press.layer import base_stress
-from sim.records import Contact
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import Layout
+from t2twin.sim.press.elastomer import CYSKIN_COVER, Elastomer
+from t2twin.sim.press.layer import base_stress
+from t2twin.sim.press.records import Contact
 
 DIELECTRIC_MODULUS_MPA = 0.5
 """Small-strain compressive modulus of the dielectric, MPa (assumed, range 0.2 to 1)."""

@@ -1,8 +1,8 @@
 """Make the default calibration: fit the baked model's response to pyrender's reference.
 
-    python -m sim.digit.bake
+    python -m t2twin.sim.digit.bake
 
-Run it again whenever the lamps, the camera or the gel's dome change; it takes about a minute.
+Run it again whenever the LEDs, the camera or the gel's dome change; it takes about a minute.
 """
 
 from collections.abc import Sequence
@@ -11,19 +11,19 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.digit import presses
-from sim.digit.calibration import (
+from t2twin.sim.digit import deflections
+from t2twin.sim.digit.calibration import (
     DEFAULT_PATH,
     PLACE_TERMS,
     Calibration,
-    lamp_columns,
+    led_columns,
     place_terms,
 )
-from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from sim.digit.kernels import COSINE_TERMS
-from sim.digit.lights import AMBIENT, DIGIT_LEDS, Led
-from sim.digit.rays import Lamps, Rays
-from sim.digit.reference import GAMMA, ReferenceRenderer
+from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.kernels import COSINE_TERMS
+from t2twin.sim.digit.leds import AMBIENT, DIGIT_LEDS, Led
+from t2twin.sim.digit.rays import Leds, Rays
+from t2twin.sim.digit.reference import GAMMA, ReferenceRenderer
 
 DARK = 0.05
 """Linear light added to a pixel's own when weighing its error in grey levels: the ambient's."""
@@ -40,14 +40,14 @@ def fit_presses() -> list[np.ndarray]:
     x, y = optical_grid()
     still = [np.zeros((y.size, x.size))]
     balls = [
-        presses.ball(x_mm, y_mm, depth_mm, radius_mm)
+        deflections.ball(x_mm, y_mm, depth_mm, radius_mm)
         for x_mm in (-4.0, 0.0, 4.0)
         for y_mm, depth_mm, radius_mm in ((-6.0, 1.0, 2.35), (-1.5, 1.5, 3.0), (4.0, 0.8, 4.0))
     ]
     edges = [
-        presses.block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
-        presses.block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
-        presses.ring(0.0, 0.0, 0.7, 2.0, 3.5),
+        deflections.block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
+        deflections.block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
+        deflections.ring(0.0, 0.0, 0.7, 2.0, 3.5),
     ]
     return still + balls + edges
 
@@ -66,7 +66,7 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
         lights = [renderer.render_linear(surface) for surface in surfaces]
     blank = Calibration(
         background=background,
-        lamps_mm=np.array([led.position_mm for led in leds]),
+        leds_mm=np.array([led.position_mm for led in leds]),
         sizes_mm=np.array([led.size_mm for led in leds]),
         response=np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS)),
         gamma=GAMMA,
@@ -85,24 +85,24 @@ def fit_response(
 ) -> np.ndarray:
     """Least-squares response table from pictures of known deflections, free of shadows.
 
-    lights: (ROWS, COLUMNS, 3) linear light of lamps 0 to 2, apart. Errors are weighed by the
-    slope of the grey-level curve. Returns (3 lamps, PLACE_TERMS, COSINE_TERMS).
+    lights: (ROWS, COLUMNS, 3) linear light of LEDs 0 to 2, apart. Errors are weighed by the
+    slope of the grey-level curve. Returns (3 LEDs, PLACE_TERMS, COSINE_TERMS).
     """
     rays = Rays(calibration.camera, shadows=False)
-    lamps = Lamps(calibration.lamps_mm, calibration.sizes_mm)
+    leds = Leds(calibration.leds_mm, calibration.sizes_mm)
     places = place_terms(*rays.places_mm)
     terms = PLACE_TERMS * COSINE_TERMS
     squares, products = np.zeros((3, terms, terms)), np.zeros((3, terms))
     for surface, light in zip(surfaces, lights, strict=True):
-        cosine, weight = rays.incidence(rays.coated(surface), lamps)
+        cosine, weight = rays.incidence(rays.coated(surface), leds)
         blocks = light.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3)).reshape(-1, 3)
-        for lamp in range(3):
-            columns = lamp_columns(cosine[..., lamp], weight[..., lamp], places)
+        for led in range(3):
+            columns = led_columns(cosine[..., led], weight[..., led], places)
             columns = columns[1:-1, 1:-1].reshape(-1, terms)
-            slope = (blocks[:, lamp] + DARK) ** (1.0 / GAMMA - 1.0)
+            slope = (blocks[:, led] + DARK) ** (1.0 / GAMMA - 1.0)
             weighted = columns * slope[:, None]
-            squares[lamp] += weighted.T @ weighted
-            products[lamp] += weighted.T @ (blocks[:, lamp] * slope)
+            squares[led] += weighted.T @ weighted
+            products[led] += weighted.T @ (blocks[:, led] * slope)
     table = [
         np.linalg.solve(s + RIDGE * np.eye(terms), p)
         for s, p in zip(squares, products, strict=True)

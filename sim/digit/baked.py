@@ -1,19 +1,19 @@
 """The baked optical model: the picture's light in closed form, in milliseconds.
 
-For a point p of the gel with unit normal n (towards the camera), the light that lamp k leaves
+For a point p of the gel with unit normal n (towards the camera), the light that LED k leaves
 in colour c is
 
     L_kc = V_k m_k (REACH / d_k)^2 sum_ij R_kcij P_i(x, y) m_k^j,      m_k = max(n . l_k, 0)
 
-with l_k, d_k the direction and distance to the lamp, P the polynomials of degree four in the
+with l_k, d_k the direction and distance to the LED, P the polynomials of degree four in the
 place where the pixel's ray meets the untouched gel, R a fitted table (lambertian paint under an
-even lamp would be one constant), and V_k the part of the lamp's disc that the gel leaves in
+even LED would be one constant), and V_k the part of the LED's disc that the gel leaves in
 sight. V_k comes from a ray over the height map to the disc's middle: its least clearance,
 projected on to the disc, cuts the disc.
 
 The picture is background + L(deformed) - L(rest), each where the pixel's ray meets that surface,
 so that an untouched gel gives the background exactly, and whatever a background holds besides
-the lamps' light (scattered light, specks) stays where it is. Light is sampled at every second
+the LEDs' light (scattered light, specks) stays where it is. Light is sampled at every second
 pixel, the optical grid's own pitch, and interpolated. Light and grey levels are linked by the
 calibration's gamma: grey = 255 light^(1 / gamma).
 
@@ -27,11 +27,11 @@ from functools import cache
 import numpy as np
 from scipy.special import ndtri
 
-from sim.digit import kernels
-from sim.digit.calibration import Calibration, place_terms
-from sim.digit.camera import COLUMNS, ROWS
-from sim.digit.rays import Lamps, Rays, Region
-from sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.digit import kernels
+from t2twin.sim.digit.calibration import Calibration, place_terms
+from t2twin.sim.digit.camera import COLUMNS, ROWS
+from t2twin.sim.digit.rays import Leds, Rays, Region
+from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 ENCODING_STEPS = 4096
 """Entries of the encoding's table, over the square root of the light: 0.12 grey levels apart at
@@ -41,14 +41,14 @@ NO_DRAWS = np.frombuffer(b"", dtype=np.uint16)
 
 
 class BakedModel:
-    """Renders deflections of a gel with one calibration. shadows: whether lamps cast them."""
+    """Renders deflections of a gel with one calibration. shadows: whether LEDs cast them."""
 
     def __init__(
         self, calibration: Calibration, shadows: bool = True, gel: Elastomer = DIGIT_GEL
     ) -> None:
         self.calibration = calibration
         self._rays = Rays(calibration.camera, gel, shadows)
-        self._lamps = Lamps(calibration.lamps_mm, calibration.sizes_mm)
+        self._leds = Leds(calibration.leds_mm, calibration.sizes_mm)
         self._table = encoding_table(calibration.gamma)
         self._set_background(np.ascontiguousarray(calibration.background))
         terms = place_terms(*self._rays.places_mm)
@@ -57,7 +57,7 @@ class BakedModel:
         self._rest_light = self._light_at_rest(self._rays)
         own_rays = Rays(calibration.camera, DIGIT_GEL, shadows)
         if not np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
-            # the background is of the DIGIT's own gel: the lamps' light moves with the surface
+            # the background is of the DIGIT's own gel: the LEDs' light moves with the surface
             own = self._light_at_rest(own_rays)
             self._set_background(self._picture(self._rest_light - own, (0, ROWS, 0, COLUMNS)))
 
@@ -69,7 +69,7 @@ class BakedModel:
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
-        cosine, weight = (np.moveaxis(of, -1, 0) for of in rays.incidence(flat, self._lamps))
+        cosine, weight = (np.moveaxis(of, -1, 0) for of in rays.incidence(flat, self._leds))
         light = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
         kernels.light(cosine, weight, self._gain, np.zeros_like(light), rays.everywhere, light)
         return light
@@ -107,7 +107,7 @@ class BakedModel:
 
     def _change(self, coated_mm: np.ndarray) -> tuple[np.ndarray, Region]:
         """Change of the light (RGB, S) by a deflection, and the region of pixels that show it."""
-        cosine, weight, samples, pixels = self._rays.incidence_in_sight(coated_mm, self._lamps)
+        cosine, weight, samples, pixels = self._rays.incidence_in_sight(coated_mm, self._leds)
         if pixels[1] <= pixels[0]:
             return self._rest_light, pixels
         change = np.zeros_like(self._rest_light)

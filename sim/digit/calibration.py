@@ -7,12 +7,12 @@ from zipfile import BadZipFile, is_zipfile
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
-from sim.digit.camera import COLUMNS, ROWS, Camera
-from sim.digit.kernels import COSINE_TERMS
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera
+from t2twin.sim.digit.kernels import COSINE_TERMS
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
-"""The shipped calibration; written by sim.digit.bake."""
+"""The shipped calibration; written by t2twin.sim.digit.bake."""
 PLACE_MM = 8.0
 """Length by which x and y are divided in the response's polynomials, mm: half the picture."""
 PLACE_DEGREE = 4
@@ -33,12 +33,12 @@ def place_terms(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     )
 
 
-def lamp_columns(
+def led_columns(
     cosine: np.ndarray, weight: np.ndarray, places: np.ndarray, powers: int = COSINE_TERMS
 ) -> np.ndarray:
-    """(..., places * powers): one lamp's light per unit of each entry of its response table.
+    """(..., places * powers): one LED's light per unit of each entry of its response table.
 
-    cosine, weight: (...) of that lamp. places: (..., places) polynomials. powers: of the cosine.
+    cosine, weight: (...) of that LED. places: (..., places) polynomials. powers: of the cosine.
     """
     entries = [weight[..., None] * cosine[..., None] ** j * places for j in range(powers)]
     return np.stack(entries, axis=-1).reshape(*cosine.shape, -1)
@@ -46,18 +46,18 @@ def lamp_columns(
 
 @dataclass(frozen=True)
 class Calibration:
-    """See sim.digit.baked for the model that these belong to.
+    """See t2twin.sim.digit.baked for the model that these belong to.
 
     background: (ROWS, COLUMNS, 3) uint8, the untouched gel.
-    lamps_mm: (3, 3) places of the lamps in the sensor frame. sizes_mm: (3,) radii of their discs.
-    response: (3 lamps, RGB, PLACE_TERMS, COSINE_TERMS).
+    leds_mm: (3, 3) places of the LEDs in the sensor frame. sizes_mm: (3,) radii of their discs.
+    response: (3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
     gamma: exponent between light and grey levels.
     scale_px_per_mm, distance_mm: the camera.
     Raises T2TwinError for arrays of other shapes or values that cannot be.
     """
 
     background: np.ndarray
-    lamps_mm: np.ndarray
+    leds_mm: np.ndarray
     sizes_mm: np.ndarray
     response: np.ndarray
     gamma: float
@@ -67,17 +67,17 @@ class Calibration:
     def __post_init__(self) -> None:
         for name, shape in (
             ("background", (ROWS, COLUMNS, 3)),
-            ("lamps_mm", (3, 3)),
+            ("leds_mm", (3, 3)),
             ("sizes_mm", (3,)),
             ("response", (3, 3, PLACE_TERMS, COSINE_TERMS)),
         ):
             value = np.asarray(getattr(self, name))
             if value.shape != shape:
                 raise T2TwinError(
-                    f"the calibration's {name} has shape {value.shape}; it must be {shape}"
+                    f"the calibration's {_KEYS[name]} has shape {value.shape}; it must be {shape}"
                 )
             if value.dtype.kind not in "fiu" or not np.isfinite(value).all():
-                raise T2TwinError(f"the calibration's {name} must hold finite numbers only")
+                raise T2TwinError(f"the calibration's {_KEYS[name]} must hold finite numbers only")
         if self.background.dtype != np.uint8:
             raise T2TwinError(
                 f"the calibration's background is {self.background.dtype}; it must be uint8"
@@ -99,7 +99,7 @@ class Calibration:
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_name(path.name + ".part")
         with part.open("wb") as file:
-            np.savez_compressed(file, **{name: getattr(self, name) for name in _FIELDS})
+            np.savez_compressed(file, **{key: getattr(self, name) for name, key in _KEYS.items()})
         part.replace(path)
 
     @classmethod
@@ -120,13 +120,14 @@ def _parts(path: Path | str) -> dict[str, Any]:
     if not is_zipfile(path):
         raise T2TwinError("it is no .npz file")
     with np.load(path, allow_pickle=False) as file:
-        for name in _FIELDS:
-            if name not in file:
-                raise T2TwinError(f"its {name} is missing")
-        values: dict[str, Any] = {name: file[name] for name in _FIELDS}
+        for key in _KEYS.values():
+            if key not in file:
+                raise T2TwinError(f"its {key} is missing")
+        values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items()}
     for name in ("gamma", "scale_px_per_mm", "distance_mm"):
         values[name] = float(values[name])
     return values
 
 
-_FIELDS = tuple(Calibration.__dataclass_fields__)
+_KEYS = {name: name for name in Calibration.__dataclass_fields__} | {"leds_mm": "lamps_mm"}
+"""Names of the fields in the file: the LEDs' places keep the first edition's."""

@@ -1,6 +1,6 @@
 """The DIGIT's camera: a pinhole behind the gel, and the grid on which its gel is described.
 
-Frame: the sensor frame of primitives_cad.shape (x right in the picture, y down, z out of the
+Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the picture, y down, z out of the
 sensor), with z = 0 at the apex of the untouched gel. The camera sits at z = -distance_mm on the
 axis and looks along +z. Pixel (row, column) has its centre at those very numbers.
 """
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
-from sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 ROWS = 320
 """Rows of the picture (maker's own Python interface)."""

@@ -1,4 +1,4 @@
-"""The baked model's inner loops, compiled: sight of the lamps, light on the gel, the picture.
+"""The baked model's inner loops, compiled: sight of the LEDs, light on the gel, the picture.
 
 Shapes: G the optical grid (ny, nx), C its shadow grid (ny // stride, nx // stride), P the
 picture (rows, columns), S the picture's lattice of samples: one in the middle of every 2 x 2
@@ -40,7 +40,7 @@ RAY_STOPS_MM = _ray_stops()
 FIRST_STOPS = np.searchsorted(RAY_STOPS_MM, np.arange(100.0))
 """Index of the first of RAY_STOPS_MM at or after each whole millimetre."""
 LEAST_GAP_MM = np.float32(1e-4)
-"""Least distance to a lamp along an axis, mm, so that it can be divided by."""
+"""Least distance to a LED along an axis, mm, so that it can be divided by."""
 
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 # finite numbers only: lets minima and maxima be vectorised, changes no rounding
@@ -121,17 +121,17 @@ def coarse_heights(z):
 
 
 @_jit_finite
-def sight_of_lamps(heights, x0, y0, pitch, caster, window, lamps, sizes, sight):
-    """Fill sight (lamps, C) with the part of each lamp's disc that each cell sees.
+def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight):
+    """Fill sight (leds, C) with the part of each LED's disc that each cell sees.
 
     heights: (C), mm. x0, y0: centre of its first cell; pitch: its pitch, mm.
     caster: region of C that may block. window: region of C whose cells are wanted.
-    lamps: (lamps, 3), mm. sizes: (lamps,) radii of their discs, mm.
+    leds: (leds, 3), mm. sizes: (leds,) radii of their discs, mm.
     Returns the region of C where some sight was less than whole.
     All numbers but sizes are float32: twice as fast as mixed ones.
 
-    Along the ray to a lamp's middle a blocker at distance s with clearance c hides the disc up
-    to c D / s from its middle, D being the lamp's distance, by similar triangles.
+    Along the ray to a LED's middle a blocker at distance s with clearance c hides the disc up
+    to c D / s from its middle, D being the LED's distance, by similar triangles.
     """
     r0, r1, c0, c1 = caster
     top, bottom, left, right = heights.shape[0], 0, heights.shape[1], 0
@@ -143,11 +143,11 @@ def sight_of_lamps(heights, x0, y0, pitch, caster, window, lamps, sizes, sight):
     columns = heights.shape[1]
     fars, begins = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
     ends = np.empty(columns, dtype=np.float32)
-    for k in range(lamps.shape[0]):
+    for k in range(leds.shape[0]):
         size = np.float32(sizes[k])
         for i in range(window[0], window[1]):
             row = heights[i, window[2] : window[3]]
-            dy = lamps[k, 1] - (y0 + np.float32(i) * pitch)
+            dy = leds[k, 1] - (y0 + np.float32(i) * pitch)
             # rays along an axis are turned a little, for the divisions
             gap_y = dy if abs(dy) > LEAST_GAP_MM else LEAST_GAP_MM
             per_gap = pitch / gap_y
@@ -155,17 +155,17 @@ def sight_of_lamps(heights, x0, y0, pitch, caster, window, lamps, sizes, sight):
             near_y, far_y = min(near_y, far_y), max(near_y, far_y)
             for m in range(row.size):
                 j = m + window[2]
-                dx = lamps[k, 0] - (x0 + np.float32(j) * pitch)
+                dx = leds[k, 0] - (x0 + np.float32(j) * pitch)
                 gap_x = dx if abs(dx) > LEAST_GAP_MM else LEAST_GAP_MM
                 per_gap = pitch / gap_x
                 near_x, far_x = np.float32(c0 - j) * per_gap, np.float32(c1 - 1 - j) * per_gap
                 far = np.sqrt(dx * dx + dy * dy)
-                # only over the caster (parts of the way to the lamp so far) ...
+                # only over the caster (parts of the way to the LED so far) ...
                 begin = max(max(near_y, min(near_x, far_x)), nought)
                 end = min(min(far_y, max(near_x, far_x)), one)
                 # ... and only below its nearest point to the camera: the shallowest ray, to the
                 # disc's lower edge, stays longest among blockers
-                fall = min(lamps[k, 2] - row[m] + size, -LEAST_GAP_MM)
+                fall = min(leds[k, 2] - row[m] + size, -LEAST_GAP_MM)
                 end = min(end, (nearest - row[m]) / fall)
                 fars[m], begins[m], ends[m] = far, begin * far, end * far
             for m in range(row.size):
@@ -175,7 +175,7 @@ def sight_of_lamps(heights, x0, y0, pitch, caster, window, lamps, sizes, sight):
                 # grid steps and fall of the ray per mm of ground
                 per_mm = one / far
                 gi = dy * per_mm / pitch
-                gj = (lamps[k, 0] - (x0 + np.float32(j) * pitch)) * per_mm / pitch
+                gj = (leds[k, 0] - (x0 + np.float32(j) * pitch)) * per_mm / pitch
                 n = FIRST_STOPS[int(begin)]
                 while n < RAY_STOPS_MM.size and RAY_STOPS_MM[n] < begin:
                     n += 1
@@ -189,7 +189,7 @@ def sight_of_lamps(heights, x0, y0, pitch, caster, window, lamps, sizes, sight):
                     lower = heights[a + 1, b] + v * (heights[a + 1, b + 1] - heights[a + 1, b])
                     least = min(least, (upper + u * (lower - upper) - z + bias) / s)
                     n += 1
-                cut = (least - (lamps[k, 2] - z) * per_mm) * far / size
+                cut = (least - (leds[k, 2] - z) * per_mm) * far / size
                 if cut >= one:
                     continue
                 if cut <= -one:
@@ -204,7 +204,7 @@ def sight_of_lamps(heights, x0, y0, pitch, caster, window, lamps, sizes, sight):
 
 @_jit_finite
 def soften(sight, region, softened):
-    """Fill a region of softened with sight (lamps, C) blurred by 1, 2, 1 along both axes.
+    """Fill a region of softened with sight (leds, C) blurred by 1, 2, 1 along both axes.
 
     Stands for the discs' width, which hides behind a side edge over about one cell.
     """
@@ -224,18 +224,18 @@ def soften(sight, region, softened):
 
 @_jit_finite
 def incidence(
-    z, sight, shadowed, lamps, reach_mm, across, down, distance, x0, y0, pitch, region, steps,
+    z, sight, shadowed, leds, reach_mm, across, down, distance, x0, y0, pitch, region, steps,
     depth, cosine, weight,
 ):  # fmt: skip
-    """Fill regions of depth (S), cosine and weight (lamps, S): where the rays end, lamps there.
+    """Fill regions of depth (S), cosine and weight (leds, S): where the rays end, LEDs there.
 
-    z: heights (G), mm. sight: (lamps, C), whole outside the region shadowed of G. depth holds the
+    z: heights (G), mm. sight: (leds, C), whole outside the region shadowed of G. depth holds the
     untouched surface's z. across, down: slopes of the samples' rays. cosine: m_k; weight:
-    V_k m_k (REACH / d_k)^2 of the formula in sim.digit.baked, nought where a lamp is not seen.
+    V_k m_k (REACH / d_k)^2 of the formula in t2twin.sim.digit.baked, 0 where an LED is not seen.
     A ray's first guess is what the row above was moved by; it takes as many fixed-point steps as
     it needs, at most steps.
     All numbers are float32: twice as fast as mixed ones. A row is worked out in two sweeps: the
-    surface, read here and there, then the lamps, in vector loops.
+    surface, read here and there, then the LEDs, in vector loops.
     """
     one, two, nought = np.float32(1.0), np.float32(2.0), np.float32(0.0)
     last_i, last_j = z.shape[0] - 3, z.shape[1] - 3
@@ -247,7 +247,7 @@ def incidence(
     first, end = region[2], region[3]
     across = across[first:end]
     slope_x, slope_y = np.empty_like(across), np.empty_like(across)
-    part = np.ones((lamps.shape[0], across.size), dtype=np.float32)
+    part = np.ones((leds.shape[0], across.size), dtype=np.float32)
     moved = np.zeros_like(across)
     top, bottom, left, right = shadowed
     for row in range(region[0], region[1]):
@@ -281,25 +281,25 @@ def incidence(
                 + v * u * (z[i + 2, j + 1] - z[i, j + 1])
             )
             if not (top <= i < bottom and left <= j < right):
-                for k in range(lamps.shape[0]):
+                for k in range(leds.shape[0]):
                     part[k, n] = one
                 continue
             ci, cj = (fi - shift) * per_cell, (fj - shift) * per_cell
             a, b = min(max(int(ci), 0), coarse_i), min(max(int(cj), 0), coarse_j)
             p, q = ci - np.float32(a), cj - np.float32(b)
-            for k in range(lamps.shape[0]):
+            for k in range(leds.shape[0]):
                 upper = sight[k, a, b] + q * (sight[k, a, b + 1] - sight[k, a, b])
                 lower = sight[k, a + 1, b] + q * (sight[k, a + 1, b + 1] - sight[k, a + 1, b])
                 part[k, n] = upper + p * (lower - upper)
-        for k in range(lamps.shape[0]):
-            lamp_x, lamp_y, lamp_z = lamps[k, 0], lamps[k, 1], lamps[k, 2]
+        for k in range(leds.shape[0]):
+            led_x, led_y, led_z = leds[k, 0], leds[k, 1], leds[k, 2]
             cosines, weights = cosine[k, row, first:end], weight[k, row, first:end]
             parts = part[k]
             for n in range(across.size):
                 height, sx, sy = heights[n], slope_x[n], slope_y[n]
                 reached = distance + height
-                dx, dy = lamp_x - across[n] * reached, lamp_y - down[row] * reached
-                dz = lamp_z - height
+                dx, dy = led_x - across[n] * reached, led_y - down[row] * reached
+                dz = led_z - height
                 facing = max(sx * dx + sy * dy - dz, nought)
                 far2 = dx * dx + dy * dy + dz * dz
                 m = facing / np.sqrt((one + sx * sx + sy * sy) * far2)
@@ -309,9 +309,9 @@ def incidence(
 
 @_jit_finite
 def light(cosine, weight, gain, rest, region, seen):
-    """Fill a region of seen (RGB, S) with the lamps' light, less rest (RGB, S).
+    """Fill a region of seen (RGB, S) with the LEDs' light, less rest (RGB, S).
 
-    cosine, weight: (lamps, S), from incidence. gain: (rows of S, lamps, RGB, COSINE_TERMS,
+    cosine, weight: (leds, S), from incidence. gain: (rows of S, LEDs, RGB, COSINE_TERMS,
     columns of S): a row of the picture lies together, its columns next to each other.
     """
     first, end = region[2], region[3]

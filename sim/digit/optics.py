@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
-from sim.digit.baked import BakedModel
-from sim.digit.calibration import DEFAULT_PATH, Calibration
-from sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit.baked import BakedModel
+from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
+from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 NOISE_GREY = 2.8
 """Standard deviation of one frame's noise, grey levels. Two real frames differ by 3.2 (mean
@@ -18,7 +18,7 @@ TACTO takes 7."""
 class DigitOptics:
     """Pictures as the maker's interface gives them, from one calibration and one gel.
 
-    A gel of another dome than the DIGIT's own stands in the same lamps' light; its background
+    A gel of another dome than the DIGIT's own stands in the same LEDs' light; its background
     follows from the calibration's.
     """
 
@@ -48,7 +48,7 @@ class DigitOptics:
     ) -> np.ndarray:
         """(320, 240, 3) uint8 picture of the gel deflected by surface_mm.
 
-        surface_mm: on sim.digit.camera.optical_grid(), rows x columns, mm, positive into the
+        surface_mm: on t2twin.sim.digit.camera.optical_grid(), rows x columns, mm, positive into the
             sensor.
         rng: where the noise is drawn from; None gives none.
         noise_grey: its standard deviation, grey levels, the same in every pixel and channel.

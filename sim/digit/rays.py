@@ -1,7 +1,7 @@
-"""What the camera's rays meet on the gel: where they end, and how the lamps shine there.
+"""What the camera's rays meet on the gel: where they end, and how the LEDs shine there.
 
-The geometry half of the baked model (see sim.digit.baked): it knows the camera and the gel, and
-takes the lamps by argument, so that a fit can move them. S is the picture's lattice of samples:
+The geometry half of the baked model (t2twin.sim.digit.baked): it knows the camera and the gel, and
+takes the LEDs by argument, so that a fit can move them. S is the picture's lattice of samples:
 one in the middle of every 2 x 2 pixels and one more beyond each edge.
 """
 
@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
-from sim.digit import kernels
-from sim.digit.camera import COLUMNS, ROWS, Camera, optical_grid
-from sim.digit.lights import REACH_MM
-from sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit import kernels
+from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera, optical_grid
+from t2twin.sim.digit.leds import REACH_MM
+from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 TOUCHED_MM = 2.0e-3
 """Deflection below which a place counts as untouched, mm: less than a grey level."""
@@ -30,15 +30,15 @@ NOWHERE: Region = (0, 0, 0, 0)
 
 
 @dataclass(frozen=True)
-class Lamps:
-    """places_mm: (lamps, 3) in the sensor frame. sizes_mm: (lamps,) radii of their discs."""
+class Leds:
+    """places_mm: (LEDs, 3) in the sensor frame. sizes_mm: (LEDs,) radii of their discs."""
 
     places_mm: np.ndarray
     sizes_mm: np.ndarray
 
 
 class Rays:
-    """One camera over one untouched gel. shadows: whether lamps cast them."""
+    """One camera over one untouched gel. shadows: whether LEDs cast them."""
 
     def __init__(self, camera: Camera, gel: Elastomer = DIGIT_GEL, shadows: bool = True) -> None:
         self.camera = camera
@@ -53,7 +53,7 @@ class Rays:
         stride = kernels.SHADOW_STRIDE
         self._coarse_shape = (self.y_mm.size // stride, self.x_mm.size // stride)
         self._rest_depth_mm = np.zeros((self._down.size, self._across.size), dtype=np.float32)
-        nothing = Lamps(np.zeros((0, 3)), np.zeros(0))
+        nothing = Leds(np.zeros((0, 3)), np.zeros(0))
         none = np.zeros((0, *self._rest_depth_mm.shape), dtype=np.float32)
         self._cast(
             self.rest_mm, self._sunlit(0), NOWHERE, nothing, self.everywhere, REST_STEPS,
@@ -71,7 +71,7 @@ class Rays:
         if surface_mm.shape != self.rest_mm.shape:
             raise T2TwinError(
                 f"surface_mm has shape {surface_mm.shape}; it must be {self.rest_mm.shape}, "
-                "on sim.digit.camera.optical_grid()"
+                "on t2twin.sim.digit.camera.optical_grid()"
             )
         surface = np.ascontiguousarray(surface_mm, dtype=np.float32)
         if not kernels.bounds(surface, TOUCHED_MM)[4]:
@@ -79,49 +79,49 @@ class Rays:
         return kernels.coated(surface)
 
     def incidence(
-        self, coated_mm: np.ndarray, lamps: Lamps, samples: Region | None = None
+        self, coated_mm: np.ndarray, leds: Leds, samples: Region | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Cosine of incidence m_k and weight V_k m_k (REACH / d_k)^2, (S, lamps) float32 each.
+        """Cosine of incidence m_k and weight V_k m_k (REACH / d_k)^2, (S, LEDs) float32 each.
 
         coated_mm: what coated returns. samples: the region of S wanted, everywhere unless given;
         the rest holds no meaning.
         """
         z = self.rest_mm - coated_mm
-        sight, shadowed = self._sight(coated_mm, z, lamps)
-        cosine, weight = self._incidence(z, sight, shadowed, lamps, samples or self.everywhere)
+        sight, shadowed = self._sight(coated_mm, z, leds)
+        cosine, weight = self._incidence(z, sight, shadowed, leds, samples or self.everywhere)
         return np.moveaxis(cosine, 0, -1), np.moveaxis(weight, 0, -1)
 
     def incidence_in_sight(
-        self, coated_mm: np.ndarray, lamps: Lamps
+        self, coated_mm: np.ndarray, leds: Leds
     ) -> tuple[np.ndarray, np.ndarray, Region, Region]:
-        """incidence, but (lamps, S), and the regions of samples and pixels that may change."""
+        """incidence, but (LEDs, S), and the regions of samples and pixels that may change."""
         touched = kernels.bounds(coated_mm, TOUCHED_MM)[:4]
         nothing = np.zeros(0, dtype=np.float32)
         if touched[1] <= touched[0]:
             return nothing, nothing, NOWHERE, NOWHERE
         z = self.rest_mm - coated_mm
-        sight, shadowed = self._sight(coated_mm, z, lamps)
+        sight, shadowed = self._sight(coated_mm, z, leds)
         region = _intersection(_grown(_union(touched, shadowed), 2), self._window)
         if region[1] <= region[0] or region[3] <= region[2]:
             return nothing, nothing, NOWHERE, NOWHERE
         pixels = self._pixels(region, float(z.min()))
         samples = (pixels[0] // 2, (pixels[1] + 1) // 2 + 2, pixels[2] // 2,
                    (pixels[3] + 1) // 2 + 2)  # fmt: skip
-        return *self._incidence(z, sight, shadowed, lamps, samples), samples, pixels
+        return *self._incidence(z, sight, shadowed, leds, samples), samples, pixels
 
     def _incidence(
         self,
         z: np.ndarray,
         sight: np.ndarray,
         shadowed: Region,
-        lamps: Lamps,
+        leds: Leds,
         samples: Region,
     ) -> tuple[np.ndarray, np.ndarray]:
-        count = len(lamps.places_mm)
+        count = len(leds.places_mm)
         cosine = np.empty((count, *self._rest_depth_mm.shape), dtype=np.float32)
         weight = np.empty_like(cosine)
         depth = self._rest_depth_mm.copy()
-        self._cast(z, sight, shadowed, lamps, samples, TOUCHED_STEPS, depth, cosine, weight)
+        self._cast(z, sight, shadowed, leds, samples, TOUCHED_STEPS, depth, cosine, weight)
         return cosine, weight
 
     def _cast(
@@ -129,7 +129,7 @@ class Rays:
         z: np.ndarray,
         sight: np.ndarray,
         shadowed: Region,
-        lamps: Lamps,
+        leds: Leds,
         samples: Region,
         steps: int,
         depth: np.ndarray,
@@ -138,30 +138,30 @@ class Rays:
     ) -> None:
         single = np.float32
         kernels.incidence(
-            z, sight, _grown(shadowed, kernels.SHADOW_STRIDE), lamps.places_mm.astype(np.float32),
+            z, sight, _grown(shadowed, kernels.SHADOW_STRIDE), leds.places_mm.astype(np.float32),
             single(REACH_MM), self._across, self._down, single(self.camera.distance_mm),
             single(self.x_mm[0]), single(self.y_mm[0]), single(self.pitch_mm), samples, steps,
             depth, cosine, weight,
         )  # fmt: skip
 
-    def _sunlit(self, lamps: int) -> np.ndarray:
-        return np.ones((lamps, *self._coarse_shape), dtype=np.float32)
+    def _sunlit(self, leds: int) -> np.ndarray:
+        return np.ones((leds, *self._coarse_shape), dtype=np.float32)
 
-    def _sight(self, surface: np.ndarray, z: np.ndarray, lamps: Lamps) -> tuple[np.ndarray, Region]:
-        """Sight of the lamps (lamps, C), and the region of the grid where it is not whole."""
-        hard = self._sunlit(len(lamps.places_mm))
+    def _sight(self, surface: np.ndarray, z: np.ndarray, leds: Leds) -> tuple[np.ndarray, Region]:
+        """Sight of the LEDs (LEDs, C), and the region of the grid where it is not whole."""
+        hard = self._sunlit(len(leds.places_mm))
         casting = kernels.bounds(np.maximum(surface, 0.0), CASTER_LEAST_MM)[:4]
         if not self._shadows or casting[1] <= casting[0]:
             return hard, NOWHERE
         stride = kernels.SHADOW_STRIDE
         heights = kernels.coarse_heights(z)
         first = 0.5 * (stride - 1) * self.pitch_mm
-        shadowed = kernels.sight_of_lamps(
+        shadowed = kernels.sight_of_leds(
             heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),
             np.float32(stride * self.pitch_mm), _coarse(casting, heights.shape),
             _coarse(self._window, heights.shape),
-            np.ascontiguousarray(lamps.places_mm, dtype=np.float32),
-            np.ascontiguousarray(lamps.sizes_mm, dtype=np.float64), hard,
+            np.ascontiguousarray(leds.places_mm, dtype=np.float32),
+            np.ascontiguousarray(leds.sizes_mm, dtype=np.float64), hard,
         )  # fmt: skip
         shadowed = _grown(shadowed, 1)
         sight = hard.copy()

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
-from sim.digit import kernels
-from sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
-from sim.digit.lights import AMBIENT, DIGIT_LEDS, REACH_MM, Led
-from sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit import kernels
+from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+from t2twin.sim.digit.leds import AMBIENT, DIGIT_LEDS, REACH_MM, Led
+from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 GAMMA = 2.2
 """Exponent of pyrender's output encoding."""
@@ -30,7 +30,7 @@ CASTER_DEPTH_MM = 0.06
 """How far behind the gel's surface the surface that casts the shadows lies, mm: twice a texel of
 the shadow map at the far end of the gel, so that the gel does not shade itself."""
 CASTER_LEAST_MM = 0.02
-"""Least deflection that casts a shadow, mm. The untouched gel casts none: its lamps shine through
+"""Least deflection that casts a shadow, mm. The untouched gel casts none: its LEDs shine through
 its sides."""
 SEEN_MARGIN_MM = 0.3
 """How far the receiving mesh reaches beyond what the picture shows, mm: a cell and a half."""
@@ -61,7 +61,7 @@ def _no_gl(error: Exception) -> str:
 class ReferenceRenderer:
     """Renders the gel from inside. Built once, used for any number of frames.
 
-    leds, ambient: the lamps and the undirected light. shadows: whether lamps cast them.
+    leds, ambient: the LEDs and the undirected light. shadows: whether LEDs cast them.
     light_points: points per LED, one render pass each; 1 gives hard shadows.
     Raises T2TwinError where no EGL or GL library is found.
     """
@@ -106,7 +106,7 @@ class ReferenceRenderer:
             ),
             pose=_camera_pose(camera),
         )
-        self._lamps = [
+        self._leds = [
             self._scene.add(
                 pyrender.SpotLight(
                     color=np.array(led.colour),
@@ -137,8 +137,8 @@ class ReferenceRenderer:
         self._place_gel(surface_mm)
         total = np.zeros((ROWS, COLUMNS, 3))
         for index in range(self._passes):
-            for lamp, poses in zip(self._lamps, self._poses, strict=True):
-                self._scene.set_pose(lamp, poses[index])
+            for led, poses in zip(self._leds, self._poses, strict=True):
+                self._scene.set_pose(led, poses[index])
             picture, _ = self._renderer.render(self._scene, flags=self._flags)
             total += (picture / 255.0) ** GAMMA
         return total / self._passes
@@ -165,7 +165,7 @@ class ReferenceRenderer:
         if surface_mm.shape != self._rest_mm.shape:
             raise T2TwinError(
                 f"surface_mm has shape {surface_mm.shape}; it must be {self._rest_mm.shape}, "
-                "on sim.digit.camera.optical_grid()"
+                "on t2twin.sim.digit.camera.optical_grid()"
             )
         surface_mm = kernels.coated(np.ascontiguousarray(surface_mm, dtype=np.float32))
         z = self._rest_mm - surface_mm
@@ -174,7 +174,7 @@ class ReferenceRenderer:
         normals = _blocks(np.stack([along_x, along_y, -np.ones_like(z)], axis=-1))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         points = _blocks(np.stack([x, y, z], axis=-1))
-        # pyrender draws shadow maps without back faces: the gel, turned away from the lamps,
+        # pyrender draws shadow maps without back faces: the gel, turned away from the LEDs,
         # receives shadows only, and a copy just behind it, out of the camera's sight, casts them
         primitives = [self._primitive(points, normals, self._seen_faces, self._gel_material)]
         deep = _blocks(surface_mm[..., None]).ravel() > CASTER_LEAST_MM

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.errors import T2TwinError
 
 Law = Literal["linear", "stiffening"]
 
@@ -20,7 +20,7 @@ class Elastomer:
     dome_width_radius_mm, dome_length_radius_mm: radii of the outer surface along x and y;
         inf means flat. The surface is flat for dome_flat_mm either side of the middle in y.
     law: how deflection follows the linear layer's: "linear" as it is, or "stiffening" as a
-        neo-Hookean solid, so that a deep press never goes through (see sim.press.law).
+        neo-Hookean solid, so that a deep press never goes through (see t2twin.sim.press.law).
     """
 
     name: str

@@ -1,32 +1,32 @@
 """The press: a shape pushed into an elastomer until pressure and surface are at rest.
 
-Contact is normal and frictionless, the layer's answer is that of `sim.press.layer`, and MuJoCo
-(`sim.press.bed`) finds which pins touch and how they share the force. A pin's own spring D is
-local; the layer is not. So each step the springs' rest points take what the springs leave out,
-w(p) - D p, from the last pressure p. Anderson's acceleration brings that to rest in about eight
-steps. The pins are the finer the smaller the contact.
+Contact is normal and frictionless, the layer's answer is that of `t2twin.sim.press.layer`, and
+MuJoCo (`t2twin.sim.press.bed`) finds which pins touch and how they share the force. A pin's own
+spring D is local; the layer is not. So each step the springs' rest points take what the springs
+leave out, w(p) - D p, from the last pressure p. Anderson's acceleration brings that to rest in
+about eight steps. The pins are the finer the smaller the contact.
 """
 
 import time
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
-from primitives_cad.shape import NOTHING_MM, Shape
-from sim.press.cells import Cells, cells
-from sim.press.elastomer import Elastomer
-from sim.press.footprint import footprint, heights_at
-from sim.press.grid import Window, grown, means, middles, scaled, widened, window_around
-from sim.press.layer import WHOLE, Layer, layer
-from sim.press.solution import (
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.shape import NOTHING_MM, Shape
+from t2twin.sim.press.elastomer import Elastomer
+from t2twin.sim.press.footprint import footprint, heights_at
+from t2twin.sim.press.grid import Window, grown, means, middles, scaled, widened, window_around
+from t2twin.sim.press.layer import WHOLE, Layer, cached_layer
+from t2twin.sim.press.pins import PinGrid, pins_under
+from t2twin.sim.press.records import Contact, PressCommand
+from t2twin.sim.press.solution import (
     GUESSES,
-    AtRest,
+    PinState,
     Solution,
     by_law,
     spring_compliance,
     winkler_depth_mm,
 )
-from sim.records import Contact, Press
 
 DIGIT_PITCH_MM = 0.25
 """Grid of the DIGIT's gel, mm: fine enough for features of 1 mm seen at 0.05 mm a pixel."""
@@ -64,7 +64,7 @@ FIELD_CELLS = 2
 """Cells of the survey around the window in which the surface still is worked out finely."""
 
 
-def press(shape: Shape, command: Press, elastomer: Elastomer, pitch_mm: float) -> Contact:
+def press(shape: Shape, command: PressCommand, elastomer: Elastomer, pitch_mm: float) -> Contact:
     """Press a shape into an elastomer; the contact is given on a grid of pitch_mm.
 
     The command's shape name is not looked at; its pose and force are. Raises T2TwinError where
@@ -75,13 +75,13 @@ def press(shape: Shape, command: Press, elastomer: Elastomer, pitch_mm: float) -
 
 
 def press_bed(
-    shape: Shape, command: Press, elastomer: Elastomer, pitch_mm: float
-) -> tuple[Contact, AtRest]:
+    shape: Shape, command: PressCommand, elastomer: Elastomer, pitch_mm: float
+) -> tuple[Contact, PinState]:
     """As `press`, with the bed of pins that carried it."""
     check_force(command.force_n)
-    ground = layer(elastomer, pitch_mm)
+    layer = cached_layer(elastomer, pitch_mm)
     started = time.perf_counter()
-    survey = _Survey(shape, command, ground)
+    survey = _Survey(shape, command, layer)
     expected = survey.expected_contact(command.force_n)
     finer = _finer(float(survey.seen.shares[expected].sum()))
     while True:
@@ -93,29 +93,29 @@ def press_bed(
             settled = solution.solve(at_rest)
             survey.preparing_s += solution.compiling_s
         assert solution is not None
-        here = scaled(window, survey.parts)
-        fine = solution.pins.ground.parts
-        pressure = np.zeros(ground.rest_mm.shape)
+        here = scaled(window, survey.per_side)
+        fine = solution.pins.layer.per_side
+        pressure = np.zeros(layer.rest_mm.shape)
         pressure[here] = means(solution.fine_pressure_mpa(), fine)
-        surface = middles(by_law(ground, ground.deflection_mm(pressure), WHOLE)[0], 1)
+        surface = middles(by_law(layer, layer.deflection_mm(pressure), WHOLE)[0], 1)
         standing_mm = solution.depth_mm - survey.gap_mm
-        missed = standing_mm > means(surface, survey.parts) + MISSED_OUTSIDE_MM
+        missed = standing_mm > means(surface, survey.per_side) + MISSED_OUTSIDE_MM
         missed[looked_at] = False
         if not missed.any():
             break
         expected = looked_at | missed
     pins = solution.pins
-    near = scaled(widened(window, FIELD_CELLS, expected.shape), survey.parts)
+    near = scaled(widened(window, FIELD_CELLS, expected.shape), survey.per_side)
     surface[near] = middles(solution.fine_surface_mm(scaled(near, fine)), fine)
     shape_depth = solution.depth_mm + pins.first_touch_mm
-    if survey.parts == 1:
+    if survey.per_side == 1:
         # Where the shape stands, the surface lies on it. A finer grid sees that by itself, and
         # points taken from the solid would make a slanting edge look like a string of beads.
-        heights = heights_at(shape.surface, command, ground.x_mm[near[1]], ground.y_mm[near[0]])
-        surface[near] = np.maximum(surface[near], shape_depth + ground.rest_mm[near] + heights)
+        heights = heights_at(shape.surface, command, layer.x_mm[near[1]], layer.y_mm[near[0]])
+        surface[near] = np.maximum(surface[near], shape_depth + layer.rest_mm[near] + heights)
 
     touched = solution.pressure_mpa > 0
-    if elastomer.law == "linear" and (surface >= ground.thickness_mm)[pressure > 0].any():
+    if elastomer.law == "linear" and (surface >= layer.thickness_mm)[pressure > 0].any():
         raise T2TwinError(
             f"{command.force_n:g} N push {shape.name} through the {elastomer.name} layer of "
             f"{elastomer.thickness_mm:g} mm; take a smaller force or a thicker or stiffer layer"
@@ -125,8 +125,8 @@ def press_bed(
     contact = Contact(
         surface_mm=surface.astype(np.float32),
         pressure_kpa=(1e3 * pressure).astype(np.float32),
-        x_mm=ground.x_mm,
-        y_mm=ground.y_mm,
+        x_mm=layer.x_mm,
+        y_mm=layer.y_mm,
         contact_area_mm2=float(pins.share[touched].sum() * pins.pitch_mm**2),
         depth_mm=solution.depth_mm,
         shape_depth_mm=shape_depth,
@@ -154,27 +154,27 @@ class _Survey:
     preparing_s: time spent on what is kept for the next press.
     """
 
-    def __init__(self, shape: Shape, command: Press, ground: Layer) -> None:
-        self.shape, self.command, self.ground = shape, command, ground
-        self.parts = 2 if 2 * ground.pitch_mm <= SURVEY_MM + 1e-9 else 1
-        x = ground.x_mm.reshape(-1, self.parts).mean(axis=1)
-        y = ground.y_mm.reshape(-1, self.parts).mean(axis=1)
+    def __init__(self, shape: Shape, command: PressCommand, layer: Layer) -> None:
+        self.shape, self.command, self.layer = shape, command, layer
+        self.per_side = 2 if 2 * layer.pitch_mm <= SURVEY_MM + 1e-9 else 1
+        x = layer.x_mm.reshape(-1, self.per_side).mean(axis=1)
+        y = layer.y_mm.reshape(-1, self.per_side).mean(axis=1)
         self.seen = footprint(shape.surface, command, x, y)
-        distance = -means(ground.rest_mm, self.parts) - self.seen.heights_mm
+        distance = -means(layer.rest_mm, self.per_side) - self.seen.heights_mm
         nearest = float(distance.min())
         if nearest > -NOTHING_MM / 2:
             raise T2TwinError(
                 f"{shape.name} at x {command.x_mm:g} mm, y {command.y_mm:g} mm lies beside the "
-                f"{ground.elastomer.name} pad, which reaches {ground.elastomer.width_mm / 2:g} mm "
-                f"in x and {ground.elastomer.length_mm / 2:g} mm in y from its middle"
+                f"{layer.elastomer.name} pad, which reaches {layer.elastomer.width_mm / 2:g} mm "
+                f"in x and {layer.elastomer.length_mm / 2:g} mm in y from its middle"
             )
         self.gap_mm = distance - nearest
         self.preparing_s = 0.0
 
-    def layer(self, parts: int) -> Layer:
+    def divided(self, per_side: int) -> Layer:
         """The elastomer's layer on the contact's cells cut into parts."""
         asked = time.perf_counter()
-        found = layer(self.ground.elastomer, self.ground.pitch_mm, parts)
+        found = cached_layer(self.layer.elastomer, self.layer.pitch_mm, per_side)
         self.preparing_s += time.perf_counter() - asked
         return found
 
@@ -182,9 +182,9 @@ class _Survey:
         """Where independent springs as soft as the layer would touch, (rows, columns)."""
         touching = np.ones(self.gap_mm.shape, bool)
         for _ in range(GUESSES):
-            pressed = scaled(window_around(touching), self.parts)
-            springs = spring_compliance(self.ground, pressed)
-            force = force_n * springs / (self.parts * self.ground.pitch_mm) ** 2
+            pressed = scaled(window_around(touching), self.per_side)
+            springs = spring_compliance(self.layer, pressed)
+            force = force_n * springs / (self.per_side * self.layer.pitch_mm) ** 2
             touching = self.gap_mm < winkler_depth_mm(self.gap_mm, force)
         return touching
 
@@ -197,20 +197,20 @@ def _finer(cells_in_contact: float) -> int:
 
 def _stages(
     survey: _Survey, looked_at: np.ndarray, window: Window, finer: int
-) -> list[tuple[Cells, float]]:
+) -> list[tuple[PinGrid, float]]:
     """The pins of each stage, and how far it is to come to rest.
 
     looked_at: the survey's cells that get pins; window: what holds them.
     """
-    ground = survey.ground
+    layer = survey.layer
     # Pins along a survey's cell, and fine cells along one of the contact's, no fewer than pins.
     stages = [
-        (pins, max(1, round(pins / survey.parts), round(ground.pitch_mm / layer_mm)), at_rest)
+        (pins, max(1, round(pins / survey.per_side), round(layer.pitch_mm / layer_mm)), at_rest)
         for pins, (layer_mm, at_rest) in zip((max(1, finer // 2), finer), STAGES, strict=True)
     ]
-    finest = max(parts for _, parts, _ in stages)
-    fine = survey.layer(finest)
-    rows, columns = scaled(window, survey.parts * finest)
+    finest = max(per_side for _, per_side, _ in stages)
+    fine = survey.divided(finest)
+    rows, columns = scaled(window, survey.per_side * finest)
     seen = footprint(
         survey.shape.surface,
         survey.command,
@@ -221,14 +221,14 @@ def _stages(
     first_touch = float((-fine.rest_mm[rows, columns] - seen.peaks_mm).min())
     return [
         (
-            cells(
-                survey.layer(parts),
-                scaled(window, survey.parts * parts),
-                survey.parts * parts // pins,
-                seen.coarsened(finest // parts),
+            pins_under(
+                survey.divided(per_side),
+                scaled(window, survey.per_side * per_side),
+                survey.per_side * per_side // pins,
+                seen.coarsened(finest // per_side),
                 first_touch,
             ),
             at_rest,
         )
-        for pins, parts, at_rest in stages
+        for pins, per_side, at_rest in stages
     ]

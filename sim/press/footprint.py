@@ -9,9 +9,9 @@ from typing import Any
 import numba
 import numpy as np
 
-from primitives_cad.shape import NOTHING_MM, HeightMap
-from sim.press.grid import blocks, sums
-from sim.records import Press
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
+from t2twin.sim.press.grid import blocks, sums
+from t2twin.sim.press.records import PressCommand
 
 SAMPLES = 5
 """Points a side at which a cell's part of the surface is looked up."""
@@ -28,16 +28,16 @@ LEAST_COVER = 0.1
 
 
 def to_shape_frame(
-    command: Press, x_mm: np.ndarray, y_mm: np.ndarray
+    command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where points of the sensor frame lie in the shape frame (see primitives_cad.shape)."""
+    """Where points of the sensor frame lie in the shape frame (see t2twin.primitives_cad.shape)."""
     cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
     dx, dy = x_mm - command.x_mm, y_mm - command.y_mm
     return cos * dx + sin * dy, sin * dx - cos * dy
 
 
 def heights_at(
-    surface: HeightMap, command: Press, x_mm: np.ndarray, y_mm: np.ndarray
+    surface: HeightMap, command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray
 ) -> np.ndarray:
     """Heights of the turned-over shape over the axes' points, (y, x) float32, mm, bilinear."""
     heights = np.empty((y_mm.size, x_mm.size), np.float32)
@@ -58,20 +58,20 @@ class Footprint:
     shares: np.ndarray
     peaks_mm: np.ndarray
 
-    def coarsened(self, parts: int) -> "Footprint":
-        """The same on cells of parts x parts of these."""
-        if parts == 1:
+    def coarsened(self, per_side: int) -> "Footprint":
+        """The same on cells of per_side x per_side of these."""
+        if per_side == 1:
             return self
-        highest = blocks(self.peaks_mm, parts).max(axis=(1, 3))
-        covered = sums(self.shares, parts)
+        highest = blocks(self.peaks_mm, per_side).max(axis=(1, 3))
+        covered = sums(self.shares, per_side)
         heights = np.where(self.shares > 0, self.heights_mm, 0.0)
-        mean = sums(self.shares * heights, parts) / np.maximum(covered, LEAST_COVER)
-        return Footprint(np.where(covered > 0, mean, NOTHING_MM), covered / parts**2, highest)
+        mean = sums(self.shares * heights, per_side) / np.maximum(covered, LEAST_COVER)
+        return Footprint(np.where(covered > 0, mean, NOTHING_MM), covered / per_side**2, highest)
 
 
 def footprint(
     surface: HeightMap,
-    command: Press,
+    command: PressCommand,
     x_mm: np.ndarray,
     y_mm: np.ndarray,
     looked_at: np.ndarray | None = None,
@@ -87,7 +87,7 @@ def footprint(
     return Footprint(heights, shares, peaks)
 
 
-def _lookup(surface: HeightMap, command: Press) -> tuple[Any, ...]:
+def _lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
     return (
         np.ascontiguousarray(surface.heights_mm, dtype=np.float32),
         float(surface.x_mm[0]),

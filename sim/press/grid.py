@@ -32,9 +32,9 @@ def span(window: Window) -> tuple[int, int]:
     return rows.stop - rows.start, columns.stop - columns.start
 
 
-def scaled(window: Window, parts: int) -> Window:
-    """The same window on a grid whose cells are cut into parts x parts."""
-    rows, columns = (slice(side.start * parts, side.stop * parts) for side in window)
+def scaled(window: Window, per_side: int) -> Window:
+    """The same window on a grid whose cells are cut into per_side x per_side."""
+    rows, columns = (slice(side.start * per_side, side.stop * per_side) for side in window)
     return rows, columns
 
 
@@ -62,47 +62,51 @@ def grown(mask: np.ndarray, cells: int) -> np.ndarray:
     return np.asarray(ndimage.binary_dilation(mask, square), dtype=bool)
 
 
-def repeated(coarse: np.ndarray, parts: int) -> np.ndarray:
-    """Each cell as parts x parts."""
-    return coarse if parts == 1 else np.repeat(np.repeat(coarse, parts, axis=0), parts, axis=1)
+def repeated(coarse: np.ndarray, per_side: int) -> np.ndarray:
+    """Each cell as per_side x per_side."""
+    return (
+        coarse
+        if per_side == 1
+        else np.repeat(np.repeat(coarse, per_side, axis=0), per_side, axis=1)
+    )
 
 
-def blocks(fine: np.ndarray, parts: int) -> np.ndarray:
-    """(rows, parts, columns, parts): the cells by blocks of parts x parts."""
+def blocks(fine: np.ndarray, per_side: int) -> np.ndarray:
+    """(rows, parts, columns, parts): the cells by blocks of per_side x per_side."""
     rows, columns = fine.shape
-    return fine.reshape(rows // parts, parts, columns // parts, parts)
+    return fine.reshape(rows // per_side, per_side, columns // per_side, per_side)
 
 
-def sums(fine: np.ndarray, parts: int) -> np.ndarray:
-    """Sum of each block of parts x parts."""
-    if parts == 1:
+def sums(fine: np.ndarray, per_side: int) -> np.ndarray:
+    """Sum of each block of per_side x per_side."""
+    if per_side == 1:
         return fine
     # Slices are several times faster here than a sum over the blocks' axes.
-    along = fine[::parts].copy()
-    for part in range(1, parts):
-        along += fine[part::parts]
-    total = along[:, ::parts].copy()
-    for part in range(1, parts):
-        total += along[:, part::parts]
+    along = fine[::per_side].copy()
+    for part in range(1, per_side):
+        along += fine[part::per_side]
+    total = along[:, ::per_side].copy()
+    for part in range(1, per_side):
+        total += along[:, part::per_side]
     return total
 
 
-def means(fine: np.ndarray, parts: int) -> np.ndarray:
-    """Mean of each block of parts x parts."""
-    return sums(fine, parts) / parts**2
+def means(fine: np.ndarray, per_side: int) -> np.ndarray:
+    """Mean of each block of per_side x per_side."""
+    return sums(fine, per_side) / per_side**2
 
 
-def middles(fine: np.ndarray, parts: int) -> np.ndarray:
-    """Values at the middles of blocks of parts x parts cells, parts 1 or even, from cells' means.
+def middles(fine: np.ndarray, per_side: int) -> np.ndarray:
+    """Values at the middles of blocks of per_side x per_side cells (1 or even), from means.
 
     For an even number a middle is a corner of four cells, and MIDDLE_WEIGHTS along each axis give
     its value; for one cell it is the mean less the second differences over 24.
     """
-    if parts == 1:
+    if per_side == 1:
         return fine - ndimage.laplace(fine, mode="nearest") / 24
     for axis in (0, 1):
         fine = np.moveaxis(fine, axis, 0)
-        after = np.arange(parts // 2, len(fine), parts)
+        after = np.arange(per_side // 2, len(fine), per_side)
         # The four cells around each middle, moved inwards at a rim.
         first = np.clip(after - 2, 0, len(fine) - 4)
         weights = MIDDLE_WEIGHTS[after - 1 - first]

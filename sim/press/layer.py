@@ -12,7 +12,7 @@ from scipy import fft, special
 from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline
 
-from sim.press.elastomer import Elastomer
+from t2twin.sim.press.elastomer import Elastomer
 
 THICKNESSES = 17
 """Thicknesses at which a domed layer's answer is worked out."""
@@ -80,17 +80,17 @@ def _denominator(s: np.ndarray, kappa: float) -> np.ndarray:
 class Layer:
     """One elastomer's linear answer on a grid of square cells.
 
-    Cells of pitch_mm, each cut into parts x parts finer ones.
+    Cells of pitch_mm, each cut into per_side x per_side finer ones.
     rows, columns: the fine grid. pitch_mm: its cell. x_mm (columns,), y_mm (rows,): cell centres.
     """
 
-    def __init__(self, elastomer: Elastomer, pitch_mm: float, parts: int = 1) -> None:
+    def __init__(self, elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> None:
         self.elastomer = elastomer
         # Even numbers both, so that a quarter turn about the middle maps cells onto cells.
-        self.columns = parts * 2 * int(elastomer.width_mm / pitch_mm / 2 + 1e-9)
-        self.rows = parts * 2 * int(elastomer.length_mm / pitch_mm / 2 + 1e-9)
-        self.parts = parts
-        self.pitch_mm = pitch_mm = pitch_mm / parts
+        self.columns = per_side * 2 * int(elastomer.width_mm / pitch_mm / 2 + 1e-9)
+        self.rows = per_side * 2 * int(elastomer.length_mm / pitch_mm / 2 + 1e-9)
+        self.per_side = per_side
+        self.pitch_mm = pitch_mm = pitch_mm / per_side
         self.x_mm = (np.arange(self.columns) - (self.columns - 1) / 2) * pitch_mm
         self.y_mm = (np.arange(self.rows) - (self.rows - 1) / 2) * pitch_mm
         x, y = np.meshgrid(self.x_mm, self.y_mm)
@@ -162,9 +162,9 @@ class Layer:
 
 
 @lru_cache(maxsize=16)
-def layer(elastomer: Elastomer, pitch_mm: float, parts: int = 1) -> Layer:
+def cached_layer(elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> Layer:
     """The layer of an elastomer on cells of a pitch cut into parts, worked out once a process."""
-    return Layer(elastomer, pitch_mm, parts)
+    return Layer(elastomer, pitch_mm, per_side)
 
 
 def _fast(length: int) -> int:
@@ -172,7 +172,7 @@ def _fast(length: int) -> int:
     return int(next_fast_len(length, real=True) or length)
 
 
-def _answers(ground: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _answers(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How each place answers, as a sum of kernels: (n, rows, columns) weights, (n, ...) kernels.
 
     A kernel is the mean deflection of each cell per unit pressure on one, mm/MPa, float32,
@@ -183,14 +183,14 @@ def _answers(ground: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarra
     thicknesses and their principal components about it. Laterally unbounded, no period. The third
     result is the kernel at the thickest place.
     """
-    young, poisson, pitch = elastomer.young_mpa, elastomer.poisson, ground.pitch_mm
-    x = np.arange(1 - ground.columns, ground.columns) * pitch
-    y = np.arange(1 - ground.rows, ground.rows) * pitch
+    young, poisson, pitch = elastomer.young_mpa, elastomer.poisson, layer.pitch_mm
+    x = np.arange(1 - layer.columns, layer.columns) * pitch
+    y = np.arange(1 - layer.rows, layer.rows) * pitch
     half_space = (1 - poisson**2) / (np.pi * young) * _mean_inverse_distance(x, y, pitch)
     distance = np.hypot(x[None, :], y[:, None])
     radii = np.linspace(0.0, float(distance.max()), HANKEL_RADII)
 
-    thickness = ground.thickness_mm
+    thickness = layer.thickness_mm
     thinnest, thickest = float(thickness.min()), float(thickness.max())
     if thickest - thinnest < 1e-6:
         profile = _base_part(np.array([thickest]), radii, elastomer, pitch)[0]

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from primitives_cad.shape import Shape
-from sim.press.bed import BALL_MM, PIN_MASS, SHAPE_MASS
-from sim.press.elastomer import Elastomer
-from sim.press.solution import AtRest
-from sim.records import Contact, Press
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.press.bed import BALL_MM, PIN_MASS, SHAPE_MASS
+from t2twin.sim.press.elastomer import Elastomer
+from t2twin.sim.press.records import Contact, PressCommand
+from t2twin.sim.press.solution import PinState
 
 STEP_S = 0.02
 """Step of the scene, s: 50 a second, smooth to look at."""
@@ -34,10 +34,10 @@ PALE, DEEP = np.array([0.75, 0.8, 0.85]), np.array([0.85, 0.1, 0.1])
 
 def scene(
     shape: Shape,
-    command: Press,
+    command: PressCommand,
     elastomer: Elastomer,
     contact: Contact,
-    bed: AtRest,
+    bed: PinState,
     mesh_file: str | None,
 ) -> str:
     """The scene as MJCF text.

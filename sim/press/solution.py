@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from primitives_cad.errors import T2TwinError
-from sim.press.anderson import Anderson
-from sim.press.bed import POOL_SIZES, Bed, bed
-from sim.press.cells import Cells
-from sim.press.grid import Window, grown, repeated, scaled, span, window_around, within
-from sim.press.law import neo_hookean_mm
-from sim.press.layer import Layer
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.press.anderson import Anderson
+from t2twin.sim.press.bed import POOL_SIZES, Bed, bed
+from t2twin.sim.press.grid import Window, grown, repeated, scaled, span, window_around, within
+from t2twin.sim.press.law import neo_hookean_mm
+from t2twin.sim.press.layer import Layer
+from t2twin.sim.press.pins import PinGrid
 
 SPRING_SHARE = 0.6
 """A pin's compliance over the layer's largest. 0.3 to 0.85 settle equally fast."""
@@ -41,8 +41,8 @@ MARGIN_PINS = 1
 
 
 @dataclass(frozen=True)
-class AtRest:
-    """The bed of pins as a press left it, all (n,): what `sim.press.scene` draws.
+class PinState:
+    """The bed of pins as a press left it, all (n,): what `t2twin.sim.press.scene` draws.
 
     x_mm, y_mm, rest_mm: where the pins stand, and their tops untouched. deflection_mm: how far
     they are pressed. gap_mm: how far each was from the shape at first touch. spring_rest_mm,
@@ -65,7 +65,7 @@ class Solution:
     pressure_mpa: (rows, columns) of the pins, on the covered part of each one's cell.
     """
 
-    def __init__(self, pins: Cells, force_n: float, start: "Solution | None") -> None:
+    def __init__(self, pins: PinGrid, force_n: float, start: "Solution | None") -> None:
         self.pins = pins
         self.force_n = force_n
         self.compiling_s = 0.0
@@ -90,8 +90,8 @@ class Solution:
 
     def _soften(self) -> None:
         """Choose the springs' compliance D, mm/MPa, for the pins in use."""
-        pressed = scaled(window_around(self.used), self.pins.parts)
-        self.compliance = spring_compliance(self.pins.ground, pressed)
+        pressed = scaled(window_around(self.used), self.pins.per_side)
+        self.compliance = spring_compliance(self.pins.layer, pressed)
 
     @property
     def force(self) -> float:
@@ -139,8 +139,8 @@ class Solution:
         while True:
             steps += 1
             self.pressure_mpa[used] = ahead
-            linear = pins.ground.deflection_mm(self.fine_pressure_mpa(), pins.window)
-            fine, fine_slope = by_law(pins.ground, linear, pins.window)
+            linear = pins.layer.deflection_mm(self.fine_pressure_mpa(), pins.window)
+            fine, fine_slope = by_law(pins.layer, linear, pins.window)
             # A stiffened place is stiffer in its pin's spring too.
             slope = np.maximum(pins.gather(fine_slope)[used], LEAST_SLOPE)
             self.surface_mm = pins.gather(fine)
@@ -175,13 +175,13 @@ class Solution:
         laid.lay(self.pins.gap_mm[used], self.depth_mm)
         return laid
 
-    def at_rest(self) -> AtRest:
+    def at_rest(self) -> PinState:
         """The pins that touch, as the press left them."""
         pins, used = self.pins, self.used
         x, y = pins.places_mm()
-        height = pins.gather(pins.ground.rest_mm[pins.window])
+        height = pins.gather(pins.layer.rest_mm[pins.window])
         stiffness = pins.share[used] * pins.pitch_mm**2 / self._local
-        return AtRest(
+        return PinState(
             x[used],
             y[used],
             height[used],
@@ -194,22 +194,22 @@ class Solution:
 
     def fine_surface_mm(self, window: Window) -> np.ndarray:
         """Mean deflection of each fine cell of a window that holds the pins', mm."""
-        ground = self.pins.ground
+        layer = self.pins.layer
         pressure = np.zeros(span(window))
         pressure[within(self.pins.window, window)] = self.fine_pressure_mpa()
-        return by_law(ground, ground.deflection_mm(pressure, window), window)[0]
+        return by_law(layer, layer.deflection_mm(pressure, window), window)[0]
 
 
-def by_law(ground: Layer, linear_mm: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
+def by_law(layer: Layer, linear_mm: np.ndarray, window: Window) -> tuple[np.ndarray, np.ndarray]:
     """Deflection by the elastomer's law from the linear layer's, and its slope."""
-    if ground.elastomer.law == "linear":
+    if layer.elastomer.law == "linear":
         return linear_mm, np.ones_like(linear_mm)
-    return neo_hookean_mm(linear_mm, ground.thickness_mm[window])
+    return neo_hookean_mm(linear_mm, layer.thickness_mm[window])
 
 
-def spring_compliance(ground: Layer, pressed: Window) -> float:
+def spring_compliance(layer: Layer, pressed: Window) -> float:
     """The springs' compliance for a pressed part of a layer's grid, mm/MPa."""
-    return SPRING_SHARE * ground.largest_compliance_mm_per_mpa(span(pressed))
+    return SPRING_SHARE * layer.largest_compliance_mm_per_mpa(span(pressed))
 
 
 def winkler_depth_mm(gap_mm: np.ndarray, force: float) -> float:

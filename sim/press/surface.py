@@ -5,11 +5,11 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from primitives_cad.shape import Shape
-from sim.press.elastomer import Elastomer
-from sim.press.footprint import heights_at
-from sim.press.grid import grown
-from sim.records import Contact, Press
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.press.elastomer import Elastomer
+from t2twin.sim.press.footprint import heights_at
+from t2twin.sim.press.grid import grown
+from t2twin.sim.press.records import Contact, PressCommand
 
 NEAR_CELLS = 3
 """Cells of the contact's grid around the touched ones in which the shape is looked up."""
@@ -18,7 +18,7 @@ NEAR_CELLS = 3
 def surface_on(
     contact: Contact,
     shape: Shape,
-    command: Press,
+    command: PressCommand,
     elastomer: Elastomer,
     x_mm: np.ndarray,
     y_mm: np.ndarray,

@@ -3,7 +3,7 @@
 import torch
 from torch import nn
 
-from translate.networks.unet import initialise
+from t2twin.translate.networks.unet import initialise
 
 
 class PatchGAN(nn.Module):

@@ -9,7 +9,7 @@ import math
 import torch
 from torch import nn
 
-from primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.errors import T2TwinError
 
 LARGEST_WIDTH = 8
 """Channels stop doubling at this many times the base filters (Isola et al. 2017)."""

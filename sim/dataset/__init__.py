@@ -1,0 +1,1 @@
+"""The paired dataset: its protocol, its making, its files."""

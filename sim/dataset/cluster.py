@@ -1,0 +1,118 @@
+"""Shards made by the workers of a Dask cluster, and written by them to a path that all share."""
+
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from uuid import uuid4
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.info import versions
+from t2twin.sim.dataset.shard import Made, Task, make_shard
+from t2twin.sim.dataset.store import INFO
+from t2twin.sim.sensors import SensorPair
+
+try:
+    from distributed import (
+        Client,
+        Future,
+        KilledWorker,
+        WorkerPlugin,
+        as_completed,
+        get_worker,
+    )
+except ImportError as error:
+    raise T2TwinError(
+        "--scheduler needs Dask; install it with: pip install 't2twin[cluster]'"
+    ) from error
+
+CONNECT_SECONDS = 20
+"""How long a scheduler is waited for, s."""
+
+_one_at_a_time = threading.Lock()
+"""A worker's threads share one contact model a grid: they take turns."""
+
+
+def run(
+    bench: SensorPair,
+    todo: list[Task],
+    address: str,
+    needed: dict[str, str],
+    progress: Callable[[int], object],
+) -> Iterator[tuple[Task, Made]]:
+    """Make the tasks' shards on the cluster, each yielded as it is done.
+
+    needed: versions that every worker must have. progress: called with the pairs of each shard.
+    A worker that is lost costs only the shards it had in hand; they are made again elsewhere.
+    Raises T2TwinError where no scheduler answers, a worker has other versions or does not see the
+    dataset's folder, or the cluster is lost.
+    """
+    client = _connect(address)
+    with client:
+        plugin = f"t2twin-bench-{uuid4().hex}"
+        client.register_plugin(_GiveBench(bench), name=plugin)
+        tasks: dict[Future, Task] = {}
+        for task in todo:
+            future = client.submit(
+                _work,
+                task,
+                plugin,
+                needed,
+                key=f"{plugin}/{task.path}",
+                priority=len(task.indices),  # the largest first, so that none is left at the end
+            )
+            tasks[future] = task
+        try:
+            for future in as_completed(list(tasks), loop=client.loop):
+                task = tasks.pop(future)
+                made = future.result()
+                # Once let go of, it is not made again when the worker that made it is lost.
+                future.release()
+                progress(len(task.indices))
+                yield task, made
+        except KilledWorker as error:
+            raise T2TwinError(
+                f"the workers given {error.task} died one after the other; see their logs"
+            ) from error
+        finally:
+            client.cancel(list(tasks))
+            client.unregister_worker_plugin(plugin)
+
+
+def _connect(address: str) -> Client:
+    try:
+        return Client(address, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise T2TwinError(
+            f"no Dask scheduler answers at {address}; an address is like tcp://10.0.0.1:8786"
+        ) from error
+
+
+class _GiveBench(WorkerPlugin):
+    """Carries the bench to each worker once, also to those that come later."""
+
+    def __init__(self, bench: SensorPair) -> None:
+        self.bench = bench
+
+
+def _work(task: Task, plugin: str, needed: dict[str, str]) -> Made:
+    """One task on a worker of the cluster."""
+    worker = get_worker()
+    here = versions()
+    for name, version in needed.items():
+        if here[name] != version:
+            raise T2TwinError(
+                f"the worker {worker.address} has {name} {here[name]} and the dataset {version}; "
+                "all must have the same"
+            )
+    if not (Path(task.folder) / INFO).is_file():
+        raise T2TwinError(
+            f"the worker {worker.address} does not see {task.folder}; give a folder that all share"
+        )
+    given = worker.plugins[plugin]
+    assert isinstance(given, _GiveBench)
+    with _one_at_a_time:
+        return make_shard(task, given.bench, _nothing)
+
+
+def _nothing() -> None:
+    """A cluster's progress is counted by shards."""

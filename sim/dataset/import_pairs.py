@@ -1,0 +1,305 @@
+"""A user's own pairs into the dataset's format, checked on the way.
+
+They come as rows: a CSV file beside its pictures, or Parquet. A row has a picture and one count a
+taxel, and whatever else is known of the press:
+
+    image           CSV: the picture's file, relative to the CSV; Parquet: the same, or the
+                    picture's bytes, alone or as {bytes, path}
+    taxel_0, ...    CSV: the counts, in the layout's order
+    taxels          Parquet: a list of counts, in the layout's order
+    split           train, val or test; drawn at random where no row has one
+    shape, family   names; "own" where there are none
+    x_mm, y_mm, yaw_rad, force_n    the press; empty where there are none
+"""
+
+import hashlib
+import io
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+from PIL import Image, ImageOps
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import Layout
+from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.dataset.card import card
+from t2twin.sim.dataset.info import versions
+from t2twin.sim.dataset.png import encode_png
+from t2twin.sim.dataset.store import (
+    CARD,
+    FORMAT,
+    POSE,
+    SCHEMA,
+    SPLITS,
+    file_stem,
+    shard_path,
+    write_info,
+    write_shard,
+    write_whole,
+)
+
+ORIGIN = "imported"
+SHARES = (0.8, 0.1, 0.1)
+"""Of train, val and test, where the rows do not say."""
+
+OWN = "own"
+"""Shape and family of pairs that name none."""
+
+MOST_COUNTS = np.iinfo(np.uint16).max
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One row of the user's, its picture not yet read. row: its place, for messages."""
+
+    row: int
+    image: str | bytes
+    counts: tuple[int, ...]
+    split: str
+    shape: str
+    family: str
+    pose: tuple[float | None, ...]
+
+
+def import_pairs(
+    source: str | Path,
+    folder: str | Path,
+    layout: Layout,
+    full_scale: int = FULL_SCALE_COUNTS,
+    seed: int = 0,
+) -> dict[str, Any]:
+    """Write a user's pairs as a dataset; returns its info.
+
+    source: a CSV or Parquet file, or a folder that holds one. layout: the user's taxels.
+    full_scale: where they saturate, counts. seed: draws the splits where the rows name none.
+    The dataset appears whole or not at all. Raises T2TwinError, naming the row, for a picture that
+    is missing, cannot be read, differs in size from the others or comes twice, and for counts that
+    are too few, too many, or no numbers from 0 to full_scale.
+    """
+    table_path, folder = _table_of(Path(source)), Path(folder)
+    if not 0 < full_scale <= MOST_COUNTS:
+        raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MOST_COUNTS}")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise T2TwinError(f"{folder} is not empty; choose another folder")
+    pairs = _with_splits(_read(table_path, layout, full_scale), seed)
+    temporary = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    try:
+        info = _write(pairs, table_path.parent, temporary, layout, full_scale)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        temporary.replace(folder)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return info
+
+
+def _table_of(source: Path) -> Path:
+    if source.is_dir():
+        found = sorted(p for p in source.iterdir() if p.suffix.lower() in (".csv", ".parquet"))
+        if len(found) != 1:
+            raise T2TwinError(
+                f"{source} holds {len(found)} CSV and Parquet files; name the one with the pairs"
+            )
+        return found[0]
+    if not source.is_file() or source.suffix.lower() not in (".csv", ".parquet"):
+        raise T2TwinError(f"{source} is no pairs; give a .csv or .parquet file, or its folder")
+    return source
+
+
+def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
+    """All rows, their counts checked."""
+    try:
+        if path.suffix.lower() == ".csv":
+            table = pyarrow.csv.read_csv(path)
+        else:
+            with pq.ParquetFile(path) as file:
+                table = file.read()
+    except (pa.ArrowException, OSError) as error:
+        raise T2TwinError(f"{path} cannot be read as a table of pairs ({error})") from error
+    if not len(table):
+        raise T2TwinError(f"{path} holds no pairs")
+    if "image" not in table.column_names:
+        raise T2TwinError(f"{path} has no column image; its columns are {_list(table)}")
+    counts = _counts(table, path, layout, full_scale)
+    columns = {
+        name: table[name].to_pylist() if name in table.column_names else [None] * len(table)
+        for name in ("image", "split", "shape", "family", *POSE)
+    }
+    pairs = []
+    for row in range(len(table)):
+        shape = str(columns["shape"][row] or columns["family"][row] or OWN)
+        family = str(columns["family"][row] or shape)
+        pairs.append(
+            Pair(
+                row=row,
+                image=_image(columns["image"][row], path, row),
+                counts=tuple(counts[row].tolist()),
+                split=str(columns["split"][row] or ""),
+                shape=shape,
+                family=family,
+                pose=tuple(_number(columns[name][row], path, row, name) for name in POSE),
+            )
+        )
+    return pairs
+
+
+def _counts(table: pa.Table, path: Path, layout: Layout, full_scale: int) -> np.ndarray:
+    """(rows, taxels) int64; means of several readings are rounded."""
+    columns = [name for name in table.column_names if re.fullmatch(r"taxel_\d+", name)]
+    wanted = [f"taxel_{number}" for number in range(layout.size)]
+    if "taxels" in table.column_names:
+        rows = table["taxels"].to_pylist()
+    elif sorted(columns) == sorted(wanted):
+        rows = list(zip(*(table[name].to_pylist() for name in wanted), strict=True))
+    else:
+        raise T2TwinError(
+            f"{path} has {len(columns)} columns taxel_0, taxel_1 ... and no column taxels; layout "
+            f"{layout.name} wants taxel_0 to {wanted[-1]}"
+        )
+    for number, row in enumerate(rows):
+        if not isinstance(row, list | tuple) or len(row) != layout.size:
+            there = len(row) if isinstance(row, list | tuple) else 0
+            raise T2TwinError(
+                f"{path}, row {number}: {there} taxels instead of the {layout.size} of layout "
+                f"{layout.name}"
+            )
+        if not all(isinstance(c, int | float) and 0 <= c <= full_scale for c in row):
+            raise T2TwinError(
+                f"{path}, row {number}: its counts must be numbers from 0 to {full_scale}"
+            )
+    return np.rint(np.array(rows, dtype=float)).astype(np.int64)
+
+
+def _image(value: Any, path: Path, row: int) -> str | bytes:
+    if isinstance(value, dict):
+        value = value.get("bytes") or value.get("path")
+    if not isinstance(value, str | bytes) or not value:
+        raise T2TwinError(f"{path}, row {row}: there is no picture; image is a file's name or PNG")
+    return value
+
+
+def _number(value: Any, path: Path, row: int, name: str) -> float | None:
+    if value is None:
+        return None
+    if not isinstance(value, int | float) or not np.isfinite(value):
+        raise T2TwinError(f"{path}, row {row}: {name} is {value!r}; it must be a finite number")
+    return float(value)
+
+
+def _list(table: pa.Table) -> str:
+    return ", ".join(table.column_names)
+
+
+def _with_splits(pairs: list[Pair], seed: int) -> list[Pair]:
+    """As the rows say; drawn at random where none says anything."""
+    if any(pair.split for pair in pairs):
+        for pair in pairs:
+            if pair.split not in SPLITS:
+                raise T2TwinError(
+                    f"row {pair.row}: no split {pair.split!r}; allowed are {', '.join(SPLITS)}"
+                )
+        return pairs
+    ends = np.rint(np.cumsum(SHARES) * len(pairs)).astype(int)
+    order = np.random.default_rng(seed).permutation(len(pairs))
+    drawn = {
+        int(row): SPLITS[int(np.searchsorted(ends, n, "right"))] for n, row in enumerate(order)
+    }
+    return [replace(pair, split=drawn[number]) for number, pair in enumerate(pairs)]
+
+
+def _write(
+    pairs: list[Pair], beside: Path, folder: Path, layout: Layout, full_scale: int
+) -> dict[str, Any]:
+    by_shard: dict[tuple[str, str], list[Pair]] = {}
+    for pair in pairs:
+        by_shard.setdefault((pair.split, pair.shape), []).append(pair)
+    paths = {shard_path(*key) for key in by_shard}
+    if len(paths) < len(by_shard):
+        raise T2TwinError("two shapes differ only in / and -; their files would be the same")
+    pictures = _Pictures(beside)
+    shards = {}
+    for split, shape in sorted(by_shard):
+        own = by_shard[split, shape]
+        path = shard_path(split, shape)
+        shards[path] = {
+            "sha256": write_shard(folder / path, _rows(own, pictures)),
+            "pairs": len(own),
+        }
+    info = {
+        "format": FORMAT,
+        "origin": ORIGIN,
+        "pairs": {split: sum(p.split == split for p in pairs) for split in SPLITS},
+        "layout": layout.name,
+        "layout_x_mm": layout.x_mm.tolist(),
+        "layout_y_mm": layout.y_mm.tolist(),
+        "pad_diameter_mm": layout.pad_diameter_mm.tolist(),
+        "full_scale_counts": full_scale,
+        "image_shape": pictures.shape,
+        "versions": versions(),
+        "shards": shards,
+        "complete": True,
+    }
+    write_whole(folder / CARD, card(info).encode())
+    write_info(folder, info)
+    return info
+
+
+def _rows(pairs: list[Pair], pictures: "_Pictures") -> Iterator[dict[str, Any]]:
+    unknown = {field.name: None for field in SCHEMA}
+    for index, pair in enumerate(pairs):
+        yield unknown | {
+            "shape": pair.shape,
+            "family": pair.family,
+            "split": pair.split,
+            "index": index,
+            **dict(zip(POSE, pair.pose, strict=True)),
+            "image": {
+                "bytes": encode_png(pictures.read(pair)),
+                "path": f"{file_stem(pair.shape)}-{index}.png",
+            },
+            "taxels": list(pair.counts),
+        }
+
+
+class _Pictures:
+    """Reads pictures one by one; all must be of one size, and no two the same."""
+
+    def __init__(self, beside: Path) -> None:
+        self._beside = beside
+        self._rows: dict[bytes, int] = {}
+        self.shape: list[int] = []
+
+    def read(self, pair: Pair) -> np.ndarray:
+        source = io.BytesIO(pair.image) if isinstance(pair.image, bytes) else self._file(pair)
+        try:
+            with Image.open(source) as image:
+                if image.mode[0] in "IF":
+                    raise ValueError("more than 8 bits a channel")
+                pixels = np.array(ImageOps.exif_transpose(image).convert("RGB"))
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+            raise T2TwinError(f"row {pair.row}: its picture cannot be read ({error})") from error
+        if not self.shape:
+            self.shape = list(pixels.shape)
+        if list(pixels.shape) != self.shape:
+            raise T2TwinError(
+                f"row {pair.row}: its picture is {pixels.shape[1]} x {pixels.shape[0]} pixels and "
+                f"those before {self.shape[1]} x {self.shape[0]}; all must be of one size"
+            )
+        first = self._rows.setdefault(hashlib.sha256(pixels.tobytes()).digest(), pair.row)
+        if first != pair.row:
+            raise T2TwinError(f"rows {first} and {pair.row} have the same picture; leave one out")
+        return pixels
+
+    def _file(self, pair: Pair) -> Path:
+        path = self._beside / str(pair.image)
+        if not path.is_file():
+            raise T2TwinError(f"row {pair.row}: there is no picture {path}")
+        return path

@@ -1,0 +1,99 @@
+"""Shards made by processes on this machine."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.shard import Made, Task, make_shard
+from t2twin.sim.sensors import SensorPair
+
+LOOK_SECONDS = 0.5
+"""How often the number of pairs made is looked at, s."""
+
+
+class _StoppedError(Exception):
+    """Another worker has failed."""
+
+
+def run(
+    bench: SensorPair, todo: list[Task], workers: int, progress: Callable[[int], object]
+) -> Iterator[tuple[Task, Made]]:
+    """Make the tasks' shards, each yielded as it is done.
+
+    progress: called with the number of pairs made since the last call. Raises T2TwinError where a
+    worker fails or is killed; the others then stop after the pair in hand.
+    """
+    if workers == 1:
+        for task in todo:
+            yield task, make_shard(task, bench, lambda: progress(1))
+        return
+    context = multiprocessing.get_context("spawn")
+    made, stop = context.Value("i", 0), context.Event()
+    seen = 0
+    others = set(multiprocessing.active_children())
+    with ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_start, initargs=(bench, made, stop)
+    ) as pool:
+        # The largest first, so that no long shard is left alone at the end.
+        order = sorted(todo, key=lambda task: -len(task.indices))
+        try:
+            tasks = {pool.submit(_work, task): task for task in order}
+            waiting = set(tasks)
+            while waiting:
+                done, waiting = wait(waiting, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED)
+                now = made.value
+                progress(now - seen)
+                seen = now
+                for future in done:
+                    yield tasks[future], future.result()
+        except BrokenProcessPool as error:
+            # The pool ends the workers that it knows of, and would wait for ever for one that was
+            # being started when another one died.
+            for child in set(multiprocessing.active_children()) - others:
+                child.kill()
+            raise T2TwinError(
+                "a worker was killed, as the system does when memory runs out; with fewer "
+                "--workers the same command goes on from here"
+            ) from error
+        except BaseException:
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+_bench: SensorPair
+_made = None
+_stop = None
+
+
+def _start(bench: SensorPair, made, stop) -> None:
+    """Give a worker its bench, the counter of pairs that all of them share, and the stop sign."""
+    global _bench, _made, _stop
+    _bench, _made, _stop = bench, made, stop
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run itself stops its workers
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A killed run takes its workers with it; they would wait for tasks for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _work(task: Task) -> Made:
+    return make_shard(task, _bench, _count)
+
+
+def _count() -> None:
+    assert _made is not None and _stop is not None
+    with _made.get_lock():
+        _made.value += 1
+    if _stop.is_set():
+        raise _StoppedError

@@ -1,0 +1,231 @@
+"""The paired dataset on disk: Parquet shards, info.json, and a dataset card.
+
+    DIR/info.json                    what made it, its parameters, a sha256 per shard
+    DIR/README.md                    the dataset card
+    DIR/log.jsonl                    how long each run of `t2twin simdata` took, and for what
+    DIR/cache/                       pictures that trainings have decoded; no part of the dataset
+    DIR/{train,val,test}/SHAPE.parquet
+
+A shard is written to a temporary name and renamed, so it is whole or absent.
+"""
+
+import errno
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from io import BufferedRandom
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.press.records import PressCommand, Sample
+
+SPLITS = ("train", "val", "test")
+INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
+FORMAT = 1
+"""Version of this layout of folders and columns."""
+
+POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
+"""Columns that say where and how hard was pressed: those of a Press."""
+
+IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+
+SCHEMA = pa.schema(
+    [
+        ("shape", pa.string()),
+        ("family", pa.string()),
+        ("split", pa.string()),
+        ("index", pa.int32()),
+        ("x_mm", pa.float64()),
+        ("y_mm", pa.float64()),
+        ("yaw_rad", pa.float64()),
+        ("force_n", pa.float64()),
+        ("image", IMAGE_TYPE),
+        ("taxels", pa.list_(pa.uint16())),
+        ("digit_depth_mm", pa.float64()),
+        ("digit_force_n", pa.float64()),
+        ("digit_settled", pa.bool_()),
+        ("digit_bottomed", pa.bool_()),
+        ("cyskin_depth_mm", pa.float64()),
+        ("cyskin_force_n", pa.float64()),
+        ("cyskin_settled", pa.bool_()),
+        ("cyskin_bottomed", pa.bool_()),
+    ]
+)
+
+HUGGING_FACE_FEATURES = {
+    "info": {
+        "features": {
+            "image": {"_type": "Image"},
+            "taxels": {"feature": {"dtype": "uint16", "_type": "Value"}, "_type": "Sequence"},
+            **{
+                field.name: {"dtype": _dtype, "_type": "Value"}
+                for field in SCHEMA
+                if field.name not in ("image", "taxels")
+                for _dtype in [str(field.type).replace("double", "float64")]
+            },
+        }
+    }
+}
+"""Column types as Hugging Face's `datasets` reads them from a Parquet file's metadata.
+Its versions 3 to 5 know "Sequence"; "List" is known from 4 on only."""
+
+ROWS_AT_ONCE = 128
+"""Rows written together, a row group: some 9 MB, what a shard in the making takes of memory."""
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a write for which there is no room."""
+
+
+def row(sample: Sample, picture: bytes, index: int, family: str, split: str) -> dict[str, Any]:
+    """A sample as a row of the table. picture: its image as PNG bytes."""
+    press: PressCommand = sample.press
+    return {
+        "shape": press.shape,
+        "family": family,
+        "split": split,
+        "index": index,
+        "x_mm": press.x_mm,
+        "y_mm": press.y_mm,
+        "yaw_rad": press.yaw_rad,
+        "force_n": press.force_n,
+        "image": {
+            "bytes": picture,
+            "path": f"{file_stem(press.shape)}-{index}.png",
+        },
+        "taxels": sample.counts,
+        "digit_depth_mm": sample.digit.depth_mm,
+        "digit_force_n": sample.digit.force_n,
+        "digit_settled": sample.digit.settled,
+        "digit_bottomed": sample.digit.bottomed,
+        "cyskin_depth_mm": sample.cyskin.depth_mm,
+        "cyskin_force_n": sample.cyskin.force_n,
+        "cyskin_settled": sample.cyskin.settled,
+        "cyskin_bottomed": sample.cyskin.bottomed,
+    }
+
+
+def file_stem(shape: str) -> str:
+    return shape.replace("/", "-")
+
+
+def shard_path(split: str, shape: str) -> str:
+    """A shape's shard below the dataset's folder."""
+    return f"{split}/{file_stem(shape)}.parquet"
+
+
+def write_shard(path: Path, rows: Iterable[dict[str, Any]]) -> str:
+    """Write rows as one shard, as they come; returns its sha256.
+
+    Raises T2TwinError where it cannot be written; then there is no shard.
+    """
+    schema = SCHEMA.with_metadata({"huggingface": json.dumps(HUGGING_FACE_FEATURES)})
+    waiting = iter(rows)
+    with _durable(path) as file:
+        # Pictures are compressed already; a dictionary pays for the names only.
+        writer = pq.ParquetWriter(
+            file,
+            schema,
+            compression="zstd",
+            use_dictionary=["shape", "family", "split"],  # pyright: ignore[reportArgumentType]
+        )
+        try:
+            while group := list(islice(waiting, ROWS_AT_ONCE)):
+                writer.write_table(pa.Table.from_pylist(group, schema=schema))
+            writer.close()
+        except BaseException:
+            writer.is_open = False  # or it would end the file when collected, after it is gone
+            raise
+        file.flush()
+        file.seek(0)
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def sha256_of(path: Path) -> str:
+    """A file's sha256 in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that it is whole or absent, also after a power cut."""
+    with _durable(path) as file:
+        file.write(content)
+
+
+@contextmanager
+def _durable(path: Path) -> Iterator[BufferedRandom]:
+    """A file to write that is on the disk before it gets its name."""
+    with whole_file(path) as temporary:
+        try:
+            with temporary.open("w+b") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            raise T2TwinError(
+                f"there is no room for {path} ({os.strerror(error.errno).lower()}); once there is, "
+                "the same command goes on from here"
+            ) from error
+
+
+def write_info(folder: Path, info: dict[str, Any]) -> None:
+    write_whole(folder / INFO, (json.dumps(info, indent=1, sort_keys=True) + "\n").encode())
+
+
+def read_info(folder: str | Path) -> dict[str, Any]:
+    """A dataset's info.json. Raises T2TwinError where there is no dataset."""
+    path = Path(folder) / INFO
+    if not path.is_file():
+        raise T2TwinError(
+            f"{folder} holds no dataset (no {INFO}); make one with `t2twin simdata --out {folder}`"
+        )
+    try:
+        info = json.loads(path.read_text())
+        if info["format"] != FORMAT:
+            raise T2TwinError(
+                f"{folder} is a dataset of format {info['format']}; this version reads {FORMAT}"
+            )
+    except (ValueError, KeyError, TypeError) as error:
+        raise T2TwinError(f"{path} is no dataset's {INFO}; make the dataset anew") from error
+    return info
+
+
+def read_split(folder: str | Path, split: str, columns: list[str] | None = None) -> pa.Table:
+    """All rows of a split as one table, shards in the order of their names.
+
+    Raises T2TwinError where the dataset is missing or unfinished, or the split is unknown or empty.
+    """
+    if split not in SPLITS:
+        raise T2TwinError(f"no split {split!r}; allowed are {', '.join(SPLITS)}")
+    info = read_info(folder)
+    if not info["complete"]:
+        raise T2TwinError(
+            f"the dataset in {folder} is unfinished; the same `t2twin simdata` command ends it"
+        )
+    shards = sorted(path for path in info["shards"] if path.startswith(f"{split}/"))
+    missing = [path for path in shards if not (Path(folder) / path).is_file()]
+    if missing or not shards:
+        what = f"lacks {missing[0]}" if missing else f"has no {split} pairs"
+        raise T2TwinError(
+            f"the dataset in {folder} {what}; the same `t2twin simdata` makes it whole"
+        )
+    return pa.concat_tables(
+        [pq.ParquetFile(Path(folder) / path).read(columns=columns) for path in shards]
+    )
+
+
+def taxels(table: pa.Table) -> np.ndarray:
+    """A table's taxel counts, (n, taxels) float32."""
+    column = table.column("taxels").combine_chunks()
+    return column.flatten().to_numpy().reshape(len(column), -1).astype(np.float32)

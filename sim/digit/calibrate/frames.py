@@ -1,0 +1,130 @@
+"""A user's own frames: reading them, finding the touched patch, cleaning the background.
+
+Frames are (n, ROWS, COLUMNS, 3) uint8.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+from scipy.ndimage import gaussian_filter, maximum_filter
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit.camera import COLUMNS, ROWS
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
+CROP_PX = 100
+"""Side of the square in which contacts are scored, px."""
+BLOB_BLUR_PX = 4.0
+"""Blur of a difference before the touched patch is looked for, px: takes its noise off."""
+VISIBLE_GREY = 40.0
+"""Least blurred difference, summed over the colours, that counts as a contact, grey levels: a
+drift of the light stays under a third of it, a ball 0.2 mm deep makes several times as much
+(assumed from real frames)."""
+BLOB_SHARE = 0.35
+"""Part of the greatest difference above which a pixel belongs to the patch (assumed)."""
+TOUCHED_GREY = 10.0
+"""Blurred difference from which a pixel is left out of the background's pattern, grey levels."""
+TOUCHED_MARGIN_PX = 8
+"""How far from such a pixel others are left out too, px."""
+PATTERN_BLUR_PX = 4.0
+"""What varies over less than this is the background's fixed pattern, px; the rest is light."""
+
+
+def read_frame(path: Path) -> np.ndarray:
+    """(rows, columns, 3) uint8. Raises T2TwinError if it is not a picture."""
+    try:
+        with Image.open(path) as image:
+            return np.array(image.convert("RGB"))
+    except FileNotFoundError as error:
+        raise T2TwinError(f"{path} does not exist") from error
+    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
+        raise T2TwinError(f"{path} is not a picture; PNG and JPEG files are read") from error
+
+
+def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """The background, the presses in the order of their names, and those names.
+
+    The background's own file may lie among them. Raises T2TwinError for what is no picture, for
+    another size than the camera's, and where there are no pictures.
+    """
+    untouched = read_frame(background)
+    if not folder.is_dir():
+        raise T2TwinError(f"{folder} is not a folder; --presses takes a folder of pictures")
+    paths = sorted(
+        path
+        for path in folder.iterdir()
+        if path.suffix.lower() in SUFFIXES and path.resolve() != background.resolve()
+    )
+    if not paths:
+        raise T2TwinError(f"{folder} holds no pictures; PNG and JPEG files are read")
+    frames = []
+    for path in paths:
+        frame = read_frame(path)
+        if frame.shape != untouched.shape:
+            raise T2TwinError(
+                f"{path.name} is {_size(frame)} and the background {_size(untouched)}; "
+                "all must be of one size"
+            )
+        frames.append(frame)
+    if untouched.shape[:2] != (ROWS, COLUMNS):
+        raise T2TwinError(
+            f"the frames are {_size(untouched)}; they must be {COLUMNS} wide and {ROWS} high, "
+            "as the maker's interface gives them"
+        )
+    return untouched, np.array(frames), [path.name for path in paths]
+
+
+def _size(frame: np.ndarray) -> str:
+    return f"{frame.shape[1]} x {frame.shape[0]} px"
+
+
+def touched_patch(frame: np.ndarray, background: np.ndarray) -> tuple[float, float] | None:
+    """(row, column) of the middle of what differs from the background, px; None if nothing does."""
+    difference = np.abs(_blurred_change(frame, background)).sum(axis=-1)
+    peak = float(difference.max())
+    if peak < VISIBLE_GREY:
+        return None
+    weight = np.where(difference > BLOB_SHARE * peak, difference, 0.0)
+    rows, columns = np.indices(weight.shape)
+    total = float(weight.sum())
+    return float((rows * weight).sum()) / total, float((columns * weight).sum()) / total
+
+
+def _blurred_change(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """Change of the frame without its drift: medians of the colours are taken off."""
+    change = frame.astype(float) - background
+    change -= np.median(change, axis=(0, 1))
+    return gaussian_filter(change, (BLOB_BLUR_PX, BLOB_BLUR_PX, 0.0))
+
+
+def clean_background(background: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """The background with its noise averaged out and its specks kept, uint8.
+
+    Its light is its own, blurred by PATTERN_BLUR_PX; the fixed pattern beside it is averaged over
+    the background and those frames that leave a pixel untouched.
+    """
+    light, pattern = _split(background.astype(float))
+    weight = np.ones(background.shape[:2])
+    for frame in frames:
+        change = np.abs(_blurred_change(frame, background)).max(axis=-1)
+        free = maximum_filter(change, 2 * TOUCHED_MARGIN_PX + 1) < TOUCHED_GREY
+        pattern += np.where(free[..., None], _split(frame.astype(float))[1], 0.0)
+        weight += free
+    clean = light + pattern / weight[..., None]
+    return np.clip(np.rint(clean), 0, 255).astype(np.uint8)
+
+
+def _split(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    light = gaussian_filter(picture, (PATTERN_BLUR_PX, PATTERN_BLUR_PX, 0.0), mode="nearest")
+    return light, picture - light
+
+
+def crop(picture: np.ndarray, place: tuple[float, float]) -> np.ndarray:
+    """The CROP_PX square around (row, column), moved in as far as the picture's edge asks."""
+    half = CROP_PX // 2
+    row, column = (
+        round(min(max(middle, half), count - half))
+        for middle, count in zip(place, picture.shape[:2], strict=True)
+    )
+    return picture[row - half : row + half, column - half : column + half]

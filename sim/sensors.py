@@ -1,0 +1,90 @@
+"""The simulated bench: both sensors, touched by the same shape in the same way."""
+
+import hashlib
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.cyskin import reading, taxels
+from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
+from t2twin.sim.digit.calibration import DEFAULT_PATH
+from t2twin.sim.digit.camera import optical_grid
+from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from t2twin.sim.press.records import Contact, PressCommand
+from t2twin.sim.press.surface import surface_on
+
+FRAMES = 30
+"""DIGIT frames averaged into a sample: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
+
+
+@dataclass(frozen=True)
+class Digit:
+    """A DIGIT: its gel, its optics' calibration file (None: the one that ships), its noise."""
+
+    gel: Elastomer = DIGIT_GEL
+    pitch_mm: float = DIGIT_PITCH_MM
+    calibration: str | None = None
+    noise_grey: float = NOISE_GREY / np.sqrt(FRAMES)
+    optics: DigitOptics = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "optics", DigitOptics.load(self.calibration, self.gel))
+
+    @property
+    def calibration_sha256(self) -> str:
+        return hashlib.sha256(Path(self.calibration or DEFAULT_PATH).read_bytes()).hexdigest()
+
+    def touch(self, shape: Shape, command: PressCommand) -> Contact:
+        return press(shape, command, self.gel, self.pitch_mm)
+
+    def see(
+        self,
+        contact: Contact,
+        shape: Shape,
+        command: PressCommand,
+        rng: np.random.Generator | None = None,
+    ) -> np.ndarray:
+        """The picture of a contact, (320, 240, 3) uint8; with camera noise where rng is given."""
+        surface = surface_on(contact, shape, command, self.gel, *optical_grid())
+        return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
+
+
+@dataclass(frozen=True)
+class CySkin:
+    """A CySkin: its cover, its taxels (a layout's name or file), how imperfect it is."""
+
+    cover: Elastomer = CYSKIN_COVER
+    pitch_mm: float = CYSKIN_PITCH_MM
+    layout_source: str = DEFAULT_LAYOUT
+    imperfections: str = "white"
+    dead: tuple[int, ...] = ()
+    layout: Layout = field(init=False, repr=False, compare=False)
+    flaws: reading.Imperfections = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "layout", load_layout(self.layout_source))
+        object.__setattr__(
+            self, "flaws", reading.imperfections(self.imperfections, tuple(self.dead))
+        )
+
+    def touch(self, shape: Shape, command: PressCommand) -> Contact:
+        return press(shape, command, self.cover, self.pitch_mm)
+
+    def feel(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
+        """The counts of a contact, (n,) uint16; with imperfections where rng is given."""
+        true = taxels.counts(taxels.pad_pressure_mpa(contact, self.layout, self.cover))
+        if rng is None:
+            return np.rint(true).astype(np.uint16)
+        return reading.read(true, self.layout, self.flaws, rng)
+
+
+@dataclass(frozen=True)
+class SensorPair:
+    """Both sensors side by side."""
+
+    digit: Digit = field(default_factory=Digit)
+    cyskin: CySkin = field(default_factory=CySkin)

@@ -1,0 +1,1 @@
+"""t2twin: a simulated twin of touch-to-touch translation."""

@@ -1,0 +1,86 @@
+"""t2twin calibrate"""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+if TYPE_CHECKING:
+    from t2twin.sim.digit.calibrate.calibrate import Report
+
+
+def calibrate(
+    background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
+    presses: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    ball_diameter_mm: float,
+    held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    scale_px_per_mm: float = 19.2,
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/calibration"),
+) -> None:
+    """Fit the DIGIT's light to your own sensor, from its background and presses of one ball.
+
+    Args:
+        background: A frame of the untouched sensor, 240 x 320 px.
+        presses: Folder of frames of the ball pressed in at different places and depths, which
+            need not be known.
+        ball_diameter_mm: The ball's diameter, mm.
+        held_out: How many presses, the last by name, are kept out of the fit to score it; a third
+            unless given.
+        scale_px_per_mm: Picture scale in the middle of the gel, 17.2 to 19.6 from one unit to
+            another.
+        out: Folder for calibration.npz and calibration_strip.png.
+    """
+    import numpy as np
+    from PIL import Image
+
+    from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
+    from t2twin.sim.digit.camera import Camera
+
+    report = fit(background, presses, ball_diameter_mm, held_out, Camera(scale_px_per_mm), print)
+    out.mkdir(parents=True, exist_ok=True)
+    strip = out / ".calibration_strip.part"
+    picture = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
+    Image.fromarray(picture).save(strip, format="PNG")
+    strip.replace(out / "calibration_strip.png")
+    report.calibration.save(out / "calibration.npz")
+    for line in _in_words(report):
+        print(line)
+    print(f"written to {out}: calibration.npz, for press and simdata as --calibration, and")
+    print("calibration_strip.png, the held-out presses: real above, simulated below")
+
+
+def _strip(report: "Report") -> tuple:
+    """The held-out frames, and the simulated ones with one frame's noise."""
+    import numpy as np
+
+    from t2twin.sim.digit.optics import NOISE_GREY
+
+    noise = np.random.default_rng(0).normal(0.0, NOISE_GREY, report.simulated.shape)
+    noisy = np.clip(np.rint(report.simulated + noise), 0, 255).astype(np.uint8)
+    return report.real, noisy
+
+
+def _in_words(report: "Report") -> list[str]:
+    count = len(report.held_out)
+    lines = []
+    if report.repeated:
+        lines.append(f"left out as copies of others: {', '.join(report.repeated)}")
+    lines += [
+        f"fitted to {report.trained[0]} to {report.trained[-1]}, {len(report.trained)} presses",
+        f"scored on {report.held_out[0]} to {report.held_out[-1]}, {count} presses that the fit "
+        "did not see; the place and depth",
+        "of each is found from its own frame, everything else is as fitted",
+        "",
+        f"{'press':34s} {'x mm':>6s} {'y mm':>6s} {'deep mm':>7s} {'L1':>6s} {'SSIM':>6s} "
+        f"{'PSNR dB':>8s}",
+    ]
+    for name, pose, score in zip(report.held_out, report.poses, report.each, strict=True):
+        lines.append(
+            f"{name:34s} {pose[0]:6.2f} {pose[1]:6.2f} {pose[2]:7.2f} {score.l1:6.2f} "
+            f"{score.ssim:6.3f} {score.psnr_db:8.2f}"
+        )
+    lines += ["", f"{'mean, contact crop of 100 x 100 px':34s} {'':21s} {'L1':>6s} {'SSIM':>6s} "
+              f"{'PSNR dB':>8s}"]  # fmt: skip
+    for name, score in report.rows.items():
+        lines.append(f"{name:34s} {'':21s} {score.l1:6.2f} {score.ssim:6.3f} {score.psnr_db:8.2f}")
+    return [*lines, ""]

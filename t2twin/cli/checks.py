@@ -1,0 +1,116 @@
+"""What `t2twin doctor` checks, each in one line: whether it works, and what to do if not."""
+
+import os
+import platform
+import shutil
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+
+PACKAGES = (
+    "cadquery",
+    "mujoco",
+    "numpy",
+    "scipy",
+    "trimesh",
+    "pyrender",
+    "torch",
+    "pyarrow",
+    "scikit-image",
+    "safetensors",
+)
+MEMORY_GIB = 4
+"""Memory that any command may need, GiB."""
+
+DISK_GIB = 4
+"""Free disk that the paper's dataset and its runs want, GiB."""
+
+
+def run_checks() -> bool:
+    """Print a line a check; True where all of them passed."""
+    checks: list[tuple[str, Callable[[], str]]] = [
+        ("python", _python),
+        ("packages", _packages),
+        ("contact", _contact),
+        ("rendering", _rendering),
+        ("processor", _processor),
+        ("memory", _memory),
+        ("disk", _disk),
+    ]
+    passed = True
+    for name, check in checks:
+        try:
+            print(f"ok    {name:10} {check()}")
+        except Exception as error:
+            passed = False
+            print(f"FAIL  {name:10} {error}")
+    return passed
+
+
+def _python() -> str:
+    return f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
+
+
+def _packages() -> str:
+    missing, found = [], []
+    for name in PACKAGES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            missing.append(name)
+    if missing:
+        raise RuntimeError(f"not installed: {', '.join(missing)}; `make setup` installs them")
+    return ", ".join(found)
+
+
+def _contact() -> str:
+    from t2twin.sim.press.bed import bed
+
+    depth, _ = _pushed(bed(1))
+    if abs(depth - 1.0) > 1e-2:
+        raise RuntimeError(f"a unit spring gave {depth:g} mm under a unit force instead of 1 mm")
+    return "a MuJoCo spring under a unit force gives a unit of depth"
+
+
+def _pushed(one_pin):
+    import numpy as np
+
+    one_pin.lay(np.zeros(1), 1.0)
+    depth, deflection = 0.0, np.zeros(1)
+    for _ in range(200):
+        depth, deflection = one_pin.push(1.0, np.zeros(1), np.ones(1))
+    return depth, deflection
+
+
+def _rendering() -> str:
+    import numpy as np
+
+    from t2twin.sim.digit.camera import optical_grid
+    from t2twin.sim.digit.reference import ReferenceRenderer
+
+    x, y = optical_grid()
+    with ReferenceRenderer() as renderer:
+        image = np.asarray(renderer.render(np.zeros((y.size, x.size))))
+    if image.max() == 0:
+        raise RuntimeError("pyrender drew a black picture; the OpenGL driver is not usable")
+    return "pyrender drew an untouched gel without a display (EGL)"
+
+
+def _processor() -> str:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{cores} cores"
+
+
+def _memory() -> str:
+    if not hasattr(os, "sysconf"):
+        return "unknown"
+    gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    if gib < MEMORY_GIB:
+        raise RuntimeError(f"{gib:.1f} GiB; at least {MEMORY_GIB} GiB are needed")
+    return f"{gib:.0f} GiB"
+
+
+def _disk() -> str:
+    gib = shutil.disk_usage(".").free / 2**30
+    if gib < DISK_GIB:
+        raise RuntimeError(f"{gib:.1f} GiB free here; the paper's scale wants {DISK_GIB} GiB")
+    return f"{gib:.0f} GiB free here"

@@ -1,0 +1,31 @@
+"""t2twin train"""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+def train(
+    model: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="MODEL")]],
+    data: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    preset: str = "cpu",
+    out: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
+    seed: int = 0,
+    epochs: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
+) -> None:
+    """Train a translator, or go on with a training that was stopped.
+
+    Args:
+        model: touch2touch or resnet18.
+        data: Folder of the dataset.
+        preset: cpu (two cores), paper (as published; wants a GPU) or smoke (seconds).
+        out: Folder of the run; runs/MODEL unless given.
+        seed: Seed of weights, order, dropout and augmentation.
+        epochs: Most epochs; the preset's unless given.
+        minutes: Most minutes; the epochs are planned to fit.
+    """
+    from t2twin.translate.train import train as run
+
+    run(model, data, preset, out or Path("runs") / model, seed=seed, epochs=epochs, minutes=minutes)

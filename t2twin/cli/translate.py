@@ -1,0 +1,40 @@
+"""t2twin translate"""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+SHOWN = 5
+"""Images whose counts are printed; all of them are in the files."""
+
+
+def translate(
+    run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]],
+    images: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="IMAGE")]],
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/translate"),
+    layout: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
+    pictures: bool = True,
+) -> None:
+    """Translate DIGIT images into CySkin counts; writes counts.csv, counts.json and pictures.
+
+    Args:
+        run: Folder of a trained run.
+        images: PNG or JPEG files of any size, grey or colour, upright as the DIGIT gives them, or
+            folders of such files.
+        out: Folder to write into.
+        layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch run at; the run's
+            own unless given.
+        pictures: Write a picture of each tactile image; without, only the counts, faster.
+    """
+    import numpy as np
+
+    from t2twin.translate.batch import find_images, translate_images
+
+    files = find_images(images)
+    counts = translate_images(run, files, out, layout, pictures)
+    for image, row in zip(files[:SHOWN], np.rint(counts[:SHOWN]).astype(int), strict=True):
+        print(f"{image}: " + " ".join(str(count) for count in row))
+    if len(counts) > SHOWN:
+        print(f"and {len(counts) - SHOWN:,} more")
+    print(f"written to {out}")

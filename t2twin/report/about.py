@@ -1,0 +1,138 @@
+"""What the page begins with: the dataset, the machine, how long the runs took."""
+
+import os
+import platform
+from pathlib import Path
+
+from t2twin.report import markup
+from t2twin.report.material import ReportData
+from t2twin.report.names import name_of
+from t2twin.sim.dataset.store import SPLITS
+
+WHAT = (
+    "Two touch sensors that share nothing, a camera behind a gel (DIGIT) and an array of "
+    "capacitive taxels under a soft skin (CySkin), touch the same shapes in the same places with "
+    "the same force; networks learn to turn what the first one sees into what the second one "
+    "would have felt. The protocol and both networks are those of Grella, Albini, Cannata and "
+    "Maiolino, Touch-to-Touch Translation (IROS 2023). Everything here is simulated: no figure "
+    "below was measured on a sensor, except where it says so."
+)
+
+
+def section(material: ReportData) -> str:
+    """The opening: what this is, on which data, with which runs."""
+    return markup.section(
+        "about", "What this is", [markup.paragraph(WHAT), _dataset(material), *_runs(material)]
+    )
+
+
+def _dataset(material: ReportData) -> str:
+    info = material.info
+    pairs = {split: material.tables[split].num_rows for split in SPLITS}
+    shapes = {split: len(set(material.tables[split]["shape"].to_pylist())) for split in SPLITS}
+    versions = ", ".join(f"{name} {version}" for name, version in info["versions"].items())
+    return markup.facts(
+        [
+            ("Scale", f"{info['scale']}, seed {info['seed']}"),
+            (
+                "Training",
+                f"{pairs['train']:,} pairs of {shapes['train']} primitives",
+            ),
+            (
+                "Validation",
+                f"{pairs['val']:,} pairs of {shapes['val']} primitives, versions that training "
+                "never saw",
+            ),
+            ("Test", f"{pairs['test']:,} pairs of hand tools, at {shapes['test']} keypoints"),
+            (
+                "Taxels",
+                f"{material.layout.x_mm.size} (layout {material.layout.layout}), saturated at "
+                f"{material.layout.full_scale_counts:,.0f} counts",
+            ),
+            ("Versions", versions),
+            ("This page's machine", f"{cores()} cores, {processor()}"),
+        ]
+    )
+
+
+def _runs(material: ReportData) -> list[str]:
+    rows = []
+    for name, run in material.runs.items():
+        config, history = run.config, material.histories[name]
+        best = min(history, key=lambda record: record["val_rmse_counts"])
+        seconds = sum(record["seconds"] for record in history)
+        parameters = sum(p.numel() for p in run.translator.predictor.parameters())
+        rows.append(
+            [
+                name_of(name),
+                config.preset.name,
+                f"{config.preset.size} × {config.preset.size}, "
+                + ("grey" if config.preset.grey else "RGB"),
+                f"{parameters / 1e6:.2f} M",
+                f"{len(history)}",
+                f"{best['epoch']}",
+                minutes(seconds),
+            ]
+        )
+    heads = [
+        [
+            (text, 1)
+            for text in (
+                "Run", "Preset", "Image, px", "Parameters", "Epochs", "Best epoch", "Minutes",
+            )
+        ]
+    ]  # fmt: skip
+    parts = [markup.table(heads, [("", rows)])]
+    parts.append(
+        markup.paragraph(
+            "Minutes are the sum of the epochs' times in each run's log, training and validation; "
+            "parameters are those of the network that predicts.",
+            "note",
+        )
+    )
+    other = {
+        name_of(name): model["trained_layout"]
+        for name, model in material.evaluated["val"].metrics["models"].items()
+        if "run" in model and model["trained_layout"] != material.layout.layout
+    }
+    if other:
+        named = ", ".join(f"{name} ({layout})" for name, layout in other.items())
+        parts.append(
+            markup.paragraph(
+                f"Trained on another taxel layout than {material.layout.layout}, which is read "
+                f"from the tactile images that the generator draws: {named}."
+            )
+        )
+    elsewhere = [
+        name_of(name)
+        for name in material.runs
+        if not material.evaluated["val"].metrics["models"][name]["same_data"]
+    ]
+    if elsewhere:
+        parts.append(
+            markup.paragraph(f"Trained on another dataset than this one: {', '.join(elsewhere)}.")
+        )
+    return parts
+
+
+def minutes(seconds: float) -> str:
+    """To a tenth below ten minutes, whole above."""
+    return f"{seconds / 60:.1f}" if seconds < 600 else f"{seconds / 60:,.0f}"
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def processor() -> str:
+    """The processor's name as the system gives it."""
+    path = Path("/proc/cpuinfo")
+    if path.is_file():
+        for line in path.read_text().splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()

@@ -1,0 +1,170 @@
+"""What a dataset holds: pairs of every shape, pictures of every shape, how many taxels saturate."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from t2twin.report import markup
+from t2twin.report.figures import digit_picture, figure
+from t2twin.report.material import Dataset
+from t2twin.report.names import SPLIT_COLOURS, SPLIT_NAMES
+
+TOUCHED_COUNTS = 100
+"""A pair whose largest taxel counts less has not been touched: over ten times the noise."""
+
+GALLERY_COLUMNS, MOST_PICTURES = 10, 60
+GALLERY_SEED = 0
+WIDTH_IN, BAR_IN, FURNITURE_IN = 9.0, 0.155, 0.7
+SATURATION_IN = 2.8
+TILE_IN = 1.42
+
+
+def about_section(dataset: Dataset) -> str:
+    """How many pairs, how large, how made."""
+    info, counts = dataset.info, dataset.counts
+    shapes = {split: len(set(table["shape"].to_pylist())) for split, table in
+              dataset.tables.items()}  # fmt: skip
+    sizes = [(dataset.data / path).stat().st_size for path in info["shards"]]
+    untouched = int((counts.max(axis=1) < TOUCHED_COUNTS).sum())
+    facts = [
+        ("Made by", f"t2twin simdata, scale {info['scale']}, seed {info['seed']}"
+         if dataset.is_simulated else "pairs of the owner's, brought in with t2twin import-pairs"),
+        *(
+            (SPLIT_NAMES[split].capitalize(), f"{len(table):,} pairs of {shapes[split]} shapes")
+            for split, table in dataset.tables.items()
+        ),
+        ("Size", f"{sum(sizes) / 2**20:,.0f} MiB in {len(sizes)} shards, "
+         f"{sum(sizes) / len(counts) / 1e3:.1f} kB a pair"),
+        ("Taxels", f"{dataset.layout.x_mm.size} (layout {dataset.layout.layout}), saturated at "
+         f"{dataset.layout.full_scale_counts:,.0f} counts"),
+        ("Pairs without contact", f"{untouched or 'none'} of {len(counts):,} (largest taxel below "
+         f"{TOUCHED_COUNTS} counts)"),
+        ("Versions", ", ".join(f"{k} {v}" for k, v in info.get("versions", {}).items())),
+    ]  # fmt: skip
+    return markup.section("about", "What it holds", [markup.facts(facts)])
+
+
+def shapes_section(dataset: Dataset) -> str:
+    """A bar a shape."""
+    names = _shapes(dataset)
+    content = figure(
+        "svg", WIDTH_IN, FURNITURE_IN + BAR_IN * len(names), lambda page: bars(page, dataset)
+    )
+    return markup.section(
+        "shapes",
+        "Pairs of every shape",
+        [markup.picture(content, "svg", "Bar chart of the number of pairs of every shape")],
+    )
+
+
+def gallery_section(dataset: Dataset) -> str:
+    """Pictures of all shapes in turn."""
+    rows = gallery(dataset)
+    lines = -(-len(rows) // GALLERY_COLUMNS)
+    content = figure("png", WIDTH_IN, TILE_IN * lines, lambda page: tiles(page, dataset, rows))
+    return markup.section(
+        "gallery",
+        "Pictures",
+        [
+            markup.paragraph("Drawn at random, shape by shape.", "note"),
+            markup.picture(content, "png", "A grid of DIGIT pictures of all shapes"),
+        ],
+    )
+
+
+def gallery(dataset: Dataset) -> list[tuple[str, int]]:
+    """Splits and rows: one of each shape, then one more of each while a line is to be filled."""
+    rng = np.random.default_rng(GALLERY_SEED)
+    of_shape: dict[str, list[tuple[str, int]]] = {}
+    for split, row in dataset.places:
+        of_shape.setdefault(dataset.tables[split]["shape"][row].as_py(), []).append((split, row))
+    orders = [[rows[i] for i in rng.permutation(len(rows))] for rows in of_shape.values()]
+    deepest = max(len(order) for order in orders)
+    in_turn = [order[turn] for turn in range(deepest) for order in orders if turn < len(order)]
+    return in_turn[:MOST_PICTURES]
+
+
+def saturation_section(dataset: Dataset) -> str:
+    """Taxels at full scale: by pair, by taxel."""
+    saturated = dataset.saturated
+    some = saturated.any(axis=1)
+    text = (
+        f"{saturated.sum():,} of {saturated.size:,} counts are saturated, "
+        f"{100 * saturated.mean():.3g} %; at least one in {100 * some.mean():.3g} % of the pairs."
+    )
+    chart = figure("svg", WIDTH_IN, SATURATION_IN, lambda page: saturation(page, dataset))
+    return markup.section(
+        "saturation",
+        "Saturation",
+        [
+            markup.paragraph(text),
+            markup.picture(
+                chart,
+                "svg",
+                "Histograms of the largest count, of saturated taxels a pair, and by taxel",
+                note="Left: the largest count of each pair. Middle: how many of a pair's taxels "
+                "are saturated. Right: how often each taxel is, at its place in the array.",
+            ),
+        ],
+    )
+
+
+def _shapes(dataset: Dataset) -> list[tuple[str, str]]:
+    """Splits and names, in the order of the shards."""
+    return list(
+        dict.fromkeys((s, dataset.tables[s]["shape"][r].as_py()) for s, r in dataset.places)
+    )
+
+
+def bars(page: Figure, dataset: Dataset) -> None:
+    axes = page.subplots()
+    names = _shapes(dataset)
+    for split, table in dataset.tables.items():
+        shapes = table["shape"].to_pylist()
+        own = [(n, name) for n, (where, name) in enumerate(names) if where == split]
+        axes.barh(
+            [n for n, _ in own],
+            [shapes.count(name) for _, name in own],
+            0.8,
+            color=SPLIT_COLOURS[split],
+            label=SPLIT_NAMES[split],
+        )
+    axes.set_yticks(range(len(names)), [name for _, name in names], fontsize=6.5)
+    axes.set(xlabel="pairs", ylim=(len(names) - 0.4, -0.6))
+    axes.legend()
+
+
+def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
+    lines = -(-len(rows) // GALLERY_COLUMNS)
+    axes: list[Axes] = list(np.ravel(page.subplots(lines, GALLERY_COLUMNS, squeeze=False)))
+    for place in axes:
+        place.set_axis_off()
+    for place, (split, row) in zip(axes, rows, strict=False):
+        digit_picture(place, dataset.picture(split, row))
+        place.set_title(dataset.tables[split]["shape"][row].as_py(), fontsize=6)
+
+
+def saturation(page: Figure, dataset: Dataset) -> None:
+    largest, number, array = page.subplots(1, 3)
+    counts, full_scale = dataset.counts, dataset.layout.full_scale_counts
+    largest.hist(counts.max(axis=1), np.linspace(0, full_scale, 41).tolist(), color="#0072b2")
+    largest.set(xlabel="largest count of a pair", ylabel="pairs")
+    largest.xaxis.set_major_formatter("{x:,.0f}")
+    largest.locator_params(axis="x", nbins=4)
+    saturated = dataset.saturated
+    times = np.bincount(saturated.sum(axis=1))
+    number.bar(range(times.size), times, color="#0072b2")
+    number.set(xlabel="saturated taxels of a pair", ylabel="pairs", yscale="log")
+    number.locator_params(axis="x", integer=True)
+    drawn = array.scatter(
+        dataset.layout.x_mm,
+        dataset.layout.y_mm,
+        c=100 * saturated.mean(axis=0),
+        s=70,
+        edgecolors="#444444",
+        linewidths=0.4,
+    )
+    array.set(aspect="equal", xlabel="x, mm", ylabel="y, mm")
+    array.margins(0.15)
+    array.invert_yaxis()
+    page.colorbar(drawn, ax=array, label="saturated, % of the pairs")

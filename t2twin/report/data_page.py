@@ -1,0 +1,48 @@
+"""The report of a dataset alone: what it holds, whether it is sane."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.report import contents, forces, oddities, pairs
+from t2twin.report.material import gather_dataset
+from t2twin.report.page import write_page
+from t2twin.report.scan import scan
+
+TITLE = "The dataset in {}"
+LINKS = {
+    "shapes": "Pairs of every shape",
+    "gallery": "Pictures",
+    "pairs": "Pairs",
+    "forces": "Forces, depths, counts",
+    "saturation": "Saturation",
+    "duplicates": "Near-duplicates",
+    "outliers": "Outliers",
+}
+
+
+def write_data_report(out: Path, data: Path) -> Path:
+    """Writes out/index.html, with every picture in it, and returns its path.
+
+    data: a finished dataset, simulated or imported. Raises T2TwinError, before anything is
+    written, where it cannot be used.
+    """
+    out, data = Path(out), Path(data)
+    if out.exists() and not out.is_dir():
+        raise T2TwinError(f"{out} is a file; give a folder to write the report into")
+    dataset = gather_dataset(data)
+    looked = scan(dataset, oddities.noise_grey(dataset))
+    sections: dict[str, Callable[[], str]] = {
+        "about": lambda: contents.about_section(dataset),
+        "shapes": lambda: contents.shapes_section(dataset),
+        "gallery": lambda: contents.gallery_section(dataset),
+        "pairs": lambda: pairs.section(dataset),
+        "forces": lambda: forces.section(dataset),
+        "saturation": lambda: contents.saturation_section(dataset),
+        "duplicates": lambda: oddities.duplicates_section(dataset, looked),
+        "outliers": lambda: oddities.outliers_section(dataset, looked),
+    }
+    if not dataset.is_simulated:
+        del sections["forces"]  # the owner's pairs know neither forces carried nor depths
+    links = {name: title for name, title in LINKS.items() if name in sections}
+    return write_page(out, TITLE.format(data), links, list(sections.values()))

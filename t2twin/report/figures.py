@@ -1,0 +1,121 @@
+"""matplotlib figures as bytes, in one style, and the panels that several of them share.
+
+Shape letters: R rows, C columns, N taxels.
+"""
+
+import io
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+
+from t2twin.translate.phi import Phi
+
+STYLE = {
+    "axes.edgecolor": "#666666",
+    "axes.grid": False,
+    "axes.labelcolor": "#222222",
+    "axes.linewidth": 0.6,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 8.5,
+    "font.size": 8.5,
+    "image.interpolation": "nearest",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "lines.linewidth": 1.4,
+    "svg.hashsalt": "t2twin",  # the same figure gives the same bytes
+    "xtick.color": "#444444",
+    "xtick.major.width": 0.6,
+    "ytick.color": "#444444",
+    "ytick.major.width": 0.6,
+}
+DPI = 144
+"""Of pictures; charts are drawn as SVG."""
+
+COUNTS_MAP = "viridis"
+DIFFERENCE_MAP = "RdBu_r"
+"""Colours of counts, perceptually even, and of differences, white at nought."""
+
+RING_MM = 0.7
+"""Radius of the ring that marks a taxel, mm."""
+
+
+def figure(
+    kind: Literal["svg", "png"],
+    width_in: float,
+    height_in: float,
+    draw: Callable[[Figure], None],
+) -> bytes:
+    """A figure's file content. draw: fills the empty figure."""
+    with rc_context(STYLE):  # pyright: ignore[reportArgumentType]
+        page = Figure(figsize=(width_in, height_in), layout="constrained")
+        draw(page)
+        buffer = io.BytesIO()
+        metadata = {"Date": None} if kind == "svg" else {}
+        page.savefig(buffer, format=kind, dpi=DPI, metadata=metadata)
+    return buffer.getvalue()
+
+
+def digit_picture(axes: Axes, picture: np.ndarray) -> None:
+    """A DIGIT image, (R, C, 3) uint8, without axes."""
+    axes.imshow(picture)
+    axes.set_axis_off()
+
+
+def tactile_image(
+    axes: Axes,
+    image: np.ndarray,
+    phi: Phi,
+    limits: tuple[float, float],
+    colour_map: str = COUNTS_MAP,
+) -> AxesImage:
+    """A tactile image or a difference of two, (R, C) counts, on axes in mm, in a thin frame.
+
+    limits: counts at the two ends of the colours.
+    """
+    axes.set(xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set(visible=True, linewidth=0.4, color="#aaaaaa")
+    return axes.imshow(
+        image, cmap=colour_map, vmin=limits[0], vmax=limits[1], extent=extent_mm(phi)
+    )
+
+
+def rings(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, colour: str = "white") -> None:
+    """Marks the taxels. x_mm, y_mm: (N,)."""
+    from matplotlib.collections import EllipseCollection
+
+    size = np.full(x_mm.size, 2 * RING_MM)
+    axes.add_collection(
+        EllipseCollection(
+            size,
+            size,
+            np.zeros(x_mm.size),
+            units="xy",
+            offsets=np.column_stack([x_mm, y_mm]),
+            offset_transform=axes.transData,
+            facecolors="none",
+            edgecolors=colour,
+            linewidths=0.5,
+        )
+    )
+
+
+def colour_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:
+    """Beside an image, with its scale in counts. width: in parts of the image's."""
+    bar = page.colorbar(drawn, ax=axes, fraction=width, pad=0.06, aspect=28, format="{x:,.0f}")
+    bar.ax.spines["outline"].set_linewidth(0.4)
+    bar.ax.tick_params(labelsize=7, length=2)
+    bar.set_label(title, fontsize=7)
+
+
+def extent_mm(phi: Phi) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of a tactile image, mm; y points down."""
+    columns, rows = phi.centres_mm
+    half = (columns[1] - columns[0]) / 2
+    return columns[0] - half, columns[-1] + half, rows[-1] + half, rows[0] - half

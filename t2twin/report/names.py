@@ -1,0 +1,33 @@
+"""Names and colours, the same on the whole page."""
+
+from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.evaluate import LAYOUT_FLOOR, NOISE_FLOOR
+
+NAMES = {
+    MEAN_ARRAY: "mean array",
+    NEAREST_NEIGHBOUR: "nearest neighbour",
+    NOISE_FLOOR: "noise floor",
+    LAYOUT_FLOOR: "layout floor",
+    "resnet18": "ResNet18",
+    "touch2touch": "touch2touch",
+}
+BASELINE_COLOURS = {MEAN_ARRAY: "#222222", NEAREST_NEIGHBOUR: "#009e73"}
+RUN_COLOURS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
+SENSOR_COLOURS = {"digit": "#0072b2", "cyskin": "#e69f00"}
+"""Colours that readers with any colour vision tell apart (Okabe and Ito 2008)."""
+
+SPLIT_COLOURS = {"train": "#999999", "val": "#0072b2", "test": "#d55e00"}
+SPLIT_NAMES = {"train": "training", "val": "validation", "test": "test"}
+SENSOR_NAMES = {"digit": "DIGIT", "cyskin": "CySkin"}
+
+
+def name_of(model: str) -> str:
+    """A model as a person writes it: `resnet18 (seed-1)` is "ResNet18 (seed-1)"."""
+    kind, space, rest = model.partition(" ")
+    return NAMES.get(kind, kind) + space + rest
+
+
+def colours(models: list[str]) -> dict[str, str]:
+    """A colour each; runs take theirs in turn."""
+    runs = [model for model in models if model not in BASELINE_COLOURS]
+    return BASELINE_COLOURS | {run: RUN_COLOURS[i % len(RUN_COLOURS)] for i, run in enumerate(runs)}

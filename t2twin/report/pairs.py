@@ -1,0 +1,118 @@
+"""A dozen pairs: what the DIGIT saw, what the CySkin's taxels counted, the tactile image."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from t2twin.report import markup
+from t2twin.report.figures import (
+    COUNTS_MAP,
+    colour_bar,
+    digit_picture,
+    extent_mm,
+    figure,
+    rings,
+    tactile_image,
+)
+from t2twin.report.material import Dataset
+from t2twin.sim.digit.camera import DIGIT_CAMERA
+
+PAIRS = 12
+SEED = 0
+WIDTH_IN, HEIGHT_IN = 4.4, 2.1
+
+
+def section(material: Dataset) -> str:
+    """One picture a pair, each of another family as far as there are."""
+    half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
+    text = (
+        "For each pair the DIGIT picture, the CySkin's taxels to scale, each pad in the colour of "
+        "its count, and the tactile image that φ makes of them. The rectangle is what the DIGIT "
+        f"sees, {2 * half_width:.1f} × {2 * half_height:.1f} mm, on the scale of the array. "
+        "Drawn at random, family by family."
+    )
+    rows = chosen(material)
+    return markup.section(
+        "pairs",
+        "Pairs",
+        [
+            markup.paragraph(text, "note"),
+            markup.grid([_pair(material, split, row) for split, row in rows]),
+        ],
+    )
+
+
+def chosen(material: Dataset) -> list[tuple[str, int]]:
+    """Splits and rows of PAIRS pairs: families in turn, one more of each until there are enough."""
+    rng = np.random.default_rng(SEED)
+    of_family: dict[str, list[tuple[str, int]]] = {}
+    for split, table in material.tables.items():
+        for row, family in enumerate(table["family"].to_pylist()):
+            of_family.setdefault(family, []).append((split, row))
+    orders = [[rows[i] for i in rng.permutation(len(rows))] for rows in of_family.values()]
+    deepest = max(len(order) for order in orders)
+    in_turn = [order[turn] for turn in range(deepest) for order in orders if turn < len(order)]
+    return in_turn[:PAIRS]
+
+
+def _pair(material: Dataset, split: str, row: int) -> str:
+    table = material.tables[split]
+    shape = table["shape"][row].as_py()
+    counts = np.array(table["taxels"][row].as_py(), dtype=np.float32)
+    content = figure(
+        "png", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, material, split, row, counts)
+    )
+    note = f"({split}): largest taxel {counts.max():,.0f} counts"
+    if material.is_simulated:
+        note += (
+            f"; depth in the gel {table['digit_depth_mm'][row].as_py():.2f} mm, in the skin "
+            f"{table['cyskin_depth_mm'][row].as_py():.2f} mm"
+        )
+    alt = f"DIGIT picture, taxel counts and tactile image of {shape}"
+    return markup.picture(content, "png", alt, shape, width="narrow", note=note)
+
+
+def _draw(page: Figure, material: Dataset, split: str, row: int, counts: np.ndarray) -> None:
+    picture, array, image = page.subplots(1, 3, width_ratios=(1.24, 1, 1))
+    digit_picture(picture, material.picture(split, row))
+    limits = (0.0, max(float(counts.max()), 1.0))
+    _array(array, material, counts, limits)
+    drawn = tactile_image(image, material.phi(counts), material.phi, limits)
+    rings(image, material.layout.x_mm, material.layout.y_mm)
+    colour_bar(page, drawn, image, 0.07)
+
+
+def _array(axes: Axes, material: Dataset, counts: np.ndarray, limits: tuple[float, float]) -> None:
+    """Every pad as a disc of its diameter, mm, with the DIGIT's field of view about the middle."""
+    x_mm, y_mm = material.layout.x_mm, material.layout.y_mm
+    size = material.pad_diameter_mm
+    pads = EllipseCollection(
+        size,
+        size,
+        np.zeros(size.size),
+        units="xy",
+        offsets=np.column_stack([x_mm, y_mm]),
+        offset_transform=axes.transData,
+        array=counts,
+        cmap=COUNTS_MAP,
+        clim=limits,
+        edgecolors="#444444",
+        linewidths=0.4,
+    )
+    axes.add_collection(pads)
+    half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
+    axes.add_patch(
+        Rectangle(
+            (-half_width, -half_height),
+            2 * half_width,
+            2 * half_height,
+            fill=False,
+            edgecolor="#d55e00",
+            linewidth=1.0,
+        )
+    )
+    left, right, bottom, top = extent_mm(material.phi)
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    axes.set_axis_off()

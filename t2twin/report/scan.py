@@ -1,0 +1,110 @@
+"""One look at every picture of a dataset: how near to its likes it is, and how far from its shape.
+
+Shape letters: n pairs of a shape, B numbers of a coarse picture.
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow.parquet as pq
+from tqdm import tqdm
+
+from t2twin.report.material import Dataset
+from t2twin.sim.dataset.png import decode_png
+from t2twin.sim.dataset.store import ROWS_AT_ONCE, shard_path
+
+BLOCK_PX = 8
+"""Side of the squares that pictures are averaged over, pixels: noise falls to an eighth."""
+
+ROWS_COMPARED = 256
+"""Pictures compared at a time with all others of the shape; bounds the memory."""
+
+
+@dataclass(frozen=True)
+class Scan:
+    """Of every pair, in the order of Dataset.column.
+
+    nearest_grey: (P,) root mean square difference between its coarse picture and the nearest other
+    one of its shape, grey levels; infinite where the shape has no other. alike_counts: (P,) least
+    root mean square difference of its taxels from those of another pair of its shape whose picture
+    is within the noise; infinite where there is none. off_grey: (P,) difference of its picture from
+    the shape's median picture.
+    """
+
+    nearest_grey: np.ndarray
+    alike_counts: np.ndarray
+    off_grey: np.ndarray
+
+
+def scan(dataset: Dataset, noise_grey: float) -> Scan:
+    """Decodes every picture once. noise_grey: standard deviation of a picture's noise."""
+    of_shape: dict[tuple[str, str], list[int]] = {}
+    for place, (split, row) in enumerate(dataset.places):
+        of_shape.setdefault((split, dataset.tables[split]["shape"][row].as_py()), []).append(place)
+    pairs = len(dataset.places)
+    nearest_grey, alike_counts, off_grey = np.zeros((3, pairs))
+
+    def look(key: tuple[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        coarse = _coarse_pictures(dataset, *key)
+        median = np.median(coarse, axis=0)
+        coarse -= median  # nearer to nought, so that single precision does
+        counts = dataset.counts[of_shape[key]].astype(float)
+        return *nearest_others(coarse, counts, noise_grey), np.sqrt(np.square(coarse).mean(axis=1))
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        looks = pool.map(look, of_shape)
+        for here, found in zip(
+            of_shape.values(),
+            tqdm(looks, total=len(of_shape), desc="pictures", unit="shape"),
+            strict=True,
+        ):
+            nearest_grey[here], alike_counts[here], off_grey[here] = found
+    return Scan(nearest_grey, alike_counts, off_grey)
+
+
+def nearest_others(
+    coarse: np.ndarray, counts: np.ndarray, noise_grey: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """How near the others come to each row: nearest_grey and alike_counts of Scan, (n,) each.
+
+    coarse: (n, B) pictures. counts: (n, N) taxels.
+    """
+    nearest_grey, alike_counts = np.full((2, len(coarse)), np.inf)
+    for start in range(0, len(coarse), ROWS_COMPARED):
+        rows = np.arange(start, min(start + ROWS_COMPARED, len(coarse)))
+        apart_grey, apart_counts = (_apart(of, rows) for of in (coarse, counts))
+        apart_grey[np.arange(rows.size), rows] = np.inf
+        nearest_grey[rows] = apart_grey.min(axis=1)
+        alike_counts[rows] = np.where(apart_grey < noise_grey, apart_counts, np.inf).min(axis=1)
+    return nearest_grey, alike_counts
+
+
+def _apart(values: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Root mean square difference of some rows of (n, B) from all: (rows, n)."""
+    squares = np.square(values).sum(axis=1)
+    apart = squares[rows, None] + squares[None] - 2.0 * values[rows] @ values.T
+    return np.sqrt(np.maximum(apart, 0.0) / values.shape[1])
+
+
+def coarse_picture(picture: np.ndarray) -> np.ndarray:
+    """A picture, (rows, columns, 3) uint8, averaged over squares of BLOCK_PX: (B,) float32.
+
+    What does not fill a square, at the right and below, is left out.
+    """
+    rows, columns = (side // BLOCK_PX for side in picture.shape[:2])
+    whole = picture[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float32)
+    return whole.reshape(rows, BLOCK_PX, columns, BLOCK_PX, 3).mean(axis=(1, 3)).ravel()
+
+
+def _coarse_pictures(dataset: Dataset, split: str, shape: str) -> np.ndarray:
+    """(n, B) float32, in the order of the shard's rows."""
+    with pq.ParquetFile(dataset.data / shard_path(split, shape)) as shard:
+        return np.stack(
+            [
+                coarse_picture(decode_png(image["bytes"]))
+                for batch in shard.iter_batches(ROWS_AT_ONCE, columns=["image"])
+                for image in batch.column(0).to_pylist()
+            ]
+        )

@@ -1,0 +1,1 @@
+"""Pairs and images as the networks take them."""

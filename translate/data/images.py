@@ -1,0 +1,70 @@
+"""DIGIT images as the networks take them: read, resized, grey or RGB, scaled."""
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image, ImageOps
+
+from t2twin.primitives_cad.errors import T2TwinError
+
+RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
+RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)
+"""Mean and standard deviation of ImageNet's channels: ResNet18's usual normalisation."""
+
+FORMATS = ("PNG", "JPEG")
+
+
+def open_image(path: Path) -> Image.Image:
+    """An image file as grey ("L") or RGB, 8 bits, upright.
+
+    Takes grey, colour, palette and 16-bit images, with or without transparency, which is dropped.
+    Raises T2TwinError where the file is missing or is no whole PNG or JPEG.
+    """
+    if not path.is_file():
+        raise T2TwinError(f"{path} is not there; give PNG or JPEG files")
+    try:
+        with Image.open(path, formats=FORMATS) as opened:
+            opened.load()
+            image = ImageOps.exif_transpose(opened)
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
+        raise T2TwinError(f"{path} cannot be read as an image; give PNG or JPEG files") from None
+    if image.mode.startswith("I"):  # 16 bits a pixel, which PIL would clip, not scale, to 8
+        return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
+    return image.convert("L" if image.mode in ("1", "L", "LA") else "RGB")
+
+
+def to_pixels(image: Image.Image, size: int, grey: bool) -> np.ndarray:
+    """Resized with antialiasing to size x size. Returns (size, size, 1 or 3) uint8."""
+    image = image.convert("L" if grey else "RGB")
+    pixels = np.asarray(image.resize((size, size), Image.Resampling.BILINEAR))
+    return pixels[:, :, None] if grey else pixels
+
+
+def augment(
+    pixels: np.ndarray,
+    rng: np.random.Generator,
+    brightness: float,
+    contrast: float,
+    noise: float,
+) -> np.ndarray:
+    """Jitters a batch as a camera and its lights would: gain, offset, pixel noise.
+
+    pixels: (B, S, S, c) float32 in [0, 1]. The rest as in Preset. Returns the same shape, clipped.
+    """
+    each = (pixels.shape[0], 1, 1, 1)
+    gain = 1.0 + contrast * rng.standard_normal(each, dtype=np.float32)
+    offset = brightness * rng.standard_normal(each, dtype=np.float32)
+    jittered = (pixels - 0.5) * gain + (0.5 + offset)
+    if noise > 0:
+        jittered += noise * rng.standard_normal(pixels.shape, dtype=np.float32)
+    return jittered.clip(0.0, 1.0)
+
+
+def to_input(pixels: np.ndarray) -> torch.Tensor:
+    """What the networks take. pixels: (B, S, S, c) float32 in [0, 1].
+
+    Returns (B, c, S, S) float32, channels last in memory: grey in [-1, 1], RGB normalised.
+    """
+    scaled = 2.0 * pixels - 1.0 if pixels.shape[-1] == 1 else (pixels - RGB_MEAN) / RGB_STD
+    return torch.from_numpy(scaled).permute(0, 3, 1, 2)

@@ -1,0 +1,1 @@
+"""How far translators are from the truth, and what bounds them."""

@@ -1,0 +1,1 @@
+"""A run's folder: its config, its checkpoints, its model card."""

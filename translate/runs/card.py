@@ -1,0 +1,211 @@
+"""A run's model card, RUN/README.md: for people, and for the Hugging Face hub."""
+
+import json
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.dataset.store import SPLITS, read_info
+from t2twin.translate.data.pairs import load_info
+from t2twin.translate.presets import Preset
+from t2twin.translate.runs.config import BEST, LOG, RunConfig, load_config
+
+CARD = "README.md"
+
+TITLES = {"touch2touch": "touch2touch", "resnet18": "ResNet18"}
+
+WHAT = {
+    "touch2touch": """\
+It is pix2pix (a U-Net generator, trained against a PatchGAN discriminator and an L1 loss) from the
+grey picture to the tactile image, from which the taxels are read back. Other taxel layouts can be
+read from the same image.""",
+    "resnet18": """\
+It is a ResNet18 with one output a taxel, trained on the mean squared error of the counts. It gives
+the layout below and no other.""",
+}
+
+CITATION = """\
+```bibtex
+@inproceedings{grella2023touch,
+  title     = {Touch-to-Touch Translation - Learning the Mapping Between Heterogeneous Tactile
+               Sensing Technologies},
+  author    = {Grella, Francesco and Albini, Alessandro and Cannata, Giorgio and
+               Maiolino, Perla},
+  booktitle = {IEEE/RSJ International Conference on Intelligent Robots and Systems (IROS)},
+  year      = {2023},
+  note      = {arXiv:2411.02187}
+}
+```
+"""
+
+
+def write_card(run_dir: Path, data_dir: Path) -> None:
+    """Writes RUN/README.md from the run's config and log, over an earlier one.
+
+    data_dir: the data set that the run was trained on, for its scale, its numbers of pairs, and
+    whether it was simulated. Raises T2TwinError where it is another data set, where run_dir holds
+    no run, and where the run has not finished an epoch.
+    """
+    config = load_config(run_dir)
+    history = _history(run_dir)
+    if load_info(data_dir).sha256 != config.data.sha256:
+        raise T2TwinError(f"{data_dir} is not the data set that {run_dir} was trained on")
+    info = read_info(data_dir)
+    best = min(history, key=lambda record: record["val_rmse_counts"])
+    parts = [
+        _head(config, best, info),
+        _what(config),
+        _use(run_dir.absolute().name, config),
+        _data(config, info),
+        _training(config, history, best),
+        _limits(info),
+        f"## Licence\n\n{_licence(info)[1]}\n",
+        f"## Citation\n\nThe method:\n\n{CITATION}",
+    ]
+    with whole_file(run_dir / CARD) as temporary:
+        temporary.write_text("\n".join(parts))
+
+
+def _history(run_dir: Path) -> list[dict[str, Any]]:
+    path = run_dir / LOG
+    if not path.is_file():
+        raise T2TwinError(f"{path} is not there; the run has not finished its first epoch")
+    return [json.loads(line) for line in path.read_text().splitlines()]
+
+
+def _simulated(info: dict[str, Any]) -> bool:
+    """Pairs that their owner brought in have no scale."""
+    return "scale" in info
+
+
+def _licence(info: dict[str, Any]) -> tuple[str, str]:
+    """For the hub, and in words."""
+    if _simulated(info):
+        return "mit", "MIT, as t2twin's."
+    return "unknown", (
+        "t2twin's code is under the MIT licence. These weights were trained on pairs that were "
+        "brought in; under which licence they may be used is for the owner of the pairs to say."
+    )
+
+
+def _head(config: RunConfig, best: dict[str, Any], info: dict[str, Any]) -> str:
+    """The YAML that the hub reads. JSON is YAML, so text in it is written as JSON."""
+    pipeline = "pipeline_tag: image-to-image\n" if config.model == "touch2touch" else ""
+    tags = ["tactile", "digit", "cyskin", config.model] + ["simulation"] * _simulated(info)
+    dataset = f"t2twin, info.json {config.data.sha256[:12]}"
+    return f"""---
+license: {_licence(info)[0]}
+library_name: t2twin
+{pipeline}tags: {json.dumps(tags)}
+model-index:
+- name: {json.dumps(f"{config.model} ({config.preset.name})")}
+  results:
+  - task: {{type: image-to-array, name: DIGIT picture to CySkin counts}}
+    dataset: {{name: {json.dumps(dataset)}, type: t2twin, split: validation}}
+    metrics:
+    - {{type: rmse, name: "sqrt(L3), counts", value: {best["val_rmse_counts"]:.1f}}}
+    - {{type: rmse, name: "sqrt(L3), % of full scale", value: {best["val_rmse_percent"]:.3f}}}
+---
+"""
+
+
+def _what(config: RunConfig) -> str:
+    return f"""# {TITLES[config.model]}, preset {config.preset.name}
+
+Turns the picture of a DIGIT, a camera behind a soft gel, into the counts that a CySkin, an array of
+{config.data.x_mm.size} capacitive taxels, would give for the same touch.
+
+{WHAT[config.model]}
+"""
+
+
+def _use(name: str, config: RunConfig) -> str:
+    preset, info = config.preset, config.data
+    colour = "turned to grey" if preset.grey else "in colour"
+    return f"""## Use
+
+```python
+from pathlib import Path
+from t2twin.translate.predict import load_run
+counts = load_run(Path({json.dumps(name)})).predict(frame)
+```
+
+or `t2twin translate {name} FOLDER_OF_IMAGES`. It needs `config.json` and `{BEST}`.
+
+| | type | unit | what |
+|---|---|---|---|
+| frame | (h, w, 3) or (h, w) uint8 | grey levels | one DIGIT picture, upright (320 rows x 240 \
+columns), channels in the order red, green, blue; also several, (B, h, w, 3) |
+| counts | ({info.x_mm.size},) float32 | counts | 0 to {info.full_scale_counts:,.0f}; taxel n lies \
+at `layout_x_mm[n]`, `layout_y_mm[n]` (mm) of `config.json` |
+
+Any size of picture is resized to {preset.size} x {preset.size} pixels, {colour}. OpenCV gives
+channels as blue, green, red: turn them round first.
+"""
+
+
+def _data(config: RunConfig, info: dict[str, Any]) -> str:
+    data = config.data
+    pairs = dict.fromkeys(SPLITS, 0)
+    for shard, about in info["shards"].items():
+        pairs[shard.split("/")[0]] += about["pairs"]
+    rows = [
+        ("scale", info.get("scale", "none: pairs brought in by their owner")),
+        ("pairs", ", ".join(f"{count:,} {split}" for split, count in pairs.items())),
+        ("SHA-256 of its info.json", f"`{data.sha256}`"),
+        ("taxel layout", f"{data.layout}, {data.x_mm.size} taxels"),
+        ("full scale", f"{data.full_scale_counts:,.0f} counts"),
+    ]
+    return "## Trained on\n\n" + _table(("data set", ""), rows)
+
+
+def _training(config: RunConfig, history: list[dict[str, Any]], best: dict[str, Any]) -> str:
+    spent = sum(record["seconds"] for record in history) / 60
+    rows = [(field.name, _said(getattr(config.preset, field.name))) for field in fields(Preset)]
+    rows += [
+        ("planned epochs", _said(config.planned_epochs)),
+        ("seed", _said(config.seed)),
+        ("computed in", "bf16" if config.bf16 else "fp32"),
+        ("processes", _said(config.processes)),
+    ]
+    return f"""## Training
+
+The weights are those of epoch {best["epoch"]} of the {len(history)} that were trained, the one with
+the lowest error on the validation split: sqrt(L3) = {best["val_rmse_counts"]:,.0f} counts,
+{best["val_rmse_percent"]:.2f} % of full scale. It took {spent:.1f} minutes.
+
+{_table(("setting", "value"), rows)}
+`translate/presets.py` says what each setting is and where it comes from.
+"""
+
+
+def _limits(info: dict[str, Any]) -> str:
+    if _simulated(info):
+        first = """\
+- It has seen simulated pictures only. On a real DIGIT, whose gel, lights and camera differ from
+  one unit to the next, expect it to be wrong unless the data set was made with a calibration of
+  that unit; and no real CySkin has the simulated one's gain."""
+    else:
+        first = """\
+- It knows the two sensors that its pairs came from. Another unit's gel, lights, camera or taxels
+  differ, and nothing here says by how much it is wrong there."""
+    return f"""## What it is not good for
+
+{first}
+- Shapes that reach beyond the DIGIT's view light taxels of which the picture says nothing.
+- Presses are straight down and at rest: no shear, no slip, no rolling.
+- The figure above is for validation shapes that are kin to the training shapes. New objects are
+  harder; `t2twin evaluate --split test` measures them.
+- Counts are not newtons. Nothing here is fit to guard people or machines from force.
+"""
+
+
+def _table(head: tuple[str, str], rows: list[tuple[str, str]]) -> str:
+    lines = [head, ("---", "---"), *rows]
+    return "".join(f"| {left} | {right} |\n" for left, right in lines)
+
+
+def _said(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,98 @@
+"""A training's state in one safetensors file: networks, optimisers, and the epochs so far.
+
+Random numbers need no place in it: every epoch draws from its own generators, seeded by
+(seed, epoch).
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import load_file, save_file
+from torch import nn
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.translate.resnet18 import ResNet18Translator
+from t2twin.translate.touch2touch import Touch2Touch
+
+HISTORY = "history"
+
+
+def save_weights(path: Path, network: nn.Module) -> None:
+    """One network's weights, by their own names."""
+    _save(path, network.state_dict())
+
+
+def load_weights(path: Path, network: nn.Module) -> None:
+    """Raises T2TwinError where the file is missing or holds another network."""
+    if not path.is_file():
+        raise T2TwinError(f"{path} is not there; the run has not finished its first epoch")
+    try:
+        network.load_state_dict(load_file(path))
+    except (SafetensorError, RuntimeError):
+        raise T2TwinError(f"{path} does not hold the weights that its config.json names") from None
+
+
+def save_state(
+    path: Path, translator: Touch2Touch | ResNet18Translator, history: list[dict[str, Any]]
+) -> None:
+    """Everything that the next epoch starts from. history: one record an epoch."""
+    tensors: dict[str, torch.Tensor] = {}
+    for name, network in translator.networks.items():
+        for key, tensor in network.state_dict().items():
+            tensors[f"network/{name}/{key}"] = tensor
+    for name, optimizer in translator.optimizers.items():
+        for number, state in optimizer.state_dict()["state"].items():
+            for key, tensor in state.items():
+                tensors[f"optimizer/{name}/{number}/{key}"] = tensor
+    _save(path, tensors, {HISTORY: json.dumps(history)})
+
+
+def load_state(path: Path, translator: Touch2Touch | ResNet18Translator) -> list[dict[str, Any]]:
+    """Puts a saved state back and returns the history. Raises T2TwinError for a damaged file."""
+    history = load_history(path)
+    tensors = load_file(path)
+    for name, network in translator.networks.items():
+        start = f"network/{name}/"
+        network.load_state_dict(
+            {k.removeprefix(start): t for k, t in tensors.items() if k.startswith(start)}
+        )
+    for name, optimizer in translator.optimizers.items():
+        start = f"optimizer/{name}/"
+        states: dict[int, dict[str, torch.Tensor]] = {}
+        for key, tensor in tensors.items():
+            if key.startswith(start):
+                number, field = key.removeprefix(start).split("/")
+                states.setdefault(int(number), {})[field] = tensor
+        groups = optimizer.state_dict()["param_groups"]
+        optimizer.load_state_dict({"state": states, "param_groups": groups})
+        for parameter, state in optimizer.state.items():
+            for field, tensor in state.items():
+                if tensor.shape == parameter.shape:
+                    # The fused Adam walks both in memory, so both must lie alike there.
+                    state[field] = torch.empty_like(parameter).copy_(tensor)
+    return history
+
+
+def load_history(path: Path) -> list[dict[str, Any]]:
+    """The epochs of a saved state. Raises T2TwinError for a damaged file."""
+    try:
+        with safe_open(path, "pt") as file:
+            return json.loads(file.metadata()[HISTORY])
+    except (SafetensorError, KeyError, TypeError, ValueError):
+        raise T2TwinError(
+            f"{path} is no saved state of a training; remove its folder to train again"
+        ) from None
+
+
+def _save(
+    path: Path, tensors: dict[str, torch.Tensor], metadata: dict[str, str] | None = None
+) -> None:
+    # safetensors stores rows in order; channels-last weights are not.
+    in_order = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    with whole_file(path) as temporary:
+        save_file(in_order, temporary, metadata)
+        temporary.chmod(0o644)  # safetensors lets only the owner read
