@@ -1,6 +1,8 @@
-"""The simulated bench: both sensors, touched by the same shape in the same way."""
+"""Both simulated sensors, and the one way in which anything is pressed into them."""
 
 import hashlib
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,7 +15,7 @@ from t2twin.sim.digit.calibration import DEFAULT_PATH
 from t2twin.sim.digit.camera import optical_grid
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.press.surface import surface_on
 
@@ -38,18 +40,13 @@ class Digit:
     def calibration_sha256(self) -> str:
         return hashlib.sha256(Path(self.calibration or DEFAULT_PATH).read_bytes()).hexdigest()
 
-    def touch(self, shape: Shape, command: PressCommand) -> Contact:
-        return press(shape, command, self.gel, self.pitch_mm)
+    def press(self, shape: Shape, command: PressCommand) -> Contact:
+        """The contact of a shape with the gel. Raises T2TwinError as solve_contact does."""
+        return solve_contact(shape, command, self.gel, self.pitch_mm)
 
-    def see(
-        self,
-        contact: Contact,
-        shape: Shape,
-        command: PressCommand,
-        rng: np.random.Generator | None = None,
-    ) -> np.ndarray:
-        """The picture of a contact, (320, 240, 3) uint8; with camera noise where rng is given."""
-        surface = surface_on(contact, shape, command, self.gel, *optical_grid())
+    def image(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
+        """The image of a contact, (320, 240, 3) uint8; with camera noise where rng is given."""
+        surface = surface_on(contact, *optical_grid())
         return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
 
 
@@ -71,20 +68,64 @@ class CySkin:
             self, "flaws", reading.imperfections(self.imperfections, tuple(self.dead))
         )
 
-    def touch(self, shape: Shape, command: PressCommand) -> Contact:
-        return press(shape, command, self.cover, self.pitch_mm)
+    def press(self, shape: Shape, command: PressCommand) -> Contact:
+        """The contact of a shape with the cover. Raises T2TwinError as solve_contact does."""
+        return solve_contact(shape, command, self.cover, self.pitch_mm)
 
-    def feel(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
-        """The counts of a contact, (n,) uint16; with imperfections where rng is given."""
-        true = taxels.counts(taxels.pad_pressure_mpa(contact, self.layout, self.cover))
+    def counts(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
+        """The counts of a contact, (n,) uint16; with imperfections where rng is given.
+
+        Raises T2TwinError for a layout that reaches beyond the cover.
+        """
+        true = taxels.counts(taxels.pad_pressure_mpa(contact, self.layout))
         if rng is None:
             return np.rint(true).astype(np.uint16)
         return reading.read(true, self.layout, self.flaws, rng)
 
 
 @dataclass(frozen=True)
+class Sample:
+    """One pair: the same press seen by the DIGIT and felt by the CySkin.
+
+    image: (320, 240, 3) uint8. counts: (20,) uint16, or as many taxels as the layout has.
+    """
+
+    command: PressCommand
+    image: np.ndarray
+    counts: np.ndarray
+    digit: Contact
+    cyskin: Contact
+
+
+def _untimed(stage: str) -> AbstractContextManager[None]:
+    return nullcontext()
+
+
+@dataclass(frozen=True)
 class SensorPair:
-    """Both sensors side by side."""
+    """Both sensors side by side, touched by the same shape in the same way."""
 
     digit: Digit = field(default_factory=Digit)
     cyskin: CySkin = field(default_factory=CySkin)
+
+    def press(
+        self,
+        shape: Shape,
+        command: PressCommand,
+        rng: np.random.Generator | None = None,
+        timed: Callable[[str], AbstractContextManager[None]] = _untimed,
+    ) -> Sample:
+        """One pair. Commands, datasets and benchmarks all press through here.
+
+        rng: noise and imperfections are drawn from it, none without. timed: wraps each stage, named
+        as in t2twin.sim.dataset.timing.STAGES. Raises T2TwinError where either sensor does.
+        """
+        with timed("press digit"):
+            on_digit = self.digit.press(shape, command)
+        with timed("press cyskin"):
+            on_cyskin = self.cyskin.press(shape, command)
+        with timed("picture"):
+            image = self.digit.image(on_digit, rng)
+        with timed("taxels"):
+            counts = self.cyskin.counts(on_cyskin, rng)
+        return Sample(command, image, counts, on_digit, on_cyskin)

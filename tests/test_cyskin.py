@@ -26,8 +26,8 @@ def dense(pitch):
 
 def test_pads_that_tile_the_cover_feel_the_whole_force(sensor):
     layout = dense(1.0)
-    contact = sensor.touch(ball(5.0), PressCommand("ball", 1.0, 2.0, 0.0, 8.0))
-    pressure = taxels.pad_pressure_mpa(contact, layout, sensor.cover)
+    contact = sensor.press(ball(5.0), PressCommand("ball", 1.0, 2.0, 0.0, 8.0))
+    pressure = taxels.pad_pressure_mpa(contact, layout)
     assert pressure.sum() * 1.0**2 == pytest.approx(8.0, rel=0.01)
 
 
@@ -36,8 +36,8 @@ def test_one_pitch_further_is_one_taxel_further(sensor):
     here = int(np.argmin(np.hypot(layout.x_mm + 3.2476, layout.y_mm + 1.875)))
     there = int(np.argmin(np.hypot(layout.x_mm + 3.2476, layout.y_mm - 5.625)))
     felt = [
-        sensor.feel(
-            sensor.touch(ball(5.0), PressCommand("ball", layout.x_mm[n], layout.y_mm[n], 0.0, 8.0))
+        sensor.counts(
+            sensor.press(ball(5.0), PressCommand("ball", layout.x_mm[n], layout.y_mm[n], 0.0, 8.0))
         )
         for n in (here, there)
     ]
@@ -140,6 +140,6 @@ def test_a_bad_layout_is_one_sentence(tmp_path, content, message):
 
 def test_taxels_outside_the_cover_are_an_error(sensor):
     far = Layout("far", np.array([0.0, 5.0, 40.0]), np.zeros(3), np.full(3, 4.0))
-    contact = sensor.touch(ball(5.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0))
+    contact = sensor.press(ball(5.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0))
     with pytest.raises(T2TwinError, match="outside the cover"):
-        taxels.pad_pressure_mpa(contact, far, sensor.cover)
+        taxels.pad_pressure_mpa(contact, far)

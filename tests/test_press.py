@@ -1,5 +1,6 @@
 """The engine against theory, against the oracle, and against what every press must keep to."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.sim.dataset import protocol
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.footprint import footprint
 from t2twin.sim.press.layer import cached_layer
 from t2twin.sim.press.records import PressCommand
@@ -21,7 +22,7 @@ FLAT = Elastomer("flat", 4.07, 0.5, 0.47, width_mm=18.5, length_mm=18.5, law="li
 
 
 def pressed(shape, elastomer=FLAT, pitch=0.5, force=8.0, x=0.0, y=0.0, yaw=0.0):
-    return press(shape, PressCommand(shape.name, x, y, yaw, force), elastomer, pitch)
+    return solve_contact(shape, PressCommand(shape.name, x, y, yaw, force), elastomer, pitch)
 
 
 @pytest.mark.parametrize("force", [0.1, 0.5])
@@ -70,7 +71,7 @@ def test_the_engine_agrees_with_the_oracle(shape):
 def test_eight_newtons_in_eight_newtons_out(name, elastomer, pitch, shapes):
     shape = shapes(name)
     for index in protocol.indices(name, protocol.SCALES["smoke"]):
-        contact = press(shape, protocol.press_at(shape, index), elastomer, pitch)
+        contact = solve_contact(shape, protocol.press_at(shape, index), elastomer, pitch)
         assert contact.settled and not contact.bottomed
         assert contact.force_n == pytest.approx(8.0, rel=0.005)
         assert (contact.pressure_kpa >= 0).all()
@@ -139,9 +140,9 @@ def test_footprint_of_a_turned_block_keeps_its_area():
 def test_the_fine_surface_follows_the_shape(shapes):
     shape = shapes("square-2")
     command = PressCommand("square-2", 0.0, 0.0, 0.2, 8.0)
-    contact = press(shape, command, DIGIT_GEL, DIGIT_PITCH_MM)
+    contact = solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM)
     axis = np.linspace(-2, 2, 21)
-    fine = surface_on(contact, shape, command, DIGIT_GEL, axis, axis)
+    fine = surface_on(contact, axis, axis)
     x, y = np.meshgrid(axis, axis)
     expected = contact.shape_depth_mm + DIGIT_GEL.rest_surface_mm(x, y)
     assert fine == pytest.approx(expected, abs=0.02)
@@ -161,3 +162,32 @@ def test_through_a_linear_layer_is_an_error():
 def test_an_impossible_force_is_an_error(force):
     with pytest.raises(T2TwinError, match=r"0\.01 to 100 N"):
         pressed(ball(4.0), force=force)
+
+
+def test_presses_in_threads_are_those_of_one_after_another(shapes):
+    """A solver owns its bed: several at once share layers and nothing that changes."""
+    names = ("square-2", "circle-empty-2", "line-smooth-2", "hemisphere-1")
+    commands = [
+        (PressCommand(name, 0.3 * turn, -0.2, 0.5 * turn, 4.0 + turn), sensor)
+        for turn in range(3)
+        for name in names
+        for sensor in ((DIGIT_GEL, DIGIT_PITCH_MM), (CYSKIN_COVER, CYSKIN_PITCH_MM))
+    ]
+
+    def pressed(task):
+        command, (elastomer, pitch) = task
+        contact = solve_contact(shapes(command.shape), command, elastomer, pitch)
+        return contact.surface_mm.tobytes(), contact.pressure_kpa.tobytes(), contact.depth_mm
+
+    in_turn = [pressed(task) for task in commands]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(pressed, commands)) == in_turn
+
+
+def test_a_contact_cannot_be_changed(shapes):
+    command = PressCommand("square-2", 0.0, 0.0, 0.0, 2.0)
+    contact = solve_contact(shapes("square-2"), command, CYSKIN_COVER, CYSKIN_PITCH_MM)
+    with pytest.raises(ValueError, match="read-only"):
+        contact.pressure_kpa[0, 0] = 1.0
+    with pytest.raises(AttributeError):
+        contact.depth_mm = 0.0  # pyright: ignore[reportAttributeAccessIssue]

@@ -6,7 +6,7 @@ import trimesh
 
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.records import PressCommand
 
 SENSORS = ((DIGIT_GEL, DIGIT_PITCH_MM), (CYSKIN_COVER, CYSKIN_PITCH_MM))
@@ -31,7 +31,7 @@ def solid(tmp_path):
 # A solid's outline is known to half a point of its height map, 0.025 mm: a ring of 1 mm may lose
 # 5 % of its area, and a turned block 1.5 % of its depth.
 def pressed(shape, elastomer, pitch, force=8.0, x=0.0, y=0.0, yaw=0.0):
-    contact = press(shape, PressCommand(shape.name, x, y, yaw, force), elastomer, pitch)
+    contact = solve_contact(shape, PressCommand(shape.name, x, y, yaw, force), elastomer, pitch)
     assert contact.settled
     assert contact.force_n == pytest.approx(force, rel=0.005)
     return contact

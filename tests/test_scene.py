@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.solids import ball
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
-from t2twin.sim.press.engine import press_bed
+from t2twin.sim.press.engine import solve_contact
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.press.scene import mesh_name, scene
 
@@ -18,11 +18,9 @@ from t2twin.sim.press.scene import mesh_name, scene
 def test_the_scene_stays_at_rest_under_the_force(name, elastomer, pitch, shapes, tmp_path):
     shape = shapes(name)
     command = PressCommand(name, 1.0, -2.0, 0.5, 8.0)
-    contact, bed = press_bed(shape, command, elastomer, pitch)
+    contact = solve_contact(shape, command, elastomer, pitch)
     shape.mesh.export(tmp_path / "shape.stl")
-    (tmp_path / "scene.xml").write_text(
-        scene(shape, command, elastomer, contact, bed, mesh_name(shape))
-    )
+    (tmp_path / "scene.xml").write_text(scene(contact, mesh_name(shape)))
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "scene.xml"))
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0)
@@ -48,8 +46,6 @@ def test_the_scene_stays_at_rest_under_the_force(name, elastomer, pitch, shapes,
 
 def test_a_shape_without_a_mesh_leaves_it_out():
     shape, command = ball(3.0), PressCommand("ball", 0.0, 0.0, 0.0, 2.0)
-    contact, bed = press_bed(shape, command, DIGIT_GEL, 0.25)
-    model = mujoco.MjModel.from_xml_string(
-        scene(shape, command, DIGIT_GEL, contact, bed, mesh_name(shape))
-    )
+    contact = solve_contact(shape, command, DIGIT_GEL, 0.25)
+    model = mujoco.MjModel.from_xml_string(scene(contact, mesh_name(shape)))
     assert model.nmesh == 0

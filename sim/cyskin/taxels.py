@@ -11,7 +11,6 @@ from scipy import special
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.press.elastomer import CYSKIN_COVER, Elastomer
 from t2twin.sim.press.layer import base_stress
 from t2twin.sim.press.records import Contact
 
@@ -29,10 +28,12 @@ GAIN_COUNTS = 78_000.0
 99.5th percentile of the largest taxel over the training set reaches FULL_SCALE_COUNTS."""
 
 
-def pad_pressure_mpa(
-    contact: Contact, layout: Layout, cover: Elastomer = CYSKIN_COVER
-) -> np.ndarray:
-    """Mean normal stress on each taxel's pad under the cover, (n,), MPa."""
+def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
+    """Mean normal stress on each taxel's pad under the contact's elastomer, (n,), MPa.
+
+    Raises T2TwinError for a layout that reaches beyond the contact's grid.
+    """
+    cover = contact.elastomer
     weights = _weights(
         cover.thickness_mm,
         cover.poisson,

@@ -1,6 +1,5 @@
 """Shards made by the workers of a Dask cluster, and written by them to a path that all share."""
 
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from uuid import uuid4
@@ -28,12 +27,9 @@ except ImportError as error:
 CONNECT_SECONDS = 20
 """How long a scheduler is waited for, s."""
 
-_one_at_a_time = threading.Lock()
-"""A worker's threads share one contact model a grid: they take turns."""
-
 
 def run(
-    bench: SensorPair,
+    sensors: SensorPair,
     todo: list[Task],
     address: str,
     needed: dict[str, str],
@@ -48,8 +44,8 @@ def run(
     """
     client = _connect(address)
     with client:
-        plugin = f"t2twin-bench-{uuid4().hex}"
-        client.register_plugin(_GiveBench(bench), name=plugin)
+        plugin = f"t2twin-sensors-{uuid4().hex}"
+        client.register_plugin(_GiveSensors(sensors), name=plugin)
         tasks: dict[Future, Task] = {}
         for task in todo:
             future = client.submit(
@@ -87,11 +83,11 @@ def _connect(address: str) -> Client:
         ) from error
 
 
-class _GiveBench(WorkerPlugin):
-    """Carries the bench to each worker once, also to those that come later."""
+class _GiveSensors(WorkerPlugin):
+    """Carries the sensors to each worker once, also to those that come later."""
 
-    def __init__(self, bench: SensorPair) -> None:
-        self.bench = bench
+    def __init__(self, sensors: SensorPair) -> None:
+        self.sensors = sensors
 
 
 def _work(task: Task, plugin: str, needed: dict[str, str]) -> Made:
@@ -109,9 +105,8 @@ def _work(task: Task, plugin: str, needed: dict[str, str]) -> Made:
             f"the worker {worker.address} does not see {task.folder}; give a folder that all share"
         )
     given = worker.plugins[plugin]
-    assert isinstance(given, _GiveBench)
-    with _one_at_a_time:
-        return make_shard(task, given.bench, _nothing)
+    assert isinstance(given, _GiveSensors)
+    return make_shard(task, given.sensors, _nothing)
 
 
 def _nothing() -> None:

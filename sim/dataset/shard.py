@@ -15,7 +15,6 @@ from t2twin.sim.dataset import protocol
 from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import row, shard_path, write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
-from t2twin.sim.press.records import Sample
 from t2twin.sim.sensors import SensorPair
 
 
@@ -48,7 +47,7 @@ class Made:
     peak_memory: int
 
 
-def make_shard(task: Task, bench: SensorPair, progress: Callable[[], object]) -> Made:
+def make_shard(task: Task, sensors: SensorPair, progress: Callable[[], object]) -> Made:
     """Press, look, feel and write. Calls progress after each pair.
 
     Raises T2TwinError where a press did not come to rest or the shard cannot be written.
@@ -57,7 +56,9 @@ def make_shard(task: Task, bench: SensorPair, progress: Callable[[], object]) ->
     with watch.running("shape"):
         shape = catalogue.load(task.shape, task.cache)
     before, start = watch.total, time.process_time()
-    digest = write_shard(Path(task.folder) / task.path, _rows(task, shape, bench, watch, progress))
+    digest = write_shard(
+        Path(task.folder) / task.path, _rows(task, shape, sensors, watch, progress)
+    )
     # Rows are made while the shard is being written; what is left of its time is the writing.
     watch.seconds["writing"] += time.process_time() - start - (watch.total - before)
     return Made(digest, watch, process_name(), peak_memory())
@@ -69,13 +70,13 @@ def family_of(shape: str) -> str:
 
 
 def _rows(
-    task: Task, shape: Shape, bench: SensorPair, watch: Stopwatch, progress: Callable[[], object]
+    task: Task, shape: Shape, sensors: SensorPair, watch: Stopwatch, progress: Callable[[], object]
 ) -> Iterator[dict[str, Any]]:
     family = family_of(task.shape)
     place = catalogue.NAMES.index(task.shape)
     for index in task.indices:
         rng = np.random.default_rng((task.seed, place, index))
-        sample = _take(bench, shape, index, rng, watch)
+        sample = sensors.press(shape, protocol.press_at(shape, index), rng, watch.running)
         if not (sample.digit.settled and sample.cyskin.settled):
             raise T2TwinError(
                 f"press {index} of {task.shape} did not come to rest; take a finer or coarser grid"
@@ -84,19 +85,3 @@ def _rows(
             picture = encode_png(sample.image)
         yield row(sample, picture, index, family, task.split)
         progress()
-
-
-def _take(
-    bench: SensorPair, shape: Shape, index: int, rng: np.random.Generator, watch: Stopwatch
-) -> Sample:
-    """One pair: the same press on both sensors."""
-    command = protocol.press_at(shape, index)
-    with watch.running("press digit"):
-        on_digit = bench.digit.touch(shape, command)
-    with watch.running("press cyskin"):
-        on_cyskin = bench.cyskin.touch(shape, command)
-    with watch.running("picture"):
-        image = bench.digit.see(on_digit, shape, command, rng)
-    with watch.running("taxels"):
-        counts = bench.cyskin.feel(on_cyskin, rng)
-    return Sample(command, image, counts, on_digit, on_cyskin)

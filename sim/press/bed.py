@@ -16,7 +16,9 @@ static equilibrium of springs and contact.
 # MuJoCo's Python module fills its names in at import, where pyright cannot see them.
 # pyright: reportAttributeAccessIssue=false
 
-from functools import lru_cache
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
 
 import mujoco
 import numpy as np
@@ -116,11 +118,23 @@ class Bed:
         return -float(self.data.qpos[0]), -self.data.qpos[1 : n + 1].copy()
 
 
-@lru_cache(maxsize=len(POOL_SIZES))
-def _compiled(pins: int) -> Bed:
-    return Bed(pins)
+_idle: dict[int, list[Bed]] = {}
+"""Compiled beds that nobody uses, by their number of pins: compiling takes longer than a press."""
+
+_idle_lock = Lock()
 
 
-def bed(pins: int) -> Bed:
-    """The compiled bed with at least so many pins."""
-    return _compiled(next(size for size in POOL_SIZES if size >= pins))
+@contextmanager
+def borrowed_bed(pins: int) -> Iterator[Bed]:
+    """A compiled bed with at least so many pins, the caller's alone until it is given back."""
+    size = next(size for size in POOL_SIZES if size >= pins)
+    with _idle_lock:
+        waiting = _idle.setdefault(size, [])
+        bed = waiting.pop() if waiting else None
+    if bed is None:
+        bed = Bed(size)
+    try:
+        yield bed
+    finally:
+        with _idle_lock:
+            waiting.append(bed)

@@ -1,13 +1,14 @@
-"""The press: a shape pushed into an elastomer until pressure and surface are at rest.
+"""The press: a shape pushed into an elastomer until pressure and surface have settled.
 
 Contact is normal and frictionless, the layer's answer is that of `t2twin.sim.press.layer`, and
 MuJoCo (`t2twin.sim.press.bed`) finds which pins touch and how they share the force. A pin's own
 spring D is local; the layer is not. So each step the springs' rest points take what the springs
-leave out, w(p) - D p, from the last pressure p. Anderson's acceleration brings that to rest in
+leave out, w(p) - D p, from the last pressure p. Anderson's acceleration lets that settle in
 about eight steps. The pins are the finer the smaller the contact.
 """
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,7 +22,6 @@ from t2twin.sim.press.pins import PinGrid, pins_under
 from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.press.solution import (
     GUESSES,
-    PinState,
     Solution,
     by_law,
     spring_compliance,
@@ -46,7 +46,7 @@ depth and surface are within 3 and 5 % of the oracle's (benchmarks/press.py)."""
 
 STAGES = ((0.25, 2e-2), (0.125, 5e-3))
 """Coarsest grid on which a layer's answer is worked out, mm, and the relative change of the
-pressure in a step below which it has come to rest: first roughly, then from there finely."""
+pressure in a step below which it has settled: first roughly, then from there finely."""
 
 FORCE_RANGE_N = (0.01, 100.0)
 """Forces that may be commanded, N."""
@@ -64,78 +64,49 @@ FIELD_CELLS = 2
 """Cells of the survey around the window in which the surface still is worked out finely."""
 
 
-def press(shape: Shape, command: PressCommand, elastomer: Elastomer, pitch_mm: float) -> Contact:
-    """Press a shape into an elastomer; the contact is given on a grid of pitch_mm.
-
-    The command's shape name is not looked at; its pose and force are. Raises T2TwinError where
-    the force is out of range, the shape is beside the pad, or a linear layer cannot carry the
-    force.
-    """
-    return press_bed(shape, command, elastomer, pitch_mm)[0]
-
-
-def press_bed(
+def solve_contact(
     shape: Shape, command: PressCommand, elastomer: Elastomer, pitch_mm: float
-) -> tuple[Contact, PinState]:
-    """As `press`, with the bed of pins that carried it."""
+) -> Contact:
+    """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
+
+    The command's shape name is not looked at; its pose and force are. Calls from several threads at
+    once do not disturb each other. Raises T2TwinError where the force is out of range, the shape
+    lies beside the pad, or a linear layer cannot carry the force.
+    """
     check_force(command.force_n)
     layer = cached_layer(elastomer, pitch_mm)
     started = time.perf_counter()
     survey = _Survey(shape, command, layer)
-    expected = survey.expected_contact(command.force_n)
-    finer = _finer(float(survey.seen.shares[expected].sum()))
-    while True:
-        looked_at = grown(expected, MARGIN_CELLS)
-        window = window_around(looked_at)
-        solution = None
-        for pins, at_rest in _stages(survey, looked_at, window, finer):
-            solution = Solution(pins, command.force_n, solution)
-            settled = solution.solve(at_rest)
-            survey.preparing_s += solution.compiling_s
-        assert solution is not None
-        here = scaled(window, survey.per_side)
-        fine = solution.pins.layer.per_side
-        pressure = np.zeros(layer.rest_mm.shape)
-        pressure[here] = means(solution.fine_pressure_mpa(), fine)
-        surface = middles(by_law(layer, layer.deflection_mm(pressure), WHOLE)[0], 1)
-        standing_mm = solution.depth_mm - survey.gap_mm
-        missed = standing_mm > means(surface, survey.per_side) + MISSED_OUTSIDE_MM
-        missed[looked_at] = False
-        if not missed.any():
-            break
-        expected = looked_at | missed
-    pins = solution.pins
-    near = scaled(widened(window, FIELD_CELLS, expected.shape), survey.per_side)
-    surface[near] = middles(solution.fine_surface_mm(scaled(near, fine)), fine)
-    shape_depth = solution.depth_mm + pins.first_touch_mm
-    if survey.per_side == 1:
-        # Where the shape stands, the surface lies on it. A finer grid sees that by itself, and
-        # points taken from the solid would make a slanting edge look like a string of beads.
-        heights = heights_at(shape.surface, command, layer.x_mm[near[1]], layer.y_mm[near[0]])
-        surface[near] = np.maximum(surface[near], shape_depth + layer.rest_mm[near] + heights)
-
-    touched = solution.pressure_mpa > 0
-    if elastomer.law == "linear" and (surface >= layer.thickness_mm)[pressure > 0].any():
-        raise T2TwinError(
-            f"{command.force_n:g} N push {shape.name} through the {elastomer.name} layer of "
-            f"{elastomer.thickness_mm:g} mm; take a smaller force or a thicker or stiffer layer"
-        )
+    equilibrium = _equilibrium(survey)
+    solution, pressure = equilibrium.solution, equilibrium.pressure_mpa
+    surface = _fine_surface(survey, equilibrium)
+    _check_carried(survey, pressure, surface)
+    pins, touched = solution.pins, solution.pressure_mpa > 0
     under = pins.heights_mm[pins.spread(touched.astype(float)) > 0]
     base = shape.base_mm
-    contact = Contact(
-        surface_mm=surface.astype(np.float32),
-        pressure_kpa=(1e3 * pressure).astype(np.float32),
-        x_mm=layer.x_mm,
-        y_mm=layer.y_mm,
+    return Contact(
+        shape=shape,
+        command=command,
+        elastomer=elastomer,
+        surface_mm=_read_only(surface.astype(np.float32)),
+        pressure_kpa=_read_only((1e3 * pressure).astype(np.float32)),
+        x_mm=_read_only(layer.x_mm),
+        y_mm=_read_only(layer.y_mm),
         contact_area_mm2=float(pins.share[touched].sum() * pins.pitch_mm**2),
         depth_mm=solution.depth_mm,
-        shape_depth_mm=shape_depth,
+        shape_depth_mm=solution.depth_mm + pins.first_touch_mm,
         force_n=float(pressure.sum() * pitch_mm**2),
-        settled=settled,
+        settled=equilibrium.settled,
         bottomed=base is not None and bool((under <= base + BASE_TOLERANCE_MM).any()),
+        pins=solution.pin_state(),
         milliseconds=1e3 * (time.perf_counter() - started - survey.preparing_s),
     )
-    return contact, solution.at_rest()
+
+
+def _read_only(values: np.ndarray) -> np.ndarray:
+    view = values.view()
+    view.setflags(write=False)
+    return view
 
 
 def check_force(force_n: float) -> None:
@@ -143,6 +114,75 @@ def check_force(force_n: float) -> None:
     if not low <= force_n <= high:
         raise T2TwinError(
             f"a force of {force_n:g} N cannot be pressed; allowed are {low:g} to {high:g} N"
+        )
+
+
+@dataclass(frozen=True)
+class _Equilibrium:
+    """Where the pins of the last stage have settled.
+
+    window: the survey's cells that hold the pins. pressure_mpa, surface_mm: (ny, nx) on the
+    contact's grid; the surface is the coarse one.
+    """
+
+    solution: Solution
+    window: Window
+    pressure_mpa: np.ndarray
+    surface_mm: np.ndarray
+    settled: bool
+
+
+def _equilibrium(survey: "_Survey") -> _Equilibrium:
+    """The stages one after the other, with more pins where the shape came down outside them."""
+    layer, force_n = survey.layer, survey.command.force_n
+    expected = survey.expected_contact(force_n)
+    finer = _finer(float(survey.seen.shares[expected].sum()))
+    while True:
+        looked_at = grown(expected, MARGIN_CELLS)
+        window = window_around(looked_at)
+        solution, settled = None, False
+        for pins, tolerance in _stages(survey, looked_at, window, finer):
+            solution = Solution(pins, force_n, solution)
+            settled = solution.solve(tolerance)
+            survey.preparing_s += solution.compiling_s
+        assert solution is not None
+        pressure = np.zeros(layer.rest_mm.shape)
+        pressure[scaled(window, survey.per_side)] = means(
+            solution.fine_pressure_mpa(), solution.pins.layer.per_side
+        )
+        surface = middles(by_law(layer, layer.deflection_mm(pressure), WHOLE)[0], 1)
+        standing_mm = solution.depth_mm - survey.gap_mm
+        missed = standing_mm > means(surface, survey.per_side) + MISSED_OUTSIDE_MM
+        missed[looked_at] = False
+        if not missed.any():
+            return _Equilibrium(solution, window, pressure, surface, settled)
+        expected = looked_at | missed
+
+
+def _fine_surface(survey: "_Survey", equilibrium: _Equilibrium) -> np.ndarray:
+    """The surface, (ny, nx), mm, worked out finely around the pins."""
+    layer, solution = survey.layer, equilibrium.solution
+    surface, fine = equilibrium.surface_mm.copy(), solution.pins.layer.per_side
+    near = scaled(widened(equilibrium.window, FIELD_CELLS, survey.gap_mm.shape), survey.per_side)
+    surface[near] = middles(solution.fine_surface_mm(scaled(near, fine)), fine)
+    if survey.per_side == 1:
+        # Where the shape stands, the surface lies on it. A finer grid sees that by itself, and
+        # points taken from the solid would make a slanting edge look like a string of beads.
+        x_mm, y_mm = layer.x_mm[near[1]], layer.y_mm[near[0]]
+        heights = heights_at(survey.shape.surface, survey.command, x_mm, y_mm)
+        shape_depth = solution.depth_mm + solution.pins.first_touch_mm
+        surface[near] = np.maximum(surface[near], shape_depth + layer.rest_mm[near] + heights)
+    return surface
+
+
+def _check_carried(survey: "_Survey", pressure_mpa: np.ndarray, surface_mm: np.ndarray) -> None:
+    """Nothing in the linear law keeps a surface from passing the layer's base."""
+    layer, elastomer = survey.layer, survey.layer.elastomer
+    if elastomer.law == "linear" and (surface_mm >= layer.thickness_mm)[pressure_mpa > 0].any():
+        raise T2TwinError(
+            f"{survey.command.force_n:g} N push {survey.shape.name} through the {elastomer.name} "
+            f"layer of {elastomer.thickness_mm:g} mm; take a smaller force or a thicker or stiffer "
+            "layer"
         )
 
 
@@ -198,15 +238,15 @@ def _finer(cells_in_contact: float) -> int:
 def _stages(
     survey: _Survey, looked_at: np.ndarray, window: Window, finer: int
 ) -> list[tuple[PinGrid, float]]:
-    """The pins of each stage, and how far it is to come to rest.
+    """The pins of each stage, and the tolerance within which it has settled.
 
     looked_at: the survey's cells that get pins; window: what holds them.
     """
     layer = survey.layer
     # Pins along a survey's cell, and fine cells along one of the contact's, no fewer than pins.
     stages = [
-        (pins, max(1, round(pins / survey.per_side), round(layer.pitch_mm / layer_mm)), at_rest)
-        for pins, (layer_mm, at_rest) in zip((max(1, finer // 2), finer), STAGES, strict=True)
+        (pins, max(1, round(pins / survey.per_side), round(layer.pitch_mm / layer_mm)), tolerance)
+        for pins, (layer_mm, tolerance) in zip((max(1, finer // 2), finer), STAGES, strict=True)
     ]
     finest = max(per_side for _, per_side, _ in stages)
     fine = survey.divided(finest)
@@ -228,7 +268,7 @@ def _stages(
                 seen.coarsened(finest // per_side),
                 first_touch,
             ),
-            at_rest,
+            tolerance,
         )
-        for pins, per_side, at_rest in stages
+        for pins, per_side, tolerance in stages
     ]

@@ -6,6 +6,7 @@ deflection C(k) p cos(k.x), and a normal stress T(k) p cos(k.x) at the base.
 
 from collections import OrderedDict
 from functools import lru_cache
+from threading import Lock
 
 import numpy as np
 from scipy import fft, special
@@ -98,6 +99,7 @@ class Layer:
         self.thickness_mm = elastomer.thickness_at_mm(x, y)
 
         self._weights, self._kernels, self._softest = _answers(self, elastomer)
+        self._lock = Lock()  # threads share a layer
         self._transforms: OrderedDict[tuple[int, int], np.ndarray] = OrderedDict()
         thickest = float(self.thickness_mm.max())
         wavenumbers = np.linspace(1e-3, 10, 2000) / thickest
@@ -142,14 +144,17 @@ class Layer:
 
     def _transform(self, rows: int, columns: int, padded: tuple[int, int]) -> np.ndarray:
         """Transforms of the kernels cut to what a window of this size needs; the last are kept."""
-        kept = self._transforms
-        if (rows, columns) in kept:
-            kept.move_to_end((rows, columns))
-            return kept[rows, columns]
-        kept[rows, columns] = self._cut_and_transformed(rows, columns, padded)
-        while len(kept) > 1 and sum(each.nbytes for each in kept.values()) > MOST_KEPT_BYTES:
-            kept.popitem(last=False)
-        return kept[rows, columns]
+        with self._lock:
+            if (rows, columns) in self._transforms:
+                self._transforms.move_to_end((rows, columns))
+                return self._transforms[rows, columns]
+        made = self._cut_and_transformed(rows, columns, padded)
+        with self._lock:
+            kept = self._transforms
+            kept[rows, columns] = made
+            while len(kept) > 1 and sum(each.nbytes for each in kept.values()) > MOST_KEPT_BYTES:
+                kept.popitem(last=False)
+        return made
 
     def _cut_and_transformed(self, rows: int, columns: int, padded: tuple[int, int]) -> np.ndarray:
         middle_row, middle_column = self.rows - 1, self.columns - 1

@@ -58,7 +58,7 @@ class PinGrid:
         """Mean pressure of each fine cell from that on the covered part of each pin's cell."""
         return repeated(pressure_mpa, self.per_side) * self.cover
 
-    def gather(self, fine: np.ndarray) -> np.ndarray:
+    def mean_over_cover(self, fine: np.ndarray) -> np.ndarray:
         """Mean over the covered part of each pin's cell, (rows, columns); 0 where there is none."""
         whole = np.maximum(self.share * self.per_side**2, LEAST_COVER)
         return sums(fine * self.cover, self.per_side) / whole

@@ -1,4 +1,4 @@
-"""What passes between the parts of the bench: a press, what an elastomer felt, a paired sample.
+"""What goes into a press and what comes out: the command, the pins, the contact.
 
 Frames are those of t2twin.primitives_cad.shape. Every grid is rows x columns: row index rises with
 y, column index with x.
@@ -7,6 +7,9 @@ y, column index with x.
 from dataclasses import dataclass
 
 import numpy as np
+
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.press.elastomer import Elastomer
 
 
 @dataclass(frozen=True)
@@ -25,9 +28,29 @@ class PressCommand:
 
 
 @dataclass(frozen=True)
-class Contact:
-    """What one elastomer feels at rest under a press.
+class PinState:
+    """The pins in use when a press has settled, all (n,): what `t2twin.sim.press.scene` draws.
 
+    x_mm, y_mm, rest_mm: where the pins stand, and their tops untouched. deflection_mm: how far
+    they are pressed. gap_mm: how far each was from the shape at first touch. spring_rest_mm,
+    stiffness_n_per_mm: their springs. pitch_mm: how far apart they stand.
+    """
+
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    rest_mm: np.ndarray
+    gap_mm: np.ndarray
+    deflection_mm: np.ndarray
+    spring_rest_mm: np.ndarray
+    stiffness_n_per_mm: np.ndarray
+    pitch_mm: float
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What one elastomer feels when a press has settled.
+
+    shape, command, elastomer: what was pressed, how, and into what.
     surface_mm: (ny, nx) how far the surface has moved into the sensor, mm (negative: bulged out).
     pressure_kpa: (ny, nx) normal pressure, >= 0.
     x_mm: (nx,), y_mm: (ny,) the grid's axes in the sensor frame, mm, rising, equally spaced.
@@ -36,12 +59,16 @@ class Contact:
     shape_depth_mm: how far the shape's highest point lies below the apex of the untouched
         surface (the same as depth_mm on a flat layer).
     force_n: the force that the pressure really carries.
-    settled: whether both force and surface had come to rest.
+    settled: whether force and surface had stopped changing.
     bottomed: whether the shape met something other than the pressing surface's features:
         its base plate.
+    pins: the bed of pins that carried the press.
     milliseconds: time the press took.
     """
 
+    shape: Shape
+    command: PressCommand
+    elastomer: Elastomer
     surface_mm: np.ndarray
     pressure_kpa: np.ndarray
     x_mm: np.ndarray
@@ -52,22 +79,9 @@ class Contact:
     force_n: float
     settled: bool
     bottomed: bool
+    pins: PinState
     milliseconds: float
 
     @property
     def pitch_mm(self) -> float:
         return float(self.x_mm[1] - self.x_mm[0])
-
-
-@dataclass(frozen=True)
-class Sample:
-    """One pair: the same press seen by the DIGIT and felt by the CySkin.
-
-    image: (320, 240, 3) uint8. counts: (20,) uint16, or as many taxels as the layout has.
-    """
-
-    press: PressCommand
-    image: np.ndarray
-    counts: np.ndarray
-    digit: Contact
-    cyskin: Contact

@@ -7,14 +7,13 @@ that one may push harder or let go: the springs then answer as they are, without
 """
 
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import numpy as np
 
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.press.bed import BALL_MM, PIN_MASS, SHAPE_MASS
-from t2twin.sim.press.elastomer import Elastomer
-from t2twin.sim.press.records import Contact, PressCommand
-from t2twin.sim.press.solution import PinState
+from t2twin.sim.press.records import Contact, PinState
 
 STEP_S = 0.02
 """Step of the scene, s: 50 a second, smooth to look at."""
@@ -32,55 +31,23 @@ PALE, DEEP = np.array([0.75, 0.8, 0.85]), np.array([0.85, 0.1, 0.1])
 """Colours of a pin that carries nothing and of the one that carries most."""
 
 
-def scene(
-    shape: Shape,
-    command: PressCommand,
-    elastomer: Elastomer,
-    contact: Contact,
-    bed: PinState,
-    mesh_file: str | None,
-) -> str:
+def scene(contact: Contact, mesh_file: str | None) -> str:
     """The scene as MJCF text.
 
     mesh_file: name of the shape's STL file beside it, or None to leave the mesh out.
     """
+    shape, command, elastomer, bed = contact.shape, contact.command, contact.elastomer, contact.pins
     stiffness, n = bed.stiffness_n_per_mm, bed.x_mm.size
-    forces = stiffness * np.maximum(bed.deflection_mm - bed.spring_rest_mm, 0.0)
-    colours = PALE + (DEEP - PALE) * (forces / forces.max())[:, None]
-    pins, over, pairs = [], [], []
-    for i in range(n):
-        x, y, z = bed.x_mm[i], bed.y_mm[i], bed.rest_mm[i]
-        red, green, blue = colours[i]
-        pins.append(
-            f'<body name="pin{i}" pos="{x:.6g} {y:.6g} {z:.9g}">'
-            f'<joint class="pin" stiffness="{stiffness[i]:.9g}" '
-            f'springref="{-bed.spring_rest_mm[i]:.9g}"/>'
-            f'<geom class="ball" name="tip{i}" pos="0 0 {-BALL_MM:g}" '
-            f'mass="{PIN_MASS * stiffness[i] * STEP_S**2:.6g}"/>'
-            f'<geom class="dot" rgba="{red:.3f} {green:.3f} {blue:.3f} 1"/></body>'
-        )
-        over.append(
-            f'<geom class="ball" name="over{i}" '
-            f'pos="{x:.6g} {y:.6g} {z + bed.gap_mm[i] + BALL_MM:.9g}" mass="0"/>'
-        )
-        pairs.append(f'<pair geom1="over{i}" geom2="tip{i}"/>')
+    pins, over, pairs = _pin_elements(bed)
     # The whole pad's surface, just below the pins. Rows of MJCF text run from large to small y.
     x, y = contact.x_mm, contact.y_mm
     surface = elastomer.rest_surface_mm(*np.meshgrid(x, y)) - contact.surface_mm
     low, high = float(surface.min()), float(surface.max())
     elevation = " ".join(f"{height:.4f}" for height in surface[::-1].ravel())
-    # The solid at its first touch, turned over about x, then by the yaw.
-    half = command.yaw_rad / 2
-    solid = mesh = ""
-    if mesh_file is not None:
-        mesh = f'<mesh name="solid" file="{mesh_file}" inertia="shell"/>'
-        solid = (
-            f'<geom class="solid" pos="{command.x_mm:.6g} {command.y_mm:.6g} '
-            f'{contact.depth_mm - contact.shape_depth_mm:.6g}" '
-            f'quat="0 {np.cos(half):.9g} {np.sin(half):.9g} 0"/>'
-        )
+    mesh, solid = ("", "") if mesh_file is None else _solid_elements(contact, mesh_file)
     heights = " ".join(f"{-depth:.9g}" for depth in bed.deflection_mm)
-    return f"""<mujoco model="{shape.name} on the {elastomer.name}">
+    model = escape(f"{shape.name} on the {elastomer.name}", {'"': "&quot;"})
+    return f"""<mujoco model="{model}">
   <compiler angle="radian"/>
   <option timestep="{STEP_S:g}" integrator="discrete" solver="Newton" gravity="0 0 0"
     tolerance="1e-10"><flag refsafe="disable" island="disable"/></option>
@@ -113,11 +80,11 @@ def scene(
         diaginertia="1 1 1"/>
       <joint name="down" type="slide" axis="0 0 1"/>
       {solid}
-      {"".join(over)}
+      {over}
     </body>
-    {"".join(pins)}
+    {pins}
   </worldbody>
-  <contact>{"".join(pairs)}</contact>
+  <contact>{pairs}</contact>
   <actuator>
     <motor name="force_n" joint="down" ctrlrange="{-MOST_FORCE * command.force_n:g} 0"/>
   </actuator>
@@ -126,6 +93,42 @@ def scene(
   </keyframe>
 </mujoco>
 """
+
+
+def _pin_elements(bed: PinState) -> tuple[str, str, str]:
+    """The pins' bodies, the shape's balls over them, and the pairs that may touch, as MJCF."""
+    stiffness = bed.stiffness_n_per_mm
+    forces = stiffness * np.maximum(bed.deflection_mm - bed.spring_rest_mm, 0.0)
+    colours = PALE + (DEEP - PALE) * (forces / forces.max())[:, None]
+    pins, over, pairs = [], [], []
+    for i in range(bed.x_mm.size):
+        x, y, z = bed.x_mm[i], bed.y_mm[i], bed.rest_mm[i]
+        red, green, blue = colours[i]
+        pins.append(
+            f'<body name="pin{i}" pos="{x:.6g} {y:.6g} {z:.9g}">'
+            f'<joint class="pin" stiffness="{stiffness[i]:.9g}" '
+            f'springref="{-bed.spring_rest_mm[i]:.9g}"/>'
+            f'<geom class="ball" name="tip{i}" pos="0 0 {-BALL_MM:g}" '
+            f'mass="{PIN_MASS * stiffness[i] * STEP_S**2:.6g}"/>'
+            f'<geom class="dot" rgba="{red:.3f} {green:.3f} {blue:.3f} 1"/></body>'
+        )
+        over.append(
+            f'<geom class="ball" name="over{i}" '
+            f'pos="{x:.6g} {y:.6g} {z + bed.gap_mm[i] + BALL_MM:.9g}" mass="0"/>'
+        )
+        pairs.append(f'<pair geom1="over{i}" geom2="tip{i}"/>')
+    return "".join(pins), "".join(over), "".join(pairs)
+
+
+def _solid_elements(contact: Contact, mesh_file: str) -> tuple[str, str]:
+    """The mesh, and the solid at its first touch, turned over about x, then by the yaw."""
+    command, half = contact.command, contact.command.yaw_rad / 2
+    return (
+        f'<mesh name="solid" file="{mesh_file}" inertia="shell"/>',
+        f'<geom class="solid" pos="{command.x_mm:.6g} {command.y_mm:.6g} '
+        f'{contact.depth_mm - contact.shape_depth_mm:.6g}" '
+        f'quat="0 {np.cos(half):.9g} {np.sin(half):.9g} 0"/>',
+    )
 
 
 def mesh_name(shape: Shape) -> str | None:

@@ -1,4 +1,4 @@
-"""One press on its pins, brought to rest.
+"""One press on its pins, until it has settled.
 
 Each step the pins' springs get rest points that take what the springs leave out of the layer's
 answer, w(p) - D p, MuJoCo finds which pins touch and how they share the force, and Anderson's
@@ -6,17 +6,19 @@ acceleration mixes the steps.
 """
 
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.press.anderson import Anderson
-from t2twin.sim.press.bed import POOL_SIZES, Bed, bed
+from t2twin.sim.press.bed import POOL_SIZES, Bed, borrowed_bed
 from t2twin.sim.press.grid import Window, grown, repeated, scaled, span, window_around, within
 from t2twin.sim.press.law import neo_hookean_mm
 from t2twin.sim.press.layer import Layer
 from t2twin.sim.press.pins import PinGrid
+from t2twin.sim.press.records import PinState
 
 SPRING_SHARE = 0.6
 """A pin's compliance over the layer's largest. 0.3 to 0.85 settle equally fast."""
@@ -40,27 +42,8 @@ MARGIN_PINS = 1
 """Pins around the expected contact that are in use from the start."""
 
 
-@dataclass(frozen=True)
-class PinState:
-    """The bed of pins as a press left it, all (n,): what `t2twin.sim.press.scene` draws.
-
-    x_mm, y_mm, rest_mm: where the pins stand, and their tops untouched. deflection_mm: how far
-    they are pressed. gap_mm: how far each was from the shape at first touch. spring_rest_mm,
-    stiffness_n_per_mm: their springs. pitch_mm: how far apart they stand.
-    """
-
-    x_mm: np.ndarray
-    y_mm: np.ndarray
-    rest_mm: np.ndarray
-    gap_mm: np.ndarray
-    deflection_mm: np.ndarray
-    spring_rest_mm: np.ndarray
-    stiffness_n_per_mm: np.ndarray
-    pitch_mm: float
-
-
 class Solution:
-    """The state of one press while it comes to rest.
+    """The state of one press while it settles.
 
     pressure_mpa: (rows, columns) of the pins, on the covered part of each one's cell.
     """
@@ -102,19 +85,19 @@ class Solution:
         """Mean pressure of each fine cell of the window."""
         return self.pins.spread(self.pressure_mpa)
 
-    def solve(self, at_rest: float) -> bool:
-        """Bring the press to rest; False where it had not settled after all steps.
+    def solve(self, tolerance: float) -> bool:
+        """Iterate until the press has settled; False where it had not after all steps.
 
         Where whole steps run in circles, as they may about a place that is pressed almost through,
         it goes on in small ones.
         """
-        return self._solve(at_rest, 1.0, MOST_STEPS) or self._solve(
-            at_rest, SMALL_STEP, MOST_SMALL_STEPS
+        return self._solve(tolerance, 1.0, MOST_STEPS) or self._solve(
+            tolerance, SMALL_STEP, MOST_SMALL_STEPS
         )
 
-    def _solve(self, at_rest: float, step: float, steps_left: int) -> bool:
+    def _solve(self, tolerance: float, step: float, steps_left: int) -> bool:
         while True:
-            settled, steps = self._settle(steps_left, at_rest, step)
+            settled, steps = self._settle(steps_left, tolerance, step)
             steps_left -= steps
             missed = (self.depth_mm - self.pins.gap_mm > self.surface_mm + MISSED_MM) & ~self.used
             if not missed.any():
@@ -125,14 +108,19 @@ class Solution:
             self.pressure_mpa[~self.used] = 0.0
             self._soften()
 
-    def _settle(self, most_steps: int, at_rest: float, step: float) -> tuple[bool, int]:
-        """Iterate on the pins in use: whether it came to rest, and the steps it took.
+    def _settle(self, most_steps: int, tolerance: float, step: float) -> tuple[bool, int]:
+        """Iterate on the pins in use: whether it settled, and the steps it took.
 
         step: how much of each step is taken; whole ones are accelerated.
         """
+        with self._bed() as bed:
+            return self._iterate(bed, most_steps, tolerance, step)
+
+    def _iterate(
+        self, bed: Bed, most_steps: int, tolerance: float, step: float
+    ) -> tuple[bool, int]:
         pins, used = self.pins, self.used
         area, edge = pins.share[used], pins.edge_mm_per_mpa[used]
-        bed_of_pins = self._lay()
         acceleration = Anderson(int(area.size))
         ahead = self.pressure_mpa[used]
         steps = 0
@@ -142,17 +130,15 @@ class Solution:
             linear = pins.layer.deflection_mm(self.fine_pressure_mpa(), pins.window)
             fine, fine_slope = by_law(pins.layer, linear, pins.window)
             # A stiffened place is stiffer in its pin's spring too.
-            slope = np.maximum(pins.gather(fine_slope)[used], LEAST_SLOPE)
-            self.surface_mm = pins.gather(fine)
+            slope = np.maximum(pins.mean_over_cover(fine_slope)[used], LEAST_SLOPE)
+            self.surface_mm = pins.mean_over_cover(fine)
             surface = self.surface_mm[used] + edge * slope * ahead
             local = (self.compliance + edge) * slope
             rest = surface - local * ahead
-            self.depth_mm, deflection = bed_of_pins.push(
-                self.force, rest, area * self.compliance / local
-            )
+            self.depth_mm, deflection = bed.push(self.force, rest, area * self.compliance / local)
             pressure = np.maximum(deflection - rest, 0.0) / local
             change = float((np.abs(pressure - ahead) * area).sum() / (pressure * area).sum())
-            if change < at_rest or steps == most_steps:
+            if change < tolerance or steps == most_steps:
                 break
             if step < 1.0:
                 ahead += step * (pressure - ahead)
@@ -160,9 +146,11 @@ class Solution:
                 ahead = np.maximum(acceleration.next(ahead, pressure), 0.0)
         self.pressure_mpa[used] = pressure
         self._rest, self._deflection, self._local = rest, deflection, local
-        return change < at_rest, steps
+        return change < tolerance, steps
 
-    def _lay(self) -> Bed:
+    @contextmanager
+    def _bed(self) -> Iterator[Bed]:
+        """A bed of MuJoCo's with the pins in use laid out."""
         used = self.used
         count = int(np.count_nonzero(used))
         if count > POOL_SIZES[-1]:
@@ -170,16 +158,16 @@ class Solution:
                 f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
             )
         asked = time.perf_counter()
-        laid = bed(count)
-        self.compiling_s += time.perf_counter() - asked
-        laid.lay(self.pins.gap_mm[used], self.depth_mm)
-        return laid
+        with borrowed_bed(count) as bed:
+            self.compiling_s += time.perf_counter() - asked
+            bed.lay(self.pins.gap_mm[used], self.depth_mm)
+            yield bed
 
-    def at_rest(self) -> PinState:
-        """The pins that touch, as the press left them."""
+    def pin_state(self) -> PinState:
+        """The pins in use, as the press left them."""
         pins, used = self.pins, self.used
         x, y = pins.places_mm()
-        height = pins.gather(pins.layer.rest_mm[pins.window])
+        height = pins.mean_over_cover(pins.layer.rest_mm[pins.window])
         stiffness = pins.share[used] * pins.pitch_mm**2 / self._local
         return PinState(
             x[used],

@@ -5,24 +5,16 @@ from functools import lru_cache
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.press.elastomer import Elastomer
 from t2twin.sim.press.footprint import heights_at
 from t2twin.sim.press.grid import grown
-from t2twin.sim.press.records import Contact, PressCommand
+from t2twin.sim.press.records import Contact
 
 NEAR_CELLS = 3
 """Cells of the contact's grid around the touched ones in which the shape is looked up."""
 
 
-def surface_on(
-    contact: Contact,
-    shape: Shape,
-    command: PressCommand,
-    elastomer: Elastomer,
-    x_mm: np.ndarray,
-    y_mm: np.ndarray,
-) -> np.ndarray:
+def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     """The contact's surface deflection on other axes, (y, x) float32, mm.
 
     Between its grid points the contact's surface is a bicubic spline. Under the shape it lies on
@@ -38,8 +30,9 @@ def surface_on(
         _between(y_mm, contact.y_mm[touched.any(axis=1)]),
         _between(x_mm, contact.x_mm[touched.any(axis=0)]),
     )
-    heights = heights_at(shape.surface, command, x_mm[near[1]], y_mm[near[0]])
-    standing = contact.shape_depth_mm + _rest(elastomer, tuple(x_mm), tuple(y_mm))[near] + heights
+    heights = heights_at(contact.shape.surface, contact.command, x_mm[near[1]], y_mm[near[0]])
+    rest = _rest(contact.elastomer, tuple(x_mm), tuple(y_mm))[near]
+    standing = contact.shape_depth_mm + rest + heights
     surface[near] = np.maximum(surface[near], standing)
     return surface
 
