@@ -1,14 +1,16 @@
 """Prepared shapes kept on disk, each under a name that says what made it."""
 
 import hashlib
-import json
+import os
 import re
 import zipfile
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import TypeVar
 
+import msgspec
 import numpy as np
 import trimesh
 
@@ -16,7 +18,7 @@ from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.primitives_cad.writing import whole_file
 
 KEY_DIGITS = 16
-"""Hexadecimal digits of the key in a kept file's name: 64 bits, so no two meet."""
+"""Hexadecimal digits of a digest, 64 bits: no two things that are kept will share one."""
 
 MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
 """Distributions whose version can change a mesh."""
@@ -27,22 +29,28 @@ NOT_MAKERS = ("errors.py", "export.py", "sheet.py", "writing.py")
 Kept = TypeVar("Kept")
 
 
-def fetch(folder: Path, name: str, content: bytes, build: Callable[[], Shape]) -> Shape:
-    """The kept shape of this name and content, or the one that `build` makes, then kept.
+@dataclass(frozen=True)
+class _About:
+    """What a kept shape is besides its arrays; see Shape."""
 
+    name: str
+    spacing_mm: tuple[float, float]
+    parameters: dict[str, float]
+    base_mm: float | None
+
+
+def fetch(folder: Path, label: str, content: bytes, build: Callable[[], Shape]) -> Shape:
+    """The kept shape of this label and content, or the one that `build` makes, then kept.
+
+    label: a catalogue name, or what file_label gives; one shape is kept for each.
     content: bytes that the shape is made from besides this package's own code.
     Raises T2TwinError where the folder cannot be written.
     """
 
     def pack(shape: Shape) -> dict[str, np.ndarray]:
-        about = {
-            "name": shape.name,
-            "spacing_mm": shape.spacing_mm,
-            "parameters": shape.parameters,
-            "base_mm": shape.base_mm,
-        }
+        about = _About(shape.name, shape.spacing_mm, shape.parameters, shape.base_mm)
         return {
-            "about": np.array(json.dumps(about)),
+            "about": np.array(msgspec.json.encode(about).decode()),
             "vertices": shape.mesh.vertices,
             "faces": shape.mesh.faces.astype(np.int32),
             "heights_mm": shape.surface.heights_mm,
@@ -51,20 +59,21 @@ def fetch(folder: Path, name: str, content: bytes, build: Callable[[], Shape]) -
         }
 
     def unpack(kept: Mapping[str, np.ndarray]) -> Shape:
-        about = json.loads(str(kept["about"]))
-        x, y = about.pop("spacing_mm")
+        about = msgspec.json.decode(str(kept["about"]), type=_About)
         return Shape(
+            name=about.name,
             mesh=trimesh.Trimesh(kept["vertices"], kept["faces"], process=False),
             surface=HeightMap(kept["heights_mm"], kept["x_mm"], kept["y_mm"]),
-            spacing_mm=(x, y),
-            **about,
+            spacing_mm=about.spacing_mm,
+            parameters=about.parameters,
+            base_mm=about.base_mm,
         )
 
-    return _fetch(_path(folder, name, content), build, pack, unpack)
+    return _fetch(_path(folder, label, content), build, pack, unpack)
 
 
-def fetch_mesh(folder: Path, name: str, build: Callable[[], trimesh.Trimesh]) -> trimesh.Trimesh:
-    """The kept mesh of this name, or the one that `build` makes, then kept; as `fetch`."""
+def fetch_mesh(folder: Path, label: str, build: Callable[[], trimesh.Trimesh]) -> trimesh.Trimesh:
+    """The kept mesh of this label, or the one that `build` makes, then kept; as `fetch`."""
 
     def pack(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
         return {"vertices": mesh.vertices, "faces": mesh.faces.astype(np.int32)}
@@ -72,7 +81,38 @@ def fetch_mesh(folder: Path, name: str, build: Callable[[], trimesh.Trimesh]) ->
     def unpack(kept: Mapping[str, np.ndarray]) -> trimesh.Trimesh:
         return trimesh.Trimesh(kept["vertices"], kept["faces"], process=False)
 
-    return _fetch(_path(folder, name, b"mesh"), build, pack, unpack)
+    return _fetch(_path(folder, label, b"mesh"), build, pack, unpack)
+
+
+def file_label(path: Path) -> str:
+    """The label of a user's file: its stem, and a digest of where it lies.
+
+    So files of one stem in two folders are both kept.
+    """
+    place = hashlib.sha256(os.fsencode(path.absolute())).hexdigest()
+    return f"{path.stem}-{place[:KEY_DIGITS]}"
+
+
+def code_digest() -> str:
+    """Digest of what makes shapes, KEY_DIGITS hexadecimal digits: this package's code and the
+    versions of the libraries that mesh.
+
+    Of the code's source bytes: a changed comment changes it too.
+    """
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
+        if source.name not in NOT_MAKERS:
+            digest.update(source.read_bytes())
+    for maker in MAKERS:
+        digest.update(version(maker).encode())
+    return digest.hexdigest()[:KEY_DIGITS]
+
+
+def key(label: str, content: bytes = b"") -> str:
+    """Digest of what makes one shape, KEY_DIGITS hexadecimal digits: its label, code_digest, and
+    any other content."""
+    made_from = label.encode() + code_digest().encode() + content
+    return hashlib.sha256(made_from).hexdigest()[:KEY_DIGITS]
 
 
 def _fetch(
@@ -96,19 +136,6 @@ def _fetch(
     return made
 
 
-def _path(folder: Path, name: str, content: bytes) -> Path:
-    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", name.replace("/", "--"))
-    return folder / f"{stem}.{key(name, content)}.npz"
-
-
-def key(name: str, content: bytes = b"") -> str:
-    """What a shape is made by, as hexadecimal digits: its name, this package's code, the
-    libraries that mesh it, and any other content."""
-    digest = hashlib.sha256(name.encode())
-    for source in sorted(Path(__file__).parent.rglob("*.py")):
-        if source.name not in NOT_MAKERS:
-            digest.update(source.read_bytes())
-    for maker in MAKERS:
-        digest.update(version(maker).encode())
-    digest.update(content)
-    return digest.hexdigest()[:KEY_DIGITS]
+def _path(folder: Path, label: str, content: bytes) -> Path:
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", label.replace("/", "--"))
+    return folder / f"{stem}.{key(label, content)}.npz"

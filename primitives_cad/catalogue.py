@@ -65,7 +65,7 @@ def load(name_or_path: str | Path, cache_dir: str | Path | None = None) -> Shape
         raise T2TwinError(_unknown(name))
     content = path.read_bytes() if path.is_file() else b""
     content += path.suffix.lower().encode()
-    return cache.fetch(folder, path.stem, content, lambda: _file(path))
+    return cache.fetch(folder, cache.file_label(path), content, lambda: _file(path))
 
 
 def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh:
@@ -75,8 +75,7 @@ def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh
     """
     from t2twin.primitives_cad import tools
 
-    if tool not in TOOLS:
-        raise T2TwinError(f"there is no tool {tool!r}; the tools are {', '.join(TOOLS)}")
+    _check_tool(tool)
     folder = Path(cache_dir) if cache_dir is not None else CACHE_DIR
     return cache.fetch_mesh(folder, tool, lambda: tools.mesh(tool))
 
@@ -88,12 +87,18 @@ def keypoints(tool: str) -> tuple[Keypoint, ...]:
     """
     from t2twin.primitives_cad import tools
 
-    if tool not in TOOLS:
-        raise T2TwinError(f"there is no tool {tool!r}; the tools are {', '.join(TOOLS)}")
+    _check_tool(tool)
     return tools.keypoints(tool)
 
 
+def _check_tool(tool: str) -> None:
+    if tool not in TOOLS:
+        raise T2TwinError(f"there is no tool {tool!r}; the tools are {', '.join(TOOLS)}")
+
+
 def _unknown(name: str) -> str:
+    """What to say of a name that is not in the catalogue: which names are near, what else is
+    allowed."""
     also = "a path to an .stl, .step or .stp file is also allowed"
     if name in TOOLS:
         choices = ", ".join(f"{name}/{keypoint}" for keypoint in KEYPOINTS[name])

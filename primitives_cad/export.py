@@ -1,19 +1,54 @@
 """STEP and STL files of every primitive, every tool and the mosaic, and what they are."""
 
-import json
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import trimesh
 from tqdm import tqdm
 
 from t2twin.primitives_cad import cache, catalogue, families
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.primitives_cad.shape import Keypoint
+from t2twin.primitives_cad.writing import whole_file, write_json
 
 MANIFEST = "manifest.json"
 MOSAIC = "mosaic"
 SUFFIXES = (".step", ".stl")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One shape in the manifest. What a shape does not have is None, and not in the file.
+
+    family, version, parameters_mm: of a primitive. keypoints: of a tool.
+    split, spacing_mm: what it is for, and the spacings of its press grid; not of the mosaic.
+    places_mm: x, y of every primitive's axis on the mosaic. pitch_mm: between them along x and y.
+    bounding_box_mm: lowest and highest corner of the mesh, (2, 3).
+    chordal_error_mm: asked of the mesher. bytes: sizes of its files. made_by: cache.key.
+    """
+
+    name: str
+    family: str | None = None
+    version: int | None = None
+    split: str | None = None
+    parameters_mm: dict[str, float] | None = None
+    spacing_mm: tuple[float, float] | None = None
+    keypoints: tuple[Keypoint, ...] | None = None
+    places_mm: dict[str, tuple[float, float]] | None = None
+    pitch_mm: tuple[float, float] | None = None
+    volume_mm3: float
+    bounding_box_mm: tuple[tuple[float, ...], ...]
+    triangles: int
+    chordal_error_mm: float
+    bytes: dict[str, int]
+    made_by: str
+
+
+@dataclass(frozen=True)
+class _Manifest:
+    units: str
+    shapes: tuple[Entry, ...]
 
 
 def export(out_dir: str | Path, cache_dir: str | Path | None = None) -> Path:
@@ -26,11 +61,11 @@ def export(out_dir: str | Path, cache_dir: str | Path | None = None) -> Path:
     folder = Path(out_dir)
     path = folder / MANIFEST
     before = _read(path)
-    entries: dict[str, Any] = {}
+    entries: dict[str, Entry] = {}
     names = (*catalogue.PRIMITIVES, *catalogue.TOOLS, MOSAIC)
     for name in tqdm(names, desc="primitives and tools", unit="shape"):
         entry = before.get(name)
-        if entry is None or not _still_there(folder, name, entry):
+        if entry is None or not _still_there(folder, entry):
             entry = _write_shape(folder, name, cache_dir)
             # Kept up to date so that an interrupted export continues.
             _write_manifest(path, {**before, **entries, name: entry})
@@ -40,29 +75,33 @@ def export(out_dir: str | Path, cache_dir: str | Path | None = None) -> Path:
     return path
 
 
-def _read(path: Path) -> dict[str, Any]:
+def _read(path: Path) -> dict[str, Entry]:
+    """Entries by name of the manifest that lies there; none where there is no whole one."""
     try:
-        shapes = json.loads(path.read_text(encoding="utf-8"))["shapes"]
-        return {entry["name"]: entry for entry in shapes}
-    except (OSError, ValueError, KeyError, TypeError):
+        manifest = msgspec.json.decode(path.read_bytes(), type=_Manifest)
+    except (OSError, msgspec.DecodeError):
         return {}
+    return {entry.name: entry for entry in manifest.shapes}
 
 
-def _write_manifest(path: Path, entries: dict[str, Any]) -> None:
-    text = json.dumps({"units": "mm", "shapes": list(entries.values())}, indent=2)
-    with whole_file(path) as temporary:
-        temporary.write_text(text + "\n", encoding="utf-8")
+def _write_manifest(path: Path, entries: dict[str, Entry]) -> None:
+    shapes = [
+        {name: value for name, value in msgspec.to_builtins(entry).items() if value is not None}
+        for entry in entries.values()
+    ]
+    write_json(path, {"units": "mm", "shapes": shapes})
 
 
-def _still_there(folder: Path, name: str, entry: dict[str, Any]) -> bool:
-    if entry.get("made_by") != cache.key(name):
+def _still_there(folder: Path, entry: Entry) -> bool:
+    if entry.made_by != cache.key(entry.name):
         return False
-    sizes = entry.get("bytes", {})
-    files = [folder / f"{name}{suffix}" for suffix in SUFFIXES]
-    return all(file.is_file() and file.stat().st_size == sizes.get(file.name) for file in files)
+    files = [folder / f"{entry.name}{suffix}" for suffix in SUFFIXES]
+    return all(
+        file.is_file() and file.stat().st_size == entry.bytes.get(file.name) for file in files
+    )
 
 
-def _write_shape(folder: Path, name: str, cache_dir: str | Path | None) -> dict[str, Any]:
+def _write_shape(folder: Path, name: str, cache_dir: str | Path | None) -> Entry:
     """Both files of one shape; returns its entry in the manifest."""
     import cadquery as cq
 
@@ -79,10 +118,7 @@ def _write_shape(folder: Path, name: str, cache_dir: str | Path | None) -> dict[
         about = {
             "split": "test",
             "spacing_mm": catalogue.OBJECT_SPACING_MM,
-            "keypoints": [
-                {"name": each.name, "point_mm": each.point_mm, "direction": each.direction}
-                for each in catalogue.keypoints(name)
-            ],
+            "keypoints": catalogue.keypoints(name),
         }
     else:
         solid = solids.primitive(name)
@@ -102,15 +138,15 @@ def _write_shape(folder: Path, name: str, cache_dir: str | Path | None) -> dict[
         cq.exporters.export(cq.Workplane(bodies[0]), str(temporary))
     with whole_file(folder / f"{name}.stl") as temporary:
         mesh.export(temporary, file_type="stl")
-    return {
-        "name": name,
+    return Entry(
+        name=name,
         **about,
-        "volume_mm3": round(solid.Volume(), 3),
-        "bounding_box_mm": [[round(float(value), 4) for value in corner] for corner in mesh.bounds],
-        "triangles": len(mesh.faces),
-        "chordal_error_mm": tools.CHORDAL_MM.get(name, tessellate.CHORDAL_MM),
-        "bytes": {
+        volume_mm3=round(solid.Volume(), 3),
+        bounding_box_mm=tuple(tuple(round(float(x), 4) for x in corner) for corner in mesh.bounds),
+        triangles=len(mesh.faces),
+        chordal_error_mm=tools.CHORDAL_MM.get(name, tessellate.CHORDAL_MM),
+        bytes={
             f"{name}{suffix}": (folder / f"{name}{suffix}").stat().st_size for suffix in SUFFIXES
         },
-        "made_by": cache.key(name),
-    }
+        made_by=cache.key(name),
+    )

@@ -2,10 +2,10 @@
 
 Families, what is varied and the split by version are Grella et al. 2023's; the sizes are
 assumed, chosen for a DIGIT that sees about 12.5 x 16.7 mm: most features lie within that view,
-but lines and the largest version of each flat family leave it, as the edges and faces of tools
-do. The lines are of different lengths, because a picture that an edge crosses does not say where
-the edge ends: who has met one length only believes in it; and of widths from an edge's to a
-handle's. All lengths are in mm.
+but lines and the largest version of each flat family reach beyond it, as the edges and faces of
+tools do. The lines have different lengths, because a picture that an edge crosses does not show
+where the edge ends: a network that met one length only would expect it everywhere. Their widths
+go from an edge's to a handle's. All lengths are in mm.
 """
 
 from math import sqrt
@@ -65,8 +65,8 @@ thickness; curvature: radius of the bump's spherical cap; length: along y, all b
 that a DIGIT sees."""
 
 LEAST_SPACING_MM = 1.0
-"""Least spacing of the press grid, mm (assumed; Grella et al. 2023 use 1.4 for a square, and their
-grid covers each primitive): so that presses on narrow shapes differ."""
+"""Least spacing of the press grid, mm, so that presses on narrow shapes differ (assumed; Grella et
+al. 2023 use 1.4 for a square, and their grid covers each primitive)."""
 
 SPACING_STEP_MM = 0.05
 """Spacings are rounded to this, mm (assumed)."""

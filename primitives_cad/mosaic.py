@@ -6,10 +6,11 @@ from t2twin.primitives_cad.families import FAMILIES, PRIMITIVES
 from t2twin.primitives_cad.solids import feature, plate
 
 PITCH_MM = (31.0, 56.0)
-"""Distance from one primitive to the next along x and y, mm (assumed: half the diagonal of a
-DIGIT's gel, 15.5 mm, the protocol's largest offset and half the neighbour, so that none is touched:
-8.3 and 6.5 mm along x, where the widest stand beside the empty ones; 20.2 and 20 mm along y, where
-lines follow lines; and the plate fits a printer's bed of 250 mm)."""
+"""Distance from one primitive to the next along x and y, mm (assumed, so that no press touches a
+neighbour: the sum of half the diagonal of a DIGIT's gel, the protocol's largest offset and half the
+neighbour. Along x, where the largest square and circle stand beside the largest empty circle, that
+is 15.5 + 8.3 + 6.5 mm; along y, where lines follow lines, 15.5 + 20.2 + 20 mm. The plate still
+fits a printer's bed of 250 mm)."""
 
 COLUMNS = len(FAMILIES)
 ROWS = len(PRIMITIVES) // COLUMNS

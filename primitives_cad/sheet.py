@@ -21,7 +21,7 @@ TILE_PX = (330, 300)
 TOOL_PX = (528, 720)
 """Width and height of a primitive's and of a tool's picture, pixels."""
 OVERSAMPLING = 3
-"""Drawn this many times larger, then averaged, so that outlines are smooth."""
+"""Pictures are drawn this many times larger, then averaged, so that outlines are smooth."""
 MARGIN = 0.88
 """Part of the picture's width or height that a shape may fill."""
 LABEL_PX, KEYPOINT_PX = 22, 17
@@ -46,8 +46,11 @@ INK = (40, 40, 44)
 
 KEY_LIGHT = np.array([-0.45, 0.55, 0.70])
 FILL_LIGHT = np.array([0.70, -0.10, 0.70])
+"""Directions to the main and to the second light: to the right, up, towards the eye."""
 AMBIENT, KEY, FILL, GLOSS = 0.26, 0.62, 0.22, 0.30
+"""Strengths of the light from everywhere, of the two lights and of the gloss, 1 being full."""
 GLOSS_POWER = 24
+"""Exponent of the gloss in the cosine between the normal and halfway to the light (Blinn 1977)."""
 CREASE_MM, CREASE_STRENGTH, CREASE_STEP = 1.6, 0.30, 3
 """How far a crease's shade spreads, mm, how dark it is per mm of depth, and at which multiple
 of a pixel it is worked out."""

@@ -27,8 +27,8 @@ FEATURES_MM = 0.1
 """Least height of what stands on a base plate, mm (assumed)."""
 
 EDGE_MM = 1.0e-6
-"""A grid point this near to a triangle's outline is on it, mm, so that both sides of a
-symmetric shape own their edges."""
+"""A grid point this near to a triangle's outline counts as on it, mm, so that both sides of a
+symmetric shape own their edges (assumed: far below any length of a shape)."""
 
 
 def height_map(
@@ -53,7 +53,7 @@ def stand(
             f"a height map of pitch {pitch_mm} and reach {reach_mm} mm cannot be made; "
             "both must be positive, the pitch the smaller"
         )
-    # Meshes may be read-only views of a cache; the compiled loop wants plain float64.
+    # Meshes may be read-only views of a cache; the compiled loop needs plain float64.
     triangles = np.array(mesh.triangles, dtype=np.float64, order="C")
     flat = triangles[:, :, :2]
     near = (flat.min(axis=1) <= reach_mm).all(axis=1) & (flat.max(axis=1) >= -reach_mm).all(axis=1)

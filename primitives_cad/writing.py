@@ -31,6 +31,6 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_json(path: Path, content: Any) -> None:
-    """JSON with an indent of two."""
+    """Write content as JSON, indented by two. Raises T2TwinError where it cannot be written."""
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n")

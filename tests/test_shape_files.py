@@ -150,6 +150,28 @@ def test_a_changed_file_is_read_anew(tmp_path):
     assert catalogue.load(path, tmp_path / "kept").mesh.volume == pytest.approx(120.0)
 
 
+def test_files_of_one_stem_in_two_folders_are_both_kept(tmp_path, monkeypatch):
+    paths = []
+    for folder, height in (("a", 3.0), ("b", 5.0)):
+        (tmp_path / folder).mkdir()
+        paths.append(block(tmp_path / folder / "part.stl", (6.0, 4.0, height)))
+    for path in paths:
+        assert catalogue.load(path, tmp_path / "kept").name == "part"
+    block(paths[1], (6.0, 4.0, 7.0))
+    catalogue.load(paths[1], tmp_path / "kept")
+    assert len(list((tmp_path / "kept").iterdir())) == 2  # the changed file's old shape is gone
+    monkeypatch.setattr(catalogue, "_file", lambda path: pytest.fail("was made again"))
+    volumes = [catalogue.load(path, tmp_path / "kept").mesh.volume for path in paths]
+    assert volumes == pytest.approx([72.0, 168.0])
+
+
+def test_the_code_s_digest_follows_the_libraries(monkeypatch):
+    before = cache.code_digest()
+    assert len(before) == cache.KEY_DIGITS and before == cache.code_digest()
+    monkeypatch.setattr(cache, "version", lambda name: "another")
+    assert cache.code_digest() != before
+
+
 def test_a_file_in_the_cache_s_place_is_an_error(tmp_path):
     (tmp_path / "kept").write_text("in the way")
     with pytest.raises(T2TwinError, match="writable"):
