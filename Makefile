@@ -26,7 +26,7 @@ help:
 	@echo "make report      the report                 SCALE="
 	@echo "make regression  RMSE on synthetic data held to its band"
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
-	@echo "make check       ruff and pyright"
+	@echo "make check       ruff, pyright, and which package may import which"
 	@echo "make clean       remove data, runs and caches"
 
 demo: SCALE := small
@@ -89,6 +89,7 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
+	$(BIN)/lint-imports --no-logo --no-cache
 
 clean:
 	rm -rf data runs .pytest_cache .ruff_cache build *.egg-info

@@ -23,6 +23,31 @@ FRAMES = 30
 """DIGIT frames averaged into a sample: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
 
 
+Timed = Callable[[str], AbstractContextManager[None]]
+"""Wraps the stages of a press, named as in t2twin.sim.dataset.timing.STAGES."""
+
+
+def _untimed(stage: str) -> AbstractContextManager[None]:
+    return nullcontext()
+
+
+@dataclass(frozen=True)
+class DigitTouch:
+    """What a press did to the DIGIT. image: (320, 240, 3) uint8."""
+
+    contact: Contact
+    image: np.ndarray
+
+
+@dataclass(frozen=True)
+class CySkinTouch:
+    """What a press did to the CySkin. counts: (n,) uint16, one for each taxel of the layout."""
+
+    contact: Contact
+    counts: np.ndarray
+    layout: Layout
+
+
 @dataclass(frozen=True)
 class Digit:
     """A DIGIT: its gel, its optics' calibration file (None: the one that ships), its noise."""
@@ -48,6 +73,19 @@ class Digit:
         """The image of a contact, (320, 240, 3) uint8; with camera noise where rng is given."""
         surface = surface_on(contact, *optical_grid())
         return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
+
+    def touch(
+        self,
+        shape: Shape,
+        command: PressCommand,
+        rng: np.random.Generator | None = None,
+        timed: Timed = _untimed,
+    ) -> DigitTouch:
+        """Both: the contact, and its image."""
+        with timed("press digit"):
+            contact = self.press(shape, command)
+        with timed("picture"):
+            return DigitTouch(contact, self.image(contact, rng))
 
 
 @dataclass(frozen=True)
@@ -82,6 +120,19 @@ class CySkin:
             return np.rint(true).astype(np.uint16)
         return reading.read(true, self.layout, self.flaws, rng)
 
+    def touch(
+        self,
+        shape: Shape,
+        command: PressCommand,
+        rng: np.random.Generator | None = None,
+        timed: Timed = _untimed,
+    ) -> CySkinTouch:
+        """Both: the contact, and its counts."""
+        with timed("press cyskin"):
+            contact = self.press(shape, command)
+        with timed("taxels"):
+            return CySkinTouch(contact, self.counts(contact, rng), self.layout)
+
 
 @dataclass(frozen=True)
 class Sample:
@@ -97,10 +148,6 @@ class Sample:
     cyskin: Contact
 
 
-def _untimed(stage: str) -> AbstractContextManager[None]:
-    return nullcontext()
-
-
 @dataclass(frozen=True)
 class SensorPair:
     """Both sensors side by side, touched by the same shape in the same way."""
@@ -113,19 +160,13 @@ class SensorPair:
         shape: Shape,
         command: PressCommand,
         rng: np.random.Generator | None = None,
-        timed: Callable[[str], AbstractContextManager[None]] = _untimed,
+        timed: Timed = _untimed,
     ) -> Sample:
-        """One pair. Commands, datasets and benchmarks all press through here.
+        """One pair.
 
-        rng: noise and imperfections are drawn from it, none without. timed: wraps each stage, named
-        as in t2twin.sim.dataset.timing.STAGES. Raises T2TwinError where either sensor does.
+        rng: noise and imperfections are drawn from it, the DIGIT's first; none without.
+        Raises T2TwinError where either sensor does.
         """
-        with timed("press digit"):
-            on_digit = self.digit.press(shape, command)
-        with timed("press cyskin"):
-            on_cyskin = self.cyskin.press(shape, command)
-        with timed("picture"):
-            image = self.digit.image(on_digit, rng)
-        with timed("taxels"):
-            counts = self.cyskin.counts(on_cyskin, rng)
-        return Sample(command, image, counts, on_digit, on_cyskin)
+        seen = self.digit.touch(shape, command, rng, timed)
+        felt = self.cyskin.touch(shape, command, rng, timed)
+        return Sample(command, seen.image, felt.counts, seen.contact, felt.contact)

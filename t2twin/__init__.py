@@ -1,1 +1,106 @@
-"""t2twin: a simulated twin of touch-to-touch translation."""
+"""t2twin: a simulated twin of touch-to-touch translation, from a DIGIT's images to CySkin counts.
+
+    import t2twin
+    twin = t2twin.Twin()
+    touch = twin.press("pliers/teeth", force_n=8, yaw_deg=30)
+    touch.image, touch.counts, touch.tactile_image, touch.digit.depth_mm
+    t2twin.load("runs/small/resnet18").predict(touch.image)
+
+What is listed in __all__ is public and stays; everything is loaded when it is first asked for.
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from t2twin.primitives_cad.errors import T2TwinError
+    from t2twin.primitives_cad.export import export as export_shapes
+    from t2twin.primitives_cad.shape import Shape
+    from t2twin.report.data_page import write_data_report
+    from t2twin.report.page import write_report
+    from t2twin.sim.cyskin.layout import Layout, load_layout
+    from t2twin.sim.dataset.generate import generate as make_dataset
+    from t2twin.sim.dataset.import_pairs import import_pairs
+    from t2twin.sim.dataset.verify import verify as verify_dataset
+    from t2twin.sim.digit.calibrate.calibrate import calibrate
+    from t2twin.sim.press.elastomer import Elastomer
+    from t2twin.sim.press.records import Contact, PressCommand
+    from t2twin.translate.batch import translate_images
+    from t2twin.translate.evaluation.evaluate import evaluate
+    from t2twin.translate.export import export_onnx
+    from t2twin.translate.predict import TrainedTranslator
+    from t2twin.translate.predict import load_run as load
+    from t2twin.translate.train import train
+    from t2twin.twin import Touch, Twin, load_shape, press, shapes
+
+_HOMES = {
+    "Twin": "t2twin.twin:Twin",
+    "Touch": "t2twin.twin:Touch",
+    "press": "t2twin.twin:press",
+    "shapes": "t2twin.twin:shapes",
+    "load_shape": "t2twin.twin:load_shape",
+    "load": "t2twin.translate.predict:load_run",
+    "Shape": "t2twin.primitives_cad.shape:Shape",
+    "PressCommand": "t2twin.sim.press.records:PressCommand",
+    "Contact": "t2twin.sim.press.records:Contact",
+    "Elastomer": "t2twin.sim.press.elastomer:Elastomer",
+    "Layout": "t2twin.sim.cyskin.layout:Layout",
+    "load_layout": "t2twin.sim.cyskin.layout:load_layout",
+    "TrainedTranslator": "t2twin.translate.predict:TrainedTranslator",
+    "T2TwinError": "t2twin.primitives_cad.errors:T2TwinError",
+    "export_shapes": "t2twin.primitives_cad.export:export",
+    "calibrate": "t2twin.sim.digit.calibrate.calibrate:calibrate",
+    "make_dataset": "t2twin.sim.dataset.generate:generate",
+    "verify_dataset": "t2twin.sim.dataset.verify:verify",
+    "import_pairs": "t2twin.sim.dataset.import_pairs:import_pairs",
+    "train": "t2twin.translate.train:train",
+    "evaluate": "t2twin.translate.evaluation.evaluate:evaluate",
+    "translate_images": "t2twin.translate.batch:translate_images",
+    "export_onnx": "t2twin.translate.export:export_onnx",
+    "write_report": "t2twin.report.page:write_report",
+    "write_data_report": "t2twin.report.data_page:write_data_report",
+}
+"""Public names and where each is defined."""
+
+__all__ = [
+    "Contact",
+    "Elastomer",
+    "Layout",
+    "PressCommand",
+    "Shape",
+    "T2TwinError",
+    "Touch",
+    "TrainedTranslator",
+    "Twin",
+    "calibrate",
+    "evaluate",
+    "export_onnx",
+    "export_shapes",
+    "import_pairs",
+    "load",
+    "load_layout",
+    "load_shape",
+    "make_dataset",
+    "press",
+    "shapes",
+    "train",
+    "translate_images",
+    "verify_dataset",
+    "write_data_report",
+    "write_report",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(
+            f"module 't2twin' has no attribute {name!r}; it has {', '.join(__all__)}"
+        )
+    module, _, attribute = _HOMES[name].partition(":")
+    value = getattr(importlib.import_module(module), attribute)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

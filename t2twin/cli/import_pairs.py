@@ -27,10 +27,9 @@ def import_pairs(
         full_scale: Where your taxels saturate, counts.
         seed: Draws the splits where the rows name none.
     """
-    from t2twin.sim.cyskin.layout import load_layout
-    from t2twin.sim.dataset.import_pairs import import_pairs as bring
+    import t2twin
 
-    pairs = bring(source, out, load_layout(layout), full_scale, seed)["pairs"]
+    pairs = t2twin.import_pairs(source, out, t2twin.load_layout(layout), full_scale, seed).pairs
     print(
         f"{pairs['train']} training, {pairs['val']} validation and {pairs['test']} test pairs "
         f"in {out}"

@@ -1,10 +1,12 @@
 """t2twin press"""
 
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+
+if TYPE_CHECKING:
+    from t2twin.sim.press.records import Contact
 
 
 def press(
@@ -44,48 +46,43 @@ def press(
             given.
         view: Then open the scene in MuJoCo's viewer (the DIGIT's, where both are touched).
     """
-    import numpy as np
+    import t2twin
+    from t2twin.press_folder import scene_path, write_press
+    from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
+    from t2twin.twin import other_elastomer, press_command
 
-    from t2twin.cli.press_files import PressFiles
-    from t2twin.primitives_cad import catalogue
-    from t2twin.primitives_cad.errors import T2TwinError
-    from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-    from t2twin.sim.press.engine import check_force
-    from t2twin.sim.press.records import PressCommand
-    from t2twin.sim.sensors import CySkin, Digit
-
-    for name, value in (("x-mm", x_mm), ("y-mm", y_mm), ("yaw-deg", yaw_deg)):
-        if not np.isfinite(value):
-            raise T2TwinError(f"--{name} is {value}; it must be a finite number")
-    check_force(force_n)
-    solid = catalogue.load(shape)
-    command = PressCommand(solid.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force_n)
-
-    changed = {
-        key: value
-        for key, value in (
-            ("thickness_mm", thickness_mm),
-            ("young_mpa", young_mpa),
-            ("poisson", poisson),
-        )
-        if value is not None
-    }
-
-    def elastomer(own: Elastomer) -> Elastomer:
-        other = replace(own, **changed, law="linear") if changed else own
-        if flat:
-            other = replace(other, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
-        return other
-
-    files = PressFiles(out or Path("runs/press") / shape_folder(solid.name), solid, command)
-    if sensor in ("digit", "both"):
-        light = None if calibration is None else str(calibration)
-        files.add_digit(Digit(gel=elastomer(DIGIT_GEL), calibration=light))
-    if sensor in ("cyskin", "both"):
-        files.add_cyskin(CySkin(cover=elastomer(CYSKIN_COVER), layout_source=layout))
-    files.write()
+    solid = t2twin.load_shape(shape)
+    command = press_command(solid, force_n, x_mm, y_mm, yaw_deg)
+    gel, cover = (
+        other_elastomer(own, thickness_mm, young_mpa, poisson, flat)
+        for own in (DIGIT_GEL, CYSKIN_COVER)
+    )
+    sensors = t2twin.Twin(calibration, layout, gel=gel, cover=cover).sensors
+    digit = sensors.digit.touch(solid, command) if sensor != "cyskin" else None
+    cyskin = sensors.cyskin.touch(solid, command) if sensor != "digit" else None
+    folder = out or Path("runs/press") / solid.name.replace("/", "-")
+    write_press(folder, digit, cyskin)
+    contacts = [touch.contact for touch in (digit, cyskin) if touch is not None]
+    for contact in contacts:
+        print(summary(contact))
+    if cyskin is not None:
+        print("counts: " + " ".join(str(count) for count in cyskin.counts))
+    print(f"written to {folder}")
     if view:
-        show(files.scene_path())
+        show(scene_path(folder, contacts[0]))
+
+
+def summary(contact: "Contact") -> str:
+    """A contact in one line."""
+    words = (
+        f"{contact.elastomer.name}: {contact.force_n:.2f} N at {contact.depth_mm:.3f} mm, "
+        f"{contact.contact_area_mm2:.1f} mm2 in contact, {contact.milliseconds:.0f} ms"
+    )
+    if not contact.settled:
+        words += "; it did not settle"
+    if contact.bottomed:
+        words += "; it bottomed out: the base plate (the lowest flat face) touched"
+    return words
 
 
 def show(path: Path) -> None:
@@ -103,8 +100,3 @@ def show(path: Path) -> None:
         )
         return
     view(path)
-
-
-def shape_folder(name: str) -> str:
-    """A shape's name as a folder's name."""
-    return name.replace("/", "-")

@@ -2,9 +2,12 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
+
+if TYPE_CHECKING:
+    from t2twin.sim.dataset.info import DatasetInfo
 
 
 def simdata(
@@ -47,50 +50,48 @@ def simdata(
             "--workers is for this machine; on a cluster Dask says how many there are"
         )
 
-    from t2twin.sim.dataset.generate import generate
-    from t2twin.sim.sensors import CySkin, Digit, SensorPair
+    import t2twin
 
     folder = out or Path("data") / scale
-    bench = SensorPair(
-        digit=Digit(calibration=calibration),
-        cyskin=CySkin(layout_source=layout, imperfections=imperfections),
-    )
-    info = generate(
+    info = t2twin.make_dataset(
         folder,
         scale,
         seed=seed,
         workers=workers,
-        bench=bench,
+        bench=t2twin.Twin(calibration, layout, imperfections).sensors,
         cache=primitives,
         scheduler=scheduler,
     )
-    print(f"{_pairs(info['pairs'])} pairs in {folder}, {_size(folder, info)}")
+    print(f"{_pairs(info)} pairs in {folder}, {_size(folder, info)}")
 
 
 def _verify(folder: Path) -> int:
     """Exit status."""
+    import t2twin
     from t2twin.sim.dataset.store import read_info
-    from t2twin.sim.dataset.verify import verify
 
-    broken = verify(folder)
+    broken = t2twin.verify_dataset(folder)
     for problem in broken:
         print(problem)
     info = read_info(folder)
     if broken:
         again = (
-            "" if "origin" in info else "; the same `t2twin simdata` remakes its shards, no others"
+            "; the same `t2twin simdata` remakes its shards, no others"
+            if info.is_simulated
+            else ""
         )
         print(f"{folder} is broken in {len({problem.part for problem in broken})} files{again}")
         return 1
-    print(f"{folder} is whole: {_pairs(info['pairs'])} pairs, {_size(folder, info)}")
+    print(f"{folder} is whole: {_pairs(info)} pairs, {_size(folder, info)}")
     return 0
 
 
-def _pairs(pairs: dict[str, int]) -> str:
+def _pairs(info: "DatasetInfo") -> str:
+    pairs = info.pairs
     return f"{pairs['train']} training, {pairs['val']} validation and {pairs['test']} test"
 
 
-def _size(folder: Path, info: dict) -> str:
-    size = sum((folder / path).stat().st_size for path in info["shards"])
-    pairs = sum(info["pairs"].values())
+def _size(folder: Path, info: "DatasetInfo") -> str:
+    size = sum((folder / path).stat().st_size for path in info.shards)
+    pairs = sum(info.pairs.values())
     return f"{size / 2**20:.0f} MiB ({size / pairs / 1e3:.1f} kB a pair)"

@@ -1,0 +1,95 @@
+"""The folder that `t2twin press` writes: pictures, counts, contact fields, scenes, press.json."""
+
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.press import scene
+from t2twin.sim.press.records import Contact
+from t2twin.sim.sensors import CySkinTouch, DigitTouch
+from t2twin.translate.phi import Phi
+from t2twin.translate.picture import tactile_picture
+
+
+def write_press(folder: Path, digit: DigitTouch | None, cyskin: CySkinTouch | None) -> None:
+    """Write all files of a press, or none; at least one of the sensors was touched.
+
+    Raises OSError where the folder cannot be written.
+    """
+    touches = [touch for touch in (digit, cyskin) if touch is not None]
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".press-", dir=folder) as name:
+        temporary = Path(name)
+        contacts = [touch.contact for touch in touches]
+        (temporary / "press.json").write_text(json.dumps(_summary(contacts), indent=1) + "\n")
+        mesh_file = scene.mesh_name(contacts[0].shape)
+        if mesh_file is not None:
+            contacts[0].shape.mesh.export(temporary / mesh_file)
+        for contact in contacts:
+            _write_contact(temporary, contact, mesh_file)
+        if digit is not None:
+            Image.fromarray(digit.image).save(temporary / "digit.png")
+        if cyskin is not None:
+            _write_cyskin(temporary, cyskin)
+        for path in sorted(temporary.iterdir()):
+            path.replace(folder / path.name)
+
+
+def scene_path(folder: Path, contact: Contact) -> Path:
+    """Where `write_press` puts the scene of a contact."""
+    return folder / f"scene_{contact.elastomer.name}.xml"
+
+
+def _write_contact(folder: Path, contact: Contact, mesh_file: str | None) -> None:
+    np.savez_compressed(
+        folder / f"contact_{contact.elastomer.name}.npz",
+        surface_mm=contact.surface_mm,
+        pressure_kpa=contact.pressure_kpa,
+        x_mm=contact.x_mm,
+        y_mm=contact.y_mm,
+    )
+    scene_path(folder, contact).write_text(scene.scene(contact, mesh_file))
+
+
+def _write_cyskin(folder: Path, touch: CySkinTouch) -> None:
+    layout = touch.layout
+    content = {
+        "layout": layout.name,
+        "counts": touch.counts.tolist(),
+        "x_mm": layout.x_mm.tolist(),
+        "y_mm": layout.y_mm.tolist(),
+        "full_scale_counts": FULL_SCALE_COUNTS,
+    }
+    (folder / "cyskin.json").write_text(json.dumps(content, indent=1) + "\n")
+    image = Phi(layout.x_mm, layout.y_mm)(touch.counts.astype(np.float32))
+    # Counts as they are, 16 bits a pixel: the picture is data too.
+    Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
+    picture = tactile_picture(image, layout.x_mm, layout.y_mm, FULL_SCALE_COUNTS)
+    picture.save(folder / "tactile_picture.png")
+
+
+def _summary(contacts: list[Contact]) -> dict[str, Any]:
+    """What press.json holds."""
+    command = contacts[0].command
+    return {
+        "shape": command.shape,
+        "x_mm": command.x_mm,
+        "y_mm": command.y_mm,
+        "yaw_rad": command.yaw_rad,
+        "commanded_force_n": command.force_n,
+    } | {
+        contact.elastomer.name: {
+            "force_n": contact.force_n,
+            "depth_mm": contact.depth_mm,
+            "settled": contact.settled,
+            "bottomed": contact.bottomed,
+            "contact_area_mm2": contact.contact_area_mm2,
+            "milliseconds": contact.milliseconds,
+        }
+        for contact in contacts
+    }

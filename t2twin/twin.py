@@ -1,0 +1,177 @@
+"""The twin as users have it: press a shape into both sensors, look at what they saw and felt."""
+
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from pathlib import Path
+
+import numpy as np
+
+from t2twin.press_folder import write_press
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
+from t2twin.sim.dataset.protocol import FORCE_N
+from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.press.engine import check_force
+from t2twin.sim.press.records import Contact, PressCommand
+from t2twin.sim.sensors import CySkin, CySkinTouch, Digit, DigitTouch, SensorPair
+from t2twin.translate.phi import Phi
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One press of one shape, seen by the DIGIT and felt by the CySkin.
+
+    command: where the shape stood, its turn and the force. image: (320, 240, 3) uint8, the DIGIT's,
+    channels red, green, blue. counts: (n,) uint16, one for each taxel of the layout. digit, cyskin:
+    both contacts, with depth_mm, force_n, surface_mm, pressure_kpa and more.
+    """
+
+    shape: Shape
+    command: PressCommand
+    image: np.ndarray
+    counts: np.ndarray
+    digit: Contact
+    cyskin: Contact
+    layout: Layout
+
+    @cached_property
+    def tactile_image(self) -> np.ndarray:
+        """(396, 240) float32, counts: the array as an image, between the taxels barycentric.
+
+        Raises T2TwinError for a layout that cannot be drawn, as one with all taxels on a line.
+        """
+        return Phi(self.layout.x_mm, self.layout.y_mm)(self.counts)
+
+    def save(self, folder: str | Path) -> None:
+        """Write the folder that `t2twin press` writes: pictures, counts, contacts, scenes."""
+        digit, cyskin = DigitTouch(self.digit, self.image), self.cyskin
+        write_press(Path(folder), digit, CySkinTouch(cyskin, self.counts, self.layout))
+
+
+class Twin:
+    """Both simulated sensors, ready to be pressed.
+
+    calibration: the DIGIT's light, a file of `t2twin calibrate`; None takes the one that ships.
+    layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
+    imperfections: what the CySkin adds to a press that is given a seed: "none", "white",
+    "untouched" or "all". gel, cover: the sensors' elastomers.
+    Several threads may press one twin at once.
+    Raises T2TwinError for a calibration, a layout or imperfections that cannot be used.
+    """
+
+    def __init__(
+        self,
+        calibration: str | Path | None = None,
+        layout: str | Path = DEFAULT_LAYOUT,
+        imperfections: str = "white",
+        gel: Elastomer = DIGIT_GEL,
+        cover: Elastomer = CYSKIN_COVER,
+    ) -> None:
+        light = None if calibration is None else str(calibration)
+        self.sensors = SensorPair(
+            Digit(gel=gel, calibration=light),
+            CySkin(cover=cover, layout_source=str(layout), imperfections=imperfections),
+        )
+
+    @property
+    def layout(self) -> Layout:
+        """The CySkin's taxels: name, x_mm, y_mm and pad_diameter_mm, (n,) each."""
+        return self.sensors.cyskin.layout
+
+    @property
+    def background(self) -> np.ndarray:
+        """(320, 240, 3) uint8: the DIGIT untouched."""
+        return self.sensors.digit.optics.background
+
+    def press(
+        self,
+        shape: str | Path | Shape,
+        *,
+        force_n: float = FORCE_N,
+        x_mm: float = 0.0,
+        y_mm: float = 0.0,
+        yaw_deg: float = 0.0,
+        seed: int | None = None,
+    ) -> Touch:
+        """Press a shape into both sensors.
+
+        shape: a name (see `t2twin.shapes()`), an STL or STEP file in mm, its pressing side up, or a
+        Shape. force_n: 0.01 to 100. x_mm, y_mm: where its middle stands, to the right and down in
+        the image. yaw_deg: its turn, clockwise in the image. seed: camera noise and the CySkin's
+        imperfections are drawn from it; without one there are none.
+        Raises T2TwinError for a shape, a number or a place that cannot be pressed.
+        """
+        solid = load_shape(shape)
+        command = press_command(solid, force_n, x_mm, y_mm, yaw_deg)
+        rng = None if seed is None else np.random.default_rng(seed)
+        sample = self.sensors.press(solid, command, rng)
+        return Touch(
+            solid, command, sample.image, sample.counts, sample.digit, sample.cyskin, self.layout
+        )
+
+
+def press(
+    shape: str | Path | Shape,
+    *,
+    force_n: float = FORCE_N,
+    x_mm: float = 0.0,
+    y_mm: float = 0.0,
+    yaw_deg: float = 0.0,
+    seed: int | None = None,
+) -> Touch:
+    """Press a shape into the twin as it comes: see `Twin.press`."""
+    return _default_twin().press(
+        shape, force_n=force_n, x_mm=x_mm, y_mm=y_mm, yaw_deg=yaw_deg, seed=seed
+    )
+
+
+@cache
+def _default_twin() -> Twin:
+    return Twin()
+
+
+def shapes() -> tuple[str, ...]:
+    """Names of all shapes that ship: the primitives, then the tools at their keypoints."""
+    return catalogue.NAMES
+
+
+def load_shape(shape: str | Path | Shape) -> Shape:
+    """A shape by name, or from an STL or STEP file in mm; a Shape is given back as it is.
+
+    What is prepared is kept between calls. Raises T2TwinError for an unknown name, or a file that
+    cannot be pressed.
+    """
+    return shape if isinstance(shape, Shape) else catalogue.load(shape)
+
+
+def press_command(
+    shape: Shape, force_n: float, x_mm: float, y_mm: float, yaw_deg: float
+) -> PressCommand:
+    """A checked command. Raises T2TwinError for a force out of range and places not finite."""
+    for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("yaw_deg", yaw_deg)):
+        if not np.isfinite(value):
+            raise T2TwinError(f"{name} is {value}; it must be a finite number")
+    check_force(force_n)
+    return PressCommand(shape.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force_n)
+
+
+def other_elastomer(
+    own: Elastomer,
+    thickness_mm: float | None = None,
+    young_mpa: float | None = None,
+    poisson: float | None = None,
+    flat: bool = False,
+) -> Elastomer:
+    """A sensor's elastomer with other properties, None leaving one as it is.
+
+    With any of the first three it is linear elastic, so that it can be compared with theory. flat:
+    without the dome. Raises T2TwinError for values out of range.
+    """
+    changes = {"thickness_mm": thickness_mm, "young_mpa": young_mpa, "poisson": poisson}
+    given = {name: value for name, value in changes.items() if value is not None}
+    other = replace(own, **given, law="linear") if given else own
+    if flat:
+        other = replace(other, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
+    return other

@@ -1,0 +1,137 @@
+"""The public API: what is listed, what the README's lines give, how quickly it is there."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from spots import train_smoke, write_spots
+
+import t2twin
+
+PUBLIC = {
+    "Contact", "Elastomer", "Layout", "PressCommand", "Shape", "T2TwinError", "Touch",
+    "TrainedTranslator", "Twin", "calibrate", "evaluate", "export_onnx", "export_shapes",
+    "import_pairs", "load", "load_layout", "load_shape", "make_dataset", "press", "shapes", "train",
+    "translate_images", "verify_dataset", "write_data_report", "write_report",
+}  # fmt: skip
+"""What a later version must still have."""
+
+IMPORT_SECONDS, HELP_SECONDS = 0.3, 0.6
+TRIES = 3
+"""The quickest of a few starts is taken: the machine may be busy."""
+
+
+def test_what_is_public_is_listed_once_and_there():
+    assert set(t2twin.__all__) == PUBLIC and len(t2twin.__all__) == len(PUBLIC)
+    assert set(dir(t2twin)) >= PUBLIC
+    for name in t2twin.__all__:
+        assert getattr(t2twin, name).__doc__, name
+    with pytest.raises(AttributeError, match="Twin"):
+        _ = t2twin.twim  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def seconds(*command: str) -> float:
+    taken = []
+    for _ in range(TRIES):
+        start = time.perf_counter()
+        subprocess.run([sys.executable, *command], check=True, stdout=subprocess.DEVNULL)
+        taken.append(time.perf_counter() - start)
+    return min(taken)
+
+
+def test_import_and_help_are_quick():
+    bare = seconds("-c", "pass")
+    assert seconds("-c", "import t2twin") - bare < IMPORT_SECONDS
+    assert seconds("-m", "t2twin", "--help") < HELP_SECONDS
+
+
+def test_a_touch_has_what_its_docstring_says(shape_cache):
+    touch = t2twin.Twin().press("square-2", force_n=8, yaw_deg=30, x_mm=1.0)
+    assert touch.image.shape == (320, 240, 3) and touch.image.dtype == np.uint8
+    assert touch.counts.shape == (20,) and touch.counts.dtype == np.uint16
+    assert touch.tactile_image.shape == (396, 240)
+    assert touch.tactile_image.max() <= touch.counts.max()
+    assert touch.digit.force_n == pytest.approx(8.0, rel=1e-3)
+    assert touch.cyskin.force_n == pytest.approx(8.0, rel=1e-3)
+    assert touch.command.yaw_rad == pytest.approx(np.pi / 6)
+    assert touch.digit.elastomer.name == "digit" and touch.digit.shape is touch.shape
+
+
+def test_a_quarter_of_a_square_is_the_square():
+    """A shape that a quarter turn brings onto itself gives the same picture."""
+    one, other = (t2twin.press("square-2", yaw_deg=yaw, force_n=4) for yaw in (0, 90))
+    assert np.abs(one.image.astype(int) - other.image).max() <= 2
+    assert np.abs(one.counts.astype(int) - other.counts).max() <= 2
+
+
+def test_a_shape_a_name_and_a_file_press_alike(tmp_path):
+    shape = t2twin.load_shape("circle-2")
+    shape.mesh.export(tmp_path / "circle.stl")
+    twin = t2twin.Twin()
+    by_name, by_shape, by_file = (
+        twin.press(given) for given in ("circle-2", shape, tmp_path / "circle.stl")
+    )
+    assert (by_name.image == by_shape.image).all() and (by_name.counts == by_shape.counts).all()
+    assert by_file.digit.depth_mm == pytest.approx(by_name.digit.depth_mm, rel=1e-3)
+
+
+def test_noise_comes_from_the_seed_and_only_with_one():
+    twin = t2twin.Twin(imperfections="all")
+    still, again = twin.press("circle-1"), twin.press("circle-1")
+    first, second, other = (twin.press("circle-1", seed=seed) for seed in (1, 1, 2))
+    assert (still.counts == again.counts).all() and (still.image == again.image).all()
+    assert (first.counts == second.counts).all() and (first.image == second.image).all()
+    assert (first.counts != other.counts).any() and (first.image != still.image).any()
+
+
+def test_another_layout_reads_the_same_touch():
+    twin = t2twin.Twin(layout="cyskin-63")
+    touch = twin.press("hemisphere-2")
+    assert touch.counts.shape == twin.layout.x_mm.shape == (63,)
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        ({"shape": "sqare-2"}, "square-2"),
+        ({"shape": "square-2", "force_n": -1.0}, "0.01 to 100 N"),
+        ({"shape": "square-2", "x_mm": float("nan")}, "finite"),
+        ({"shape": "square-2", "y_mm": 90.0}, "beside"),
+    ],
+)
+def test_what_cannot_be_pressed_is_said_in_a_sentence(arguments, words):
+    with pytest.raises(t2twin.T2TwinError, match=words):
+        t2twin.press(**arguments)
+
+
+def test_a_touch_is_saved_as_the_command_writes_it(tmp_path):
+    from t2twin.cli import main
+
+    main(["press", "circle-1", "--yaw-deg", "30", "--out", str(tmp_path / "command")])
+    t2twin.press("circle-1", yaw_deg=30).save(tmp_path / "saved")
+    command, saved = (
+        {path.name: path.read_bytes() for path in (tmp_path / name).iterdir()}
+        for name in ("command", "saved")
+    )
+    assert command.keys() == saved.keys()
+    assert [n for n in command if command[n] != saved[n]] in ([], ["press.json"])  # milliseconds
+
+
+def test_the_readmes_lines_run_as_they_stand(tmp_path, monkeypatch, readme_lines):
+    write_spots(tmp_path / "data")
+    train_smoke("resnet18", tmp_path / "data", tmp_path / "runs/small/resnet18", epochs=1)
+    monkeypatch.chdir(tmp_path)
+    scope: dict = {}
+    exec(readme_lines, scope)
+    assert scope["touch"].counts.shape == (20,)
+
+
+@pytest.fixture
+def readme_lines(request) -> str:
+    """The README's first Python block."""
+    readme = (request.config.rootpath / "README.md").read_text()
+    lines = readme.split("```python\n", 1)[1].split("```", 1)[0]
+    assert lines.startswith("import t2twin\n") and len(lines.splitlines()) == 5
+    return lines

@@ -1,0 +1,102 @@
+"""How the package is laid out: one name when it is installed, layers that hold, no circles."""
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("t2twin", "translate", "sim", "primitives_cad")
+PROJECT = ("pyproject.toml", "README.md", "LICENSE")
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """A copy of what is installed from, its links as links."""
+    folder = tmp_path_factory.mktemp("checkout")
+    for name in PACKAGES:
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=ignored)
+    for name in PROJECT:
+        shutil.copy(ROOT / name, folder / name)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(checkout, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("wheel")
+    pip("wheel", "--no-build-isolation", "--wheel-dir", folder, checkout)
+    return next(folder.glob("t2twin-*.whl"))
+
+
+def pip(*arguments) -> None:
+    command = [sys.executable, "-m", "pip", *map(str, arguments), "--no-deps", "--quiet"]
+    subprocess.run([*command, "--disable-pip-version-check"], check=True)
+
+
+def test_a_wheel_has_one_top_level_name_and_everything_in_it(wheel):
+    names = zipfile.ZipFile(wheel).namelist()
+    tops = {name.split("/")[0] for name in names}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {"t2twin"}
+    for package in PACKAGES[1:]:
+        sources = {p.relative_to(ROOT) for p in (ROOT / package).rglob("*.py")}
+        assert {str(Path("t2twin") / path) for path in sources} <= set(names)
+    assert "t2twin/sim/digit/default_calibration.npz" in names
+    assert "t2twin/sim/cyskin/layouts/cyskin-20.json" in names
+
+
+def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path):
+    """An index has a package `translate`; a user's script may stand beside a folder `sim`."""
+    site, work = tmp_path / "site", tmp_path / "work"
+    pip("install", "--target", site, wheel)
+    for folder in (site / "translate", work / "sim", work / "primitives_cad"):
+        folder.mkdir(parents=True)
+        (folder / "__init__.py").write_text("raise ImportError('not ours')\n")
+    script = work / "script.py"
+    script.write_text(
+        "import t2twin, t2twin.sim.sensors, t2twin.translate.phi\n"
+        "print(t2twin.__file__, len(t2twin.shapes()))\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(site)}
+    for command in ([script], ["-m", "t2twin", "press", "--help"]):
+        done = subprocess.run(
+            [sys.executable, *command], cwd=work, env=environment, capture_output=True, text=True
+        )
+        assert done.returncode == 0, done.stderr
+        if command == [script]:
+            assert done.stdout.startswith(str(site)) and done.stdout.endswith(" 52\n")
+
+
+def lint(folder: Path) -> subprocess.CompletedProcess:
+    lint_imports = Path(sys.executable).with_name("lint-imports")
+    return subprocess.run(
+        [lint_imports, "--no-cache", "--no-logo"], cwd=folder, capture_output=True, text=True
+    )
+
+
+@pytest.mark.parametrize(
+    "module, wrong",
+    [
+        ("primitives_cad/errors.py", "from t2twin.sim.press import grid\n"),
+        ("sim/press/grid.py", "from t2twin.translate import phi\n"),
+        ("sim/press/grid.py", "from t2twin.sim.press import engine\n"),
+    ],
+)
+def test_a_wrong_import_breaks_the_contract(checkout, module, wrong):
+    path = checkout / module
+    before = path.read_text()
+    path.write_text(before + "\n\n" + wrong)
+    try:
+        done = lint(checkout)
+    finally:
+        path.write_text(before)
+    assert done.returncode != 0 and "BROKEN" in done.stdout
+
+
+def test_the_contract_is_kept():
+    done = lint(ROOT)
+    assert done.returncode == 0, done.stdout
