@@ -21,17 +21,18 @@ def write_press(folder: Path, digit: DigitTouch | None, cyskin: CySkinTouch | No
 
     Raises OSError where the folder cannot be written.
     """
-    touches = [touch for touch in (digit, cyskin) if touch is not None]
+    touches = {"digit": digit, "cyskin": cyskin}
+    contacts = {name: touch.contact for name, touch in touches.items() if touch is not None}
+    shape = next(iter(contacts.values())).shape
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".press-", dir=folder) as name:
         temporary = Path(name)
-        contacts = [touch.contact for touch in touches]
         (temporary / "press.json").write_text(json.dumps(_summary(contacts), indent=1) + "\n")
-        mesh_file = scene.mesh_name(contacts[0].shape)
+        mesh_file = scene.mesh_name(shape)
         if mesh_file is not None:
-            contacts[0].shape.mesh.export(temporary / mesh_file)
-        for contact in contacts:
-            _write_contact(temporary, contact, mesh_file)
+            shape.mesh.export(temporary / mesh_file)
+        for sensor, contact in contacts.items():
+            _write_contact(temporary, sensor, contact, mesh_file)
         if digit is not None:
             Image.fromarray(digit.image).save(temporary / "digit.png")
         if cyskin is not None:
@@ -40,20 +41,20 @@ def write_press(folder: Path, digit: DigitTouch | None, cyskin: CySkinTouch | No
             path.replace(folder / path.name)
 
 
-def scene_path(folder: Path, contact: Contact) -> Path:
-    """Where `write_press` puts the scene of a contact."""
-    return folder / f"scene_{contact.elastomer.name}.xml"
+def scene_path(folder: Path, sensor: str) -> Path:
+    """Where `write_press` puts the scene of a sensor, "digit" or "cyskin"."""
+    return folder / f"scene_{sensor}.xml"
 
 
-def _write_contact(folder: Path, contact: Contact, mesh_file: str | None) -> None:
+def _write_contact(folder: Path, sensor: str, contact: Contact, mesh_file: str | None) -> None:
     np.savez_compressed(
-        folder / f"contact_{contact.elastomer.name}.npz",
+        folder / f"contact_{sensor}.npz",
         surface_mm=contact.surface_mm,
         pressure_kpa=contact.pressure_kpa,
         x_mm=contact.x_mm,
         y_mm=contact.y_mm,
     )
-    scene_path(folder, contact).write_text(scene.scene(contact, mesh_file))
+    scene_path(folder, sensor).write_text(scene.scene(contact, mesh_file))
 
 
 def _write_cyskin(folder: Path, touch: CySkinTouch) -> None:
@@ -73,9 +74,9 @@ def _write_cyskin(folder: Path, touch: CySkinTouch) -> None:
     picture.save(folder / "tactile_picture.png")
 
 
-def _summary(contacts: list[Contact]) -> dict[str, Any]:
+def _summary(contacts: dict[str, Contact]) -> dict[str, Any]:
     """What press.json holds."""
-    command = contacts[0].command
+    command = next(iter(contacts.values())).command
     return {
         "shape": command.shape,
         "x_mm": command.x_mm,
@@ -83,7 +84,7 @@ def _summary(contacts: list[Contact]) -> dict[str, Any]:
         "yaw_rad": command.yaw_rad,
         "commanded_force_n": command.force_n,
     } | {
-        contact.elastomer.name: {
+        sensor: {
             "force_n": contact.force_n,
             "depth_mm": contact.depth_mm,
             "settled": contact.settled,
@@ -91,5 +92,5 @@ def _summary(contacts: list[Contact]) -> dict[str, Any]:
             "contact_area_mm2": contact.contact_area_mm2,
             "milliseconds": contact.milliseconds,
         }
-        for contact in contacts
+        for sensor, contact in contacts.items()
     }

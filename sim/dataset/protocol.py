@@ -23,7 +23,7 @@ LAST_YAW_RAD = 7 / 4 * np.pi
 
 GRID_OFFSET_MM = (0.3, 0.17)
 """Where the middle of the grid lies from the shape's own middle, x and y in the shape's frame, mm
-(assumed: as well as a robot finds a part). Were it nought, turning would bring a fifth of the
+(assumed: as well as a robot finds a part). Were it zero, turning would bring a fifth of the
 presses of a round shape back to where another one was: its middle, and points at angles that the
 orientations happen to make up."""
 

@@ -50,7 +50,7 @@ class Made:
 def make_shard(task: Task, sensors: SensorPair, progress: Callable[[], object]) -> Made:
     """Press, look, feel and write. Calls progress after each pair.
 
-    Raises T2TwinError where a press did not come to rest or the shard cannot be written.
+    Raises T2TwinError where a press did not settle or the shard cannot be written.
     """
     watch = Stopwatch()
     with watch.running("shape"):
@@ -79,7 +79,7 @@ def _rows(
         sample = sensors.press(shape, protocol.press_at(shape, index), rng, watch.running)
         if not (sample.digit.settled and sample.cyskin.settled):
             raise T2TwinError(
-                f"press {index} of {task.shape} did not come to rest; take a finer or coarser grid"
+                f"press {index} of {task.shape} did not settle; take a finer or coarser grid"
             )
         with watch.running("encoding"):
             picture = encode_png(sample.image)

@@ -32,7 +32,7 @@ TOUCH_MM = 1e-3
 equilibrium wherever its pins start, and so no contact can be missed."""
 
 PIN_MASS = 1e-5
-"""Mass of a pin over its stiffness x step^2: small, so that it is at rest after a step."""
+"""Mass of a pin over its stiffness x step^2: small, so that it has stopped after a step."""
 
 SHAPE_MASS = 10.0
 """The shape's mass over one pin's stiffness x step^2: it follows within a step or two once it
@@ -104,7 +104,7 @@ class Bed:
     ) -> tuple[float, np.ndarray]:
         """One step under a force, in pin springs x mm.
 
-        spring_rest_mm: (n,) deflections at which the pins' springs are at rest, mm.
+        spring_rest_mm: (n,) deflections at which the pins' springs carry nothing, mm.
         stiffness: (n,) of those springs, in units of the one that the force is given in.
         Returns the shape's depth, mm, and the pins' deflections (n,), mm.
         """

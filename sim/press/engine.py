@@ -214,9 +214,9 @@ class _Survey:
     def divided(self, per_side: int) -> Layer:
         """The elastomer's layer on the contact's cells cut into parts."""
         asked = time.perf_counter()
-        found = cached_layer(self.layer.elastomer, self.layer.pitch_mm, per_side)
+        layer = cached_layer(self.layer.elastomer, self.layer.pitch_mm, per_side)
         self.preparing_s += time.perf_counter() - asked
-        return found
+        return layer
 
     def expected_contact(self, force_n: float) -> np.ndarray:
         """Where independent springs as soft as the layer would touch, (rows, columns)."""

@@ -118,10 +118,10 @@ def _height(heights, x0, y0, pitch, press_x, press_y, cos, sin, x, y):
 
 
 @numba.njit(f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1])", cache=True, nogil=True)
-def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, found):
+def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, out):
     for i in range(y_mm.size):
         for j in range(x_mm.size):
-            found[i, j] = _height(
+            out[i, j] = _height(
                 heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
             )
 

@@ -18,10 +18,10 @@ def window_around(mask: np.ndarray) -> Window:
     """The window that holds the mask, (rows, columns) bool, within its grid."""
     spans = []
     for axis in (1, 0):
-        found = np.flatnonzero(mask.any(axis=axis))
+        inside = np.flatnonzero(mask.any(axis=axis))
         length = mask.shape[1 - axis]
-        size = min(-(-(found[-1] + 1 - found[0]) // WINDOW_STEP) * WINDOW_STEP, length)
-        start = min(int(found[0]), length - size)
+        size = min(-(-(inside[-1] + 1 - inside[0]) // WINDOW_STEP) * WINDOW_STEP, length)
+        start = min(int(inside[0]), length - size)
         spans.append(slice(start, start + size))
     return spans[0], spans[1]
 

@@ -225,7 +225,7 @@ def _base_part(
 ) -> np.ndarray:
     """What a layer's base takes from a half-space's answer to a point load: Hankel transform.
 
-    (thicknesses, radii), mm/MPa a mm^2, meant over a loaded and an answering cell.
+    (thicknesses, radii), mm/MPa per mm^2, averaged over a loaded and an answering cell.
     """
     young, poisson = elastomer.young_mpa, elastomer.poisson
     reach = SMOOTH_REACH / float(thicknesses_mm.min())
@@ -253,7 +253,7 @@ def _base_part(
 
 
 def _mean_inverse_distance(x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
-    """The integral of 1 / distance over a square cell, meant over one that lies (x, y) away, mm.
+    """The integral of 1 / distance over a square cell, averaged over one (x, y) away, mm.
 
     (y, x). The fourth difference of a function whose derivative d^4 / dx^2 dy^2 is 1 / r.
     """

@@ -1,4 +1,4 @@
-"""A press as a MuJoCo scene that can be looked at: the bed that carried it, at rest.
+"""A press as a MuJoCo scene that can be looked at: the bed that carried it, settled.
 
 The scene is the model itself, in mm and N: a pin of the elastomer for each cell, its spring as the
 layer's coupling left it, the shape's balls over them, and the solid as a mesh to look at. Its
@@ -137,7 +137,7 @@ def mesh_name(shape: Shape) -> str | None:
 
 
 def view(path: Path) -> None:
-    """Open a scene in MuJoCo's viewer, at rest, until it is closed."""
+    """Open a scene in MuJoCo's viewer, as the press ended, until it is closed."""
     import mujoco
     import mujoco.viewer
 

@@ -33,7 +33,7 @@ LEAST_SLOPE = 0.02
 """Least share of a pin's compliance that stiffening leaves: keeps the springs finite."""
 
 MISSED_MM = 1e-3
-"""How far the shape may stand in a cell without a pin, mm: what a step at rest still changes."""
+"""How far the shape may stand in a cell without a pin, mm: what a settled step still changes."""
 
 GUESSES = 3
 """Rounds in which the springs and the contact they expect are made to fit each other."""

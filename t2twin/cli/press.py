@@ -62,20 +62,20 @@ def press(
     cyskin = sensors.cyskin.touch(solid, command) if sensor != "digit" else None
     folder = out or Path("runs/press") / solid.name.replace("/", "-")
     write_press(folder, digit, cyskin)
-    contacts = [touch.contact for touch in (digit, cyskin) if touch is not None]
-    for contact in contacts:
-        print(summary(contact))
+    if digit is not None:
+        print(summary("digit", digit.contact))
     if cyskin is not None:
+        print(summary("cyskin", cyskin.contact))
         print("counts: " + " ".join(str(count) for count in cyskin.counts))
     print(f"written to {folder}")
     if view:
-        show(scene_path(folder, contacts[0]))
+        show(scene_path(folder, "cyskin" if sensor == "cyskin" else "digit"))
 
 
-def summary(contact: "Contact") -> str:
+def summary(sensor: str, contact: "Contact") -> str:
     """A contact in one line."""
     words = (
-        f"{contact.elastomer.name}: {contact.force_n:.2f} N at {contact.depth_mm:.3f} mm, "
+        f"{sensor}: {contact.force_n:.2f} N at {contact.depth_mm:.3f} mm, "
         f"{contact.contact_area_mm2:.1f} mm2 in contact, {contact.milliseconds:.0f} ms"
     )
     if not contact.settled:
