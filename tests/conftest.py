@@ -23,10 +23,13 @@ def real_digit(request):
     return Path(folder)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="session", autouse=True)
 def shape_cache(tmp_path_factory):
-    """Where prepared shapes are kept: each is made once for the whole session."""
-    return tmp_path_factory.mktemp("shapes")
+    """Where prepared shapes are kept, by commands too: each is made once for the whole session."""
+    folder = tmp_path_factory.mktemp("shapes")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(catalogue, "CACHE_DIR", folder)
+        yield folder
 
 
 @pytest.fixture(scope="session")

@@ -24,15 +24,14 @@ def solids():
 
 
 @pytest.fixture(scope="module")
-def folder(solids, tmp_path_factory):
-    """A cache with the tools' meshes, each made once."""
-    path = tmp_path_factory.mktemp("tools")
+def folder(solids, shape_cache):
+    """The session's prepared shapes with the tools' meshes among them, made of these solids."""
     for tool, solid in solids.items():
         chordal = tools.CHORDAL_MM.get(tool, CHORDAL_MM)
         cache.fetch_mesh(
-            path, tool, lambda solid=solid, chordal=chordal: tessellate(solid, chordal)
+            shape_cache, tool, lambda solid=solid, chordal=chordal: tessellate(solid, chordal)
         )
-    return path
+    return shape_cache
 
 
 def distance_mm(mesh: trimesh.Trimesh, point: np.ndarray) -> tuple[float, np.ndarray]:
