@@ -11,8 +11,10 @@ import pyarrow as pa
 import pytest
 
 from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.png import encode_png
-from t2twin.sim.dataset.store import FORMAT, SCHEMA, shard_path, write_info, write_shard
+from t2twin.sim.dataset.store import SCHEMA, shard_path, write_info, write_shard
 from t2twin.translate.train import train
 
 ROWS, COLUMNS = 320, 240
@@ -37,20 +39,22 @@ def write_spots(folder: Path, train: int = 32, val: int = 12, test: int = 8, see
     for (split, shape, family), pairs in zip(SHAPES, (train, val, test), strict=True):
         path = shard_path(split, shape)
         rows = [_spot(shape, family, split, index, rng) for index in range(pairs)]
-        shards[path] = {"sha256": write_shard(folder / path, rows), "pairs": pairs}
+        shards[path] = Shard(write_shard(folder / path, rows), pairs)
     write_info(
         folder,
-        {
-            "format": FORMAT,
-            "complete": True,
-            "seed": seed,
-            "scale": "smoke",
-            "layout": layout.name,
-            "layout_x_mm": layout.x_mm.tolist(),
-            "layout_y_mm": layout.y_mm.tolist(),
-            "full_scale_counts": 40000,
-            "shards": shards,
-        },
+        DatasetInfo(
+            format=FORMAT,
+            complete=True,
+            pairs={"train": train, "val": val, "test": test},
+            layout=layout.name,
+            layout_x_mm=tuple(layout.x_mm.tolist()),
+            layout_y_mm=tuple(layout.y_mm.tolist()),
+            full_scale_counts=FULL_SCALE_COUNTS,
+            versions=versions(),
+            shards=shards,
+            scale="smoke",
+            seed=seed,
+        ),
     )
     return folder
 
@@ -64,7 +68,7 @@ def train_smoke(model: str, data_dir: Path, run_dir: Path, epochs: int) -> Path:
 
 
 def _spot(shape: str, family: str, split: str, index: int, rng: np.random.Generator) -> dict:
-    """One row of the table; what a translator does not read is false or nought."""
+    """One row of the table; what a translator does not read is false or zero."""
     layout = load_layout()
     x_mm, y_mm = rng.uniform(-6, 6), rng.uniform(-12, 12)
     strength = rng.uniform(0.5, 1.0)

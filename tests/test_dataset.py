@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -20,6 +21,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset import protocol
 from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.png import decode_png, encode_png
 from t2twin.sim.dataset.store import (
     LOG,
@@ -63,8 +65,8 @@ def remade(folder, changes):
         table = table.set_column(place, field, pa.array(values, field.type))
     pq.write_table(table, path)
     info = read_info(folder)
-    info["shards"]["train/square-1.parquet"] = {"sha256": sha256_of(path), "pairs": len(table)}
-    write_info(folder, info)
+    shard = {"train/square-1.parquet": Shard(sha256_of(path), len(table))}
+    write_info(folder, replace(info, shards=info.shards | shard))
     return verify(folder)
 
 
@@ -105,10 +107,10 @@ def test_splits_hold_their_shapes_and_every_press_its_force(made):
 
 def test_every_shard_is_what_info_says(made):
     info = read_info(made)
-    assert info["complete"] and info["pairs"] == {"train": 6, "val": 3, "test": 1}
-    for path, about in info["shards"].items():
-        assert hashlib.sha256((made / path).read_bytes()).hexdigest() == about["sha256"]
-        assert pq.ParquetFile(made / path).metadata.num_rows == about["pairs"]
+    assert info.complete and info.pairs == {"train": 6, "val": 3, "test": 1}
+    for path, shard in info.shards.items():
+        assert hashlib.sha256((made / path).read_bytes()).hexdigest() == shard.sha256
+        assert pq.ParquetFile(made / path).metadata.num_rows == shard.pairs
     features = pq.ParquetFile(made / "train/square-1.parquet").schema_arrow.metadata
     assert json.loads(features[b"huggingface"])["info"]["features"]["image"]["_type"] == "Image"
 
@@ -251,16 +253,14 @@ def test_the_log_says_where_the_time_went(made):
     assert 50e6 < record["peak_memory_bytes"] < 4 * 2**30
 
 
-def test_a_pair_is_what_the_bench_takes(made, shapes):
+def test_a_pair_is_what_the_sensors_take(made, shapes):
     """The row's picture and counts are those of the two sensors under the row's own press."""
     table = pq.ParquetFile(made / "train/square-1.parquet").read()
-    index, bench = table["index"][1].as_py(), SensorPair()
+    index, sensors = table["index"][1].as_py(), SensorPair()
     command = protocol.press_at(shapes("square-1"), index)
     rng = np.random.default_rng((0, catalogue.NAMES.index("square-1"), index))
-    image = bench.digit.see(
-        bench.digit.touch(shapes("square-1"), command), shapes("square-1"), command, rng
-    )
-    counts = bench.cyskin.feel(bench.cyskin.touch(shapes("square-1"), command), rng)
+    image = sensors.digit.image(sensors.digit.press(shapes("square-1"), command), rng)
+    counts = sensors.cyskin.counts(sensors.cyskin.press(shapes("square-1"), command), rng)
     assert (decode_png(table["image"][1].as_py()["bytes"]) == image).all()
     assert table["taxels"][1].as_py() == counts.tolist()
 
@@ -282,10 +282,10 @@ def test_many_rows_come_in_groups(tmp_path, made):
 
 
 def test_a_calibration_is_checked_before_anything_is_written(tmp_path, capsys):
-    (tmp_path / "lamps.npz").write_text("none")
+    (tmp_path / "leds.npz").write_text("none")
     with pytest.raises(SystemExit) as stop:
         main(["simdata", "--scale", "smoke", "--out", str(tmp_path / "out"),
-              "--calibration", str(tmp_path / "lamps.npz")])  # fmt: skip
+              "--calibration", str(tmp_path / "leds.npz")])  # fmt: skip
     assert stop.value.code == 2 and "is not a calibration" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 

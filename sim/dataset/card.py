@@ -1,6 +1,6 @@
 """The dataset card: what each column is, for people and for the Hugging Face hub."""
 
-from typing import Any
+from t2twin.sim.dataset.info import DatasetInfo
 
 COLUMNS = """\
 | column | type | unit | what |
@@ -35,41 +35,41 @@ configs:
 """
 
 
-def card(info: dict[str, Any]) -> str:
+def card(info: DatasetInfo) -> str:
     """README.md of a dataset."""
-    if "scale" in info:
+    if info.is_simulated:
         return HEAD.format(licence="mit", tag=", simulation") + _simulated(info)
     return HEAD.format(licence="unknown", tag="") + _imported(info)
 
 
-def _simulated(info: dict[str, Any]) -> str:
-    pairs = info["pairs"]
-    return f"""# t2twin, scale {info["scale"]}
+def _simulated(info: DatasetInfo) -> str:
+    pairs = info.pairs
+    return f"""# t2twin, scale {info.scale}
 
 Simulated pairs of two tactile sensors touching the same shape in the same place with the same
 force: a DIGIT camera sensor's picture and a CySkin capacitive array's counts. Protocol of Grella et
 al., Touch-to-Touch Translation (IROS 2023); all data here are simulated, no hardware was used.
 
 {pairs["train"]} training pairs, {pairs["val"]} validation pairs (versions of the primitives that
-training never saw), {pairs["test"]} test pairs (hand tools). Seed {info["seed"]}.
+training never saw), {pairs["test"]} test pairs (hand tools). Seed {info.seed}.
 
 {COLUMNS}
 Where they come from: `x_mm` to `force_n` are the protocol's; `image` is rendered from the surface
 and `taxels` computed from the pressure that the simulated contact leaves in each sensor; depths,
 carried forces and flags are that contact's own. A pair is one press, taken by both sensors.
 
-Made by t2twin {info["versions"]["t2twin"]} with MuJoCo {info["versions"]["mujoco"]}; all parameters
+Made by t2twin {info.versions["t2twin"]} with MuJoCo {info.versions["mujoco"]}; all parameters
 stand in `info.json`. Licence: MIT.
 """
 
 
-def _imported(info: dict[str, Any]) -> str:
-    pairs = info["pairs"]
+def _imported(info: DatasetInfo) -> str:
+    pairs = info.pairs
     return f"""# Pairs brought in with t2twin import-pairs
 
 {pairs["train"]} training, {pairs["val"]} validation and {pairs["test"]} test pairs of a camera
-sensor's picture and the counts of {len(info["layout_x_mm"])} taxels (layout {info["layout"]},
-saturated at {info["full_scale_counts"]:,}). They are the owner's; where they come from and under
+sensor's picture and the counts of {len(info.layout_x_mm)} taxels (layout {info.layout},
+saturated at {info.full_scale_counts:,}). They are the owner's; where they come from and under
 which licence they may be used is for the owner to say. Columns that the owner did not have are
 empty.
 

@@ -32,14 +32,12 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import card
-from t2twin.sim.dataset.info import versions
+from t2twin.sim.dataset.info import FORMAT, MOST_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import (
     CARD,
-    FORMAT,
     POSE,
     SCHEMA,
-    SPLITS,
     file_stem,
     shard_path,
     write_info,
@@ -53,8 +51,6 @@ SHARES = (0.8, 0.1, 0.1)
 
 OWN = "own"
 """Shape and family of pairs that name none."""
-
-MOST_COUNTS = np.iinfo(np.uint16).max
 
 
 @dataclass(frozen=True)
@@ -76,7 +72,7 @@ def import_pairs(
     layout: Layout,
     full_scale: int = FULL_SCALE_COUNTS,
     seed: int = 0,
-) -> dict[str, Any]:
+) -> DatasetInfo:
     """Write a user's pairs as a dataset; returns its info.
 
     source: a CSV or Parquet file, or a folder that holds one. layout: the user's taxels.
@@ -88,6 +84,8 @@ def import_pairs(
     table_path, folder = _table_of(Path(source)), Path(folder)
     if not 0 < full_scale <= MOST_COUNTS:
         raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MOST_COUNTS}")
+    if seed < 0:
+        raise T2TwinError(f"the seed is {seed}; it must be 0 or more")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise T2TwinError(f"{folder} is not empty; choose another folder")
     pairs = _with_splits(_read(table_path, layout, full_scale), seed)
@@ -103,12 +101,12 @@ def import_pairs(
 
 def _table_of(source: Path) -> Path:
     if source.is_dir():
-        found = sorted(p for p in source.iterdir() if p.suffix.lower() in (".csv", ".parquet"))
-        if len(found) != 1:
+        tables = sorted(p for p in source.iterdir() if p.suffix.lower() in (".csv", ".parquet"))
+        if len(tables) != 1:
             raise T2TwinError(
-                f"{source} holds {len(found)} CSV and Parquet files; name the one with the pairs"
+                f"{source} holds {len(tables)} CSV and Parquet files; name the one with the pairs"
             )
-        return found[0]
+        return tables[0]
     if not source.is_file() or source.suffix.lower() not in (".csv", ".parquet"):
         raise T2TwinError(f"{source} is no pairs; give a .csv or .parquet file, or its folder")
     return source
@@ -136,6 +134,8 @@ def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     pairs = []
     for row in range(len(table)):
         shape = str(columns["shape"][row] or columns["family"][row] or OWN)
+        if "\0" in shape:
+            raise T2TwinError(f"{path}, row {row}: shape is {shape!r}; it must be a name")
         family = str(columns["family"][row] or shape)
         pairs.append(
             Pair(
@@ -217,7 +217,7 @@ def _with_splits(pairs: list[Pair], seed: int) -> list[Pair]:
 
 def _write(
     pairs: list[Pair], beside: Path, folder: Path, layout: Layout, full_scale: int
-) -> dict[str, Any]:
+) -> DatasetInfo:
     by_shard: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:
         by_shard.setdefault((pair.split, pair.shape), []).append(pair)
@@ -229,24 +229,21 @@ def _write(
     for split, shape in sorted(by_shard):
         own = by_shard[split, shape]
         path = shard_path(split, shape)
-        shards[path] = {
-            "sha256": write_shard(folder / path, _rows(own, pictures)),
-            "pairs": len(own),
-        }
-    info = {
-        "format": FORMAT,
-        "origin": ORIGIN,
-        "pairs": {split: sum(p.split == split for p in pairs) for split in SPLITS},
-        "layout": layout.name,
-        "layout_x_mm": layout.x_mm.tolist(),
-        "layout_y_mm": layout.y_mm.tolist(),
-        "pad_diameter_mm": layout.pad_diameter_mm.tolist(),
-        "full_scale_counts": full_scale,
-        "image_shape": pictures.shape,
-        "versions": versions(),
-        "shards": shards,
-        "complete": True,
-    }
+        shards[path] = Shard(write_shard(folder / path, _rows(own, pictures)), len(own))
+    info = DatasetInfo(
+        format=FORMAT,
+        complete=True,
+        pairs={split: sum(p.split == split for p in pairs) for split in SPLITS},
+        layout=layout.name,
+        layout_x_mm=tuple(layout.x_mm.tolist()),
+        layout_y_mm=tuple(layout.y_mm.tolist()),
+        full_scale_counts=full_scale,
+        versions=versions(),
+        shards=shards,
+        image_shape=pictures.shape,
+        origin=ORIGIN,
+        pad_diameter_mm=tuple(layout.pad_diameter_mm.tolist()),
+    )
     write_whole(folder / CARD, card(info).encode())
     write_info(folder, info)
     return info
@@ -275,7 +272,7 @@ class _Pictures:
     def __init__(self, beside: Path) -> None:
         self._beside = beside
         self._rows: dict[bytes, int] = {}
-        self.shape: list[int] = []
+        self.shape: tuple[int, int, int] | None = None
 
     def read(self, pair: Pair) -> np.ndarray:
         source = io.BytesIO(pair.image) if isinstance(pair.image, bytes) else self._file(pair)
@@ -286,11 +283,11 @@ class _Pictures:
                 pixels = np.array(ImageOps.exif_transpose(image).convert("RGB"))
         except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
             raise T2TwinError(f"row {pair.row}: its picture cannot be read ({error})") from error
-        if not self.shape:
-            self.shape = list(pixels.shape)
-        if list(pixels.shape) != self.shape:
+        rows, columns, channels = pixels.shape
+        self.shape = self.shape or (rows, columns, channels)
+        if pixels.shape != self.shape:
             raise T2TwinError(
-                f"row {pair.row}: its picture is {pixels.shape[1]} x {pixels.shape[0]} pixels and "
+                f"row {pair.row}: its picture is {columns} x {rows} pixels and "
                 f"those before {self.shape[1]} x {self.shape[0]}; all must be of one size"
             )
         first = self._rows.setdefault(hashlib.sha256(pixels.tobytes()).digest(), pair.row)

@@ -44,9 +44,17 @@ def encode_png(image: np.ndarray) -> bytes:
 
 
 def decode_png(content: bytes) -> np.ndarray:
-    """The (rows, columns, 3) uint8 picture in PNG bytes."""
-    with Image.open(io.BytesIO(content)) as image:
-        return np.asarray(image.convert("RGB"))
+    """The (rows, columns, 3) uint8 picture in PNG bytes: the one way to read a stored picture.
+
+    Raises T2TwinError where the bytes are no whole picture.
+    """
+    try:
+        with Image.open(io.BytesIO(content), formats=["PNG"]) as image:
+            return np.asarray(image.convert("RGB"))
+    except (OSError, SyntaxError, ValueError, TypeError, Image.DecompressionBombError) as error:
+        raise T2TwinError(
+            "a stored picture cannot be decoded; `t2twin simdata --verify` names its shard"
+        ) from error
 
 
 def _filtered(image: np.ndarray) -> bytes:

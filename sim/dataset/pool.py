@@ -21,7 +21,7 @@ class _StoppedError(Exception):
 
 
 def run(
-    bench: SensorPair, todo: list[Task], workers: int, progress: Callable[[int], object]
+    sensors: SensorPair, todo: list[Task], workers: int, progress: Callable[[int], object]
 ) -> Iterator[tuple[Task, Made]]:
     """Make the tasks' shards, each yielded as it is done.
 
@@ -30,14 +30,14 @@ def run(
     """
     if workers == 1:
         for task in todo:
-            yield task, make_shard(task, bench, lambda: progress(1))
+            yield task, make_shard(task, sensors, lambda: progress(1))
         return
     context = multiprocessing.get_context("spawn")
     made, stop = context.Value("i", 0), context.Event()
     seen = 0
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_start, initargs=(bench, made, stop)
+        workers, mp_context=context, initializer=_start, initargs=(sensors, made, stop)
     ) as pool:
         # The largest first, so that no long shard is left alone at the end.
         order = sorted(todo, key=lambda task: -len(task.indices))
@@ -66,15 +66,15 @@ def run(
             raise
 
 
-_bench: SensorPair
+_sensors: SensorPair
 _made = None
 _stop = None
 
 
-def _start(bench: SensorPair, made, stop) -> None:
-    """Give a worker its bench, the counter of pairs that all of them share, and the stop sign."""
-    global _bench, _made, _stop
-    _bench, _made, _stop = bench, made, stop
+def _start(sensors: SensorPair, made, stop) -> None:
+    """Give a worker its sensors, the counter of pairs that all of them share, and the stop sign."""
+    global _sensors, _made, _stop
+    _sensors, _made, _stop = sensors, made, stop
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run itself stops its workers
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -88,7 +88,7 @@ def _end_with_parent() -> None:
 
 
 def _work(task: Task) -> Made:
-    return make_shard(task, _bench, _count)
+    return make_shard(task, _sensors, _count)
 
 
 def _count() -> None:

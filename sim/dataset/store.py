@@ -18,23 +18,25 @@ from contextlib import contextmanager
 from io import BufferedRandom
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.press.records import PressCommand, Sample
+from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo
+from t2twin.sim.typed_json import read_json
 
-SPLITS = ("train", "val", "test")
+if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
+    from t2twin.sim.sensors import Sample
+
 INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
-FORMAT = 1
-"""Version of this layout of folders and columns."""
 
 POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
-"""Columns that say where and how hard was pressed: those of a Press."""
+"""Columns that say where and how hard was pressed: those of a PressCommand."""
 
 IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
@@ -85,21 +87,21 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a write for which there is no room."""
 
 
-def row(sample: Sample, picture: bytes, index: int, family: str, split: str) -> dict[str, Any]:
+def row(sample: "Sample", picture: bytes, index: int, family: str, split: str) -> dict[str, Any]:
     """A sample as a row of the table. picture: its image as PNG bytes."""
-    press: PressCommand = sample.press
+    command = sample.command
     return {
-        "shape": press.shape,
+        "shape": command.shape,
         "family": family,
         "split": split,
         "index": index,
-        "x_mm": press.x_mm,
-        "y_mm": press.y_mm,
-        "yaw_rad": press.yaw_rad,
-        "force_n": press.force_n,
+        "x_mm": command.x_mm,
+        "y_mm": command.y_mm,
+        "yaw_rad": command.yaw_rad,
+        "force_n": command.force_n,
         "image": {
             "bytes": picture,
-            "path": f"{file_stem(press.shape)}-{index}.png",
+            "path": f"{file_stem(command.shape)}-{index}.png",
         },
         "taxels": sample.counts,
         "digit_depth_mm": sample.digit.depth_mm,
@@ -179,26 +181,30 @@ def _durable(path: Path) -> Iterator[BufferedRandom]:
             ) from error
 
 
-def write_info(folder: Path, info: dict[str, Any]) -> None:
-    write_whole(folder / INFO, (json.dumps(info, indent=1, sort_keys=True) + "\n").encode())
+def write_info(folder: Path, info: DatasetInfo) -> None:
+    """Write a dataset's info.json; what is None and may be left out is left out."""
+    content = {key: value for key, value in msgspec.to_builtins(info).items() if value is not None}
+    text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
+    write_whole(folder / INFO, f"{text}\n".encode())
 
 
-def read_info(folder: str | Path) -> dict[str, Any]:
-    """A dataset's info.json. Raises T2TwinError where there is no dataset."""
+def read_info(folder: str | Path) -> DatasetInfo:
+    """A dataset's info.json. The only place where it is read.
+
+    Raises T2TwinError where there is no dataset, it is of another format, or a field of its
+    info.json is missing or wrong.
+    """
     path = Path(folder) / INFO
     if not path.is_file():
         raise T2TwinError(
             f"{folder} holds no dataset (no {INFO}); make one with `t2twin simdata --out {folder}`"
         )
-    try:
-        info = json.loads(path.read_text())
-        if info["format"] != FORMAT:
-            raise T2TwinError(
-                f"{folder} is a dataset of format {info['format']}; this version reads {FORMAT}"
-            )
-    except (ValueError, KeyError, TypeError) as error:
-        raise T2TwinError(f"{path} is no dataset's {INFO}; make the dataset anew") from error
-    return info
+    return read_json(path, DatasetInfo, FORMAT)
+
+
+def split_shards(info: DatasetInfo, split: str) -> list[str]:
+    """Paths of a split's shards below the dataset's folder, in the order of read_split's rows."""
+    return sorted(path for path in info.shards if path.startswith(f"{split}/"))
 
 
 def read_split(folder: str | Path, split: str, columns: list[str] | None = None) -> pa.Table:
@@ -209,20 +215,45 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
     if split not in SPLITS:
         raise T2TwinError(f"no split {split!r}; allowed are {', '.join(SPLITS)}")
     info = read_info(folder)
-    if not info["complete"]:
+    if not info.complete:
         raise T2TwinError(
             f"the dataset in {folder} is unfinished; the same `t2twin simdata` command ends it"
         )
-    shards = sorted(path for path in info["shards"] if path.startswith(f"{split}/"))
+    shards = split_shards(info, split)
     missing = [path for path in shards if not (Path(folder) / path).is_file()]
     if missing or not shards:
         what = f"lacks {missing[0]}" if missing else f"has no {split} pairs"
         raise T2TwinError(
             f"the dataset in {folder} {what}; the same `t2twin simdata` makes it whole"
         )
-    return pa.concat_tables(
-        [pq.ParquetFile(Path(folder) / path).read(columns=columns) for path in shards]
-    )
+    tables = []
+    for path in shards:
+        with _opened(folder, path) as file:
+            tables.append(file.read(columns=columns))
+    return pa.concat_tables(tables)
+
+
+def iter_images(folder: str | Path, shard: str) -> Iterator[bytes]:
+    """A shard's pictures as PNG bytes, in the order of its rows; few are in memory at once.
+
+    Raises T2TwinError where the shard cannot be read.
+    """
+    with _opened(folder, shard) as file:
+        for batch in file.iter_batches(ROWS_AT_ONCE, columns=["image"]):
+            for image in batch.column(0).to_pylist():
+                yield image["bytes"] if image else b""
+
+
+@contextmanager
+def _opened(folder: str | Path, shard: str) -> Iterator[pq.ParquetFile]:
+    path = Path(folder) / shard
+    try:
+        with pq.ParquetFile(path) as file:
+            yield file
+    except (pa.ArrowException, OSError) as error:
+        raise T2TwinError(
+            f"{path} cannot be read; `t2twin simdata --verify {folder}` says what is damaged"
+        ) from error
 
 
 def taxels(table: pa.Table) -> np.ndarray:

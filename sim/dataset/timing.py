@@ -64,18 +64,34 @@ def process_name() -> str:
     return f"{platform.node()}:{os.getpid()}"
 
 
-def in_words(pairs: int, seconds: float, workers: int, watch: Stopwatch, memory: int) -> str:
-    """What a run says at its end: pairs a second, the stages of a pair, and memory.
+@dataclass(frozen=True)
+class RunTiming:
+    """How one run of `t2twin simdata` went: a line of the dataset's log.jsonl.
 
-    seconds: of the whole run. memory: the sum of all processes' peaks, bytes.
+    ended: the time, UTC, ISO 8601. seconds: of the whole run. stage_seconds: processor time by
+    stage, of all pairs. peak_memory_bytes: the sum of all processes' peaks.
     """
+
+    ended: str
+    pairs: int
+    workers: int
+    seconds: float
+    stage_seconds: dict[str, float]
+    peak_memory_bytes: int
+
+
+def in_words(run: RunTiming) -> str:
+    """What a run says at its end: pairs a second, the stages of a pair, and memory."""
     stages = ", ".join(
-        f"{stage} {1e3 * watch.seconds[stage] / pairs:.1f}" for stage in STAGES if stage != "shape"
+        f"{stage} {1e3 * run.stage_seconds[stage] / run.pairs:.1f}"
+        for stage in STAGES
+        if stage != "shape"
     )
+    busy = sum(run.stage_seconds.values()) / (run.workers * run.seconds)
     return (
-        f"{pairs} pairs in {seconds:.0f} s with {workers} workers: {pairs / seconds:.1f} pairs/s, "
-        f"workers busy {100 * watch.total / (workers * seconds):.0f} % of the time\n"
-        f"processor time of a pair, ms: {stages}; and {watch.seconds['shape']:.1f} s to load the "
-        f"shapes\n"
-        f"peak memory of all processes together: {memory / 2**30:.2f} GiB"
+        f"{run.pairs} pairs in {run.seconds:.0f} s with {run.workers} workers: "
+        f"{run.pairs / run.seconds:.1f} pairs/s, workers busy {100 * busy:.0f} % of the time\n"
+        f"processor time of a pair, ms: {stages}; and {run.stage_seconds['shape']:.1f} s to load "
+        "the shapes\n"
+        f"peak memory of all processes together: {run.peak_memory_bytes / 2**30:.2f} GiB"
     )

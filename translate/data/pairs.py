@@ -7,28 +7,34 @@ Shape letters: P pairs, S image side, c channels, N taxels.
 """
 
 import hashlib
-import io
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 from numpy.lib import format as npy
 from PIL import Image
 from tqdm import tqdm
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.dataset.store import INFO, read_info, read_split, taxels
+from t2twin.sim.dataset.png import decode_png
+from t2twin.sim.dataset.store import (
+    INFO,
+    POSE,
+    iter_images,
+    read_info,
+    read_split,
+    split_shards,
+    taxels,
+)
 from t2twin.translate.data.images import to_pixels
 
 CACHE = "cache"
-PRESS = ("x_mm", "y_mm", "yaw_rad", "force_n")
-ROWS_AT_ONCE = 256
+IMAGES_AT_ONCE = 256
 """Images decoded together; bounds the memory that building a cache takes, some 60 MB."""
 
 
@@ -81,37 +87,17 @@ class DataInfo:
     y_mm: np.ndarray
     full_scale_counts: float
 
-    def as_json(self) -> dict[str, Any]:
-        """For a run's config."""
-        return {
-            "info_sha256": self.sha256,
-            "layout": self.layout,
-            "layout_x_mm": self.x_mm.tolist(),
-            "layout_y_mm": self.y_mm.tolist(),
-            "full_scale_counts": self.full_scale_counts,
-        }
-
-    @classmethod
-    def from_json(cls, content: dict[str, Any]) -> "DataInfo":
-        return cls(
-            sha256=content["info_sha256"],
-            layout=content["layout"],
-            x_mm=np.asarray(content["layout_x_mm"], dtype=float),
-            y_mm=np.asarray(content["layout_y_mm"], dtype=float),
-            full_scale_counts=float(content["full_scale_counts"]),
-        )
-
 
 def load_info(data_dir: Path) -> DataInfo:
-    """Reads DIR/info.json. Raises T2TwinError where it is missing or lacks what is needed."""
-    content = read_info(data_dir)
-    sha256 = hashlib.sha256((data_dir / INFO).read_bytes()).hexdigest()
-    try:
-        return DataInfo.from_json({**content, "info_sha256": sha256})
-    except (ValueError, KeyError, TypeError):
-        raise T2TwinError(
-            f"{data_dir / INFO} does not name its taxel layout; make the data set anew"
-        ) from None
+    """Reads DIR/info.json. Raises T2TwinError where it is missing or wrong."""
+    info = read_info(data_dir)
+    return DataInfo(
+        sha256=hashlib.sha256((data_dir / INFO).read_bytes()).hexdigest(),
+        layout=info.layout,
+        x_mm=np.array(info.layout_x_mm),
+        y_mm=np.array(info.layout_y_mm),
+        full_scale_counts=float(info.full_scale_counts),
+    )
 
 
 def load_pairs(
@@ -123,7 +109,7 @@ def load_pairs(
     Raises T2TwinError for an unknown, missing or unfinished split.
     """
     info = load_info(data_dir)
-    table = read_split(data_dir, split, ["shape", "family", *PRESS, "taxels"])
+    table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels"])
     counts = taxels(table)
     if counts.shape[1] != info.x_mm.size:
         raise T2TwinError(
@@ -132,13 +118,15 @@ def load_pairs(
     colour = "grey" if grey else "rgb"
     cache = (cache_dir or data_dir / CACHE) / f"{split}-{size}-{colour}-{info.sha256[:12]}.npy"
     if not cache.is_file():
-        _write_cache(cache, _shards(data_dir, split), table.num_rows, size, grey)
+        shards = split_shards(read_info(data_dir), split)
+        images = chain.from_iterable(iter_images(data_dir, shard) for shard in shards)
+        _write_cache(cache, images, table.num_rows, size, grey)
     return Pairs(
         images=ImageFile(cache),
         counts=counts,
         shapes=np.array(table["shape"].to_pylist()),
         families=np.array(table["family"].to_pylist()),
-        **{name: table[name].to_numpy() for name in PRESS},
+        **{name: table[name].to_numpy() for name in POSE},
     )
 
 
@@ -147,14 +135,11 @@ def usable_cache(data_dir: Path, out_dir: Path) -> Path:
     return (data_dir if os.access(data_dir, os.W_OK) else out_dir) / CACHE
 
 
-def _shards(data_dir: Path, split: str) -> list[Path]:
-    """In the order in which read_split puts their rows together."""
-    named = sorted(path for path in read_info(data_dir)["shards"] if path.startswith(f"{split}/"))
-    return [data_dir / path for path in named]
+def _write_cache(path: Path, images: Iterator[bytes], rows: int, size: int, grey: bool) -> None:
+    """Decodes every image once, batch after batch, in parallel threads, to an .npy file.
 
-
-def _write_cache(path: Path, shards: list[Path], rows: int, size: int, grey: bool) -> None:
-    """Decodes every image once, batch after batch, in parallel threads, to an .npy file."""
+    images: PNG bytes of so many rows, in the order of read_split.
+    """
     header = {
         "descr": npy.dtype_to_descr(np.dtype(np.uint8)),
         "fortran_order": False,
@@ -167,19 +152,11 @@ def _write_cache(path: Path, shards: list[Path], rows: int, size: int, grey: boo
         tqdm(total=rows, desc=f"decoding {path.stem}", unit="image", disable=rows < 1000) as bar,
     ):
         npy.write_array_header_1_0(file, header)
-        for encoded in _encoded_images(shards):
+        while encoded := list(islice(images, IMAGES_AT_ONCE)):
             for pixels in pool.map(lambda png: _decode(png, size, grey), encoded):
                 file.write(pixels.tobytes())
             bar.update(len(encoded))
 
 
-def _encoded_images(shards: list[Path]) -> Iterator[list[bytes]]:
-    for shard in shards:
-        with pq.ParquetFile(shard) as file:
-            for batch in file.iter_batches(batch_size=ROWS_AT_ONCE, columns=["image"]):
-                yield [image["bytes"] for image in batch.column(0).to_pylist()]
-
-
 def _decode(png: bytes, size: int, grey: bool) -> np.ndarray:
-    with Image.open(io.BytesIO(png)) as image:
-        return to_pixels(image, size, grey)
+    return to_pixels(Image.fromarray(decode_png(png)), size, grey)

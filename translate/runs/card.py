@@ -3,14 +3,15 @@
 import json
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.dataset.store import SPLITS, read_info
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo
+from t2twin.sim.dataset.store import read_info, split_shards
 from t2twin.translate.data.pairs import load_info
 from t2twin.translate.presets import Preset
-from t2twin.translate.runs.config import BEST, LOG, RunConfig, load_config
+from t2twin.translate.runs.config import BEST, RunConfig, load_config
+from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
 
 CARD = "README.md"
 
@@ -49,11 +50,11 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
     no run, and where the run has not finished an epoch.
     """
     config = load_config(run_dir)
-    history = _history(run_dir)
+    history = read_log(run_dir)
     if load_info(data_dir).sha256 != config.data.sha256:
         raise T2TwinError(f"{data_dir} is not the data set that {run_dir} was trained on")
     info = read_info(data_dir)
-    best = min(history, key=lambda record: record["val_rmse_counts"])
+    best = best_epoch(history)
     parts = [
         _head(config, best, info),
         _what(config),
@@ -68,21 +69,9 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
         temporary.write_text("\n".join(parts))
 
 
-def _history(run_dir: Path) -> list[dict[str, Any]]:
-    path = run_dir / LOG
-    if not path.is_file():
-        raise T2TwinError(f"{path} is not there; the run has not finished its first epoch")
-    return [json.loads(line) for line in path.read_text().splitlines()]
-
-
-def _simulated(info: dict[str, Any]) -> bool:
-    """Pairs that their owner brought in have no scale."""
-    return "scale" in info
-
-
-def _licence(info: dict[str, Any]) -> tuple[str, str]:
+def _licence(info: DatasetInfo) -> tuple[str, str]:
     """For the hub, and in words."""
-    if _simulated(info):
+    if info.is_simulated:
         return "mit", "MIT, as t2twin's."
     return "unknown", (
         "t2twin's code is under the MIT licence. These weights were trained on pairs that were "
@@ -90,10 +79,10 @@ def _licence(info: dict[str, Any]) -> tuple[str, str]:
     )
 
 
-def _head(config: RunConfig, best: dict[str, Any], info: dict[str, Any]) -> str:
+def _head(config: RunConfig, best: EpochRecord, info: DatasetInfo) -> str:
     """The YAML that the hub reads. JSON is YAML, so text in it is written as JSON."""
     pipeline = "pipeline_tag: image-to-image\n" if config.model == "touch2touch" else ""
-    tags = ["tactile", "digit", "cyskin", config.model] + ["simulation"] * _simulated(info)
+    tags = ["tactile", "digit", "cyskin", config.model] + ["simulation"] * info.is_simulated
     dataset = f"t2twin, info.json {config.data.sha256[:12]}"
     return f"""---
 license: {_licence(info)[0]}
@@ -105,8 +94,8 @@ model-index:
   - task: {{type: image-to-array, name: DIGIT picture to CySkin counts}}
     dataset: {{name: {json.dumps(dataset)}, type: t2twin, split: validation}}
     metrics:
-    - {{type: rmse, name: "sqrt(L3), counts", value: {best["val_rmse_counts"]:.1f}}}
-    - {{type: rmse, name: "sqrt(L3), % of full scale", value: {best["val_rmse_percent"]:.3f}}}
+    - {{type: rmse, name: "RMSE, counts", value: {best.val_rmse_counts:.1f}}}
+    - {{type: rmse, name: "RMSE, % of full scale", value: {best.val_rmse_percent:.3f}}}
 ---
 """
 
@@ -127,9 +116,8 @@ def _use(name: str, config: RunConfig) -> str:
     return f"""## Use
 
 ```python
-from pathlib import Path
-from t2twin.translate.predict import load_run
-counts = load_run(Path({json.dumps(name)})).predict(frame)
+import t2twin
+counts = t2twin.load({json.dumps(name)}).predict(frame)
 ```
 
 or `t2twin translate {name} FOLDER_OF_IMAGES`. It needs `config.json` and `{BEST}`.
@@ -146,13 +134,14 @@ channels as blue, green, red: turn them round first.
 """
 
 
-def _data(config: RunConfig, info: dict[str, Any]) -> str:
+def _data(config: RunConfig, info: DatasetInfo) -> str:
     data = config.data
-    pairs = dict.fromkeys(SPLITS, 0)
-    for shard, about in info["shards"].items():
-        pairs[shard.split("/")[0]] += about["pairs"]
+    pairs = {
+        split: sum(info.shards[shard].pairs for shard in split_shards(info, split))
+        for split in SPLITS
+    }
     rows = [
-        ("scale", info.get("scale", "none: pairs brought in by their owner")),
+        ("scale", info.scale or "none: pairs brought in by their owner"),
         ("pairs", ", ".join(f"{count:,} {split}" for split, count in pairs.items())),
         ("SHA-256 of its info.json", f"`{data.sha256}`"),
         ("taxel layout", f"{data.layout}, {data.x_mm.size} taxels"),
@@ -161,8 +150,8 @@ def _data(config: RunConfig, info: dict[str, Any]) -> str:
     return "## Trained on\n\n" + _table(("data set", ""), rows)
 
 
-def _training(config: RunConfig, history: list[dict[str, Any]], best: dict[str, Any]) -> str:
-    spent = sum(record["seconds"] for record in history) / 60
+def _training(config: RunConfig, history: list[EpochRecord], best: EpochRecord) -> str:
+    spent = sum(record.seconds for record in history) / 60
     rows = [(field.name, _said(getattr(config.preset, field.name))) for field in fields(Preset)]
     rows += [
         ("planned epochs", _said(config.planned_epochs)),
@@ -172,17 +161,18 @@ def _training(config: RunConfig, history: list[dict[str, Any]], best: dict[str, 
     ]
     return f"""## Training
 
-The weights are those of epoch {best["epoch"]} of the {len(history)} that were trained, the one with
-the lowest error on the validation split: sqrt(L3) = {best["val_rmse_counts"]:,.0f} counts,
-{best["val_rmse_percent"]:.2f} % of full scale. It took {spent:.1f} minutes.
+The weights are those of epoch {best.epoch} of the {len(history)} that were trained, the one with
+the lowest error on the validation split: an RMSE of {best.val_rmse_counts:,.0f} counts,
+{best.val_rmse_percent:.2f} % of full scale. RMSE is the root of the paper's L3, the squared error
+averaged over taxels and pairs. It took {spent:.1f} minutes.
 
 {_table(("setting", "value"), rows)}
 `translate/presets.py` says what each setting is and where it comes from.
 """
 
 
-def _limits(info: dict[str, Any]) -> str:
-    if _simulated(info):
+def _limits(info: DatasetInfo) -> str:
+    if info.is_simulated:
         first = """\
 - It has seen simulated pictures only. On a real DIGIT, whose gel, lights and camera differ from
   one unit to the next, expect it to be wrong unless the data set was made with a calibration of

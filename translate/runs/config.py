@@ -4,24 +4,46 @@ RUN/config.json        model, preset, seed, data set and layout, epochs, version
 RUN/log.jsonl          one line an epoch
 RUN/tensorboard/       the same for TensorBoard
 RUN/last.safetensors   state after the last epoch, to go on from
-RUN/best.safetensors   weights of the epoch with the lowest validation L3
+RUN/best.safetensors   weights of the epoch with the lowest validation RMSE
 RUN/README.md          the model card, once the training is done
 """
 
-import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
+from msgspec import Meta
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import write_json
+from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
+from t2twin.sim.typed_json import convert, read_json
 from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.presets import Preset, find_preset
+from t2twin.translate.presets import MODELS, Preset
 from t2twin.translate.resnet18 import ResNet18Translator
 from t2twin.translate.touch2touch import Touch2Touch
+
+FORMAT = 1
+"""Version of config.json; a file that names none is of this one."""
+
+ONE_OR_MORE = ("size", "filters", "batch", "epochs")
+ZERO_OR_MORE = (
+    "patience",
+    "steps",
+    "beta1",
+    "beta2",
+    "l1_weight",
+    "discriminator_share",
+    "brightness",
+    "contrast",
+    "noise",
+)
+"""Settings of a preset by the least that they may be; the learning rate is above 0."""
+
+MOST_SEED = 2**63 - 1
+"""The largest seed that PyTorch takes for certain."""
 
 CONFIG = "config.json"
 LOG = "log.jsonl"
@@ -48,47 +70,114 @@ class RunConfig:
     planned_epochs: int
     bf16: bool
     processes: int
-
-    def as_json(self) -> dict[str, Any]:
-        return {
-            "model": self.model,
-            "preset": asdict(self.preset),
-            "seed": self.seed,
-            "epochs": self.epochs,
-            "minutes": self.minutes,
-            "planned_epochs": self.planned_epochs,
-            "bf16": self.bf16,
-            "processes": self.processes,
-            "data": self.data.as_json(),
-            "versions": {"torch": torch.__version__, "numpy": np.__version__},
-        }
+    format: int = FORMAT
 
     def save(self, run_dir: Path) -> None:
-        write_json(run_dir / CONFIG, self.as_json())
+        """Writes RUN/config.json."""
+        data = self.data
+        write_json(
+            run_dir / CONFIG,
+            {
+                "format": self.format,
+                "model": self.model,
+                "preset": asdict(self.preset),
+                "seed": self.seed,
+                "epochs": self.epochs,
+                "minutes": self.minutes,
+                "planned_epochs": self.planned_epochs,
+                "bf16": self.bf16,
+                "processes": self.processes,
+                "data": {
+                    "info_sha256": data.sha256,
+                    "layout": data.layout,
+                    "layout_x_mm": data.x_mm.tolist(),
+                    "layout_y_mm": data.y_mm.tolist(),
+                    "full_scale_counts": data.full_scale_counts,
+                },
+                "versions": {"torch": torch.__version__, "numpy": np.__version__},
+            },
+        )
+
+
+@dataclass(frozen=True)
+class _DataPart:
+    """What config.json says of the data set; see DataInfo."""
+
+    info_sha256: str
+    layout: str
+    layout_x_mm: tuple[float, ...]
+    layout_y_mm: tuple[float, ...]
+    full_scale_counts: Annotated[float, Meta(ge=1, le=MOST_COUNTS)]
+
+    def __post_init__(self) -> None:
+        check_layout(self.layout_x_mm, self.layout_y_mm)
+        if not is_sha256(self.info_sha256):
+            raise ValueError("info_sha256 must be 64 hexadecimal digits")
+
+
+@dataclass(frozen=True)
+class _ConfigFile:
+    """config.json as it is written; see RunConfig."""
+
+    model: str
+    preset: dict[str, Any]
+    seed: Annotated[int, Meta(ge=0, le=MOST_SEED)]
+    epochs: Annotated[int, Meta(ge=1)] | None
+    minutes: Annotated[float, Meta(gt=0)] | None
+    planned_epochs: Annotated[int, Meta(ge=1)]
+    bf16: bool
+    processes: Annotated[int, Meta(ge=1)]
+    data: _DataPart
+
+    def __post_init__(self) -> None:
+        if self.model not in MODELS:
+            raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
 
 
 def load_config(run_dir: Path) -> RunConfig:
-    """Raises T2TwinError where the folder holds no run."""
+    """A run's config.json. The only place where it is read.
+
+    Raises T2TwinError where the folder holds no run, its config is of another format, or a field is
+    missing or wrong.
+    """
     path = run_dir / CONFIG
     if not path.is_file():
         raise T2TwinError(f"{run_dir} holds no config.json; give a folder that `train` has made")
-    try:
-        content = json.loads(path.read_text())
-        return RunConfig(
-            model=content["model"],
-            preset=find_preset(content["model"], Preset(**content["preset"])),
-            seed=content["seed"],
-            data=DataInfo.from_json(content["data"]),
-            epochs=content["epochs"],
-            minutes=content["minutes"],
-            planned_epochs=content["planned_epochs"],
-            bf16=content["bf16"],
-            processes=content["processes"],
-        )
-    except (ValueError, KeyError, TypeError):
-        raise T2TwinError(
-            f"{path} is not a run's config; train again into another folder"
-        ) from None
+    there = read_json(path, _ConfigFile, FORMAT)
+    return RunConfig(
+        model=there.model,
+        preset=_preset(there.preset, path),
+        seed=there.seed,
+        data=DataInfo(
+            sha256=there.data.info_sha256,
+            layout=there.data.layout,
+            x_mm=np.array(there.data.layout_x_mm),
+            y_mm=np.array(there.data.layout_y_mm),
+            full_scale_counts=there.data.full_scale_counts,
+        ),
+        epochs=there.epochs,
+        minutes=there.minutes,
+        planned_epochs=there.planned_epochs,
+        bf16=there.bf16,
+        processes=there.processes,
+    )
+
+
+def _preset(content: dict[str, Any], path: Path) -> Preset:
+    """A preset of config.json; a key that Preset does not have is refused, not left out."""
+    unknown = sorted(set(content) - {field.name for field in fields(Preset)})
+    if unknown:
+        raise T2TwinError(f"{path}: preset.{unknown[0]} is no setting of this version")
+    preset = convert(content, Preset, f"{path}, preset")
+    bounds = [(name, 1) for name in ONE_OR_MORE] + [(name, 0) for name in ZERO_OR_MORE]
+    for name, least in bounds:
+        if getattr(preset, name) < least:
+            raise T2TwinError(f"{path}, preset: {name} must be {least} or more")
+    if not preset.learning_rate > 0:
+        raise T2TwinError(f"{path}, preset: learning_rate must be above 0")
+    if preset.beta1 >= 1 or preset.beta2 >= 1:
+        raise T2TwinError(f"{path}, preset: beta1 and beta2 must be below 1")
+    return preset
 
 
 def build(config: RunConfig) -> Touch2Touch | ResNet18Translator:
