@@ -25,7 +25,7 @@ def tactile_picture(
     """RGB picture of a tactile image with a colour bar.
 
     image: (R, C), counts. x_mm, y_mm: (N,) taxel positions, mm, marked with rings. The colours go
-    from nought to full_scale (counts), so that pictures can be compared.
+    from zero to full_scale (counts), so that pictures can be compared.
     """
     rows, columns = image.shape[0] * SCALE, image.shape[1] * SCALE
     picture = Image.new("RGB", (columns + 3 * MARGIN + BAR_WIDTH + LABELS_WIDTH, rows + 2 * MARGIN))

@@ -23,6 +23,7 @@ def evaluate(
         out: Folder to write into; runs/evaluate/SPLIT unless given, runs/evaluate for both.
     """
     from t2twin.primitives_cad.errors import T2TwinError
+    from t2twin.translate.distributed import use_all_cores
     from t2twin.translate.evaluation.evaluate import evaluate as measure
     from t2twin.translate.evaluation.evaluate import evaluate_both
     from t2twin.translate.evaluation.findings import gap
@@ -31,17 +32,18 @@ def evaluate(
     if not runs:
         raise T2TwinError("there is no run to evaluate; give at least one run's folder")
     folder = out or Path("runs/evaluate") / ("" if split == "both" else split)
+    use_all_cores()
     if split == "both":
-        found = evaluate_both(list(runs), data, folder)
+        evaluations = evaluate_both(list(runs), data, folder)
     else:
-        found = {split: measure(list(runs), data, split, folder)}
-    for name, metrics in found.items():
-        print(table(metrics))
-        if metrics["findings"]:
-            print(findings_text(metrics["findings"]))
-        if metrics["lookalikes"]:
-            print(lookalikes_text(metrics["lookalikes"], name))
+        evaluations = {split: measure(list(runs), data, split, folder)}
+    for name, evaluation in evaluations.items():
+        print(table(evaluation))
+        if evaluation.findings:
+            print(findings_text(evaluation.findings))
+        if evaluation.lookalikes:
+            print(lookalikes_text(evaluation.lookalikes, name))
         print()
     if split == "both":
-        print(findings_text(gap(found["val"], found["test"])))
+        print(findings_text(gap(evaluations["val"].models, evaluations["test"].models)))
     print(f"written to {folder}")

@@ -10,6 +10,7 @@ def report(
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/report"),
     data: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("data/small"),
     runs: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="RUN")] = (),
+    evaluation: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
 ) -> None:
     """Draw one self-contained HTML page: of a dataset alone, or of runs trained on it.
 
@@ -18,11 +19,24 @@ def report(
         data: Folder of the dataset.
         runs: Folders of trained runs: results, learning curves, errors. Without any, the dataset
             itself is drawn: shapes, pictures, forces, saturation, near-duplicates, outliers.
+        evaluation: Folder that `evaluate --split both` has made of the same runs on the same
+            dataset; the folder `evaluate` beside --out unless given. The runs are evaluated anew
+            where neither is of them.
     """
-    if runs:
-        from t2twin.report.page import write_report
+    from t2twin.primitives_cad.errors import T2TwinError
 
-        page = write_report(out, data, list(runs))
+    if runs:
+        from t2twin.report.page import draw_report
+        from t2twin.report.report_data import read_report_data
+        from t2twin.translate.distributed import use_all_cores
+
+        use_all_cores()
+        report_data = read_report_data(out, data, list(runs), evaluation)
+        folders = " and ".join(str(folder) for folder in report_data.folders.values())
+        print(f"drawing the evaluation in {folders}")
+        page = draw_report(out, report_data)
+    elif evaluation is not None:
+        raise T2TwinError("--evaluation is of trained runs; name them with --runs")
     else:
         from t2twin.report.data_page import write_data_report
 

@@ -5,9 +5,10 @@ import platform
 from pathlib import Path
 
 from t2twin.report import markup
-from t2twin.report.material import ReportData
 from t2twin.report.names import name_of
-from t2twin.sim.dataset.store import SPLITS
+from t2twin.report.report_data import ReportData
+from t2twin.sim.dataset.info import SPLITS
+from t2twin.translate.runs.log import best_epoch
 
 WHAT = (
     "Two touch sensors that share nothing, a camera behind a gel (DIGIT) and an array of "
@@ -19,21 +20,21 @@ WHAT = (
 )
 
 
-def section(material: ReportData) -> str:
+def section(report: ReportData) -> str:
     """The opening: what this is, on which data, with which runs."""
     return markup.section(
-        "about", "What this is", [markup.paragraph(WHAT), _dataset(material), *_runs(material)]
+        "about", "What this is", [markup.paragraph(WHAT), _dataset(report), *_runs(report)]
     )
 
 
-def _dataset(material: ReportData) -> str:
-    info = material.info
-    pairs = {split: material.tables[split].num_rows for split in SPLITS}
-    shapes = {split: len(set(material.tables[split]["shape"].to_pylist())) for split in SPLITS}
-    versions = ", ".join(f"{name} {version}" for name, version in info["versions"].items())
+def _dataset(report: ReportData) -> str:
+    info = report.info
+    pairs = {split: report.tables[split].num_rows for split in SPLITS}
+    shapes = {split: len(set(report.tables[split]["shape"].to_pylist())) for split in SPLITS}
+    versions = ", ".join(f"{name} {version}" for name, version in info.versions.items())
     return markup.facts(
         [
-            ("Scale", f"{info['scale']}, seed {info['seed']}"),
+            ("Scale", f"{info.scale}, seed {info.seed}"),
             (
                 "Training",
                 f"{pairs['train']:,} pairs of {shapes['train']} primitives",
@@ -46,8 +47,8 @@ def _dataset(material: ReportData) -> str:
             ("Test", f"{pairs['test']:,} pairs of hand tools, at {shapes['test']} keypoints"),
             (
                 "Taxels",
-                f"{material.layout.x_mm.size} (layout {material.layout.layout}), saturated at "
-                f"{material.layout.full_scale_counts:,.0f} counts",
+                f"{report.layout.x_mm.size} (layout {report.layout.layout}), saturated at "
+                f"{report.layout.full_scale_counts:,.0f} counts",
             ),
             ("Versions", versions),
             ("This page's machine", f"{cores()} cores, {processor()}"),
@@ -55,64 +56,54 @@ def _dataset(material: ReportData) -> str:
     )
 
 
-def _runs(material: ReportData) -> list[str]:
-    rows = []
-    for name, run in material.runs.items():
-        config, history = run.config, material.histories[name]
-        best = min(history, key=lambda record: record["val_rmse_counts"])
-        seconds = sum(record["seconds"] for record in history)
-        parameters = sum(p.numel() for p in run.translator.predictor.parameters())
-        rows.append(
-            [
-                name_of(name),
-                config.preset.name,
-                f"{config.preset.size} × {config.preset.size}, "
-                + ("grey" if config.preset.grey else "RGB"),
-                f"{parameters / 1e6:.2f} M",
-                f"{len(history)}",
-                f"{best['epoch']}",
-                minutes(seconds),
-            ]
-        )
-    heads = [
-        [
-            (text, 1)
-            for text in (
-                "Run", "Preset", "Image, px", "Parameters", "Epochs", "Best epoch", "Minutes",
-            )
-        ]
-    ]  # fmt: skip
-    parts = [markup.table(heads, [("", rows)])]
-    parts.append(
+def _runs(report: ReportData) -> list[str]:
+    """The table of runs, and what must be known of those trained on something else."""
+    titles = ("Run", "Preset", "Image, px", "Parameters", "Epochs", "Best epoch", "Minutes")
+    rows = [_run(report, name) for name in report.runs]
+    parts = [
+        markup.table([[(title, 1) for title in titles]], [("", rows)]),
         markup.paragraph(
             "Minutes are the sum of the epochs' times in each run's log, training and validation; "
             "parameters are those of the network that predicts.",
             "note",
-        )
-    )
+        ),
+    ]
+    models = report.evaluations["val"].runs
     other = {
-        name_of(name): model["trained_layout"]
-        for name, model in material.evaluated["val"].metrics["models"].items()
-        if "run" in model and model["trained_layout"] != material.layout.layout
+        name_of(name): model.trained_layout
+        for name, model in models.items()
+        if model.trained_layout != report.layout.layout
     }
     if other:
         named = ", ".join(f"{name} ({layout})" for name, layout in other.items())
         parts.append(
             markup.paragraph(
-                f"Trained on another taxel layout than {material.layout.layout}, which is read "
+                f"Trained on another taxel layout than {report.layout.layout}, which is read "
                 f"from the tactile images that the generator draws: {named}."
             )
         )
-    elsewhere = [
-        name_of(name)
-        for name in material.runs
-        if not material.evaluated["val"].metrics["models"][name]["same_data"]
-    ]
+    elsewhere = [name_of(name) for name, model in models.items() if not model.same_data]
     if elsewhere:
         parts.append(
             markup.paragraph(f"Trained on another dataset than this one: {', '.join(elsewhere)}.")
         )
     return parts
+
+
+def _run(report: ReportData, name: str) -> list[str]:
+    """A run's row."""
+    run, history = report.runs[name], report.histories[name]
+    preset = run.config.preset
+    parameters = sum(p.numel() for p in run.translator.predictor.parameters())
+    return [
+        name_of(name),
+        preset.name,
+        f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
+        f"{parameters / 1e6:.2f} M",
+        f"{len(history)}",
+        f"{best_epoch(history).epoch}",
+        minutes(sum(record.seconds for record in history)),
+    ]
 
 
 def minutes(seconds: float) -> str:

@@ -1,51 +1,53 @@
-"""sqrt(L3) of the taxels under the DIGIT's view, near it and beyond, by model and shape."""
+"""RMSE of the taxels under the DIGIT's view, near it and beyond, by model and shape."""
 
-from typing import Any
+from collections.abc import Sequence
 
 from t2twin.report import markup
-from t2twin.report.material import SHOWN, ReportData
 from t2twin.report.names import SPLIT_NAMES, name_of
-from t2twin.translate.evaluation.evaluate import NOISE_FLOOR
+from t2twin.report.report_data import SHOWN, ReportData
 from t2twin.translate.evaluation.field_of_view import GROUPS
+from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR
+from t2twin.translate.evaluation.records import Evaluation, Figures, ModelRow
 
-BY = {"val": "by_shape", "test": "by_family"}
-"""Validation by primitive, test by tool."""
 
-
-def section(material: ReportData) -> str:
+def section(report: ReportData) -> str:
     """One table a split."""
-    view = material.evaluated["val"].metrics["view"]
-    taxels = view["taxels"]
+    view = report.evaluations["val"].view
     text = (
-        f"The DIGIT sees {view['width_mm']:.1f} × {view['height_mm']:.1f} mm. Of the taxels "
-        f"{taxels['under']} lie under that view, {taxels['near']} outside within one pitch of it "
-        f"({view['pitch_mm']:.1f} mm), {taxels['beyond']} beyond. What a shape does outside the "
-        "view is known only from what of it is seen. sqrt(L3) of each group alone, counts."
+        f"The DIGIT sees {view.width_mm:.1f} × {view.height_mm:.1f} mm. Of the taxels "
+        f"{view.taxels.under} lie under that view, {view.taxels.near} outside within one pitch of "
+        f"it ({view.pitch_mm:.1f} mm), {view.taxels.beyond} beyond. What a shape does outside the "
+        "view is known only from what of it is seen. RMSE of each group alone, counts."
     )
-    tables = [_table(material.evaluated[split].metrics, split) for split in SHOWN]
+    tables = [_table(report.evaluations[split], split) for split in SHOWN]
     return markup.section(
         "by-view", "Under the view and outside it", [markup.paragraph(text), *tables]
     )
 
 
-def _table(metrics: dict[str, Any], split: str) -> str:
-    models = {name: one for name, one in metrics["models"].items() if name != NOISE_FLOOR}
+def _table(evaluation: Evaluation, split: str) -> str:
+    models = {name: row for name, row in evaluation.models.items() if name != NOISE_FLOOR}
     heads = [
         [("", 1), *((name_of(name), len(GROUPS)) for name in models)],
         [("", 1), *[(group, 1) for group in GROUPS] * len(models)],
     ]
-    whole = _row("all", [model["overall"] for model in models.values()])
-    names = next(iter(models.values()))[BY[split]]
-    each = [_row(name, [model[BY[split]][name] for model in models.values()]) for name in names]
+    parts = [_by(row, split) for row in models.values()]
+    whole = _row("all", [row.overall for row in models.values()])
+    each = [_row(name, [part[name] for part in parts]) for name in parts[0]]
     return markup.table(heads, [(SPLIT_NAMES[split].capitalize(), [whole, *each])])
 
 
-def _row(name: str, figures: list[dict[str, Any]]) -> list[str]:
-    return [name, *(_count(one[_key(group)]) for one in figures for group in GROUPS)]
+def _by(row: ModelRow, split: str) -> dict[str, Figures]:
+    """Validation by primitive, test by tool."""
+    return row.by_family if split == "test" else row.by_shape
 
 
-def _key(group: str) -> str:
-    return f"rmse_{group}_counts"
+def _row(name: str, figures: Sequence[Figures]) -> list[str]:
+    cells = [name]
+    for one in figures:
+        groups = (one.rmse_under_counts, one.rmse_near_counts, one.rmse_beyond_counts)
+        cells += [_count(value) for value in groups]
+    return cells
 
 
 def _count(value: float | None) -> str:

@@ -5,9 +5,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from t2twin.report import markup
+from t2twin.report.dataset import Dataset
 from t2twin.report.figures import digit_picture, figure
-from t2twin.report.material import Dataset
 from t2twin.report.names import SPLIT_COLOURS, SPLIT_NAMES
+from t2twin.report.picks import pairs_in_turn
 
 TOUCHED_COUNTS = 100
 """A pair whose largest taxel counts less has not been touched: over ten times the noise."""
@@ -24,11 +25,11 @@ def about_section(dataset: Dataset) -> str:
     info, counts = dataset.info, dataset.counts
     shapes = {split: len(set(table["shape"].to_pylist())) for split, table in
               dataset.tables.items()}  # fmt: skip
-    sizes = [(dataset.data / path).stat().st_size for path in info["shards"]]
+    sizes = [(dataset.data / path).stat().st_size for path in info.shards]
     untouched = int((counts.max(axis=1) < TOUCHED_COUNTS).sum())
     facts = [
-        ("Made by", f"t2twin simdata, scale {info['scale']}, seed {info['seed']}"
-         if dataset.is_simulated else "pairs of the owner's, brought in with t2twin import-pairs"),
+        ("Made by", f"t2twin simdata, scale {info.scale}, seed {info.seed}"
+         if info.is_simulated else "pairs of the owner's, brought in with t2twin import-pairs"),
         *(
             (SPLIT_NAMES[split].capitalize(), f"{len(table):,} pairs of {shapes[split]} shapes")
             for split, table in dataset.tables.items()
@@ -39,7 +40,7 @@ def about_section(dataset: Dataset) -> str:
          f"{dataset.layout.full_scale_counts:,.0f} counts"),
         ("Pairs without contact", f"{untouched or 'none'} of {len(counts):,} (largest taxel below "
          f"{TOUCHED_COUNTS} counts)"),
-        ("Versions", ", ".join(f"{k} {v}" for k, v in info.get("versions", {}).items())),
+        ("Versions", ", ".join(f"{k} {v}" for k, v in info.versions.items())),
     ]  # fmt: skip
     return markup.section("about", "What it holds", [markup.facts(facts)])
 
@@ -74,14 +75,7 @@ def gallery_section(dataset: Dataset) -> str:
 
 def gallery(dataset: Dataset) -> list[tuple[str, int]]:
     """Splits and rows: one of each shape, then one more of each while a line is to be filled."""
-    rng = np.random.default_rng(GALLERY_SEED)
-    of_shape: dict[str, list[tuple[str, int]]] = {}
-    for split, row in dataset.places:
-        of_shape.setdefault(dataset.tables[split]["shape"][row].as_py(), []).append((split, row))
-    orders = [[rows[i] for i in rng.permutation(len(rows))] for rows in of_shape.values()]
-    deepest = max(len(order) for order in orders)
-    in_turn = [order[turn] for turn in range(deepest) for order in orders if turn < len(order)]
-    return in_turn[:MOST_PICTURES]
+    return pairs_in_turn(dataset, dataset.shapes, MOST_PICTURES, GALLERY_SEED)
 
 
 def saturation_section(dataset: Dataset) -> str:
@@ -111,9 +105,7 @@ def saturation_section(dataset: Dataset) -> str:
 
 def _shapes(dataset: Dataset) -> list[tuple[str, str]]:
     """Splits and names, in the order of the shards."""
-    return list(
-        dict.fromkeys((s, dataset.tables[s]["shape"][r].as_py()) for s, r in dataset.places)
-    )
+    return list(dict.fromkeys((split, dataset.shape(split, row)) for split, row in dataset.places))
 
 
 def bars(page: Figure, dataset: Dataset) -> None:
@@ -141,7 +133,7 @@ def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
         place.set_axis_off()
     for place, (split, row) in zip(axes, rows, strict=False):
         digit_picture(place, dataset.picture(split, row))
-        place.set_title(dataset.tables[split]["shape"][row].as_py(), fontsize=6)
+        place.set_title(dataset.shape(split, row), fontsize=6)
 
 
 def saturation(page: Figure, dataset: Dataset) -> None:

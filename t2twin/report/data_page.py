@@ -4,8 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.report import contents, forces, oddities, pairs
-from t2twin.report.material import gather_dataset
+from t2twin.report import contents, duplicates, forces, outliers, pairs
+from t2twin.report.dataset import read_dataset
 from t2twin.report.page import write_page
 from t2twin.report.scan import scan
 
@@ -30,8 +30,8 @@ def write_data_report(out: Path, data: Path) -> Path:
     out, data = Path(out), Path(data)
     if out.exists() and not out.is_dir():
         raise T2TwinError(f"{out} is a file; give a folder to write the report into")
-    dataset = gather_dataset(data)
-    looked = scan(dataset, oddities.noise_grey(dataset))
+    dataset = read_dataset(data)
+    looked = scan(dataset, duplicates.noise_grey(dataset))
     sections: dict[str, Callable[[], str]] = {
         "about": lambda: contents.about_section(dataset),
         "shapes": lambda: contents.shapes_section(dataset),
@@ -39,10 +39,10 @@ def write_data_report(out: Path, data: Path) -> Path:
         "pairs": lambda: pairs.section(dataset),
         "forces": lambda: forces.section(dataset),
         "saturation": lambda: contents.saturation_section(dataset),
-        "duplicates": lambda: oddities.duplicates_section(dataset, looked),
-        "outliers": lambda: oddities.outliers_section(dataset, looked),
+        "duplicates": lambda: duplicates.section(dataset, looked),
+        "outliers": lambda: outliers.section(dataset, looked),
     }
-    if not dataset.is_simulated:
+    if not dataset.info.is_simulated:
         del sections["forces"]  # the owner's pairs know neither forces carried nor depths
     links = {name: title for name, title in LINKS.items() if name in sections}
     return write_page(out, TITLE.format(data), links, list(sections.values()))

@@ -39,7 +39,7 @@ DPI = 144
 
 COUNTS_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
-"""Colours of counts, perceptually even, and of differences, white at nought."""
+"""Colours of counts, perceptually even, and of differences, white at zero."""
 
 RING_MM = 0.7
 """Radius of the ring that marks a taxel, mm."""

@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.report import markup
+from t2twin.report.dataset import Dataset
 from t2twin.report.figures import figure
-from t2twin.report.material import Dataset
 from t2twin.report.names import SENSOR_COLOURS, SENSOR_NAMES, SPLIT_COLOURS
 from t2twin.sim.dataset.store import taxels
 
@@ -17,24 +17,24 @@ COUNTS_TICKS = 5
 WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
 
 
-def section(material: Dataset) -> str:
+def section(dataset: Dataset) -> str:
     """Histograms of force and counts, depths by family, and the numbers that they come to."""
-    charts = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: forces_and_counts(page, material))
-    depths = figure("svg", WIDTH_IN, DEPTHS_IN, lambda page: depths_in(page, material))
-    counts = material.counts
-    full_scale = material.layout.full_scale_counts
+    charts = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: forces_and_counts(page, dataset))
+    depths = figure("svg", WIDTH_IN, DEPTHS_IN, lambda page: depths_in(page, dataset))
+    counts = dataset.counts
+    full_scale = dataset.layout.full_scale_counts
     return markup.section(
         "forces",
         "Forces, depths, counts",
         [
-            markup.facts(_numbers(material)),
+            markup.facts(_numbers(dataset)),
             markup.picture(
                 charts,
                 "svg",
                 "Histograms of the forces carried and of the counts",
                 note="Left: the force that each sensor's contact pressure integrates to, less the "
                 f"one commanded, over all {counts.shape[0]:,} pairs. Right: all {counts.size:,} "
-                f"counts; {_saturation(material.saturated)} at {full_scale:,.0f}.",
+                f"counts; {_saturation(dataset.saturated)} at {full_scale:,.0f}.",
             ),
             markup.picture(
                 depths,
@@ -47,20 +47,20 @@ def section(material: Dataset) -> str:
     )
 
 
-def _numbers(material: Dataset) -> list[tuple[str, str]]:
-    commanded = material.column("force_n")
+def _numbers(dataset: Dataset) -> list[tuple[str, str]]:
+    commanded = dataset.column("force_n")
     pairs = commanded.size
     facts = [("Commanded", _range(commanded, "N"))]
     for sensor in SENSORS:
-        off = material.column(f"{sensor}_force_n") / commanded - 1.0
-        unsettled = int(pairs - material.column(f"{sensor}_settled").sum())
-        bottomed = int(material.column(f"{sensor}_bottomed").sum())
+        off = dataset.column(f"{sensor}_force_n") / commanded - 1.0
+        unsettled = int(pairs - dataset.column(f"{sensor}_settled").sum())
+        bottomed = int(dataset.column(f"{sensor}_bottomed").sum())
         facts.append(
             (
                 SENSOR_NAMES[sensor],
                 f"carried within {_percent(100 * np.abs(off).max())} % of it at worst; "
                 f"{_of(unsettled, pairs)} not settled, {_of(bottomed, pairs)} on the base plate; "
-                f"depth {_range(material.column(f'{sensor}_depth_mm'), 'mm')}",
+                f"depth {_range(dataset.column(f'{sensor}_depth_mm'), 'mm')}",
             )
         )
     return facts
@@ -90,10 +90,10 @@ def _range(values: np.ndarray, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def forces_and_counts(page: Figure, material: Dataset) -> None:
+def forces_and_counts(page: Figure, dataset: Dataset) -> None:
     left, right = page.subplots(1, 2)
-    commanded = material.column("force_n")
-    off = {s: 1e3 * (material.column(f"{s}_force_n") - commanded) for s in SENSORS}
+    commanded = dataset.column("force_n")
+    off = {s: 1e3 * (dataset.column(f"{s}_force_n") - commanded) for s in SENSORS}
     most = max(float(np.abs(values).max()) for values in off.values()) or 1.0
     bins = np.linspace(-most, most, BINS + 1).tolist()
     for sensor, values in off.items():
@@ -104,16 +104,16 @@ def forces_and_counts(page: Figure, material: Dataset) -> None:
     at = ", ".join(f"{force:g}" for force in np.unique(commanded))
     left.set(xlabel=f"force carried less commanded ({at} N), mN", ylabel="pairs")
     left.legend()
-    _counts(right, material)
+    _counts(right, dataset)
 
 
-def _counts(axes: Axes, material: Dataset) -> None:
-    full_scale = material.layout.full_scale_counts
+def _counts(axes: Axes, dataset: Dataset) -> None:
+    full_scale = dataset.layout.full_scale_counts
     bins = np.linspace(0.0, full_scale, BINS + 1).tolist()
     for split, colour in SPLIT_COLOURS.items():
-        if split not in material.tables:
+        if split not in dataset.tables:
             continue
-        counts = taxels(material.tables[split]).ravel()
+        counts = taxels(dataset.tables[split]).ravel()
         weights = np.full(counts.size, 100.0 / counts.size)
         axes.hist(counts, bins, weights=weights, histtype="step", color=colour, label=split)
     axes.set(xlabel="counts", ylabel="% of the split's counts", yscale="log")
@@ -122,14 +122,12 @@ def _counts(axes: Axes, material: Dataset) -> None:
     axes.legend()
 
 
-def depths_in(page: Figure, material: Dataset) -> None:
-    families = np.concatenate(
-        [np.array(table["family"].to_pylist()) for table in material.tables.values()]
-    )
+def depths_in(page: Figure, dataset: Dataset) -> None:
+    families = dataset.families
     names = list(dict.fromkeys(families.tolist()))
     axes = page.subplots()
     for place, sensor in enumerate(SENSORS):
-        depths = material.column(f"{sensor}_depth_mm")
+        depths = dataset.column(f"{sensor}_depth_mm")
         colour = SENSOR_COLOURS[sensor]
         boxes = axes.boxplot(
             [depths[families == name] for name in names],

@@ -1,7 +1,8 @@
 """Names and colours, the same on the whole page."""
 
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
-from t2twin.translate.evaluation.evaluate import LAYOUT_FLOOR, NOISE_FLOOR
+from t2twin.translate.evaluation.layout_floor import LAYOUT_FLOOR
+from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR
 
 NAMES = {
     MEAN_ARRAY: "mean array",

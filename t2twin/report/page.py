@@ -1,6 +1,6 @@
 """The report: one HTML page that needs nothing but itself."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
 
@@ -21,7 +21,7 @@ from t2twin.report import (
     results,
     shapes,
 )
-from t2twin.report.material import gather
+from t2twin.report.report_data import ReportData, read_report_data
 
 PAGE = "index.html"
 TITLE = "Touch-to-touch translation on a simulated bench"
@@ -88,31 +88,43 @@ LINKS = {
 }
 
 
-def write_report(out: Path, data: Path, runs: list[Path]) -> Path:
+def write_report(
+    out: str | Path,
+    data: str | Path,
+    runs: Sequence[str | Path],
+    evaluation: str | Path | None = None,
+) -> Path:
     """Writes out/index.html, with every picture in it, and returns its path.
 
-    data: a finished dataset with all three splits. runs: folders of finished trainings. Both
-    evaluations are left in out/evaluate-val and out/evaluate-test, the findings in
-    out/findings.json.
+    data: a finished dataset with all three splits. runs: folders of finished trainings. evaluation:
+    a folder of `t2twin evaluate --split both`, which is drawn where it is of these runs on this
+    dataset; else the one in the folder `evaluate` beside `out` is, and where neither fits, the runs
+    are evaluated into out/evaluate-val and out/evaluate-test. The findings go to out/findings.json.
     Raises T2TwinError, before anything is written, for a dataset or a run that is missing or
     unfinished, and a run that cannot give the dataset's taxel layout.
     """
-    material = gather(Path(out), Path(data), [Path(run) for run in runs])
+    given = None if evaluation is None else Path(evaluation)
+    folders = [Path(run) for run in runs]
+    return draw_report(Path(out), read_report_data(Path(out), Path(data), folders, given))
+
+
+def draw_report(out: Path, report: ReportData) -> Path:
+    """Writes out/index.html of what was read for it, and returns its path."""
     sections: list[Callable[[], str]] = [
-        lambda: about.section(material),
-        lambda: results.section(material),
-        lambda: finding.section(material),
-        lambda: by_view.section(material),
-        lambda: lookalikes.section(material),
-        lambda: qualitative.section(material),
-        lambda: pairs.section(material),
+        lambda: about.section(report),
+        lambda: results.section(report),
+        lambda: finding.section(report),
+        lambda: by_view.section(report),
+        lambda: lookalikes.section(report),
+        lambda: qualitative.section(report),
+        lambda: pairs.section(report),
         lambda: shapes.section(),
-        lambda: curves.section(material),
-        lambda: forces.section(material),
-        lambda: by_shape.section(material),
-        lambda: limits.section(material),
+        lambda: curves.section(report),
+        lambda: forces.section(report),
+        lambda: by_shape.section(report),
+        lambda: limits.section(report),
     ]
-    return write_page(Path(out), TITLE, LINKS, sections)
+    return write_page(out, TITLE, LINKS, sections)
 
 
 def write_page(

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from t2twin.report import markup
+from t2twin.report.dataset import Dataset
 from t2twin.report.figures import (
     COUNTS_MAP,
     colour_bar,
@@ -16,7 +17,7 @@ from t2twin.report.figures import (
     rings,
     tactile_image,
 )
-from t2twin.report.material import Dataset
+from t2twin.report.picks import pairs_in_turn
 from t2twin.sim.digit.camera import DIGIT_CAMERA
 
 PAIRS = 12
@@ -24,7 +25,7 @@ SEED = 0
 WIDTH_IN, HEIGHT_IN = 4.4, 2.1
 
 
-def section(material: Dataset) -> str:
+def section(dataset: Dataset) -> str:
     """One picture a pair, each of another family as far as there are."""
     half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
     text = (
@@ -33,39 +34,31 @@ def section(material: Dataset) -> str:
         f"sees, {2 * half_width:.1f} × {2 * half_height:.1f} mm, on the scale of the array. "
         "Drawn at random, family by family."
     )
-    rows = chosen(material)
+    rows = chosen(dataset)
     return markup.section(
         "pairs",
         "Pairs",
         [
             markup.paragraph(text, "note"),
-            markup.grid([_pair(material, split, row) for split, row in rows]),
+            markup.grid([_pair(dataset, split, row) for split, row in rows]),
         ],
     )
 
 
-def chosen(material: Dataset) -> list[tuple[str, int]]:
+def chosen(dataset: Dataset) -> list[tuple[str, int]]:
     """Splits and rows of PAIRS pairs: families in turn, one more of each until there are enough."""
-    rng = np.random.default_rng(SEED)
-    of_family: dict[str, list[tuple[str, int]]] = {}
-    for split, table in material.tables.items():
-        for row, family in enumerate(table["family"].to_pylist()):
-            of_family.setdefault(family, []).append((split, row))
-    orders = [[rows[i] for i in rng.permutation(len(rows))] for rows in of_family.values()]
-    deepest = max(len(order) for order in orders)
-    in_turn = [order[turn] for turn in range(deepest) for order in orders if turn < len(order)]
-    return in_turn[:PAIRS]
+    return pairs_in_turn(dataset, dataset.families, PAIRS, SEED)
 
 
-def _pair(material: Dataset, split: str, row: int) -> str:
-    table = material.tables[split]
-    shape = table["shape"][row].as_py()
+def _pair(dataset: Dataset, split: str, row: int) -> str:
+    table = dataset.tables[split]
+    shape = dataset.shape(split, row)
     counts = np.array(table["taxels"][row].as_py(), dtype=np.float32)
     content = figure(
-        "png", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, material, split, row, counts)
+        "png", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, dataset, split, row, counts)
     )
     note = f"({split}): largest taxel {counts.max():,.0f} counts"
-    if material.is_simulated:
+    if dataset.info.is_simulated:
         note += (
             f"; depth in the gel {table['digit_depth_mm'][row].as_py():.2f} mm, in the skin "
             f"{table['cyskin_depth_mm'][row].as_py():.2f} mm"
@@ -74,20 +67,20 @@ def _pair(material: Dataset, split: str, row: int) -> str:
     return markup.picture(content, "png", alt, shape, width="narrow", note=note)
 
 
-def _draw(page: Figure, material: Dataset, split: str, row: int, counts: np.ndarray) -> None:
+def _draw(page: Figure, dataset: Dataset, split: str, row: int, counts: np.ndarray) -> None:
     picture, array, image = page.subplots(1, 3, width_ratios=(1.24, 1, 1))
-    digit_picture(picture, material.picture(split, row))
+    digit_picture(picture, dataset.picture(split, row))
     limits = (0.0, max(float(counts.max()), 1.0))
-    _array(array, material, counts, limits)
-    drawn = tactile_image(image, material.phi(counts), material.phi, limits)
-    rings(image, material.layout.x_mm, material.layout.y_mm)
+    _array(array, dataset, counts, limits)
+    drawn = tactile_image(image, dataset.phi(counts), dataset.phi, limits)
+    rings(image, dataset.layout.x_mm, dataset.layout.y_mm)
     colour_bar(page, drawn, image, 0.07)
 
 
-def _array(axes: Axes, material: Dataset, counts: np.ndarray, limits: tuple[float, float]) -> None:
+def _array(axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float, float]) -> None:
     """Every pad as a disc of its diameter, mm, with the DIGIT's field of view about the middle."""
-    x_mm, y_mm = material.layout.x_mm, material.layout.y_mm
-    size = material.pad_diameter_mm
+    x_mm, y_mm = dataset.layout.x_mm, dataset.layout.y_mm
+    size = dataset.pad_diameter_mm
     pads = EllipseCollection(
         size,
         size,
@@ -113,6 +106,6 @@ def _array(axes: Axes, material: Dataset, counts: np.ndarray, limits: tuple[floa
             linewidth=1.0,
         )
     )
-    left, right, bottom, top = extent_mm(material.phi)
+    left, right, bottom, top = extent_mm(dataset.phi)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set_axis_off()

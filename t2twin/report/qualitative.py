@@ -12,10 +12,9 @@ from t2twin.report.figures import (
     rings,
     tactile_image,
 )
-from t2twin.report.material import ReportData
 from t2twin.report.names import name_of
+from t2twin.report.report_data import ReportData
 from t2twin.translate.phi import TACTILE_SHAPE
-from t2twin.translate.touch2touch import Touch2Touch
 
 QUANTILES = {"val": (0.1, 0.5, 0.9, 1.0), "test": (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)}
 """Of the error, which samples are shown."""
@@ -29,21 +28,21 @@ BAR_WIDTH = 0.12
 """Room for a colour bar, in parts of a tactile image's width."""
 
 
-def section(material: ReportData) -> str:
+def section(report: ReportData) -> str:
     """One picture a sample."""
     figures = [
-        _sample(material, split, row, quantile)
+        _sample(report, split, row, quantile)
         for split in QUANTILES
-        for row, quantile in chosen(material, split)
+        for row, quantile in chosen(report, split)
     ]
     text = (
         "X is the DIGIT picture, Ŷ the counts that a model predicts from it, φ the barycentric "
         "interpolation that turns counts into a tactile image, I = φ(Y) the truth. touch2touch "
         "draws a tactile image first; its Ŷ is read back from that with φ⁻¹, so φ(Ŷ) shows what "
-        "of the drawing the taxels could have said. Number under a title: sqrt(L3) of this pair. "
+        "of the drawing the taxels could have said. Number under a title: the RMSE of this pair. "
         "Colours of counts are the same along a row; differences have a scale of their own, red "
         "where too much is predicted, blue where too little. Rings mark the taxels. The samples "
-        "are not the best ones: pairs are ordered by the mean of the models' sqrt(L3), and those "
+        "are not the best ones: pairs are ordered by the mean of the models' RMSE, and those "
         "at fixed quantiles are shown, the same for all models: 0.1, 0.5 and 0.9 of validation, "
         "0.1 to 0.9 in steps of 0.2 of test, and 1, the worst one of each."
     )
@@ -52,10 +51,10 @@ def section(material: ReportData) -> str:
     )
 
 
-def chosen(material: ReportData, split: str) -> list[tuple[int, float]]:
+def chosen(report: ReportData, split: str) -> list[tuple[int, float]]:
     """Rows at QUANTILES of the error, with their quantile; of few pairs, each one once."""
-    evaluated = material.evaluated[split]
-    error = np.mean([evaluated.errors(name) for name in material.runs], axis=0)
+    predictions = report.predictions[split]
+    error = np.mean([predictions.rmse_counts(name) for name in report.runs], axis=0)
     order = np.argsort(error, kind="stable")
     rows: dict[int, float] = {}
     for quantile in QUANTILES[split]:
@@ -63,46 +62,46 @@ def chosen(material: ReportData, split: str) -> list[tuple[int, float]]:
     return list(rows.items())
 
 
-def _sample(material: ReportData, split: str, row: int, quantile: float) -> str:
-    evaluated, table = material.evaluated[split], material.tables[split]
-    errors = {name: float(evaluated.errors(name)[row]) for name in material.runs}
-    shape = table["shape"][row].as_py()
-    content = row_picture(material, split, row)
+def _sample(report: ReportData, split: str, row: int, quantile: float) -> str:
+    predictions, table = report.predictions[split], report.tables[split]
+    errors = {name: float(predictions.rmse_counts(name)[row]) for name in report.runs}
+    shape = report.shape(split, row)
+    content = row_picture(report, split, row)
     said = "; ".join(f"{name_of(name)} {error:,.0f}" for name, error in errors.items())
     where = (
         f"x {_tenths(table['x_mm'][row].as_py())} mm, y {_tenths(table['y_mm'][row].as_py())} mm, "
         f"turned {np.degrees(table['yaw_rad'][row].as_py()):.0f}°"
     )
-    note = f"{SPLIT_NAMES[split]}, quantile {quantile:g}; {where}. sqrt(L3) in counts: {said}."
+    note = f"{SPLIT_NAMES[split]}, quantile {quantile:g}; {where}. RMSE in counts: {said}."
     alt = f"DIGIT picture, predicted tactile images and the true one of {shape}"
     return markup.picture(content, "png", alt, shape, note=note)
 
 
-def row_picture(material: ReportData, split: str, row: int) -> bytes:
+def row_picture(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, what each model draws, phi of its counts and how that is off, and I."""
-    drawings = sum(isinstance(run.translator, Touch2Touch) for run in material.runs.values())
-    panels = 2 + 2 * len(material.runs) + drawings
+    drawings = sum(run.draws for run in report.runs.values())
+    panels = 2 + 2 * len(report.runs) + drawings
     return figure(
-        "png", PANEL_IN * panels + BARS_IN, ROW_IN, lambda page: _draw(page, material, split, row)
+        "png", PANEL_IN * panels + BARS_IN, ROW_IN, lambda page: _draw(page, report, split, row)
     )
 
 
 def _tenths(value: float) -> str:
-    """With a minus sign, and none for a nought."""
+    """With a minus sign, and none for zero."""
     return f"{round(value, 1) + 0.0:.1f}".replace("-", "−")
 
 
-def _draw(page: Figure, material: ReportData, split: str, row: int) -> None:
-    evaluated, phi = material.evaluated[split], material.phi
-    picture = material.picture(split, row)
-    truth = phi(evaluated.truth[row])
+def _draw(page: Figure, report: ReportData, split: str, row: int) -> None:
+    predictions, phi = report.predictions[split], report.phi
+    picture = report.picture(split, row)
+    truth = phi(predictions.truth[row])
     images: list[tuple[str, np.ndarray]] = []
     differences: dict[int, np.ndarray] = {}  # by the number of images before each
-    for name, run in material.runs.items():
-        predicted = phi(evaluated.predictions[name][row])
-        if isinstance(run.translator, Touch2Touch):
+    for name, run in report.runs.items():
+        predicted = phi(predictions.by_model[name][row])
+        if run.draws:
             images.append((f"{name_of(name)}\ndraws", run.tactile_images([picture])[0]))
-        error = evaluated.errors(name)[row]
+        error = predictions.rmse_counts(name)[row]
         images.append((f"φ(Ŷ) {name_of(name)}\n{error:,.0f} counts", predicted))
         differences[len(images)] = predicted - truth
     images.append(("I = φ(Y)\ntruth", truth))
@@ -117,12 +116,12 @@ def _draw(page: Figure, material: ReportData, split: str, row: int) -> None:
         place = next(axes)
         place.set_title(title)
         counts = tactile_image(place, image, phi, (0.0, most))
-        rings(place, material.layout.x_mm, material.layout.y_mm)
+        rings(place, report.layout.x_mm, report.layout.y_mm)
         if number in differences:
             place = next(axes)
             place.set_title("φ(Ŷ) − I\n")
             limits = (-furthest, furthest)
             signed = tactile_image(place, differences[number], phi, limits, DIFFERENCE_MAP)
-            rings(place, material.layout.x_mm, material.layout.y_mm, "#555555")
+            rings(place, report.layout.x_mm, report.layout.y_mm, "#555555")
     colour_bar(page, signed, place, BAR_WIDTH, "difference, counts")
     colour_bar(page, counts, place, BAR_WIDTH, "counts")

@@ -8,12 +8,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import pyarrow.parquet as pq
 from tqdm import tqdm
 
-from t2twin.report.material import Dataset
+from t2twin.report.dataset import Dataset
 from t2twin.sim.dataset.png import decode_png
-from t2twin.sim.dataset.store import ROWS_AT_ONCE, shard_path
+from t2twin.sim.dataset.store import iter_images, shard_path
 
 BLOCK_PX = 8
 """Side of the squares that pictures are averaged over, pixels: noise falls to an eighth."""
@@ -42,25 +41,25 @@ def scan(dataset: Dataset, noise_grey: float) -> Scan:
     """Decodes every picture once. noise_grey: standard deviation of a picture's noise."""
     of_shape: dict[tuple[str, str], list[int]] = {}
     for place, (split, row) in enumerate(dataset.places):
-        of_shape.setdefault((split, dataset.tables[split]["shape"][row].as_py()), []).append(place)
+        of_shape.setdefault((split, dataset.shape(split, row)), []).append(place)
     pairs = len(dataset.places)
     nearest_grey, alike_counts, off_grey = np.zeros((3, pairs))
 
     def look(key: tuple[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         coarse = _coarse_pictures(dataset, *key)
         median = np.median(coarse, axis=0)
-        coarse -= median  # nearer to nought, so that single precision does
+        coarse -= median  # nearer to zero, so that single precision does
         counts = dataset.counts[of_shape[key]].astype(float)
         return *nearest_others(coarse, counts, noise_grey), np.sqrt(np.square(coarse).mean(axis=1))
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         looks = pool.map(look, of_shape)
-        for here, found in zip(
+        for here, looked in zip(
             of_shape.values(),
             tqdm(looks, total=len(of_shape), desc="pictures", unit="shape"),
             strict=True,
         ):
-            nearest_grey[here], alike_counts[here], off_grey[here] = found
+            nearest_grey[here], alike_counts[here], off_grey[here] = looked
     return Scan(nearest_grey, alike_counts, off_grey)
 
 
@@ -100,11 +99,5 @@ def coarse_picture(picture: np.ndarray) -> np.ndarray:
 
 def _coarse_pictures(dataset: Dataset, split: str, shape: str) -> np.ndarray:
     """(n, B) float32, in the order of the shard's rows."""
-    with pq.ParquetFile(dataset.data / shard_path(split, shape)) as shard:
-        return np.stack(
-            [
-                coarse_picture(decode_png(image["bytes"]))
-                for batch in shard.iter_batches(ROWS_AT_ONCE, columns=["image"])
-                for image in batch.column(0).to_pylist()
-            ]
-        )
+    pictures = iter_images(dataset.data, shard_path(split, shape))
+    return np.stack([coarse_picture(decode_png(png)) for png in pictures])

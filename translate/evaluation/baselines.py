@@ -11,7 +11,7 @@ from tqdm import tqdm
 from t2twin.translate.data.pairs import ImageFile, Pairs
 
 MEAN_ARRAY, NEAREST_NEIGHBOUR = "mean-array", "nearest-neighbour"
-"""Their names among the models."""
+"""Their rows' names among the models."""
 
 FEATURE_SIZE = 32
 """Side of the RGB images that neighbours are searched among, pixels (assumed)."""
@@ -73,11 +73,11 @@ def neighbours(
         apart = squares - 2.0 * (asked @ features.T)
         if shapes is not None:
             apart[shapes[1][part][:, None] == shapes[0][None]] = np.inf
-        found = np.argpartition(apart, k - 1, axis=1)[:, :k] if k > 1 else apart.argmin(1)[:, None]
-        exact = np.sqrt(np.square(features[found] - asked[:, None]).mean(axis=2, dtype=float))
-        exact[np.isinf(np.take_along_axis(apart, found, axis=1))] = np.inf
+        near = np.argpartition(apart, k - 1, axis=1)[:, :k] if k > 1 else apart.argmin(1)[:, None]
+        exact = np.sqrt(np.square(features[near] - asked[:, None]).mean(axis=2, dtype=float))
+        exact[np.isinf(np.take_along_axis(apart, near, axis=1))] = np.inf
         order = np.argsort(exact, axis=1, kind="stable")
-        index[part] = np.take_along_axis(found, order, axis=1)
+        index[part] = np.take_along_axis(near, order, axis=1)
         distance[part] = np.take_along_axis(exact, order, axis=1)
     return Neighbours(index, distance)
 

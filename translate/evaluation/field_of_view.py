@@ -15,7 +15,7 @@ SLACK = 1e-6
 
 
 @dataclass(frozen=True)
-class View:
+class FieldOfView:
     """The DIGIT's view on a taxel layout.
 
     half_width_mm, half_height_mm: of the rectangle that the picture shows. pitch_mm: the layout's,
@@ -28,7 +28,7 @@ class View:
     groups: dict[str, np.ndarray]
 
 
-def view_on(x_mm: np.ndarray, y_mm: np.ndarray, camera: Camera = DIGIT_CAMERA) -> View:
+def view_on(x_mm: np.ndarray, y_mm: np.ndarray, camera: Camera = DIGIT_CAMERA) -> FieldOfView:
     """Sorts the taxels of a layout by their distance from the picture's rectangle.
 
     x_mm, y_mm: (N,), N > 1, mm, sensor frame. camera: the twin's own unless given.
@@ -42,4 +42,4 @@ def view_on(x_mm: np.ndarray, y_mm: np.ndarray, camera: Camera = DIGIT_CAMERA) -
     )
     near = off_mm <= pitch * (1.0 + SLACK)
     masks = (off_mm == 0.0, near & (off_mm > 0.0), ~near)
-    return View(half_width, half_height, pitch, dict(zip(GROUPS, masks, strict=True)))
+    return FieldOfView(half_width, half_height, pitch, dict(zip(GROUPS, masks, strict=True)))

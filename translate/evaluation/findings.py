@@ -4,114 +4,113 @@ Grella et al. 2023 found that ResNet18 has the lower error, that touch2touch kee
 contact better, and that both lose from the validation split to the novel objects.
 """
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY
 from t2twin.translate.evaluation.bootstrap import SEED, draws, interval
+from t2twin.translate.evaluation.metrics import GroupedFigures
+from t2twin.translate.evaluation.records import (
+    Answer,
+    Difference,
+    FigureName,
+    Finding,
+    ModelRow,
+)
 
 TOUCH2TOUCH, RESNET18 = "touch2touch", "resnet18"
 
-DIFFERENCES = {
+DIFFERENCES: dict[str, tuple[FigureName, str]] = {
     "lower-error": ("rmse_counts", "Has ResNet18 the lower error?"),
     "better-shape-ssim": ("ssim", "Does touch2touch keep the shape better, by SSIM?"),
     "better-shape-iou": ("contact_iou", "Does touch2touch keep the shape better, by contact IoU?"),
 }
 """Findings about touch2touch less ResNet18, with the figure that each is read from: a difference
-above nought says yes."""
+above zero says yes."""
 
 GAP = "gap"
 GAP_QUESTION = "Is {} worse on the novel objects than on validation?"
 
 
-def paired(models: dict[str, Any], replicates: dict[str, dict[str, np.ndarray]]) -> dict[str, Any]:
-    """touch2touch less ResNet18 in every overall figure; empty where not both are there, once each.
+def paired(
+    models: Mapping[str, ModelRow], resampled: Mapping[str, GroupedFigures]
+) -> dict[str, Difference]:
+    """touch2touch less ResNet18 in every overall figure that both have; empty without both.
 
-    models: what `evaluate` says of each. replicates: of each model, its figures in the same
-    resamples. Returns {figure: {"difference", "interval"}}.
+    models: the rows by name. resampled: each row's figures in the same resamples.
+    Returns the differences by figure.
     """
     if not {TOUCH2TOUCH, RESNET18} <= models.keys():
         return {}
-    one, two = (models[name]["overall"] for name in (TOUCH2TOUCH, RESNET18))
-    return {
-        figure: {
-            "difference": one[figure] - two[figure],
-            "interval": interval(replicates[TOUCH2TOUCH][figure] - replicates[RESNET18][figure]),
-        }
-        for figure in replicates[TOUCH2TOUCH]
-        if one[figure] is not None and two[figure] is not None
-    }
+    differences = {}
+    for figure in get_args(FigureName):
+        one, two = (models[name].overall.value(figure) for name in (TOUCH2TOUCH, RESNET18))
+        drawn = (getattr(resampled[name], figure) for name in (TOUCH2TOUCH, RESNET18))
+        if one is not None and two is not None:
+            differences[figure] = Difference(one - two, interval(np.subtract(*drawn)))
+    return differences
 
 
-def findings(metrics: dict[str, Any]) -> dict[str, Any]:
+def findings(
+    models: Mapping[str, ModelRow], differences: Mapping[str, Difference]
+) -> dict[str, Finding]:
     """The findings that one split can speak of, by name; empty without both models.
 
-    metrics: what `evaluate` returns, with its "paired". Each finding has "question", "answer" (yes,
-    no or undecided: the interval holds nought), "figure", "difference", "interval", "figures".
+    models: the rows by name. differences: what `paired` says of them.
     """
-    found = {}
+    answers = {}
     for name, (figure, question) in DIFFERENCES.items():
-        if figure in metrics["paired"]:
-            found[name] = _finding(
-                question,
-                figure,
-                metrics["paired"][figure],
-                {m: metrics["models"][m]["overall"][figure] for m in (TOUCH2TOUCH, RESNET18)},
-            )
-    return found
+        if figure in differences:
+            values = {
+                model: models[model].overall.value(figure) for model in (TOUCH2TOUCH, RESNET18)
+            }
+            known = {model: value for model, value in values.items() if value is not None}
+            answers[name] = _finding(question, figure, differences[figure], known)
+    return answers
 
 
-def gap(val: dict[str, Any], test: dict[str, Any]) -> dict[str, Any]:
+def gap(val: Mapping[str, ModelRow], test: Mapping[str, ModelRow]) -> dict[str, Finding]:
     """How much worse each run is on the objects: findings by "gap-MODEL".
 
-    val, test: what `evaluate` returns of the two splits, whose shapes are resampled apart. The
-    errors in percent of the mean array's stand beside, as "percent_of_mean_array", for the splits
-    are not equally hard for one that learns nothing.
+    val, test: the rows of the two splits, whose shapes are resampled apart. The errors in percent
+    of the mean array's stand beside, for the splits are not equally hard for one that learns
+    nothing.
     """
-    found = {}
-    for name, model in test["models"].items():
-        if "run" not in model or name not in val["models"]:
+    answers = {}
+    for name, on_test in test.items():
+        if on_test.run is None or name not in val:
             continue
-        of = {"val": val["models"][name], "test": model}
-        figures = {split: one["overall"]["rmse_counts"] for split, one in of.items()}
-        found[f"{GAP}-{name}"] = _finding(
-            GAP_QUESTION.format(name),
-            "rmse_counts",
-            {
-                "difference": figures["test"] - figures["val"],
-                "interval": interval(
-                    _rmse_counts(of["test"], SEED) - _rmse_counts(of["val"], SEED + 1)
-                ),
-            },
-            figures,
-        )
-        found[f"{GAP}-{name}"] |= {
-            "model": name,
-            "percent_of_mean_array": {
-                split: 100.0 * figures[split] / one["models"][MEAN_ARRAY]["overall"]["rmse_counts"]
-                for split, one in (("val", val), ("test", test))
-            },
+        figures = {"val": val[name].overall.rmse_counts, "test": on_test.overall.rmse_counts}
+        of_mean = {
+            "val": 100.0 * figures["val"] / val[MEAN_ARRAY].overall.rmse_counts,
+            "test": 100.0 * figures["test"] / test[MEAN_ARRAY].overall.rmse_counts,
         }
-    return found
+        resampled = _rmse_counts(on_test, SEED) - _rmse_counts(val[name], SEED + 1)
+        difference = Difference(figures["test"] - figures["val"], interval(resampled))
+        finding = _finding(GAP_QUESTION.format(name), "rmse_counts", difference, figures)
+        answers[f"{GAP}-{name}"] = replace(finding, model=name, percent_of_mean_array=of_mean)
+    return answers
 
 
-def _rmse_counts(model: dict[str, Any], seed: int) -> np.ndarray:
-    """sqrt(L3) in every resample of the shapes, from the figures of each shape."""
-    shapes = list(model["by_shape"].values())
-    pairs = np.array([shape["pairs"] for shape in shapes], dtype=float)
-    squares = pairs * np.square([shape["rmse_counts"] for shape in shapes])
+def _rmse_counts(model: ModelRow, seed: int) -> np.ndarray:
+    """The RMSE in every resample of the shapes, (B,) counts, from the figures of each shape."""
+    shapes = list(model.by_shape.values())
+    pairs = np.array([shape.pairs for shape in shapes], dtype=float)
+    squares = pairs * np.square([shape.rmse_counts for shape in shapes])
     drawn = draws(len(shapes), seed)
     return np.sqrt((drawn @ squares) / (drawn @ pairs))
 
 
 def _finding(
-    question: str, figure: str, difference: dict[str, Any], figures: dict[str, float]
-) -> dict[str, Any]:
-    span = difference["interval"]
-    if span is None or span[0] <= 0 <= span[1]:
+    question: str, figure: FigureName, difference: Difference, figures: dict[str, float]
+) -> Finding:
+    span = difference.interval
+    answer: Answer
+    if span is None or span.low <= 0 <= span.high:
         answer = "undecided"
     else:
-        answer = "yes" if span[0] > 0 else "no"
-    return {"question": question, "answer": answer, "figure": figure, **difference,
-            "figures": figures}  # fmt: skip
+        answer = "yes" if span.low > 0 else "no"
+    return Finding(question, answer, figure, difference.difference, span, figures)

@@ -2,8 +2,8 @@
 
 Of two presses whose pictures cannot be told apart, a translator gives one answer. Taken as two
 draws of what such a picture may mean, their counts differ in mean square by twice the variance that
-is left once the picture is known; so sqrt(mean squared difference / 2) is the sqrt(L3) that the
-best predictor, which answers with the mean of all of them, still makes.
+is left once the picture is known; so sqrt(mean squared difference / 2) is the RMSE that the best
+predictor, which answers with the mean of all of them, still makes.
 
 It bounds what can be known from the picture at FEATURE_SIZE, averaged over presses that have a
 look-alike. It does not bound a network that sees finer detail than that, nor speak of presses that
@@ -14,20 +14,28 @@ so where they follow the picture smoothly. Neighbours among the training pairs a
 cannot know in another way: a shape of another kind that looks the same.
 """
 
-import io
 from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 from PIL import Image
 
-from t2twin.sim.dataset.store import read_info
+from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.png import decode_png
+from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import Pairs
 from t2twin.translate.evaluation.baselines import FEATURE_SIZE, Neighbours, neighbours
 from t2twin.translate.evaluation.bootstrap import draws, interval
+from t2twin.translate.evaluation.records import (
+    AlikePairs,
+    Interval,
+    LookAlikeFloor,
+    LookAlikes,
+    ShapeFloor,
+)
 
 NEIGHBOURS = 8
 """Nearest images of each press that the extrapolation is made from."""
@@ -47,8 +55,30 @@ NOISE_PICTURES = 64
 SEED = 2
 """Seed of that noise."""
 
-SPLIT, TRAINING = "split", "training"
-"""Where the look-alikes are looked for."""
+
+@dataclass(frozen=True)
+class Comparison:
+    """Presses beside those that look like them.
+
+    shapes: (P,) the presses' shapes. distance_grey: (P, k) distance of the pictures, infinite where
+    there are not so many. half_squares: (P, k, N) half the squared difference of the counts,
+    counts^2.
+    """
+
+    shapes: np.ndarray
+    distance_grey: np.ndarray
+    half_squares: np.ndarray
+
+
+@dataclass(frozen=True)
+class AtNoise:
+    """Each shape's line read at the noise's distance.
+
+    presses: (K,) presses of each shape, 0 where it has no line. half_squares: (K,) counts^2.
+    """
+
+    presses: np.ndarray
+    half_squares: np.ndarray
 
 
 def lookalikes(
@@ -57,28 +87,26 @@ def lookalikes(
     pairs: Pairs,
     train: Pairs,
     of_train: Neighbours,
-    parts: Mapping[str, np.ndarray],
-) -> dict[str, Any] | None:
+    taxel_groups: Mapping[str, np.ndarray],
+) -> LookAlikes | None:
     """How far presses of a split differ in taxels from those that look like them.
 
     pairs: the split's, train: the training split's, images of both at FEATURE_SIZE in RGB.
-    of_train: the pairs' NEIGHBOURS nearest of the training images. parts: (N,) bool by name, parts
-    of the taxels that are looked at alone too.
-    Returns "noise_grey" (distance of two pictures of one press), "close_grey" (CLOSE times that),
-    and for the neighbours among other shapes of the "split" and among "training" pairs what
-    `_floor` says. None for a dataset that does not name its pictures' noise.
+    of_train: the pairs' NEIGHBOURS nearest of the training images. taxel_groups: (N,) bool by name,
+    groups of the taxels that are looked at alone too.
+    None for a dataset that does not name its pictures' noise.
     """
     noise = noise_distance_grey(data_dir, split)
     if noise is None:
         return None
     shapes = (pairs.shapes, pairs.shapes)
     of_split = neighbours(pairs.images, pairs.images, NEIGHBOURS, shapes, "look-alikes")
-    return {
-        "noise_grey": noise,
-        "close_grey": CLOSE * noise,
-        SPLIT: _floor(pairs, pairs, of_split, noise, parts),
-        TRAINING: _floor(pairs, train, of_train, noise, parts),
-    }
+    return LookAlikes(
+        noise_grey=noise,
+        close_grey=CLOSE * noise,
+        split=floor_of(pairs, pairs, of_split, noise, taxel_groups),
+        training=floor_of(pairs, train, of_train, noise, taxel_groups),
+    )
 
 
 def noise_distance_grey(data_dir: Path, split: str) -> float | None:
@@ -88,9 +116,9 @@ def noise_distance_grey(data_dir: Path, split: str) -> float | None:
     are made small as the stored ones are.
     """
     info = read_info(data_dir)
-    sigma = info.get("parameters", {}).get("digit", {}).get("noise_grey")
-    if sigma is None:
+    if info.parameters is None:
         return None
+    sigma = info.parameters.digit.noise_grey
     rng = np.random.default_rng(SEED)
     squares = [
         np.square(np.subtract(*(_small(picture, sigma, rng) for _ in range(2)))).mean()
@@ -105,126 +133,130 @@ def _small(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> np.nd
     return to_pixels(image, FEATURE_SIZE, grey=False).astype(float)
 
 
-def _some_pictures(data_dir: Path, info: dict[str, Any], split: str) -> list[np.ndarray]:
+def _some_pictures(data_dir: Path, info: DatasetInfo, split: str) -> list[np.ndarray]:
     """NOISE_PICTURES or fewer, as many of each shape, (h, w, 3) uint8."""
-    shards = sorted(path for path in info["shards"] if path.startswith(f"{split}/"))
+    shards = split_shards(info, split)
     each = -(-NOISE_PICTURES // len(shards))
-    pictures = []
-    for shard in shards:
-        with pq.ParquetFile(data_dir / shard) as file:
-            rows = next(file.iter_batches(each, columns=["image"])).column(0).to_pylist()
-        for row in rows:
-            with Image.open(io.BytesIO(row["bytes"])) as image:
-                pictures.append(np.asarray(image.convert("RGB")))
+    pictures = [
+        decode_png(png) for shard in shards for png in islice(iter_images(data_dir, shard), each)
+    ]
     return pictures[:NOISE_PICTURES]
 
 
-def _floor(
+def floor_of(
     pairs: Pairs,
     others: Pairs,
     near: Neighbours,
-    noise: float,
-    parts: Mapping[str, np.ndarray],
-) -> dict[str, Any] | None:
+    noise_grey: float,
+    taxel_groups: Mapping[str, np.ndarray],
+) -> LookAlikeFloor | None:
     """What a set of neighbours says, None where there are none.
 
-    Returns
-    - "nearest": pairs of each press and its nearest, with their median distance, and their error;
-    - "close": the same of those within CLOSE times the noise's distance;
-    - "curve": BINS groups of all k neighbours by distance, each with its mean distance;
-    - "extrapolated_rmse_counts" with its "interval", over resampled shapes: for every shape a
-      straight line of half the squared difference over the squared distance, through the FITTED
-      nearest of its pairs, not falling, read at the noise's distance; the root of the mean over
-      presses, 0 where that is negative, None where no shape has two distances;
-    - "parts": the extrapolated figure of each part of the taxels;
-    - "by_shape": "nearest" and the extrapolated figure of each shape.
+    near: the presses' k nearest of the others. noise_grey: the noise's distance. Of the record,
 
-    Errors are sqrt(mean squared difference / 2), counts.
+    - curve: BINS groups of all k neighbours by distance;
+    - extrapolated_rmse_counts: for every shape a straight line of half the squared difference over
+      the squared distance, through the FITTED nearest of its pairs, not falling, read at the
+      noise's distance; the root of the mean over presses, 0 where that is negative, None where no
+      shape has two distances;
+    - interval: of that, over resampled shapes;
+    - parts: that of each group of taxels.
     """
-    known = np.isfinite(near.distance_grey)
+    known = np.isfinite(near.distance_grey[:, 0])
     if not known.any():
         return None
-    each = np.square(pairs.counts[:, None] - others.counts[near.index]) / 2  # (P, k, N)
-    halves = each.mean(axis=2, dtype=float)
-    first = known[:, 0]
-    close = first & (near.distance_grey[:, 0] <= CLOSE * noise)
-    names = np.unique(pairs.shapes[first])
-    whole = _at_noise(pairs.shapes, near.distance_grey, halves, names, noise)
-    in_order = np.argsort(near.distance_grey[known], kind="stable")
-    return {
-        "nearest": _group(near.distance_grey[first, 0], halves[first, 0]),
-        "close": _group(near.distance_grey[close, 0], halves[close, 0]),
-        "curve": [
-            _group(near.distance_grey[known][part], halves[known][part])
-            for part in np.array_split(in_order, BINS)
-            if part.size
-        ],
-        "extrapolated_rmse_counts": _root_of_mean(whole),
-        "interval": _interval(whole),
-        "parts": {
-            name: _root_of_mean(
-                _at_noise(
-                    pairs.shapes,
-                    near.distance_grey,
-                    each[:, :, part].mean(axis=2, dtype=float),
-                    names,
-                    noise,
-                )
-            )
-            for name, part in parts.items()
-            if part.any()
+    compared = Comparison(
+        shapes=pairs.shapes,
+        distance_grey=near.distance_grey,
+        half_squares=np.square(pairs.counts[:, None] - others.counts[near.index]) / 2,
+    )
+    names = np.unique(pairs.shapes[known])
+    whole = _at_noise(compared, names, noise_grey)
+    close = near.distance_grey[:, 0] <= CLOSE * noise_grey
+    return LookAlikeFloor(
+        nearest=_nearest(compared, known),
+        close=_nearest(compared, known & close),
+        curve=_curve(compared),
+        extrapolated_rmse_counts=_root_of_mean(whole),
+        interval=_interval(whole),
+        parts={
+            name: _root_of_mean(_at_noise(compared, names, noise_grey, mask))
+            for name, mask in taxel_groups.items()
+            if mask.any()
         },
-        "by_shape": {
-            str(name): {
-                "nearest": _group(
-                    near.distance_grey[first & (pairs.shapes == name), 0],
-                    halves[first & (pairs.shapes == name), 0],
+        by_shape={
+            str(name): ShapeFloor(
+                nearest=_nearest(compared, known & (pairs.shapes == name)),
+                extrapolated_rmse_counts=_root_of_mean(
+                    AtNoise(whole.presses[[place]], whole.half_squares[[place]])
                 ),
-                "extrapolated_rmse_counts": _root_of_mean(whole[:, [column]]),
-            }
-            for column, name in enumerate(names)
+            )
+            for place, name in enumerate(names)
         },
-    }
+    )
 
 
-def _group(distance: np.ndarray, half: np.ndarray) -> dict[str, Any]:
-    return {
-        "pairs": int(distance.size),
-        "distance_grey": float(np.median(distance)) if distance.size else None,
-        "rmse_counts": float(np.sqrt(half.mean())) if distance.size else None,
-    }
+def _nearest(compared: Comparison, which: np.ndarray) -> AlikePairs:
+    """The presses `which` ((P,) bool) and the nearest of each."""
+    return _alike_pairs(
+        compared.distance_grey[which, 0],
+        compared.half_squares[which, 0].mean(axis=-1, dtype=float),
+    )
+
+
+def _curve(compared: Comparison) -> tuple[AlikePairs, ...]:
+    known = np.isfinite(compared.distance_grey)
+    distance = compared.distance_grey[known]
+    half = compared.half_squares.mean(axis=2, dtype=float)[known]
+    in_order = np.argsort(distance, kind="stable")
+    return tuple(
+        _alike_pairs(distance[part], half[part])
+        for part in np.array_split(in_order, BINS)
+        if part.size
+    )
+
+
+def _alike_pairs(distance: np.ndarray, half: np.ndarray) -> AlikePairs:
+    """distance: grey levels, half: half the squared difference, counts^2; a number a pair each."""
+    if not distance.size:
+        return AlikePairs(0, None, None)
+    return AlikePairs(distance.size, float(np.median(distance)), float(np.sqrt(half.mean())))
 
 
 def _at_noise(
-    shapes: np.ndarray, distance: np.ndarray, half: np.ndarray, names: np.ndarray, noise: float
-) -> np.ndarray:
-    """Each shape's line at the noise's distance: (2, K), its presses and counts^2.
+    compared: Comparison, names: np.ndarray, noise_grey: float, taxels: np.ndarray | None = None
+) -> AtNoise:
+    """names: (K,) the shapes. taxels: (N,) bool, those that are looked at, by default all.
 
-    shapes: (P,). distance, half: (P, k). Shapes are fitted apart, because those whose pictures are
-    near to others are not those whose counts are.
+    Shapes are fitted apart, because those whose pictures are near to others are not those whose
+    counts are.
     """
-    found = np.zeros((2, names.size))
-    for column, name in enumerate(names):
-        mine = np.isfinite(distance) & (shapes == name)[:, None]
+    squares = compared.half_squares if taxels is None else compared.half_squares[:, :, taxels]
+    half, distance = squares.mean(axis=2, dtype=float), compared.distance_grey
+    presses, at_noise = np.zeros((2, names.size))
+    for place, name in enumerate(names):
+        mine = np.isfinite(distance) & (compared.shapes == name)[:, None]
         fitted = mine & (distance <= np.quantile(distance[mine], FITTED))
         x, y = np.square(distance[fitted]), half[fitted]
         spread = np.square(x - x.mean()).sum()
         if spread > 0:
             slope = max(0.0, float(((x - x.mean()) * (y - y.mean())).sum() / spread))
-            found[:, column] = mine[:, 0].sum(), y.mean() - slope * (x.mean() - noise**2)
-    return found
+            presses[place] = mine[:, 0].sum()
+            at_noise[place] = y.mean() - slope * (x.mean() - noise_grey**2)
+    return AtNoise(presses, at_noise)
 
 
-def _root_of_mean(of_shapes: np.ndarray) -> float | None:
-    """Of (2, K) presses and counts^2."""
-    presses, values = of_shapes
+def _root_of_mean(of_shapes: AtNoise) -> float | None:
+    """Over presses, counts; None where no shape has a line."""
+    presses, values = of_shapes.presses, of_shapes.half_squares
     if not presses.any():
         return None
     return float(np.sqrt(max(0.0, (presses * values).sum() / presses.sum())))
 
 
-def _interval(of_shapes: np.ndarray) -> list[float] | None:
-    presses, values = of_shapes[:, of_shapes[0] > 0]
+def _interval(of_shapes: AtNoise) -> Interval | None:
+    known = of_shapes.presses > 0
+    presses, values = of_shapes.presses[known], of_shapes.half_squares[known]
     if presses.size < 2:
         return None
     drawn = draws(presses.size)

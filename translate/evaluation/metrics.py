@@ -1,17 +1,22 @@
 """How far predicted arrays are from the true ones, and their tactile images with them.
 
+RMSE is the root of the mean squared error of the counts, over pairs and taxels. Its square, in
+parts of full scale, is the loss that Grella et al. 2023 call L3.
+
 Shape letters: P pairs, N taxels, K groups of pairs.
 """
 
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from tqdm import tqdm
 
-from t2twin.translate.evaluation.similarity import alike
+from t2twin.translate.evaluation.field_of_view import GROUPS
+from t2twin.translate.evaluation.records import Figures
+from t2twin.translate.evaluation.similarity import image_scores
 from t2twin.translate.phi import Phi
 
 CONTACT_LEVEL = 0.1
@@ -20,20 +25,47 @@ CONTACT_LEVEL = 0.1
 AT_ONCE = 64
 """Pairs whose tactile images are made together; bounds the memory to 50 MB."""
 
-COUNTED = "/pairs"
-"""What the name of a sum ends in that counts the pairs which have the figure."""
+
+@dataclass(frozen=True)
+class Sum:
+    """Of one quantity over groups of pairs: its total, and how many pairs have it; (K,) each."""
+
+    total: np.ndarray
+    pairs: np.ndarray
+
+    @property
+    def mean(self) -> np.ndarray:
+        """NaN where no pair has it."""
+        nothing = np.full(self.total.shape, np.nan)
+        return np.divide(self.total, self.pairs, out=nothing, where=self.pairs > 0)
 
 
 @dataclass(frozen=True)
-class Figures:
+class GroupedFigures:
+    """The figures of records.Figures, of K groups of pairs: (K,) each, NaN where there is none."""
+
+    rmse_counts: np.ndarray
+    rmse_percent: np.ndarray
+    ssim: np.ndarray
+    ssim_contact: np.ndarray
+    contact_iou: np.ndarray
+    centroid_error_mm: np.ndarray
+    total_error_percent: np.ndarray
+    rmse_under_counts: np.ndarray
+    rmse_near_counts: np.ndarray
+    rmse_beyond_counts: np.ndarray
+
+
+@dataclass(frozen=True)
+class PairFigures:
     """Figures of each pair, (P,) each.
 
-    squared_error: mean over the taxels, counts^2; squared_error_of: the same over a part of the
-    taxels, by its name, NaN where it has none. ssim: of phi(predicted) against phi(true), over
-    the image. ssim_contact: over the true contact. contact_iou: intersection over union of the two
-    contacts. centroid_error_mm: between the two images' centroids. total_error: difference of
-    the summed counts, absolute. total: the true sum. What needs a contact is NaN where there is
-    none.
+    squared_error: mean over the taxels, counts^2; squared_error_of: the same over a group of the
+    taxels, by the names in field_of_view.GROUPS, NaN where it has none. ssim: of phi(predicted)
+    against phi(true), over the image. ssim_contact: over the true contact. contact_iou:
+    intersection over union of the two contacts. centroid_error_mm: between the two images'
+    centroids. total_error: difference of the summed counts, absolute. total: the true sum. What
+    needs a contact is NaN where there is none.
     """
 
     squared_error: np.ndarray
@@ -43,28 +75,27 @@ class Figures:
     centroid_error_mm: np.ndarray
     total_error: np.ndarray
     total: np.ndarray
-    squared_error_of: dict[str, np.ndarray] = field(default_factory=dict)
+    squared_error_of: Mapping[str, np.ndarray] = field(default_factory=dict)
 
-    def summary(self, full_scale: float, which: np.ndarray | None = None) -> dict[str, float]:
-        """Over the pairs `which` ((P,) bool), by default all.
-
-        rmse_counts is sqrt(L3), rmse_percent its part of full_scale (counts), rmse_PART_counts that
-        of a part of the taxels; total_error_percent is the mean error of the total response, of
-        the mean total response. Figures for which no pair qualifies are NaN.
-        """
+    def summary(self, full_scale: float, which: np.ndarray | None = None) -> Figures:
+        """Over the pairs `which` ((P,) bool), by default all. full_scale: counts."""
         chosen = np.ones(self.total.size, bool) if which is None else which
-        sums = {name: float(v[1]) for name, v in self.sums(chosen.astype(int), 2).items()}
-        found = {name: float(v) for name, v in self.of_sums(sums, full_scale).items()}
-        return {"pairs": int(chosen.sum()), **found}
+        sums = {
+            name: Sum(one.total[1:], one.pairs[1:])
+            for name, one in self.sums(chosen.astype(int), 2).items()
+        }
+        grouped = figures_of(sums, full_scale)
+        values = {each.name: float(getattr(grouped, each.name)[0]) for each in fields(grouped)}
+        known = {name: None if np.isnan(value) else value for name, value in values.items()}
+        return Figures(pairs=int(chosen.sum()), **known)  # pyright: ignore[reportArgumentType]
 
-    def sums(self, place: np.ndarray, groups: int) -> dict[str, np.ndarray]:
-        """What the figures of any union of groups follow from: sums by group, (K,) by name.
+    def sums(self, place: np.ndarray, groups: int) -> dict[str, Sum]:
+        """What the figures of any union of groups follow from: sums by group, (K,) by attribute.
 
         place: (P,) the group of each pair, 0 to groups - 1.
         """
         columns = {
             "squared_error": self.squared_error,
-            **{f"squared_error_{part}": v for part, v in self.squared_error_of.items()},
             "ssim": self.ssim,
             "ssim_contact": self.ssim_contact,
             "contact_iou": self.contact_iou,
@@ -72,39 +103,37 @@ class Figures:
             "total_error": self.total_error,
             "total": self.total,
         }
-        found = {}
+        nothing = np.full(self.total.shape, np.nan)
+        for group in GROUPS:
+            columns[_squared_error(group)] = self.squared_error_of.get(group, nothing)
+        sums = {}
         for name, values in columns.items():
             known = ~np.isnan(values)
-            found[name] = np.bincount(place[known], values[known], groups)
-            found[name + COUNTED] = np.bincount(place[known], minlength=groups).astype(float)
-        return found
+            sums[name] = Sum(
+                np.bincount(place[known], values[known], groups),
+                np.bincount(place[known], minlength=groups).astype(float),
+            )
+        return sums
 
-    def of_sums(
-        self, sums: Mapping[str, np.ndarray | float], full_scale: float
-    ) -> dict[str, np.ndarray]:
-        """The figures of `summary` from sums of any one shape, elementwise."""
 
-        def mean(name: str) -> np.ndarray:
-            total, pairs = np.asarray(sums[name]), np.asarray(sums[name + COUNTED])
-            return np.divide(total, pairs, out=np.full(total.shape, np.nan), where=pairs > 0)
-
-        rmse = np.sqrt(mean("squared_error"))
-        error, total = np.asarray(sums["total_error"]), np.asarray(sums["total"])
-        return {
-            "rmse_counts": rmse,
-            "rmse_percent": 100.0 * rmse / full_scale,
-            "ssim": mean("ssim"),
-            "ssim_contact": mean("ssim_contact"),
-            "contact_iou": mean("contact_iou"),
-            "centroid_error_mm": mean("centroid_error_mm"),
-            "total_error_percent": np.divide(
-                100.0 * error, total, out=np.full(total.shape, np.nan), where=total > 0
-            ),
-            **{
-                f"rmse_{part}_counts": np.sqrt(mean(f"squared_error_{part}"))
-                for part in self.squared_error_of
-            },
-        }
+def figures_of(sums: Mapping[str, Sum], full_scale: float) -> GroupedFigures:
+    """The figures that follow from PairFigures.sums. full_scale: counts."""
+    rmse = np.sqrt(sums["squared_error"].mean)
+    error, total = sums["total_error"].total, sums["total"].total
+    nothing = np.full(total.shape, np.nan)
+    under, near, beyond = (np.sqrt(sums[_squared_error(group)].mean) for group in GROUPS)
+    return GroupedFigures(
+        rmse_counts=rmse,
+        rmse_percent=100.0 * rmse / full_scale,
+        ssim=sums["ssim"].mean,
+        ssim_contact=sums["ssim_contact"].mean,
+        contact_iou=sums["contact_iou"].mean,
+        centroid_error_mm=sums["centroid_error_mm"].mean,
+        total_error_percent=np.divide(100.0 * error, total, out=nothing, where=total > 0),
+        rmse_under_counts=under,
+        rmse_near_counts=near,
+        rmse_beyond_counts=beyond,
+    )
 
 
 def compare(
@@ -113,36 +142,40 @@ def compare(
     phi: Phi,
     full_scale: float,
     progress: str | None = None,
-    parts: Mapping[str, np.ndarray] | None = None,
-) -> Figures:
+    taxel_groups: Mapping[str, np.ndarray] | None = None,
+) -> PairFigures:
     """Figures of each pair. predicted, true: (P, N), counts; full_scale: SSIM's data range.
 
-    progress: a name to show a bar under, or None. parts: (N,) bool by name, the parts of the taxels
-    whose errors are kept apart.
+    progress: a name to show a bar under, or None. taxel_groups: (N,) bool by the names in
+    field_of_view.GROUPS, the groups of taxels whose errors are kept apart.
     """
     predicted, true = predicted.astype(float), true.astype(float)
     squares = np.square(predicted - true)
-    of_images = _of_images(predicted, true, phi, full_scale, progress)
-    return Figures(
+    scores = _scores_of_images(predicted, true, phi, full_scale, progress)
+    return PairFigures(
         squared_error=squares.mean(axis=1),
         squared_error_of={
-            name: squares[:, part].mean(axis=1) if part.any() else np.full(len(true), np.nan)
-            for name, part in (parts or {}).items()
+            name: squares[:, mask].mean(axis=1) if mask.any() else np.full(len(true), np.nan)
+            for name, mask in (taxel_groups or {}).items()
         },
-        ssim=of_images[:, 0],
-        ssim_contact=of_images[:, 1],
-        contact_iou=of_images[:, 2],
+        ssim=scores[:, 0],
+        ssim_contact=scores[:, 1],
+        contact_iou=scores[:, 2],
         centroid_error_mm=_centroid_error_mm(predicted, true, phi),
         total_error=np.abs(predicted.sum(axis=1) - true.sum(axis=1)),
         total=true.sum(axis=1),
     )
 
 
-def _of_images(
+def _squared_error(group: str) -> str:
+    return f"squared_error_{group}"
+
+
+def _scores_of_images(
     predicted: np.ndarray, true: np.ndarray, phi: Phi, full_scale: float, progress: str | None
 ) -> np.ndarray:
-    """(P, 3): SSIM over the image and over the true contact, and the contacts' IoU."""
-    found = np.empty((len(true), 3))
+    """ImageScores of every pair's tactile images, (P, 3)."""
+    scores = np.empty((len(true), 3))
     workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with (
         ThreadPoolExecutor(workers) as pool,
@@ -150,15 +183,15 @@ def _of_images(
     ):
         for start in range(0, len(true), AT_ONCE):
             part = slice(start, start + AT_ONCE)
-            images = pool.map(
-                lambda a, b: alike(a, b, full_scale, CONTACT_LEVEL),
+            of_part = pool.map(
+                lambda a, b: image_scores(a, b, full_scale, CONTACT_LEVEL),
                 phi(predicted[part]),
                 phi(true[part]),
             )
-            for row, figures in enumerate(images, start):
-                found[row] = figures
+            for row, of_pair in enumerate(of_part, start):
+                scores[row] = of_pair
             bar.update(len(true[part]))
-    return found
+    return scores
 
 
 def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.ndarray:

@@ -3,18 +3,20 @@
 Shape letters: P pairs, N taxels.
 """
 
-from typing import Any
-
 import numpy as np
 
 from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.cyskin.reading import Imperfections, read
+from t2twin.sim.cyskin.reading import read
+from t2twin.sim.dataset.info import DatasetInfo
+
+NOISE_FLOOR = "noise-floor"
+"""The row's name among the models."""
 
 SEED = 1
 """Seed of the second readings; the dataset's own noise is drawn otherwise."""
 
 
-def second_reading(counts: np.ndarray, info: dict[str, Any], seed: int = SEED) -> np.ndarray | None:
+def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> np.ndarray | None:
     """Each press read once more, with the imperfections that the dataset was made with.
 
     counts: (P, N), the dataset's readings. info: its info.json. Returns (P, N) float32, or None
@@ -26,20 +28,18 @@ def second_reading(counts: np.ndarray, info: dict[str, Any], seed: int = SEED) -
     predictor of the noiseless counts would be off by the noise once. Flaws that an array has for
     good, such as its gains, are in both readings and cancel.
     """
-    of_skin = info.get("parameters", {}).get("cyskin", {})
-    if "imperfections" not in of_skin:
+    if info.parameters is None:
         return None
-    named = of_skin["imperfections"]
-    flaws = Imperfections(**{**named, "dead": tuple(named["dead"])})
+    skin = info.parameters.cyskin
     layout = Layout(
-        info["layout"],
-        np.asarray(info["layout_x_mm"], dtype=float),
-        np.asarray(info["layout_y_mm"], dtype=float),
-        np.asarray(of_skin["pad_diameter_mm"], dtype=float),
+        info.layout,
+        np.array(info.layout_x_mm),
+        np.array(info.layout_y_mm),
+        np.array(skin.pad_diameter_mm),
     )
     rng = np.random.default_rng(seed)
     again = np.empty(counts.shape, np.float32)
     for row, stored in enumerate(counts.astype(float)):
-        one, two = (read(stored, layout, flaws, rng).astype(float) for _ in range(2))
+        one, two = (read(stored, layout, skin.imperfections, rng).astype(float) for _ in range(2))
         again[row] = stored + (two - one)
     return again

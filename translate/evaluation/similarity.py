@@ -7,6 +7,8 @@ ten times as fast. A test holds the two together.
 Shape letters: R rows, C columns.
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -20,20 +22,32 @@ _HALF = WINDOW // 2
 _jit = numba.njit(cache=True, nogil=True, error_model="numpy")
 
 
-def alike(
+class ImageScores(NamedTuple):
+    """How alike two tactile images are; what needs a contact is NaN where there is none.
+
+    ssim: over the image. ssim_contact: over the second image's contact. contact_iou: intersection
+    over union of both contacts.
+    """
+
+    ssim: float
+    ssim_contact: float
+    contact_iou: float
+
+
+def image_scores(
     a: np.ndarray, b: np.ndarray, data_range: float, contact_level: float
-) -> tuple[float, float, float]:
-    """SSIM over the image, SSIM over b's contact, intersection over union of both contacts.
+) -> ImageScores:
+    """Compares a with b, which is the true one where there is one.
 
     a, b: (R, C) float32, at least WINDOW on a side. data_range: as SSIM takes it. A pixel is in
-    contact above contact_level of its own image's maximum. What needs a contact is NaN where there
-    is none.
+    contact above contact_level of its own image's maximum.
     """
-    return _alike(a, b, (K1 * data_range) ** 2, (K2 * data_range) ** 2, contact_level)
+    c1, c2 = (K1 * data_range) ** 2, (K2 * data_range) ** 2
+    return ImageScores(*_image_scores(a, b, c1, c2, contact_level))
 
 
 @_jit
-def _alike(a, b, c1, c2, contact_level):
+def _image_scores(a, b, c1, c2, contact_level):
     rows, columns = a.shape
     level_a = np.float32(contact_level * max(np.float64(a.max()), 0.0))
     level_b = np.float32(contact_level * max(np.float64(b.max()), 0.0))

@@ -1,0 +1,84 @@
+"""predictions.npz: what each row of an evaluation says of every pair, with the presses.
+
+It holds "truth" and one (P, N) array a model, by the models' names, and by pair "shape", "family",
+"x_mm", "y_mm", "yaw_rad" and "force_n".
+
+Shape letters: P pairs, N taxels.
+"""
+
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
+
+PREDICTIONS = "predictions.npz"
+TRUTH = "truth"
+OF_PAIRS = ("shape", "family", "x_mm", "y_mm", "yaw_rad", "force_n")
+"""Arrays that are no model's."""
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Counts that the models predict, beside the true ones.
+
+    truth: (P, N), counts. by_model: the same by the model's name. shapes, families: (P,) names.
+    x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
+    """
+
+    truth: np.ndarray
+    by_model: dict[str, np.ndarray]
+    shapes: np.ndarray
+    families: np.ndarray
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    yaw_rad: np.ndarray
+    force_n: np.ndarray
+
+    def rmse_counts(self, model: str) -> np.ndarray:
+        """RMSE of each pair, over its taxels: (P,), counts."""
+        return np.sqrt(np.square(self.by_model[model] - self.truth).mean(axis=1, dtype=float))
+
+
+def read_predictions(folder: Path) -> Predictions:
+    """The predictions in an evaluation's folder.
+
+    Raises T2TwinError where the file is missing or damaged.
+    """
+    path = folder / PREDICTIONS
+    if not path.is_file():
+        raise T2TwinError(f"{folder} holds no {PREDICTIONS}; evaluate the runs again")
+    try:
+        with np.load(path) as arrays:
+            truth = arrays[TRUTH]
+            of_pairs = [arrays[name] for name in OF_PAIRS]
+            by_model = {
+                name: arrays[name] for name in arrays.files if name not in (TRUTH, *OF_PAIRS)
+            }
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+        raise T2TwinError(f"{path} is damaged; evaluate the runs again") from None
+    return Predictions(truth, by_model, *of_pairs)
+
+
+def write_predictions(folder: Path, predictions: Predictions) -> None:
+    """Writes folder/predictions.npz, whole or not at all."""
+    of_pairs = (
+        predictions.shapes,
+        predictions.families,
+        predictions.x_mm,
+        predictions.y_mm,
+        predictions.yaw_rad,
+        predictions.force_n,
+    )
+    with whole_file(folder / PREDICTIONS) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            allow_pickle=False,
+            **{TRUTH: predictions.truth},
+            **predictions.by_model,
+            **dict(zip(OF_PAIRS, of_pairs, strict=True)),
+        )

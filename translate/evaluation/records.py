@@ -1,0 +1,308 @@
+"""What an evaluation found, as records: metrics.json and findings.json, read and written here.
+
+    DIR/metrics.json      what `evaluate` found on one split: an Evaluation
+    DIR/findings.json     the findings of both splits, and the gap between the two
+
+Attributes are named as the files' keys. RMSE is the root of the mean squared error of the counts,
+over pairs and taxels: the square root of the loss that Grella et al. 2023 call L3.
+"""
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import write_json
+from t2twin.sim.typed_json import read_json
+
+METRICS = "metrics.json"
+FINDINGS = "findings.json"
+FORMAT = 3
+"""Version of what metrics.json holds."""
+
+FigureName = Literal[
+    "rmse_counts",
+    "rmse_percent",
+    "ssim",
+    "ssim_contact",
+    "contact_iou",
+    "centroid_error_mm",
+    "total_error_percent",
+    "rmse_under_counts",
+    "rmse_near_counts",
+    "rmse_beyond_counts",
+]
+Answer = Literal["yes", "no", "undecided"]
+
+
+class Interval(NamedTuple):
+    """From low to high; a list of the two in the file."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures over a number of pairs; None where no pair has the figure.
+
+    rmse_counts: the RMSE; rmse_percent: its part of full scale. ssim: structural similarity of the
+    predicted tactile image with the true one, over the image; ssim_contact: over the true contact.
+    contact_iou: intersection over union of the two contacts. centroid_error_mm: distance between
+    the two images' centroids. total_error_percent: mean error of the summed counts, of their mean.
+    rmse_under_counts, rmse_near_counts, rmse_beyond_counts: the RMSE of the taxels under the
+    DIGIT's view, within a pitch of it, and beyond.
+    """
+
+    pairs: int
+    rmse_counts: float
+    rmse_percent: float
+    ssim: float
+    ssim_contact: float | None
+    contact_iou: float | None
+    centroid_error_mm: float | None
+    total_error_percent: float | None
+    rmse_under_counts: float | None
+    rmse_near_counts: float | None
+    rmse_beyond_counts: float | None
+
+    def value(self, name: FigureName) -> float | None:
+        """A figure by its name, for tables."""
+        return getattr(self, name)
+
+
+@dataclass(frozen=True)
+class Intervals:
+    """The interval of each of the overall figures; None where there is none."""
+
+    rmse_counts: Interval | None
+    rmse_percent: Interval | None
+    ssim: Interval | None
+    ssim_contact: Interval | None
+    contact_iou: Interval | None
+    centroid_error_mm: Interval | None
+    total_error_percent: Interval | None
+    rmse_under_counts: Interval | None
+    rmse_near_counts: Interval | None
+    rmse_beyond_counts: Interval | None
+
+    def value(self, name: FigureName) -> Interval | None:
+        """A figure's interval by its name, for tables."""
+        return getattr(self, name)
+
+
+@dataclass(frozen=True)
+class ModelRow:
+    """One row of the results: a trained run, a trivial predictor, or a floor.
+
+    by_shape, by_family: figures by the names of shapes and of families. interval: of the overall
+    figures. What follows is None where the row is no run. run: its folder as it was given.
+    weights_sha256: of its best.safetensors. same_data: whether it was trained on the dataset that
+    it is evaluated on. trained_layout: the taxel layout that it was trained on.
+    """
+
+    overall: Figures
+    by_shape: dict[str, Figures]
+    by_family: dict[str, Figures]
+    interval: Intervals
+    run: str | None = None
+    weights_sha256: str | None = None
+    same_data: bool | None = None
+    trained_layout: str | None = None
+
+
+@dataclass(frozen=True)
+class TaxelCounts:
+    """How many taxels lie under the DIGIT's view, within a pitch of it, and beyond."""
+
+    under: int
+    near: int
+    beyond: int
+
+
+@dataclass(frozen=True)
+class View:
+    """The rectangle that the DIGIT sees, the layout's pitch, and the taxels about it."""
+
+    width_mm: float
+    height_mm: float
+    pitch_mm: float
+    taxels: TaxelCounts
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """How the intervals are made: what is resampled, and how many of it there are."""
+
+    over: str
+    shapes: int
+    resamples: int
+    seed: int
+    confidence: float
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One model's figure less another's."""
+
+    difference: float
+    interval: Interval | None
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A question of the paper's, answered: undecided where the interval holds zero.
+
+    figure: what it is read from. figures: the two values of which the difference is taken, by
+    model or by split. model, percent_of_mean_array (by split): of the gap between splits alone.
+    """
+
+    question: str
+    answer: Answer
+    figure: FigureName
+    difference: float
+    interval: Interval | None
+    figures: dict[str, float]
+    model: str | None = None
+    percent_of_mean_array: dict[str, float] | None = None
+
+
+@dataclass(frozen=True)
+class AlikePairs:
+    """Pairs of presses that look alike: median distance of the pictures, difference of the counts.
+
+    rmse_counts: the root of half the mean squared difference. Both None of no pairs.
+    """
+
+    pairs: int
+    distance_grey: float | None
+    rmse_counts: float | None
+
+
+@dataclass(frozen=True)
+class ShapeFloor:
+    """What one shape's look-alikes say."""
+
+    nearest: AlikePairs
+    extrapolated_rmse_counts: float | None
+
+
+@dataclass(frozen=True)
+class LookAlikeFloor:
+    """What the look-alikes in one place say; module lookalikes says how.
+
+    nearest: each press and its nearest. close: those of them within the noise. curve: groups of
+    all neighbours by distance. extrapolated_rmse_counts, with its interval over shapes: the
+    difference read at the noise's distance; parts: the same of each group of taxels.
+    """
+
+    nearest: AlikePairs
+    close: AlikePairs
+    curve: tuple[AlikePairs, ...]
+    extrapolated_rmse_counts: float | None
+    interval: Interval | None
+    parts: dict[str, float | None]
+    by_shape: dict[str, ShapeFloor]
+
+
+@dataclass(frozen=True)
+class LookAlikes:
+    """Presses that look alike, among other shapes of the split and among training pairs.
+
+    noise_grey: distance of two pictures of one press. close_grey: below it two pictures count as
+    nearly the same. split, training: None where there are no neighbours.
+    """
+
+    noise_grey: float
+    close_grey: float
+    split: LookAlikeFloor | None
+    training: LookAlikeFloor | None
+
+
+@dataclass(frozen=True)
+class PaperRow:
+    """A row of the paper's table, measured on hardware."""
+
+    rmse_counts: float
+    rmse_percent: float
+    ssim: float | None = None
+
+    def value(self, name: FigureName) -> float | None:
+        """A figure by its name, None where the paper does not give it."""
+        return getattr(self, name, None)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What `evaluate` found on one split.
+
+    pairs: how many. contact_level: a pixel is in contact above this part of its image's maximum.
+    info_sha256: of the dataset's info.json. layout: its taxel layout's name. models: the rows by
+    name. paired: touch2touch less ResNet18, by figure. lookalikes: None for the training split,
+    and for a dataset that does not name its pictures' noise. paper, findings: by name.
+    """
+
+    format: int
+    split: str
+    pairs: int
+    full_scale_counts: float
+    contact_level: float
+    info_sha256: str
+    layout: str
+    view: View
+    models: dict[str, ModelRow]
+    bootstrap: Bootstrap
+    paired: dict[str, Difference]
+    lookalikes: LookAlikes | None
+    paper: dict[str, PaperRow]
+    findings: dict[str, Finding]
+
+    @property
+    def runs(self) -> dict[str, ModelRow]:
+        """The rows that are trained runs, in the order in which they were given."""
+        return {name: row for name, row in self.models.items() if row.run is not None}
+
+
+def read_evaluation(folder: Path) -> Evaluation:
+    """The evaluation of one split in a folder.
+
+    Raises T2TwinError where there is none, where another version of t2twin wrote it, and where
+    metrics.json is damaged.
+    """
+    path = folder / METRICS
+    if not path.is_file():
+        raise T2TwinError(f"{folder} holds no evaluation (no {METRICS}); make one with `evaluate`")
+    return read_json(path, Evaluation, FORMAT)
+
+
+def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
+    """Writes folder/metrics.json, whole or not at all."""
+    write_json(folder / METRICS, as_json(evaluation))
+
+
+def write_findings(
+    folder: Path, val: Evaluation, test: Evaluation, gap: Mapping[str, Finding]
+) -> None:
+    """Writes folder/findings.json: each split's findings by name, and "gap" between the two."""
+    write_json(folder / FINDINGS, as_json({"val": val.findings, "test": test.findings, "gap": gap}))
+
+
+def as_json(value: Any) -> Any:
+    """A record, or a dict of them, in dicts, lists and numbers, as its file holds it.
+
+    A field that may be left out, its default being None, is left out where it is None.
+    """
+    if is_dataclass(value):
+        content = {field.name: getattr(value, field.name) for field in fields(value)}
+        optional = {field.name for field in fields(value) if field.default is not MISSING}
+        return {
+            name: as_json(part)
+            for name, part in content.items()
+            if not (part is None and name in optional)
+        }
+    if isinstance(value, Mapping):
+        return {name: as_json(part) for name, part in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [as_json(part) for part in value]
+    return value
