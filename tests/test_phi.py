@@ -4,7 +4,7 @@ import torch
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.phi import TACTILE_SHAPE, Phi
+from t2twin.translate.phi import TACTILE_SHAPE, Phi, barycentric
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def test_resize_is_by_area(phi: Phi, counts: np.ndarray) -> None:
     assert phi.resized((256, 256))(counts[0]).mean() == pytest.approx(image.mean(), rel=1e-5)
 
 
-def test_linear_field_is_exact_inside_the_hull_and_nought_outside(phi: Phi) -> None:
+def test_linear_field_is_exact_inside_the_hull_and_zero_outside(phi: Phi) -> None:
     layout = load_layout()
     x_mm, y_mm = np.meshgrid(*phi.centres_mm)
     image = phi(1000.0 + 30.0 * layout.x_mm - 20.0 * layout.y_mm)
@@ -81,6 +81,40 @@ def test_inverse_is_least_squares(phi: Phi) -> None:
     image = np.random.default_rng(1).normal(size=TACTILE_SHAPE)
     expected = np.linalg.lstsq(phi.matrix.toarray(), image.ravel(), rcond=None)[0]
     np.testing.assert_allclose(phi.inverse(image), expected, atol=1e-4)
+
+
+def test_weights_put_every_place_back_where_it_is() -> None:
+    """Barycentric weights of a place give the place, none of them negative; outside they are 0."""
+    rng = np.random.default_rng(3)
+    points, at = rng.uniform(-10, 10, (30, 2)), rng.uniform(-4, 4, (200, 2))
+    weights = barycentric(points, at)
+    np.testing.assert_allclose(weights @ points, at, atol=1e-9)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0, atol=1e-12)
+    assert weights.data.min() > -1e-12
+    assert not barycentric(points, np.array([[50.0, 0.0]])).toarray().any()
+
+
+def test_a_tolerance_lets_places_lie_a_little_outside() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    at = np.array([[0.5, -0.005]])
+    assert not barycentric(points, at).toarray().any()
+    np.testing.assert_allclose(barycentric(points, at, 0.01) @ points, at, atol=1e-12)
+    assert not barycentric(points, at, 0.001).toarray().any()
+
+
+def test_what_is_not_read_does_not_count(phi: Phi, counts: np.ndarray) -> None:
+    """Counts come from the pixels that are read alone, as from all where nothing is disturbed."""
+    small = phi.resized((64, 64))
+    unread = np.arange(0, 64 * 64, 7)
+    reading = small.reading_only(np.setdiff1d(np.arange(64 * 64), unread))
+    images = small(counts).reshape(16, -1)
+    images[:, unread] = 1e5
+    disturbed = images.reshape(16, 64, 64)
+    assert np.abs(reading.inverse(disturbed) - counts).max() < 1.0
+    assert np.abs(small.inverse(disturbed) - counts).max() > 1000.0
+    np.testing.assert_array_equal(reading(counts), small(counts))
+    with pytest.raises(T2TwinError, match="too near the rim"):
+        small.reading_only(np.arange(64))
 
 
 def test_any_layout_works() -> None:

@@ -1,7 +1,7 @@
 """phi turns an array of taxels into a one-channel tactile image, phi^-1 reads it back.
 
 I = phi(Y) = A Y: barycentric interpolation over the Delaunay triangles of the taxel positions
-(Grella et al. 2023), taken at the pixel centres, 0 outside the taxels' convex hull. A is built
+(Grella et al. 2023), taken at the pixel centres, zero outside the taxels' convex hull. A is built
 once for a layout and an image size. phi^-1 is A's left inverse (A^T A)^-1 A^T: it gives back
 exactly the Y that made an image, and the nearest Y in the sense of least squares for an image that
 no Y made, which is what a generator draws.
@@ -34,6 +34,9 @@ SAME_PLACE_MM = 1e-3
 LARGEST_CONDITION = 1e8
 """Largest condition number of A^T A that phi^-1 accepts (assumed: leaves 1e-8 in doubles)."""
 
+ROUNDING = 100 * float(np.finfo(float).eps)
+"""How far outside a triangle a place counts as inside, in barycentric parts (scipy's default)."""
+
 
 class Phi:
     """phi and phi^-1 for one taxel layout and one image size.
@@ -62,20 +65,31 @@ class Phi:
         points = _checked_positions(x_mm, y_mm, half_mm)
         columns_mm = (np.arange(shape[1]) + 0.5) / px_per_mm - half_mm[0]
         rows_mm = (np.arange(shape[0]) + 0.5) / px_per_mm - half_mm[1]
-        self._set(_barycentric_matrix(points, columns_mm, rows_mm), shape, (columns_mm, rows_mm))
+        centres = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
+        matrix = barycentric(points, centres)
+        matrix.data.clip(0.0, 1.0, out=matrix.data)  # rounding leaves some just outside
+        self._set(matrix, _inverse_of_all(matrix, shape), shape, (columns_mm, rows_mm))
+
+    @classmethod
+    def _of_matrix(
+        cls,
+        matrix: sparse.csr_array,
+        inverse: np.ndarray,
+        shape: tuple[int, int],
+        centres_mm: tuple[np.ndarray, np.ndarray],
+    ) -> Phi:
+        """phi of an A, (R*C, N), that is there already, and of what reads its images, (R*C, N)."""
+        phi = cls.__new__(cls)
+        phi._set(matrix, inverse, shape, centres_mm)
+        return phi
 
     def _set(
         self,
         matrix: sparse.csr_array,
+        inverse: np.ndarray,
         shape: tuple[int, int],
         centres_mm: tuple[np.ndarray, np.ndarray],
     ) -> None:
-        normal = (matrix.T @ matrix).toarray()
-        if np.linalg.cond(normal) > LARGEST_CONDITION:
-            raise T2TwinError(
-                f"the taxels lie too close together to be told apart in an image of {shape[0]} x "
-                f"{shape[1]} pixels; they must be at least a pixel apart"
-            )
         self.matrix = matrix
         self.shape = shape
         self.centres_mm = centres_mm
@@ -83,7 +97,7 @@ class Phi:
         # A has three entries a row, yet one dense product is some three times faster than the
         # sparse one, because it writes the batch image by image.
         self._forward = np.ascontiguousarray(matrix.toarray().T, dtype=np.float32)  # (N, R*C)
-        self._backward = matrix @ np.linalg.inv(normal)  # (R*C, N), in doubles: its terms cancel
+        self._backward = inverse  # (R*C, N), in doubles: its terms cancel
 
     @property
     def taxels(self) -> int:
@@ -119,13 +133,23 @@ class Phi:
         rows = _area_weights(self.shape[0], shape[0])
         columns = _area_weights(self.shape[1], shape[1])
         resize = sparse.kron(rows, columns, format="csr")
-        small = Phi.__new__(Phi)
-        small._set(
-            sparse.csr_array(resize @ self.matrix),
-            shape,
-            (columns @ self.centres_mm[0], rows @ self.centres_mm[1]),
+        matrix = sparse.csr_array(resize @ self.matrix)
+        centres_mm = (columns @ self.centres_mm[0], rows @ self.centres_mm[1])
+        return Phi._of_matrix(matrix, _inverse_of_all(matrix, shape), shape, centres_mm)
+
+    def reading_only(self, pixels: np.ndarray) -> Phi:
+        """The same phi, with a phi^-1 that reads the counts from these pixels alone.
+
+        pixels: their numbers, row by row, between 0 and R*C. What the other pixels hold does not
+        count. Raises T2TwinError where these pixels do not tell the taxels apart.
+        """
+        inverse = np.zeros_like(self._backward)
+        inverse[pixels] = _left_inverse(
+            self.matrix[pixels],
+            "the taxels lie too close together, or too near the rim, to be told apart in the "
+            f"pixels that are read of an image of {self.shape[0]} x {self.shape[1]}",
         )
-        return small
+        return Phi._of_matrix(self.matrix, inverse, self.shape, self.centres_mm)
 
     def to_torch(self, counts: torch.Tensor) -> torch.Tensor:
         """phi on tensors, differentiable. counts: (B, N). Returns (B, 1, R, C), same device."""
@@ -140,6 +164,32 @@ class Phi:
 
         backward = torch.from_numpy(self._backward).to(images.device, images.dtype)
         return images.reshape(images.shape[0], -1) @ backward
+
+
+def barycentric(
+    points: np.ndarray, at: np.ndarray, tolerance: float = ROUNDING
+) -> sparse.csr_array:
+    """Barycentric weights over the Delaunay triangles of some points.
+
+    points: (N, 2). at: (P, 2), the places, in the same unit. tolerance: how far a place may lie
+    outside its triangle, in barycentric parts.
+    Returns (P, N): the three weights of each place, their sum 1, and zeros for a place outside the
+    points' convex hull. Raises T2TwinError where the points span no triangle.
+    """
+    try:
+        triangles = Delaunay(points)
+    except QhullError:
+        raise T2TwinError(
+            "the taxels span no triangles; phi needs three that are not on one line"
+        ) from None
+    triangle = triangles.find_simplex(at, tol=tolerance)
+    inside = np.flatnonzero(triangle >= 0)
+    corners = triangles.simplices[triangle[inside]]  # (inside, 3)
+    transform = triangles.transform[triangle[inside]]  # (inside, 3, 2): a 2 x 2 and an offset
+    weights = np.einsum("pij,pj->pi", transform[:, :2], at[inside] - transform[:, 2])
+    weights = np.column_stack([weights, 1.0 - weights.sum(axis=1)])
+    entries = (weights.ravel(), (np.repeat(inside, 3), corners.ravel()))
+    return sparse.csr_array(entries, shape=(at.shape[0], points.shape[0]))
 
 
 def _checked_positions(x_mm: np.ndarray, y_mm: np.ndarray, half_mm: np.ndarray) -> np.ndarray:
@@ -174,25 +224,24 @@ def _checked_positions(x_mm: np.ndarray, y_mm: np.ndarray, half_mm: np.ndarray) 
     return points
 
 
-def _barycentric_matrix(
-    points: np.ndarray, columns_mm: np.ndarray, rows_mm: np.ndarray
-) -> sparse.csr_array:
-    """A: (R*C, N), each row the barycentric weights of one pixel centre in its triangle."""
-    try:
-        triangles = Delaunay(points)
-    except QhullError:
-        raise T2TwinError(
-            "the taxels span no triangles; phi needs three that are not on one line"
-        ) from None
-    grid = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
-    found = triangles.find_simplex(grid)
-    inside = np.flatnonzero(found >= 0)
-    corners = triangles.simplices[found[inside]]  # (inside, 3)
-    transform = triangles.transform[found[inside]]  # (inside, 3, 2): a 2 x 2 matrix and an offset
-    weights = np.einsum("pij,pj->pi", transform[:, :2], grid[inside] - transform[:, 2])
-    weights = np.column_stack([weights, 1.0 - weights.sum(axis=1)]).clip(0.0, 1.0)
-    entries = (weights.ravel(), (np.repeat(inside, 3), corners.ravel()))
-    return sparse.csr_array(entries, shape=(grid.shape[0], points.shape[0]))
+def _inverse_of_all(matrix: sparse.csr_array, shape: tuple[int, int]) -> np.ndarray:
+    """`_left_inverse` of all the pixels of an image of this shape."""
+    return _left_inverse(
+        matrix,
+        f"the taxels lie too close together to be told apart in an image of {shape[0]} x "
+        f"{shape[1]} pixels; they must be at least a pixel apart",
+    )
+
+
+def _left_inverse(matrix: sparse.csr_array, refusal: str) -> np.ndarray:
+    """A (A^T A)^-1, (pixels, N), whose transpose is the left inverse of A, (pixels, N).
+
+    refusal: what is said where these pixels do not tell the taxels apart.
+    """
+    normal = (matrix.T @ matrix).toarray()
+    if np.linalg.cond(normal) > LARGEST_CONDITION:
+        raise T2TwinError(refusal)
+    return matrix @ np.linalg.inv(normal)
 
 
 def _area_weights(size: int, new: int) -> sparse.csr_array:
