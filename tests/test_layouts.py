@@ -1,6 +1,6 @@
 """A translator on a taxel layout that it was not trained on: what is read, what is refused."""
 
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +10,10 @@ from spots import train_smoke, write_spots
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.evaluation.evaluate import LAYOUT_FLOOR, evaluate
+from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.field_of_view import view_on
-from t2twin.translate.layouts import for_layout, same_layout, seen_through
+from t2twin.translate.evaluation.layout_floor import LAYOUT_FLOOR, seen_through
+from t2twin.translate.layouts import same_layout
 from t2twin.translate.predict import TrainedTranslator, load_run
 from t2twin.translate.touch2touch import Touch2Touch
 
@@ -60,7 +61,7 @@ def test_linear_response_is_read_exactly_by_any_layout(
 
     run, layout = runs["touch2touch"], load_layout()
     drawing(run, response(layout.x_mm, layout.y_mm)[None], monkeypatch)
-    applied = for_layout(run, *dense, "dense")
+    applied = run.at_layout(*dense, "dense")
     counts = applied.predict(np.zeros((1, 320, 240, 3), np.uint8))
     assert counts.shape == (1, dense[0].size) and dense[0].size > 30
     np.testing.assert_allclose(counts[0], response(*dense), atol=1.0)
@@ -71,7 +72,7 @@ def test_linear_response_is_read_exactly_by_any_layout(
 def test_own_layout_changes_nothing(runs: dict[str, TrainedTranslator]) -> None:
     layout = load_layout()
     for run in runs.values():
-        assert for_layout(run, layout.x_mm, layout.y_mm + 1e-6, "again") is run
+        assert run.at_layout(layout.x_mm, layout.y_mm + 1e-6, "again") is run
         assert not same_layout(run.config.data, layout.x_mm[::-1], layout.y_mm[::-1])
 
 
@@ -79,15 +80,15 @@ def test_layouts_that_cannot_be_read_are_refused(
     runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray]
 ) -> None:
     with pytest.raises(T2TwinError, match="needs a touch2touch run"):
-        for_layout(runs["resnet18"], *dense, "dense")
+        runs["resnet18"].at_layout(*dense, "dense")
     x_mm, y_mm = dense[0].copy(), dense[1].copy()
     x_mm[3] += 12.0
     with pytest.raises(T2TwinError, match=r"1 taxel\(s\) outside .* taxel 3 at"):
-        for_layout(runs["touch2touch"], x_mm, y_mm, "wide")
+        runs["touch2touch"].at_layout(x_mm, y_mm, "wide")
     close = np.linspace(-1.0, 1.0, 5)
     x_mm, y_mm = (v.ravel() for v in np.meshgrid(close, close))
     with pytest.raises(T2TwinError, match="too close together"):
-        for_layout(runs["touch2touch"], x_mm, y_mm, "tiny")
+        runs["touch2touch"].at_layout(x_mm, y_mm, "tiny")
 
 
 def test_what_the_trained_layout_can_say(
@@ -113,17 +114,17 @@ def test_evaluation_on_a_denser_layout(
         patch.setattr("spots.load_layout", lambda: layout)
         data = write_spots(tmp_path / "dense", train=8, val=4, test=2)
     run = runs["touch2touch"]
-    metrics = evaluate([run.run_dir], data, "val", tmp_path / "out")
-    assert metrics["models"]["touch2touch"]["trained_layout"] == "cyskin-20"
-    assert metrics["layout"] == "dense"
-    assert sum(metrics["view"]["taxels"].values()) == dense[0].size
-    assert metrics["view"]["pitch_mm"] == pytest.approx(PITCH_MM)
+    evaluation = evaluate([run.run_dir], data, "val", tmp_path / "out")
+    assert evaluation.models["touch2touch"].trained_layout == "cyskin-20"
+    assert evaluation.layout == "dense"
+    assert sum(astuple(evaluation.view.taxels)) == dense[0].size
+    assert evaluation.view.pitch_mm == pytest.approx(PITCH_MM)
     stored = np.load(tmp_path / "out" / "predictions.npz")
     assert stored["touch2touch"].shape == stored["truth"].shape == (4, dense[0].size)
     kept = seen_through(run.config.data, *dense)
     np.testing.assert_allclose(stored[LAYOUT_FLOOR], stored["truth"] @ kept.T, rtol=1e-5, atol=0.1)
-    floor = metrics["models"][LAYOUT_FLOOR]["overall"]["rmse_counts"]
-    assert 0 < floor < metrics["models"]["touch2touch"]["overall"]["rmse_counts"]
+    floor = evaluation.models[LAYOUT_FLOOR].overall.rmse_counts
+    assert 0 < floor < evaluation.models["touch2touch"].overall.rmse_counts
 
 
 def test_view_sorts_the_default_layout() -> None:

@@ -7,6 +7,7 @@ from torch import nn
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.build import TRANSLATORS
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.networks.fused import fuse
 from t2twin.translate.networks.patchgan import PatchGAN
@@ -115,8 +116,8 @@ def test_paper_preset_trains_the_published_networks() -> None:
 )
 def test_adam_is_set_as_in_the_paper(model: str, rate: float, betas: tuple[float, float]) -> None:
     """The settings of the optimisers themselves, which hold every weight once, without decay."""
-    kind = Touch2Touch if model == "touch2touch" else ResNet18Translator
-    translator = kind(replace(find_preset(model, "paper"), filters=16), info(), CPU, bf16=False)
+    preset = replace(find_preset(model, "paper"), filters=16)
+    translator = TRANSLATORS[model](preset, info(), CPU, False)
     assert translator.optimizers.keys() == translator.networks.keys()
     for name, optimizer in translator.optimizers.items():
         assert isinstance(optimizer, torch.optim.Adam)
@@ -234,7 +235,7 @@ def test_a_resnet18_too_narrow_to_be_trained_safely_is_refused() -> None:
 
 @pytest.mark.parametrize("network", [UNet(64, 8), ResNet18(20, 16)], ids=["unet", "resnet18"])
 def test_folding_the_batch_norms_changes_nothing(network: nn.Module) -> None:
-    """With statistics as a training leaves them, far from nought and one."""
+    """With statistics as a training leaves them, far from zero and one."""
     torch.manual_seed(0)
     norms = [module for module in network.modules() if isinstance(module, nn.BatchNorm2d)]
     for norm in norms:

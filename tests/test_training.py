@@ -12,15 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file
+from safetensors import safe_open
+from safetensors.torch import load_file, save_file
 from spots import write_spots
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate import distributed
 from t2twin.translate import train as training
+from t2twin.translate.build import build
 from t2twin.translate.data.images import augment, to_input
 from t2twin.translate.data.pairs import load_info, load_pairs
+from t2twin.translate.loop import TrainingLoop
 from t2twin.translate.presets import MODELS, PRESETS, Model, find_preset
-from t2twin.translate.runs.config import RunConfig, build, load_config
+from t2twin.translate.runs.checkpoint import load_state
+from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.train import train
 
 
@@ -49,11 +54,12 @@ def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
     info = load_info(data_dir)
     torch.set_num_threads(1)
     translator = build(RunConfig(model, preset, 0, info, None, None, 1, False, 1))
+    torch.manual_seed(0)  # dropout
     pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
     images = to_input(pairs.images[:8].astype(np.float32) / 255.0)
     counts = torch.from_numpy(pairs.counts[:8])
     first = translator.step(images, counts)
-    for _ in range(100):
+    for _ in range(150):
         last = translator.step(images, counts)
     for optimizer in translator.optimizers.values():  # so that batch norm's averages settle
         optimizer.param_groups[0]["lr"] = 1e-4
@@ -73,15 +79,15 @@ def test_stopped_and_resumed_is_as_undisturbed(
     preset = replace(PRESETS[model]["smoke"], noise=0.05, brightness=0.05, contrast=0.1)
     train(model, data_dir, preset, tmp_path / "whole", epochs=3)
 
-    validate = training._Training._validate
+    validate = TrainingLoop._validate
 
-    def killed(self: training._Training) -> float:
+    def killed(self: TrainingLoop) -> float:
         if len(self.history) == 1:
             raise KeyboardInterrupt
         return validate(self)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training._Training, "_validate", killed)
+        patch.setattr(TrainingLoop, "_validate", killed)
         with pytest.raises(KeyboardInterrupt):
             train(model, data_dir, preset, tmp_path / "killed", epochs=3)
     assert len(records(tmp_path / "killed")) == 1
@@ -131,11 +137,11 @@ def test_stops_early_and_keeps_the_best(
     errors = iter([900.0, 500.0, 700.0, 600.0, 100.0])
     weights = []
 
-    def validate(self: training._Training) -> float:
+    def validate(self: TrainingLoop) -> float:
         weights.append(self.translator.predictor.state_dict()["fc.weight"].clone())
         return next(errors)
 
-    monkeypatch.setattr(training._Training, "_validate", validate)
+    monkeypatch.setattr(TrainingLoop, "_validate", validate)
     preset = replace(PRESETS["resnet18"]["smoke"], patience=2)
     outcome = train("resnet18", data_dir, preset, tmp_path)
     assert (outcome.epochs, outcome.best_epoch, outcome.best_rmse_counts) == (4, 2, 500.0)
@@ -146,7 +152,7 @@ def test_stops_early_and_keeps_the_best(
 def test_minutes_bound_the_epochs(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(training._Training, "_measure", lambda self: 20.0)
+    monkeypatch.setattr(TrainingLoop, "_measure", lambda self: 20.0)
     train("resnet18", data_dir, "smoke", tmp_path, minutes=1.1)
     assert load_config(tmp_path).planned_epochs == 3
     assert len(records(tmp_path)) == 3
@@ -162,7 +168,7 @@ def test_a_presets_steps_bound_the_epochs_unless_those_are_given(
     assert planned == [2, 3]
 
 
-def test_cosine_falls_from_the_rate_towards_nought(data_dir: Path, tmp_path: Path) -> None:
+def test_cosine_falls_from_the_rate_towards_zero(data_dir: Path, tmp_path: Path) -> None:
     preset = replace(PRESETS["resnet18"]["smoke"], schedule="cosine", learning_rate=1e-3)
     train("resnet18", data_dir, preset, tmp_path, epochs=4)
     rates = [record["learning_rate"] for record in records(tmp_path)]
@@ -199,7 +205,9 @@ def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> Non
         subprocess.Popen(
             [*command, str(tmp_path)],
             cwd=Path(training.__file__).parents[1],
-            env=os.environ | shared | {"LOCAL_WORLD_SIZE": "2", "RANK": str(rank)},
+            env=os.environ
+            | shared
+            | {"LOCAL_WORLD_SIZE": "2", "RANK": str(rank), "LOCAL_RANK": str(rank)},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -214,6 +222,36 @@ def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> Non
     log = records(tmp_path)
     assert [record["epoch"] for record in log] == list(range(1, len(log) + 1))
     assert log[-1]["train_l3"] < log[0]["train_l3"] / 2
+
+
+def test_each_process_takes_its_own_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By its number on its machine, in turn where GPUs are fewer; without a GPU, the CPU."""
+    named = [str(distributed.device_for(rank, gpus=2)) for rank in range(4)]
+    assert named == ["cuda:0", "cuda:1", "cuda:0", "cuda:1"]
+    assert distributed.device_for(3, gpus=0) == torch.device("cpu")
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
+    assert distributed.device() == torch.device("cuda", 0)
+    monkeypatch.setenv("LOCAL_RANK", "3")
+    assert distributed.device() == torch.device("cuda", 3)
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_weights_follow_the_seed_and_leave_torchs_numbers_alone(
+    data_dir: Path, model: Model
+) -> None:
+    preset, info = PRESETS[model]["smoke"], load_info(data_dir)
+    before, seed = torch.get_rng_state(), torch.initial_seed()
+    first, again, other = (
+        build(RunConfig(model, preset, number, info, None, None, 1, False, 1)).predictor
+        for number in (7, 7, 8)
+    )
+    assert torch.equal(torch.get_rng_state(), before) and torch.initial_seed() == seed
+    for one, same, another in zip(
+        first.parameters(), again.parameters(), other.parameters(), strict=True
+    ):
+        assert torch.equal(one, same)
+        assert one.dim() == 1 or not torch.equal(one, another)
 
 
 @pytest.mark.parametrize(
@@ -259,8 +297,13 @@ def test_bad_asking_is_refused(data_dir: Path, tmp_path: Path) -> None:
 
 def test_damaged_state_is_refused(data_dir: Path, tmp_path: Path) -> None:
     train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
-    (tmp_path / "last.safetensors").write_bytes(b"not a checkpoint")
-    with pytest.raises(T2TwinError, match="no saved state"):
+    last = tmp_path / "last.safetensors"
+    with safe_open(last, "pt") as file:
+        save_file(load_file(tmp_path / "best.safetensors"), last, file.metadata())
+    with pytest.raises(T2TwinError, match="no saved state of these networks"):
+        load_state(last, build(load_config(tmp_path)))
+    last.write_bytes(b"not a checkpoint")
+    with pytest.raises(T2TwinError, match="no saved state of a training"):
         train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
 
 

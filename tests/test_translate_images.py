@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from PIL import Image
 from spots import train_smoke, write_spots
 
@@ -14,11 +15,11 @@ from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate import batch
 from t2twin.translate.batch import find_images, translate_images
+from t2twin.translate.build import build
 from t2twin.translate.data.images import open_image, to_input
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.predict import load_run
 from t2twin.translate.runs.checkpoint import load_weights
-from t2twin.translate.runs.config import build
 
 
 @pytest.fixture(scope="module")
@@ -297,6 +298,26 @@ def test_command_prints_a_few_and_writes_all(
         rows = list(csv.reader(file))
     assert len(rows) == 10
     assert said[0] == f"{rows[1][0]}: " + " ".join(rows[1][1:])
+
+
+def test_loading_a_run_leaves_torchs_threads_and_random_numbers_alone(
+    run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As they were set beside it, whatever the run's seed and the machine's cores."""
+    threads = torch.get_num_threads()
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+    try:
+        torch.set_num_threads(3)
+        torch.manual_seed(1234)
+        before = torch.get_rng_state()
+        run = load_run(str(run_dir))
+        assert torch.get_num_threads() == 3
+        assert torch.initial_seed() == 1234
+        assert torch.equal(torch.get_rng_state(), before)
+    finally:
+        torch.set_num_threads(threads)
+    assert run.run_dir == run_dir
+    assert run.draws == (run_dir.name == "touch2touch")
 
 
 def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> None:

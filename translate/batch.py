@@ -35,16 +35,16 @@ AHEAD = 2
 """Batches that are read before they are needed."""
 
 
-def find_images(paths: Sequence[Path]) -> list[Path]:
+def find_images(paths: Sequence[str | Path]) -> list[Path]:
     """The image files that these files and folders name, in their order.
 
     A folder gives its own PNG and JPEG files, sorted by name, without its subfolders and without
     hidden files. Raises T2TwinError for no path, one that is not there, and a folder with none.
     """
-    found: list[Path] = []
-    for path in paths:
+    images: list[Path] = []
+    for path in map(Path, paths):
         if not path.is_dir():
-            found.append(path)
+            images.append(path)
             continue
         inside = sorted(
             file
@@ -55,16 +55,16 @@ def find_images(paths: Sequence[Path]) -> list[Path]:
             raise T2TwinError(
                 f"the folder {path} holds no images; give PNG or JPEG files, or a folder of them"
             )
-        found += inside
-    if not found:
+        images += inside
+    if not images:
         raise T2TwinError("there is no image to translate; give at least one PNG or JPEG file")
-    return found
+    return images
 
 
 def translate_images(
-    run_dir: Path,
-    paths: Sequence[Path],
-    out_dir: Path,
+    run_dir: str | Path,
+    paths: Sequence[str | Path],
+    out_dir: str | Path,
     layout: str | Path | None = None,
     pictures: bool = True,
 ) -> np.ndarray:
@@ -80,7 +80,7 @@ def translate_images(
     folder that is no run, a layout that the run cannot be read at, and a picture that would
     replace one of the inputs.
     """
-    images = find_images(paths)
+    images, out_dir = find_images(paths), Path(out_dir)
     names = _output_names(images) if pictures else []
     _check_not_replaced(images, names, out_dir)
     with ThreadPoolExecutor() as pool:

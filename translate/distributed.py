@@ -1,7 +1,9 @@
 """Several processes on one training, started by torchrun; with one process all of it does nothing.
 
-Every process holds the same weights and takes its part of each batch; gradients are averaged over
-gloo after each backward pass, which serves two networks in one step without a wrapper.
+Every process holds the same weights and takes its part of each batch; gradients are averaged after
+each backward pass, which serves two networks in one step without a wrapper. They are averaged over
+gloo, which adds up tensors of CPUs and of GPUs alike: one way for both, and several processes may
+share a GPU, which nccl refuses.
 """
 
 import os
@@ -15,15 +17,35 @@ from torch import nn
 
 @contextmanager
 def processes() -> Iterator[tuple[int, int]]:
-    """Joins the processes of torchrun, if any. Gives this one's rank and how many there are."""
+    """Joins the processes of torchrun, if any, each on its own GPU where the machine has some.
+
+    Gives this one's rank and how many there are.
+    """
     if int(os.environ.get("WORLD_SIZE", "1")) == 1:
         yield 0, 1
         return
+    own = device()
+    if own.type == "cuda":
+        torch.cuda.set_device(own)
     dist.init_process_group("gloo")
     try:
         yield dist.get_rank(), dist.get_world_size()
     finally:
         dist.destroy_process_group()
+
+
+def device() -> torch.device:
+    """Where this process computes: on a GPU where there is one; under torchrun each on its own."""
+    gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    return device_for(int(os.environ.get("LOCAL_RANK", "0")), gpus)
+
+
+def device_for(local_rank: int, gpus: int) -> torch.device:
+    """Where a process of a machine computes; more processes than GPUs share them in turn.
+
+    local_rank: the process's number on its machine, from 0. gpus: how many the machine has.
+    """
+    return torch.device("cuda", local_rank % gpus) if gpus else torch.device("cpu")
 
 
 def use_all_cores() -> None:

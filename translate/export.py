@@ -4,7 +4,7 @@ The graph holds everything between pixels and counts: the normalisation, the net
 norms folded in, phi^-1 for touch2touch, the clipping to full scale.
 
     input    images          (B, c, S, S) float32 in [0, 1]: grey (c = 1), or red, green, blue
-    outputs  counts          (B, N) float32, within nought and full scale
+    outputs  counts          (B, N) float32, within zero and full scale
              tactile_images  (B, R, C) float32, counts, R x C = 396 x 240
 
 B is free. The file's metadata name the model, its preset, the layout with its positions and full
@@ -13,22 +13,15 @@ scale. Shape letters: c channels, S the run's image side, N taxels, R rows and C
 
 import json
 import warnings
-from copy import copy, deepcopy
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch import nn
-from torch.nn import functional
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.translate.data.images import RGB_MEAN, RGB_STD
-from t2twin.translate.phi import TACTILE_SHAPE
 from t2twin.translate.predict import TrainedTranslator
-from t2twin.translate.touch2touch import Touch2Touch
 
 INPUT, COUNTS, TACTILE_IMAGES = "images", "counts", "tactile_images"
 
@@ -42,7 +35,7 @@ PARITY_COUNTS = 1.0
 """Largest difference that is let through, counts."""
 
 
-def export_onnx(run: TrainedTranslator, path: Path) -> float:
+def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     """Writes a run, with its layout, as an ONNX file, and compares the two on random images.
 
     Returns the largest difference between onnxruntime's counts and the run's, counts.
@@ -56,17 +49,16 @@ def export_onnx(run: TrainedTranslator, path: Path) -> float:
         raise T2TwinError(
             "the export needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
         ) from None
-    run = replace(run, translator=copy(run.translator))
-    run.translator.bf16 = False  # the file computes in float32
+    run = run.in_float32()  # as the file computes
     pixels = _random_pixels(run)
     images = torch.from_numpy(pixels.astype(np.float32) / 255.0).permute(0, 3, 1, 2).contiguous()
-    with whole_file(path) as temporary:
+    with whole_file(Path(path)) as temporary:
         with warnings.catch_warnings():
             # The tracing exporter is deprecated, but its successor needs onnxscript as well.
             warnings.simplefilter("ignore", DeprecationWarning)
             warnings.filterwarnings("ignore", "torch.from_numpy results are registered")  # as meant
             torch.onnx.export(
-                _Graph(run).eval(),
+                run.translator.as_module().eval(),
                 (images,),
                 str(temporary),
                 input_names=[INPUT],
@@ -89,49 +81,6 @@ def export_onnx(run: TrainedTranslator, path: Path) -> float:
                 f"{PARITY_COUNTS:g}; it was not written"
             )
     return apart
-
-
-class _Graph(nn.Module):
-    """From pixels in [0, 1] to counts and tactile images, in float32 on the CPU."""
-
-    rows: torch.Tensor
-    columns: torch.Tensor
-    mean: torch.Tensor
-    std: torch.Tensor
-
-    def __init__(self, run: TrainedTranslator) -> None:
-        super().__init__()
-        translator = run.translator
-        self.full_scale = translator.full_scale
-        self.network = deepcopy(translator.predictor).cpu()
-        self.draws = isinstance(translator, Touch2Touch)
-        if isinstance(translator, Touch2Touch):
-            self.phi = translator.phi
-            size = run.config.preset.size
-            self.register_buffer("rows", _resizing(size, TACTILE_SHAPE[0]))
-            self.register_buffer("columns", _resizing(size, TACTILE_SHAPE[1]).T.contiguous())
-        else:
-            self.phi = run.phi
-            self.register_buffer("mean", torch.from_numpy(RGB_MEAN).view(3, 1, 1))
-            self.register_buffer("std", torch.from_numpy(RGB_STD).view(3, 1, 1))
-
-    def forward(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        if self.draws:
-            drawn = (self.network(2.0 * images - 1.0) + 1.0) * (self.full_scale / 2.0)
-            counts = self.phi.from_torch(drawn).clamp(0.0, self.full_scale)
-            return counts, (self.rows @ drawn[:, 0] @ self.columns).clamp(min=0.0)
-        counts = self.network((images - self.mean) / self.std) * self.full_scale
-        counts = counts.clamp(0.0, self.full_scale)
-        return counts, self.phi.to_torch(counts)[:, 0]
-
-
-def _resizing(size: int, new: int) -> torch.Tensor:
-    """(new, size): a bilinear resize along one side as a product, as `Run.tactile_images` has it.
-
-    ONNX's own Resize has no antialiasing in this opset.
-    """
-    unit = torch.eye(size)[None, None]
-    return functional.interpolate(unit, (new, size), mode="bilinear", antialias=True)[0, 0]
 
 
 def _random_pixels(run: TrainedTranslator) -> np.ndarray:

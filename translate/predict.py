@@ -4,26 +4,24 @@ Shape letters: B images, R rows, C columns, N taxels, S the run's image side.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from torch.nn import functional
 from tqdm import tqdm
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate import distributed
+from t2twin.translate.build import build, has_bf16
 from t2twin.translate.data.images import to_input, to_pixels
 from t2twin.translate.data.pairs import ImageFile
+from t2twin.translate.layouts import check_inside, same_layout
 from t2twin.translate.networks.fused import fuse
-from t2twin.translate.phi import TACTILE_SHAPE, Phi
-from t2twin.translate.resnet18 import ResNet18Translator
+from t2twin.translate.phi import Phi
 from t2twin.translate.runs.checkpoint import load_weights
-from t2twin.translate.runs.config import BEST, RunConfig, build, has_bf16, load_config
-from t2twin.translate.touch2touch import Touch2Touch
+from t2twin.translate.runs.config import BEST, RunConfig, load_config
+from t2twin.translate.translator import Translator
 
 AT_ONCE = 64
 """Images in one batch; bounds memory."""
@@ -35,12 +33,12 @@ class TrainedTranslator:
 
     run_dir: Path
     config: RunConfig
-    translator: Touch2Touch | ResNet18Translator
+    translator: Translator
 
-    @cached_property
-    def phi(self) -> Phi:
-        """phi of the run's layout at the tactile image's full size."""
-        return Phi(self.config.data.x_mm, self.config.data.y_mm)
+    @property
+    def draws(self) -> bool:
+        """Whether it draws tactile images, as touch2touch does, and gives what it reads in them."""
+        return self.translator.draws
 
     def predict(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
         """Counts of one DIGIT frame, or of several.
@@ -48,7 +46,7 @@ class TrainedTranslator:
         images: a frame, (h, w, 3) or (h, w) uint8, any h and w, colours in the order red, green,
         blue; or several, (B, h, w, 3) or (B, h, w), or a list of frames. An array of three axes
         whose last has length 3 is one frame in colour.
-        Returns (N,) float32 of one frame, (B, N) of several, within nought and full scale.
+        Returns (N,) float32 of one frame, (B, N) of several, within zero and full scale.
         """
         counts = self.predict_pixels(self._pixels(images))
         return counts[0] if _is_frame(images) else counts
@@ -80,13 +78,37 @@ class TrainedTranslator:
         Returns (B, N) and (B, R, C) float32, counts.
         """
         inputs = to_input(pixels.astype(np.float32) / 255.0)
-        if isinstance(self.translator, Touch2Touch):
-            drawn = self.translator.draw(inputs)
-            counts = self.translator.counts_of(drawn)
-            large = functional.interpolate(drawn, TACTILE_SHAPE, mode="bilinear", antialias=True)
-            return counts.cpu().numpy(), large[:, 0].clamp(min=0.0).cpu().numpy()
-        counts = self.translator.predict(inputs).cpu().numpy()
-        return counts, self.phi(counts)
+        counts, tactile = self.translator.counts_and_tactile_images(inputs)
+        return counts.cpu().numpy(), tactile.cpu().numpy()
+
+    def at_layout(self, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> "TrainedTranslator":
+        """The same run, giving the counts of another taxel layout.
+
+        x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: the layout's.
+        The generator's tactile image stays what it is; the new layout's phi^-1 reads it, at the
+        generator's size. For its own layout the run is given back as it is.
+        Raises T2TwinError for a ResNet18 run, a layout that phi cannot interpolate, taxels outside
+        the trained layout's convex hull (the image says nothing there), and taxels too close
+        together for the generator's pixels.
+        """
+        trained = self.config.data
+        if same_layout(trained, x_mm, y_mm):
+            return self
+        if not self.draws:
+            raise T2TwinError(
+                f"{self.run_dir} is a ResNet18, which gives the {trained.x_mm.size} taxels of "
+                f"{trained.layout} that it was trained on and no others; another layout needs a "
+                "touch2touch run"
+            )
+        x_mm, y_mm = np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float)
+        phi = Phi(x_mm, y_mm)
+        check_inside(trained, x_mm, y_mm, name)
+        config = replace(self.config, data=replace(trained, layout=name, x_mm=x_mm, y_mm=y_mm))
+        return replace(self, config=config, translator=self.translator.read_by(phi))
+
+    def in_float32(self) -> "TrainedTranslator":
+        """The same run, computing in float32 also where the processor has bfloat16."""
+        return replace(self, translator=self.translator.in_float32())
 
     def _pixels(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
         """(B, S, S, c) uint8. Raises T2TwinError for arrays that are no 8-bit images."""
@@ -103,25 +125,24 @@ class TrainedTranslator:
         return np.concatenate(pixels)
 
 
-def load_run(run_dir: Path, layout: str | Path | None = None) -> TrainedTranslator:
+def load_run(run_dir: str | Path, layout: str | Path | None = None) -> TrainedTranslator:
     """A run's best weights, ready to predict.
 
     layout: a taxel layout's name or file to read a touch2touch run at, its own unless given.
+    torch's threads and random numbers stay as they are.
     Raises T2TwinError where the folder holds no run, and for a layout that it cannot be read at.
     """
+    run_dir = Path(run_dir)
     config = load_config(run_dir)
-    distributed.use_all_cores()
-    translator = build(config)
-    translator.bf16 = config.preset.bf16 and has_bf16()
+    here = replace(config, bf16=config.preset.bf16 and has_bf16())
+    translator = build(here)
     load_weights(run_dir / BEST, translator.predictor)
     fuse(translator.predictor)
     run = TrainedTranslator(run_dir, config, translator)
     if layout is None:
         return run
-    from t2twin.translate.layouts import for_layout  # which knows what a Run is
-
     places = load_layout(layout)
-    return for_layout(run, places.x_mm, places.y_mm, places.name)
+    return run.at_layout(places.x_mm, places.y_mm, places.name)
 
 
 def _is_frame(images: np.ndarray | Sequence[np.ndarray]) -> bool:

@@ -19,13 +19,13 @@ class Preset:
 
     size: side of the square images, pixels. grey: whether the DIGIT image is turned to grey.
     filters: base width of the networks. batch: pairs a step, over all processes.
-    learning_rate, beta1, beta2: Adam's. schedule: "fixed", or "cosine" down to nought over the
+    learning_rate, beta1, beta2: Adam's. schedule: "fixed", or "cosine" down to zero over the
         epochs.
     l1_weight: lambda of the L1 loss beside the adversarial one; touch2touch only.
     discriminator_share: the discriminator's learning rate in parts of the generator's.
     epochs: most epochs. steps: most steps, rounded to whole epochs, which is what bounds a training
-        on many pairs; nought for any number.
-    patience: epochs without a better validation L3 before it stops.
+        on many pairs; zero for any number.
+    patience: epochs without a better validation RMSE before it stops.
     bf16: compute in bfloat16 where the processor has it.
     brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: an offset and
         noise in parts of full scale, a relative gain. Geometry is never changed: it would break

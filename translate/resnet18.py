@@ -1,25 +1,32 @@
 """ResNet18 from the DIGIT image straight to the counts, trained on L3 (Grella et al. 2023).
 
-Shape letters: B batch, S image side, N taxels.
+Shape letters: B batch, S image side, N taxels, R rows and C columns of a tactile image.
 """
+
+from copy import copy, deepcopy
+from functools import cached_property
+from typing import Self
 
 import torch
 from torch import nn
 from torch.nn import functional
 
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.distributed import average_gradients
 from t2twin.translate.networks.resnet18 import ResNet18
+from t2twin.translate.phi import Phi
 from t2twin.translate.presets import Preset
 
 
 class ResNet18Translator:
-    """The network, its optimiser, and one step of training.
+    """The Translator of one network, which gives the counts of the layout of its training."""
 
-    networks, optimizers: by name. predictor: the network that is kept to predict with.
-    """
+    draws = False
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
+        self.info = info
         self.full_scale = info.full_scale_counts
         self.device = device
         self.bf16 = bf16
@@ -51,11 +58,55 @@ class ResNet18Translator:
         return {"l3": float(loss.detach())}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, 3, S, S) -> counts (B, N), within nought and full scale. In evaluation mode."""
+        """(B, 3, S, S) -> counts (B, N), within zero and full scale. In evaluation mode."""
         self.predictor.eval()
         with torch.inference_mode(), self._precision():
             predicted = self.predictor(images.to(self.device))
         return (predicted.float() * self.full_scale).clamp(0.0, self.full_scale)
 
+    @cached_property
+    def phi(self) -> Phi:
+        """phi of its layout at the full size of a tactile image."""
+        return Phi(self.info.x_mm, self.info.y_mm)
+
+    def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Counts, (B, N), and phi of them, (B, R, C), counts."""
+        counts = self.predict(images)
+        return counts, torch.from_numpy(self.phi(counts.cpu().numpy()))
+
+    def read_by(self, phi: Phi) -> Self:
+        """See Translator: it draws no images."""
+        raise T2TwinError("a ResNet18 draws no tactile image that another layout could read")
+
+    def in_float32(self) -> Self:
+        """See Translator."""
+        other = copy(self)
+        other.bf16 = False
+        return other
+
+    def as_module(self) -> nn.Module:
+        """See Translator."""
+        return _FromPixels(self.predictor, self.phi, self.full_scale)
+
     def _precision(self) -> torch.autocast:
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16)
+
+
+class _FromPixels(nn.Module):
+    """From RGB pixels in [0, 1] to counts and tactile images, in float32 on the CPU."""
+
+    mean: torch.Tensor
+    std: torch.Tensor
+
+    def __init__(self, network: nn.Module, phi: Phi, full_scale: float) -> None:
+        super().__init__()
+        self.network = deepcopy(network).cpu()
+        self.phi = phi
+        self.full_scale = full_scale
+        self.register_buffer("mean", torch.from_numpy(RGB_MEAN).view(3, 1, 1))
+        self.register_buffer("std", torch.from_numpy(RGB_STD).view(3, 1, 1))
+
+    def forward(self, pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        counts = self.network((pixels - self.mean) / self.std) * self.full_scale
+        counts = counts.clamp(0.0, self.full_scale)
+        return counts, self.phi.to_torch(counts)[:, 0]

@@ -2,10 +2,14 @@
 
 The generator draws the tactile image, scaled so that -1 is nothing and 1 full scale, at the
 preset's square size; phi at that size is phi at 396 x 240 followed by an area resize, and its
-inverse reads the counts from what was drawn. The counts never enter the loss; L3 is watched only.
+inverse reads the counts from what was drawn. The counts never enter the loss; their RMSE is only
+watched.
 
-Shape letters: B batch, S image side, N taxels.
+Shape letters: B batch, S image side, N taxels, R rows and C columns of a full tactile image.
 """
+
+from copy import copy, deepcopy
+from typing import Self
 
 import torch
 from torch import nn
@@ -13,17 +17,17 @@ from torch.nn import functional
 
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.distributed import average_gradients
+from t2twin.translate.layouts import reading_at
 from t2twin.translate.networks.patchgan import PatchGAN
 from t2twin.translate.networks.unet import UNet
-from t2twin.translate.phi import Phi
+from t2twin.translate.phi import TACTILE_SHAPE, Phi
 from t2twin.translate.presets import Preset
 
 
 class Touch2Touch:
-    """The two networks, their optimisers, and one step of training.
+    """The Translator of a generator and a discriminator; it predicts with the generator."""
 
-    networks, optimizers: by name. predictor: the network that is kept to predict with.
-    """
+    draws = True
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         self.phi = Phi(info.x_mm, info.y_mm).resized((preset.size, preset.size))
@@ -66,8 +70,14 @@ class Touch2Touch:
         return {"discriminator": discriminator_loss, "adversarial": adversarial, "l1": l1}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, 1, S, S) -> counts (B, N), within nought and full scale. In evaluation mode."""
+        """(B, 1, S, S) -> counts (B, N), within zero and full scale. In evaluation mode."""
         return self.counts_of(self.draw(images))
+
+    def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Counts, (B, N), and the tactile images as drawn, resized, (B, R, C), counts."""
+        drawn = self.draw(images)
+        large = functional.interpolate(drawn, TACTILE_SHAPE, mode="bilinear", antialias=True)
+        return self.counts_of(drawn), large[:, 0].clamp(min=0.0)
 
     def draw(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 1, S, S) -> the tactile images as drawn, in counts, (B, 1, S, S)."""
@@ -79,6 +89,22 @@ class Touch2Touch:
     def counts_of(self, tactile_images: torch.Tensor) -> torch.Tensor:
         """phi^-1 of drawn images, clipped to what taxels can say. (B, 1, S, S) -> (B, N)."""
         return self.phi.from_torch(tactile_images).clamp(0.0, self.full_scale)
+
+    def read_by(self, phi: Phi) -> Self:
+        """See Translator. The images stay what they are: phi's inverse reads them at their size."""
+        other = copy(self)
+        other.phi = reading_at(phi.resized(self.phi.shape), self.phi)
+        return other
+
+    def in_float32(self) -> Self:
+        """See Translator."""
+        other = copy(self)
+        other.bf16 = False
+        return other
+
+    def as_module(self) -> nn.Module:
+        """See Translator."""
+        return _FromPixels(self.generator, self.phi, self.full_scale)
 
     def _to_image(self, counts: torch.Tensor) -> torch.Tensor:
         return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
@@ -117,6 +143,35 @@ class Touch2Touch:
         average_gradients(self.generator)
         optimizer.step()
         return float(adversarial.detach()), float(l1.detach())
+
+
+class _FromPixels(nn.Module):
+    """From grey pixels in [0, 1] to counts and tactile images, in float32 on the CPU."""
+
+    rows: torch.Tensor
+    columns: torch.Tensor
+
+    def __init__(self, generator: nn.Module, phi: Phi, full_scale: float) -> None:
+        super().__init__()
+        self.network = deepcopy(generator).cpu()
+        self.phi = phi
+        self.full_scale = full_scale
+        self.register_buffer("rows", _resizing(phi.shape[0], TACTILE_SHAPE[0]))
+        self.register_buffer("columns", _resizing(phi.shape[1], TACTILE_SHAPE[1]).T.contiguous())
+
+    def forward(self, pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        drawn = (self.network(2.0 * pixels - 1.0) + 1.0) * (self.full_scale / 2.0)
+        counts = self.phi.from_torch(drawn).clamp(0.0, self.full_scale)
+        return counts, (self.rows @ drawn[:, 0] @ self.columns).clamp(min=0.0)
+
+
+def _resizing(size: int, new: int) -> torch.Tensor:
+    """(new, size): the bilinear resize of `counts_and_tactile_images` along one side, as a product.
+
+    ONNX's own Resize has no antialiasing in the version of its operators that is written.
+    """
+    unit = torch.eye(size)[None, None]
+    return functional.interpolate(unit, (new, size), mode="bilinear", antialias=True)[0, 0]
 
 
 def _adversarial(logits: torch.Tensor, label: float) -> torch.Tensor:

@@ -19,9 +19,11 @@ def export(
         layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch run at; the run's
             own unless given.
     """
+    from t2twin.translate.distributed import use_all_cores
     from t2twin.translate.export import export_onnx
     from t2twin.translate.predict import load_run
 
+    use_all_cores()
     loaded = load_run(run, layout)
     path = out or run / f"{loaded.config.model}.onnx"
     apart = export_onnx(loaded, path)

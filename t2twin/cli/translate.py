@@ -30,7 +30,9 @@ def translate(
     import numpy as np
 
     from t2twin.translate.batch import find_images, translate_images
+    from t2twin.translate.distributed import use_all_cores
 
+    use_all_cores()
     files = find_images(images)
     counts = translate_images(run, files, out, layout, pictures)
     for image, row in zip(files[:SHOWN], np.rint(counts[:SHOWN]).astype(int), strict=True):

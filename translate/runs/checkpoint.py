@@ -4,9 +4,7 @@ Random numbers need no place in it: every epoch draws from its own generators, s
 (seed, epoch).
 """
 
-import json
 from pathlib import Path
-from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -15,8 +13,8 @@ from torch import nn
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.translate.resnet18 import ResNet18Translator
-from t2twin.translate.touch2touch import Touch2Touch
+from t2twin.translate.runs.log import EpochRecord, decode_history, encode_history
+from t2twin.translate.translator import Translator
 
 HISTORY = "history"
 
@@ -36,9 +34,7 @@ def load_weights(path: Path, network: nn.Module) -> None:
         raise T2TwinError(f"{path} does not hold the weights that its config.json names") from None
 
 
-def save_state(
-    path: Path, translator: Touch2Touch | ResNet18Translator, history: list[dict[str, Any]]
-) -> None:
+def save_state(path: Path, translator: Translator, history: list[EpochRecord]) -> None:
     """Everything that the next epoch starts from. history: one record an epoch."""
     tensors: dict[str, torch.Tensor] = {}
     for name, network in translator.networks.items():
@@ -48,13 +44,25 @@ def save_state(
         for number, state in optimizer.state_dict()["state"].items():
             for key, tensor in state.items():
                 tensors[f"optimizer/{name}/{number}/{key}"] = tensor
-    _save(path, tensors, {HISTORY: json.dumps(history)})
+    _save(path, tensors, {HISTORY: encode_history(history)})
 
 
-def load_state(path: Path, translator: Touch2Touch | ResNet18Translator) -> list[dict[str, Any]]:
-    """Puts a saved state back and returns the history. Raises T2TwinError for a damaged file."""
+def load_state(path: Path, translator: Translator) -> list[EpochRecord]:
+    """Puts a saved state back and returns the history.
+
+    Raises T2TwinError for a damaged file and for a state of other networks.
+    """
     history = load_history(path)
-    tensors = load_file(path)
+    try:
+        _put_back(load_file(path), translator)
+    except (SafetensorError, RuntimeError, KeyError, ValueError):
+        raise T2TwinError(
+            f"{path} is no saved state of these networks; remove its folder to train again"
+        ) from None
+    return history
+
+
+def _put_back(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
     for name, network in translator.networks.items():
         start = f"network/{name}/"
         network.load_state_dict(
@@ -74,18 +82,18 @@ def load_state(path: Path, translator: Touch2Touch | ResNet18Translator) -> list
                 if tensor.shape == parameter.shape:
                     # The fused Adam walks both in memory, so both must lie alike there.
                     state[field] = torch.empty_like(parameter).copy_(tensor)
-    return history
 
 
-def load_history(path: Path) -> list[dict[str, Any]]:
+def load_history(path: Path) -> list[EpochRecord]:
     """The epochs of a saved state. Raises T2TwinError for a damaged file."""
     try:
         with safe_open(path, "pt") as file:
-            return json.loads(file.metadata()[HISTORY])
-    except (SafetensorError, KeyError, TypeError, ValueError):
+            text = file.metadata()[HISTORY]
+    except (SafetensorError, KeyError, TypeError):
         raise T2TwinError(
             f"{path} is no saved state of a training; remove its folder to train again"
         ) from None
+    return decode_history(text, str(path))
 
 
 def _save(

@@ -1,0 +1,220 @@
+"""A training in progress: its epochs, one loop for both translators."""
+
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate import distributed
+from t2twin.translate.build import build
+from t2twin.translate.data.images import augment, to_input
+from t2twin.translate.data.pairs import Pairs
+from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
+from t2twin.translate.runs.checkpoint import load_state, save_state, save_weights
+from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
+from t2twin.translate.runs.log import EpochRecord, best_epoch, to_json, write_log
+from t2twin.translate.translator import Translator
+
+PREDICT_AT_ONCE = 64
+"""Images in one batch where nothing is learnt; bounds memory."""
+
+TIMED_STEPS = 3
+"""Steps that the estimate of the time is taken from, after one that is not counted."""
+
+
+class TrainingLoop:
+    """One run in progress, in one of its processes."""
+
+    def __init__(
+        self, config: RunConfig, out_dir: Path, pairs: Pairs, validation: Pairs, rank: int
+    ) -> None:
+        self.config = config
+        self.out_dir = out_dir
+        self.pairs = pairs
+        self.validation = validation
+        self.rank = rank
+        most = min(config.preset.batch, len(pairs))
+        self.batch = most - most % config.processes
+        self.steps = len(pairs) // self.batch  # a last, smaller batch would upset batch norm
+        self.history: list[EpochRecord] = []
+
+    def run(self) -> Outcome:
+        resumed = (self.out_dir / LAST).is_file()
+        epoch_seconds = self._measure()
+        if not resumed:
+            self.config = replace(self.config, planned_epochs=self._planned_epochs(epoch_seconds))
+        self.translator = build(self.config)
+        if resumed:
+            self.history = load_state(self.out_dir / LAST, self.translator)
+        elif self.rank == 0:
+            self.config.save(self.out_dir)
+        self._announce(epoch_seconds)
+        self._train()
+        reason = reason_to_stop(self.config, self.history)
+        assert reason is not None
+        outcome = outcome_of(self.out_dir, self.history, reason)
+        if self.rank == 0:
+            print(f"{self.out_dir}: {outcome.in_words()}.")
+        return outcome
+
+    def _planned_epochs(self, epoch_seconds: float) -> int:
+        """As many as asked for, or as the preset allows; with a limit in minutes, what fits in."""
+        config, planned = self.config, self.config.planned_epochs
+        if config.epochs is None and config.preset.steps:
+            planned = min(planned, round(config.preset.steps / self.steps))
+        if config.minutes is not None:
+            planned = min(planned, int(config.minutes * 60 / epoch_seconds))
+        return max(1, planned)
+
+    def _train(self) -> None:
+        done = len(self.history)
+        total = self.config.planned_epochs * self.steps
+        log = _Log(self.out_dir, self.history) if self.rank == 0 else None
+        with tqdm(
+            total=total, initial=done * self.steps, desc=self.config.model, unit="step",
+            disable=self.rank > 0, mininterval=0.5,
+        ) as bar:  # fmt: skip
+            while reason_to_stop(self.config, self.history) is None:
+                record = self._epoch(len(self.history), bar)
+                self.history.append(record)
+                best = best_epoch(self.history) is record
+                bar.set_postfix_str(f"val {record.val_rmse_percent:.2f} %")
+                if log is not None:
+                    # The best weights first: killed in between, the epoch is simply done again.
+                    if best:
+                        save_weights(self.out_dir / BEST, self.translator.predictor)
+                    save_state(self.out_dir / LAST, self.translator, self.history)
+                    log.write(self.history)
+                distributed.wait()
+        if log is not None:
+            log.close()
+
+    def _epoch(self, epoch: int, bar: tqdm) -> EpochRecord:
+        """Trains for one epoch and validates. Returns its record for the log."""
+        started = time.perf_counter()
+        config, translator = self.config, self.translator
+        share = _share_of_rate(config, epoch)
+        for optimizer in translator.optimizers.values():
+            for group in optimizer.param_groups:
+                group["lr"] = share * optimizer.defaults["lr"]
+        order = np.random.default_rng([config.seed, epoch]).permutation(len(self.pairs))
+        rng = np.random.default_rng([config.seed, epoch, 1 + self.rank])
+        torch.manual_seed(int(rng.integers(2**63)))  # dropout
+        for network in translator.networks.values():
+            network.train()
+        sums: dict[str, float] = {}
+        for step in range(self.steps):
+            batch = order[step * self.batch : (step + 1) * self.batch]
+            losses = self._step(translator, batch[self.rank :: config.processes], rng)
+            for name, loss in losses.items():
+                sums[name] = sums.get(name, 0.0) + loss / self.steps
+            bar.update()
+        if not all(math.isfinite(loss) for loss in sums.values()):
+            raise T2TwinError(
+                f"the loss stopped being a number in epoch {epoch + 1}; train again with a preset "
+                "of a lower learning rate"
+            )
+        for network in translator.networks.values():
+            distributed.average_statistics(network)
+        rmse = self._validate()
+        return EpochRecord(
+            epoch=epoch + 1,
+            learning_rate=share * config.preset.learning_rate,
+            train=sums,
+            val_rmse_counts=rmse,
+            val_rmse_percent=100.0 * rmse / config.data.full_scale_counts,
+            seconds=distributed.largest(time.perf_counter() - started),
+        )
+
+    def _step(
+        self,
+        translator: Translator,
+        batch: np.ndarray,
+        rng: np.random.Generator,
+    ) -> dict[str, float]:
+        """One step on the pairs with these indices."""
+        preset = self.config.preset
+        batch = np.sort(batch)  # the order on disk
+        pixels = self.pairs.images[batch].astype(np.float32) / 255.0
+        if preset.brightness or preset.contrast or preset.noise:
+            pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
+        counts = torch.from_numpy(self.pairs.counts[batch])
+        return translator.step(to_input(pixels), counts)
+
+    def _validate(self) -> float:
+        """RMSE on the validation split, counts; the processes share it."""
+        mine = np.arange(len(self.validation))[self.rank :: self.config.processes]
+        squares = 0.0
+        for start in range(0, mine.size, PREDICT_AT_ONCE):
+            index = mine[start : start + PREDICT_AT_ONCE]
+            pixels = self.validation.images[index].astype(np.float32) / 255.0
+            predicted = self.translator.predict(to_input(pixels)).cpu().numpy()
+            squares += float(np.square(predicted - self.validation.counts[index]).sum(dtype=float))
+        return math.sqrt(distributed.total(squares) / self.validation.counts.size)
+
+    def _measure(self) -> float:
+        """Seconds that an epoch takes, from a few steps of networks that are thrown away."""
+        translator = build(self.config)
+        rng = np.random.default_rng(self.config.seed)
+        mine = np.arange(self.batch)[self.rank :: self.config.processes]
+        self._step(translator, mine, rng)
+        started = time.perf_counter()
+        for _ in range(TIMED_STEPS):
+            self._step(translator, mine, rng)
+        step_seconds = (time.perf_counter() - started) / TIMED_STEPS
+        few = self.validation.images[: min(PREDICT_AT_ONCE, len(self.validation))]
+        inputs = to_input(few.astype(np.float32) / 255.0)
+        started = time.perf_counter()
+        translator.predict(inputs)
+        image_seconds = (time.perf_counter() - started) / len(few)
+        validate_seconds = image_seconds * len(self.validation) / self.config.processes
+        return distributed.largest(self.steps * step_seconds + validate_seconds)
+
+    def _announce(self, epoch_seconds: float) -> None:
+        if self.rank > 0:
+            return
+        config, done = self.config, len(self.history)
+        left = config.planned_epochs - done
+        goes_on = f" goes on after epoch {done};" if done else ""
+        precision = "bf16" if config.bf16 else "fp32"
+        print(
+            f"{config.model}, preset {config.preset.name}:{goes_on} {len(self.pairs)} pairs, "
+            f"validated on {len(self.validation)}, {config.planned_epochs} epochs of {self.steps} "
+            f"steps, {precision} on {self.translator.device.type}, {config.processes} process(es) "
+            f"of {torch.get_num_threads()} thread(s). At most {left * epoch_seconds / 60:.1f} "
+            f"minutes; it stops after {config.preset.patience} epochs without a better validation.",
+            flush=True,
+        )
+
+
+class _Log:
+    """log.jsonl and TensorBoard; what the killed part of an epoch left is overwritten."""
+
+    def __init__(self, out_dir: Path, history: list[EpochRecord]) -> None:
+        from torch.utils.tensorboard import SummaryWriter
+
+        self.out_dir = out_dir
+        self.board = SummaryWriter(str(out_dir / TENSORBOARD), purge_step=len(history) + 1)
+
+    def write(self, history: list[EpochRecord]) -> None:
+        write_log(self.out_dir, history)
+        for name, value in to_json(history[-1]).items():
+            if name != "epoch":
+                self.board.add_scalar(name, value, history[-1].epoch)
+        self.board.flush()
+
+    def close(self) -> None:
+        self.board.close()
+
+
+def _share_of_rate(config: RunConfig, epoch: int) -> float:
+    """Parts of its learning rate that an epoch (from 0) has: all, or half a cosine that would reach
+    zero after the last one."""
+    if config.preset.schedule == "fixed":
+        return 1.0
+    return 0.5 * (1.0 + math.cos(math.pi * epoch / config.planned_epochs))

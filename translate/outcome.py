@@ -1,0 +1,54 @@
+"""When a training is finished, and how it ended."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from t2twin.translate.runs.config import RunConfig
+from t2twin.translate.runs.log import EpochRecord, best_epoch
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a training ended. best_rmse_counts: RMSE on the validation split, counts; the root of the
+    L3 of Grella et al. 2023. best_rmse_percent: the same in percent of full scale."""
+
+    run_dir: Path
+    epochs: int
+    best_epoch: int
+    best_rmse_counts: float
+    best_rmse_percent: float
+    reason: str
+
+    def in_words(self) -> str:
+        return (
+            f"{self.reason}; the best of {self.epochs} epochs is {self.best_epoch}, with a "
+            f"validation RMSE of {self.best_rmse_counts:.0f} counts "
+            f"({self.best_rmse_percent:.2f} %)"
+        )
+
+
+def outcome_of(run_dir: Path, history: list[EpochRecord], reason: str) -> Outcome:
+    """Of a run with at least one epoch."""
+    best = best_epoch(history)
+    return Outcome(
+        run_dir=run_dir,
+        epochs=len(history),
+        best_epoch=best.epoch,
+        best_rmse_counts=best.val_rmse_counts,
+        best_rmse_percent=best.val_rmse_percent,
+        reason=reason,
+    )
+
+
+def reason_to_stop(config: RunConfig, history: list[EpochRecord]) -> str | None:
+    """Why a run with this history is finished, or None."""
+    if not history:
+        return None
+    if len(history) >= config.planned_epochs:
+        return "all its epochs are done"
+    if len(history) - best_epoch(history).epoch >= config.preset.patience:
+        return f"{config.preset.patience} epochs brought no better validation"
+    spent = sum(record.seconds for record in history)
+    if config.minutes is not None and spent >= 60 * config.minutes:
+        return f"its {config.minutes:g} minutes are over"
+    return None
