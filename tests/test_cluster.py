@@ -54,12 +54,13 @@ def scheduler():
 
 
 def worker(address, folder):
-    return started("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-nanny",
+    """Two threads each: presses do not wait for one another."""
+    return started("distributed.cli.dask_worker", address, "--nthreads", "2", "--no-nanny",
                    "--no-dashboard", "--local-directory", str(folder))  # fmt: skip
 
 
 def digests(folder):
-    return {path: about["sha256"] for path, about in read_info(folder)["shards"].items()}
+    return {path: shard.sha256 for path, shard in read_info(folder).shards.items()}
 
 
 def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cache):
@@ -75,7 +76,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cach
             if whole and list(data.glob(f"*/.*.{process.pid}.part.parquet")):
                 os.kill(process.pid, signal.SIGKILL)
                 killed_at.append(whole)
-                for path in read_info(data)["shards"]:
+                for path in read_info(data).shards:
                     kept[path] = (data / path).stat().st_mtime_ns
                 return
             time.sleep(0.01)

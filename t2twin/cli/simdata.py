@@ -58,7 +58,7 @@ def simdata(
         scale,
         seed=seed,
         workers=workers,
-        bench=t2twin.Twin(calibration, layout, imperfections).sensors,
+        sensors=t2twin.Twin(calibration, layout, imperfections).sensors,
         cache=primitives,
         scheduler=scheduler,
     )
