@@ -9,11 +9,11 @@ RUN/README.md          the model card, once the training is done
 """
 
 from dataclasses import asdict, dataclass, fields
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import torch
 from msgspec import Meta
 
 from t2twin.primitives_cad.errors import T2TwinError
@@ -22,8 +22,6 @@ from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
 from t2twin.sim.typed_json import convert, read_json
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.presets import MODELS, Preset
-from t2twin.translate.resnet18 import ResNet18Translator
-from t2twin.translate.touch2touch import Touch2Touch
 
 FORMAT = 1
 """Version of config.json; a file that names none is of this one."""
@@ -94,7 +92,7 @@ class RunConfig:
                     "layout_y_mm": data.y_mm.tolist(),
                     "full_scale_counts": data.full_scale_counts,
                 },
-                "versions": {"torch": torch.__version__, "numpy": np.__version__},
+                "versions": {name: version(name) for name in ("torch", "numpy")},
             },
         )
 
@@ -178,24 +176,3 @@ def _preset(content: dict[str, Any], path: Path) -> Preset:
     if preset.beta1 >= 1 or preset.beta2 >= 1:
         raise T2TwinError(f"{path}, preset: beta1 and beta2 must be below 1")
     return preset
-
-
-def build(config: RunConfig) -> Touch2Touch | ResNet18Translator:
-    """The networks of a run with fresh weights, drawn from its seed."""
-    torch.manual_seed(config.seed)
-    kind = Touch2Touch if config.model == "touch2touch" else ResNet18Translator
-    return kind(config.preset, config.data, device(), config.bf16)
-
-
-def device() -> torch.device:
-    """A GPU where there is one."""
-    return torch.device("cuda" if torch.cuda.is_available() else "cpu")
-
-
-def has_bf16() -> bool:
-    """Whether the processor multiplies bfloat16 itself; where it does not, bf16 is slower."""
-    if torch.cuda.is_available():
-        return torch.cuda.is_bf16_supported(including_emulation=False)
-    cpu = Path("/proc/cpuinfo")
-    flags = cpu.read_text().split() if cpu.is_file() else []
-    return "avx512_bf16" in flags or "amx_bf16" in flags
