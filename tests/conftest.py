@@ -36,3 +36,15 @@ def shape_cache(tmp_path_factory):
 def shapes(shape_cache):
     """Catalogue shapes by name."""
     return lru_cache(maxsize=None)(lambda name: catalogue.load(name, shape_cache))
+
+
+@pytest.fixture(scope="module")
+def runs(data_dir, tmp_path_factory):
+    """Both translators, trained for three epochs on the module's own data_dir: their folders."""
+    from spots import train_smoke  # imports torch, which most tests do without
+
+    folder = tmp_path_factory.mktemp("runs")
+    return [
+        train_smoke(model, data_dir, folder / model, epochs=3)
+        for model in ("touch2touch", "resnet18")
+    ]

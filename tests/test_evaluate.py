@@ -1,13 +1,16 @@
 """Metrics on cases whose figures are known, the trivial predictors, and the whole evaluation."""
 
+import hashlib
 import json
+from collections.abc import Callable
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from skimage.metrics import structural_similarity
-from spots import train_smoke, write_spots
+from spots import write_spots
 
 from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
@@ -19,12 +22,36 @@ from t2twin.translate.evaluation.baselines import (
     nearest_neighbour,
     neighbours,
 )
-from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
 from t2twin.translate.evaluation.metrics import compare
-from t2twin.translate.evaluation.similarity import alike
+from t2twin.translate.evaluation.predictions import PREDICTIONS, read_predictions
+from t2twin.translate.evaluation.records import (
+    FORMAT,
+    METRICS,
+    AlikePairs,
+    Bootstrap,
+    Difference,
+    Evaluation,
+    Figures,
+    Finding,
+    Interval,
+    Intervals,
+    LookAlikeFloor,
+    LookAlikes,
+    ModelRow,
+    PaperRow,
+    ShapeFloor,
+    TaxelCounts,
+    View,
+    as_json,
+    read_evaluation,
+    write_evaluation,
+)
+from t2twin.translate.evaluation.similarity import image_scores
 from t2twin.translate.evaluation.table import table
 from t2twin.translate.phi import Phi
 from t2twin.translate.predict import load_run
+from t2twin.translate.runs.log import read_log
 from t2twin.translate.touch2touch import Touch2Touch
 
 FULL_SCALE = 40000.0
@@ -52,21 +79,20 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def runs(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    folder = tmp_path_factory.mktemp("runs")
-    return [
-        train_smoke(model, data_dir, folder / model, epochs=3)
-        for model in ("touch2touch", "resnet18")
-    ]
+def evaluated(runs: list[Path], data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with val and test, not to be written to."""
+    folder = tmp_path_factory.mktemp("evaluated")
+    evaluate_both(runs, data_dir, folder)
+    return folder
 
 
 def test_perfect_prediction(phi: Phi, true: np.ndarray) -> None:
     summary = compare(true, true, phi, FULL_SCALE).summary(FULL_SCALE)
-    assert summary["pairs"] == 6
-    assert summary["rmse_counts"] == summary["rmse_percent"] == 0.0
-    assert summary["ssim"] == summary["ssim_contact"] == pytest.approx(1.0)
-    assert summary["contact_iou"] == 1.0
-    assert summary["centroid_error_mm"] == summary["total_error_percent"] == 0.0
+    assert summary.pairs == 6
+    assert summary.rmse_counts == summary.rmse_percent == 0.0
+    assert summary.ssim == summary.ssim_contact == pytest.approx(1.0)
+    assert summary.contact_iou == 1.0
+    assert summary.centroid_error_mm == summary.total_error_percent == 0.0
 
 
 def test_rmse_is_over_samples_and_taxels(phi: Phi, true: np.ndarray) -> None:
@@ -74,19 +100,19 @@ def test_rmse_is_over_samples_and_taxels(phi: Phi, true: np.ndarray) -> None:
     off = true.copy()
     off[2, 7] += 12000.0
     summary = compare(off, true, phi, FULL_SCALE).summary(FULL_SCALE)
-    assert summary["rmse_counts"] == pytest.approx(12000.0 / np.sqrt(120))
-    assert summary["rmse_percent"] == pytest.approx(30.0 / np.sqrt(120))
+    assert summary.rmse_counts == pytest.approx(12000.0 / np.sqrt(120))
+    assert summary.rmse_percent == pytest.approx(30.0 / np.sqrt(120))
 
 
-def test_error_of_a_part_of_the_taxels(phi: Phi, true: np.ndarray) -> None:
+def test_error_of_a_group_of_the_taxels(phi: Phi, true: np.ndarray) -> None:
     off = true.copy()
     off[2, 7] += 12000.0
     some = np.arange(20) < 8
-    parts = {"some": some, "others": ~some, "none": np.zeros(20, bool)}
-    summary = compare(off, true, phi, FULL_SCALE, parts=parts).summary(FULL_SCALE)
-    assert summary["rmse_some_counts"] == pytest.approx(12000.0 / np.sqrt(6 * 8))
-    assert summary["rmse_others_counts"] == 0.0
-    assert np.isnan(summary["rmse_none_counts"])
+    groups = {"under": some, "near": ~some, "beyond": np.zeros(20, bool)}
+    summary = compare(off, true, phi, FULL_SCALE, taxel_groups=groups).summary(FULL_SCALE)
+    assert summary.rmse_under_counts == pytest.approx(12000.0 / np.sqrt(6 * 8))
+    assert summary.rmse_near_counts == 0.0
+    assert summary.rmse_beyond_counts is None
 
 
 def test_ssim_is_scikit_images(phi: Phi, true: np.ndarray) -> None:
@@ -97,18 +123,20 @@ def test_ssim_is_scikit_images(phi: Phi, true: np.ndarray) -> None:
     for a, b in images:
         ssim, local, *_ = structural_similarity(a, b, data_range=FULL_SCALE, full=True)
         contact_a, contact_b = a > 0.1 * a.max(), b > 0.1 * b.max()
-        found = alike(a, b, FULL_SCALE, 0.1)
-        assert found[0] == pytest.approx(ssim, abs=1e-6)
-        assert found[1] == pytest.approx(local[contact_b].mean(), abs=1e-6)
-        assert found[2] == (contact_a & contact_b).sum() / (contact_a | contact_b).sum()
+        scores = image_scores(a, b, FULL_SCALE, 0.1)
+        assert scores.ssim == pytest.approx(ssim, abs=1e-6)
+        assert scores.ssim_contact == pytest.approx(local[contact_b].mean(), abs=1e-6)
+        iou = (contact_a & contact_b).sum() / (contact_a | contact_b).sum()
+        assert scores.contact_iou == iou
 
 
 def test_weaker_response_keeps_its_shape(phi: Phi, true: np.ndarray) -> None:
     summary = compare(0.8 * true, true, phi, FULL_SCALE).summary(FULL_SCALE)
-    assert summary["total_error_percent"] == pytest.approx(20.0)
-    assert summary["contact_iou"] == pytest.approx(1.0, abs=1e-3)
-    assert summary["centroid_error_mm"] == pytest.approx(0.0, abs=1e-6)
-    assert summary["ssim_contact"] < summary["ssim"] < 1.0
+    assert summary.total_error_percent == pytest.approx(20.0)
+    assert summary.contact_iou == pytest.approx(1.0, abs=1e-3)
+    assert summary.centroid_error_mm == pytest.approx(0.0, abs=1e-6)
+    assert summary.ssim_contact is not None
+    assert summary.ssim_contact < summary.ssim < 1.0
 
 
 def test_centroid_and_contact_of_single_taxels(phi: Phi) -> None:
@@ -142,10 +170,10 @@ def test_no_contact_leaves_the_contacts_figures_out(phi: Phi, true: np.ndarray) 
     nothing = np.zeros_like(true[:1])
     figures = compare(np.vstack([nothing, true]), np.vstack([nothing, true]), phi, FULL_SCALE)
     assert np.isnan([figures.contact_iou[0], figures.centroid_error_mm[0]]).all()
-    assert figures.summary(FULL_SCALE)["contact_iou"] == 1.0
+    assert figures.summary(FULL_SCALE).contact_iou == 1.0
     alone = compare(nothing, nothing, phi, FULL_SCALE).summary(FULL_SCALE)
-    assert alone["ssim"] == 1.0
-    assert np.isnan(alone["contact_iou"])
+    assert alone.ssim == 1.0
+    assert alone.contact_iou is None
     missed = compare(np.zeros_like(true), true, phi, FULL_SCALE)
     assert (missed.contact_iou == 0.0).all()
     assert np.isfinite(missed.centroid_error_mm).all()
@@ -168,9 +196,9 @@ def test_nearest_neighbour_of_the_training_images_is_themselves(data_dir: Path) 
 def test_nearest_neighbour_is_by_euclid(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
     queries = load_pairs(data_dir, "val", FEATURE_SIZE, grey=False).images
-    found = nearest_neighbour(pairs, queries)
+    nearest_counts = nearest_neighbour(pairs, queries)
     stored = pairs.images[:].astype(float).reshape(len(pairs), -1)
-    for image, counts in zip(queries[:].astype(float), found, strict=True):
+    for image, counts in zip(queries[:].astype(float), nearest_counts, strict=True):
         nearest = np.linalg.norm(stored - image.ravel(), axis=1).argmin()
         assert np.array_equal(counts, pairs.counts[nearest])
 
@@ -178,47 +206,146 @@ def test_nearest_neighbour_is_by_euclid(data_dir: Path) -> None:
 def test_neighbours_pass_over_their_own_shape(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
     shapes = np.where(np.arange(len(pairs)) % 2 == 0, "a", "b")
-    found = neighbours(pairs.images, pairs.images, 3, (shapes, shapes))
-    assert (shapes[found.index] != shapes[:, None]).all()
+    near = neighbours(pairs.images, pairs.images, 3, (shapes, shapes))
+    assert (shapes[near.index] != shapes[:, None]).all()
     stored = pairs.images[:].astype(float).reshape(len(pairs), -1)
     apart = np.sqrt(np.square(stored[:, None] - stored[None]).mean(axis=2))
     apart[shapes[:, None] == shapes[None]] = np.inf
-    np.testing.assert_allclose(found.distance_grey, np.sort(apart, axis=1)[:, :3], rtol=1e-5)
+    np.testing.assert_allclose(near.distance_grey, np.sort(apart, axis=1)[:, :3], rtol=1e-5)
     alone = neighbours(pairs.images, pairs.images, 2, (np.full(48, "a"), np.full(48, "a")))
     assert np.isinf(alone.distance_grey).all()
 
 
 def test_evaluation_agrees_with_training(runs: list[Path], data_dir: Path, tmp_path: Path) -> None:
-    """On val, a run's sqrt(L3) is its best epoch's, and the files say what was returned."""
-    metrics = evaluate(runs, data_dir, "val", tmp_path)
-    assert json.loads((tmp_path / "metrics.json").read_text()) == metrics
-    assert list(metrics["models"]) == ["mean-array", "nearest-neighbour", "touch2touch", "resnet18"]
-    stored = np.load(tmp_path / "predictions.npz")
+    """On val, a run's RMSE is its best epoch's, and the files say what was returned."""
+    evaluation = evaluate(runs, data_dir, "val", tmp_path)
+    assert read_evaluation(tmp_path) == evaluation
+    models = evaluation.models
+    assert list(models) == ["mean-array", "nearest-neighbour", "touch2touch", "resnet18"]
+    assert list(evaluation.runs) == ["touch2touch", "resnet18"]
+    stored = read_predictions(tmp_path)
     pairs = load_pairs(data_dir, "val", FEATURE_SIZE, grey=False)
-    assert np.array_equal(stored["truth"], pairs.counts)
+    assert np.array_equal(stored.truth, pairs.counts)
+    assert list(stored.by_model) == list(models)
+    assert (stored.shapes == "square-3").all() and np.array_equal(stored.x_mm, pairs.x_mm)
     for run in runs:
-        log = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
-        best = min(record["val_rmse_counts"] for record in log)
-        overall = metrics["models"][run.name]["overall"]
-        assert overall["rmse_counts"] == pytest.approx(best, rel=1e-4)
-        squares = np.square(stored[run.name].astype(float) - stored["truth"])
-        assert overall["rmse_counts"] == pytest.approx(np.sqrt(squares.mean()), rel=1e-6)
-        assert metrics["models"][run.name]["same_data"]
-    mean = metrics["models"]["mean-array"]["overall"]["rmse_counts"]
-    assert metrics["models"]["nearest-neighbour"]["overall"]["rmse_counts"] < mean / 2
-    assert metrics["paper"]["resnet18"]["rmse_counts"] == 3931
+        best = min(record.val_rmse_counts for record in read_log(run))
+        overall = models[run.name].overall
+        assert overall.rmse_counts == pytest.approx(best, rel=1e-4)
+        squares = np.square(stored.by_model[run.name].astype(float) - stored.truth)
+        assert overall.rmse_counts == pytest.approx(np.sqrt(squares.mean()), rel=1e-6)
+        of_pairs = stored.rmse_counts(run.name)
+        assert overall.rmse_counts == pytest.approx(np.sqrt(np.square(of_pairs).mean()), rel=1e-6)
+        assert models[run.name].same_data
+        weights = (run / "best.safetensors").read_bytes()
+        assert models[run.name].weights_sha256 == hashlib.sha256(weights).hexdigest()
+    mean = models["mean-array"].overall.rmse_counts
+    assert models["nearest-neighbour"].overall.rmse_counts < mean / 2
+    assert evaluation.paper["resnet18"].rmse_counts == 3931
+
+
+def test_metrics_json_has_its_keys(evaluated: Path) -> None:
+    """Other programs read them: rows of no run lack the run's keys, and figures may be null."""
+    content = json.loads((evaluated / "val" / METRICS).read_text())
+    assert list(content) == [
+        "format", "split", "pairs", "full_scale_counts", "contact_level", "info_sha256", "layout",
+        "view", "models", "bootstrap", "paired", "lookalikes", "paper", "findings",
+    ]  # fmt: skip
+    assert content["format"] == 3
+    figures = [
+        "rmse_counts", "rmse_percent", "ssim", "ssim_contact", "contact_iou", "centroid_error_mm",
+        "total_error_percent", "rmse_under_counts", "rmse_near_counts", "rmse_beyond_counts",
+    ]  # fmt: skip
+    of_row = ["overall", "by_shape", "by_family", "interval"]
+    of_run = [*of_row, "run", "weights_sha256", "same_data", "trained_layout"]
+    assert list(content["models"]["mean-array"]) == of_row
+    assert list(content["models"]["resnet18"]) == of_run
+    assert list(content["models"]["resnet18"]["overall"]) == ["pairs", *figures]
+    assert list(content["models"]["resnet18"]["interval"]) == figures
+    assert content["models"]["resnet18"]["interval"]["ssim"] is None  # there is one shape alone
+    assert content["lookalikes"] is None
+    test = json.loads((evaluated / "test" / METRICS).read_text())
+    assert test["paper"]["resnet18"] == {"rmse_counts": 4867, "rmse_percent": 12.17}
+
+
+def test_records_come_back_from_their_file(tmp_path: Path) -> None:
+    """Also those that the spots have none of: intervals, look-alikes, absent figures."""
+    absent = Figures(3, 800.0, 2.0, 0.9, None, None, None, None, 700.0, None, 900.0)
+    spans = {field.name: None for field in fields(Intervals)} | {"ssim": Interval(0.25, 0.5)}
+    row = ModelRow(absent, {"bump-3": absent}, {"bump": absent}, Intervals(**spans))
+    alike = AlikePairs(3, 0.5, 100.0)
+    floor = LookAlikeFloor(
+        alike, AlikePairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
+        {"under": None, "near": 2.0}, {"bump-3": ShapeFloor(alike, None)},
+    )  # fmt: skip
+    evaluation = Evaluation(
+        format=FORMAT, split="val", pairs=3, full_scale_counts=40000.0, contact_level=0.1,
+        info_sha256="0" * 64, layout="cyskin-20",
+        view=View(12.5, 16.5, 7.5, TaxelCounts(4, 12, 4)),
+        models={"mean-array": row, "resnet18": replace(row, run="run", same_data=False)},
+        bootstrap=Bootstrap("shapes", 1, 1000, 0, 0.95),
+        paired={"ssim": Difference(0.1, None)},
+        lookalikes=LookAlikes(0.3, 0.6, floor, None),
+        paper={"resnet18": PaperRow(4867, 12.17)},
+        findings={
+            "lower-error": Finding("Lower?", "yes", "rmse_counts", 5.0, Interval(1.0, 9.0),
+                                   {"touch2touch": 10.0, "resnet18": 5.0}),
+        },
+    )  # fmt: skip
+    write_evaluation(tmp_path, evaluation)
+    assert read_evaluation(tmp_path) == evaluation
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda text: text.replace('"format": 3', '"format": 2'), r"metrics\.json is of format 2"),
+        (lambda text: text[: len(text) // 2], r"metrics\.json is damaged"),
+        (lambda text: text.replace('"ssim": 0', '"ssim": "x'), r"metrics\.json is damaged"),
+        (
+            lambda text: text.replace('"pairs": 12', '"pairs": "many"', 1),
+            r"json: pairs is",
+        ),
+        (lambda text: text.replace('"contact_level"', '"level"'), "contact_level is missing"),
+    ],
+)
+def test_a_spoilt_evaluation_is_refused_in_a_sentence(
+    evaluated: Path, tmp_path: Path, spoil: Callable[[str], str], said: str
+) -> None:
+    text = (evaluated / "val" / METRICS).read_text()
+    (tmp_path / METRICS).write_text(spoil(text))
+    with pytest.raises(T2TwinError, match=said):
+        read_evaluation(tmp_path)
+
+
+def test_missing_and_spoilt_files_are_refused(evaluated: Path, tmp_path: Path) -> None:
+    with pytest.raises(T2TwinError, match="holds no evaluation"):
+        read_evaluation(tmp_path)
+    with pytest.raises(T2TwinError, match="holds no predictions"):
+        read_predictions(tmp_path)
+    content = (evaluated / "val" / PREDICTIONS).read_bytes()
+    for spoilt in (content[: len(content) // 2], b"nothing", b""):
+        (tmp_path / PREDICTIONS).write_bytes(spoilt)
+        with pytest.raises(T2TwinError, match="is damaged"):
+            read_predictions(tmp_path)
+    half = bytearray(content)
+    half[200:400] = bytes(200)
+    (tmp_path / PREDICTIONS).write_bytes(half)
+    with pytest.raises(T2TwinError, match="is damaged"):
+        read_predictions(tmp_path)
 
 
 def test_evaluation_of_objects_is_per_tool(
     runs: list[Path], data_dir: Path, tmp_path: Path
 ) -> None:
-    metrics = evaluate(runs[:1], data_dir, "test", tmp_path)
-    model = metrics["models"]["touch2touch"]
-    assert list(model["by_family"]) == ["pliers"]
-    assert list(model["by_shape"]) == ["pliers/jaw-tip"]
-    assert model["by_family"]["pliers"] == model["overall"]
-    lines = table(metrics).splitlines()
+    evaluation = evaluate(runs[:1], data_dir, "test", tmp_path)
+    model = evaluation.models["touch2touch"]
+    assert list(model.by_family) == ["pliers"]
+    assert list(model.by_shape) == ["pliers/jaw-tip"]
+    assert model.by_family["pliers"] == model.overall
+    lines = table(evaluation).splitlines()
     assert lines[0] == "test, 8 pairs"
+    assert lines[1].split()[:2] == ["RMSE,", "counts"]
     assert len({len(line) for line in lines[1:-3]}) == 1
     assert "real sensors" in lines[-1]
     assert any(line.startswith("resnet18 (paper, hardware)") and "4867" in line for line in lines)
@@ -229,19 +356,18 @@ def test_both_splits_at_once(
 ) -> None:
     given = [str(run) for run in runs]
     main(["evaluate", *given, "--data", str(data_dir), "--split", "both", "--out", str(tmp_path)])
-    metrics = {split: json.loads((tmp_path / split / "metrics.json").read_text())
-               for split in ("val", "test")}  # fmt: skip
-    found = json.loads((tmp_path / "findings.json").read_text())
-    assert found["val"] == metrics["val"]["findings"]
-    assert set(found["gap"]) == {"gap-touch2touch", "gap-resnet18"}
+    evaluations = {split: read_evaluation(tmp_path / split) for split in ("val", "test")}
+    findings = json.loads((tmp_path / "findings.json").read_text())
+    assert findings["val"] == as_json(evaluations["val"].findings)
+    assert set(findings["gap"]) == {"gap-touch2touch", "gap-resnet18"}
     for name in ("touch2touch", "resnet18"):
-        errors = {s: m["models"][name]["overall"]["rmse_counts"] for s, m in metrics.items()}
-        gap = found["gap"][f"gap-{name}"]
+        errors = {s: each.models[name].overall.rmse_counts for s, each in evaluations.items()}
+        gap = findings["gap"][f"gap-{name}"]
         assert gap["difference"] == pytest.approx(errors["test"] - errors["val"])
         assert gap["answer"] == "undecided"  # one shape a split has no interval
     lines = (tmp_path / "results.md").read_text().splitlines()
     assert len({line.count("|") for line in lines}) == 1
-    error = metrics["test"]["models"]["resnet18"]["overall"]["rmse_counts"]
+    error = evaluations["test"].models["resnet18"].overall.rmse_counts
     assert any(line.startswith("| resnet18 |") and f"| {error:,.0f} |" in line for line in lines)
     said = capsys.readouterr().out
     assert "val, 12 pairs" in said and "test, 8 pairs" in said

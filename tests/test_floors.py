@@ -1,22 +1,25 @@
 """Floors, intervals and findings on cases whose answers are known."""
 
 import math
+from dataclasses import astuple, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.cyskin.reading import Imperfections
 from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import Pairs, load_pairs
 from t2twin.translate.evaluation import bootstrap
 from t2twin.translate.evaluation.baselines import FEATURE_SIZE, NEAREST_NEIGHBOUR, Neighbours
-from t2twin.translate.evaluation.evaluate import NOISE_FLOOR, _without_runs
+from t2twin.translate.evaluation.evaluate import _without_runs
 from t2twin.translate.evaluation.findings import findings, gap, paired
-from t2twin.translate.evaluation.lookalikes import CLOSE, _floor, lookalikes, noise_distance_grey
-from t2twin.translate.evaluation.metrics import Figures
-from t2twin.translate.evaluation.noise_floor import second_reading
+from t2twin.translate.evaluation.lookalikes import CLOSE, floor_of, lookalikes, noise_distance_grey
+from t2twin.translate.evaluation.metrics import GroupedFigures, PairFigures
+from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR, second_reading
+from t2twin.translate.evaluation.records import ModelRow
 
 FULL_SCALE = 40000.0
 SHAPES = ("circle-1", "square-1", "circle-3", "square-3")
@@ -29,41 +32,38 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory, shape_cache: Path) -> Pat
     return folder
 
 
-def info_with(**flaws: Any) -> dict[str, Any]:
-    layout = load_layout()
-    none = {"white_counts": 0.0, "drift_share": 0.0, "drift_counts": 0.0, "hysteresis": 0.0,
-            "crosstalk": 0.0, "gain_spread": 0.0, "dead": []}  # fmt: skip
-    return {
-        "layout": layout.name,
-        "layout_x_mm": layout.x_mm.tolist(),
-        "layout_y_mm": layout.y_mm.tolist(),
-        "parameters": {
-            "cyskin": {
-                "imperfections": none | flaws,
-                "pad_diameter_mm": layout.pad_diameter_mm.tolist(),
-            }
-        },
-    }
+@pytest.fixture(scope="module")
+def info(data_dir: Path) -> DatasetInfo:
+    return read_info(data_dir)
 
 
-def test_two_readings_differ_by_the_noise_of_both() -> None:
+def with_flaws(info: DatasetInfo, flaws: Imperfections) -> DatasetInfo:
+    """The dataset's info.json, as if it had been made with these imperfections."""
+    assert info.parameters is not None
+    skin = replace(info.parameters.cyskin, imperfections=flaws)
+    return replace(info, parameters=replace(info.parameters, cyskin=skin))
+
+
+def test_two_readings_differ_by_the_noise_of_both(info: DatasetInfo) -> None:
     """White noise of 100 counts a reading, five readings a sample: sqrt(2 / 5) of it."""
     stored = np.full((500, 20), 9000.0)
-    again = second_reading(stored, info_with(white_counts=100.0))
+    noisy = with_flaws(info, Imperfections(white_counts=100.0))
+    again = second_reading(stored, noisy)
     assert again is not None
     apart = again - stored
     assert np.sqrt(np.square(apart).mean()) == pytest.approx(100.0 * np.sqrt(2 / 5), rel=0.03)
     assert abs(apart.mean()) < 3.0
-    once_more = second_reading(stored, info_with(white_counts=100.0))
+    once_more = second_reading(stored, noisy)
     assert once_more is not None and np.array_equal(again, once_more)
 
 
-def test_flaws_for_good_cancel_between_readings() -> None:
+def test_flaws_for_good_cancel_between_readings(info: DatasetInfo) -> None:
     stored = np.random.default_rng(0).uniform(1000, 20000, (30, 20))
-    same = second_reading(stored, info_with(gain_spread=0.1, crosstalk=0.02, dead=[3]))
+    flaws = Imperfections(gain_spread=0.1, crosstalk=0.02, dead=(3,))
+    same = second_reading(stored, with_flaws(info, flaws))
     assert same is not None
     np.testing.assert_allclose(same, stored, rtol=1e-6)
-    assert second_reading(stored, {"parameters": {}}) is None
+    assert second_reading(stored, replace(info, parameters=None)) is None
 
 
 def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
@@ -71,15 +71,15 @@ def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     near = Neighbours(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
     rows = _without_runs(data_dir, pairs, train, near)
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
-    # 8.6 counts a reading; where a taxel is at nought, half of the noise is cut off
+    # 8.6 counts a reading; where a taxel is at zero, half of the noise is cut off
     assert 0.6 * 8.6 * np.sqrt(2 / 5) < error < 1.1 * 8.6 * np.sqrt(2 / 5)
     assert error < np.sqrt(np.square(rows[NEAREST_NEIGHBOUR] - pairs.counts).mean()) / 20
 
 
-def figures_of(errors: np.ndarray) -> Figures:
-    """Pairs with these sqrt(L3), and SSIM and the rest following from them."""
+def figures_of(errors: np.ndarray) -> PairFigures:
+    """Pairs with these RMSEs, and SSIM and the rest following from them."""
     ones = np.ones_like(errors)
-    return Figures(
+    return PairFigures(
         squared_error=errors**2,
         ssim=1.0 - errors / 1e4,
         ssim_contact=1.0 - errors / 5e3,
@@ -96,41 +96,46 @@ def test_interval_is_that_of_the_mean_of_shapes() -> None:
     of_shape = rng.uniform(500, 1500, 400)
     shapes = np.repeat(np.array([f"s{n}" for n in range(400)]), 2)
     drawn = bootstrap.replicates(figures_of(np.repeat(of_shape, 2)), shapes, FULL_SCALE)
-    span = bootstrap.interval(np.square(drawn["rmse_counts"]))
+    span = bootstrap.interval(np.square(drawn.rmse_counts))
     assert span is not None
     error = np.square(of_shape).std() / math.sqrt(400)
     assert span[0] == pytest.approx(np.square(of_shape).mean() - 1.96 * error, rel=0.01)
     assert span[1] == pytest.approx(np.square(of_shape).mean() + 1.96 * error, rel=0.01)
-    assert drawn["ssim"].mean() == pytest.approx(1 - of_shape.mean() / 1e4, rel=1e-3)
+    assert drawn.ssim.mean() == pytest.approx(1 - of_shape.mean() / 1e4, rel=1e-3)
 
 
 def test_resamples_of_one_shape_are_no_interval() -> None:
     drawn = bootstrap.replicates(figures_of(np.array([3.0, 4.0])), np.array(["a", "a"]), FULL_SCALE)
-    assert all(bootstrap.interval(values) is None for values in drawn.values())
-    np.testing.assert_allclose(drawn["rmse_counts"], math.sqrt(12.5))
+    spans = bootstrap.intervals(drawn)
+    assert all(span is None for span in astuple(spans))
+    np.testing.assert_allclose(drawn.rmse_counts, math.sqrt(12.5))
 
 
 def test_summary_is_the_whole_of_the_sums() -> None:
     figures = figures_of(np.array([0.0, 100.0, 300.0]))
     summary = figures.summary(FULL_SCALE, np.array([True, False, True]))
-    assert summary["pairs"] == 2
-    assert summary["rmse_counts"] == pytest.approx(math.sqrt((0 + 9e4) / 2))
-    assert summary["centroid_error_mm"] == pytest.approx(0.3)  # the pair that has one
-    assert summary["total_error_percent"] == pytest.approx(100 * 300 / 2e4)
+    assert summary.pairs == 2
+    assert summary.rmse_counts == pytest.approx(math.sqrt((0 + 9e4) / 2))
+    assert summary.centroid_error_mm == pytest.approx(0.3)  # the pair that has one
+    assert summary.total_error_percent == pytest.approx(100 * 300 / 2e4)
 
 
-def metrics_of(errors: dict[str, np.ndarray], shapes: np.ndarray) -> dict[str, Any]:
-    """What `evaluate` returns, as far as findings look at it."""
-    models: dict[str, Any] = {}
-    drawn = {}
+def rows_of(
+    errors: dict[str, np.ndarray], shapes: np.ndarray
+) -> tuple[dict[str, ModelRow], dict[str, GroupedFigures]]:
+    """The rows of `evaluate`, and their figures in each resample of the shapes."""
+    rows, resampled = {}, {}
     for name, error in errors.items():
         figures = figures_of(error)
-        models[name] = {
-            "overall": figures.summary(FULL_SCALE),
-            "by_shape": {s: figures.summary(FULL_SCALE, shapes == s) for s in np.unique(shapes)},
-        } | ({} if name == "mean-array" else {"run": name})
-        drawn[name] = bootstrap.replicates(figures, shapes, FULL_SCALE)
-    return {"models": models, "paired": paired(models, drawn)}
+        resampled[name] = bootstrap.replicates(figures, shapes, FULL_SCALE)
+        rows[name] = ModelRow(
+            overall=figures.summary(FULL_SCALE),
+            by_shape={s: figures.summary(FULL_SCALE, shapes == s) for s in np.unique(shapes)},
+            by_family={},
+            interval=bootstrap.intervals(resampled[name]),
+            run=None if name == "mean-array" else name,
+        )
+    return rows, resampled
 
 
 def test_findings_follow_the_paired_interval() -> None:
@@ -141,29 +146,29 @@ def test_findings_follow_the_paired_interval() -> None:
     sign = np.repeat(np.where(np.arange(12) % 2 == 0, 1.0, -1.0), 5)
     for off, answer in ((20.0, "yes"), (-20.0, "no"), (200.0 * sign, "undecided")):
         errors = {"mean-array": base, "touch2touch": base + off, "resnet18": base}
-        found = findings(metrics_of(errors, shapes))
-        assert found["lower-error"]["answer"] == answer
+        rows, resampled = rows_of(errors, shapes)
+        answers = findings(rows, paired(rows, resampled))
+        assert answers["lower-error"].answer == answer
         opposite = {"yes": "no", "no": "yes"}.get(answer, answer)
-        assert found["better-shape-ssim"]["answer"] == opposite
-        assert found["better-shape-iou"]["answer"] == opposite
-    alone = metrics_of({"mean-array": base, "resnet18": base}, shapes)
-    assert findings(alone) == alone["paired"] == {}
+        assert answers["better-shape-ssim"].answer == opposite
+        assert answers["better-shape-iou"].answer == opposite
+    rows, resampled = rows_of({"mean-array": base, "resnet18": base}, shapes)
+    assert findings(rows, paired(rows, resampled)) == paired(rows, resampled) == {}
 
 
 def test_gap_is_between_the_splits() -> None:
     rng = np.random.default_rng(0)
     shapes = np.repeat([f"s{n}" for n in range(12)], 5)
     low, high = (np.repeat(rng.uniform(a, a + 200, 12), 5) for a in (500, 900))
-    easy = metrics_of({"mean-array": 2 * low, "resnet18": low}, shapes)
-    hard = metrics_of({"mean-array": high, "resnet18": high}, shapes)
-    found = gap(easy, hard)
-    assert list(found) == ["gap-resnet18"]
-    assert found["gap-resnet18"]["answer"] == "yes"
-    assert found["gap-resnet18"]["percent_of_mean_array"] == pytest.approx(
-        {"val": 50.0, "test": 100.0}
-    )
-    assert gap(hard, easy)["gap-resnet18"]["answer"] == "no"
-    assert gap(easy, easy)["gap-resnet18"]["answer"] == "undecided"
+    easy, _ = rows_of({"mean-array": 2 * low, "resnet18": low}, shapes)
+    hard, _ = rows_of({"mean-array": high, "resnet18": high}, shapes)
+    findings_of_gap = gap(easy, hard)
+    assert list(findings_of_gap) == ["gap-resnet18"]
+    of_resnet18 = findings_of_gap["gap-resnet18"]
+    assert of_resnet18.answer == "yes" and of_resnet18.model == "resnet18"
+    assert of_resnet18.percent_of_mean_array == pytest.approx({"val": 50.0, "test": 100.0})
+    assert gap(hard, easy)["gap-resnet18"].answer == "no"
+    assert gap(easy, easy)["gap-resnet18"].answer == "undecided"
 
 
 def pairs_with(counts: np.ndarray, shapes: np.ndarray) -> Pairs:
@@ -175,7 +180,7 @@ def test_unknowable_part_is_found_by_extrapolation() -> None:
     """Counts are a smooth function of the picture, and a part that it does not show.
 
     The picture is a place in the plane, 1 grey level a unit; counts rise linearly in it and have
-    800 counts of something else. What must be found is that 800, from pairs that are far apart.
+    800 counts of something else. The floor must be that 800, from pairs that are far apart.
     """
     rng = np.random.default_rng(0)
     places = rng.uniform(0, 40, (1500, 2))
@@ -187,16 +192,18 @@ def test_unknowable_part_is_found_by_extrapolation() -> None:
     near = Neighbours(order, np.take_along_axis(apart, order, axis=1))
     pairs = pairs_with(counts.astype(np.float32), np.array([f"s{n % 15}" for n in range(1500)]))
     some = np.arange(20) < 5
-    found = _floor(pairs, pairs, near, 0.3, {"some": some, "none": np.zeros(20, bool)})
-    assert found is not None
-    assert found["close"]["pairs"] == 0
-    assert found["parts"] == {"some": pytest.approx(hidden, rel=0.1)}
-    assert found["nearest"]["rmse_counts"] > 1.05 * hidden
-    assert found["extrapolated_rmse_counts"] == pytest.approx(hidden, rel=0.05)
-    assert found["interval"][0] < hidden < found["interval"][1]
-    assert sum(group["pairs"] for group in found["curve"]) == 1500 * 8
-    rises = [group["rmse_counts"] for group in found["curve"]]
-    assert rises[-1] > rises[0]
+    floor = floor_of(pairs, pairs, near, 0.3, {"some": some, "none": np.zeros(20, bool)})
+    assert floor is not None
+    assert floor.close.pairs == 0
+    assert floor.parts == {"some": pytest.approx(hidden, rel=0.1)}
+    nearest = floor.nearest.rmse_counts
+    assert nearest is not None and nearest > 1.05 * hidden
+    assert floor.extrapolated_rmse_counts == pytest.approx(hidden, rel=0.05)
+    assert floor.interval is not None
+    assert floor.interval.low < hidden < floor.interval.high
+    assert sum(group.pairs for group in floor.curve) == 1500 * 8
+    first, last = floor.curve[0].rmse_counts, floor.curve[-1].rmse_counts
+    assert first is not None and last is not None and last > first
 
 
 def test_twins_within_the_noise_are_counted() -> None:
@@ -206,27 +213,28 @@ def test_twins_within_the_noise_are_counted() -> None:
     index = np.arange(40) ^ 1
     near = Neighbours(index[:, None], np.full((40, 1), 0.5))
     pairs = pairs_with(counts, np.array([f"s{n % 2}" for n in range(40)]))
-    found = _floor(pairs, pairs, near, 0.3, {})
-    assert found is not None
-    assert found["close"]["pairs"] == 40
-    assert found["close"]["rmse_counts"] == pytest.approx(1000.0 / math.sqrt(2))
-    assert found["extrapolated_rmse_counts"] is None  # one distance makes no line
+    floor = floor_of(pairs, pairs, near, 0.3, {})
+    assert floor is not None
+    assert floor.close.pairs == 40
+    assert floor.close.rmse_counts == pytest.approx(1000.0 / math.sqrt(2))
+    assert floor.extrapolated_rmse_counts is None  # one distance makes no line
     far = Neighbours(near.index, np.full((40, 1), np.inf))
-    assert _floor(pairs, pairs, far, 0.3, {}) is None
+    assert floor_of(pairs, pairs, far, 0.3, {}) is None
 
 
 def test_lookalikes_of_a_dataset(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
     near = Neighbours(np.zeros((len(pairs), 1), int), np.full((len(pairs), 1), 5.0))
-    found = lookalikes(data_dir, "val", pairs, train, near, {})
-    assert found is not None
+    alike = lookalikes(data_dir, "val", pairs, train, near, {})
+    assert alike is not None and alike.split is not None and alike.training is not None
     noise = noise_distance_grey(data_dir, "val")
-    assert noise is not None and found["noise_grey"] == noise
-    assert found["close_grey"] == CLOSE * noise
+    assert noise is not None and alike.noise_grey == noise
+    assert alike.close_grey == CLOSE * noise
     # Noise of 0.5 grey levels is a tenth of that in a picture of 32 pixels, whose own rounding is
     # of 0.29: two of them differ by less than two roundings do.
     assert 0.05 < noise < 0.29 * math.sqrt(2)
-    assert found["split"]["nearest"]["pairs"] == len(pairs)
-    assert found["split"]["nearest"]["distance_grey"] > noise
+    assert alike.split.nearest.pairs == len(pairs)
+    distance = alike.split.nearest.distance_grey
+    assert distance is not None and distance > noise
     half = np.square(pairs.counts - train.counts[0]).mean() / 2
-    assert found["training"]["nearest"]["rmse_counts"] == pytest.approx(math.sqrt(half), rel=1e-5)
+    assert alike.training.nearest.rmse_counts == pytest.approx(math.sqrt(half), rel=1e-5)

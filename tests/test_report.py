@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import shutil
+from dataclasses import fields, replace
 from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -12,18 +13,40 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
-from spots import train_smoke
 
 from t2twin.cli import main
-from t2twin.report import data_page, lookalikes, oddities, pairs, qualitative, results, shapes
-from t2twin.report.material import gather, gather_dataset
+from t2twin.report import (
+    data_page,
+    duplicates,
+    limits,
+    lookalikes,
+    outliers,
+    pairs,
+    qualitative,
+    results,
+    shapes,
+)
+from t2twin.report import evaluations as report_evaluations
+from t2twin.report.dataset import read_dataset
 from t2twin.report.names import name_of
 from t2twin.report.page import LINKS, PAGE, write_report
+from t2twin.report.picks import pairs_in_turn
+from t2twin.report.report_data import ReportData, read_report_data
 from t2twin.report.scan import nearest_others, scan
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.png import decode_png, encode_png
-from t2twin.sim.dataset.store import write_shard
-from t2twin.translate.evaluation.evaluate import FINDINGS, METRICS
+from t2twin.sim.dataset.store import read_info, write_shard
+from t2twin.translate.evaluation.predictions import read_predictions, write_predictions
+from t2twin.translate.evaluation.records import (
+    FINDINGS,
+    METRICS,
+    Evaluation,
+    Figures,
+    Intervals,
+    ModelRow,
+    read_evaluation,
+    write_evaluation,
+)
 
 SHAPES = (
     "circle-1", "square-1", "hemisphere-4", "line-sharp-4", "square-3", "circle-3",
@@ -71,15 +94,6 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def runs(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    folder = tmp_path_factory.mktemp("runs")
-    return [
-        train_smoke(model, data_dir, folder / model, epochs=3)
-        for model in ("touch2touch", "resnet18")
-    ]
-
-
-@pytest.fixture(scope="module")
 def page(data_dir: Path, runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The contact sheet, which has its own test and takes long, is a blank here."""
 
@@ -121,23 +135,40 @@ def test_page_needs_nothing_but_itself(page: Path, read: Reader) -> None:
     assert "url(" not in page.read_text(encoding="utf-8")
 
 
-def test_table_has_the_numbers_of_metrics(page: Path, read: Reader) -> None:
+def test_rmse_is_explained_once(page: Path, read: Reader) -> None:
+    """In the text, and in the charts, which hold theirs as comments beside the outlines."""
+    text = re.sub(r"<[^>]+>", " ", page.read_text(encoding="utf-8"))
+    assert text.count("L3") == text.count("sqrt(L3)") == 1
+    assert "RMSE is the root of the mean squared error" in text
+    assert [row for row in read.rows["results"] if "RMSE, counts" in row]
+    sources = [attrs["src"] or "" for tag, attrs in read.tags if tag == "img"]
+    kind = "data:image/svg+xml;base64,"
+    charts = [base64.b64decode(s.removeprefix(kind)) for s in sources if s.startswith(kind)]
+    assert not any(b"L3" in chart for chart in charts)
+    assert any(b"RMSE, counts" in chart for chart in charts)
+
+
+@pytest.fixture(scope="module")
+def evaluations(page: Path) -> dict[str, Evaluation]:
+    """What the page was drawn from, by split."""
+    return {s: read_evaluation(page.parent / f"evaluate-{s}") for s in ("val", "test")}
+
+
+def test_table_has_the_numbers_of_metrics(evaluations: dict[str, Evaluation], read: Reader) -> None:
     rows: dict[str, list[list[str]]] = {}
     for name, *cells in read.rows["results"]:
         rows.setdefault(name, []).append(cells)
-    found = {split: json.loads((page.parent / f"evaluate-{split}" / METRICS).read_text())
-             for split in ("val", "test")}  # fmt: skip
-    assert list(found["val"]["models"]) == [
+    assert list(evaluations["val"].models) == [
         "mean-array", "nearest-neighbour", "noise-floor", "touch2touch", "resnet18",
     ]  # fmt: skip
-    for name in found["val"]["models"]:
+    for name in evaluations["val"].models:
         expected = []
         for split in ("val", "test"):
-            overall = found[split]["models"][name]["overall"]
+            overall = evaluations[split].models[name].overall
             expected += [
-                f"{overall['rmse_counts']:,.0f}",
-                f"{overall['rmse_percent']:.2f} %",
-                f"{overall['ssim']:.3f}",
+                f"{overall.rmse_counts:,.0f}",
+                f"{overall.rmse_percent:.2f} %",
+                f"{overall.ssim:.3f}",
             ]
         assert rows[name_of(name)][0] == expected
     paper = [rows[name][1] for name in ("touch2touch", "ResNet18")]
@@ -148,47 +179,53 @@ def test_table_has_the_numbers_of_metrics(page: Path, read: Reader) -> None:
 
 
 def test_findings_on_the_page_are_those_of_the_file(page: Path, read: Reader) -> None:
-    found = json.loads((page.parent / FINDINGS).read_text())
+    findings = json.loads((page.parent / FINDINGS).read_text())
     names = ("lower-error", "better-shape-ssim", "better-shape-iou")
-    expected = [found[split][name]["answer"] for name in names for split in ("val", "test")]
-    expected += [found["gap"][f"gap-{model}"]["answer"] for model in ("touch2touch", "resnet18")]
+    expected = [findings[split][name]["answer"] for name in names for split in ("val", "test")]
+    expected += [findings["gap"][f"gap-{model}"]["answer"] for model in ("touch2touch", "resnet18")]
     rows = [row for row in read.rows["finding"] if len(row) > 1 and row[0]]
     assert [row[1] for row in rows] == expected
     assert rows[-1][0] == "ResNet18"
-    gap = found["gap"]["gap-resnet18"]["figures"]
+    gap = findings["gap"]["gap-resnet18"]["figures"]
     assert f"validation {gap['val']:,.0f}, test {gap['test']:,.0f}" in rows[-1][4]
 
 
-def test_errors_by_view_are_those_of_metrics(page: Path, read: Reader) -> None:
+def test_errors_by_view_are_those_of_metrics(
+    evaluations: dict[str, Evaluation], read: Reader
+) -> None:
     rows = {row[0]: row[1:] for row in read.rows["by-view"]}
     for split, by in (("val", "by_shape"), ("test", "by_family")):
-        models = json.loads((page.parent / f"evaluate-{split}" / METRICS).read_text())["models"]
-        del models["noise-floor"]
-        for name in models["resnet18"][by]:
+        models = [row for name, row in evaluations[split].models.items() if name != "noise-floor"]
+        for name in getattr(evaluations[split].models["resnet18"], by):
+            figures = [getattr(row, by)[name] for row in models]
             assert rows[name] == [
-                f"{model[by][name][f'rmse_{group}_counts']:,.0f}"
-                for model in models.values()
-                for group in ("under", "near", "beyond")
+                f"{count:,.0f}"
+                for one in figures
+                for count in (one.rmse_under_counts, one.rmse_near_counts, one.rmse_beyond_counts)
             ]
 
 
-def test_lookalikes_are_said_as_they_are(page: Path) -> None:
-    found = {split: json.loads((page.parent / f"evaluate-{split}" / METRICS).read_text())
-             ["lookalikes"] for split in ("val", "test")}  # fmt: skip
-    said = lookalikes.sentences(found)
+def test_lookalikes_are_said_as_they_are(page: Path, evaluations: dict[str, Evaluation]) -> None:
+    alike = {s: each.lookalikes for s, each in evaluations.items() if each.lookalikes is not None}
+    said = lookalikes.sentences(alike)
     assert len(said) == 4 and said[0].startswith("Validation, other shapes")
-    nearest = found["test"]["training"]["nearest"]
-    assert f"says {nearest['rmse_counts']:,.0f} counts; 0 of 2 presses have" in said[3]
+    training = alike["test"].training
+    assert training is not None
+    assert f"says {training.nearest.rmse_counts:,.0f} counts; 0 of 2 presses have" in said[3]
     text = page.read_text(encoding="utf-8")
     assert all(escape(sentence) in text for sentence in said)
 
 
 def test_sentences_follow_the_numbers() -> None:
-    def models(mean: float, nearest: float, run: float) -> dict:
-        figures = {"mean-array": mean, "nearest-neighbour": nearest, "resnet18": run}
-        found = {name: {"overall": {"rmse_counts": value}} for name, value in figures.items()}
-        found["resnet18"]["run"] = "somewhere"  # pyright: ignore[reportArgumentType]
-        return {"models": found}
+    nothing = Intervals(**{field.name: None for field in fields(Intervals)})
+
+    def row(rmse_counts: float, run: str | None = None) -> ModelRow:
+        overall = Figures(1, rmse_counts, 1.0, 1.0, None, None, None, None, None, None, None)
+        return ModelRow(overall, {}, {}, nothing, run)
+
+    def models(mean: float, nearest: float, run: float) -> dict[str, ModelRow]:
+        trivial = {"mean-array": row(mean), "nearest-neighbour": row(nearest)}
+        return trivial | {"resnet18": row(run, "somewhere")}
 
     said = results.sentences({"val": models(4000, 2000, 3000), "test": models(5000, 5000, 5000)})
     assert said == [
@@ -199,45 +236,148 @@ def test_sentences_follow_the_numbers() -> None:
     ]
 
 
-def test_samples_stand_at_their_quantiles(page: Path, data_dir: Path, runs: list[Path]) -> None:
-    material = gather(page.parent, data_dir, runs)
-    evaluated = material.evaluated["val"]
-    error = (evaluated.errors("touch2touch") + evaluated.errors("resnet18")) / 2
-    rows = qualitative.chosen(material, "val")
+def test_limits_say_whose_digit_it_is(data_dir: Path, page: Path) -> None:
+    parameters = read_info(data_dir).parameters
+    assert parameters is not None
+    shipped = limits.limits(parameters)
+    assert any("calibrated on a pyrender reference, not on your sensor" in one for one in shipped)
+    text = page.read_text(encoding="utf-8")
+    assert all(escape(sentence) in text for sentence in shipped)
+    digit = replace(parameters.digit, calibration_sha256="0123456789ab" + 52 * "0")
+    own = limits.limits(replace(parameters, digit=digit))
+    assert not any("not on your sensor" in sentence for sentence in own)
+    assert any("calibration of its own (SHA-256 0123456789ab)" in sentence for sentence in own)
+
+
+def test_limits_name_the_law_of_the_elastomer(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "stiffens as that of a neo-Hookean solid" in text
+    assert "logarithm of strain" not in text
+
+
+@pytest.fixture(scope="module")
+def report_data(page: Path, data_dir: Path, runs: list[Path]) -> ReportData:
+    return read_report_data(page.parent, data_dir, runs)
+
+
+def test_samples_stand_at_their_quantiles(report_data: ReportData) -> None:
+    predictions = report_data.predictions["val"]
+    error = (predictions.rmse_counts("touch2touch") + predictions.rmse_counts("resnet18")) / 2
+    rows = qualitative.chosen(report_data, "val")
     assert [quantile for _, quantile in rows] == [0.1, 0.5, 0.9, 1.0]
     assert rows[-1][0] == error.argmax()
     for row, quantile in rows:
         assert abs(np.mean(error <= error[row]) - quantile) <= 1.5 / error.size
     # Two test pairs cannot fill five places, and none is shown twice.
-    assert [row for row, _ in qualitative.chosen(material, "test")] in ([0, 1], [1, 0])
+    assert [row for row, _ in qualitative.chosen(report_data, "test")] in ([0, 1], [1, 0])
 
 
-def test_pairs_are_of_every_family_and_all_different(
-    page: Path, data_dir: Path, runs: list[Path]
-) -> None:
-    material = gather(page.parent, data_dir, runs)
-    chosen = pairs.chosen(material)
+def test_pairs_are_of_every_family_and_all_different(report_data: ReportData) -> None:
+    chosen = pairs.chosen(report_data)
     assert len(set(chosen)) == len(chosen) == pairs.PAIRS
-    families = {material.tables[split]["family"][row].as_py() for split, row in chosen}
+    families = {report_data.tables[split]["family"][row].as_py() for split, row in chosen}
     assert families == {"circle", "square", "hemisphere", "line-sharp", "wrench", "allen-key"}
 
 
-def test_pictures_are_those_of_their_rows(page: Path, data_dir: Path, runs: list[Path]) -> None:
+def test_pairs_are_picked_in_turn(report_data: ReportData) -> None:
+    """One of each shape, then one more of each; some shapes have fewer than others."""
+    names = report_data.shapes
+    picked = pairs_in_turn(report_data, names, 100, seed=0)
+    assert sorted(picked) == sorted(report_data.places)
+    shapes_picked = [report_data.shape(split, row) for split, row in picked]
+    assert len(set(shapes_picked[:8])) == 8
+    assert pairs_in_turn(report_data, names, 5, seed=0) == picked[:5]
+
+
+def test_pictures_are_those_of_their_rows(report_data: ReportData) -> None:
     """Translated again, a sample's picture gives the very counts that the evaluation gave."""
-    material = gather(page.parent, data_dir, runs)
-    for row in range(material.tables["val"].num_rows):
-        again = material.runs["resnet18"].predict([material.picture("val", row)])
-        expected = material.evaluated["val"].predictions["resnet18"][row]
+    for row in range(report_data.tables["val"].num_rows):
+        again = report_data.runs["resnet18"].predict([report_data.picture("val", row)])
+        expected = report_data.predictions["val"].by_model["resnet18"][row]
         np.testing.assert_allclose(again[0], expected, rtol=1e-3, atol=1.0)
 
 
-def test_evaluation_is_taken_up_again(page: Path, data_dir: Path, runs: list[Path]) -> None:
-    path = page.parent / "evaluate-val" / METRICS
-    before = path.stat().st_mtime_ns
-    gather(page.parent, data_dir, runs)
-    assert path.stat().st_mtime_ns == before
-    gather(page.parent, data_dir, runs[::-1])
-    assert path.stat().st_mtime_ns > before
+def refuse(*arguments: object) -> None:
+    raise AssertionError("evaluated again")
+
+
+def test_evaluation_is_taken_up_again(
+    page: Path, data_dir: Path, runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The report's own, also of runs that were copied since; not of runs in another order."""
+    monkeypatch.setattr(report_evaluations, "evaluate", refuse)
+    here = page.parent
+    folders = read_report_data(here, data_dir, runs).folders
+    assert folders == {"val": here / "evaluate-val", "test": here / "evaluate-test"}
+    copies = [shutil.copytree(run, tmp_path / run.name) for run in runs]
+    assert read_report_data(here, data_dir, copies).folders == folders
+    with pytest.raises(AssertionError, match="evaluated again"):
+        read_report_data(here, data_dir, runs[::-1])
+
+
+def test_report_draws_what_evaluate_wrote(
+    page: Path,
+    data_dir: Path,
+    runs: list[Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """First the folder that is named, then the one beside the report's."""
+    for split in ("val", "test"):
+        for folder in ("evaluate", "named"):
+            shutil.copytree(page.parent / f"evaluate-{split}", tmp_path / folder / split)
+    monkeypatch.setattr(report_evaluations, "evaluate", refuse)
+    out, named = tmp_path / "report", tmp_path / "named"
+    beside = read_report_data(out, data_dir, runs)
+    assert beside.folders == {split: tmp_path / "evaluate" / split for split in ("val", "test")}
+    assert [path.name for path in out.iterdir()] == [FINDINGS]
+    monkeypatch.setattr("t2twin.report.page.draw_report", lambda out, report_data: out / PAGE)
+    arguments = ["report", "--data", str(data_dir), "--out", str(out), "--runs", *map(str, runs)]
+    main([*arguments, "--evaluation", str(named)])
+    said = f"drawing the evaluation in {named / 'val'} and {named / 'test'}\n"
+    assert said in capsys.readouterr().out
+    # Each split is looked for by itself, and what cannot be read is passed over.
+    (named / "val" / METRICS).write_text("{")
+    mixed = read_report_data(out, data_dir, runs, named).folders
+    assert mixed == {"val": tmp_path / "evaluate" / "val", "test": named / "test"}
+
+
+@pytest.mark.parametrize("spoilt", ["weights", "dataset", "predictions", "split", "format"])
+def test_an_evaluation_of_something_else_is_not_drawn(
+    page: Path,
+    data_dir: Path,
+    runs: list[Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    spoilt: str,
+) -> None:
+    monkeypatch.setattr(report_evaluations, "evaluate", refuse)
+    own = tmp_path / "evaluate-val"
+    shutil.copytree(page.parent / "evaluate-val", own)
+    shutil.copytree(page.parent / "evaluate-test", tmp_path / "evaluate-test")
+    evaluation, predictions = read_evaluation(own), read_predictions(own)
+    model = replace(evaluation.models["resnet18"], weights_sha256="0" * 64)
+    others = {
+        "weights": replace(evaluation, models=evaluation.models | {"resnet18": model}),
+        "dataset": replace(evaluation, info_sha256="0" * 64),
+        "split": replace(evaluation, split="test"),
+        "format": replace(evaluation, format=2),
+    }
+    if spoilt == "predictions":
+        write_predictions(own, replace(predictions, truth=predictions.truth[1:]))
+    else:
+        write_evaluation(own, others[spoilt])
+    with pytest.raises(AssertionError, match="evaluated again"):
+        read_report_data(tmp_path, data_dir, runs)
+
+
+def test_evaluation_without_runs_is_refused(
+    data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["report", "--data", str(data_dir), "--evaluation", str(tmp_path)])
+    assert "name them with --runs" in capsys.readouterr().err
 
 
 def read_page(page: Path) -> tuple[Reader, str]:
@@ -256,16 +396,16 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
     assert len([tag for tag, _ in read.tags if tag == "img"]) == 1 + 1 + pairs.PAIRS + 2 + 1 + 1 + 1
     assert "12 pairs of 4 shapes" in text and "2 pairs of 2 shapes" in text
     assert "none of 20 " in text  # without contact
-    assert sum(len(table) for table in gather_dataset(data_dir).tables.values()) == 20
+    assert sum(len(table) for table in read_dataset(data_dir).tables.values()) == 20
 
 
 def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path) -> None:
     """One press taken twice, with another noise, among presses that differ."""
     folder = tmp_path / "data"
     shutil.copytree(data_dir, folder)
-    before = gather_dataset(folder)
-    noise = oddities.noise_grey(before)
-    assert not oddities.near_duplicates(before, scan(before, noise)).any()
+    before = read_dataset(folder)
+    noise = duplicates.noise_grey(before)
+    assert not duplicates.near_duplicates(before, scan(before, noise)).any()
     path = folder / "train/square-1.parquet"
     rows = pq.ParquetFile(path).read().to_pylist()
     rng = np.random.default_rng(0)
@@ -282,11 +422,11 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
             rows[0] | {"index": 588, "taxels": (felt + 200).tolist()},
         ],
     )
-    dataset = gather_dataset(folder)
+    dataset = read_dataset(folder)
     looked = scan(dataset, noise)
-    found = np.flatnonzero(oddities.near_duplicates(dataset, looked))
-    assert [dataset.column("index")[place] for place in found] == [rows[1]["index"], 587]
-    assert looked.alike_counts[found].max() == 0
+    twins = np.flatnonzero(duplicates.near_duplicates(dataset, looked))
+    assert [dataset.column("index")[place] for place in twins] == [rows[1]["index"], 587]
+    assert looked.alike_counts[twins].max() == 0
     alike = np.flatnonzero(np.isfinite(looked.alike_counts))
     assert {rows[0]["index"], 588} <= {int(dataset.column("index")[place]) for place in alike}
 
@@ -294,7 +434,7 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
 def test_what_is_far_from_its_shape_is_an_outlier() -> None:
     values = np.array([1.0, 1.1, 0.9, 1.05, 9.0, 5.0, 5.0, 5.0, 5.2])
     groups = np.array(["a"] * 5 + ["b"] * 4)
-    far = oddities.deviations(values, groups)
+    far = outliers.deviations(values, groups)
     assert far.argmax() == 4 and far[4] > 50
     assert far[5:8].max() == 0 and far[8] == pytest.approx(0.2 / (0.02 * 5.0))
 

@@ -53,13 +53,13 @@ def read_predictions(folder: Path) -> Predictions:
     if not path.is_file():
         raise T2TwinError(f"{folder} holds no {PREDICTIONS}; evaluate the runs again")
     try:
-        with np.load(path) as arrays:
+        with path.open("rb") as file, np.load(file) as arrays:
             truth = arrays[TRUTH]
             of_pairs = [arrays[name] for name in OF_PAIRS]
             by_model = {
                 name: arrays[name] for name in arrays.files if name not in (TRUTH, *OF_PAIRS)
             }
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+    except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
         raise T2TwinError(f"{path} is damaged; evaluate the runs again") from None
     return Predictions(truth, by_model, *of_pairs)
 
