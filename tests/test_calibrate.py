@@ -62,33 +62,35 @@ def report(unit):
 
 
 def test_places_and_depths_are_found_again(report):
-    found = np.concatenate([report.training_poses, report.poses])
+    poses = np.concatenate([report.training_poses, report.poses])
     assert len(report.poses) == HELD_OUT
-    off = np.hypot(*(found - POSES)[:, :2].T)
+    off = np.hypot(*(poses - POSES)[:, :2].T)
     assert off.max() < 2 * ONE_PIXEL_MM
-    ratio = found[:, 2] / POSES[:, 2]
+    ratio = poses[:, 2] / POSES[:, 2]
     assert np.abs(ratio - 1).max() < 0.12
     assert np.ptp(ratio) < 0.12
 
 
 def test_the_leds_are_found_again(report):
     truth = Calibration.load().leds_mm
-    for found, true in zip(report.calibration.leds_mm, truth, strict=True):
-        directions = [np.arctan2(place[1], place[0]) for place in (found, true)]
+    for fitted, true in zip(report.calibration.leds_mm, truth, strict=True):
+        directions = [np.arctan2(place[1], place[0]) for place in (fitted, true)]
         turn = np.angle(np.exp(1j * (directions[0] - directions[1])))
         assert abs(np.degrees(turn)) < 6
-        heights = [np.arctan2(-place[2], np.hypot(*place[:2])) for place in (found, true)]
+        heights = [np.arctan2(-place[2], np.hypot(*place[:2])) for place in (fitted, true)]
         assert abs(np.degrees(heights[0] - heights[1])) < 6
 
 
 def test_held_out_presses_score_near_the_noise(report):
-    assert report.rows["calibrated"].psnr_db > 32
-    assert report.rows["calibrated"].psnr_db > report.rows["cut and paste"].psnr_db + 4
-    assert report.rows["cut and paste"].psnr_db > report.rows["do nothing"].psnr_db + 4
-    assert report.rows["calibrated"].ssim > report.rows["cut and paste"].ssim
+    scores = report.scores
+    assert scores.calibrated.psnr_db > 32
+    assert scores.calibrated.psnr_db > scores.cut_and_paste.psnr_db + 4
+    assert scores.cut_and_paste.psnr_db > scores.do_nothing.psnr_db + 4
+    assert scores.calibrated.ssim > scores.cut_and_paste.ssim
     assert min(each.psnr_db for each in report.each) > 30
-    away = report.rows["noise floor: two frames, away"]
-    assert away.l1 == pytest.approx(2 / np.sqrt(np.pi) * NOISE_GREY, rel=0.15)  # and shadows' tails
+    assert scores.untouched_floor.l1 == pytest.approx(
+        2 / np.sqrt(np.pi) * NOISE_GREY, rel=0.15
+    )  # and shadows' tails
 
 
 def test_a_unit_of_another_make_is_not_what_ships(report, unit):
@@ -162,7 +164,7 @@ def test_noise_floors():
     rng = np.random.default_rng(1)
     frames = np.clip(rng.normal(100, 2.0, (3, ROWS, COLUMNS, 3)).round(), 0, 255).astype(np.uint8)
     poses = np.array([[0, 0, 1.0], [0.01, 0, 1.0], [2, 0, 1.0]])
-    places = [(160.0, 120.0), (160.0, 120.0), (160.0, 158.0)]
+    places = np.array([(160.0, 120.0), (160.0, 120.0), (160.0, 158.0)])
     expected = pytest.approx(2 / np.sqrt(np.pi) * np.hypot(2.0, np.sqrt(1 / 12)), rel=0.05)
     floor = repeats_floor(frames, poses, places)
     assert floor is not None and floor.l1 == expected
@@ -188,10 +190,12 @@ def refused(copy, capsys, *more, ball=BALL_MM, background=None):
 
 def test_a_frame_of_another_size_is_refused(copy, capsys):
     save(np.zeros((64, 48, 3), np.uint8), copy / "press_04.png")
-    assert re.search(r"press_04\.png is 48 x 64 px.*240 x 320", refused(copy, capsys))
+    assert re.search(
+        r"press_04\.png is 48 wide, 64 high.*240 wide, 320 high", refused(copy, capsys)
+    )
     for path in copy.glob("*.png"):
         save(np.zeros((64, 48, 3), np.uint8), path)
-    assert "must be 240 wide and 320 high" in refused(copy, capsys)
+    assert "must be 240 wide, 320 high" in refused(copy, capsys)
 
 
 def test_a_press_without_a_contact_is_named(copy, capsys):
@@ -205,6 +209,8 @@ def test_what_is_no_picture_is_refused(copy, capsys):
     assert "does not exist" in refused(copy, capsys, background=copy / "absent.png")
     (copy / "press_03.png").write_bytes((copy / "press_05.png").read_bytes()[:3000])
     assert "press_03.png is not a picture" in refused(copy, capsys)
+    save(np.zeros((ROWS, COLUMNS), np.uint16), copy / "press_03.png")
+    assert "press_03.png has more than 8 bits a channel" in refused(copy, capsys)
 
 
 def test_too_few_presses_are_refused(copy, capsys):
@@ -253,7 +259,7 @@ def test_what_is_no_calibration_is_refused(tmp_path):
 def test_real_frames_held_out(real_digit):
     """Fitted to presses 00 to 13, scored on 14 to 20."""
     report = calibrate(real_digit / "background.png", real_digit, 4.70, 7)
-    ours, pasted = report.rows["calibrated"], report.rows["cut and paste"]
+    ours, pasted = report.scores.calibrated, report.scores.cut_and_paste
     assert ours.psnr_db > 28.5 and ours.psnr_db > pasted.psnr_db + 3
     assert ours.ssim > 0.85 and ours.ssim > pasted.ssim + 0.04
-    assert report.rows["do nothing"].psnr_db == pytest.approx(15.4, abs=0.3)
+    assert report.scores.do_nothing.psnr_db == pytest.approx(15.4, abs=0.3)

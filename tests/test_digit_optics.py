@@ -5,7 +5,7 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import deflections, kernels
+from t2twin.sim.digit import deflections, shadows
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from t2twin.sim.digit.leds import DIGIT_LEDS
@@ -102,7 +102,7 @@ def test_a_wall_hides_half_the_led_where_similar_triangles_say():
     heights[:, wall - 10 : wall + 1] = -height
     led = np.array([[-15.0, 1.0, -4.0]])  # in line with row 10, left of the wall
     sight = np.ones((1, *heights.shape), dtype=np.float32)
-    kernels.sight_of_leds(
+    shadows.sight_of_leds(
         heights, 0.0, 0.0, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), led,
         np.array([0.5]), sight,
     )  # fmt: skip

@@ -59,7 +59,7 @@ def test_a_mirrored_press_under_mirrored_leds_gives_the_mirrored_picture(ball, b
     assert np.percentile(difference, 99.5) <= 8  # hard shadow edges fall on other texels
 
 
-def test_the_side_of_a_bulge_that_faces_a_led_is_the_bright_one(ball_picture):
+def test_the_side_of_a_bulge_that_faces_an_led_is_the_bright_one(ball_picture):
     row, column = (
         int(v[0]) for v in DIGIT_CAMERA.project(*(np.array([v]) for v in (0.8, -0.6, -1.0)))
     )

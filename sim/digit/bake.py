@@ -20,15 +20,15 @@ from t2twin.sim.digit.calibration import (
     place_terms,
 )
 from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.kernels import COSINE_TERMS
+from t2twin.sim.digit.illumination import COSINE_TERMS
 from t2twin.sim.digit.leds import AMBIENT, DIGIT_LEDS, Led
 from t2twin.sim.digit.rays import Leds, Rays
 from t2twin.sim.digit.reference import GAMMA, ReferenceRenderer
 
 DARK = 0.05
-"""Linear light added to a pixel's own when weighing its error in grey levels: the ambient's."""
+"""Linear light added to a pixel's own when its error is weighed in grey levels: the ambient's."""
 RIDGE = 1e-4
-"""Weight of the response's size beside the squared errors: keeps idle terms at nought."""
+"""Weight of the response's size beside the squared errors: keeps idle terms at zero (assumed)."""
 FIT_POINTS = 4
 """Points per LED in the renders for the fit, which are free of shadows."""
 BACKGROUND_POINTS = 16

@@ -22,20 +22,13 @@ thickness: both this model and the reference smooth the deflection by a Gaussian
 (assumed).
 """
 
-from functools import cache
-
 import numpy as np
-from scipy.special import ndtri
 
-from t2twin.sim.digit import kernels
+from t2twin.sim.digit import illumination, picture
 from t2twin.sim.digit.calibration import Calibration, place_terms
 from t2twin.sim.digit.camera import COLUMNS, ROWS
 from t2twin.sim.digit.rays import Leds, Rays, Region
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
-
-ENCODING_STEPS = 4096
-"""Entries of the encoding's table, over the square root of the light: 0.12 grey levels apart at
-most."""
 
 NO_DRAWS = np.frombuffer(b"", dtype=np.uint16)
 
@@ -49,7 +42,7 @@ class BakedModel:
         self.calibration = calibration
         self._rays = Rays(calibration.camera, gel, shadows)
         self._leds = Leds(calibration.leds_mm, calibration.sizes_mm)
-        self._table = encoding_table(calibration.gamma)
+        self._table = picture.encoding_table(calibration.gamma)
         self._set_background(np.ascontiguousarray(calibration.background))
         terms = place_terms(*self._rays.places_mm)
         gain = np.einsum("rsi,kcij->rkcjs", terms, calibration.response)
@@ -64,14 +57,14 @@ class BakedModel:
     def _set_background(self, background: np.ndarray) -> None:
         self.background = background
         """(ROWS, COLUMNS, 3) uint8: this gel, untouched."""
-        light = linear(background, self.calibration.gamma)
+        light = picture.linear(background, self.calibration.gamma)
         self._linear_background = light.astype(np.float32)
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
         cosine, weight = (np.moveaxis(of, -1, 0) for of in rays.incidence(flat, self._leds))
         light = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
-        kernels.light(cosine, weight, self._gain, np.zeros_like(light), rays.everywhere, light)
+        illumination.light(cosine, weight, self._gain, np.zeros_like(light), rays.everywhere, light)
         return light
 
     def render(
@@ -99,9 +92,9 @@ class BakedModel:
     ) -> np.ndarray:
         """The background and a change of its light (RGB, S) in a region, as grey levels."""
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
-        kernels.picture(
+        picture.encode(
             change, self.background, self._linear_background, self._table, pixels, draws,
-            normal_quantiles(), np.float32(noise_grey), out,
+            picture.normal_quantiles(), np.float32(noise_grey), out,
         )  # fmt: skip
         return out
 
@@ -111,25 +104,5 @@ class BakedModel:
         if pixels[1] <= pixels[0]:
             return self._rest_light, pixels
         change = np.zeros_like(self._rest_light)
-        kernels.light(cosine, weight, self._gain, self._rest_light, samples, change)
+        illumination.light(cosine, weight, self._gain, self._rest_light, samples, change)
         return change, pixels
-
-
-def linear(grey: np.ndarray, gamma: float) -> np.ndarray:
-    """Light, 0 to 1, of grey levels, 0 to 255."""
-    return (np.asarray(grey) / 255.0) ** gamma
-
-
-@cache
-def normal_quantiles() -> np.ndarray:
-    """(65536,) float32 standard normal quantiles of 16-bit uniform draws, at mid-steps.
-
-    Inverse-transform sampling: several times as fast as drawing normals, and as good once the
-    result is rounded to grey levels.
-    """
-    return ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
-
-
-def encoding_table(gamma: float) -> np.ndarray:
-    """(ENCODING_STEPS,) float32 grey levels over the square root of linear light, 0 to 1."""
-    return (255.0 * np.linspace(0.0, 1.0, ENCODING_STEPS) ** (2.0 / gamma)).astype(np.float32)

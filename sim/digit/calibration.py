@@ -8,8 +8,9 @@ from zipfile import BadZipFile, is_zipfile
 import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera
-from t2twin.sim.digit.kernels import COSINE_TERMS
+from t2twin.sim.digit.illumination import COSINE_TERMS
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
 """The shipped calibration; written by t2twin.sim.digit.bake."""
@@ -95,12 +96,9 @@ class Calibration:
         return Camera(self.scale_px_per_mm, self.distance_mm)
 
     def save(self, path: Path) -> None:
-        """Write as .npz, whole or not at all."""
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(path.name + ".part")
-        with part.open("wb") as file:
+        """Write as .npz, whole or not at all. Raises T2TwinError where it cannot be written."""
+        with whole_file(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, **{key: getattr(self, name) for name, key in _KEYS.items()})
-        part.replace(path)
 
     @classmethod
     def load(cls, path: Path | str = DEFAULT_PATH) -> "Calibration":
@@ -117,6 +115,7 @@ class Calibration:
 
 
 def _parts(path: Path | str) -> dict[str, Any]:
+    """Values of the fields by name. Raises T2TwinError, or what NumPy raises of a damaged file."""
     if not is_zipfile(path):
         raise T2TwinError("it is no .npz file")
     with np.load(path, allow_pickle=False) as file:
@@ -130,4 +129,5 @@ def _parts(path: Path | str) -> dict[str, Any]:
 
 
 _KEYS = {name: name for name in Calibration.__dataclass_fields__} | {"leds_mm": "lamps_mm"}
-"""Names of the fields in the file: the LEDs' places keep the first edition's."""
+"""Key of each field in the file. The LEDs' places are called lamps_mm there, as in the first
+calibrations that were written."""

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import kernels
+from t2twin.sim.digit import coat, illumination
 from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera, optical_grid
 from t2twin.sim.digit.leds import REACH_MM
+from t2twin.sim.digit.shadows import SHADOW_STRIDE, coarse_heights, sight_of_leds, soften
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 TOUCHED_MM = 2.0e-3
@@ -50,7 +51,7 @@ class Rays:
         self._down = _sample_slopes(ROWS, camera.focal_px)
         self.everywhere: Region = (0, self._down.size, 0, self._across.size)
         self._window = self._seen_window()
-        stride = kernels.SHADOW_STRIDE
+        stride = SHADOW_STRIDE
         self._coarse_shape = (self.y_mm.size // stride, self.x_mm.size // stride)
         self._rest_depth_mm = np.zeros((self._down.size, self._across.size), dtype=np.float32)
         nothing = Leds(np.zeros((0, 3)), np.zeros(0))
@@ -74,9 +75,9 @@ class Rays:
                 "on t2twin.sim.digit.camera.optical_grid()"
             )
         surface = np.ascontiguousarray(surface_mm, dtype=np.float32)
-        if not kernels.bounds(surface, TOUCHED_MM)[4]:
+        if not coat.bounds(surface, TOUCHED_MM)[4]:
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
-        return kernels.coated(surface)
+        return coat.coated(surface)
 
     def incidence(
         self, coated_mm: np.ndarray, leds: Leds, samples: Region | None = None
@@ -95,7 +96,7 @@ class Rays:
         self, coated_mm: np.ndarray, leds: Leds
     ) -> tuple[np.ndarray, np.ndarray, Region, Region]:
         """incidence, but (LEDs, S), and the regions of samples and pixels that may change."""
-        touched = kernels.bounds(coated_mm, TOUCHED_MM)[:4]
+        touched = coat.bounds(coated_mm, TOUCHED_MM)[:4]
         nothing = np.zeros(0, dtype=np.float32)
         if touched[1] <= touched[0]:
             return nothing, nothing, NOWHERE, NOWHERE
@@ -137,11 +138,11 @@ class Rays:
         weight: np.ndarray,
     ) -> None:
         single = np.float32
-        kernels.incidence(
-            z, sight, _grown(shadowed, kernels.SHADOW_STRIDE), leds.places_mm.astype(np.float32),
-            single(REACH_MM), self._across, self._down, single(self.camera.distance_mm),
-            single(self.x_mm[0]), single(self.y_mm[0]), single(self.pitch_mm), samples, steps,
-            depth, cosine, weight,
+        illumination.incidence(
+            z, sight, SHADOW_STRIDE, _grown(shadowed, SHADOW_STRIDE),
+            leds.places_mm.astype(np.float32), single(REACH_MM), self._across, self._down,
+            single(self.camera.distance_mm), single(self.x_mm[0]), single(self.y_mm[0]),
+            single(self.pitch_mm), samples, steps, depth, cosine, weight,
         )  # fmt: skip
 
     def _sunlit(self, leds: int) -> np.ndarray:
@@ -150,13 +151,13 @@ class Rays:
     def _sight(self, surface: np.ndarray, z: np.ndarray, leds: Leds) -> tuple[np.ndarray, Region]:
         """Sight of the LEDs (LEDs, C), and the region of the grid where it is not whole."""
         hard = self._sunlit(len(leds.places_mm))
-        casting = kernels.bounds(np.maximum(surface, 0.0), CASTER_LEAST_MM)[:4]
+        casting = coat.bounds(np.maximum(surface, 0.0), CASTER_LEAST_MM)[:4]
         if not self._shadows or casting[1] <= casting[0]:
             return hard, NOWHERE
-        stride = kernels.SHADOW_STRIDE
-        heights = kernels.coarse_heights(z)
+        stride = SHADOW_STRIDE
+        heights = coarse_heights(z)
         first = 0.5 * (stride - 1) * self.pitch_mm
-        shadowed = kernels.sight_of_leds(
+        shadowed = sight_of_leds(
             heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),
             np.float32(stride * self.pitch_mm), _coarse(casting, heights.shape),
             _coarse(self._window, heights.shape),
@@ -165,7 +166,7 @@ class Rays:
         )  # fmt: skip
         shadowed = _grown(shadowed, 1)
         sight = hard.copy()
-        kernels.soften(hard, shadowed, sight)
+        soften(hard, shadowed, sight)
         top, bottom, left, right = (stride * edge for edge in shadowed)
         return sight, (top, bottom, left, right)
 
@@ -215,7 +216,7 @@ def _grown(a: Region, cells: int) -> Region:
 
 def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
     """A region of the grid as one of the shadow grid, not smaller."""
-    stride = kernels.SHADOW_STRIDE
+    stride = SHADOW_STRIDE
     return (
         region[0] // stride,
         min(-(-region[1] // stride), shape[0]),

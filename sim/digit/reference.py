@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import kernels
 from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
+from t2twin.sim.digit.coat import coated
 from t2twin.sim.digit.leds import AMBIENT, DIGIT_LEDS, REACH_MM, Led
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
@@ -167,7 +167,7 @@ class ReferenceRenderer:
                 f"surface_mm has shape {surface_mm.shape}; it must be {self._rest_mm.shape}, "
                 "on t2twin.sim.digit.camera.optical_grid()"
             )
-        surface_mm = kernels.coated(np.ascontiguousarray(surface_mm, dtype=np.float32))
+        surface_mm = coated(np.ascontiguousarray(surface_mm, dtype=np.float32))
         z = self._rest_mm - surface_mm
         along_y, along_x = np.gradient(z, self._y_mm, self._x_mm)
         x, y = np.meshgrid(self._x_mm, self._y_mm)

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    from t2twin.sim.digit.calibrate.calibrate import Report
+    import numpy as np
+
+    from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
 
 
 def calibrate(
@@ -20,7 +22,7 @@ def calibrate(
     """Fit the DIGIT's light to your own sensor, from its background and presses of one ball.
 
     Args:
-        background: A frame of the untouched sensor, 240 x 320 px.
+        background: A frame of the untouched sensor, 240 wide, 320 high.
         presses: Folder of frames of the ball pressed in at different places and depths, which
             need not be known.
         ball_diameter_mm: The ball's diameter, mm.
@@ -33,15 +35,14 @@ def calibrate(
     import numpy as np
     from PIL import Image
 
+    from t2twin.primitives_cad.writing import whole_file
     from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
     from t2twin.sim.digit.camera import Camera
 
     report = fit(background, presses, ball_diameter_mm, held_out, Camera(scale_px_per_mm), print)
-    out.mkdir(parents=True, exist_ok=True)
-    strip = out / ".calibration_strip.part"
-    picture = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
-    Image.fromarray(picture).save(strip, format="PNG")
-    strip.replace(out / "calibration_strip.png")
+    strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
+    with whole_file(out / "calibration_strip.png") as temporary:
+        Image.fromarray(strip).save(temporary)
     report.calibration.save(out / "calibration.npz")
     for line in _in_words(report):
         print(line)
@@ -49,8 +50,8 @@ def calibrate(
     print("calibration_strip.png, the held-out presses: real above, simulated below")
 
 
-def _strip(report: "Report") -> tuple:
-    """The held-out frames, and the simulated ones with one frame's noise."""
+def _strip(report: "CalibrationReport") -> "tuple[np.ndarray, np.ndarray]":
+    """The held-out frames, and the simulated ones with one frame's noise, (n, 320, 240, 3) each."""
     import numpy as np
 
     from t2twin.sim.digit.optics import NOISE_GREY
@@ -60,7 +61,7 @@ def _strip(report: "Report") -> tuple:
     return report.real, noisy
 
 
-def _in_words(report: "Report") -> list[str]:
+def _in_words(report: "CalibrationReport") -> list[str]:
     count = len(report.held_out)
     lines = []
     if report.repeated:
@@ -81,6 +82,15 @@ def _in_words(report: "Report") -> list[str]:
         )
     lines += ["", f"{'mean, contact crop of 100 x 100 px':34s} {'':21s} {'L1':>6s} {'SSIM':>6s} "
               f"{'PSNR dB':>8s}"]  # fmt: skip
-    for name, score in report.rows.items():
+    rows = {
+        "calibrated": report.scores.calibrated,
+        "cut and paste": report.scores.cut_and_paste,
+        "do nothing": report.scores.do_nothing,
+        "noise floor: one press, two frames": report.scores.repeats_floor,
+        "noise floor: two frames, away": report.scores.untouched_floor,
+    }
+    for name, score in rows.items():
+        if score is None:
+            continue
         lines.append(f"{name:34s} {'':21s} {score.l1:6.2f} {score.ssim:6.3f} {score.psnr_db:8.2f}")
     return [*lines, ""]

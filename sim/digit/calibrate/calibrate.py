@@ -10,8 +10,8 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.fit import BallFit
 from t2twin.sim.digit.calibrate.frames import clean_background, read_frames, touched_patch
 from t2twin.sim.digit.calibrate.scores import (
-    Place,
     Score,
+    Scores,
     crop_scores,
     cut_and_paste,
     mean_score,
@@ -31,11 +31,14 @@ BALL_MM = (1.0, 12.0)
 
 
 @dataclass(frozen=True)
-class Report:
-    """What came out. Arrays are over the held-out presses.
+class CalibrationReport:
+    """A fitted calibration and how good it is. Arrays are over the held-out presses, but for
+    training_poses.
 
-    poses: (n, 3) x_mm, y_mm, depth_mm, each found from its own frame. real, simulated:
-    (n, ROWS, COLUMNS, 3) uint8. rows: mean scores by name. each: the model's, press by press.
+    trained, held_out: names of the frames that were fitted to and scored on. repeated: of those
+    that were left out as copies. training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each seen in
+    its own frame. real, simulated: (n, ROWS, COLUMNS, 3) uint8. scores: means. each: the
+    calibration's score press by press.
     """
 
     calibration: Calibration
@@ -46,8 +49,18 @@ class Report:
     poses: np.ndarray
     real: np.ndarray
     simulated: np.ndarray
-    rows: dict[str, Score]
+    scores: Scores
     each: list[Score]
+
+
+@dataclass(frozen=True)
+class _Presses:
+    """Frames (n, ROWS, COLUMNS, 3) uint8, where they are touched (n, 2) rows and columns, px, and
+    their poses (n, 3)."""
+
+    frames: np.ndarray
+    patches: np.ndarray
+    poses: np.ndarray
 
 
 def calibrate(
@@ -57,9 +70,11 @@ def calibrate(
     held_out: int | None = None,
     camera: Camera | None = None,
     say: Callable[[str], object] = lambda line: None,
-) -> Report:
+) -> CalibrationReport:
     """Fit to the presses, in the order of their names, but for the last held_out of them.
 
+    background: a frame of the untouched sensor. presses: a folder of frames of one ball pressed
+    in, 240 wide, 320 high, PNG or JPEG. camera: its scale and distance. say: told how far it is.
     Frames that are equal to an earlier one, byte for byte, are left out. The held-out presses
     have no part in anything but their own poses and the scores.
     Raises T2TwinError for frames or numbers that cannot be used.
@@ -70,89 +85,105 @@ def calibrate(
             f"{BALL_MM[0]:g} and {BALL_MM[1]:g}"
         )
     untouched, frames, names = read_frames(background, presses)
-    count = len(frames) // HELD_OUT_SHARE if held_out is None else held_out
-    if count < 1 or len(frames) - count < LEAST_TRAINING:
-        raise T2TwinError(
-            f"{presses} holds {len(frames)} presses and {count} of them are held out; at least "
-            f"{LEAST_TRAINING} must be left to fit to, and at least 1 held out"
-        )
+    first_held_out = _first_held_out(len(frames), held_out, presses)
     patches = _patches(frames, untouched, names)
-    split = len(frames) - count
-    first = _first_of_each(frames)
-    train = [i for i in first if i < split]
-    test = [i for i in first if i >= split]
-    repeated = [name for i, name in enumerate(names) if i not in first]
-    if len(train) < LEAST_TRAINING or not test:
-        raise T2TwinError(
-            f"{len(repeated)} presses of {presses} are copies of others; at least "
-            f"{LEAST_TRAINING} different ones must be left to fit to, and at least 1 held out"
-        )
-    camera = camera or Camera()
+    train, test = _different(frames, first_held_out, presses)
+    camera, radius_mm = camera or Camera(), ball_diameter_mm / 2
     say(f"fitting to {len(train)} presses")
     clean = clean_background(untouched, frames[train])
-    fitting = BallFit(clean, frames[train], patches[train], ball_diameter_mm / 2, camera)
+    fitting = BallFit(clean, frames[train], patches[train], radius_mm, camera)
     state = fitting.fit()
     calibration = fitting.calibration(state)
-
-    unseen = BallFit(clean, frames[test], patches[test], ball_diameter_mm / 2, camera)
+    unseen = BallFit(clean, frames[test], patches[test], radius_mm, camera)
     poses = np.array([unseen.pose(state, index) for index in range(len(test))])
     optics = DigitOptics(calibration)
     simulated = np.array([optics.render(unseen.surface(state, pose)) for pose in poses])
-    real = frames[test]
-    places: list[Place] = [(float(row), float(column)) for row, column in patches[test]]
-    each = crop_scores(real, simulated, places)
-    still = np.broadcast_to(untouched, real.shape)
-    pasted = cut_and_paste(
-        untouched, frames[train], _pixels(state.poses, camera), _pixels(poses, camera)
-    )
-    rows = {
-        "calibrated": mean_score(each),
-        "cut and paste": mean_score(crop_scores(real, pasted, places)),
-        "do nothing": mean_score(crop_scores(real, still, places)),
-    }
-    training_places: list[Place] = [(float(r), float(c)) for r, c in patches[train]]
-    for name, floor in (
-        ("noise floor: one press, two frames",
-         repeats_floor(np.concatenate([frames[train], real]), np.concatenate([state.poses, poses]),
-                       training_places + places)),
-        ("noise floor: two frames, away", untouched_floor(real, places)),
-    ):  # fmt: skip
-        if floor is not None:
-            rows[name] = floor
-    return Report(
+    trained = _Presses(frames[train], patches[train], state.poses)
+    scored = _Presses(frames[test], patches[test], poses)
+    return CalibrationReport(
         calibration=calibration,
         trained=[names[i] for i in train],
         training_poses=state.poses,
         held_out=[names[i] for i in test],
-        repeated=repeated,
+        repeated=[name for i, name in enumerate(names) if i not in (*train, *test)],
         poses=poses,
-        real=real,
+        real=scored.frames,
         simulated=simulated,
-        rows=rows,
-        each=each,
+        scores=_scores(untouched, trained, scored, simulated, camera),
+        each=crop_scores(scored.frames, simulated, scored.patches),
     )
+
+
+def _first_held_out(frames: int, held_out: int | None, presses: Path) -> int:
+    """Index of the first frame that is held out. Raises T2TwinError where too few are left."""
+    count = frames // HELD_OUT_SHARE if held_out is None else held_out
+    if count < 1 or frames - count < LEAST_TRAINING:
+        raise T2TwinError(
+            f"{presses} holds {frames} presses and {count} of them are held out; at least "
+            f"{LEAST_TRAINING} must be left to fit to, and at least 1 held out"
+        )
+    return frames - count
+
+
+def _different(
+    frames: np.ndarray, first_held_out: int, presses: Path
+) -> tuple[list[int], list[int]]:
+    """Indices of the frames to fit to and of those held out, each frame's copies left out.
+
+    Raises T2TwinError where too few are left.
+    """
+    first: dict[bytes, int] = {}
+    for index, frame in enumerate(frames):
+        first.setdefault(frame.tobytes(), index)
+    train = [i for i in first.values() if i < first_held_out]
+    test = [i for i in first.values() if i >= first_held_out]
+    if len(train) < LEAST_TRAINING or not test:
+        raise T2TwinError(
+            f"{len(frames) - len(first)} presses of {presses} are copies of others; at least "
+            f"{LEAST_TRAINING} different ones must be left to fit to, and at least 1 held out"
+        )
+    return train, test
 
 
 def _patches(frames: np.ndarray, background: np.ndarray, names: list[str]) -> np.ndarray:
     """(n, 2) where each frame is touched. Raises T2TwinError naming those that are not."""
-    found = [touched_patch(frame, background) for frame in frames]
-    empty = [name for name, patch in zip(names, found, strict=True) if patch is None]
+    patches = [touched_patch(frame, background) for frame in frames]
+    empty = [name for name, patch in zip(names, patches, strict=True) if patch is None]
     if empty:
         raise T2TwinError(
             f"no contact is visible in {', '.join(empty)}: nothing there differs from the "
             "background; take such frames out"
         )
-    return np.array(found)
+    return np.array(patches)
 
 
-def _first_of_each(frames: np.ndarray) -> list[int]:
-    """Indices of the frames, without those that repeat an earlier one byte for byte."""
-    first: dict[bytes, int] = {}
-    for index, frame in enumerate(frames):
-        first.setdefault(frame.tobytes(), index)
-    return sorted(first.values())
+def _scores(
+    untouched: np.ndarray,
+    trained: _Presses,
+    held_out: _Presses,
+    simulated: np.ndarray,
+    camera: Camera,
+) -> Scores:
+    """Of the simulated held-out frames, and the rows that judge them."""
+    real, places = held_out.frames, held_out.patches
+    pasted = cut_and_paste(
+        untouched, trained.frames, _pixels(trained.poses, camera), _pixels(held_out.poses, camera)
+    )
+    still = np.broadcast_to(untouched, real.shape)
+    return Scores(
+        calibrated=mean_score(crop_scores(real, simulated, places)),
+        cut_and_paste=mean_score(crop_scores(real, pasted, places)),
+        do_nothing=mean_score(crop_scores(real, still, places)),
+        repeats_floor=repeats_floor(
+            np.concatenate([trained.frames, real]),
+            np.concatenate([trained.poses, held_out.poses]),
+            np.concatenate([trained.patches, places]),
+        ),
+        untouched_floor=untouched_floor(real, places),
+    )
 
 
 def _pixels(poses: np.ndarray, camera: Camera) -> np.ndarray:
+    """(n, 2) rows and columns, px, of poses (n, 3)."""
     rows, columns = camera.project(poses[:, 0], poses[:, 1], np.zeros(len(poses)))
     return np.stack([rows, columns], axis=1)

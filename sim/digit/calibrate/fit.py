@@ -2,8 +2,8 @@
 
 Unknown are every press's place and depth, the LEDs' places and sizes, how the gel leaves the
 ball, and the response of each LED in each colour. The response enters linearly, the rest does
-not. All are found together by Levenberg and Marquardt's method (Marquardt 1963) on the grey
-levels around the contacts, the response solved for anew after every step.
+not. All are fitted together by Levenberg and Marquardt's method (Marquardt 1963) to the grey
+levels around the contacts, and the response is solved for again after every step.
 
 Samples are blocks of 2 x 2 pixels, (ROWS / 2, COLUMNS / 2); a press's pose is (x_mm, y_mm,
 depth_mm).
@@ -15,27 +15,28 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from t2twin.sim.digit import deflections
-from t2twin.sim.digit.baked import linear
 from t2twin.sim.digit.calibration import PLACE_TERMS, Calibration, led_columns, place_terms
 from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera
-from t2twin.sim.digit.kernels import COSINE_TERMS
+from t2twin.sim.digit.illumination import COSINE_TERMS
+from t2twin.sim.digit.picture import linear
 from t2twin.sim.digit.rays import Leds, Rays
 
 GAMMA = 1.0
 """Exponent between light and grey levels of a real unit: shading goes with its grey levels
-better than with their power 2.2 (found by leaving out training presses)."""
+better than with their power 2.2 (measured by leaving out training presses)."""
 PLACES = 6
-"""Place polynomials of the response: degree two. A few presses bear no more."""
+"""Place polynomials of the response: degree two. A few presses determine no more (assumed)."""
 POWERS = 3
-"""Powers of the cosine of incidence."""
+"""Powers of the cosine of incidence (assumed)."""
 RIDGE = 2e-4
-"""Weight of the response's size, as a part of the mean square of its columns."""
+"""Weight of the response's size, as a part of the mean square of its columns (assumed)."""
 HALF_SAMPLES = 36
 """Half side of the square around a press that is fitted, samples: 7.5 mm, so that the shadows'
 ends are in it."""
 STEPS = 8
-"""Most steps of the joint fit; it stops when one gains less than GAIN."""
+"""Most steps of the joint fit."""
 GAIN = 2e-3
+"""It stops when a step lowers the error by less than this part (assumed)."""
 SHALLOWEST_MM, DEEPEST = 0.1, 0.93
 """Bounds of a press's depth: mm, and as a part of the ball's radius."""
 
@@ -60,13 +61,14 @@ _SPREAD = np.array([row[3] for row in _GEOMETRY])
 _POSE_NUDGE = np.array([0.02, 0.02, 0.02])  # mm
 _POSE_REACH = np.array([0.3, 0.3, 0.3])  # longest step of a pose, mm
 _PRIOR = 2e-5
-"""Weight of the priors: a spread off costs as much as this mean square error, in (grey / 255)^2,
-over one press."""
+"""Weight of the priors: a parameter one spread away from its start costs as much as this mean
+square error over one press, in (grey / 255)^2 (assumed)."""
 
 Square = tuple[slice, slice]
 
 
 def _leds_of(geometry: np.ndarray) -> Leds:
+    """The LEDs that parameters in the order of _GEOMETRY stand for."""
     azimuth, elevation = np.radians(geometry[0:3]), np.radians(geometry[3:6])
     radius = geometry[6]
     places = np.stack(
@@ -121,7 +123,7 @@ class BallFit:
         return state
 
     def with_poses(self, state: State) -> State:
-        """The state with every press's pose found anew, the model held."""
+        """The state with every press's pose fitted again, the model held."""
         poses = np.array([self.pose(state, index, pose) for index, pose in enumerate(state.poses)])
         return self._solved(state.geometry, poses)
 
@@ -147,14 +149,14 @@ class BallFit:
             columns = self._columns(leds, pose, shape, square) - rest
             return (self._shown(columns, state.response, square) - wanted).ravel()
 
-        found = [
+        fits = [
             least_squares(
                 residual, np.clip(pose, low + 1e-6, high - 1e-6), bounds=(low, high),
                 x_scale=0.3, diff_step=0.02, ftol=1e-4, xtol=1e-4, max_nfev=12,
             )
             for pose in starts
         ]  # fmt: skip
-        return min(found, key=lambda each: each.cost).x
+        return min(fits, key=lambda fit: fit.cost).x
 
     def calibration(self, state: State) -> Calibration:
         """The model as a file's content."""
@@ -239,13 +241,13 @@ class BallFit:
 
     def _step(self, state: State, damping: float) -> tuple[State, float]:
         """One step of the joint fit: the state, the same one if none is better, and the damping."""
-        matrix, slope = self._normal_equations(state)
+        matrix, gradient = self._normal_equations(state)
         linear_part = state.response.size
         for _ in range(4):
             damped = matrix.copy()
-            bent = np.arange(linear_part, len(slope))
-            damped[bent, bent] *= 1.0 + damping
-            move = -np.linalg.solve(damped, slope)[linear_part:]
+            rest = np.arange(linear_part, len(gradient))
+            damped[rest, rest] *= 1.0 + damping
+            move = -np.linalg.solve(damped, gradient)[linear_part:]
             by_pose = move[: state.poses.size].reshape(-1, 3)
             poses = state.poses + np.clip(by_pose, -_POSE_REACH, _POSE_REACH)
             poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radius_mm)
@@ -257,56 +259,63 @@ class BallFit:
         return state, damping
 
     def _normal_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Gauss and Newton's matrix and slope over (response, poses, geometry)."""
+        """Gauss and Newton's matrix and gradient over (response, poses, geometry)."""
         count, entries = len(state.poses), state.response.shape[1]
         size = 3 * entries + 3 * count + len(_START)
-        matrix, slope = np.zeros((size, size)), np.zeros(size)
-        moved = [state.geometry + nudge for nudge in np.diag(_NUDGE)]
-        moved_leds = [_leds_of(geometry) for geometry in moved]
-        leds, shape = _leds_of(state.geometry), state.geometry[10:12]
+        matrix, gradient = np.zeros((size, size)), np.zeros(size)
+        nudged = [(_leds_of(geometry), geometry) for geometry in state.geometry + np.diag(_NUDGE)]
+        of_geometry = np.arange(size - len(_START), size)
         samples = 0
-        for index, (pose, square) in enumerate(zip(state.poses, self._squares, strict=True)):
-            rest = self._columns(leds, None, shape, square)
-            columns = self._columns(leds, pose, shape, square) - rest
-            shown = self._shown(columns, state.response, square)
-            residual = (shown - self._changes[index][square]).reshape(-1, 3)
-            bends = []
-            for axis in range(3):
-                other = pose + _POSE_NUDGE * (np.arange(3) == axis)
-                bent = self._columns(leds, other, shape, square) - rest
-                difference = self._shown(bent, state.response, square) - shown
-                bends.append(difference / _POSE_NUDGE[axis])
-            for geometry, other, nudge in zip(moved, moved_leds, _NUDGE, strict=True):
-                bent = self._columns(other, pose, geometry[10:12], square)
-                bent = bent - self._columns(other, None, geometry[10:12], square)
-                bends.append((self._shown(bent, state.response, square) - shown) / nudge)
-            bend = np.array(bends).reshape(len(bends), -1, 3)
+        for index in range(count):
+            columns, residual, derivatives = self._linearised(state, index, nudged)
             samples = residual.size
-            at = np.concatenate(
-                [3 * entries + 3 * index + np.arange(3), 3 * entries + 3 * count
-                 + np.arange(len(_START))]
-            )  # fmt: skip
+            at = np.concatenate([3 * entries + 3 * index + np.arange(3), of_geometry])
             gram = columns.T @ columns
             for c in range(3):
                 own = slice(c * entries, (c + 1) * entries)
-                curved = bend[:, :, c].T
+                by_parameter = derivatives[:, :, c].T
                 matrix[own, own] += gram
-                cross = columns.T @ curved
+                cross = columns.T @ by_parameter
                 matrix[own, at] += cross
                 matrix[at, own] += cross.T
-                matrix[np.ix_(at, at)] += curved.T @ curved
-                slope[own] += columns.T @ residual[:, c]
-                slope[at] += curved.T @ residual[:, c]
+                matrix[np.ix_(at, at)] += by_parameter.T @ by_parameter
+                gradient[own] += columns.T @ residual[:, c]
+                gradient[at] += by_parameter.T @ residual[:, c]
         for c in range(3):
             own = slice(c * entries, (c + 1) * entries)
             ridge = _ridge(matrix[own, own])
             matrix[own, own] += ridge
-            slope[own] += ridge @ state.response[c]
+            gradient[own] += ridge @ state.response[c]
         prior = samples * _PRIOR / _SPREAD**2
-        last = np.arange(size - len(_START), size)
-        matrix[last, last] += prior
-        slope[last] += prior * (state.geometry - _START)
-        return matrix, slope
+        matrix[of_geometry, of_geometry] += prior
+        gradient[of_geometry] += prior * (state.geometry - _START)
+        return matrix, gradient
+
+    def _linearised(
+        self, state: State, index: int, nudged: list[tuple[Leds, np.ndarray]]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """One press about a state: columns (samples, entries), residual (samples, RGB), and the
+        derivatives (3 of its pose and those of the geometry, samples, RGB) of what is shown.
+
+        nudged: the geometry with each of its parameters in turn moved by its _NUDGE.
+        """
+        leds, shape = _leds_of(state.geometry), state.geometry[10:12]
+        pose, square = state.poses[index], self._squares[index]
+        rest = self._columns(leds, None, shape, square)
+        columns = self._columns(leds, pose, shape, square) - rest
+        shown = self._shown(columns, state.response, square)
+        residual = (shown - self._changes[index][square]).reshape(-1, 3)
+        derivatives = []
+        for axis in range(3):
+            other = pose + _POSE_NUDGE * (np.arange(3) == axis)
+            beside = self._columns(leds, other, shape, square) - rest
+            difference = self._shown(beside, state.response, square) - shown
+            derivatives.append(difference / _POSE_NUDGE[axis])
+        for (other, geometry), nudge in zip(nudged, _NUDGE, strict=True):
+            beside = self._columns(other, pose, geometry[10:12], square)
+            beside = beside - self._columns(other, None, geometry[10:12], square)
+            derivatives.append((self._shown(beside, state.response, square) - shown) / nudge)
+        return columns, residual, np.array(derivatives).reshape(len(derivatives), -1, 3)
 
 
 def _ridge(squares: np.ndarray) -> np.ndarray:

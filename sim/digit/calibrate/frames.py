@@ -3,20 +3,22 @@
 Frames are (n, ROWS, COLUMNS, 3) uint8.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageOps
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.camera import COLUMNS, ROWS
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
+FORMATS = "PNG, JPEG and BMP"
 CROP_PX = 100
 """Side of the square in which contacts are scored, px."""
 BLOB_BLUR_PX = 4.0
-"""Blur of a difference before the touched patch is looked for, px: takes its noise off."""
+"""Blur of a difference before the touched patch is looked for, px, against its noise (assumed)."""
 VISIBLE_GREY = 40.0
 """Least blurred difference, summed over the colours, that counts as a contact, grey levels: a
 drift of the light stays under a third of it, a ball 0.2 mm deep makes several times as much
@@ -24,22 +26,26 @@ drift of the light stays under a third of it, a ball 0.2 mm deep makes several t
 BLOB_SHARE = 0.35
 """Part of the greatest difference above which a pixel belongs to the patch (assumed)."""
 TOUCHED_GREY = 10.0
-"""Blurred difference from which a pixel is left out of the background's pattern, grey levels."""
+"""Blurred difference from which a pixel is left out of the background's pattern, grey levels
+(assumed)."""
 TOUCHED_MARGIN_PX = 8
-"""How far from such a pixel others are left out too, px."""
+"""How far from such a pixel others are left out too, px (assumed)."""
 PATTERN_BLUR_PX = 4.0
-"""What varies over less than this is the background's fixed pattern, px; the rest is light."""
+"""What varies over less than this is the background's fixed pattern, px; the rest is light
+(assumed)."""
 
 
 def read_frame(path: Path) -> np.ndarray:
-    """(rows, columns, 3) uint8. Raises T2TwinError if it is not a picture."""
+    """(rows, columns, 3) uint8, upright. Raises T2TwinError if it is not a picture of 8 bits."""
     try:
         with Image.open(path) as image:
-            return np.array(image.convert("RGB"))
+            if image.mode[0] in "IF":
+                raise T2TwinError(f"{path} has more than 8 bits a channel; save it with 8")
+            return np.array(ImageOps.exif_transpose(image).convert("RGB"))
     except FileNotFoundError as error:
         raise T2TwinError(f"{path} does not exist") from error
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError) as error:
-        raise T2TwinError(f"{path} is not a picture; PNG and JPEG files are read") from error
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
+        raise T2TwinError(f"{path} is not a picture; {FORMATS} files are read") from error
 
 
 def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -57,26 +63,26 @@ def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray,
         if path.suffix.lower() in SUFFIXES and path.resolve() != background.resolve()
     )
     if not paths:
-        raise T2TwinError(f"{folder} holds no pictures; PNG and JPEG files are read")
+        raise T2TwinError(f"{folder} holds no pictures; {FORMATS} files are read")
     frames = []
     for path in paths:
         frame = read_frame(path)
         if frame.shape != untouched.shape:
             raise T2TwinError(
-                f"{path.name} is {_size(frame)} and the background {_size(untouched)}; "
+                f"{path.name} is {_size(frame)}, but the background is {_size(untouched)}; "
                 "all must be of one size"
             )
         frames.append(frame)
     if untouched.shape[:2] != (ROWS, COLUMNS):
         raise T2TwinError(
-            f"the frames are {_size(untouched)}; they must be {COLUMNS} wide and {ROWS} high, "
+            f"the frames are {_size(untouched)}; they must be {COLUMNS} wide, {ROWS} high, "
             "as the maker's interface gives them"
         )
     return untouched, np.array(frames), [path.name for path in paths]
 
 
 def _size(frame: np.ndarray) -> str:
-    return f"{frame.shape[1]} x {frame.shape[0]} px"
+    return f"{frame.shape[1]} wide, {frame.shape[0]} high"
 
 
 def touched_patch(frame: np.ndarray, background: np.ndarray) -> tuple[float, float] | None:
@@ -120,8 +126,8 @@ def _split(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return light, picture - light
 
 
-def crop(picture: np.ndarray, place: tuple[float, float]) -> np.ndarray:
-    """The CROP_PX square around (row, column), moved in as far as the picture's edge asks."""
+def crop(picture: np.ndarray, place: Sequence[float] | np.ndarray) -> np.ndarray:
+    """The CROP_PX square around a place (row, column), moved in from the picture's edges."""
     half = CROP_PX // 2
     row, column = (
         round(min(max(middle, half), count - half))

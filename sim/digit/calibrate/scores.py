@@ -10,8 +10,6 @@ from t2twin.sim.digit.calibrate.frames import CROP_PX, crop
 SAME_PLACE_MM = 0.05
 """Places and depths nearer than this make two frames repeats of one press, mm: a pixel."""
 
-Place = tuple[float, float]
-
 
 @dataclass(frozen=True)
 class Score:
@@ -20,6 +18,23 @@ class Score:
     l1: float
     ssim: float
     psnr_db: float
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Mean scores against the held-out frames, on their contact crops.
+
+    calibrated: of the simulated frames. cut_and_paste: of the training presses' mean change, moved
+    to the held-out places. do_nothing: of the untouched background. repeats_floor: of two real
+    frames of one press, untouched_floor: of two away from their contacts; None where there are no
+    two.
+    """
+
+    calibrated: Score
+    cut_and_paste: Score
+    do_nothing: Score
+    repeats_floor: Score | None
+    untouched_floor: Score | None
 
 
 def score(wanted: np.ndarray, given: np.ndarray) -> Score:
@@ -34,12 +49,16 @@ def score(wanted: np.ndarray, given: np.ndarray) -> Score:
 
 
 def mean_score(scores: list[Score]) -> Score:
-    return Score(*(float(np.mean([getattr(s, name) for s in scores])) for name in
-                   ("l1", "ssim", "psnr_db")))  # fmt: skip
+    """Each figure's mean."""
+    return Score(
+        l1=float(np.mean([score.l1 for score in scores])),
+        ssim=float(np.mean([score.ssim for score in scores])),
+        psnr_db=float(np.mean([score.psnr_db for score in scores])),
+    )
 
 
-def crop_scores(wanted: np.ndarray, given: np.ndarray, places: list[Place]) -> list[Score]:
-    """Scores of frames (n, ...) on the contact crop around their places (row, column)."""
+def crop_scores(wanted: np.ndarray, given: np.ndarray, places: np.ndarray) -> list[Score]:
+    """Scores of frames (n, ...) on the contact crop around their places (n, 2), row and column."""
     return [
         score(crop(a, place), crop(b, place))
         for a, b, place in zip(wanted, given, places, strict=True)
@@ -68,32 +87,33 @@ def cut_and_paste(
     return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
 
 
-def repeats_floor(frames: np.ndarray, poses: np.ndarray, places: list[Place]) -> Score | None:
+def repeats_floor(frames: np.ndarray, poses: np.ndarray, places: np.ndarray) -> Score | None:
     """Two frames of one press against each other, on the contact crop; None if there are none."""
-    found = [
+    scores = [
         score(crop(frames[i], places[i]), crop(frames[j], places[i]))
         for i in range(len(frames))
         for j in range(i)
         if np.abs(poses[i] - poses[j]).max() < SAME_PLACE_MM
     ]
-    return mean_score(found) if found else None
+    return mean_score(scores) if scores else None
 
 
-def untouched_floor(frames: np.ndarray, places: list[Place]) -> Score | None:
+def untouched_floor(frames: np.ndarray, places: np.ndarray) -> Score | None:
     """Neighbouring frames against each other, on the crop farthest from both contacts."""
     if len(frames) < 2:
         return None
     half = CROP_PX // 2
     rows, columns = frames.shape[1:3]
-    middles = [
-        (float(row), float(column))
-        for row in range(half, rows - half + 1, 10)
-        for column in range(half, columns - half + 1, 10)
-    ]
-    found = []
+    middles = np.array(
+        [
+            (row, column)
+            for row in range(half, rows - half + 1, 10)
+            for column in range(half, columns - half + 1, 10)
+        ]
+    )
+    scores = []
     for i in range(len(frames) - 1):
-        touched = np.array(places[i : i + 2])
-        away = [np.hypot(*(touched - np.array(middle)).T).min() for middle in middles]
+        away = [np.hypot(*(places[i : i + 2] - middle).T).min() for middle in middles]
         middle = middles[int(np.argmax(away))]
-        found.append(score(crop(frames[i], middle), crop(frames[i + 1], middle)))
-    return mean_score(found)
+        scores.append(score(crop(frames[i], middle), crop(frames[i + 1], middle)))
+    return mean_score(scores)
