@@ -1,10 +1,126 @@
-"""t2twin doctor"""
+"""t2twin doctor: each check in one line, whether it works, and what to do if not."""
+
+import os
+import platform
+import shutil
+import sys
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+
+PACKAGES = (
+    "cadquery",
+    "mujoco",
+    "msgspec",
+    "numba",
+    "numpy",
+    "scipy",
+    "trimesh",
+    "pyrender",
+    "torch",
+    "pyarrow",
+    "scikit-image",
+    "safetensors",
+)
+MEMORY_GIB = 4
+"""Memory that any command may need, GiB."""
+
+DISK_GIB = 4
+"""Free disk that the paper's dataset and its runs need, GiB."""
+
+PUSHES = 200
+"""Steps after which a pin on its spring stands still (assumed; a press takes a few)."""
+
+SPRING_ERROR_MM = 1e-2
+"""Error of that pin's depth that is still right, mm."""
 
 
 def doctor() -> None:
     """Check this machine: Python, packages, headless OpenGL, MuJoCo, processor and memory."""
-    import sys
-
-    from t2twin.cli.checks import run_checks
-
     sys.exit(0 if run_checks() else 1)
+
+
+def run_checks() -> bool:
+    """Print a line a check; True where all of them passed."""
+    checks: list[tuple[str, Callable[[], str]]] = [
+        ("python", _python),
+        ("packages", _packages),
+        ("contact", _contact),
+        ("rendering", _rendering),
+        ("processor", _processor),
+        ("memory", _memory),
+        ("disk", _disk),
+    ]
+    passed = True
+    for name, check in checks:
+        try:
+            print(f"ok    {name:10} {check()}")
+        except Exception as error:  # whatever is broken here, the other checks are still made
+            passed = False
+            print(f"FAIL  {name:10} {error}")
+    return passed
+
+
+def _python() -> str:
+    return f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
+
+
+def _packages() -> str:
+    installed, missing = [], []
+    for name in PACKAGES:
+        try:
+            installed.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            missing.append(name)
+    if missing:
+        raise RuntimeError(f"not installed: {', '.join(missing)}; `make setup` installs them")
+    return ", ".join(installed)
+
+
+def _contact() -> str:
+    import numpy as np
+
+    from t2twin.sim.press.bed import borrowed_bed
+
+    depth_mm = 0.0
+    with borrowed_bed(1) as bed:
+        bed.lay(np.zeros(1), 1.0)
+        for _ in range(PUSHES):
+            depth_mm = bed.push(1.0, np.zeros(1), np.ones(1))[0]
+    if abs(depth_mm - 1.0) > SPRING_ERROR_MM:
+        raise RuntimeError(f"a unit spring gave {depth_mm:g} mm under a unit force instead of 1 mm")
+    return "a MuJoCo spring under a unit force gives a unit of depth"
+
+
+def _rendering() -> str:
+    import numpy as np
+
+    from t2twin.sim.digit.camera import optical_grid
+    from t2twin.sim.digit.reference import ReferenceRenderer
+
+    x, y = optical_grid()
+    with ReferenceRenderer() as renderer:
+        picture = renderer.render(np.zeros((y.size, x.size)))
+    if picture.max() == 0:
+        raise RuntimeError("pyrender drew a black picture; the OpenGL driver is not usable")
+    return "pyrender drew an untouched gel without a display (EGL)"
+
+
+def _processor() -> str:
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{cores} cores"
+
+
+def _memory() -> str:
+    if not hasattr(os, "sysconf"):
+        return "unknown"
+    gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
+    if gib < MEMORY_GIB:
+        raise RuntimeError(f"{gib:.1f} GiB; at least {MEMORY_GIB} GiB are needed")
+    return f"{gib:.0f} GiB"
+
+
+def _disk() -> str:
+    gib = shutil.disk_usage(".").free / 2**30
+    if gib < DISK_GIB:
+        raise RuntimeError(f"{gib:.1f} GiB free here; the paper's scale needs {DISK_GIB} GiB")
+    return f"{gib:.0f} GiB free here"
