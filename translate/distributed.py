@@ -14,6 +14,8 @@ import torch
 import torch.distributed as dist
 from torch import nn
 
+from t2twin.primitives_cad.machine import cores
+
 
 @contextmanager
 def processes() -> Iterator[tuple[int, int]]:
@@ -57,8 +59,7 @@ def use_all_cores() -> None:
     if here == 1 and "OMP_NUM_THREADS" in os.environ:
         torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
         return
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    torch.set_num_threads(max(1, (cores or 1) // here))
+    torch.set_num_threads(max(1, cores() // here))
 
 
 def average_gradients(network: nn.Module) -> None:

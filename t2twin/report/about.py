@@ -1,9 +1,6 @@
 """What the page begins with: the dataset, the machine, how long the runs took."""
 
-import os
-import platform
-from pathlib import Path
-
+from t2twin.primitives_cad.machine import cores, processor
 from t2twin.report import markup
 from t2twin.report.names import name_of
 from t2twin.report.report_data import ReportData
@@ -109,21 +106,3 @@ def _run(report: ReportData, name: str) -> list[str]:
 def minutes(seconds: float) -> str:
     """To a tenth below ten minutes, whole above."""
     return f"{seconds / 60:.1f}" if seconds < 600 else f"{seconds / 60:,.0f}"
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
-def processor() -> str:
-    """The processor's name as the system gives it."""
-    path = Path("/proc/cpuinfo")
-    if path.is_file():
-        for line in path.read_text().splitlines():
-            name, _, value = line.partition(":")
-            if name.strip() == "model name":
-                return value.strip()
-    return platform.processor() or platform.machine()

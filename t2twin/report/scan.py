@@ -3,13 +3,13 @@
 Shape letters: n pairs of a shape, B numbers of a coarse picture.
 """
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 from tqdm import tqdm
 
+from t2twin.primitives_cad.machine import cores
 from t2twin.report.dataset import Dataset
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import iter_images, shard_path
@@ -52,7 +52,7 @@ def scan(dataset: Dataset, noise_grey: float) -> Scan:
         counts = dataset.counts[of_shape[key]].astype(float)
         return *nearest_others(coarse, counts, noise_grey), np.sqrt(np.square(coarse).mean(axis=1))
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         looks = pool.map(look, of_shape)
         for here, looked in zip(
             of_shape.values(),

@@ -6,7 +6,6 @@ parts of full scale, is the loss that Grella et al. 2023 call L3.
 Shape letters: P pairs, N taxels, K groups of pairs.
 """
 
-import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
@@ -14,6 +13,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from tqdm import tqdm
 
+from t2twin.primitives_cad.machine import cores
 from t2twin.translate.evaluation.field_of_view import GROUPS
 from t2twin.translate.evaluation.records import Figures
 from t2twin.translate.evaluation.similarity import image_scores
@@ -176,9 +176,8 @@ def _scores_of_images(
 ) -> np.ndarray:
     """ImageScores of every pair's tactile images, (P, 3)."""
     scores = np.empty((len(true), 3))
-    workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with (
-        ThreadPoolExecutor(workers) as pool,
+        ThreadPoolExecutor(cores()) as pool,
         tqdm(total=len(true), desc=progress, unit="pair", disable=progress is None) as bar,
     ):
         for start in range(0, len(true), AT_ONCE):
