@@ -24,7 +24,7 @@ def optics():
 
 @pytest.fixture(scope="module")
 def reference():
-    with ReferenceRenderer(light_points=5) as renderer:
+    with ReferenceRenderer(led_points=5) as renderer:
         yield renderer
 
 

@@ -22,7 +22,7 @@ GREY_AMBIENT = (0.03, 0.03, 0.03)
 
 
 def render(surface_mm, leds=PURE, ambient=GREY_AMBIENT, shadows=True):
-    with ReferenceRenderer(leds, ambient, shadows, light_points=1) as renderer:
+    with ReferenceRenderer(leds, ambient, shadows, led_points=1) as renderer:
         return renderer.render(surface_mm).astype(int)
 
 
@@ -94,7 +94,7 @@ def test_a_gel_pressed_flat_everywhere_shows_no_edges():
 
 
 def test_a_surface_on_another_grid_is_refused():
-    with ReferenceRenderer(light_points=1) as renderer, pytest.raises(T2TwinError, match="shape"):
+    with ReferenceRenderer(led_points=1) as renderer, pytest.raises(T2TwinError, match="shape"):
         renderer.render(np.zeros((10, 10)))
 
 
@@ -103,7 +103,7 @@ def test_the_baked_model_takes_a_gel_without_a_dome():
     own, domed = DigitOptics.load(gel=flat_gel), DigitOptics.load()
     pressed = deflections.ball(0.5, -0.5, 0.8)
     middle = (slice(100, 200), slice(80, 180))
-    with ReferenceRenderer(light_points=5, gel=flat_gel) as renderer:
+    with ReferenceRenderer(led_points=5, gel=flat_gel) as renderer:
         pictures = [renderer.render(surface) for surface in (FLAT, pressed)]
 
     def psnr(wanted, given):

@@ -30,7 +30,7 @@ DARK = 0.05
 RIDGE = 1e-4
 """Weight of the response's size beside the squared errors: keeps idle terms at zero (assumed)."""
 FIT_POINTS = 4
-"""Points per LED in the renders for the fit, which are free of shadows."""
+"""Points per LED in the renders for the fit, which have no shadows."""
 BACKGROUND_POINTS = 16
 """Points per LED in the render of the background."""
 
@@ -54,7 +54,7 @@ def fit_presses() -> list[np.ndarray]:
 
 def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibration:
     """Fit, write to out, and return the calibration. Raises T2TwinError where there is no GL."""
-    with ReferenceRenderer(leds, AMBIENT, light_points=BACKGROUND_POINTS) as renderer:
+    with ReferenceRenderer(leds, AMBIENT, led_points=BACKGROUND_POINTS) as renderer:
         x, y = optical_grid()
         background = renderer.render(np.zeros((y.size, x.size)))
     pure = tuple(
@@ -63,7 +63,7 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
     )
     surfaces = fit_presses()
     with ReferenceRenderer(pure, (0.0, 0.0, 0.0), False, FIT_POINTS) as renderer:
-        lights = [renderer.render_linear(surface) for surface in surfaces]
+        renders = [renderer.render_linear(surface) for surface in surfaces]
     blank = Calibration(
         background=background,
         leds_mm=np.array([led.position_mm for led in leds]),
@@ -73,7 +73,7 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
         scale_px_per_mm=DIGIT_CAMERA.scale_px_per_mm,
         distance_mm=DIGIT_CAMERA.distance_mm,
     )
-    table = fit_response(blank, surfaces, lights)
+    table = fit_response(blank, surfaces, renders)
     colours = np.array([led.colour for led in leds])
     calibration = replace(blank, response=np.einsum("kij,kc->kcij", table, colours))
     calibration.save(out)
@@ -81,11 +81,11 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
 
 
 def fit_response(
-    calibration: Calibration, surfaces: Sequence[np.ndarray], lights: Sequence[np.ndarray]
+    calibration: Calibration, surfaces: Sequence[np.ndarray], renders: Sequence[np.ndarray]
 ) -> np.ndarray:
     """Least-squares response table from pictures of known deflections, free of shadows.
 
-    lights: (ROWS, COLUMNS, 3) linear light of LEDs 0 to 2, apart. Errors are weighed by the
+    renders: (ROWS, COLUMNS, 3) each, linear light, a channel an LED. Errors are weighed by the
     slope of the grey-level curve. Returns (3 LEDs, PLACE_TERMS, COSINE_TERMS).
     """
     rays = Rays(calibration.camera, shadows=False)
@@ -93,9 +93,9 @@ def fit_response(
     places = place_terms(*rays.places_mm)
     terms = PLACE_TERMS * COSINE_TERMS
     squares, products = np.zeros((3, terms, terms)), np.zeros((3, terms))
-    for surface, light in zip(surfaces, lights, strict=True):
+    for surface, render in zip(surfaces, renders, strict=True):
         cosine, weight = rays.incidence(rays.coated(surface), leds)
-        blocks = light.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3)).reshape(-1, 3)
+        blocks = render.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3)).reshape(-1, 3)
         for led in range(3):
             columns = led_columns(cosine[..., led], weight[..., led], places)
             columns = columns[1:-1, 1:-1].reshape(-1, terms)

@@ -31,6 +31,7 @@ from t2twin.sim.digit.rays import Leds, Rays, Region
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 NO_DRAWS = np.frombuffer(b"", dtype=np.uint16)
+"""Stands for no noise."""
 
 
 class BakedModel:
@@ -100,7 +101,7 @@ class BakedModel:
 
     def _change(self, coated_mm: np.ndarray) -> tuple[np.ndarray, Region]:
         """Change of the light (RGB, S) by a deflection, and the region of pixels that show it."""
-        cosine, weight, samples, pixels = self._rays.incidence_in_sight(coated_mm, self._leds)
+        cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
         if pixels[1] <= pixels[0]:
             return self._rest_light, pixels
         change = np.zeros_like(self._rest_light)

@@ -13,13 +13,17 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit import coat, illumination
 from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera, optical_grid
 from t2twin.sim.digit.leds import REACH_MM
-from t2twin.sim.digit.shadows import SHADOW_STRIDE, coarse_heights, sight_of_leds, soften
+from t2twin.sim.digit.shadows import (
+    CASTER_LEAST_MM,
+    SHADOW_STRIDE,
+    coarse_heights,
+    sight_of_leds,
+    soften,
+)
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 TOUCHED_MM = 2.0e-3
-"""Deflection below which a place counts as untouched, mm: less than a grey level."""
-CASTER_LEAST_MM = 0.02
-"""Least deflection that casts a shadow, mm, as in the reference."""
+"""Deflection below which a place counts as untouched, mm: less than a grey level (assumed)."""
 REST_STEPS = 12
 """Most fixed-point steps to where the pixels' rays meet the untouched gel."""
 TOUCHED_STEPS = 3
@@ -27,12 +31,16 @@ TOUCHED_STEPS = 3
 surface's slope times the ray's, 0.4 at most."""
 
 Region = tuple[int, int, int, int]
+"""First row, end row, first column, end column."""
 NOWHERE: Region = (0, 0, 0, 0)
 
 
 @dataclass(frozen=True)
 class Leds:
-    """places_mm: (LEDs, 3) in the sensor frame. sizes_mm: (LEDs,) radii of their discs."""
+    """Any number of LEDs, as the rays see them.
+
+    places_mm: (LEDs, 3) in the sensor frame. sizes_mm: (LEDs,) radii of their discs.
+    """
 
     places_mm: np.ndarray
     sizes_mm: np.ndarray
@@ -51,13 +59,12 @@ class Rays:
         self._down = _sample_slopes(ROWS, camera.focal_px)
         self.everywhere: Region = (0, self._down.size, 0, self._across.size)
         self._window = self._seen_window()
-        stride = SHADOW_STRIDE
-        self._coarse_shape = (self.y_mm.size // stride, self.x_mm.size // stride)
+        self._coarse_shape = (self.y_mm.size // SHADOW_STRIDE, self.x_mm.size // SHADOW_STRIDE)
         self._rest_depth_mm = np.zeros((self._down.size, self._across.size), dtype=np.float32)
         nothing = Leds(np.zeros((0, 3)), np.zeros(0))
         none = np.zeros((0, *self._rest_depth_mm.shape), dtype=np.float32)
-        self._cast(
-            self.rest_mm, self._sunlit(0), NOWHERE, nothing, self.everywhere, REST_STEPS,
+        self._follow(
+            self.rest_mm, self._whole_sight(0), NOWHERE, nothing, self.everywhere, REST_STEPS,
             self._rest_depth_mm, none, none,
         )  # fmt: skip
         reach = camera.distance_mm + self._rest_depth_mm
@@ -92,10 +99,11 @@ class Rays:
         cosine, weight = self._incidence(z, sight, shadowed, leds, samples or self.everywhere)
         return np.moveaxis(cosine, 0, -1), np.moveaxis(weight, 0, -1)
 
-    def incidence_in_sight(
+    def incidence_where_changed(
         self, coated_mm: np.ndarray, leds: Leds
     ) -> tuple[np.ndarray, np.ndarray, Region, Region]:
-        """incidence, but (LEDs, S), and the regions of samples and pixels that may change."""
+        """incidence, but (LEDs, S) and only where a picture may change, and the regions of samples
+        and of pixels where that is."""
         touched = coat.bounds(coated_mm, TOUCHED_MM)[:4]
         nothing = np.zeros(0, dtype=np.float32)
         if touched[1] <= touched[0]:
@@ -122,10 +130,10 @@ class Rays:
         cosine = np.empty((count, *self._rest_depth_mm.shape), dtype=np.float32)
         weight = np.empty_like(cosine)
         depth = self._rest_depth_mm.copy()
-        self._cast(z, sight, shadowed, leds, samples, TOUCHED_STEPS, depth, cosine, weight)
+        self._follow(z, sight, shadowed, leds, samples, TOUCHED_STEPS, depth, cosine, weight)
         return cosine, weight
 
-    def _cast(
+    def _follow(
         self,
         z: np.ndarray,
         sight: np.ndarray,
@@ -137,6 +145,7 @@ class Rays:
         cosine: np.ndarray,
         weight: np.ndarray,
     ) -> None:
+        """Fill depth (S), cosine and weight (LEDs, S) of samples: see illumination.incidence."""
         single = np.float32
         illumination.incidence(
             z, sight, SHADOW_STRIDE, _grown(shadowed, SHADOW_STRIDE),
@@ -145,21 +154,21 @@ class Rays:
             single(self.pitch_mm), samples, steps, depth, cosine, weight,
         )  # fmt: skip
 
-    def _sunlit(self, leds: int) -> np.ndarray:
+    def _whole_sight(self, leds: int) -> np.ndarray:
+        """Sight (LEDs, C) of LEDs that no cell of the shadow grid misses."""
         return np.ones((leds, *self._coarse_shape), dtype=np.float32)
 
     def _sight(self, surface: np.ndarray, z: np.ndarray, leds: Leds) -> tuple[np.ndarray, Region]:
         """Sight of the LEDs (LEDs, C), and the region of the grid where it is not whole."""
-        hard = self._sunlit(len(leds.places_mm))
+        hard = self._whole_sight(len(leds.places_mm))
         casting = coat.bounds(np.maximum(surface, 0.0), CASTER_LEAST_MM)[:4]
         if not self._shadows or casting[1] <= casting[0]:
             return hard, NOWHERE
-        stride = SHADOW_STRIDE
         heights = coarse_heights(z)
-        first = 0.5 * (stride - 1) * self.pitch_mm
+        first = 0.5 * (SHADOW_STRIDE - 1) * self.pitch_mm
         shadowed = sight_of_leds(
             heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),
-            np.float32(stride * self.pitch_mm), _coarse(casting, heights.shape),
+            np.float32(SHADOW_STRIDE * self.pitch_mm), _coarse(casting, heights.shape),
             _coarse(self._window, heights.shape),
             np.ascontiguousarray(leds.places_mm, dtype=np.float32),
             np.ascontiguousarray(leds.sizes_mm, dtype=np.float64), hard,
@@ -167,7 +176,7 @@ class Rays:
         shadowed = _grown(shadowed, 1)
         sight = hard.copy()
         soften(hard, shadowed, sight)
-        top, bottom, left, right = (stride * edge for edge in shadowed)
+        top, bottom, left, right = (SHADOW_STRIDE * edge for edge in shadowed)
         return sight, (top, bottom, left, right)
 
     def _seen_window(self) -> Region:

@@ -6,7 +6,7 @@ in millimetres: pyrender's shadow bias is an absolute number that swallows every
 scene in metres. pyrender shadows spot and directional lights only, hence the spots.
 
 An LED with a size casts soft shadows. The renderer gives each LED a handful of points over its
-disc, renders one hard-shadowed picture per point and averages the pictures in linear light.
+disc, renders one picture with hard shadows per point and averages the pictures in linear light.
 """
 
 import os
@@ -19,6 +19,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
 from t2twin.sim.digit.coat import coated
 from t2twin.sim.digit.leds import AMBIENT, DIGIT_LEDS, REACH_MM, Led
+from t2twin.sim.digit.shadows import CASTER_LEAST_MM
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 GAMMA = 2.2
@@ -29,9 +30,6 @@ software GL seconds and change nothing that can be seen."""
 CASTER_DEPTH_MM = 0.06
 """How far behind the gel's surface the surface that casts the shadows lies, mm: twice a texel of
 the shadow map at the far end of the gel, so that the gel does not shade itself."""
-CASTER_LEAST_MM = 0.02
-"""Least deflection that casts a shadow, mm. The untouched gel casts none: its LEDs shine through
-its sides."""
 SEEN_MARGIN_MM = 0.3
 """How far the receiving mesh reaches beyond what the picture shows, mm: a cell and a half."""
 ALBEDO = 0.96
@@ -62,7 +60,7 @@ class ReferenceRenderer:
     """Renders the gel from inside. Built once, used for any number of frames.
 
     leds, ambient: the LEDs and the undirected light. shadows: whether LEDs cast them.
-    light_points: points per LED, one render pass each; 1 gives hard shadows.
+    led_points: points per LED, one render pass each; 1 gives hard shadows.
     Raises T2TwinError where no EGL or GL library is found.
     """
 
@@ -71,20 +69,20 @@ class ReferenceRenderer:
         leds: tuple[Led, ...] = DIGIT_LEDS,
         ambient: tuple[float, float, float] = AMBIENT,
         shadows: bool = True,
-        light_points: int = 8,
+        led_points: int = 8,
         camera: Camera = DIGIT_CAMERA,
         gel: Elastomer = DIGIT_GEL,
     ) -> None:
-        if light_points < 1:
-            raise T2TwinError(f"light_points is {light_points}; it must be at least 1")
+        if led_points < 1:
+            raise T2TwinError(f"led_points is {led_points}; it must be at least 1")
         self.camera = camera
         self._pyrender = pyrender = _import_pyrender()
         self._lit = [led for led in leds if led.on]
         self._poses = [
-            [_spot_pose(point, np.array(led.aim_mm)) for point in led.points_mm(light_points)]
+            [_spot_pose(point, np.array(led.aim_mm)) for point in led.points_mm(led_points)]
             for led in self._lit
         ]
-        self._passes = light_points if self._lit else 1
+        self._passes = led_points if self._lit else 1
         self._x_mm, self._y_mm = optical_grid(gel)
         self._rest_mm = gel.rest_surface_mm(*np.meshgrid(self._x_mm, self._y_mm))
         ny, nx = (size // MESH_STRIDE for size in self._rest_mm.shape)
@@ -201,7 +199,7 @@ def encode(linear: np.ndarray) -> np.ndarray:
 
 
 def _blocks(grid: np.ndarray) -> np.ndarray:
-    """(n, k) means over blocks of MESH_STRIDE x MESH_STRIDE cells of a (ny, nx, k) grid."""
+    """(n, k) averages over blocks of MESH_STRIDE x MESH_STRIDE cells of a (ny, nx, k) grid."""
     ny, nx = (size // MESH_STRIDE for size in grid.shape[:2])
     cut = grid[: ny * MESH_STRIDE, : nx * MESH_STRIDE]
     return cut.reshape(ny, MESH_STRIDE, nx, MESH_STRIDE, -1).mean(axis=(1, 3)).reshape(ny * nx, -1)

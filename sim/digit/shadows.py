@@ -14,6 +14,9 @@ from t2twin.sim.digit.compiled import bilinear, inlined, jit_finite
 
 SHADOW_STRIDE = 2
 """Cells of the optical grid to a cell of the shadow grid: 0.2 mm."""
+CASTER_LEAST_MM = 0.02
+"""Least deflection that casts a shadow, mm (assumed). The untouched gel casts none: its LEDs shine
+through its sides."""
 SHADOW_BIAS_MM = 0.01
 """Clearance given to every ray, mm, so that a surface does not shade itself (assumed)."""
 LEAST_GAP_MM = np.float32(1e-4)
