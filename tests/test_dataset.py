@@ -35,7 +35,7 @@ from t2twin.sim.dataset.store import (
 )
 from t2twin.sim.dataset.timing import STAGES
 from t2twin.sim.dataset.verify import verify
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.sensors import CySkin, SensorPair
 
 SHAPES = ("square-1", "square-3", "circle-2", "pliers/teeth")
 
@@ -147,7 +147,7 @@ def test_a_run_killed_again_and_again_ends_with_the_same_bytes(made, tmp_path, s
         assert 0 < len(list(folder.rglob("[a-z]*.parquet"))) < len(SHAPES)
     with pytest.raises(T2TwinError, match="unfinished"):
         read_split(folder, "train")
-    assert "info.json: the dataset is unfinished" in [str(problem) for problem in verify(folder)]
+    assert "info.json: the dataset is unfinished" in [str(fault) for fault in verify(folder)]
     generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     assert digests(folder) == digests(made)
 
@@ -157,8 +157,7 @@ def test_a_flipped_bit_is_named_and_its_shard_alone_made_anew(made, tmp_path, sh
     shutil.copytree(made, folder)
     assert verify(folder) == []
     flip_a_bit(folder / "train/square-1.parquet")
-    broken = verify(folder)
-    assert [problem.part for problem in broken] == ["train/square-1.parquet"]
+    assert [fault.part for fault in verify(folder)] == ["train/square-1.parquet"]
     others = [path for path in folder.rglob("*.parquet") if path.name != "square-1.parquet"]
     before = [path.stat().st_mtime_ns for path in others]
     generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
@@ -177,12 +176,15 @@ def test_verify_finds_what_a_digest_cannot(made, tmp_path, capsys):
         ({"shape": ["circle-1"] * 3}, "another shape"),
         ({"split": ["train", "val", "train"]}, "another split"),
         ({"image": [{"bytes": b"no picture", "path": ""}, *image[1:]]}, "cannot be decoded"),
+        ({"image": [None, *image[1:]]}, "cannot be decoded"),
+        ({"index": [None, *index[1:]]}, "has no index"),
+        ({"taxels": [None, *counts[1:]]}, "0 taxels"),
         ({"taxels": [[40_001] * 20, *counts[1:]]}, "outside of 0 to 40000"),
         ({"taxels": [counts[0][:19], *counts[1:]]}, "19 taxels"),
     ):
         folder = tmp_path / "changed"
         shutil.copytree(made, folder)
-        assert any(said in str(problem) for problem in remade(folder, changes))
+        assert any(said in str(fault) for fault in remade(folder, changes))
         shutil.rmtree(folder)
     shutil.copytree(made, folder)
     (folder / "val/square-3.parquet").unlink()
@@ -244,6 +246,21 @@ def test_a_killed_worker_is_one_sentence(tmp_path, shape_cache):
     killer.join()
 
 
+def test_workers_that_cannot_start_are_one_sentence(tmp_path, shape_cache):
+    """A script without a guard starts itself in each worker, which Python does not allow."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from t2twin.sim.dataset.generate import generate\n"
+        f"generate({str(tmp_path / 'data')!r}, 'smoke', workers=2, cache={str(shape_cache)!r}, "
+        f"shapes={SHAPES[:2]!r})"
+    )
+    ended = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, timeout=120
+    )
+    assert ended.returncode == 1
+    assert "T2TwinError: no worker could start" in ended.stderr.splitlines()[-1]
+
+
 def test_the_log_says_where_the_time_went(made):
     (record,) = [json.loads(line) for line in (made / LOG).read_text().splitlines()]
     assert record["pairs"] == 10 and record["workers"] == 1
@@ -295,10 +312,44 @@ def test_other_parameters_are_refused(made, shape_cache):
         generate(made, "smoke", seed=5, workers=1, cache=shape_cache, shapes=SHAPES)
 
 
+@pytest.mark.parametrize("code", ["0123456789abcdef", None])
+def test_shapes_of_another_code_are_not_mixed(made, tmp_path, shape_cache, code):
+    """A dataset begun with other shapes, or before datasets named what makes the shapes."""
+    shutil.copytree(made, tmp_path / "older")
+    write_info(tmp_path / "older", replace(read_info(made), shape_code=code))
+    with pytest.raises(T2TwinError, match="made with another shape code"):
+        generate(tmp_path / "older", "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
+    assert verify(tmp_path / "older") == []
+    assert len(read_split(tmp_path / "older", "train")) == 6
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"seed": -1}, "the seed is -1"),
+        ({"workers": 0}, "0 workers"),
+        ({"scale": "huge"}, "no scale 'huge'"),
+        ({"shapes": ("square-1", "sphere")}, "sphere"),
+        ({"layout": "x_mm,y_mm\n0,0\n5,0\n13.9,0\n"}, "outside the cover"),
+        ({"scheduler": "tcp://127.0.0.1:9"}, "needs Dask"),
+    ],
+)
+def test_what_is_refused_leaves_nothing(tmp_path, monkeypatch, asked, said):
+    monkeypatch.delitem(sys.modules, "t2twin.sim.dataset.cluster", raising=False)
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    (tmp_path / "mine.csv").write_text(asked.pop("layout", "x_mm,y_mm\n0,0\n5,0\n0,5\n"))
+    sensors = SensorPair(cyskin=CySkin(layout_source=str(tmp_path / "mine.csv")))
+    with pytest.raises(T2TwinError, match=said):
+        generate(tmp_path / "out", **{"scale": "smoke", "sensors": sensors, **asked})
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_folder_with_something_else_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(T2TwinError, match="not empty"):
         generate(tmp_path, "smoke", shapes=SHAPES)
+    with pytest.raises(T2TwinError, match=r"notes\.txt is a file"):
+        generate(tmp_path / "notes.txt", "smoke", shapes=SHAPES)
 
 
 def test_reading_what_is_not_there_says_so(made, tmp_path):

@@ -54,20 +54,21 @@ def write_csv(folder, pairs=20, **changes):
 def test_a_folder_of_pictures_and_a_csv_comes_in_whole(tmp_path, layout):
     folder, rows = write_csv(tmp_path / "mine")
     info = import_pairs(folder, tmp_path / "data", layout, full_scale=1000)
-    assert info["pairs"] == {"train": 16, "val": 2, "test": 2}
-    assert info["image_shape"] == [32, 24, 3] and verify(tmp_path / "data") == []
+    assert info.pairs == {"train": 16, "val": 2, "test": 2}
+    assert info.image_shape == (32, 24, 3) and info == read_info(tmp_path / "data")
+    assert verify(tmp_path / "data") == []
     assert not list(tmp_path.glob(".*"))
     assert "20 pairs" not in (tmp_path / "data" / CARD).read_text()
-    found = {}
+    kept = {}
     for split in ("train", "val", "test"):
         table = read_split(tmp_path / "data", split)
         for image, counts in zip(table["image"].to_pylist(), taxels(table), strict=True):
-            found[decode_png(image["bytes"]).tobytes()] = counts.tolist()
+            kept[decode_png(image["bytes"]).tobytes()] = counts.tolist()
         assert table["x_mm"].null_count == len(table)
     for row in rows:
         with Image.open(folder / row["image"]) as image:
             expected = [row[f"taxel_{i}"] for i in range(TAXELS)]
-            assert found[np.asarray(image).tobytes()] == expected
+            assert kept[np.asarray(image).tobytes()] == expected
 
 
 def test_what_the_rows_say_is_kept(tmp_path, layout):
@@ -120,6 +121,9 @@ def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout)
         (tmp_path / "second.csv").touch()  # two in the folder: which is meant?
         with pytest.raises(T2TwinError, match=r"give a \.csv|name the one"):
             import_pairs(source, tmp_path / "data", layout)
+    with pytest.raises(T2TwinError, match="the seed is -1"):
+        import_pairs(tmp_path / "mine", tmp_path / "data", layout, seed=-1)
+    assert not (tmp_path / "data").exists()
 
 
 def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
@@ -131,7 +135,7 @@ def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
     data = tmp_path / "data"
     main(["import-pairs", str(tmp_path / "mine.parquet"), "--out", str(data)])
     assert "32 training, 12 validation and 8 test pairs" in capsys.readouterr().out
-    assert verify(data) == [] and "scale" not in read_info(data)
+    assert verify(data) == [] and not read_info(data).is_simulated
     for split in ("train", "val", "test"):
         ours, theirs = read_split(data, split), read_split(spots, split)
         assert (taxels(ours) == taxels(theirs)).all()
@@ -139,5 +143,5 @@ def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
             pixels = [decode_png(cell.as_py()["bytes"]) for cell in (one, other)]
             assert (pixels[0] == pixels[1]).all()
     train("resnet18", data, "smoke", tmp_path / "run", epochs=1)
-    metrics = evaluate([tmp_path / "run"], data, "val", tmp_path / "out")
-    assert metrics["pairs"] == 12 and metrics["models"]["resnet18"]["overall"]["rmse_counts"] > 0
+    result = evaluate([tmp_path / "run"], data, "val", tmp_path / "out")
+    assert result.pairs == 12 and result.models["resnet18"].overall.rmse_counts > 0

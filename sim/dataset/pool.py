@@ -2,11 +2,14 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset.shard import Made, Task, make_shard
@@ -26,18 +29,30 @@ def run(
     """Make the tasks' shards, each yielded as it is done.
 
     progress: called with the number of pairs made since the last call. Raises T2TwinError where a
-    worker fails or is killed; the others then stop after the pair in hand.
+    worker fails, is killed or cannot start; the others then stop after the pair in hand.
     """
     if workers == 1:
         for task in todo:
             yield task, make_shard(task, sensors, lambda: progress(1))
         return
+    # In a file, as a worker that dies while it is handed more than a pipe holds is waited for
+    # without end.
+    with tempfile.NamedTemporaryFile(prefix="t2twin-sensors-") as file:
+        pickle.dump(sensors, file)
+        file.flush()
+        yield from _run(Path(file.name), todo, workers, progress)
+
+
+def _run(
+    sensors: Path, todo: list[Task], workers: int, progress: Callable[[int], object]
+) -> Iterator[tuple[Task, Made]]:
+    """sensors: the file that the workers read them from."""
     context = multiprocessing.get_context("spawn")
-    made, stop = context.Value("i", 0), context.Event()
+    made, stop, started = context.Value("i", 0), context.Event(), context.Event()
     seen = 0
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_start, initargs=(sensors, made, stop)
+        workers, mp_context=context, initializer=_start, initargs=(sensors, made, stop, started)
     ) as pool:
         # The largest first, so that no long shard is left alone at the end.
         order = sorted(todo, key=lambda task: -len(task.indices))
@@ -56,6 +71,11 @@ def run(
             # being started when another one died.
             for child in set(multiprocessing.active_children()) - others:
                 child.kill()
+            if not started.is_set():
+                raise T2TwinError(
+                    "no worker could start; a script of your own must make the dataset below "
+                    "`if __name__ == '__main__':`"
+                ) from error
             raise T2TwinError(
                 "a worker was killed, as the system does when memory runs out; with fewer "
                 "--workers the same command goes on from here"
@@ -71,10 +91,11 @@ _made = None
 _stop = None
 
 
-def _start(sensors: SensorPair, made, stop) -> None:
+def _start(sensors: Path, made, stop, started) -> None:
     """Give a worker its sensors, the counter of pairs that all of them share, and the stop sign."""
     global _sensors, _made, _stop
-    _sensors, _made, _stop = sensors, made, stop
+    started.set()
+    _sensors, _made, _stop = pickle.loads(sensors.read_bytes()), made, stop
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run itself stops its workers
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

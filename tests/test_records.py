@@ -1,0 +1,278 @@
+"""What datasets and runs say of themselves: each wrong field is one sentence that names it."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.dataset.describe import describe
+from t2twin.sim.dataset.info import DatasetInfo, Shard
+from t2twin.sim.dataset.png import decode_png
+from t2twin.sim.dataset.shard import Task
+from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
+from t2twin.sim.sensors import SensorPair
+from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.presets import PRESETS
+from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config
+from t2twin.translate.runs.log import (
+    EpochRecord,
+    best_epoch,
+    decode_history,
+    encode_history,
+    read_log,
+    write_log,
+)
+
+SHARD = "train/square-1.parquet"
+GONE = object()
+"""Stands for a key that is taken out."""
+
+
+@pytest.fixture(scope="module")
+def info() -> DatasetInfo:
+    """A finished dataset's, of one shard."""
+    task = Task("square-1", "train", (3, 5), 0, "", None)
+    begun = describe(SensorPair(), "smoke", 0, [task])
+    return replace(begun, complete=True, shards={SHARD: Shard("0" * 64, 2)})
+
+
+@pytest.fixture(scope="module")
+def config() -> RunConfig:
+    layout = load_layout()
+    data = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, 40_000.0)
+    return RunConfig(
+        "resnet18", PRESETS["resnet18"]["smoke"], 3, data, None, 2.5, 4, bf16=False, processes=1
+    )
+
+
+@pytest.fixture
+def history() -> list[EpochRecord]:
+    return [
+        EpochRecord(epoch, 1e-3, {"adversarial": 2.5, "l1": 0.5}, rmse, rmse / 400, 0.25)
+        for epoch, rmse in ((1, 900.0), (2, 700.0), (3, 800.0))
+    ]
+
+
+def change(path, place, value):
+    """Sets one value of a JSON file; place: keys and indices on the way to it."""
+    content = json.loads(path.read_text())
+    inner = content
+    for step in place[:-1]:
+        inner = inner[step]
+    if value is GONE:
+        del inner[place[-1]]
+    else:
+        inner[place[-1]] = value
+    path.write_text(json.dumps(content))
+
+
+def sentence(error: pytest.ExceptionInfo[T2TwinError]) -> str:
+    said = str(error.value)
+    assert "\n" not in said and "Traceback" not in said
+    return said
+
+
+def test_info_comes_back_as_it_was_written(tmp_path, info):
+    write_info(tmp_path, info)
+    assert read_info(tmp_path) == info and info.is_simulated
+    assert split_shards(info, "train") == [SHARD] and split_shards(info, "val") == []
+    text = (tmp_path / INFO).read_text()
+    content = json.loads(text)
+    assert text == json.dumps(content, indent=1, sort_keys=True) + "\n"
+    assert content["parameters"]["cyskin"]["dome_width_radius_mm"] is None  # flat: no infinity
+    assert "origin" not in content and "pad_diameter_mm" not in content
+
+
+def test_what_an_older_dataset_lacks_is_none(tmp_path, info):
+    write_info(tmp_path, info)
+    for key in ("shape_code", "parameters", "image_shape", "seed", "scale"):
+        change(tmp_path / INFO, [key], GONE)
+    older = read_info(tmp_path)
+    assert older == replace(
+        info, shape_code=None, parameters=None, image_shape=None, seed=None, scale=None
+    )
+    assert not older.is_simulated
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (["format"], 2, "of format 2; this version of t2twin reads format 1"),
+        (["format"], "1", "format is text; it must be a whole number"),
+        (["format"], GONE, "format is missing"),
+        (["complete"], 1, "complete is a whole number; it must be true or false"),
+        (["pairs"], GONE, "pairs is missing"),
+        (["pairs", "val"], GONE, "pairs must name the splits train, val, test"),
+        (["pairs", "all"], 3, "pairs must name the splits train, val, test"),
+        (["pairs", "val"], -1, r"pairs\[\.\.\.\] must be a whole number at least 0"),
+        (["layout_x_mm", 2], "x", r"layout_x_mm\[2\] is text; it must be a number"),
+        (["layout_x_mm", 2], float("nan"), "is not JSON"),
+        (["layout_x_mm", 2], float("inf"), "is not JSON"),
+        (["layout_y_mm"], [0.0], "layout_x_mm has 20 and layout_y_mm 1 positions"),
+        (["full_scale_counts"], 0, "full_scale_counts must be a whole number at least 1"),
+        (["full_scale_counts"], 65_536, "full_scale_counts must be a whole number at most 65535"),
+        (["full_scale_counts"], 4e4, "full_scale_counts is a number; it must be a whole number"),
+        (["image_shape"], [320, 240], "image_shape must be a list of length 3"),
+        (["seed"], -1, "seed must be a whole number at least 0"),
+        (["versions"], ["numpy"], "versions is a list; it must be an object"),
+        (["parameters", "digit", "noise_grey"], GONE, r"parameters\.digit\.noise_grey is missing"),
+        (["parameters", "cyskin", "young_mpa"], 0, r"cyskin\.young_mpa must be a number above 0"),
+        (["parameters", "cyskin", "pad_diameter_mm"], [4.0], "pad_diameter_mm has 1 taxels"),
+        (["shards", SHARD, "pairs"], -2, r"shards\[\.\.\.\]\.pairs must be a whole number"),
+        (["shards", SHARD, "sha256"], "ab", "sha256 must be 64 hexadecimal digits"),
+        (["shards", SHARD], 5, r"shards\[\.\.\.\] is a whole number; it must be an object"),
+    ],
+)
+def test_a_wrong_field_of_info_is_one_sentence(tmp_path, info, place, value, said):
+    write_info(tmp_path, info)
+    change(tmp_path / INFO, place, value)
+    with pytest.raises(T2TwinError, match=said) as error:
+        read_info(tmp_path)
+    assert sentence(error).startswith(str(tmp_path / INFO))
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/etc/square-1.parquet",
+        "../train/square-1.parquet",
+        "train/../../square-1.parquet",
+        "train/../square-1.parquet",
+        "extra/square-1.parquet",
+        "train/square-1.csv",
+        "train/.parquet",
+        "train",
+        "train/square\0.parquet",
+    ],
+)
+def test_a_shard_elsewhere_is_refused(tmp_path, info, path):
+    write_info(tmp_path, info)
+    change(tmp_path / INFO, ["shards", path], {"sha256": "0" * 64, "pairs": 1})
+    with pytest.raises(T2TwinError, match="lies in no split's folder") as error:
+        read_info(tmp_path)
+    assert repr(path) in sentence(error)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000, b"[]", b"null"])
+def test_a_file_that_is_no_record_is_one_sentence(tmp_path, content):
+    (tmp_path / INFO).write_bytes(content)
+    (tmp_path / CONFIG).write_bytes(content)
+    for read in (read_info, load_config):
+        with pytest.raises(T2TwinError, match=r"is not JSON|must be an object") as error:
+            read(tmp_path)
+        sentence(error)
+
+
+def test_config_comes_back_as_it_was_written(tmp_path, config):
+    config.save(tmp_path)
+    again = load_config(tmp_path)
+    assert replace(again, data=config.data) == config
+    assert again.data.sha256 == config.data.sha256
+    assert again.data.x_mm.dtype == float and (again.data.x_mm == config.data.x_mm).all()
+    assert (again.data.y_mm == config.data.y_mm).all()
+
+
+def test_an_older_config_names_no_format(tmp_path, config):
+    config.save(tmp_path)
+    for place in (["format"], ["versions"], ["preset", "discriminator_share"]):
+        change(tmp_path / CONFIG, place, GONE)
+    assert load_config(tmp_path).preset == config.preset
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "said"),
+    [
+        (["format"], 7, "of format 7; this version of t2twin reads format 1"),
+        (["model"], "unet", "model is 'unet'; it must be one of touch2touch, resnet18"),
+        (["model"], GONE, "model is missing"),
+        (["seed"], -1, "seed must be a whole number at least 0"),
+        (["seed"], 2**70, "seed must be a whole number at most"),
+        (["epochs"], "all", "epochs is text; it must be a whole number or null"),
+        (["minutes"], 0, "minutes must be a number above 0"),
+        (["minutes"], float("nan"), "is not JSON"),
+        (["planned_epochs"], 0, "planned_epochs must be a whole number at least 1"),
+        (["bf16"], "yes", "bf16 is text; it must be true or false"),
+        (["processes"], 1.5, "processes is a number; it must be a whole number"),
+        (["preset", "size"], "large", "preset: size is text; it must be a whole number"),
+        (["preset", "size"], 0, "preset: size must be 1 or more"),
+        (["preset", "noise"], -0.1, "preset: noise must be 0 or more"),
+        (["preset", "learning_rate"], 0.0, "preset: learning_rate must be above 0"),
+        (["preset", "beta1"], 1.0, "preset: beta1 and beta2 must be below 1"),
+        (["preset", "schedule"], "steep", "schedule is 'steep', which is none of the allowed"),
+        (["preset", "batch"], GONE, "preset: batch is missing"),
+        (["preset", "l1_wieght"], 5.0, r"preset\.l1_wieght is no setting"),
+        (["data", "info_sha256"], "abc", "info_sha256 must be 64 hexadecimal digits"),
+        (["data", "layout_x_mm"], [], "layout_x_mm has 0 and layout_y_mm 20 positions"),
+        (["data", "full_scale_counts"], 0, r"data\.full_scale_counts must be a number at least 1"),
+    ],
+)
+def test_a_wrong_field_of_config_is_one_sentence(tmp_path, config, place, value, said):
+    config.save(tmp_path)
+    change(tmp_path / CONFIG, place, value)
+    with pytest.raises(T2TwinError, match=said) as error:
+        load_config(tmp_path)
+    assert sentence(error).startswith(str(tmp_path / CONFIG))
+
+
+def test_the_log_has_a_flat_line_for_every_epoch(tmp_path, history):
+    write_log(tmp_path, history)
+    first = (tmp_path / LOG).read_text().splitlines()[0]
+    assert first == (
+        '{"epoch": 1, "learning_rate": 0.001, "train_adversarial": 2.5, "train_l1": 0.5, '
+        '"val_rmse_counts": 900.0, "val_rmse_percent": 2.25, "seconds": 0.25}'
+    )
+    assert read_log(tmp_path) == history
+    assert decode_history(encode_history(history), "here") == history
+    assert best_epoch(history).epoch == 2
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [
+        ("epoch", GONE, "line 2: epoch is missing"),
+        ("epoch", 3, "line 2: epoch is 3; it must be 2"),
+        ("epoch", "two", "line 2: epoch is text; it must be a whole number"),
+        ("learning_rate", None, "line 2: learning_rate is null; it must be a number"),
+        ("learning_rate", -1e-3, "line 2: learning_rate must be a number at least 0"),
+        ("train_l1", "small", r"line 2: train\[\.\.\.\] is text; it must be a number"),
+        ("train_l1", float("inf"), "line 2 is damaged"),
+        ("val_rmse_counts", GONE, "line 2: val_rmse_counts is missing"),
+        ("val_rmse_counts", float("nan"), "line 2 is damaged"),
+        ("val_rmse_counts", -5.0, "line 2: val_rmse_counts must be a number at least 0"),
+        ("val_rmse_percent", True, "line 2: val_rmse_percent is true or false; it must be"),
+        ("seconds", [1], "line 2: seconds is a list; it must be a number"),
+    ],
+)
+def test_a_wrong_line_of_the_log_is_one_sentence(tmp_path, history, key, value, said):
+    write_log(tmp_path, history)
+    lines = (tmp_path / LOG).read_text().splitlines()
+    record = {k: v for k, v in (json.loads(lines[1]) | {key: value}).items() if v is not GONE}
+    lines[1] = json.dumps(record)
+    (tmp_path / LOG).write_text("\n".join(lines))
+    with pytest.raises(T2TwinError, match=said) as error:
+        read_log(tmp_path)
+    assert sentence(error).startswith(str(tmp_path / LOG))
+
+
+def test_a_log_that_is_missing_or_empty_is_one_sentence(tmp_path, history):
+    with pytest.raises(T2TwinError, match=r"holds no log\.jsonl"):
+        read_log(tmp_path)
+    (tmp_path / LOG).touch()
+    with pytest.raises(T2TwinError, match="is empty"):
+        read_log(tmp_path)
+    with pytest.raises(T2TwinError, match="saved, epoch 1: epoch is missing"):
+        decode_history("[{}]", "saved")
+    with pytest.raises(T2TwinError, match="the content is an object; it must be a list"):
+        decode_history("{}", "saved")
+    endless = replace(history[0], val_rmse_counts=float("nan"))
+    with pytest.raises(T2TwinError, match="val_rmse_counts of epoch 1 is nan"):
+        write_log(tmp_path, [endless])
+
+
+def test_a_stored_picture_that_is_none_is_one_sentence():
+    for content in (b"", b"no picture", np.zeros(100, np.uint8).tobytes()):
+        with pytest.raises(T2TwinError, match="a stored picture cannot be decoded"):
+            decode_png(content)
