@@ -97,13 +97,14 @@ def test_without_shadows_every_led_is_missed_on_its_far_side(optics):
 
 
 def test_a_wall_hides_half_the_led_where_similar_triangles_say():
-    pitch, height, wall = 0.1, 1.0, 60  # mm, mm, column
+    pitch, height, wall = np.float32(0.1), 1.0, 60  # mm, mm, column
+    start = np.float32(0.0)
     heights = np.zeros((21, 200), dtype=np.float32)
     heights[:, wall - 10 : wall + 1] = -height
-    led = np.array([[-15.0, 1.0, -4.0]])  # in line with row 10, left of the wall
+    led = np.array([[-15.0, 1.0, -4.0]], dtype=np.float32)  # in line with row 10, left of the wall
     sight = np.ones((1, *heights.shape), dtype=np.float32)
     shadows.sight_of_leds(
-        heights, 0.0, 0.0, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), led,
+        heights, start, start, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), led,
         np.array([0.5]), sight,
     )  # fmt: skip
     shadow = sight[0, 10, wall + 2 :]
