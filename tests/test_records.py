@@ -3,14 +3,12 @@
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.describe import describe
 from t2twin.sim.dataset.info import DatasetInfo, Shard
-from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.shard import Task
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
 from t2twin.sim.sensors import SensorPair
@@ -270,9 +268,3 @@ def test_a_log_that_is_missing_or_empty_is_one_sentence(tmp_path, history):
     endless = replace(history[0], val_rmse_counts=float("nan"))
     with pytest.raises(T2TwinError, match="val_rmse_counts of epoch 1 is nan"):
         write_log(tmp_path, [endless])
-
-
-def test_a_stored_picture_that_is_none_is_one_sentence():
-    for content in (b"", b"no picture", np.zeros(100, np.uint8).tobytes()):
-        with pytest.raises(T2TwinError, match="a stored picture cannot be decoded"):
-            decode_png(content)

@@ -2,7 +2,6 @@
 
 import importlib
 import json
-import os
 import time
 from dataclasses import asdict, fields, replace
 from datetime import UTC, datetime
@@ -13,6 +12,7 @@ from tqdm import tqdm
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.machine import cores
 from t2twin.sim.dataset import pool, protocol
 from t2twin.sim.dataset.card import card
 from t2twin.sim.dataset.describe import describe
@@ -70,7 +70,7 @@ def generate(
     if todo:
         info = replace(info, complete=False)
         write_info(folder, info)
-        info = _make(folder, sensors, todo, info, workers or os.cpu_count() or 1, scheduler)
+        info = _make(folder, sensors, todo, info, workers or cores(), scheduler)
     info = replace(info, complete=True)
     write_info(folder, info)
     write_whole(folder / CARD, card(info).encode())

@@ -73,8 +73,8 @@ def _run(
                 child.kill()
             if not started.is_set():
                 raise T2TwinError(
-                    "no worker could start; a script of your own must make the dataset below "
-                    "`if __name__ == '__main__':`"
+                    "no worker could start; a script of your own must be a file that makes the "
+                    "dataset below `if __name__ == '__main__':`"
                 ) from error
             raise T2TwinError(
                 "a worker was killed, as the system does when memory runs out; with fewer "

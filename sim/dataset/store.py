@@ -210,7 +210,8 @@ def split_shards(info: DatasetInfo, split: str) -> list[str]:
 def read_split(folder: str | Path, split: str, columns: list[str] | None = None) -> pa.Table:
     """All rows of a split as one table, shards in the order of their names.
 
-    Raises T2TwinError where the dataset is missing or unfinished, or the split is unknown or empty.
+    Raises T2TwinError where the dataset is missing or unfinished, the split is unknown or empty, or
+    a shard cannot be read or lacks a column.
     """
     if split not in SPLITS:
         raise T2TwinError(f"no split {split!r}; allowed are {', '.join(SPLITS)}")
@@ -230,6 +231,8 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
     for path in shards:
         with _opened(folder, path) as file:
             tables.append(file.read(columns=columns))
+        if set(columns or SCHEMA.names) - set(tables[-1].column_names):
+            raise T2TwinError(f"{Path(folder) / path} lacks columns of a dataset's shard")
     return pa.concat_tables(tables)
 
 
@@ -257,6 +260,15 @@ def _opened(folder: str | Path, shard: str) -> Iterator[pq.ParquetFile]:
 
 
 def taxels(table: pa.Table) -> np.ndarray:
-    """A table's taxel counts, (n, taxels) float32."""
+    """A table's taxel counts, (n, taxels) float32.
+
+    Raises T2TwinError where the rows have different numbers of taxels.
+    """
     column = table.column("taxels").combine_chunks()
+    numbers = set(column.value_lengths().to_pylist())
+    if len(numbers) != 1 or None in numbers:
+        raise T2TwinError(
+            "not all pairs of the dataset have the same number of taxels; `t2twin simdata "
+            "--verify` names the shard"
+        )
     return column.flatten().to_numpy().reshape(len(column), -1).astype(np.float32)

@@ -1,6 +1,5 @@
 """Whether a dataset is whole: every shard's bytes, rows, pairing and pictures."""
 
-import os
 from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -15,6 +14,7 @@ from tqdm import tqdm
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.machine import cores
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.protocol import press_of
@@ -57,7 +57,7 @@ def verify(folder: str | Path) -> list[Fault]:
     faults = list(_files(folder, info))
     named = {fault.part for fault in faults}
     shards = [path for path in sorted(info.shards) if path not in named]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         checks = pool.map(lambda path: list(_shard(folder, path, info)), shards)
         for of_shard in tqdm(checks, total=len(shards), desc="verify", unit="shard"):
             faults += of_shard

@@ -1,0 +1,78 @@
+"""A dataset's shards: their pictures, their row groups, and what is said of damaged ones."""
+
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from spots import write_spots
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.png import decode_png, encode_png
+from t2twin.sim.dataset.store import (
+    ROWS_AT_ONCE,
+    iter_images,
+    read_info,
+    read_split,
+    sha256_of,
+    taxels,
+    write_shard,
+)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    return write_spots(tmp_path_factory.mktemp("spots"), train=4, val=1, test=1)
+
+
+def test_png_gives_back_the_picture():
+    rng = np.random.default_rng(0)
+    for image in (
+        rng.integers(0, 256, (320, 240, 3), dtype=np.uint8),
+        np.zeros((1, 1, 3), np.uint8),
+        np.full((5, 7, 3), 255, np.uint8),
+    ):
+        assert (decode_png(encode_png(image)) == image).all()
+    with pytest.raises(T2TwinError, match="rows x columns x 3"):
+        encode_png(np.zeros((4, 4), np.uint8))
+
+
+def test_a_stored_picture_that_is_none_is_one_sentence():
+    for content in (b"", b"no picture", np.zeros(100, np.uint8).tobytes()):
+        with pytest.raises(T2TwinError, match="a stored picture cannot be decoded"):
+            decode_png(content)
+
+
+def test_many_rows_come_in_groups(data, tmp_path):
+    table = pq.ParquetFile(data / "train/square-1.parquet").read()
+    rows = [table.to_pylist()[0] | {"index": index} for index in range(ROWS_AT_ONCE + 1)]
+    digest = write_shard(tmp_path / "long.parquet", rows)
+    assert digest == sha256_of(tmp_path / "long.parquet")
+    with pq.ParquetFile(tmp_path / "long.parquet") as file:
+        assert file.num_row_groups == 2
+        assert file.read(["index"])["index"].to_pylist() == list(range(ROWS_AT_ONCE + 1))
+
+
+def test_reading_what_is_not_there_says_so(data, tmp_path):
+    with pytest.raises(T2TwinError, match="holds no dataset"):
+        read_info(tmp_path)
+    with pytest.raises(T2TwinError, match="train, val, test"):
+        read_split(data, "validation")
+
+
+def test_a_damaged_shard_is_one_sentence(data, tmp_path):
+    table = read_split(data, "train", ["taxels"])
+    uneven = pa.table({"taxels": [[1, 2], [3]]})
+    for rows in (uneven, pa.table({"taxels": pa.array([[1], None])}), table.slice(0, 0)):
+        with pytest.raises(T2TwinError, match="same number of taxels"):
+            taxels(rows)
+    with pytest.raises(T2TwinError, match="lacks columns"):
+        read_split(data, "train", ["taxels", "sound"])
+    shutil.copytree(data, tmp_path / "cut")
+    path = tmp_path / "cut/train/square-1.parquet"
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(T2TwinError, match=r"square-1\.parquet cannot be read"):
+        read_split(tmp_path / "cut", "train")
+    with pytest.raises(T2TwinError, match=r"square-1\.parquet cannot be read"):
+        list(iter_images(tmp_path / "cut", "train/square-1.parquet"))
