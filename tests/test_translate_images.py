@@ -3,6 +3,7 @@ for what cannot be used."""
 
 import csv
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -327,3 +328,15 @@ def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> No
     (tmp_path / "best.safetensors").write_bytes(b"rubbish")
     with pytest.raises(T2TwinError, match="does not hold the weights"):
         load_run(tmp_path)
+
+
+def test_a_bomb_and_a_pipe_are_refused_in_a_sentence(tmp_path, recwarn):
+    """Few bytes, many pixels; and a named pipe, which nobody writes to."""
+    black = Image.new("1", (20_000, 20_000))
+    black.save(tmp_path / "bomb.png")
+    with pytest.raises(T2TwinError, match="12,000,000 pixels"):
+        open_image(tmp_path / "bomb.png")
+    os.mkfifo(tmp_path / "pipe.png")
+    with pytest.raises(T2TwinError, match="it is not a file"):
+        open_image(tmp_path / "pipe.png")
+    assert not recwarn.list

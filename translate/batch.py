@@ -18,11 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 from tqdm import tqdm
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.data.images import FORMATS, open_image, to_pixels
+from t2twin.translate.data.images import check_image, open_image, to_pixels
 from t2twin.translate.picture import tactile_picture
 from t2twin.translate.predict import AT_ONCE, TrainedTranslator, load_run
 
@@ -84,7 +83,7 @@ def translate_images(
     names = _output_names(images) if pictures else []
     _check_not_replaced(images, names, out_dir)
     with ThreadPoolExecutor() as pool:
-        list(pool.map(_check_header, images))
+        list(pool.map(check_image, images))
         run = load_run(run_dir, layout)
         with tempfile.TemporaryDirectory(prefix=".translate-", dir=_nearest(out_dir)) as folder:
             counts = _translate(run, images, names, Path(folder), pool)
@@ -145,15 +144,6 @@ def _save_picture(run: TrainedTranslator, folder: Path, tactile: np.ndarray, nam
     info = run.config.data
     picture = tactile_picture(tactile, info.x_mm, info.y_mm, info.full_scale_counts)
     picture.save(folder / name, compress_level=1)  # in half the time, if half as large again
-
-
-def _check_header(path: Path) -> None:
-    """Finds most of what cannot be read before the work starts, without decoding."""
-    try:
-        with Image.open(path, formats=FORMATS):
-            return
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        open_image(path)  # says what is wrong with it
 
 
 def _check_not_replaced(images: list[Path], names: list[str], out_dir: Path) -> None:

@@ -13,7 +13,6 @@ taxel, and whatever else is known of the press:
 """
 
 import hashlib
-import io
 import os
 import re
 import shutil
@@ -26,7 +25,6 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet as pq
-from PIL import Image, ImageOps
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import Layout
@@ -44,10 +42,14 @@ from t2twin.sim.dataset.store import (
     write_shard,
     write_whole,
 )
+from t2twin.sim.pictures import open_picture
 
 ORIGIN = "imported"
 SHARES = (0.8, 0.1, 0.1)
 """Of train, val and test, where the rows do not say."""
+
+FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
+"""Formats that the pictures may have."""
 
 OWN = "own"
 """Shape and family of pairs that name none."""
@@ -275,14 +277,14 @@ class _Pictures:
         self.shape: tuple[int, int, int] | None = None
 
     def read(self, pair: Pair) -> np.ndarray:
-        source = io.BytesIO(pair.image) if isinstance(pair.image, bytes) else self._file(pair)
+        source = pair.image if isinstance(pair.image, bytes) else self._file(pair)
         try:
-            with Image.open(source) as image:
-                if image.mode[0] in "IF":
-                    raise ValueError("more than 8 bits a channel")
-                pixels = np.array(ImageOps.exif_transpose(image).convert("RGB"))
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-            raise T2TwinError(f"row {pair.row}: its picture cannot be read ({error})") from error
+            image = open_picture(source, FORMATS)
+            if image.mode[0] in "IF":
+                raise T2TwinError("it has more than 8 bits a channel; save it with 8")
+        except T2TwinError as error:
+            raise T2TwinError(f"row {pair.row}: its picture cannot be read: {error}") from error
+        pixels = np.array(image.convert("RGB"))
         rows, columns, channels = pixels.shape
         self.shape = self.shape or (rows, columns, channels)
         if pixels.shape != self.shape:

@@ -106,8 +106,9 @@ def _rendering() -> str:
 
 
 def _processor() -> str:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return f"{cores} cores"
+    from t2twin.primitives_cad.machine import cores
+
+    return f"{cores()} cores"
 
 
 def _memory() -> str:

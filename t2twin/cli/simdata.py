@@ -76,9 +76,7 @@ def _verify(folder: Path) -> int:
     info = read_info(folder)
     if broken:
         again = (
-            "; the same `t2twin simdata` remakes its shards, no others"
-            if info.is_simulated
-            else ""
+            "; the same `t2twin simdata` remakes its shards, no others" if info.is_simulated else ""
         )
         print(f"{folder} is broken in {len({problem.part for problem in broken})} files{again}")
         return 1

@@ -4,34 +4,41 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from PIL import Image, ImageOps
+from PIL import Image
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.pictures import check_picture, open_picture
 
 RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
 RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)
 """Mean and standard deviation of ImageNet's channels: ResNet18's usual normalisation."""
-
-FORMATS = ("PNG", "JPEG")
 
 
 def open_image(path: Path) -> Image.Image:
     """An image file as grey ("L") or RGB, 8 bits, upright.
 
     Takes grey, colour, palette and 16-bit images, with or without transparency, which is dropped.
-    Raises T2TwinError where the file is missing or is no whole PNG or JPEG.
+    Raises T2TwinError where the file is missing, is no whole PNG or JPEG, or is far too large.
     """
-    if not path.is_file():
-        raise T2TwinError(f"{path} is not there; give PNG or JPEG files")
     try:
-        with Image.open(path, formats=FORMATS) as opened:
-            opened.load()
-            image = ImageOps.exif_transpose(opened)
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError):
-        raise T2TwinError(f"{path} cannot be read as an image; give PNG or JPEG files") from None
+        image = open_picture(path)
+    except T2TwinError as error:
+        raise _unreadable(path, error) from None
     if image.mode.startswith("I"):  # 16 bits a pixel, which PIL would clip, not scale, to 8
         return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
     return image.convert("L" if image.mode in ("1", "L", "LA") else "RGB")
+
+
+def check_image(path: Path) -> None:
+    """Most of the same, from the file's header alone. Raises as `open_image` does."""
+    try:
+        check_picture(path)
+    except T2TwinError as error:
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, reason: Exception) -> T2TwinError:
+    return T2TwinError(f"{path} cannot be read as an image: {reason}; give PNG or JPEG files")
 
 
 def to_pixels(image: Image.Image, size: int, grey: bool) -> np.ndarray:

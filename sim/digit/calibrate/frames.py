@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.camera import COLUMNS, ROWS
+from t2twin.sim.pictures import open_picture
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
-FORMATS = "PNG, JPEG and BMP"
+FORMATS = ("PNG", "JPEG", "BMP")
 CROP_PX = 100
 """Side of the square in which contacts are scored, px."""
 BLOB_BLUR_PX = 4.0
@@ -37,15 +37,17 @@ PATTERN_BLUR_PX = 4.0
 
 def read_frame(path: Path) -> np.ndarray:
     """(rows, columns, 3) uint8, upright. Raises T2TwinError if it is not a picture of 8 bits."""
+    if not path.exists():
+        raise T2TwinError(f"{path} does not exist")
     try:
-        with Image.open(path) as image:
-            if image.mode[0] in "IF":
-                raise T2TwinError(f"{path} has more than 8 bits a channel; save it with 8")
-            return np.array(ImageOps.exif_transpose(image).convert("RGB"))
-    except FileNotFoundError as error:
-        raise T2TwinError(f"{path} does not exist") from error
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
-        raise T2TwinError(f"{path} is not a picture; {FORMATS} files are read") from error
+        image = open_picture(path, FORMATS)
+    except T2TwinError as error:
+        raise T2TwinError(
+            f"{path} is not a picture: {error}; {', '.join(FORMATS)} files are read"
+        ) from error
+    if image.mode[0] in "IF":
+        raise T2TwinError(f"{path} has more than 8 bits a channel; save it with 8")
+    return np.array(image.convert("RGB"))
 
 
 def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray, list[str]]:
@@ -63,7 +65,7 @@ def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray,
         if path.suffix.lower() in SUFFIXES and path.resolve() != background.resolve()
     )
     if not paths:
-        raise T2TwinError(f"{folder} holds no pictures; {FORMATS} files are read")
+        raise T2TwinError(f"{folder} holds no pictures; {', '.join(FORMATS)} files are read")
     frames = []
     for path in paths:
         frame = read_frame(path)
