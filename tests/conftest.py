@@ -1,9 +1,16 @@
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from t2twin.primitives_cad import catalogue
+
+REPORT_SHAPES = (
+    "circle-1", "square-1", "hemisphere-4", "line-sharp-4", "square-3", "circle-3",
+    "wrench/shank", "allen-key/long-arm",
+)  # fmt: skip
+"""Shapes whose solids are quick to make: four to train on, two to validate, two tools."""
 
 
 def pytest_addoption(parser):
@@ -48,3 +55,35 @@ def runs(data_dir, tmp_path_factory):
         train_smoke(model, data_dir, folder / model, epochs=3)
         for model in ("touch2touch", "resnet18")
     ]
+
+
+@pytest.fixture(scope="session")
+def small_dataset(tmp_path_factory):
+    """A simulated dataset of REPORT_SHAPES, 20 pairs; not to be written to."""
+    from t2twin.sim.dataset.generate import generate
+
+    folder = tmp_path_factory.mktemp("small") / "data"
+    generate(folder, "smoke", workers=1, shapes=REPORT_SHAPES)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def phi():
+    """phi of the layout that ships."""
+    from t2twin.sim.cyskin.layout import load_layout
+    from t2twin.translate.phi import Phi
+
+    layout = load_layout()
+    return Phi(layout.x_mm, layout.y_mm)
+
+
+@pytest.fixture(scope="module")
+def true():
+    """(6, 20) counts: Gaussian responses about places in the middle of the array."""
+    from t2twin.sim.cyskin.layout import load_layout
+
+    layout = load_layout()
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-4, 4, (6, 2))
+    squares = (layout.x_mm - places[:, :1]) ** 2 + (layout.y_mm - places[:, 1:]) ** 2
+    return 30000.0 * np.exp(-squares / 50.0)

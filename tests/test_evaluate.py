@@ -1,4 +1,4 @@
-"""Metrics on cases whose figures are known, the trivial predictors, and the whole evaluation."""
+"""The trivial predictors, and the whole evaluation."""
 
 import hashlib
 import json
@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from skimage.metrics import structural_similarity
 from spots import write_spots
 
 from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
@@ -23,7 +21,6 @@ from t2twin.translate.evaluation.baselines import (
     neighbours,
 )
 from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
-from t2twin.translate.evaluation.metrics import compare
 from t2twin.translate.evaluation.predictions import PREDICTIONS, read_predictions
 from t2twin.translate.evaluation.records import (
     FORMAT,
@@ -47,7 +44,6 @@ from t2twin.translate.evaluation.records import (
     read_evaluation,
     write_evaluation,
 )
-from t2twin.translate.evaluation.similarity import image_scores
 from t2twin.translate.evaluation.table import table
 from t2twin.translate.phi import Phi
 from t2twin.translate.predict import load_run
@@ -55,22 +51,6 @@ from t2twin.translate.runs.log import read_log
 from t2twin.translate.touch2touch import Touch2Touch
 
 FULL_SCALE = 40000.0
-
-
-@pytest.fixture(scope="module")
-def phi() -> Phi:
-    layout = load_layout()
-    return Phi(layout.x_mm, layout.y_mm)
-
-
-@pytest.fixture(scope="module")
-def true() -> np.ndarray:
-    """Six Gaussian responses about places in the middle of the array."""
-    layout = load_layout()
-    rng = np.random.default_rng(0)
-    places = rng.uniform(-4, 4, (6, 2))
-    squares = (layout.x_mm - places[:, :1]) ** 2 + (layout.y_mm - places[:, 1:]) ** 2
-    return 30000.0 * np.exp(-squares / 50.0)
 
 
 @pytest.fixture(scope="module")
@@ -84,99 +64,6 @@ def evaluated(runs: list[Path], data_dir: Path, tmp_path_factory: pytest.TempPat
     folder = tmp_path_factory.mktemp("evaluated")
     evaluate_both(runs, data_dir, folder)
     return folder
-
-
-def test_perfect_prediction(phi: Phi, true: np.ndarray) -> None:
-    summary = compare(true, true, phi, FULL_SCALE).summary(FULL_SCALE)
-    assert summary.pairs == 6
-    assert summary.rmse_counts == summary.rmse_percent == 0.0
-    assert summary.ssim == summary.ssim_contact == pytest.approx(1.0)
-    assert summary.contact_iou == 1.0
-    assert summary.centroid_error_mm == summary.total_error_percent == 0.0
-
-
-def test_rmse_is_over_samples_and_taxels(phi: Phi, true: np.ndarray) -> None:
-    """One taxel of one sample off by 12,000 of 6 x 20: 12,000 / sqrt(120)."""
-    off = true.copy()
-    off[2, 7] += 12000.0
-    summary = compare(off, true, phi, FULL_SCALE).summary(FULL_SCALE)
-    assert summary.rmse_counts == pytest.approx(12000.0 / np.sqrt(120))
-    assert summary.rmse_percent == pytest.approx(30.0 / np.sqrt(120))
-
-
-def test_error_of_a_group_of_the_taxels(phi: Phi, true: np.ndarray) -> None:
-    off = true.copy()
-    off[2, 7] += 12000.0
-    some = np.arange(20) < 8
-    groups = {"under": some, "near": ~some, "beyond": np.zeros(20, bool)}
-    summary = compare(off, true, phi, FULL_SCALE, taxel_groups=groups).summary(FULL_SCALE)
-    assert summary.rmse_under_counts == pytest.approx(12000.0 / np.sqrt(6 * 8))
-    assert summary.rmse_near_counts == 0.0
-    assert summary.rmse_beyond_counts is None
-
-
-def test_ssim_is_scikit_images(phi: Phi, true: np.ndarray) -> None:
-    """Over the image and over the contact, of tactile images and of noise up to the rim."""
-    rng = np.random.default_rng(1)
-    images = list(zip(phi(0.7 * true + 500.0), phi(true), strict=True))
-    images += [tuple(rng.uniform(0, 30000, (2, 9, 23)).astype(np.float32)) for _ in range(3)]
-    for a, b in images:
-        ssim, local, *_ = structural_similarity(a, b, data_range=FULL_SCALE, full=True)
-        contact_a, contact_b = a > 0.1 * a.max(), b > 0.1 * b.max()
-        scores = image_scores(a, b, FULL_SCALE, 0.1)
-        assert scores.ssim == pytest.approx(ssim, abs=1e-6)
-        assert scores.ssim_contact == pytest.approx(local[contact_b].mean(), abs=1e-6)
-        iou = (contact_a & contact_b).sum() / (contact_a | contact_b).sum()
-        assert scores.contact_iou == iou
-
-
-def test_weaker_response_keeps_its_shape(phi: Phi, true: np.ndarray) -> None:
-    summary = compare(0.8 * true, true, phi, FULL_SCALE).summary(FULL_SCALE)
-    assert summary.total_error_percent == pytest.approx(20.0)
-    assert summary.contact_iou == pytest.approx(1.0, abs=1e-3)
-    assert summary.centroid_error_mm == pytest.approx(0.0, abs=1e-6)
-    assert summary.ssim_contact is not None
-    assert summary.ssim_contact < summary.ssim < 1.0
-
-
-def test_centroid_and_contact_of_single_taxels(phi: Phi) -> None:
-    """Two inner taxels answer with the same hexagon of triangles, as far apart as they are."""
-    layout = load_layout()
-    inner = [n for n in range(20) if (phi.matrix.sum(axis=0)[n] > 0.98 * phi.matrix.sum(0).max())]
-    assert len(inner) == 6
-    a, b = np.zeros((1, 20)), np.zeros((1, 20))
-    a[0, inner[0]] = b[0, inner[-1]] = 20000.0
-    figures = compare(a, b, phi, FULL_SCALE)
-    apart = np.hypot(
-        layout.x_mm[inner[0]] - layout.x_mm[inner[-1]],
-        layout.y_mm[inner[0]] - layout.y_mm[inner[-1]],
-    )
-    assert figures.centroid_error_mm[0] == pytest.approx(apart, abs=0.05)
-    assert figures.contact_iou[0] == pytest.approx(0.0, abs=0.02)
-
-
-def test_iou_of_half_a_contact(phi: Phi) -> None:
-    """Contact above a tenth of the maximum: known masks from the images themselves."""
-    a, b = np.zeros((1, 20)), np.zeros((1, 20))
-    a[0, 7] = 10000.0
-    b[0, 7] = b[0, 8] = 10000.0
-    mask_a, mask_b = (phi(v[0]) > 0.1 * phi(v[0]).max() for v in (a, b))
-    expected = (mask_a & mask_b).sum() / (mask_a | mask_b).sum()
-    assert 0.3 < expected < 0.9
-    assert compare(a, b, phi, FULL_SCALE).contact_iou[0] == pytest.approx(expected)
-
-
-def test_no_contact_leaves_the_contacts_figures_out(phi: Phi, true: np.ndarray) -> None:
-    nothing = np.zeros_like(true[:1])
-    figures = compare(np.vstack([nothing, true]), np.vstack([nothing, true]), phi, FULL_SCALE)
-    assert np.isnan([figures.contact_iou[0], figures.centroid_error_mm[0]]).all()
-    assert figures.summary(FULL_SCALE).contact_iou == 1.0
-    alone = compare(nothing, nothing, phi, FULL_SCALE).summary(FULL_SCALE)
-    assert alone.ssim == 1.0
-    assert alone.contact_iou is None
-    missed = compare(np.zeros_like(true), true, phi, FULL_SCALE)
-    assert (missed.contact_iou == 0.0).all()
-    assert np.isfinite(missed.centroid_error_mm).all()
 
 
 def test_mean_array_is_the_best_constant(data_dir: Path) -> None:

@@ -53,10 +53,8 @@ def press(
 
     solid = t2twin.load_shape(shape)
     command = press_command(solid, force_n, x_mm, y_mm, yaw_deg)
-    gel, cover = (
-        other_elastomer(own, thickness_mm, young_mpa, poisson, flat)
-        for own in (DIGIT_GEL, CYSKIN_COVER)
-    )
+    other = (thickness_mm, young_mpa, poisson, flat)
+    gel, cover = (other_elastomer(own, *other) for own in (DIGIT_GEL, CYSKIN_COVER))
     sensors = t2twin.Twin(calibration, layout, gel=gel, cover=cover).sensors
     digit = sensors.digit.touch(solid, command) if sensor != "cyskin" else None
     cyskin = sensors.cyskin.touch(solid, command) if sensor != "digit" else None

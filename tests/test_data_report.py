@@ -1,0 +1,95 @@
+"""The report of a dataset alone: what it holds, near-duplicates, outliers."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from pages import read_page
+
+from t2twin.cli import main
+from t2twin.report import (
+    data_page,
+    duplicates,
+    outliers,
+    pairs,
+)
+from t2twin.report.dataset import read_dataset
+from t2twin.report.page import PAGE
+from t2twin.report.scan import nearest_others, scan
+from t2twin.sim.dataset.png import decode_png, encode_png
+from t2twin.sim.dataset.store import write_shard
+
+
+@pytest.fixture(scope="module")
+def data_dir(small_dataset: Path) -> Path:
+    return small_dataset
+
+
+def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -> None:
+    main(["report", "--data", str(data_dir), "--out", str(tmp_path)])
+    read, text = read_page(tmp_path / PAGE)
+    sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
+    assert sections == ["about", *data_page.LINKS]
+    assert len([tag for tag, _ in read.tags if tag == "img"]) == 1 + 1 + pairs.PAIRS + 2 + 1 + 1 + 1
+    assert "12 pairs of 4 shapes" in text and "2 pairs of 2 shapes" in text
+    assert "none of 20 " in text  # without contact
+    assert sum(len(table) for table in read_dataset(data_dir).tables.values()) == 20
+
+
+def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path) -> None:
+    """One press taken twice, with another noise, among presses that differ."""
+    folder = tmp_path / "data"
+    shutil.copytree(data_dir, folder)
+    before = read_dataset(folder)
+    noise = duplicates.noise_grey(before)
+    assert not duplicates.near_duplicates(before, scan(before, noise)).any()
+    path = folder / "train/square-1.parquet"
+    rows = pq.ParquetFile(path).read().to_pylist()
+    rng = np.random.default_rng(0)
+    shaken = rng.normal(0.0, noise, (320, 240, 3))
+    again = np.clip(np.rint(decode_png(rows[1]["image"]["bytes"]) + shaken), 0, 255)
+    picture = {"bytes": encode_png(again.astype(np.uint8)), "path": ""}
+    felt = np.array(rows[0]["taxels"])
+    write_shard(
+        path,
+        [
+            *rows,
+            rows[1] | {"image": picture, "index": 587},
+            # looks like another press, but feels otherwise
+            rows[0] | {"index": 588, "taxels": (felt + 200).tolist()},
+        ],
+    )
+    dataset = read_dataset(folder)
+    looked = scan(dataset, noise)
+    twins = np.flatnonzero(duplicates.near_duplicates(dataset, looked))
+    assert [dataset.column("index")[place] for place in twins] == [rows[1]["index"], 587]
+    assert looked.alike_counts[twins].max() == 0
+    alike = np.flatnonzero(np.isfinite(looked.alike_counts))
+    assert {rows[0]["index"], 588} <= {int(dataset.column("index")[place]) for place in alike}
+
+
+def test_what_is_far_from_its_shape_is_an_outlier() -> None:
+    values = np.array([1.0, 1.1, 0.9, 1.05, 9.0, 5.0, 5.0, 5.0, 5.2])
+    groups = np.array(["a"] * 5 + ["b"] * 4)
+    far = outliers.deviations(values, groups)
+    assert far.argmax() == 4 and far[4] > 50
+    assert far[5:8].max() == 0 and far[8] == pytest.approx(0.2 / (0.02 * 5.0))
+
+
+def test_nearest_others_are_those_of_plain_arithmetic() -> None:
+    rng = np.random.default_rng(0)
+    coarse = rng.normal(0, 5, (300, 60)).astype(np.float32)
+    counts = rng.uniform(0, 40_000, (300, 20))
+    apart, felt = (
+        np.sqrt(np.square(of[:, None] - of[None]).mean(axis=2)) for of in (coarse, counts)
+    )
+    apart[np.diag_indices(300)] = np.inf
+    noise = float(np.quantile(apart, 0.01))
+    nearest, alike = nearest_others(coarse, counts, noise)
+    np.testing.assert_allclose(nearest, apart.min(axis=1), rtol=1e-3)
+    expected = np.where(apart < noise, felt, np.inf).min(axis=1)
+    assert 0 < np.isfinite(expected).sum() < 300
+    np.testing.assert_allclose(alike, expected, rtol=1e-3)
+    assert np.isinf(nearest_others(coarse[:1], counts[:1], noise)).all()
