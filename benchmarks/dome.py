@@ -1,4 +1,6 @@
-"""What the gel's dome and free sides change: `python -m benchmarks.dome`.
+"""What the gel's dome and free sides change.
+
+    python -m benchmarks.dome [--shapes N]
 
 The press takes the DIGIT's gel for a laterally unbounded layer of the local thickness. Here the
 same presses are made on it and on finite elements of the real gel (`benchmarks.solid`), both
@@ -9,15 +11,18 @@ finer one's. How far the finer mesh's depth is from the extrapolated one is told
 forces along the gel's normal would change.
 """
 
-import json
-from collections.abc import Iterator
-from dataclasses import replace
-from pathlib import Path
+from argparse import Namespace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from tqdm import tqdm
 
+from benchmarks.declared import DOME
+from benchmarks.evidence.run import main
+from benchmarks.evidence.small_case import SmallCase
 from benchmarks.solid import Answer, Gel, solve
 from benchmarks.solids import ball
 from t2twin.primitives_cad import catalogue
@@ -25,11 +30,13 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.dataset import protocol
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import DIGIT_PITCH_MM, press
+from t2twin.sim.press.engine import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.footprint import heights_at
 from t2twin.sim.press.records import PressCommand
 
-SHAPES = ("hemisphere-2", "square-2", "line-smooth-2", "circle-empty-2", "line-sharp-4")
+SHAPES = ("hemisphere-2", "square-2", "line-smooth-2", "circle-empty-2", "line-sharp-2")
+"""Shapes that lie on the gel whole when they are pressed in its middle."""
+
 BALL_MM = 4.0
 """Radius of the ball that is pressed beside the catalogue's shapes, mm."""
 
@@ -48,7 +55,13 @@ YAW_RAD = 0.4
 COARSE_MM, FINE_MM = 0.5, 0.25
 """The solid's two meshes: pitch of their columns, mm."""
 
-WIDE_MM, WIDE_FINE_MM = 80.0, 9.0
+OUTCOME_MM = (1.5, 1.0)
+"""Meshes of the small case, mm."""
+
+DECIMALS = 6
+"""Of its figures that count: the solid's last digits are those of the linear algebra's threads."""
+
+WIDE_MM, WIDE_FINE_MM = 80.0, 10.0
 """The control's side, and how far from its middle it is fine, mm. A nearly incompressible layer
 feels its sides over h sqrt((1 - nu) / (1.5 (1 - 2 nu))), 10 mm: the sides are four of that away."""
 
@@ -71,8 +84,6 @@ DOMED = replace(DIGIT_GEL, law="linear")
 FLAT = replace(DOMED, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
 WIDE = replace(FLAT, width_mm=WIDE_MM, length_mm=WIDE_MM)
 
-RESULTS = Path("benchmarks/results/dome.json")
-
 
 def touch_mm(shape: Shape, command: PressCommand, elastomer: Elastomer) -> float:
     """Shape's depth below the gel's apex at its first touch, mm."""
@@ -90,27 +101,41 @@ def on_solid(gel: Gel, shape: Shape, command: PressCommand) -> Answer:
     return solve(gel, -gel.rest_mm - heights, command.force_n)
 
 
-def compare(
-    shape: Shape,
-    command: PressCommand,
-    elastomer: Elastomer,
-    coarse: Gel,
-    fine: Gel,
-    normal: Gel | None,
-) -> dict:
+@dataclass(frozen=True)
+class Ground:
+    """What is pressed into: the engine's elastomer, its solid with a coarse and a fine mesh, and,
+    where it is domed, the coarse one under forces along the normal."""
+
+    elastomer: Elastomer
+    coarse: Gel
+    fine: Gel
+    normal: Gel | None = None
+
+
+def wide_block() -> Ground:
+    return Ground(FLAT, *(Gel(WIDE, pitch, WIDE_FINE_MM) for pitch in (COARSE_MM, FINE_MM)))
+
+
+def domed_gel(coarse_mm: float = COARSE_MM, fine_mm: float = FINE_MM) -> Ground:
+    coarse, fine = (Gel(DOMED, pitch) for pitch in (coarse_mm, fine_mm))
+    return Ground(DOMED, coarse, fine, Gel(DOMED, coarse_mm, along_normal=True))
+
+
+def compare(shape: Shape, command: PressCommand, ground: Ground) -> dict[str, Any]:
     """Figures of one press, the engine against the solid; less force where 8 N goes through."""
     while True:
         try:
-            contact = press(shape, command, elastomer, DIGIT_PITCH_MM)
+            contact = solve_contact(shape, command, ground.elastomer, DIGIT_PITCH_MM)
             break
         except T2TwinError:
             command = replace(command, force_n=command.force_n / 2)
-    touch = touch_mm(shape, command, elastomer)
-    on_coarse, on_fine = (on_solid(gel, shape, command) for gel in (coarse, fine))
+    fine = ground.fine
+    touch = touch_mm(shape, command, ground.elastomer)
+    on_coarse, on_fine = (on_solid(gel, shape, command) for gel in (ground.coarse, fine))
     coarse_mm, fine_mm = on_coarse.depth_mm - touch, on_fine.depth_mm - touch
     depth = 2 * fine_mm - coarse_mm
     x, y = contact.x_mm, contact.y_mm
-    cell = contact.pitch_mm**2
+    force_n = 1e-3 * contact.pressure_kpa * contact.pitch_mm**2
     surface = RectBivariateSpline(fine.y_mm, fine.x_mm, on_fine.deflection_mm)(y, x)
     row = {
         "shape": shape.name,
@@ -121,18 +146,16 @@ def compare(
         "depth_mm": depth,
         "depth_error": (contact.shape_depth_mm - touch) / depth - 1,
         "surface_error": _distance(_sum(x, y, contact.surface_mm), _sum(x, y, surface)),
-        "pressure_error": _distance(
-            _sum(x, y, 1e-3 * contact.pressure_kpa * cell), _blocks(fine, on_fine.force_n)
-        ),
+        "pressure_error": _distance(_sum(x, y, force_n), _blocks(fine, on_fine.force_n)),
         "force_error": contact.force_n / command.force_n - 1,
         "settled": contact.settled,
         "mesh_error": fine_mm / depth - 1,
     }
-    if normal is not None:
-        along = on_solid(normal, shape, command)
+    if ground.normal is not None:
+        along = on_solid(ground.normal, shape, command)
         row["normal_depth_change"] = (along.depth_mm - on_coarse.depth_mm) / coarse_mm
         row["normal_pressure_change"] = _distance(
-            _blocks(normal, along.force_n), _blocks(coarse, on_coarse.force_n)
+            _blocks(ground.normal, along.force_n), _blocks(ground.coarse, on_coarse.force_n)
         )
     return row
 
@@ -142,8 +165,8 @@ def _to_rim_mm(gel: Gel, touching: np.ndarray) -> float:
     return float(np.minimum(gel.x_mm[-1] - np.abs(x), gel.y_mm[-1] - np.abs(y))[touching].min())
 
 
-def _distance(found: np.ndarray, expected: np.ndarray) -> float:
-    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+def _distance(given: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.linalg.norm(given - expected) / np.linalg.norm(expected))
 
 
 def _blocks(gel: Gel, force_n: np.ndarray) -> np.ndarray:
@@ -170,7 +193,7 @@ def _sum(x_mm: np.ndarray, y_mm: np.ndarray, values: np.ndarray) -> np.ndarray:
     return np.histogram2d(y.ravel(), x.ravel(), (edges, edges), weights=values.ravel())[0]
 
 
-def near_rim(names: tuple[str, ...], rng: np.random.Generator) -> dict:
+def near_rim(names: Iterable[str], rng: np.random.Generator) -> dict[str, Any]:
     """Of presses drawn from the protocol's: the shares with contact near the rim, and the shares
     of the force that lie there, by distance from the rim, mm."""
     touching, carried = [], []
@@ -179,7 +202,7 @@ def near_rim(names: tuple[str, ...], rng: np.random.Generator) -> dict:
         grid = protocol.grid_of(name)
         for index in rng.choice(grid.points**2 * grid.orientations, DRAWN, replace=False):
             command = protocol.press_at(shape, int(index))
-            contact = press(shape, command, DIGIT_GEL, DIGIT_PITCH_MM)
+            contact = solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM)
             to_rim = np.minimum(
                 DIGIT_GEL.width_mm / 2 - np.abs(contact.x_mm)[None, :],
                 DIGIT_GEL.length_mm / 2 - np.abs(contact.y_mm)[:, None],
@@ -202,56 +225,85 @@ def commands(shape: Shape) -> Iterator[PressCommand]:
             yield PressCommand(shape.name, float(x), float(y), YAW_RAD, force)
 
 
-def show(rows: list[dict]) -> None:
-    print(
-        f"{'shape':15} {'x':>3} {'y':>3} {'N':>4} {'to rim':>6} {'depth mm':>8} {'depth':>7} "
-        f"{'surface':>7} {'pressure':>8} {'force':>7} {'mesh':>6} {'normal':>7}"
-    )
-    for row in rows:
-        print(
-            f"{row['shape']:15} {row['x_mm']:3g} {row['y_mm']:3g} {row['force_n']:4g} "
-            f"{row['to_rim_mm']:6.2f} {row['depth_mm']:8.3f} {row['depth_error']:7.1%} "
-            f"{row['surface_error']:7.1%} {row['pressure_error']:8.1%} {row['force_error']:7.2%} "
-            f"{row['mesh_error']:6.1%} {row.get('normal_depth_change', 0.0):7.1%}"
-        )
+def summary(control: list[dict[str, Any]], domed: list[dict[str, Any]]) -> dict[str, Any]:
+    """The figures that say how far off the layer is: on the flat block, in the gel's middle, and
+    by the contact's distance from the rim."""
+    bands = {
+        "beyond_3_mm": (3.0, np.inf),
+        "2_to_3_mm": (2.0, 3.0),
+        "1_to_2_mm": (1.0, 2.0),
+        "within_1_mm": (-np.inf, 1.0),
+    }
+    middle = [row for row in domed if row["x_mm"] == row["y_mm"] == 0]
+    return {
+        "flat": _figures(control),
+        "middle": _figures(middle),
+        "to_rim": {
+            name: _figures([row for row in domed if low <= row["to_rim_mm"] < high])
+            for name, (low, high) in bands.items()
+        },
+    }
 
 
-def main() -> None:
+def _figures(rows: list[dict[str, Any]]) -> dict[str, float] | None:
+    """None of no rows."""
+    if not rows:
+        return None
+    return {
+        "presses": len(rows),
+        "worst_depth_error": max(abs(row["depth_error"]) for row in rows),
+        "median_surface_error": float(np.median([row["surface_error"] for row in rows])),
+        "worst_surface_error": max(row["surface_error"] for row in rows),
+    }
+
+
+def measure(options: Namespace) -> dict[str, Any]:
     pressed = replace(ball(BALL_MM, BALL_PITCH_MM), name=f"ball-{BALL_MM:g}mm")
-    shapes = [pressed, *(catalogue.load(name) for name in SHAPES)]
-    coarse, fine = (Gel(WIDE, pitch, WIDE_FINE_MM) for pitch in (COARSE_MM, FINE_MM))
+    shapes = [pressed, *(catalogue.load(name) for name in SHAPES)][:: options.shapes]
+    block = wide_block()
     control = [
-        compare(shape, command, FLAT, coarse, fine, None)
+        compare(shape, command, block)
         for shape in tqdm(shapes, desc="flat", unit="shape")
         for command in commands(shape)
         if command.x_mm == command.y_mm == 0
     ]
-    coarse, fine = (Gel(DOMED, pitch) for pitch in (COARSE_MM, FINE_MM))
-    normal = Gel(DOMED, COARSE_MM, along_normal=True)
+    gel = domed_gel()
     domed = [
-        compare(shape, command, DOMED, coarse, fine, normal)
+        compare(shape, command, gel)
         for shape in tqdm(shapes, desc="domed", unit="shape")
         for command in commands(shape)
     ]
     domed.sort(key=lambda row: -row["to_rim_mm"])
-    print("flat, wide block")
-    show(control)
-    print("the gel")
-    show(domed)
-    found = {
-        "command": "python -m benchmarks.dome",
-        "protocol_near_rim": {
-            "primitives": near_rim(catalogue.PRIMITIVES, np.random.default_rng(0)),
-            "objects": near_rim(catalogue.OBJECTS, np.random.default_rng(1)),
-        },
+    near = {
+        kind: near_rim(names[:: options.shapes], np.random.default_rng(seed))
+        for seed, (kind, names) in enumerate(
+            {"primitives": catalogue.PRIMITIVES, "objects": catalogue.OBJECTS}.items()
+        )
+    }
+    return {
+        "summary": summary(control, domed),
+        "protocol_near_rim": near,
         "flat": control,
         "domed": domed,
     }
-    print(json.dumps(found["protocol_near_rim"]))
-    temporary = RESULTS.with_suffix(".part")
-    temporary.write_text(json.dumps(found, indent=1) + "\n")
-    temporary.replace(RESULTS)
+
+
+def outcome(case: SmallCase) -> dict[str, Any]:
+    """Two presses on coarse meshes, and the small dataset, whose presses are the engine's."""
+    gel = domed_gel(*OUTCOME_MM)
+    shape = catalogue.load(SHAPES[0])
+    rows = [
+        compare(shape, PressCommand(shape.name, x, y, YAW_RAD, FORCES_N[0]), gel)
+        for x, y in ((0.0, 0.0), (0.0, 8.0))
+    ]
+    return {
+        "shards_sha256": case.shards_sha256(),
+        "rows": [
+            {k: round(v, DECIMALS) if isinstance(v, float) else v for k, v in row.items()}
+            for row in rows
+        ],
+    }
 
 
 if __name__ == "__main__":
-    main()
+    main(DOME)

@@ -2,17 +2,18 @@
 
     python -m benchmarks.gain [SCALE]
 
-Presses the training shapes of a scale (small unless given), prints the gain to write into
+Presses the training shapes of a scale (paper unless given), and gives the gain to write into
 t2twin.sim.cyskin.taxels.GAIN_COUNTS, and the share of samples that saturate with the one there.
 """
 
-import json
-import sys
-from pathlib import Path
+from argparse import Namespace
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from benchmarks.declared import GAIN
+from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.cyskin import taxels
 from t2twin.sim.dataset import protocol
@@ -30,29 +31,30 @@ def largest_pad_pressures_mpa(scale: str) -> np.ndarray:
     for name in tqdm(names, desc="gain", unit="shape"):
         shape = catalogue.load(name)
         for index in protocol.indices(name, protocol.scale_of(scale)):
-            contact = sensor.touch(shape, protocol.press_at(shape, index))
-            largest.append(taxels.pad_pressure_mpa(contact, sensor.layout, sensor.cover).max())
+            contact = sensor.press(shape, protocol.press_at(shape, index))
+            largest.append(taxels.pad_pressure_mpa(contact, sensor.layout).max())
     return np.array(largest)
 
 
-def main() -> None:
-    scale = sys.argv[1] if len(sys.argv) > 1 else "small"
-    pressures = largest_pad_pressures_mpa(scale)
+def measure(options: Namespace) -> dict[str, Any]:
+    pressures = largest_pad_pressures_mpa(options.scale)
     per_gain = taxels.counts(pressures, gain=1.0)
     saturated = (taxels.counts(pressures) >= taxels.FULL_SCALE_COUNTS).mean()
-    found = {
-        "command": f"python -m benchmarks.gain {scale}",
+    return {
+        "scale": options.scale,
         "presses": pressures.size,
         "gain_counts": taxels.FULL_SCALE_COUNTS / float(np.percentile(per_gain, PERCENTILE)),
         "gain_counts_in_use": taxels.GAIN_COUNTS,
         "saturated_share_in_use": float(saturated),
         "largest_pad_pressure_kpa": {
-            str(p): float(1e3 * np.percentile(pressures, p)) for p in (5, 50, 95, 99.5)
+            name: float(1e3 * np.percentile(pressures, percentile))
+            for name, percentile in (
+                ("percentile_5", 5), ("median", 50), ("percentile_95", 95),
+                ("percentile_99_5", PERCENTILE),
+            )
         },
-    }
-    Path("benchmarks/results/gain.json").write_text(json.dumps(found, indent=1) + "\n")
-    print(json.dumps(found, indent=1))
+    }  # fmt: skip
 
 
 if __name__ == "__main__":
-    main()
+    main(GAIN)

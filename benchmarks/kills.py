@@ -4,87 +4,89 @@
 
 Each kill is SIGKILL at a random moment, of the run alone (its workers must then end themselves) or
 of all its processes at once. A dataset that gets finished between two kills is compared, and
-another one begun. Kept in benchmarks/results/kills.json.
+another one begun.
 """
 
-import argparse
-import json
 import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
+from benchmarks.declared import KILLS
+from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.dataset.info import versions
+from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset.store import INFO, read_info
 from t2twin.sim.dataset.verify import verify
 
-RESULT = Path(__file__).parent / "results" / "kills.json"
 SCALE = "smoke"
 WORKERS = 2
 PATIENCE_SECONDS = 60
 """How long the workers of a killed run may take to end, s."""
 
 
-def measure(kills: int, seed: int, folder: Path) -> dict[str, Any]:
+def measure(options: Namespace) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory(prefix="t2twin-kills-") as folder:
+        return kill_again_and_again(options.kills, options.seed, Path(folder))
+
+
+def kill_again_and_again(kills: int, seed: int, folder: Path) -> dict[str, Any]:
     """Kills so many runs below folder; what happened, and whether the shards came out the same."""
     rng = random.Random(seed)
     start = time.monotonic()
-    _start(folder / "undisturbed").wait()
+    _finish(folder / "undisturbed")
     undisturbed_s = time.monotonic() - start
     wanted = _digests(folder / "undisturbed")
     records, same, number = [], [], 0
     while len(records) < kills:
         data = folder / f"killed-{number}"
-        process = _start(data)
         # Up to half of the whole: a dataset then meets several kills before it is finished.
-        moment = rng.uniform(0, undisturbed_s / 2)
+        moment_s = rng.uniform(0, undisturbed_s / 2)
+        process = _start(data)
         try:
-            process.wait(moment)
-            assert process.returncode == 0
-            same.append(_digests(data) == wanted and not verify(data))
-            number += 1
-            continue
+            _check_ended_well(process, process.wait(moment_s))
         except subprocess.TimeoutExpired:
-            pass
-        whole_group = rng.random() < 0.5
-        kill = os.killpg if whole_group else os.kill
-        kill(process.pid, signal.SIGKILL)
-        process.wait()
-        left_s = _wait_for_group(process.pid)
-        done = len(read_info(data)["shards"]) if (data / INFO).exists() else 0
-        part = len(list(data.rglob(".*.part*")))
-        records.append(
-            {
-                "dataset": number,
-                "seconds": round(moment, 2),
-                "killed": "all processes" if whole_group else "the run alone",
-                "workers_ended_after_s": round(left_s, 2),
-                "shards_whole": done,
-                "files_in_the_making": part,
-            }
-        )
-        print(json.dumps(records[-1]), flush=True)
+            records.append({"dataset": number, **_kill(process, data, moment_s, rng)})
+        else:
+            same.append(_is_same(data, wanted))
+            number += 1
     last = folder / f"killed-{number}"
-    assert _start(last).wait() == 0
-    same.append(_digests(last) == wanted and not verify(last))
+    _finish(last)
+    same.append(_is_same(last, wanted))
     return {
-        "command": f"python -m benchmarks.kills --kills {kills} --seed {seed}",
         "scale": SCALE,
         "workers": WORKERS,
         "kills": len(records),
         "datasets": len(same),
         "datasets_same_as_undisturbed": sum(same),
+        "datasets_unlike_undisturbed": len(same) - sum(same),
         "undisturbed_seconds": round(undisturbed_s, 1),
         "shards": len(wanted),
-        "versions": versions(),
         "each": records,
+    }
+
+
+def _kill(
+    process: subprocess.Popen, data: Path, moment_s: float, rng: random.Random
+) -> dict[str, Any]:
+    """Kills a run, alone or with its workers, and tells what it left."""
+    whole_group = rng.random() < 0.5
+    kill = os.killpg if whole_group else os.kill
+    kill(process.pid, signal.SIGKILL)
+    process.wait()
+    left_s = _wait_for_group(process.pid)
+    return {
+        "seconds": round(moment_s, 2),
+        "killed": "all processes" if whole_group else "the run alone",
+        "workers_ended_after_s": round(left_s, 2),
+        "shards_whole": len(read_info(data).shards) if (data / INFO).exists() else 0,
+        "files_in_the_making": len(list(data.rglob(".*.part*"))),
     }
 
 
@@ -92,11 +94,21 @@ def _start(data: Path) -> subprocess.Popen:
     command = ["simdata", "--scale", SCALE, "--out", str(data), "--workers", str(WORKERS),
                "--primitives", str(catalogue.CACHE_DIR.absolute())]  # fmt: skip
     return subprocess.Popen(
-        [sys.executable, "-m", "translate", *command],
+        [sys.executable, "-m", "t2twin", *command],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,
     )
+
+
+def _finish(data: Path) -> None:
+    process = _start(data)
+    _check_ended_well(process, process.wait())
+
+
+def _check_ended_well(process: subprocess.Popen, status: int) -> None:
+    if status:
+        raise T2TwinError(f"`{' '.join(map(str, process.args))}` ended with {status}")  # pyright: ignore[reportArgumentType]
 
 
 def _wait_for_group(group: int) -> float:
@@ -108,27 +120,20 @@ def _wait_for_group(group: int) -> float:
         except ProcessLookupError:
             return time.monotonic() - start
         time.sleep(0.02)
-    raise RuntimeError(f"processes of the killed run {group} are still there")
+    raise T2TwinError(f"processes of the killed run {group} are still there")
+
+
+def _is_same(data: Path, wanted: dict[str, str]) -> bool:
+    return _digests(data) == wanted and not verify(data)
 
 
 def _digests(data: Path) -> dict[str, str]:
     """The sha256 list of a finished dataset."""
     info = read_info(data)
-    assert info["complete"]
-    return {path: about["sha256"] for path, about in info["shards"].items()}
+    if not info.complete:
+        raise T2TwinError(f"the dataset in {data} is unfinished though its run ended well")
+    return {path: shard.sha256 for path, shard in info.shards.items()}
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    place = Path(tempfile.mkdtemp(prefix="t2twin-kills-"))
-    try:
-        found = measure(arguments.kills, arguments.seed, place)
-    finally:
-        shutil.rmtree(place)
-    RESULT.write_text(json.dumps(found, indent=1) + "\n")
-    print(f"{found['kills']} kills, {found['datasets_same_as_undisturbed']} of "
-          f"{found['datasets']} datasets the same as the undisturbed one")  # fmt: skip
-    sys.exit(0 if found["datasets_same_as_undisturbed"] == found["datasets"] else 1)
+    main(KILLS)

@@ -5,17 +5,13 @@
 From a (320, 240, 3) uint8 array to counts, resize included, for both translators at the presets
 cpu and paper, with fresh weights, whose values do not change the time. Beside it, turn by turn, the
 same network in PyTorch as it comes (batch norms unfolded, contiguous, no_grad) and the exported
-ONNX file in onnxruntime, on one thread too and with the same resize. Writes
-benchmarks/results/latency.json.
+ONNX file in onnxruntime, on one thread too and with the same resize.
 """
 
-import json
-import os
-import platform
 import statistics
-import sys
 import tempfile
 import time
+from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -25,15 +21,17 @@ import onnxruntime
 import torch
 from PIL import Image
 
-from t2twin.primitives_cad.writing import whole_file
+from benchmarks.declared import LATENCY
+from benchmarks.evidence.run import main
 from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.build import build
 from t2twin.translate.data.images import to_input, to_pixels
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.export import COUNTS, INPUT, export_onnx
 from t2twin.translate.predict import TrainedTranslator, load_run
 from t2twin.translate.presets import MODELS, PRESETS, Model, Preset
 from t2twin.translate.runs.checkpoint import load_weights, save_weights
-from t2twin.translate.runs.config import BEST, RunConfig, build
+from t2twin.translate.runs.config import BEST, RunConfig
 from t2twin.translate.touch2touch import Touch2Touch
 
 FRAME = (320, 240, 3)
@@ -41,68 +39,41 @@ FULL_SCALE = 40_000.0
 ROUNDS = 30
 """Frames that each way is given, after two that are not counted."""
 
-LIMIT_MS = {"resnet18": 16.0, "touch2touch": 30.0}
-"""Largest median at preset cpu."""
+MEASURED = ("cpu", "paper")
+"""Presets of either model."""
 
-RESULTS = Path(__file__).parent / "results" / "latency.json"
+Way = Callable[[np.ndarray], np.ndarray]
+"""From a frame to counts, (N,)."""
 
 
-def main() -> int:
+def measure(options: Namespace) -> dict[str, Any]:
     torch.set_num_threads(1)
     frames = np.random.default_rng(0).integers(0, 256, (ROUNDS + 2, *FRAME), dtype=np.uint8)
-    presets: dict[str, dict[str, Any]] = {}
-    for model in MODELS:
-        for name in ("cpu", "paper"):
-            presets[f"{model}-{name}"] = _measure(model, PRESETS[model][name], frames)
-    found = {
-        "command": "python -m benchmarks.latency",
-        "python": platform.python_version(),
-        "torch": torch.__version__,
-        "onnxruntime": onnxruntime.__version__,
+    return {
         "threads": 1,
-        "load_average": os.getloadavg()[0],
         "frame": list(FRAME),
         "rounds": ROUNDS,
-        "limit_ms": {f"{model}-cpu": limit for model, limit in LIMIT_MS.items()},
-        "presets": presets,
+        "presets": {
+            f"{model}-{name}": _measure(model, PRESETS[model][name], frames)
+            for model in MODELS
+            for name in MEASURED
+        },
     }
-    for preset, figures in presets.items():
-        for name, value in figures.items():
-            print(f"latency.{preset}.{name:24s} {value:.2f}")
-    with whole_file(RESULTS) as temporary:
-        temporary.write_text(json.dumps(found, indent=2) + "\n")
-    slow = [model for model in MODELS if presets[f"{model}-cpu"]["median_ms"] > LIMIT_MS[model]]
-    return 1 if slow else 0
 
 
 def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder)
         run = _fresh_run(model, preset, run_dir)
-        torch.set_num_threads(1)  # load_run takes all cores
-        plain = _plain(run, run_dir)
+        ways = {"": run.in_float32().predict, "plain_": _plain(run, run_dir)}
         export_onnx(run, run_dir / "run.onnx")
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1
-        session = onnxruntime.InferenceSession(
-            run_dir / "run.onnx", options, providers=["CPUExecutionProvider"]
-        )
-    run.translator.bf16 = False  # as the file and the plain way: float32
-
-    def exported(frame: np.ndarray) -> np.ndarray:
-        pixels = to_pixels(Image.fromarray(frame), preset.size, preset.grey)
-        images = pixels.transpose(2, 0, 1)[None].astype(np.float32) / 255.0
-        return np.asarray(session.run([COUNTS], {INPUT: images})[0])[0]
-
-    ways: dict[str, Callable[[np.ndarray], np.ndarray]] = {
-        "": run.predict, "plain_": plain, "onnxruntime_": exported,
-    }  # fmt: skip
-    times: dict[str, list[float]] = {way: [] for way in ways}
-    for frame in frames:
-        for way, predict in ways.items():
-            started = time.perf_counter()
-            predict(frame)
-            times[way].append(1e3 * (time.perf_counter() - started))
+        ways["onnxruntime_"] = _exported(run_dir / "run.onnx", preset)
+        times: dict[str, list[float]] = {way: [] for way in ways}
+        for frame in frames:
+            for way, predict in ways.items():
+                started = time.perf_counter()
+                predict(frame)
+                times[way].append(1e3 * (time.perf_counter() - started))
     counted = {way: sorted(each[2:]) for way, each in times.items()}
     medians = {way: statistics.median(each) for way, each in counted.items()}
     return {
@@ -122,7 +93,21 @@ def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> TrainedTranslator
     return load_run(run_dir)
 
 
-def _plain(run: TrainedTranslator, run_dir: Path) -> Callable[[np.ndarray], np.ndarray]:
+def _exported(path: Path, preset: Preset) -> Way:
+    """The exported file in onnxruntime, on one thread."""
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+
+    def predict(frame: np.ndarray) -> np.ndarray:
+        pixels = to_pixels(Image.fromarray(frame), preset.size, preset.grey)
+        images = pixels.transpose(2, 0, 1)[None].astype(np.float32) / 255.0
+        return np.asarray(session.run([COUNTS], {INPUT: images})[0])[0]
+
+    return predict
+
+
+def _plain(run: TrainedTranslator, run_dir: Path) -> Way:
     """The same network as anyone would write its use first."""
     translator, preset = build(run.config), run.config.preset
     load_weights(run_dir / BEST, translator.predictor)
@@ -143,4 +128,4 @@ def _plain(run: TrainedTranslator, run_dir: Path) -> Callable[[np.ndarray], np.n
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(LATENCY)

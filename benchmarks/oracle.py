@@ -6,16 +6,18 @@ each cell, contact enforced at the cells' middles, and a constrained conjugate-g
 (Polonsky and Keer, Wear 231, 1999). It shares nothing with the engine and knows nothing of MuJoCo.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
-from scipy.signal import fftconvolve
+
+from t2twin.primitives_cad.errors import T2TwinError
 
 ALIASES = 4
 """Spectral images summed on either side."""
-
 
 THICK = 12.0
 """Wavenumber times thickness beyond which a layer is a half-space: what is left is below 1e-8."""
@@ -58,9 +60,9 @@ class Waves:
         self.half_space = 2 * (1 - poisson**2) / young_mpa
         shear = young_mpa / (2 * (1 + poisson))
         reduced = np.geomspace(THIN, THICK, WAVES)
-        found = np.array([wave(float(s), poisson) for s in reduced])
-        self._sinking = CubicSpline(np.log(reduced), found[:, 0] * thickness_mm / shear / reduced)
-        self._base = CubicSpline(np.log(reduced), found[:, 1])
+        sinking, base = np.array([wave(float(s), poisson) for s in reduced]).T
+        self._sinking = CubicSpline(np.log(reduced), sinking * thickness_mm / shear / reduced)
+        self._base = CubicSpline(np.log(reduced), base)
 
     def compliance(self, wavenumber: np.ndarray) -> np.ndarray:
         reduced = np.maximum(wavenumber * self.thickness_mm, THIN)
@@ -114,15 +116,11 @@ def solve(
 ) -> Answer:
     """Contact of a rigid shape, given by its gaps (rows, columns), under a force.
 
-    answer_of_cell: what `kernel` gave for this grid.
+    answer_of_cell: what `kernel` gave for this grid. tolerance: change of the pressure in an
+    iteration, as a share of all of it, below which it has ended; most: iterations. Raises
+    T2TwinError where they are not enough.
     """
-    rows, columns = gap_mm.shape
-
-    def deflection(pressure: np.ndarray) -> np.ndarray:
-        return fftconvolve(pressure, answer_of_cell, mode="full")[
-            rows - 1 : 2 * rows - 1, columns - 1 : 2 * columns - 1
-        ]
-
+    deflection = deflection_under(answer_of_cell)
     area = pitch_mm**2
     pressure = np.where(gap_mm <= np.quantile(gap_mm, 0.1), 1.0, 0.0)
     pressure *= force_n / (pressure.sum() * area)
@@ -149,7 +147,22 @@ def solve(
         change = np.abs(moved - pressure).sum() / pressure.sum()
         pressure = moved
         if change < tolerance:
-            break
-    found = deflection(pressure)
-    touching = pressure > 0
-    return Answer(float((found + gap_mm)[touching].mean()), pressure, found)
+            sunk = deflection(pressure)
+            depth = float((sunk + gap_mm)[pressure > 0].mean())
+            return Answer(depth, pressure, sunk)
+    raise T2TwinError(f"the oracle did not come to rest within {most} iterations")
+
+
+def deflection_under(answer_of_cell: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Deflection of every cell's middle, mm, under a pressure on the cells, MPa, both
+    (rows, columns); answer_of_cell: what `kernel` gave for so many."""
+    rows, columns = (side // 2 + 1 for side in answer_of_cell.shape)
+    # What wraps round falls on places that are not read.
+    padded = next_fast_len(2 * rows - 1, real=True), next_fast_len(2 * columns - 1, real=True)
+    spectrum = np.asarray(rfft2(answer_of_cell, padded))
+
+    def deflection(pressure: np.ndarray) -> np.ndarray:
+        answers = np.asarray(irfft2(np.asarray(rfft2(pressure, padded)) * spectrum, padded))
+        return answers[rows - 1 : 2 * rows - 1, columns - 1 : 2 * columns - 1]
+
+    return deflection

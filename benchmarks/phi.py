@@ -4,22 +4,20 @@
 
 Both make the same batch of images of the default layout, turn by turn. The interpolator's
 triangles are found once. It is taken both ways: one image at a time, which the ratio is of, and
-the whole batch as many-valued data, which finds each pixel's triangle but once. Writes
-benchmarks/results/phi.json.
+the whole batch as many-valued data, which finds each pixel's triangle but once.
 """
 
-import json
-import os
-import platform
 import statistics
-import sys
 import time
-from pathlib import Path
+from argparse import Namespace
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
+from benchmarks.declared import PHI
+from benchmarks.evidence.run import main
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.phi import Phi
 
@@ -27,12 +25,9 @@ BATCH = 64
 ONE_BY_ONE = 8
 """Images of the batch that the interpolator makes one at a time."""
 REPEATS = 7
-LIMIT_MS = 0.2
-LEAST_RATIO = 10.0
-RESULTS = Path(__file__).parent / "results" / "phi.json"
 
 
-def main() -> int:
+def measure(options: Namespace) -> dict[str, Any]:
     layout = load_layout()
     phi = Phi(layout.x_mm, layout.y_mm)
     counts = np.random.default_rng(0).integers(0, 40_001, (BATCH, layout.size)).astype(np.float32)
@@ -61,11 +56,7 @@ def main() -> int:
             make()
             times.append(1e3 * (time.perf_counter() - started) / count)
     ours, theirs, batched = (statistics.median(times) for times in (phi_ms, scipy_ms, batch_ms))
-    found = {
-        "command": "python -m benchmarks.phi",
-        "python": platform.python_version(),
-        "cores": os.cpu_count(),
-        "load_average": os.getloadavg()[0],
+    return {
         "batch": BATCH,
         "image": list(phi.shape),
         "phi_ms_an_image": ours,
@@ -74,17 +65,8 @@ def main() -> int:
         "ratio": theirs / ours,
         "batch_ratio": batched / ours,
         "largest_difference_counts": apart,
-        "limit_ms": LIMIT_MS,
-        "least_ratio": LEAST_RATIO,
     }
-    for name, value in found.items():
-        print(f"phi.{name:28s} {value}")
-    RESULTS.parent.mkdir(exist_ok=True)
-    part = RESULTS.with_suffix(".json.part")
-    part.write_text(json.dumps(found, indent=2) + "\n")
-    part.replace(RESULTS)
-    return 0 if ours <= LIMIT_MS and theirs >= LEAST_RATIO * ours else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(PHI)

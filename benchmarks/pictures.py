@@ -1,20 +1,31 @@
-"""The README's picture: `python -m benchmarks.pictures` writes docs/pictures/presses.png.
+"""The README's picture: docs/pictures/presses.png.
 
-Five presses at 8 N, a column each: the shape, what the DIGIT saw, what the CySkin felt.
+    python -m benchmarks.pictures
+
+Five presses at 8 N, a column each: the shape, what the DIGIT saw, what the CySkin felt. The results
+hold the presses and what each sensor says of them in a number, so that a picture that is older than
+the code is found like any other result.
 """
 
-from pathlib import Path
+from argparse import Namespace
+from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw
 
+from benchmarks.declared import PICTURES
+from benchmarks.evidence.record import ROOT
+from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue, sheet
+from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.protocol import FORCE_N
 from t2twin.sim.press.records import PressCommand
-from t2twin.sim.sensors import CySkin, Digit
+from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.translate.phi import Phi
 from t2twin.translate.picture import tactile_picture
+
+PICTURE = ROOT / "docs" / "pictures" / "presses.png"
 
 PRESSES = (
     PressCommand("hemisphere-4", 0.0, 0.0, 0.0, FORCE_N),
@@ -28,34 +39,57 @@ DIGIT_PX = (240, 320)
 TACTILE_PX = (240, 330)
 GAP_PX = 16
 
+BRIGHTEST = 1.2
+"""Counts of the brightest colour, in parts of the press's largest."""
 
-def main() -> None:
-    digit, cyskin = Digit(), CySkin()
-    layout = cyskin.layout
+
+def measure(options: Namespace) -> dict[str, Any]:
+    sensors = SensorPair()
+    samples = [sensors.press(catalogue.load(press.shape), press) for press in PRESSES]
+    if not options.keep_nothing:
+        with whole_file(PICTURE) as temporary:
+            draw(sensors, samples).save(temporary, optimize=True)
+    return {
+        "presses": [
+            {
+                "shape": sample.command.shape,
+                "digit_depth_mm": sample.digit.depth_mm,
+                "image_mean_grey": float(sample.image.mean()),
+                "largest_counts": int(sample.counts.max()),
+            }
+            for sample in samples
+        ]
+    }
+
+
+def draw(sensors: SensorPair, samples: list[Sample]) -> Image.Image:
+    """The picture, a column a sample."""
+    layout = sensors.cyskin.layout
     phi = Phi(layout.x_mm, layout.y_mm)
-    width = len(PRESSES) * (SHAPE_PX[0] + GAP_PX) - GAP_PX
+    width = len(samples) * (SHAPE_PX[0] + GAP_PX) - GAP_PX
     height = SHAPE_PX[1] + DIGIT_PX[1] + TACTILE_PX[1] + 2 * GAP_PX
     page = Image.new("RGB", (width, height), "white")
-    for column, command in enumerate(PRESSES):
-        shape = catalogue.load(command.shape)
+    for column, sample in enumerate(samples):
         left = column * (SHAPE_PX[0] + GAP_PX)
-        tool = command.shape.split("/")[0]
-        mesh = catalogue.tool_mesh(tool) if tool in catalogue.TOOLS else shape.mesh
-        view = sheet.TOOL_VIEWS.get(tool, sheet.PRIMITIVE_VIEW)
-        drawn, _ = sheet.draw(mesh, view, SHAPE_PX, sheet.STEEL)
-        page.paste(Image.fromarray(drawn), (left, 0))
-        ImageDraw.Draw(page).text((left + 6, 4), command.shape, fill=sheet.INK, font_size=15)
-        seen = digit.see(digit.touch(shape, command), shape, command)
-        page.paste(Image.fromarray(seen), (left, SHAPE_PX[1] + GAP_PX))
-        counts = cyskin.feel(cyskin.touch(shape, command)).astype(np.float32)
-        brightest = min(FULL_SCALE_COUNTS, 1.2 * float(counts.max()))
-        felt = tactile_picture(phi(counts), layout.x_mm, layout.y_mm, brightest)
-        page.paste(felt.resize(TACTILE_PX), (left, height - TACTILE_PX[1]))
-    path = Path("docs/pictures/presses.png")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    page.save(path, optimize=True)
-    print(path)
+        page.paste(_drawn_shape(sample.command.shape), (left, 0))
+        page.paste(Image.fromarray(sample.image), (left, SHAPE_PX[1] + GAP_PX))
+        counts = sample.counts.astype(np.float32)
+        brightest = min(FULL_SCALE_COUNTS, BRIGHTEST * float(counts.max()))
+        tactile = tactile_picture(phi(counts), layout.x_mm, layout.y_mm, brightest)
+        page.paste(tactile.resize(TACTILE_PX), (left, height - TACTILE_PX[1]))
+    return page
+
+
+def _drawn_shape(name: str) -> Image.Image:
+    """The shape, or the whole tool, with the shape's name."""
+    tool = name.split("/")[0]
+    is_tool = tool in catalogue.TOOLS
+    mesh = catalogue.tool_mesh(tool) if is_tool else catalogue.load(name).mesh
+    view = sheet.TOOL_VIEWS[tool] if is_tool else sheet.PRIMITIVE_VIEW
+    drawing = Image.fromarray(sheet.draw(mesh, view, SHAPE_PX, sheet.STEEL)[0])
+    ImageDraw.Draw(drawing).text((6, 4), name, fill=sheet.INK, font_size=15)
+    return drawing
 
 
 if __name__ == "__main__":
-    main()
+    main(PICTURES)

@@ -1,26 +1,28 @@
-"""Fidelity and speed of the press, against the oracle: `python -m benchmarks.press`.
+"""Fidelity and speed of the press, against the oracle.
+
+    python -m benchmarks.press [--shapes N]
 
 Every primitive on a flat layer of each sensor's elastomer, linear, at four forces, turned so that
 it lines up with no grid: depth, surface, pressure and taxel pads' mean pressure against
-`benchmarks.oracle`, and the force carried. The oracle's depth is extrapolated from two grids, for
-a punch's edge is of first order; its fields are the finer grid's. Then what needs no oracle: the
-grid halved, the twelve orientations, Hertz, exponents of depth with force, and the time.
-`--shapes N` takes every Nth primitive only, and keeps nothing.
+`benchmarks.oracle`, and the force carried. The oracle has cells where the engine has its pad and
+none beyond (`benchmarks.flat_pad`), so that shapes longer than the pad are cut in both at the same
+place. Its depth is extrapolated from two grids, for a punch's edge is of first order; its fields
+are the finer grid's. Then what needs no oracle: the grid halved, the twelve orientations, on a
+layer so wide that no shape is cut, Hertz, exponents of depth with force, and the time.
 """
 
-import argparse
-import json
-import os
+from argparse import Namespace
 from dataclasses import dataclass, replace
-from pathlib import Path
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
-from scipy.special import j1
 from tqdm import tqdm
 
-from benchmarks.oracle import Answer, Waves, kernel, solve
+from benchmarks.declared import PRESS
+from benchmarks.evidence.run import main
+from benchmarks.flat_pad import FlatPad
 from benchmarks.solids import ball, punch
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
@@ -29,7 +31,7 @@ from t2twin.sim.cyskin.taxels import pad_pressure_mpa
 from t2twin.sim.dataset import protocol
 from t2twin.sim.press import engine
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, press
+from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.records import Contact, PressCommand
 
 FORCES_N = (1.0, 2.0, 4.0, 8.0)
@@ -37,14 +39,15 @@ ORACLE_PITCHES_MM = (0.125, 0.0625)
 YAW_RAD = 0.4
 """A turn that lines up with no grid."""
 
-REACH_MM = 9.0
-"""Half the oracle's square, mm: wider than every primitive."""
-
 BLOCK_MM = 1.0
 """Resolution at which pressures are compared, mm."""
 
-PAD_REACH_MM = 24.0
-"""Half the square on which the oracle's base stress is spread, mm."""
+FLAT_WIDTH_MM = 18.0
+"""Width of the DIGIT's flat layer, mm: the gel's 18.4 to whole cells of every grid here, so that
+all of them cut a shape at the same place."""
+
+WIDE_MM = 44.0
+"""Side of the layer on which shapes are turned, mm: the longest line is 40 mm."""
 
 HERTZ_RADIUS_MM, HERTZ_LAYER_MM, HERTZ_PITCH_MM = 6.0, 50.0, 0.1
 HERTZ_FORCES_N = (0.1, 0.5)
@@ -54,11 +57,12 @@ PUNCH_RADIUS_MM = 3.0
 HALVED = {
     "FINER": (*engine.FINER, 2 * engine.FINER[-1]),
     "FEWEST_PINS": 4 * engine.FEWEST_PINS,
-    "STAGES": tuple((pitch / 2, at_rest) for pitch, at_rest in engine.STAGES),
+    "STAGES": tuple((pitch_mm / 2, tolerance) for pitch_mm, tolerance in engine.STAGES),
 }
 """The engine's choices that halve its pins and its layer's grid, with half the contact's grid."""
 
-RESULTS = Path("benchmarks/results/press.json")
+ROUNDS = 3
+"""Rounds of the small protocol, of which each press's best time counts."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +77,13 @@ class Sensor:
 SENSORS = {
     "digit": Sensor(
         DIGIT_GEL,
-        replace(DIGIT_GEL, law="linear", dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf),
+        replace(
+            DIGIT_GEL,
+            law="linear",
+            width_mm=FLAT_WIDTH_MM,
+            dome_width_radius_mm=np.inf,
+            dome_length_radius_mm=np.inf,
+        ),
         DIGIT_PITCH_MM,
     ),
     # 0.3 MPa is an effective modulus at the working strain.
@@ -82,149 +92,152 @@ SENSORS = {
     ),
 }
 
-
-class Oracle:
-    """The oracle's answers on one flat layer."""
-
-    def __init__(self, elastomer: Elastomer) -> None:
-        self.elastomer = elastomer
-        self.cells = {pitch: round(2 * REACH_MM / pitch) for pitch in ORACLE_PITCHES_MM}
-        self.kernels = {
-            pitch: kernel(
-                cells, cells, pitch,
-                elastomer.thickness_mm, elastomer.young_mpa, elastomer.poisson,
-            )
-            for pitch, cells in self.cells.items()
-        }  # fmt: skip
-        self.waves = Waves(elastomer.thickness_mm, elastomer.young_mpa, elastomer.poisson)
-
-    def axis_mm(self, pitch: float) -> np.ndarray:
-        cells = self.cells[pitch]
-        return (np.arange(cells) - (cells - 1) / 2) * pitch
-
-    def answer(self, shape: Shape, command: PressCommand, pitch: float) -> Answer:
-        x, y = np.meshgrid(self.axis_mm(pitch), self.axis_mm(pitch))
-        cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
-        heights = shape.surface.sample(cos * x + sin * y, sin * x - cos * y)
-        gap = heights.max() - np.maximum(heights, heights.max() - 10.0)
-        return solve(gap, command.force_n, pitch, self.kernels[pitch], tolerance=1e-4)
-
-    def pad_pressure_mpa(self, pressure_mpa: np.ndarray, pitch: float) -> np.ndarray:
-        """Mean base stress on each pad of the default layout, from a pressure on the grid."""
-        layout = load_layout(DEFAULT_LAYOUT)
-        cells = round(2 * PAD_REACH_MM / pitch)
-        wide = np.zeros((cells, cells))
-        first = (cells - len(pressure_mpa)) // 2
-        wide[first : first + len(pressure_mpa), first : first + len(pressure_mpa)] = pressure_mpa
-        base = 2 * np.pi * np.fft.fftfreq(cells, pitch)
-        k = np.hypot(base[None, :], base[:, None])
-        radius = float(layout.pad_diameter_mm[0]) / 2
-        reach = np.maximum(k * radius, 1e-9)
-        disc = 2 * j1(reach) / reach
-        means = np.fft.ifft2(np.fft.fft2(wide) * self.waves.base_stress(k) * disc).real
-        axis = (np.arange(cells) - (cells - 1) / 2) * pitch
-        spline = RectBivariateSpline(axis, axis, means)
-        return spline(layout.y_mm, layout.x_mm, grid=False)
+ERRORS = (
+    "depth_error", "surface_error", "pressure_error", "pad_error", "force_error", "halved_grid",
+)  # fmt: skip
 
 
-def compare(shape: Shape, sensor: Sensor, oracle: Oracle) -> list[dict]:
-    """Rows of figures of one shape on one flat layer, one a force."""
-    rows = []
-    for force in FORCES_N:
-        command = PressCommand(shape.name, 0.0, 0.0, YAW_RAD, force)
-        contact = press(shape, command, sensor.flat, sensor.pitch_mm)
-        with patch.multiple(engine, **HALVED):
-            halved = press(shape, command, sensor.flat, sensor.pitch_mm / 2)
-        coarse, fine = (oracle.answer(shape, command, pitch) for pitch in ORACLE_PITCHES_MM)
-        pitch = ORACLE_PITCHES_MM[-1]
-        axis = oracle.axis_mm(pitch)
-        row = {
-            "force_n": force,
-            "depth_mm": contact.depth_mm,
-            "depth_error": contact.depth_mm / (2 * fine.depth_mm - coarse.depth_mm) - 1,
-            "oracle_grid_error": fine.depth_mm / (2 * fine.depth_mm - coarse.depth_mm) - 1,
-            "surface_error": _surface_error(contact, axis, fine.deflection_mm),
-            "pressure_error": _pressure_error(contact, axis, fine.pressure_mpa),
-            "force_error": contact.force_n / force - 1,
-            "halved_grid": halved.depth_mm / contact.depth_mm - 1,
+def measure(options: Namespace) -> dict[str, Any]:
+    sensors = {name: of_sensor(name, sensor, options.shapes) for name, sensor in SENSORS.items()}
+    return {"sensors": sensors, **hertz(), "exponents": exponents()}
+
+
+def of_sensor(name: str, sensor: Sensor, every: int) -> dict[str, Any]:
+    """Figures of the primitives on one sensor's elastomer, the worst of each, and the time of a
+    press. every: N, where every Nth primitive is taken."""
+    pads = [
+        FlatPad(sensor.flat, sensor.flat.width_mm, sensor.flat.length_mm, pitch)
+        for pitch in ORACLE_PITCHES_MM
+    ]
+    shapes = {}
+    for primitive in tqdm(catalogue.PRIMITIVES[::every], desc=name, unit="shape"):
+        shape = catalogue.load(primitive)
+        shapes[primitive] = {
+            "forces": [compare(shape, sensor, pads, force) for force in FORCES_N],
+            "orientations": orientations(shape, sensor),
         }
-        if sensor.own is CYSKIN_COVER:
-            truth = oracle.pad_pressure_mpa(fine.pressure_mpa, pitch)
-            found = pad_pressure_mpa(contact, load_layout(DEFAULT_LAYOUT), sensor.flat)
-            row["pad_error"] = float(np.abs(found - truth).max() / truth.max())
-        rows.append(row)
-    return rows
+    rows = [row for shape in shapes.values() for row in shape["forces"]]
+    turned = {"orientations": max(shape["orientations"] for shape in shapes.values())}
+    return {
+        "worst": _worst(rows) | turned,
+        "worst_at_8_n": _worst([row for row in rows if row["force_n"] == protocol.FORCE_N]),
+        "protocol": protocol_times(sensor),
+        "shapes": shapes,
+    }
 
 
-def _surface_error(contact: Contact, axis: np.ndarray, truth: np.ndarray) -> float:
-    inside_x = contact.x_mm[np.abs(contact.x_mm) < REACH_MM - 0.5]
-    inside_y = contact.y_mm[np.abs(contact.y_mm) < REACH_MM - 0.5]
-    expected = RectBivariateSpline(axis, axis, truth)(inside_y, inside_x)
-    rows, columns = np.isin(contact.y_mm, inside_y), np.isin(contact.x_mm, inside_x)
-    found = contact.surface_mm[np.ix_(rows, columns)]
-    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+def _worst(rows: list[dict[str, float]]) -> dict[str, float]:
+    """The largest of each error, its sign left out."""
+    return {key: max(abs(row[key]) for row in rows) for key in ERRORS if key in rows[0]}
 
 
-def _pressure_error(contact: Contact, axis: np.ndarray, truth: np.ndarray) -> float:
-    edges = np.arange(-REACH_MM, REACH_MM + BLOCK_MM / 2, BLOCK_MM)
+def compare(shape: Shape, sensor: Sensor, pads: list[FlatPad], force_n: float) -> dict[str, float]:
+    """Figures of one press on one flat layer. pads: the oracle's coarse and fine one."""
+    command = PressCommand(shape.name, 0.0, 0.0, YAW_RAD, force_n)
+    contact = solve_contact(shape, command, sensor.flat, sensor.pitch_mm)
+    with patch.multiple(engine, **HALVED):
+        halved = solve_contact(shape, command, sensor.flat, sensor.pitch_mm / 2)
+    coarse, fine = (pad.press(shape, command) for pad in pads)
+    depth_mm = 2 * fine.depth_mm - coarse.depth_mm
+    row = {
+        "force_n": force_n,
+        "depth_mm": contact.depth_mm,
+        "depth_error": contact.depth_mm / depth_mm - 1,
+        "oracle_grid_error": fine.depth_mm / depth_mm - 1,
+        "surface_error": _surface_error(contact, pads[-1], fine.deflection_mm),
+        "pressure_error": _pressure_error(contact, pads[-1], fine.pressure_mpa),
+        "force_error": contact.force_n / force_n - 1,
+        "halved_grid": halved.depth_mm / contact.depth_mm - 1,
+    }
+    if sensor.own is CYSKIN_COVER:
+        layout = load_layout(DEFAULT_LAYOUT)
+        expected = pads[-1].pad_pressure_mpa(fine.pressure_mpa, layout)
+        off = np.abs(pad_pressure_mpa(contact, layout) - expected).max()
+        row["pad_error"] = float(off / expected.max())
+    return row
 
-    def blocks(x: np.ndarray, y: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-        grid_x, grid_y = np.meshgrid(x, y)
-        force = pressure * (x[1] - x[0]) ** 2
-        return np.histogram2d(
-            grid_y.ravel(), grid_x.ravel(), (edges, edges), weights=force.ravel()
-        )[0]
 
-    found = blocks(contact.x_mm, contact.y_mm, 1e-3 * contact.pressure_kpa)
-    expected = blocks(axis, axis, truth)
-    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+def _surface_error(contact: Contact, pad: FlatPad, deflection_mm: np.ndarray) -> float:
+    expected = RectBivariateSpline(pad.y_mm, pad.x_mm, deflection_mm)(contact.y_mm, contact.x_mm)
+    return _distance(contact.surface_mm, expected)
+
+
+def _pressure_error(contact: Contact, pad: FlatPad, pressure_mpa: np.ndarray) -> float:
+    edges = [_block_edges(length) for length in (pad.length_mm, pad.width_mm)]
+
+    def blocks(x_mm: np.ndarray, y_mm: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+        x, y = np.meshgrid(x_mm, y_mm)
+        force = pressure * (x_mm[1] - x_mm[0]) ** 2
+        return np.histogram2d(y.ravel(), x.ravel(), edges, weights=force.ravel())[0]
+
+    given = blocks(contact.x_mm, contact.y_mm, 1e-3 * contact.pressure_kpa)
+    return _distance(given, blocks(pad.x_mm, pad.y_mm, pressure_mpa))
+
+
+def _block_edges(length_mm: float) -> np.ndarray:
+    """Edges of the blocks that cover a length about zero, mm."""
+    reach = np.ceil(length_mm / 2 / BLOCK_MM)
+    return BLOCK_MM * np.arange(-reach, reach + 1)
+
+
+def _distance(given: np.ndarray, expected: np.ndarray) -> float:
+    return float(np.linalg.norm(given - expected) / np.linalg.norm(expected))
 
 
 def orientations(shape: Shape, sensor: Sensor) -> float:
     """Greatest departure of a depth from the mean over the protocol's orientations."""
+    wide = replace(sensor.flat, width_mm=WIDE_MM, length_mm=WIDE_MM)
     depths = [
-        press(
-            shape, PressCommand(shape.name, 0.0, 0.0, yaw, 8.0), sensor.flat, sensor.pitch_mm
+        solve_contact(
+            shape, PressCommand(shape.name, 0.0, 0.0, yaw, 8.0), wide, sensor.pitch_mm
         ).depth_mm
         for yaw in np.linspace(0, protocol.LAST_YAW_RAD, protocol.PRIMITIVE_GRID.orientations)
     ]
     return float(np.abs(np.array(depths) / np.mean(depths) - 1).max())
 
 
-def hertz() -> dict:
-    """A ball on a thick layer against Hertz, and how depth grows with force."""
-    thick = Elastomer(
-        "thick", HERTZ_LAYER_MM, DIGIT_GEL.young_mpa, DIGIT_GEL.poisson, 18.0, 18.0, law="linear"
-    )
+def thick_layer() -> Elastomer:
+    """A layer so thick that it is a half-space to a small contact."""
+    own = DIGIT_GEL
+    return Elastomer("thick", HERTZ_LAYER_MM, own.young_mpa, own.poisson, 18.0, 18.0, law="linear")
+
+
+def hertz() -> dict[str, Any]:
+    """A ball on a thick layer against Hertz, by force, and the worst."""
+    thick = thick_layer()
     modulus = thick.young_mpa / (1 - thick.poisson**2)
     rows = []
     for force in HERTZ_FORCES_N:
-        contact = press(
-            ball(HERTZ_RADIUS_MM), PressCommand("ball", 0.0, 0.0, 0.0, force), thick, HERTZ_PITCH_MM
-        )
+        command = PressCommand("ball", 0.0, 0.0, 0.0, force)
+        contact = solve_contact(ball(HERTZ_RADIUS_MM), command, thick, HERTZ_PITCH_MM)
         radius = (3 * force * HERTZ_RADIUS_MM / (4 * modulus)) ** (1 / 3)
-        peak = 1e3 * 1.5 * force / (np.pi * radius**2)
+        peak_kpa = 1e3 * 1.5 * force / (np.pi * radius**2)
         rows.append(
             {
                 "force_n": force,
                 "depth_error": contact.depth_mm / (radius**2 / HERTZ_RADIUS_MM) - 1,
-                "peak_pressure_error": float(contact.pressure_kpa.max()) / peak - 1,
+                "peak_pressure_error": float(contact.pressure_kpa.max()) / peak_kpa - 1,
             }
         )
-    exponents = {}
+    keys = ("depth_error", "peak_pressure_error")
+    return {"hertz": rows, "hertz_worst": {k: max(abs(row[k]) for row in rows) for k in keys}}
+
+
+def exponents() -> dict[str, float]:
+    """The powers of the force that depth on a thick layer grows with."""
+    powers = {}
     for name, shape in (("ball", ball(HERTZ_RADIUS_MM)), ("punch", punch(PUNCH_RADIUS_MM))):
+        commands = [PressCommand(name, 0.0, 0.0, 0.0, force) for force in EXPONENT_FORCES_N]
         depths = [
-            press(
-                shape, PressCommand(name, 0.0, 0.0, 0.0, force), thick, EXPONENT_PITCH_MM
-            ).depth_mm
-            for force in EXPONENT_FORCES_N
+            solve_contact(shape, command, thick_layer(), EXPONENT_PITCH_MM).depth_mm
+            for command in commands
         ]
-        exponents[name] = float(np.polyfit(np.log(EXPONENT_FORCES_N), np.log(depths), 1)[0])
-    return {"hertz": rows, "exponents": exponents}
+        powers[name] = float(np.polyfit(np.log(EXPONENT_FORCES_N), np.log(depths), 1)[0])
+    return powers
 
 
-def protocol_times(sensor: Sensor, rounds: int = 3) -> dict:
-    """Time of a press over the small protocol, ms: each press's best of a few rounds."""
+def protocol_times(sensor: Sensor) -> dict[str, float]:
+    """Time of a press over the smoke protocol, ms: each press's best of ROUNDS."""
     commands = [
         (catalogue.load(name), index)
         for name in catalogue.NAMES
@@ -232,9 +245,10 @@ def protocol_times(sensor: Sensor, rounds: int = 3) -> dict:
     ]
     best = np.full(len(commands), np.inf)
     unsettled = 0
-    for _ in range(rounds):
+    for _ in range(ROUNDS):
         for row, (shape, index) in enumerate(commands):
-            contact = press(shape, protocol.press_at(shape, index), sensor.own, sensor.pitch_mm)
+            command = protocol.press_at(shape, index)
+            contact = solve_contact(shape, command, sensor.own, sensor.pitch_mm)
             best[row] = min(best[row], contact.milliseconds)
             unsettled += not contact.settled
     return {
@@ -245,44 +259,5 @@ def protocol_times(sensor: Sensor, rounds: int = 3) -> dict:
     }
 
 
-ERRORS = (
-    "depth_error", "surface_error", "pressure_error", "pad_error", "force_error", "halved_grid",
-)  # fmt: skip
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--shapes", type=int, default=1, help="take every Nth primitive")
-    every = parser.parse_args().shapes
-    found: dict = {"command": "python -m benchmarks.press", "cores": os.cpu_count()}
-    found["sensors"] = {}
-    for name, sensor in SENSORS.items():
-        oracle = Oracle(sensor.flat)
-        shapes = {}
-        for primitive in tqdm(catalogue.PRIMITIVES[::every], desc=name, unit="shape"):
-            shape = catalogue.load(primitive)
-            shapes[primitive] = {
-                "forces": compare(shape, sensor, oracle),
-                "orientations": orientations(shape, sensor),
-            }
-        rows = [row for shape in shapes.values() for row in shape["forces"]]
-        found["sensors"][name] = {
-            "worst": {key: max(abs(row[key]) for row in rows) for key in ERRORS if key in rows[0]}
-            | {"orientations": max(shape["orientations"] for shape in shapes.values())},
-            "protocol": protocol_times(sensor),
-            "shapes": shapes,
-        }
-        keys = [key for key in ERRORS if key in rows[0]]
-        print(f"{name:7} {'worst of 1 to 8 N':16}" + "".join(f"{key:>15}" for key in keys))
-        for primitive, shape in shapes.items():
-            worst = [max(abs(row[key]) for row in shape["forces"]) for key in keys]
-            print(f"{name:7} {primitive:17}" + "".join(f"{error:15.2%}" for error in worst))
-        print(json.dumps({k: v for k, v in found["sensors"][name].items() if k != "shapes"}))
-    found |= hertz()
-    print(json.dumps({key: found[key] for key in ("hertz", "exponents")}))
-    if every == 1:
-        RESULTS.write_text(json.dumps(found, indent=1) + "\n")
-
-
 if __name__ == "__main__":
-    main()
+    main(PRESS)

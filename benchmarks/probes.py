@@ -3,21 +3,27 @@
     python -m benchmarks.probes RUN [RUN ...] --data data/paper
 
 Nine plain solids of edges, faces and ribs that leave the DIGIT's view, neither primitives nor
-tools, are pressed as the protocol presses the objects: 3 x 3 places by 7 orientations. Prints
-sqrt(L3) in percent of full scale for each run and, beside them, for the mean array and the nearest
-neighbour of the training set, by solid, and keeps it in benchmarks/results/probes.json. What a
-preset or an augmentation is worth is read here.
+tools, are pressed as the protocol presses the objects: 3 x 3 places by 7 orientations. Gives the
+RMSE in percent of full scale for each run and, beside them, for the mean array and the nearest
+neighbour of the training set, by solid. What a preset or an augmentation is worth is read here.
 """
 
-import argparse
-import json
+import hashlib
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
+from benchmarks.declared import PROBES
+from benchmarks.evidence.run import main
+from benchmarks.evidence.small_case import SmallCase
+from benchmarks.evidence.sources import SourceTree
+from benchmarks.paper_scale import presses_sha256, settings
 from t2twin.primitives_cad import catalogue, surface
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.tessellate import tessellate
@@ -27,7 +33,14 @@ from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import SensorPair
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.evaluation.baselines import FEATURE_SIZE, mean_array, nearest_neighbour
+from t2twin.translate.evaluation.baselines import (
+    FEATURE_SIZE,
+    MEAN_ARRAY,
+    NEAREST_NEIGHBOUR,
+    mean_array,
+    nearest_neighbour,
+)
+from t2twin.translate.evaluation.evaluate import run_names
 from t2twin.translate.predict import load_run
 
 if TYPE_CHECKING:
@@ -41,7 +54,61 @@ TALL_MM = 8.0
 
 SEED = 0
 
-RESULTS = Path(__file__).parent / "results" / "probes.json"
+OUTCOME_PRESS = 31
+"""The press of every solid that is in the small case: the middle place, an orientation between."""
+
+
+@dataclass(frozen=True)
+class Probes:
+    """Presses of the solids: images (P, 320, 240, 3) uint8, counts (P, N), names (P,)."""
+
+    images: np.ndarray
+    counts: np.ndarray
+    names: np.ndarray
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    probes = kept_probes(options.probes)
+    return {"presses": len(probes.names), "rows": rows(probes, options.runs, options.data)}
+
+
+def outcome(case: SmallCase) -> dict[str, Any]:
+    """One press of every solid, the rows of the small case's runs on them, and what the paper's
+    scale is asked to be."""
+    probes = press_solids((OUTCOME_PRESS,))
+    digest = hashlib.sha256(probes.images.tobytes() + probes.counts.tobytes())
+    return {
+        "presses_sha256": digest.hexdigest(),
+        "weights_sha256": case.weights_sha256(),
+        "rows": rows(probes, list(case.runs.values()), case.data),
+        "paper_presses_sha256": presses_sha256(),
+        "paper_settings": settings(),
+    }
+
+
+def rows(probes: Probes, runs: Sequence[Path], data: Path) -> dict[str, dict[str, float]]:
+    """The RMSE in percent of full scale, by row and solid; the runs by their models' names."""
+    train = load_pairs(data, "train", FEATURE_SIZE, grey=False)
+    small = [to_pixels(Image.fromarray(image), FEATURE_SIZE, grey=False) for image in probes.images]
+    loaded = [load_run(run) for run in runs]
+    predictions = {
+        MEAN_ARRAY: np.broadcast_to(mean_array(train), probes.counts.shape),
+        NEAREST_NEIGHBOUR: nearest_neighbour(train, np.stack(small)),
+    }
+    for name, run in zip(run_names(loaded), loaded, strict=True):
+        predictions[name] = run.predict(probes.images)
+    full_scale = load_info(data).full_scale_counts
+    return {name: errors(predicted, probes, full_scale) for name, predicted in predictions.items()}
+
+
+def errors(predicted: np.ndarray, probes: Probes, full_scale: float) -> dict[str, float]:
+    """The RMSE in percent of full scale, over all and by solid."""
+    squares = np.square(predicted - probes.counts).mean(axis=1)
+    each = {str(n): squares[probes.names == n].mean() for n in dict.fromkeys(probes.names)}
+    return {
+        name: round(100.0 * float(np.sqrt(square)) / full_scale, 3)
+        for name, square in {"all": squares.mean(), **each}.items()
+    }
 
 
 def solids() -> dict[str, "cq.Workplane"]:
@@ -70,76 +137,59 @@ def solids() -> dict[str, "cq.Workplane"]:
     }
 
 
-def presses(name: str) -> list[PressCommand]:
-    """The protocol's object presses of a solid: 63."""
-    grid = protocol.OBJECT_GRID
-    return [
-        protocol.press_of(name, catalogue.OBJECT_SPACING_MM, index, grid)
-        for index in range(grid.points**2 * grid.orientations)
-    ]
-
-
 def shape_of(name: str, solid: "cq.Workplane") -> Shape:
     """A solid as a shape, its own origin kept: a file's would be moved to its middle."""
     mesh, heights = surface.stand(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
     return Shape(name, mesh, heights, spacing_mm=catalogue.OBJECT_SPACING_MM)
 
 
-def make(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Images (P, 320, 240, 3), counts (P, N) and names (P,) of every press, kept in a file."""
-    if not path.is_file():
-        bench, images, counts, names = SensorPair(), [], [], []
-        for place, (name, solid) in enumerate(solids().items()):
-            shape = shape_of(name, solid)
-            for number, command in enumerate(tqdm(presses(name), name, unit="press")):
-                rng = np.random.default_rng((SEED, place, number))
-                images.append(
-                    bench.digit.see(bench.digit.touch(shape, command), shape, command, rng)
-                )
-                counts.append(bench.cyskin.feel(bench.cyskin.touch(shape, command), rng))
-                names.append(name)
-        with whole_file(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, images=images, counts=counts, names=names)
-    with np.load(path) as found:
-        return found["images"], found["counts"].astype(np.float32), found["names"]
+def press_of(name: str, number: int) -> PressCommand:
+    """A press of a solid, as the protocol presses objects."""
+    return protocol.press_of(name, catalogue.OBJECT_SPACING_MM, number, protocol.OBJECT_GRID)
 
 
-def errors(predicted: np.ndarray, true: np.ndarray, names: np.ndarray, full: float) -> dict:
-    """sqrt(L3) in percent of full scale, over all and by solid."""
-    squares = np.square(predicted - true).mean(axis=1)
-    each = {str(n): squares[names == n].mean() for n in dict.fromkeys(names)}
-    return {
-        name: round(100.0 * float(np.sqrt(square)) / full, 3)
-        for name, square in {"all": squares.mean(), **each}.items()
-    }
+def press_solids(numbers: Sequence[int]) -> Probes:
+    """The presses of these numbers of every solid."""
+    sensors, samples = SensorPair(), []
+    for place, (name, solid) in enumerate(solids().items()):
+        shape = shape_of(name, solid)
+        for number in tqdm(numbers, name, unit="press"):
+            rng = np.random.default_rng((SEED, place, number))
+            samples.append(sensors.press(shape, press_of(name, number), rng))
+    return Probes(
+        images=np.stack([sample.image for sample in samples]),
+        counts=np.stack([sample.counts for sample in samples]).astype(np.float32),
+        names=np.array([sample.command.shape for sample in samples]),
+    )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Translators on the probes")
-    parser.add_argument("runs", nargs="*", type=Path)
-    parser.add_argument("--data", type=Path, required=True, help="dataset of the trivial rows")
-    parser.add_argument("--probes", type=Path, default=Path("data/probes.npz"))
-    options = parser.parse_args()
-    info = load_info(options.data)
-    images, counts, names = make(options.probes)
-    train = load_pairs(options.data, "train", FEATURE_SIZE, grey=False)
-    small = np.stack([to_pixels(Image.fromarray(i), FEATURE_SIZE, grey=False) for i in images])
-    found = {
-        "mean array": np.broadcast_to(mean_array(train), counts.shape),
-        "nearest neighbour": nearest_neighbour(train, small),
-        **{str(run): load_run(run).predict(images) for run in options.runs},
-    }
-    percent = {
-        name: errors(predicted, counts, names, info.full_scale_counts)
-        for name, predicted in found.items()
-    }
-    for name, each in percent.items():
-        print(name, json.dumps(each))
-    runs = " ".join(map(str, options.runs))
-    command = f"python -m benchmarks.probes {runs} --data {options.data}"
-    with whole_file(RESULTS) as temporary:
-        temporary.write_text(json.dumps({"command": command, **percent}, indent=1) + "\n")
+def kept_probes(path: Path) -> Probes:
+    """All presses, 63 of every solid: those in a file if the present code has made them, else made
+    and kept there."""
+    digest = _digest()
+    if path.is_file():
+        with np.load(path) as kept:
+            if "digest" in kept and str(kept["digest"]) == digest:
+                return Probes(kept["images"], kept["counts"], kept["names"])
+    grid = protocol.OBJECT_GRID
+    probes = press_solids(range(grid.points**2 * grid.orientations))
+    with whole_file(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            digest=np.array(digest),
+            images=probes.images,
+            counts=probes.counts,
+            names=probes.names,
+        )
+    return probes
+
+
+def _digest() -> str:
+    """Of all sources that the results depend on, which are more than the presses do."""
+    sources = SourceTree().sources_of(PROBES)
+    whole = repr((sorted(sources.code.items()), sorted(sources.shapes.items())))
+    return hashlib.sha256(whole.encode()).hexdigest()
 
 
 if __name__ == "__main__":
-    main()
+    main(PROBES)

@@ -8,18 +8,14 @@ in the Parquet files anew each epoch through a DataLoader in the main process, a
 as it comes. It leaves out the augmentation that the preset asks of t2twin. An epoch of either ends
 with the validation, which is in its time; the first decoding, the estimate and saving are not.
 Without --data a data set of scale smoke is made for it. Last, some steps of preset paper are timed,
-for the hours that all of it would take here. Writes benchmarks/results/training.json.
+for the hours that all of it would take here.
 """
 
-import argparse
 import io
-import json
-import os
-import platform
 import statistics
-import sys
 import tempfile
 import time
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +26,12 @@ from PIL import Image
 from torch import nn
 from torch.utils.data import DataLoader, Dataset
 
+from benchmarks.declared import TRAINING
+from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset import protocol
 from t2twin.sim.dataset.generate import generate
+from t2twin.translate.build import TRANSLATORS, has_bf16
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo, load_info
 from t2twin.translate.distributed import use_all_cores
@@ -42,19 +40,15 @@ from t2twin.translate.networks.resnet18 import ResNet18
 from t2twin.translate.networks.unet import UNet
 from t2twin.translate.phi import Phi
 from t2twin.translate.presets import MODELS, PRESETS, Model, Preset
-from t2twin.translate.resnet18 import ResNet18Translator
-from t2twin.translate.runs.config import LOG, has_bf16
-from t2twin.translate.touch2touch import Touch2Touch
+from t2twin.translate.runs.log import read_log
 from t2twin.translate.train import train
 
 PRESET = "cpu"
 ROUNDS = 3
 LEAST_STEPS = 24
 """Steps of a round, at least; as many epochs as that takes."""
-LEAST_RATIO = 1.5
 PAPER_STEPS = 3
 """Timed steps of preset paper, after one that is not counted."""
-RESULTS = Path(__file__).parent / "results" / "training.json"
 
 
 class PngPairs(Dataset):
@@ -145,38 +139,24 @@ class PlainTouch2Touch:
         return self.phi.from_torch((self.generator(images) + 1.0) * (self.full_scale / 2.0))
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description="Training throughput against a plain loop.")
-    parser.add_argument("--data", type=Path, metavar="DIR", help="a data set; smoke unless given")
-    given: Path | None = parser.parse_args().data
+def measure(options: Namespace) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        data_dir = given or folder / "data"
-        if given is None:
+        data_dir = options.data or folder / "data"
+        if options.data is None:
             generate(data_dir, "smoke", seed=0)
         models = {
             model: _measure(model, data_dir, folder)
             | {"paper_preset_hours": _paper_hours(model, load_info(data_dir))}
             for model in MODELS
         }
-    found = {
-        "command": "python -m benchmarks.training" + (" --data DIR" if given else ""),
-        "python": platform.python_version(),
-        "torch": torch.__version__,
+    return {
         "threads": torch.get_num_threads(),
-        "load_average": os.getloadavg()[0],
         "preset": PRESET,
         "bf16": has_bf16(),
         "rounds": ROUNDS,
-        "least_ratio": LEAST_RATIO,
         "models": models,
     }
-    for model, figures in models.items():
-        for name, value in figures.items():
-            print(f"training.{model}.{name:28s} {value}")
-    with whole_file(RESULTS) as out:
-        out.write_text(json.dumps(found, indent=2) + "\n")
-    return 0 if all(each["ratio"] >= LEAST_RATIO for each in models.values()) else 1
 
 
 def _measure(model: Model, data_dir: Path, folder: Path) -> dict[str, Any]:
@@ -210,8 +190,8 @@ def _paper_hours(model: Model, info: DataInfo) -> float:
         for name in catalogue.PRIMITIVES
         if catalogue.split(name) == "train"
     )
-    kind = Touch2Touch if model == "touch2touch" else ResNet18Translator
-    translator = kind(preset, info, torch.device("cpu"), preset.bf16 and has_bf16())
+    bf16 = preset.bf16 and has_bf16()
+    translator = TRANSLATORS[model](preset, info, torch.device("cpu"), bf16)
     images = torch.zeros(preset.batch, 1 if preset.grey else 3, preset.size, preset.size)
     counts = torch.zeros(preset.batch, info.x_mm.size)
     translator.step(images, counts)
@@ -225,8 +205,7 @@ def _paper_hours(model: Model, info: DataInfo) -> float:
 def _ours(model: Model, data_dir: Path, run_dir: Path, epochs: int) -> float:
     """Seconds of the epochs by the run's own log."""
     train(model, data_dir, PRESET, run_dir, epochs=epochs)
-    records = map(json.loads, (run_dir / LOG).read_text().splitlines())
-    return sum(record["seconds"] for record in records)
+    return sum(record.seconds for record in read_log(run_dir))
 
 
 def _plain(
@@ -263,4 +242,4 @@ def _normalised(pixels: np.ndarray) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(TRAINING)

@@ -3,125 +3,143 @@
     python -m benchmarks.translation data/paper RUN... --report runs/paper/report
                                      [--layouts EVALUATION...]
 
-Writes benchmarks/results/translation.json: what evaluation found of every row, overall with its
-interval and by shape, and overall on the taxel layouts of other folders of `t2twin evaluate`; and
-docs/pictures/samples.png: the report's samples at some of its quantiles of the error, from good to
-bad, so that nobody picks them.
+What evaluation says of every row, overall with its interval and by shape, and overall on the taxel
+layouts of other folders of `t2twin evaluate`; what the errors are in parts of the trivial rows';
+and docs/pictures/samples.png: the report's samples at some of its quantiles of the error, from good
+to bad, so that nobody picks them.
 """
 
-import argparse
 import io
-import json
-import sys
+from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from PIL import Image
 
+from benchmarks.declared import TRANSLATION
+from benchmarks.evidence.record import ROOT
+from benchmarks.evidence.run import main
+from benchmarks.evidence.small_case import SmallCase, rounded, sha256_of
+from benchmarks.paper_scale import presses_sha256, settings
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.report.material import ReportData, gather
 from t2twin.report.qualitative import chosen, row_picture
-from t2twin.translate.evaluation.evaluate import MEAN_ARRAY, METRICS, NEAREST_NEIGHBOUR
+from t2twin.report.report_data import ReportData, read_report_data
+from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.records import read_evaluation
 
-RESULTS = Path(__file__).parent / "results" / "translation.json"
-PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "samples.png"
+PICTURE = ROOT / "docs" / "pictures" / "samples.png"
 
 SHOWN = {"val": (0.5, 1.0), "test": (0.1, 0.5, 0.9, 1.0)}
 """Quantiles of each split's error; the report has more."""
 
-MOST_OF_MEAN_ARRAY = 0.25
-"""Largest error on validation, in parts of the mean array's."""
 
-MOST_OF_BEST_TRIVIAL = 0.75
-"""Largest error on the objects, in parts of the better of mean array and nearest neighbour."""
+def measure(options: Namespace) -> dict[str, Any]:
+    report = read_report_data(options.report, options.data, options.runs)
+    if not options.keep_nothing:
+        draw(report)
+    content = figures(report)
+    return {
+        **content,
+        "ratios": ratios(content),
+        "layouts": [on_layout(evaluation) for evaluation in options.layouts],
+    }
 
 
-def measure(material: ReportData) -> dict[str, Any]:
+def outcome(case: SmallCase) -> dict[str, Any]:
+    """The small case's data and weights, what evaluation says of them, and what the paper's scale
+    is asked to be."""
+    metrics = case.metrics()
+    models = {split: content["models"] for split, content in metrics.items()}
+    more = {
+        split: {
+            "lookalikes": metrics[split]["lookalikes"],
+            "rows": {
+                name: {key: row[key] for key in ("interval", "by_shape")}
+                for name, row in rows.items()
+            },
+        }
+        for split, rows in models.items()
+    }
+    return {
+        "shards_sha256": case.shards_sha256(),
+        "weights_sha256": case.weights_sha256(),
+        "overall": {
+            split: {name: row["overall"] for name, row in rows.items()}
+            for split, rows in models.items()
+        },
+        "intervals_shapes_lookalikes_sha256": sha256_of(rounded(more)),
+        "paper_presses_sha256": presses_sha256(),
+        "paper_settings": settings(),
+    }
+
+
+def figures(report: ReportData) -> dict[str, Any]:
     """Epochs and minutes of each run, and the figures of every row by split."""
+    evaluations = {
+        split: msgspec.to_builtins(evaluation) for split, evaluation in report.evaluations.items()
+    }
     return {
         "runs": {
             name: {
                 "preset": run.config.preset.name,
-                "epochs": len(material.histories[name]),
-                "minutes": sum(each["seconds"] for each in material.histories[name]) / 60.0,
+                "epochs": len(report.histories[name]),
+                "minutes": sum(record.seconds for record in report.histories[name]) / 60.0,
             }
-            for name, run in material.runs.items()
+            for name, run in report.runs.items()
         },
         **{
             split: {
                 name: {key: row[key] for key in ("overall", "interval", "by_shape")}
-                for name, row in evaluated.metrics["models"].items()
+                for name, row in evaluation["models"].items()
             }
-            for split, evaluated in material.evaluated.items()
+            for split, evaluation in evaluations.items()
         },
-        "lookalikes": {
-            split: evaluated.metrics["lookalikes"]
-            for split, evaluated in material.evaluated.items()
-        },
+        "lookalikes": {s: evaluation["lookalikes"] for s, evaluation in evaluations.items()},
     }
 
 
-def on_layout(evaluation: Path) -> dict[str, Any]:
+def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float]]]:
+    """Each run's error in parts of the mean array's, of the nearest neighbour's, of the lower of
+    the two, and of what presses of the split that look alike differ by; by split and run."""
+    parts: dict[str, dict[str, dict[str, float]]] = {}
+    for split in SHOWN:
+        errors = {name: row["overall"]["rmse_counts"] for name, row in content[split].items()}
+        alike = content["lookalikes"][split]["split"]["extrapolated_rmse_counts"]
+        bounds = {
+            "of_mean_array": errors[MEAN_ARRAY],
+            "of_nearest_neighbour": errors[NEAREST_NEIGHBOUR],
+            "of_best_trivial": min(errors[MEAN_ARRAY], errors[NEAREST_NEIGHBOUR]),
+            "of_lookalikes": alike,
+        }
+        parts[split] = {
+            run: {name: errors[run] / bound for name, bound in bounds.items() if bound}
+            for run in content["runs"]
+        }
+    return parts
+
+
+def on_layout(folder: Path) -> dict[str, Any]:
     """Figures of every row, overall, by split, from a folder of `t2twin evaluate`."""
-    metrics = {s: json.loads((evaluation / s / METRICS).read_text()) for s in SHOWN}
-    return {"layout": metrics["val"]["layout"]} | {
-        split: {name: row["overall"] for name, row in each["models"].items()}
-        for split, each in metrics.items()
+    evaluations = {split: read_evaluation(folder / split) for split in SHOWN}
+    return {"layout": evaluations["val"].layout} | {
+        split: {name: msgspec.to_builtins(row.overall) for name, row in evaluation.models.items()}
+        for split, evaluation in evaluations.items()
     }
 
 
-def misses(found: dict[str, Any]) -> list[str]:
-    """The limits that are missed, a sentence each."""
-    errors = {
-        split: {name: row["overall"]["rmse_percent"] for name, row in found[split].items()}
-        for split in SHOWN
-    }
-    val, test = errors["val"], errors["test"]
-    limits = {
-        "val": min(MOST_OF_MEAN_ARRAY * val[MEAN_ARRAY], val[NEAREST_NEIGHBOUR]),
-        "test": MOST_OF_BEST_TRIVIAL * min(test[MEAN_ARRAY], test[NEAREST_NEIGHBOUR]),
-    }
-    return [
-        f"{name} on {split}: {errors[split][name]:.2f} %, at most {limit:.2f}"
-        for split, limit in limits.items()
-        for name in found["runs"]
-        if errors[split][name] > limit
-    ]
-
-
-def draw(material: ReportData) -> None:
+def draw(report: ReportData) -> None:
     """The samples, one below another."""
     rows = []
     for split, quantiles in SHOWN.items():
-        for row, quantile in chosen(material, split):
+        for row, quantile in chosen(report, split):
             if quantile in quantiles:
-                with Image.open(io.BytesIO(row_picture(material, split, row))) as picture:
+                with Image.open(io.BytesIO(row_picture(report, split, row))) as picture:
                     rows.append(np.asarray(picture.convert("RGB")))
-    Image.fromarray(np.concatenate(rows)).save(PICTURE, optimize=True)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description="Trained translators in figures and a picture")
-    parser.add_argument("data", type=Path)
-    parser.add_argument("runs", nargs="+", type=Path)
-    parser.add_argument("--report", type=Path, required=True, help="the report's folder")
-    parser.add_argument("--layouts", nargs="*", type=Path, default=[], help="evaluations on others")
-    options = parser.parse_args()
-    material = gather(options.report, options.data, options.runs)
-    runs = " ".join(map(str, options.runs))
-    command = f"python -m benchmarks.translation {options.data} {runs} --report {options.report}"
-    if options.layouts:
-        command += " --layouts " + " ".join(map(str, options.layouts))
-    found = {"command": command} | measure(material)
-    found["layouts"] = [on_layout(evaluation) for evaluation in options.layouts]
-    with whole_file(RESULTS) as temporary:
-        temporary.write_text(json.dumps(found, indent=1) + "\n")
-    draw(material)
-    missed = misses(found)
-    if missed:
-        sys.exit("; ".join(missed))
+    with whole_file(PICTURE) as temporary:
+        Image.fromarray(np.concatenate(rows)).save(temporary, optimize=True)
 
 
 if __name__ == "__main__":
-    main()
+    main(TRANSLATION)

@@ -1,0 +1,291 @@
+"""Every benchmark's declaration: what it measures, its limits, and what its figures depend on."""
+
+from pathlib import Path
+
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+
+LEAST_PSNR_DB, LEAST_SSIM = 32.0, 0.95
+"""Of the baked picture at the contact, against the rendered one."""
+
+DRAWING = tuple(
+    f"t2twin.report.{name}" for name in ("markup", "figures", "names", "picks", "forces", "pairs")
+)
+"""Parts of the report that draw or write, and count nothing."""
+
+PHYSICS = ("t2twin.sim.press", "t2twin.sim.digit", "t2twin.sim.cyskin", "t2twin.primitives_cad")
+"""What a training's or a frame's time does not depend on: the pairs' content."""
+
+PRESS = Benchmark(
+    name="press",
+    measures="How far the press is from an independent solution of the contact, and how long it "
+    "takes.",
+    minutes=10,
+    figures=(
+        Figure("sensors.*.worst_at_8_n.depth_error", most=0.03),
+        Figure("sensors.*.worst_at_8_n.surface_error", most=0.05),
+        # Under 1 N a wide shape sinks in by hundredths of a mm, as many as its own height map's.
+        Figure("sensors.*.worst.depth_error", most=0.05),
+        Figure("sensors.*.worst.surface_error", most=0.08),
+        Figure("sensors.*.worst.pressure_error"),
+        Figure("sensors.cyskin.worst.pad_error"),
+        Figure("sensors.*.worst.force_error", most=0.005),
+        Figure("sensors.*.worst.halved_grid"),
+        Figure("sensors.*.worst.orientations"),
+        Figure("sensors.*.protocol.unsettled", most=0),
+        Figure("sensors.*.protocol.median_ms", "ms"),
+        Figure("sensors.*.protocol.p95_ms", "ms"),
+        Figure("hertz_worst.depth_error", most=0.05),
+        Figure("hertz_worst.peak_pressure_error", most=0.05),
+        Figure("exponents.ball"),
+        Figure("exponents.punch"),
+    ),
+    arguments=(
+        Argument("--shapes", "take every Nth primitive only; keeps nothing", int, 1, thins=True),
+    ),
+)
+
+DOME = Benchmark(
+    name="dome",
+    measures="What the gel's dome and free sides change, against finite elements of the real gel.",
+    minutes=20,
+    figures=(
+        Figure("summary.flat.worst_depth_error"),
+        Figure("summary.middle.median_surface_error"),
+        Figure("summary.to_rim.*.worst_depth_error"),
+        Figure("summary.to_rim.*.median_surface_error"),
+        Figure("summary.to_rim.*.worst_surface_error"),
+        Figure("protocol_near_rim.*.share_of_presses.2"),
+        Figure("protocol_near_rim.*.share_of_force.2"),
+    ),
+    arguments=(
+        Argument("--shapes", "take every Nth shape only; keeps nothing", int, 1, thins=True),
+    ),
+    confirmable=True,
+)
+
+DIGIT_RENDER = Benchmark(
+    name="digit_render",
+    measures="How near the baked DIGIT picture is to the rendered reference, and what each costs.",
+    minutes=12,
+    figures=(
+        Figure("least_psnr_db", "dB", least=LEAST_PSNR_DB),
+        Figure("median_psnr_db", "dB"),
+        Figure("least_ssim", least=LEAST_SSIM),
+        Figure("median_ssim"),
+        Figure("baked_ms", "ms", most=5.0),
+        Figure("baked_best_ms", "ms"),
+        Figure("baked_noisy_ms", "ms"),
+        Figure("reference_ms", "ms"),
+        Figure("reference_over_baked"),
+        Figure("tacto_over_baked"),
+    ),
+    arguments=(Argument("--presses", "how many; keeps nothing unless 100", int, 100, thins=True),),
+)
+
+PHI = Benchmark(
+    name="phi",
+    measures="What a tactile image costs, against scipy's LinearNDInterpolator.",
+    minutes=0.2,
+    figures=(
+        Figure("phi_ms_an_image", "ms", most=0.2),
+        Figure("ratio", least=10.0),
+        Figure("batch_ratio"),
+        Figure("largest_difference_counts", "counts"),
+    ),
+    shapes=False,
+)
+
+GAIN = Benchmark(
+    name="gain",
+    measures="The CySkin's gain that lets the training set's largest taxels just reach full scale.",
+    minutes=10,
+    figures=(
+        Figure("gain_counts", "counts"),
+        Figure("gain_counts_in_use", "counts"),
+        Figure("saturated_share_in_use"),
+    ),
+    arguments=(
+        Argument(
+            "scale",
+            "of the dataset; keeps nothing unless paper",
+            default="paper",
+            nargs="?",
+            choices=("smoke", "small", "paper"),
+            thins=True,
+        ),
+    ),
+)
+
+LATENCY = Benchmark(
+    name="latency",
+    measures="One DIGIT frame to its counts on one core, beside PyTorch as it comes and "
+    "onnxruntime.",
+    minutes=1,
+    figures=(
+        Figure("presets.touch2touch-cpu.median_ms", "ms", most=30.0),
+        Figure("presets.resnet18-cpu.median_ms", "ms", most=16.0),
+        Figure("presets.touch2touch-paper.median_ms", "ms"),
+        Figure("presets.resnet18-paper.median_ms", "ms"),
+        Figure("presets.*.p95_ms", "ms"),
+        Figure("presets.*.plain_ratio"),
+        Figure("presets.*.onnxruntime_ratio"),
+    ),
+    apart_from=("t2twin.sim.press", "t2twin.sim.digit", "t2twin.sim.dataset"),
+    shapes=False,
+)
+
+TRAINING = Benchmark(
+    name="training",
+    measures="Training throughput against the loop that one would write first.",
+    minutes=6,
+    figures=(
+        Figure("models.*.ratio", least=1.5),
+        Figure("models.*.images_a_second", "images/s"),
+        Figure("models.*.paper_preset_hours", "h"),
+    ),
+    arguments=(
+        Argument("--data", "a dataset, made at scale smoke unless given", Path, metavar="DIR"),
+    ),
+    apart_from=PHYSICS,
+    shapes=False,
+)
+
+DATASET = Benchmark(
+    name="dataset",
+    measures="Whether a finished dataset is whole, sane, small and quickly made.",
+    minutes=2,
+    figures=(
+        Figure("run.minutes", "minutes", most=15.0),
+        Figure("run.pairs_a_second", "pairs/s"),
+        Figure("run.peak_memory_gib", "GiB", most=4.0),
+        Figure("rates.two_workers_over_one", least=1.8),
+        Figure("size_gib", "GiB", most=1.5),
+        Figure("near_duplicates_percent", "%", most=2.0),
+        Figure("alike_but_felt_otherwise_percent", "%"),
+        Figure("pairs_without_contact"),
+        Figure("unsettled"),
+        Figure("bottomed"),
+        Figure("saturated_taxels_percent", "%"),
+    ),
+    arguments=(
+        Argument("folder", "the dataset", Path),
+        Argument(
+            "--rates",
+            "one dataset made twice in a row, with one worker and with two; the results keep the "
+            "rates they have unless given",
+            Path,
+            nargs=2,
+            metavar=("ONE", "TWO"),
+        ),
+    ),
+    entries=("t2twin.sim.dataset.generate",),
+    apart_from=DRAWING,
+    times=("run", "rates"),
+    confirmable=True,
+)
+
+TRANSLATION = Benchmark(
+    name="translation",
+    measures="The errors of trained translators beside the trivial rows and the floors.",
+    minutes=4,
+    figures=(
+        # A quarter of the mean array's, and the nearest neighbour's, on validation; three quarters
+        # of the better of the two on the objects.
+        Figure("ratios.val.*.of_mean_array", most=0.25),
+        Figure("ratios.val.*.of_nearest_neighbour", most=1.0),
+        Figure("ratios.test.*.of_best_trivial", most=0.75),
+        Figure("ratios.test.*.of_lookalikes"),
+        Figure("val.*.overall.rmse_percent", "%"),
+        Figure("test.*.overall.rmse_percent", "%"),
+        Figure("runs.*.minutes", "minutes"),
+    ),
+    arguments=(
+        Argument("data", "the dataset", Path),
+        Argument("runs", "folders of t2twin train", Path, nargs="+"),
+        Argument("--report", "the report's folder", Path, required=True, metavar="DIR"),
+        Argument("--layouts", "evaluations on other layouts", Path, (), "*", metavar="DIR"),
+    ),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    apart_from=(*DRAWING, "t2twin.report.qualitative"),
+    times=("runs.*.minutes",),
+    confirmable=True,
+)
+
+PROBES = Benchmark(
+    name="probes",
+    measures="The errors of trained translators on solids made to choose settings by.",
+    minutes=2,
+    figures=(Figure("rows.*.all", "%"),),
+    arguments=(
+        Argument("runs", "folders of t2twin train", Path, nargs="+"),
+        Argument("--data", "the dataset of the trivial rows", Path, required=True, metavar="DIR"),
+        Argument(
+            "--probes",
+            "where the presses are kept",
+            Path,
+            Path("data/probes.npz"),
+            metavar="FILE",
+        ),
+    ),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    confirmable=True,
+)
+
+KILLS = Benchmark(
+    name="kills",
+    measures="Whether a run of simdata that is killed again and again ends with the same bytes.",
+    minutes=5,
+    figures=(
+        Figure("kills"),
+        Figure("datasets"),
+        Figure("datasets_unlike_undisturbed", most=0),
+    ),
+    arguments=(
+        Argument("--kills", "how many; keeps nothing unless 20", int, 20, thins=True),
+        Argument("--seed", "of the moments", int, 0),
+    ),
+    entries=("t2twin.cli.simdata",),
+    shapes=False,
+)
+
+PICTURES = Benchmark(
+    name="pictures",
+    measures="The README's picture of five presses.",
+    minutes=0.3,
+    figures=(
+        Figure("presses.0.largest_counts", "counts"),
+        Figure("presses.4.largest_counts", "counts"),
+    ),
+)
+
+REGRESSION = Benchmark(
+    name="regression",
+    measures="Both translators trained briefly on a small fixed dataset, held to a baseline.",
+    minutes=8,
+    figures=(
+        # Runs on other processors and other numbers of threads differ by some percent; a broken
+        # phi, loss or pairing by a factor.
+        Figure("against.rmse_of_baseline.*.*", most=1.2),
+        Figure("against.rmse_of_mean_array.val.*", most=0.5),
+        Figure("against.rmse_of_mean_array.test.*", most=1.0),
+        Figure("against.iou_below_baseline.*.*", most=0.05),
+    ),
+    baseline=True,
+)
+
+BENCHMARKS = (
+    PRESS,
+    DOME,
+    DIGIT_RENDER,
+    PHI,
+    GAIN,
+    LATENCY,
+    TRAINING,
+    KILLS,
+    PICTURES,
+    REGRESSION,
+    DATASET,
+    TRANSLATION,
+    PROBES,
+)
+"""In the order in which they run."""

@@ -1,0 +1,161 @@
+"""Tables of the documents, made from the results files."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from benchmarks.documents.formats import formatted
+from benchmarks.evidence.record import RESULTS
+from benchmarks.evidence.results import read_results
+from t2twin.translate.evaluation.paper import PAPER
+
+ROWS = {
+    "mean-array": "mean array",
+    "nearest-neighbour": "nearest neighbour",
+    "noise-floor": "noise floor",
+    "touch2touch": "touch2touch",
+    "resnet18": "ResNet18",
+}
+"""Rows of an evaluation and what they are called."""
+
+HARDWARE = {
+    "touch2touch": "*touch2touch, Grella et al. 2023, hardware*",
+    "resnet18": "*ResNet18, the same*",
+}
+"""The paper's rows."""
+
+SPLITS = {"val": "validation", "test": "objects"}
+
+BY_SHAPE = ("mean-array", "nearest-neighbour", "touch2touch", "resnet18")
+
+ERRORS = {
+    "depth_error": ("depth", ".1%"),
+    "surface_error": ("surface over the pad, relative L2", ".1%"),
+    "pressure_error": ("pressure at 1 mm, relative L2", ".1%"),
+    "pad_error": ("taxel pads' mean pressure, of the largest pad", ".1%"),
+    "force_error": ("force carried", ".2%"),
+    "halved_grid": ("depth when all grids are halved", ".1%"),
+    "orientations": ("depth at 8 N over the protocol's 12 orientations, from its mean", ".1%"),
+}
+"""The press's errors: what they are called, and their formats."""
+
+MANY_PAIRS, SHARD_PAIRS = 10_000_000, 588
+"""Of the dataset that clusters.md reckons, and of a primitive's shard at the paper's scale."""
+
+FEW_CORES, SOME_CORES, MANY_CORES = 2, 64, 1000
+"""Cores that it reckons with."""
+
+
+def results() -> str:
+    """The README's table: every row on both splits, and the paper's."""
+    content = _content("translation")
+    heads = [f"{name}: counts | % | SSIM | contact IoU" for name in SPLITS.values()]
+    lines = [["", *" | ".join(heads).split(" | ")]]
+    for row, name in ROWS.items():
+        cells = [name]
+        for split in SPLITS:
+            figures, interval = content[split][row]["overall"], content[split][row]["interval"]
+            counts = f"{figures['rmse_counts']:,.0f}"
+            if row != "noise-floor":
+                low, high = interval["rmse_counts"]
+                counts += f" ({low:,.0f}-{high:,.0f})"
+            cells += [counts, f"{figures['rmse_percent']:.2f}", f"{figures['ssim']:.3f}"]
+            cells += [f"{figures['contact_iou']:.3f}"]
+        lines.append(cells)
+    for model, name in HARDWARE.items():
+        cells = [name]
+        for split in SPLITS:
+            paper = PAPER[split][model]
+            cells += [f"{paper.rmse_counts:,.0f}", f"{paper.rmse_percent:.2f}"]
+            cells += ["" if paper.ssim is None else f"{paper.ssim:.2f}", ""]
+        lines.append(cells)
+    return _markdown(lines)
+
+
+def objects() -> str:
+    """The RMSE of every row by object, in percent of full scale."""
+    rows = _content("translation")["test"]
+    lines = [["", *(ROWS[name] for name in BY_SHAPE)]]
+    for shape in rows[BY_SHAPE[0]]["by_shape"]:
+        errors = (rows[name]["by_shape"][shape]["rmse_percent"] for name in BY_SHAPE)
+        lines.append([shape, *(f"{error:.2f}" for error in errors)])
+    errors = (rows[name]["overall"]["rmse_percent"] for name in BY_SHAPE)
+    lines.append(["all", *(f"{error:.2f}" for error in errors)])
+    return _markdown(lines)
+
+
+def fidelity() -> str:
+    """What the press is off by, at all forces and, in brackets, at the protocol's."""
+    sensors = _content("press")["sensors"]
+    lines = [["", "DIGIT's gel", "CySkin's cover"]]
+    for key, (name, form) in ERRORS.items():
+        cells = [name]
+        for sensor in ("digit", "cyskin"):
+            worst, at_8_n = (sensors[sensor][part] for part in ("worst", "worst_at_8_n"))
+            if key not in worst:
+                cells.append("")
+            elif key not in at_8_n:
+                cells.append(formatted(worst[key], form))
+            else:
+                cells.append(f"{formatted(worst[key], form)} ({formatted(at_8_n[key], form)})")
+        lines.append(cells)
+    return _markdown(lines)
+
+
+def many_pairs() -> str:
+    """What MANY_PAIRS would take, by what the paper's dataset took."""
+    content = _content("dataset")
+    kb, run = content["kb_a_pair"], content["run"]
+    hours = MANY_PAIRS * run["all_processor_ms_a_pair"] / 3.6e6
+    gb = MANY_PAIRS * kb / 1e6
+    worker_gib = run["peak_memory_gib"] / run["workers"]
+
+    def written_mb_s(cores: int) -> float:
+        return 1e3 * gb / (3600 * hours / cores)
+
+    return _markdown(
+        [
+            ["", ""],
+            [
+                f"shards of {SHARD_PAIRS} pairs",
+                f"{MANY_PAIRS / SHARD_PAIRS:,.0f} of {SHARD_PAIRS * kb / 1e3:.0f} MB",
+            ],
+            ["bytes", f"{gb:,.0f} GB ({1e9 * gb / 2**30:,.0f} GiB)"],
+            [
+                "processor time",
+                f"{hours:,.0f} core-hours: {hours / FEW_CORES / 24:.1f} days on {FEW_CORES} cores, "
+                f"{hours / SOME_CORES:.1f} h on {SOME_CORES}, "
+                f"{60 * hours / MANY_CORES:.0f} min on {MANY_CORES:,}",
+            ],
+            [
+                "written",
+                f"{written_mb_s(SOME_CORES):.0f} MB/s with {SOME_CORES} cores, "
+                f"{written_mb_s(MANY_CORES) / 1e3:.1f} GB/s with {MANY_CORES:,}",
+            ],
+            [
+                "memory",
+                f"{worker_gib:.1f} GiB a worker: {SOME_CORES * worker_gib:.0f} GiB with "
+                f"{SOME_CORES}",
+            ],
+        ]
+    )
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "results": results,
+    "objects": objects,
+    "fidelity": fidelity,
+    "many-pairs": many_pairs,
+}
+"""Tables by the names that documents call them by."""
+
+
+def _content(name: str) -> dict[str, Any]:
+    return read_results(RESULTS / f"{name}.json").content
+
+
+def _markdown(lines: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown; the first line is its head."""
+    head, *body = (
+        "|" + "".join(f" {cell} |" if cell else " |" for cell in cells) for cells in lines
+    )
+    return "\n".join([head, "|" + "---|" * len(lines[0]), *body])

@@ -1,0 +1,91 @@
+"""The oracle's answers on a sensor's flat pad, cut where the engine cuts it.
+
+A shape that is longer than the pad presses on the pad alone: the engine has pins only there, and
+takes the layer to go on beyond, without load. So the oracle's cells cover the same pad, from rim to
+rim of the engine's cells; what of the shape lies beyond is in neither. Beyond the pad both have no
+pressure, and deflections are those of a layer without end.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+from scipy.special import j1
+
+from benchmarks.oracle import Answer, Waves, kernel, solve
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.cyskin.layout import Layout
+from t2twin.sim.press.elastomer import Elastomer
+from t2twin.sim.press.records import PressCommand
+
+DEEPEST_MM = 10.0
+"""How far below a shape's top it is still looked at, mm: deeper than every layer."""
+
+BASE_REACH_MM = 40.0
+"""Half the square on which the stress at the base is worked out, mm: it repeats itself beyond, so
+the pad's ends are kept far from each other's."""
+
+TOLERANCE = 1e-4
+"""Change of the pressure, as a share of it, below which the oracle has come to rest."""
+
+
+@dataclass(frozen=True)
+class FlatPad:
+    """A flat, linear layer on square cells of pitch_mm that cover width_mm x length_mm."""
+
+    elastomer: Elastomer
+    width_mm: float
+    length_mm: float
+    pitch_mm: float
+
+    @property
+    def x_mm(self) -> np.ndarray:
+        return _centres(self.width_mm, self.pitch_mm)
+
+    @property
+    def y_mm(self) -> np.ndarray:
+        return _centres(self.length_mm, self.pitch_mm)
+
+    @cached_property
+    def answer_of_cell(self) -> np.ndarray:
+        """What `oracle.kernel` gives for the pad's cells."""
+        layer = self.elastomer
+        return kernel(
+            self.y_mm.size,
+            self.x_mm.size,
+            self.pitch_mm,
+            layer.thickness_mm,
+            layer.young_mpa,
+            layer.poisson,
+        )
+
+    def press(self, shape: Shape, command: PressCommand) -> Answer:
+        """The oracle's answer to a press at the pad's middle, on the pad's cells."""
+        x, y = np.meshgrid(self.x_mm, self.y_mm)
+        cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
+        heights = shape.surface.sample(cos * x + sin * y, sin * x - cos * y)
+        gap = np.minimum(heights.max() - heights, DEEPEST_MM)
+        return solve(gap, command.force_n, self.pitch_mm, self.answer_of_cell, TOLERANCE)
+
+    def pad_pressure_mpa(self, pressure_mpa: np.ndarray, layout: Layout) -> np.ndarray:
+        """Mean stress at the base on each taxel's pad, (n,) MPa, under a pressure on the cells."""
+        axis = _centres(2 * BASE_REACH_MM, self.pitch_mm)
+        wide = np.zeros((axis.size, axis.size))
+        rows, columns = ((axis.size - side) // 2 for side in pressure_mpa.shape)
+        height, width = pressure_mpa.shape
+        wide[rows : rows + height, columns : columns + width] = pressure_mpa
+        base = 2 * np.pi * np.fft.fftfreq(axis.size, self.pitch_mm)
+        wavenumber = np.hypot(base[None, :], base[:, None])
+        reach = np.maximum(wavenumber * float(layout.pad_diameter_mm[0]) / 2, 1e-9)
+        layer = self.elastomer
+        waves = Waves(layer.thickness_mm, layer.young_mpa, layer.poisson)
+        through = waves.base_stress(wavenumber) * 2 * j1(reach) / reach
+        means = np.fft.ifft2(np.fft.fft2(wide) * through).real
+        return RectBivariateSpline(axis, axis, means)(layout.y_mm, layout.x_mm, grid=False)
+
+
+def _centres(length_mm: float, pitch_mm: float) -> np.ndarray:
+    """Centres of the cells that cover a length about zero, mm."""
+    cells = round(length_mm / pitch_mm)
+    return (np.arange(cells) - (cells - 1) / 2) * pitch_mm

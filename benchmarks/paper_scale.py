@@ -1,0 +1,28 @@
+"""What the results at the paper's scale were asked to be, which no small case shows: every press of
+the dataset, and the settings of the trainings."""
+
+from dataclasses import asdict
+from typing import Any
+
+from benchmarks.evidence.small_case import rounded, sha256_of
+from t2twin.primitives_cad import catalogue
+from t2twin.sim.dataset import protocol
+from t2twin.translate.presets import MODELS, PRESETS
+
+SCALE, PRESET = "paper", "cpu"
+
+
+def presses_sha256() -> str:
+    """One sha256 over all presses of the scale: shape, place, turn and force."""
+    scale = protocol.scale_of(SCALE)
+    commands = (
+        protocol.press_of(name, catalogue.spacing_mm(name), index)
+        for name in catalogue.NAMES
+        for index in protocol.indices(name, scale)
+    )
+    return sha256_of(rounded([list(asdict(command).values()) for command in commands]))
+
+
+def settings() -> dict[str, dict[str, Any]]:
+    """The preset by model."""
+    return {model: asdict(PRESETS[model][PRESET]) for model in MODELS}
