@@ -21,7 +21,7 @@ LINKS = {
 }
 
 
-def write_data_report(out: Path, data: Path) -> Path:
+def write_data_report(out: str | Path, data: str | Path) -> Path:
     """Writes out/index.html, with every picture in it, and returns its path.
 
     data: a finished dataset, simulated or imported. Raises T2TwinError, before anything is

@@ -57,12 +57,14 @@ VAL, TEST = "val", "test"
 SPLITS = (VAL, TEST)
 
 
-def evaluate(runs: list[Path], data_dir: Path, split: str, out_dir: Path) -> Evaluation:
+def evaluate(
+    runs: Sequence[str | Path], data_dir: str | Path, split: str, out_dir: str | Path
+) -> Evaluation:
     """Compares runs and baselines on one split; writes metrics.json and predictions.npz.
 
     runs: folders that `train` has made. touch2touch runs may be of another taxel layout than the
-    data set, which is then read from the images that they draw. split: "val"
-    or "test" (or "train"). Returns what metrics.json holds (module records), whose rows are, in
+    data set, which is then read from the images that they draw. split: "val" or "test" (or
+    "train"). Returns what metrics.json holds (module records), whose rows are, in
     this order:
 
     - mean-array and nearest-neighbour (module baselines);
@@ -77,6 +79,7 @@ def evaluate(runs: list[Path], data_dir: Path, split: str, out_dir: Path) -> Eva
     """
     if not runs:
         raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
+    data_dir, out_dir = Path(data_dir), Path(out_dir)
     info = load_info(data_dir)
     loaded = [load_run(run) for run in runs]
     trained = dict(zip(run_names(loaded), loaded, strict=True))
@@ -92,10 +95,9 @@ def evaluate(runs: list[Path], data_dir: Path, split: str, out_dir: Path) -> Eva
     view = view_on(info.x_mm, info.y_mm)
     models, differences = _rows(predictions, pairs, info, view)
     models |= {name: _row_of_run(models[name], run, info) for name, run in trained.items()}
-    if split == "train":  # every pair is its own nearest
-        alike = None
-    else:
-        alike = lookalikes(data_dir, split, pairs, train, near, view.groups)
+    # Of the training split every pair is its own nearest.
+    compared = split != "train"
+    alike = lookalikes(data_dir, split, pairs, train, near, view.groups) if compared else None
     evaluation = Evaluation(
         format=FORMAT,
         split=split,

@@ -64,8 +64,8 @@ class _Presses:
 
 
 def calibrate(
-    background: Path,
-    presses: Path,
+    background: str | Path,
+    presses: str | Path,
     ball_diameter_mm: float,
     held_out: int | None = None,
     camera: Camera | None = None,
@@ -84,6 +84,7 @@ def calibrate(
             f"the ball's diameter is {ball_diameter_mm:g} mm; it must lie between "
             f"{BALL_MM[0]:g} and {BALL_MM[1]:g}"
         )
+    background, presses = Path(background), Path(presses)
     untouched, frames, names = read_frames(background, presses)
     first_held_out = _first_held_out(len(frames), held_out, presses)
     patches = _patches(frames, untouched, names)
