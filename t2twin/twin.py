@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -170,8 +171,9 @@ def other_elastomer(
     without the dome. Raises T2TwinError for values out of range.
     """
     changes = {"thickness_mm": thickness_mm, "young_mpa": young_mpa, "poisson": poisson}
-    given = {name: value for name, value in changes.items() if value is not None}
-    other = replace(own, **given, law="linear") if given else own
+    given: dict[str, Any] = {k: value for k, value in changes.items() if value is not None}
+    if given:
+        given["law"] = "linear"
     if flat:
-        other = replace(other, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
-    return other
+        given |= {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf}
+    return replace(own, **given)

@@ -11,6 +11,7 @@ from benchmarks.solids import ball, block, formula, punch
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.sim.dataset import protocol
+from t2twin.sim.press.anderson import Anderson
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.footprint import footprint
@@ -191,3 +192,25 @@ def test_a_contact_cannot_be_changed(shapes):
         contact.pressure_kpa[0, 0] = 1.0
     with pytest.raises(AttributeError):
         contact.depth_mm = 0.0  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_mixing_steps_that_change_nothing_is_no_harm():
+    """The same step twice makes the normal equations singular."""
+    mixing = Anderson(3)
+    point, image = np.ones(3), np.zeros(3)
+    for _ in range(4):
+        assert (mixing.next(point, image) == image).all()
+
+
+def test_a_thin_layer_is_as_thin_as_it_says():
+    """Wide punch, thin layer: confined compression, p h (1 - 2 nu)(1 + nu) / ((1 - nu) E)."""
+    thin = replace(FLAT, thickness_mm=0.1, poisson=0.3)
+    contact = pressed(block(8.0, 8.0), thin, pitch=0.25, force=8.0)
+    pressure, nu = 8.0 / 64.0, 0.3
+    confined = pressure * 0.1 * (1 - 2 * nu) * (1 + nu) / ((1 - nu) * thin.young_mpa)
+    assert contact.depth_mm == pytest.approx(confined, rel=0.05)
+
+
+def test_a_domed_gel_too_thin_for_its_dome_is_refused():
+    with pytest.raises(T2TwinError, match=r"at least 0\.5 mm thick"):
+        replace(DIGIT_GEL, thickness_mm=0.3)

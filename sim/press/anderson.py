@@ -47,5 +47,9 @@ class Anderson:
         self._normal[row, : self._kept] = self._normal[: self._kept, row] = products
         normal = self._normal[: self._kept, : self._kept].copy()
         normal[np.diag_indices(self._kept)] *= 1 + RIDGE
-        weights = np.linalg.solve(normal, np.einsum("in,n->i", changes, residual))
+        try:
+            weights = np.linalg.solve(normal, np.einsum("in,n->i", changes, residual))
+        except np.linalg.LinAlgError:  # a step that changed nothing, or the same as an earlier one
+            self._kept = self._next = 0
+            return image
         return image - np.einsum("i,in->n", weights, self._images[: self._kept])

@@ -9,6 +9,9 @@ from t2twin.primitives_cad.errors import T2TwinError
 
 Law = Literal["linear", "stiffening"]
 
+THINNEST_MM = 0.5
+"""Least thickness of a domed gel at its corners, mm (assumed; the CAD's corners are rounded)."""
+
 
 @dataclass(frozen=True)
 class Elastomer:
@@ -45,6 +48,12 @@ class Elastomer:
             value = getattr(self, name)
             if not low <= value <= high:
                 raise T2TwinError(f"{name} is {value:g}; it must lie between {low:g} and {high:g}")
+        domed = np.isfinite([self.dome_width_radius_mm, self.dome_length_radius_mm]).any()
+        if domed and self.thickness_mm < THINNEST_MM:
+            raise T2TwinError(
+                f"thickness_mm is {self.thickness_mm:g}; a domed elastomer is at least "
+                f"{THINNEST_MM:g} mm thick, a flat one 0.1 mm"
+            )
         if self.law not in ("linear", "stiffening"):
             raise T2TwinError(f"law is {self.law!r}; it must be 'linear' or 'stiffening'")
 
@@ -54,15 +63,11 @@ class Elastomer:
         sag = _sag(np.abs(x_mm), self.dome_width_radius_mm) + _sag(
             beyond, self.dome_length_radius_mm
         )
-        return -np.minimum(sag, self.thickness_mm - THINNEST_MM)
+        return -np.minimum(sag, max(self.thickness_mm - THINNEST_MM, 0.0))
 
     def thickness_at_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Local thickness, mm: the dome thins towards the rim."""
         return self.thickness_mm + self.rest_surface_mm(x_mm, y_mm)
-
-
-THINNEST_MM = 0.5
-"""Least thickness of a domed gel at its corners, mm (assumed; the CAD's corners are rounded)."""
 
 
 def _sag(distance_mm: np.ndarray, radius_mm: float) -> np.ndarray:

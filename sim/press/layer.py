@@ -83,6 +83,7 @@ class Layer:
 
     Cells of pitch_mm, each cut into per_side x per_side finer ones.
     rows, columns: the fine grid. pitch_mm: its cell. x_mm (columns,), y_mm (rows,): cell centres.
+    softest_mm_per_mpa: the largest deflection per pressure over all wavelengths, mm/MPa.
     """
 
     def __init__(self, elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> None:
@@ -106,7 +107,7 @@ class Layer:
         spectrum = compliance_mm_per_mpa(
             wavenumbers, thickest, elastomer.young_mpa, elastomer.poisson
         )
-        self._largest = float(spectrum.max())
+        self.softest_mm_per_mpa = float(spectrum.max())
 
     def largest_compliance_mm_per_mpa(self, span: tuple[int, ...]) -> float:
         """A bound of the deflection per pressure in a window of so many rows and columns, mm/MPa.
@@ -118,7 +119,7 @@ class Layer:
             self.rows - rows : self.rows + rows - 1,
             self.columns - columns : self.columns + columns - 1,
         ]
-        return min(self._largest, float(np.abs(near).sum()))
+        return min(self.softest_mm_per_mpa, float(np.abs(near).sum()))
 
     def deflection_mm(
         self, pressure_mpa: np.ndarray, window: tuple[slice, slice] = WHOLE

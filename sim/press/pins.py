@@ -109,7 +109,9 @@ def _edge_compliance(layer: Layer, cover: np.ndarray) -> np.ndarray:
     and are put right by EDGE_SHARE / c - EDGE_RISE times the cell's own compliance.
     """
     elastomer = layer.elastomer
-    own = SQUARE_MEAN * (1 - elastomer.poisson**2) / elastomer.young_mpa * layer.pitch_mm
+    half_space = SQUARE_MEAN * (1 - elastomer.poisson**2) / elastomer.young_mpa * layer.pitch_mm
+    # A layer thinner than a cell gives way less than a half-space.
+    own = min(half_space, layer.softest_mm_per_mpa)
     covered = cover > 0
     inner = np.asarray(ndimage.binary_erosion(covered, border_value=1), dtype=bool)
     edge = covered & ~(inner & (cover >= 1.0))

@@ -137,7 +137,10 @@ class Solution:
             rest = surface - local * ahead
             self.depth_mm, deflection = bed.push(self.force, rest, area * self.compliance / local)
             pressure = np.maximum(deflection - rest, 0.0) / local
-            change = float((np.abs(pressure - ahead) * area).sum() / (pressure * area).sum())
+            carried = float((pressure * area).sum())
+            moved = float((np.abs(pressure - ahead) * area).sum())
+            # The shape may have lost all its pins for a step; then it goes on.
+            change = moved / carried if carried > 0 else np.inf
             if change < tolerance or steps == most_steps:
                 break
             if step < 1.0:
