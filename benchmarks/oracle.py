@@ -150,7 +150,7 @@ def solve(
             sunk = deflection(pressure)
             depth = float((sunk + gap_mm)[pressure > 0].mean())
             return Answer(depth, pressure, sunk)
-    raise T2TwinError(f"the oracle did not come to rest within {most} iterations")
+    raise T2TwinError(f"the oracle did not settle within {most} iterations")
 
 
 def deflection_under(answer_of_cell: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:

@@ -197,21 +197,21 @@ class Gel:
 
     def deflection_mm(self, force_n: np.ndarray) -> np.ndarray:
         """Deflection of the top's nodes under downward forces on them, both (ny, nx)."""
-        found = np.zeros(self._image.size)
+        sunk_mm = np.zeros(self._image.size)
         for parity, block in self._blocks.items():
             signs = self._signs(parity)
             load = np.bincount(self._image, signs * force_n.ravel(), minlength=len(block))
-            found += signs * (block @ load)[self._image]
-        return found.reshape(force_n.shape)
+            sunk_mm += signs * (block @ load)[self._image]
+        return sunk_mm.reshape(force_n.shape)
 
     def compliance(self, nodes: np.ndarray) -> np.ndarray:
         """Deflections of some nodes per force on each, mm/N, (n, n); nodes: flat numbers (n,)."""
-        found = np.zeros((nodes.size, nodes.size))
+        answers = np.zeros((nodes.size, nodes.size))
         image = np.ix_(self._image[nodes], self._image[nodes])
         for parity, block in self._blocks.items():
             signs = self._signs(parity)[nodes]
-            found += signs[:, None] * signs[None, :] * block[image]
-        return found
+            answers += signs[:, None] * signs[None, :] * block[image]
+        return answers
 
     def _signs(self, parity: tuple[int, int]) -> np.ndarray:
         """+1 or -1 where a load that is even or odd about the planes is the quarter's or its
@@ -271,10 +271,10 @@ def _compliance(
         dense = after
         top = np.concatenate([top, unknowns[rising]])
         inner = unknowns[~rising]
-    found = np.zeros((half_x.size * half_y.size,) * 2)
+    answers = np.zeros((half_x.size * half_y.size,) * 2)
     places = top // 3 - int(lie[-1, 0, 0])
-    found[np.ix_(places, places)] = np.linalg.inv(dense) / 4
-    return (found + found.T) / 2
+    answers[np.ix_(places, places)] = np.linalg.inv(dense) / 4
+    return (answers + answers.T) / 2
 
 
 def _tributary(axis_mm: np.ndarray) -> np.ndarray:

@@ -100,10 +100,10 @@ def figures(report: ReportData) -> dict[str, Any]:
     }
 
 
-def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float]]]:
+def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
     """Each run's error in parts of the mean array's, of the nearest neighbour's, of the lower of
     the two, and of what presses of the split that look alike differ by; by split and run."""
-    parts: dict[str, dict[str, dict[str, float]]] = {}
+    parts: dict[str, dict[str, dict[str, float | None]]] = {}
     for split in SHOWN:
         errors = {name: row["overall"]["rmse_counts"] for name, row in content[split].items()}
         alike = content["lookalikes"][split]["split"]["extrapolated_rmse_counts"]
@@ -114,7 +114,7 @@ def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float]]]:
             "of_lookalikes": alike,
         }
         parts[split] = {
-            run: {name: errors[run] / bound for name, bound in bounds.items() if bound}
+            run: {name: errors[run] / bound if bound else None for name, bound in bounds.items()}
             for run in content["runs"]
         }
     return parts

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
+from benchmarks.flat_pad import FlatPad
 from benchmarks.oracle import Waves, kernel, solve
+from benchmarks.solids import block
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.press.elastomer import Elastomer
 from t2twin.sim.press.layer import base_stress, compliance_mm_per_mpa
+from t2twin.sim.press.records import PressCommand
 
 E, NU = 0.5, 0.47
 MODULUS = E / (1 - NU**2)
@@ -51,6 +57,32 @@ def test_a_wide_punch_meets_the_confined_modulus():
     sunk = np.tensordot(pressure, wide[cells // 2 :, cells // 2 :][:cells, :cells], 2)
     confined = E * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
     assert sunk == pytest.approx(0.01 * thin / confined, rel=0.01)
+
+
+def test_a_shape_longer_than_the_pad_is_cut_at_its_rim():
+    layer = Elastomer("layer", 4.0, E, NU, width_mm=8.0, length_mm=10.0, law="linear")
+    pad = FlatPad(layer, 8.0, 10.0, PITCH)
+    command = PressCommand("block", 0.0, 0.0, 0.0, 2.0)
+    longer, cut = (pad.press(block(4.0, length), command) for length in (26.0, 10.0))
+    assert longer.pressure_mpa.shape == (50, 40)
+    assert longer.depth_mm == pytest.approx(cut.depth_mm, rel=1e-6)
+    assert longer.pressure_mpa == pytest.approx(cut.pressure_mpa, abs=1e-6)
+
+
+def test_a_pressure_reaches_the_base_whole():
+    layer = Elastomer("layer", 2.5, E, NU, width_mm=28.0, length_mm=46.0, law="linear")
+    pad = FlatPad(layer, 28.0, 46.0, 0.5)
+    everywhere = np.full((92, 56), 0.01)
+    middle = load_layout("cyskin-20")
+    pressures = pad.pad_pressure_mpa(everywhere, middle)
+    inner = np.hypot(middle.x_mm, middle.y_mm) < 5.0
+    assert inner.any()
+    assert pressures[inner] == pytest.approx(0.01, rel=0.02)
+
+
+def test_an_oracle_that_does_not_settle_is_an_error(thick):
+    with pytest.raises(T2TwinError, match="within 2 iterations"):
+        solve(grid() ** 2 / 12.0, 0.5, PITCH, thick, tolerance=1e-9, most=2)
 
 
 def test_waves_integrated_through_the_thickness_meet_the_engine_s_closed_form():

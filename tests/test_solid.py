@@ -40,8 +40,8 @@ def test_uniform_strain_is_exact_on_a_crooked_mesh():
     moved = mesh.nodes_mm @ np.random.default_rng(1).uniform(-0.1, 0.1, (3, 3))
     inner = np.repeat(_inside(mesh), 3)
     given = moved.ravel()[~inner]
-    found = np.linalg.solve(whole[np.ix_(inner, inner)], -whole[np.ix_(inner, ~inner)] @ given)
-    assert found == pytest.approx(moved.ravel()[inner], abs=1e-10)
+    solved = np.linalg.solve(whole[np.ix_(inner, inner)], -whole[np.ix_(inner, ~inner)] @ given)
+    assert solved == pytest.approx(moved.ravel()[inner], abs=1e-10)
 
 
 def test_energy_of_uniform_strain_is_that_of_the_material():
@@ -128,9 +128,9 @@ def test_plane_waves_sink_as_in_closed_form(half_wave_mm):
     moved = np.zeros(held.size)
     moved[free] = answer(stiffness(strip, E, NU), free, load)
     sunk = -moved.reshape(-1, 3)[-axis.size :, 2]
-    found = (sunk * width * wave).sum() / (wave * width * wave).sum()
+    sinking = (sunk * width * wave).sum() / (wave * width * wave).sum()
     truth = compliance_mm_per_mpa(np.array([np.pi / half_wave_mm]), 4.07, E, NU)[0]
-    assert found == pytest.approx(truth, rel=0.006)
+    assert sinking == pytest.approx(truth, rel=0.006)
 
 
 def test_forces_answer_each_other_and_mirror(gel):
@@ -185,18 +185,18 @@ def test_a_ball_on_a_wide_block_as_by_the_oracle():
     truth = oracle.solve(ball_gap_mm(axis, axis), 2.0, pitch, kernel)
     # Its sides are so far away that they do not matter.
     wide = Gel(replace(FLAT, width_mm=60, length_mm=60), 0.5, fine_mm=2.5)
-    found = solve(wide, ball_gap_mm(wide.x_mm, wide.y_mm), 2.0)
-    assert found.depth_mm == pytest.approx(truth.depth_mm, rel=0.03)
+    pressed = solve(wide, ball_gap_mm(wide.x_mm, wide.y_mm), 2.0)
+    assert pressed.depth_mm == pytest.approx(truth.depth_mm, rel=0.03)
 
 
 def test_contact_carries_the_force_pushes_only_and_does_not_overlap(gel):
     gap = ball_gap_mm(gel.x_mm - 6.0, gel.y_mm + 3.0) - gel.rest_mm
-    found = solve(gel, gap, 2.0)
-    assert found.force_n.sum() == pytest.approx(2.0)
-    assert found.force_n.min() >= 0
-    assert (found.depth_mm - gap - found.deflection_mm).max() < 1e-8
-    touching = found.force_n > 0
-    assert found.deflection_mm[touching] == pytest.approx((found.depth_mm - gap)[touching])
+    pressed = solve(gel, gap, 2.0)
+    assert pressed.force_n.sum() == pytest.approx(2.0)
+    assert pressed.force_n.min() >= 0
+    assert (pressed.depth_mm - gap - pressed.deflection_mm).max() < 1e-8
+    touching = pressed.force_n > 0
+    assert pressed.deflection_mm[touching] == pytest.approx((pressed.depth_mm - gap)[touching])
 
 
 def test_the_thinner_ends_are_stiffer_and_free_sides_softer(gel):

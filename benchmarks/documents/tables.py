@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from benchmarks.declared import BENCHMARKS
 from benchmarks.documents.formats import formatted
 from benchmarks.evidence.record import RESULTS
 from benchmarks.evidence.results import read_results
@@ -101,6 +102,18 @@ def fidelity() -> str:
     return _markdown(lines)
 
 
+def benchmarks() -> str:
+    """Every benchmark: what it measures, its minutes, and where its figures are from."""
+    lines = [["name", "what it measures", "minutes", "measured at"]]
+    for benchmark in BENCHMARKS:
+        measured_on = read_results(benchmark.results).measured_on
+        when = f"`{measured_on.commit}`, {measured_on.date[:10]}"
+        if measured_on.confirmed is not None:
+            when += f"; confirmed at `{measured_on.confirmed.commit}`"
+        lines.append([f"`{benchmark.name}`", benchmark.measures, f"{benchmark.minutes:g}", when])
+    return _markdown(lines)
+
+
 def many_pairs() -> str:
     """What MANY_PAIRS would take, by what the paper's dataset took."""
     content = _content("dataset")
@@ -144,6 +157,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "results": results,
     "objects": objects,
     "fidelity": fidelity,
+    "benchmarks": benchmarks,
     "many-pairs": many_pairs,
 }
 """Tables by the names that documents call them by."""

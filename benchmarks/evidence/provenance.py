@@ -118,13 +118,13 @@ def commit_of(benchmark: Benchmark, tree: SourceTree) -> str:
 
 def versions() -> dict[str, str]:
     """Of Python and of PACKAGES, those that are installed."""
-    found = {"python": platform.python_version()}
+    installed = {"python": platform.python_version()}
     for name in PACKAGES:
         try:
-            found[name] = version(name)
+            installed[name] = version(name)
         except PackageNotFoundError:
             continue
-    return found
+    return installed
 
 
 def processor() -> str:

@@ -20,7 +20,7 @@ KEEP_NOTHING = "--keep-nothing"
 
 
 def run(benchmark: Benchmark, arguments: list[str]) -> list[str]:
-    """Measures, prints every figure, and writes the results; the limits missed, a sentence each.
+    """Measures, writes the results, and prints every figure; the limits missed, a sentence each.
 
     Nothing is written with --keep-nothing, or where an argument thins what is measured, or for a
     baseline unless --write is given.
@@ -33,10 +33,10 @@ def run(benchmark: Benchmark, arguments: list[str]) -> list[str]:
         with tempfile.TemporaryDirectory() as folder:
             outcome = rounded(benchmark.outcome(SmallCase(Path(folder))))
     content = benchmark.measure(options)
-    print("\n".join(columns(benchmark, content)), flush=True)
     if is_kept(benchmark, options):
         measured_on = provenance(benchmark, tree, start, arguments, outcome)
         write_results(benchmark.results, Results(measured_on, content))
+    print("\n".join(columns(benchmark, content)), flush=True)
     return missed(benchmark, content)
 
 
