@@ -22,7 +22,7 @@ from benchmarks.evidence.provenance import commit_of, now
 from benchmarks.evidence.record import ROOT
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.run import main
-from benchmarks.evidence.small_case import SmallCase
+from benchmarks.evidence.small_case import SmallCase, shards_sha256
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.paper_scale import presses_sha256
 from t2twin.primitives_cad.errors import T2TwinError
@@ -48,9 +48,9 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def outcome(case: SmallCase) -> dict[str, Any]:
-    """The small dataset's shards and figures, and all presses of the paper's. The versions of
+    """Shards and figures of a small dataset, and all presses of the paper's. The versions of
     packages are left out: they are no matter of the code."""
-    content = figures(read_dataset(case.data))
+    content = figures(read_dataset(case.small))
     del content["versions"]
     return {
         "shards_sha256": case.shards_sha256(),
@@ -70,6 +70,7 @@ def figures(dataset: Dataset) -> dict[str, Any]:
     alike, same = np.isfinite(looked.alike_counts), duplicates.near_duplicates(dataset, looked)
     return {
         "pairs": {name: len(table) for name, table in dataset.tables.items()},
+        "shards_sha256": shards_sha256(dataset.data),
         "versions": dict(dataset.info.versions),
         "size_gib": size / 2**30,
         "kb_a_pair": size / len(counts) / 1e3,

@@ -79,6 +79,7 @@ def outcome(case: SmallCase) -> dict[str, Any]:
     digest = hashlib.sha256(probes.images.tobytes() + probes.counts.tobytes())
     return {
         "presses_sha256": digest.hexdigest(),
+        "shards_sha256": case.shards_sha256(),
         "weights_sha256": case.weights_sha256(),
         "rows": rows(probes, list(case.runs.values()), case.data),
         "paper_presses_sha256": presses_sha256(),

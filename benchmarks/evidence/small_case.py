@@ -1,5 +1,6 @@
 """The small fixed case on which the code's outcome is compared: data, runs, evaluation.
 
+    t2twin simdata --scale small
     t2twin simdata --scale smoke
     t2twin train MODEL --preset smoke --epochs 2
     t2twin evaluate RUN RUN --split both
@@ -19,7 +20,7 @@ from typing import Any
 from benchmarks.evidence.record import ROOT
 from t2twin.primitives_cad.errors import T2TwinError
 
-SCALE, PRESET, EPOCHS = "smoke", "smoke", 2
+PRESET, EPOCHS = "smoke", 2
 MODELS = ("touch2touch", "resnet18")
 SPLITS = ("val", "test")
 
@@ -36,10 +37,18 @@ class SmallCase:
         self.folder = folder
 
     @cached_property
+    def small(self) -> Path:
+        """The folder of a dataset of scale small."""
+        return self._dataset("small")
+
+    @cached_property
     def data(self) -> Path:
-        """The dataset's folder."""
-        out = self.folder / "data"
-        _t2twin("simdata", "--scale", SCALE, "--out", str(out))
+        """The folder of the one that the runs are trained on, of scale smoke."""
+        return self._dataset("smoke")
+
+    def _dataset(self, scale: str) -> Path:
+        out = self.folder / scale
+        _t2twin("simdata", "--scale", scale, "--out", str(out))
         return out
 
     @cached_property
@@ -61,10 +70,10 @@ class SmallCase:
         _t2twin("evaluate", *runs, "--data", str(self.data), "--split", "both", "--out", str(out))
         return out
 
-    def shards_sha256(self) -> str:
-        """One sha256 over the list of the shards' own."""
-        shards = json.loads((self.data / "info.json").read_bytes())["shards"]
-        return sha256_of({path: shard["sha256"] for path, shard in shards.items()})
+    def shards_sha256(self) -> dict[str, str]:
+        """Of either dataset, one sha256 over the list of its shards' own."""
+        folders = {"small": self.small, "smoke": self.data}
+        return {scale: shards_sha256(folder) for scale, folder in folders.items()}
 
     def weights_sha256(self) -> dict[str, str]:
         """sha256 of the trained weights by model."""
@@ -79,6 +88,13 @@ class SmallCase:
             split: json.loads((self.evaluation / split / "metrics.json").read_bytes())
             for split in SPLITS
         }
+
+
+def shards_sha256(folder: Path) -> str:
+    """One sha256 over the list of a dataset's shards' own."""
+    from t2twin.sim.dataset.store import read_info  # takes a second, and few commands need it
+
+    return sha256_of({path: shard.sha256 for path, shard in read_info(folder).shards.items()})
 
 
 def rounded(content: Any) -> Any:
