@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks import ROOT
 from benchmarks.declared import DATASET
 from benchmarks.evidence.provenance import commit_of, now
-from benchmarks.evidence.record import ROOT
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase, shards_sha256

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw
 
+from benchmarks import ROOT
 from benchmarks.declared import PICTURES
-from benchmarks.evidence.record import ROOT
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue, sheet
 from t2twin.primitives_cad.writing import whole_file

@@ -18,8 +18,8 @@ import msgspec
 import numpy as np
 from PIL import Image
 
+from benchmarks import ROOT
 from benchmarks.declared import TRANSLATION
-from benchmarks.evidence.record import ROOT
 from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase, rounded, sha256_of
 from benchmarks.paper_scale import presses_sha256, settings

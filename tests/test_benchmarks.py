@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks import ROOT
 from benchmarks import __main__ as command
 from benchmarks.declared import BENCHMARKS, PHI, REGRESSION
 from benchmarks.evidence import record, run
 from benchmarks.evidence.provenance import processor, versions
-from benchmarks.evidence.record import ROOT, Argument, Benchmark, Figure
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.evidence.values import value, values

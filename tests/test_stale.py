@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks import ROOT
 from benchmarks import __main__ as command
 from benchmarks.declared import BENCHMARKS, DATASET, PHI, PRESS, TRANSLATION
 from benchmarks.evidence import record, stale
 from benchmarks.evidence.confirm import confirm, differences
 from benchmarks.evidence.provenance import Provenance
-from benchmarks.evidence.record import ROOT, Benchmark
+from benchmarks.evidence.record import Benchmark
 from benchmarks.evidence.results import Results, read_results, write_results
 from benchmarks.evidence.small_case import rounded
 from benchmarks.evidence.sources import SourceTree

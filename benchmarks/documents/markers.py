@@ -19,9 +19,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
+from benchmarks import ROOT
 from benchmarks.documents.formats import formatted
 from benchmarks.documents.tables import TABLES
-from benchmarks.evidence.record import ROOT
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.values import value
 from t2twin.primitives_cad.errors import T2TwinError

@@ -10,7 +10,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from benchmarks.evidence.record import ROOT, Benchmark
+from benchmarks import ROOT
+from benchmarks.evidence.record import Benchmark
 from benchmarks.evidence.sources import SourceTree
 
 PACKAGES = (

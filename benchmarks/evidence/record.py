@@ -7,11 +7,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from benchmarks import ROOT
+
 if TYPE_CHECKING:
     from benchmarks.evidence.small_case import SmallCase
-
-ROOT = Path(__file__).parents[2]
-"""The repository's top."""
 
 RESULTS = ROOT / "benchmarks" / "results"
 """Where every benchmark's results are kept, NAME.json."""

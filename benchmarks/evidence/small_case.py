@@ -17,7 +17,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from benchmarks.evidence.record import ROOT
+from benchmarks import ROOT
 from t2twin.primitives_cad.errors import T2TwinError
 
 PRESET, EPOCHS = "smoke", 2

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from benchmarks.evidence.record import ROOT, Benchmark
+from benchmarks import ROOT
+from benchmarks.evidence.record import Benchmark
 from t2twin.primitives_cad.errors import T2TwinError
 
 MEASURED = ("t2twin", "benchmarks")
