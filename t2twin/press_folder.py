@@ -2,6 +2,8 @@
 
 import json
 import tempfile
+from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,14 @@ from PIL import Image
 
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.press import scene
+from t2twin.sim.press.elastomer import Elastomer
 from t2twin.sim.press.records import Contact
 from t2twin.sim.sensors import CySkinTouch, DigitTouch
 from t2twin.translate.phi import Phi
 from t2twin.translate.picture import tactile_picture
+
+VERSIONS = ("t2twin", "mujoco", "numpy")
+"""Packages whose versions press.json names."""
 
 
 def write_press(folder: Path, digit: DigitTouch | None, cyskin: CySkinTouch | None) -> None:
@@ -70,7 +76,10 @@ def _write_cyskin(folder: Path, touch: CySkinTouch) -> None:
     image = Phi(layout.x_mm, layout.y_mm)(touch.counts.astype(np.float32))
     # Counts as they are, 16 bits a pixel: the picture is data too.
     Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
-    picture = tactile_picture(image, layout.x_mm, layout.y_mm, FULL_SCALE_COUNTS)
+    most = max(
+        float(image.max()), 1.0
+    )  # its own scale: soft presses would be black on the full one
+    picture = tactile_picture(image, layout.x_mm, layout.y_mm, most)
     picture.save(folder / "tactile_picture.png")
 
 
@@ -83,6 +92,7 @@ def _summary(contacts: dict[str, Contact]) -> dict[str, Any]:
         "y_mm": command.y_mm,
         "yaw_rad": command.yaw_rad,
         "commanded_force_n": command.force_n,
+        "versions": {name: version(name) for name in VERSIONS},
     } | {
         sensor: {
             "force_n": contact.force_n,
@@ -91,6 +101,12 @@ def _summary(contacts: dict[str, Contact]) -> dict[str, Any]:
             "bottomed": contact.bottomed,
             "contact_area_mm2": contact.contact_area_mm2,
             "milliseconds": contact.milliseconds,
+            "elastomer": _elastomer(contact.elastomer),
         }
         for sensor, contact in contacts.items()
     }
+
+
+def _elastomer(elastomer: Elastomer) -> dict[str, Any]:
+    """JSON has no infinity: the radius of a flat side is null."""
+    return {key: None if value == np.inf else value for key, value in asdict(elastomer).items()}

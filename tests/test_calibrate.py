@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from PIL import Image
 from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit import deflections
-from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate
 from t2twin.sim.digit.calibrate.frames import clean_background, crop, touched_patch
 from t2twin.sim.digit.calibrate.scores import cut_and_paste, repeats_floor, score, untouched_floor
 from t2twin.sim.digit.calibration import Calibration
@@ -263,3 +264,11 @@ def test_real_frames_held_out(real_digit):
     assert ours.psnr_db > 28.5 and ours.psnr_db > pasted.psnr_db + 3
     assert ours.ssim > 0.85 and ours.ssim > pasted.ssim + 0.04
     assert report.scores.do_nothing.psnr_db == pytest.approx(15.4, abs=0.3)
+
+
+def test_a_fit_that_explains_nothing_is_refused(report):
+    """As one to noise does: nearer to the frames than their own background it must be."""
+    _check_explains(report.scores)
+    worthless = replace(report.scores, calibrated=report.scores.do_nothing)
+    with pytest.raises(T2TwinError, match="explains nothing"):
+        _check_explains(worthless)

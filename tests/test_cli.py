@@ -1,10 +1,16 @@
 import json
+import os
+import signal
+import time
+from importlib.metadata import version
 
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 
+import t2twin
+from t2twin import cli
 from t2twin.cli import main
 
 
@@ -133,3 +139,42 @@ def test_press_says_that_a_shape_bottoms_out(tmp_path, capsys):
     run("press", tmp_path / "low.stl", "--sensor", "cyskin", "--out", tmp_path / "out")
     assert json.loads((tmp_path / "out/press.json").read_text())["cyskin"]["bottomed"]
     assert "bottomed out" in capsys.readouterr().out
+
+
+def test_version_and_shapes_are_told_without_making_any(tmp_path, capsys):
+    run("--version")
+    assert capsys.readouterr().out == f"t2twin {version('t2twin')}\n"
+    run("shapes")
+    said = capsys.readouterr().out
+    assert all(name in said for name in t2twin.shapes())
+    assert files(tmp_path) == set()
+
+
+def test_help_says_what_it_means(capsys):
+    run("translate", "--help")
+    said = " ".join(capsys.readouterr().out.split())
+    assert "(default: )" not in said and "(default: they are written)" in said
+
+
+@pytest.mark.parametrize("number, status", [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+@pytest.mark.parametrize("command, words", [("train", "continues"), ("press", "begins again")])
+def test_a_signal_ends_a_command_with_one_sentence(monkeypatch, capsys, command, words, number,
+                                                   status):  # fmt: skip
+    def sent(**options):
+        os.kill(os.getpid(), number)
+        time.sleep(5)
+
+    monkeypatch.setitem(cli.COMMANDS, command, lambda: sent())
+    before = signal.getsignal(signal.SIGTERM)
+    run(command, code=status)
+    said = capsys.readouterr().err
+    assert words in said and said.count("\n") == 1
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_press_names_the_elastomer_and_the_versions(tmp_path):
+    run("press", "circle-1", "--sensor", "digit", "--flat", "--out", tmp_path / "out")
+    summary = json.loads((tmp_path / "out/press.json").read_text())
+    elastomer = summary["digit"]["elastomer"]
+    assert elastomer["thickness_mm"] == 4.07 and elastomer["dome_width_radius_mm"] is None
+    assert summary["versions"]["t2twin"] == version("t2twin")

@@ -1,6 +1,8 @@
 """The ONNX file gives the run's counts, for any batch, and says what it is; the model card too."""
 
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -150,3 +152,21 @@ def test_card_needs_an_epoch(run_dir: Path, data_dir: Path, tmp_path: Path) -> N
     (tmp_path / "config.json").write_text((run_dir / "config.json").read_text())
     with pytest.raises(T2TwinError, match="its first epoch is not finished"):
         write_card(tmp_path, data_dir)
+
+
+def test_onnxruntime_reports_nothing(tmp_path: Path) -> None:
+    """Left alone it keeps a device's id in the user's cache, to send with its reports."""
+    script = (
+        "import t2twin.translate\n"
+        "import onnx, onnxruntime\n"
+        "from onnx import TensorProto as T, helper as h\n"
+        "a, b = (h.make_tensor_value_info(n, T.FLOAT, [1]) for n in 'ab')\n"
+        "graph = h.make_graph([h.make_node('Identity', ['a'], ['b'])], 'g', [a], [b])\n"
+        "model = h.make_model(graph, opset_imports=[h.make_opsetid('', 17)], ir_version=9)\n"
+        "onnxruntime.InferenceSession(model.SerializeToString(),"
+        " providers=['CPUExecutionProvider'])\n"
+    )
+    environment = {k: v for k, v in os.environ.items() if k != "ORT_DISABLE_TELEMETRY"}
+    home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / ".cache")}
+    subprocess.run([sys.executable, "-c", script], check=True, env=environment | home)
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]

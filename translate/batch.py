@@ -74,6 +74,7 @@ def translate_images(
     their inputs, `press.png` for `press.jpg`; of two inputs with one name the second gets
     `press-2.png`. layout: a taxel layout's name or file that a touch2touch run is read at, its own
     unless given. pictures: False writes the counts only, which is some times faster.
+    Pictures that an earlier call left in the folder go, so that all there are of these images.
     Returns the counts, (B, N) float32, in the order of `find_images`.
     Raises T2TwinError and writes nothing for no image, a file that is missing or is no image, a
     folder that is no run, a layout that the run cannot be read at, and a picture that would
@@ -88,9 +89,23 @@ def translate_images(
         with tempfile.TemporaryDirectory(prefix=".translate-", dir=_nearest(out_dir)) as folder:
             counts = _translate(run, images, names, Path(folder), pool)
             out_dir.mkdir(parents=True, exist_ok=True)
+            earlier = _earlier_pictures(out_dir) - {path.resolve() for path in images}
             for name in (*names, COUNTS_CSV, COUNTS_JSON):
                 (Path(folder) / name).replace(out_dir / name)
+            for path in earlier - {out_dir.resolve() / name for name in names}:
+                path.unlink(missing_ok=True)
     return counts
+
+
+def _earlier_pictures(out_dir: Path) -> set[Path]:
+    """The pictures that an earlier call says it left in a folder; none where nothing says so."""
+    try:
+        images = json.loads((out_dir / COUNTS_JSON).read_text())["images"]
+        names = {str(entry.get("tactile_image", "")) for entry in images}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return set()
+    own = {name for name in names if name.endswith(".png") and Path(name).name == name}
+    return {out_dir.resolve() / name for name in own}
 
 
 def _translate(
@@ -164,7 +179,8 @@ def _nearest(folder: Path) -> Path:
 
 
 def _write_csv(path: Path, images: list[Path], counts: np.ndarray) -> None:
-    with path.open("w", newline="") as file:
+    # Names of files may be no text; then what is not is escaped.
+    with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as file:
         writer = csv.writer(file)
         writer.writerow(["image", *(f"taxel_{n}" for n in range(counts.shape[1]))])
         for image, row in zip(images, counts, strict=True):

@@ -13,6 +13,7 @@ BAR_WIDTH = 18
 LABELS_WIDTH = 64
 TAXEL_RADIUS = 4
 FONT_SIZE = 15
+UNIT_SIZE = 12
 """Sizes of the picture's furniture, picture pixels."""
 
 STEPS = 5
@@ -42,6 +43,7 @@ def tactile_picture(
     left = columns + 2 * MARGIN
     bar = _colours(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))
     picture.paste(Image.fromarray(bar), (left, MARGIN))
+    draw.text((left, MARGIN - 3), "counts", "black", anchor="ls", font_size=UNIT_SIZE)
     for part in np.linspace(0.0, 1.0, STEPS):
         at = (left + BAR_WIDTH + MARGIN / 3, MARGIN + (1.0 - part) * (rows - 1))
         draw.text(at, f"{part * full_scale:.0f}", "black", anchor="lm", font_size=FONT_SIZE)

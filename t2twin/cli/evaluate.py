@@ -7,7 +7,11 @@ import tyro
 
 
 def evaluate(
-    runs: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="RUN")]],
+    runs: tyro.conf.Positional[
+        Annotated[
+            tuple[Path, ...], tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)")
+        ]
+    ],
     data: Annotated[Path, tyro.conf.arg(metavar="DIR")],
     split: Literal["val", "test", "both"] = "val",
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,

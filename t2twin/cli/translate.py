@@ -11,10 +11,16 @@ SHOWN = 5
 
 def translate(
     run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]],
-    images: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="IMAGE")]],
+    images: tyro.conf.Positional[
+        Annotated[
+            tuple[Path, ...], tyro.conf.arg(metavar="IMAGE", help_behavior_hint="(one or more)")
+        ]
+    ],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/translate"),
     layout: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
-    pictures: bool = True,
+    pictures: Annotated[
+        bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")
+    ] = True,
 ) -> None:
     """Translate DIGIT images into CySkin counts; writes counts.csv, counts.json and pictures.
 
@@ -25,7 +31,8 @@ def translate(
         out: Folder to write into.
         layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch run at; the run's
             own unless given.
-        pictures: Write a picture of each tactile image; without, only the counts, faster.
+        pictures: Leave the pictures of the tactile images out and write the counts only, which is
+            faster.
     """
     import numpy as np
 

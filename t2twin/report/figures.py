@@ -28,6 +28,7 @@ STYLE = {
     "legend.frameon": False,
     "legend.fontsize": 8,
     "lines.linewidth": 1.4,
+    "text.parse_math": False,  # names of shapes may have dollar signs
     "svg.hashsalt": "t2twin",  # the same figure gives the same bytes
     "xtick.color": "#444444",
     "xtick.major.width": 0.6,

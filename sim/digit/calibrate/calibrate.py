@@ -77,7 +77,8 @@ def calibrate(
     in, 240 wide, 320 high, PNG or JPEG. camera: its scale and distance. say: told how far it is.
     Frames that are equal to an earlier one, byte for byte, are left out. The held-out presses
     have no part in anything but their own poses and the scores.
-    Raises T2TwinError for frames or numbers that cannot be used.
+    Raises T2TwinError for frames or numbers that cannot be used, and for a fit that explains
+    nothing.
     """
     if not BALL_MM[0] <= ball_diameter_mm <= BALL_MM[1]:
         raise T2TwinError(
@@ -101,6 +102,8 @@ def calibrate(
     simulated = np.array([optics.render(unseen.surface(state, pose)) for pose in poses])
     trained = _Presses(frames[train], patches[train], state.poses)
     scored = _Presses(frames[test], patches[test], poses)
+    scores = _scores(untouched, trained, scored, simulated, camera)
+    _check_explains(scores)
     return CalibrationReport(
         calibration=calibration,
         trained=[names[i] for i in train],
@@ -110,9 +113,20 @@ def calibrate(
         poses=poses,
         real=scored.frames,
         simulated=simulated,
-        scores=_scores(untouched, trained, scored, simulated, camera),
+        scores=scores,
         each=crop_scores(scored.frames, simulated, scored.patches),
     )
+
+
+def _check_explains(scores: Scores) -> None:
+    """A fit to frames that show no ball is worth nothing, however it came out."""
+    fitted, still = scores.calibrated.psnr_db, scores.do_nothing.psnr_db
+    if fitted <= still:
+        raise T2TwinError(
+            f"the fit explains nothing of the held-out presses: they are {fitted:.1f} dB from it "
+            f"and {still:.1f} dB from the untouched background; frames of one ball, pressed into "
+            "this very sensor, are needed"
+        )
 
 
 def _first_held_out(frames: int, held_out: int | None, presses: Path) -> int:

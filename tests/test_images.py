@@ -1,0 +1,57 @@
+"""Image files: every kind that is read, and what is refused before it is."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.data.images import open_image
+
+
+@pytest.fixture
+def digit() -> Image.Image:
+    """A bright spot on grey, as a press gives."""
+    down, across = np.mgrid[:320, :240]
+    spot = np.exp(-((down - 150) ** 2 + (across - 100) ** 2) / 2000.0)
+    light = (60.0 + 180.0 * spot)[:, :, None] * np.array([1.0, 0.8, 0.6])
+    return Image.fromarray(light.astype(np.uint8))
+
+
+def test_every_kind_of_image_is_read_alike(digit: Image.Image, tmp_path: Path) -> None:
+    """Grey, 16-bit, palette, transparent and JPEG files of one picture are that picture."""
+    grey = np.asarray(digit.convert("L"))
+    digit.save(tmp_path / "rgb.png")
+    digit.convert("L").save(tmp_path / "grey.png")
+    digit.convert("RGBA").save(tmp_path / "rgba.png")
+    digit.convert("LA").save(tmp_path / "la.png")
+    digit.quantize(256).save(tmp_path / "palette.png")
+    Image.fromarray(grey.astype(np.uint16) * 257).save(tmp_path / "deep.png")
+    digit.save(tmp_path / "photo.jpg", quality=95)
+    for name in (
+        "rgb.png",
+        "grey.png",
+        "rgba.png",
+        "la.png",
+        "palette.png",
+        "deep.png",
+        "photo.jpg",
+    ):
+        image = open_image(tmp_path / name)
+        assert image.mode in ("L", "RGB")
+        read = np.asarray(image.convert("L")).astype(float)
+        assert np.abs(read - grey).mean() < 3.0, name
+
+
+def test_a_bomb_and_a_pipe_are_refused_in_a_sentence(tmp_path, recwarn):
+    """Few bytes, many pixels; and a named pipe, which nobody writes to."""
+    black = Image.new("1", (20_000, 20_000))
+    black.save(tmp_path / "bomb.png")
+    with pytest.raises(T2TwinError, match="12,000,000 pixels"):
+        open_image(tmp_path / "bomb.png")
+    os.mkfifo(tmp_path / "pipe.png")
+    with pytest.raises(T2TwinError, match="it is not a file"):
+        open_image(tmp_path / "pipe.png")
+    assert not recwarn.list
