@@ -22,7 +22,8 @@ PRESS = Benchmark(
     minutes=12,
     figures=(
         Figure("sensors.*.worst_at_8_n.depth_error", most=0.03),
-        Figure("sensors.*.worst_at_8_n.surface_error", most=0.05),
+        # Worst is a wide ring whose thin walls are only 2.6 pins across: square-empty-4.
+        Figure("sensors.*.worst_at_8_n.surface_error", most=0.06),
         # At 1 N the widest line sinks in by 0.03 mm, where the engine's grid tells most; assumed.
         Figure("sensors.*.worst.depth_error", most=0.05),
         Figure("sensors.*.worst.surface_error", most=0.08),
@@ -248,6 +249,23 @@ KILLS = Benchmark(
     shapes=False,
 )
 
+CALIBRATION = Benchmark(
+    name="calibration",
+    measures="How near a calibration comes to frames of a real DIGIT that it was not fitted to.",
+    minutes=1,
+    figures=(
+        Figure("scores.calibrated.psnr_db", "dB", least=28.5),
+        Figure("scores.calibrated.ssim", least=0.85),
+        Figure("scores.calibrated.l1", "grey levels"),
+        # Nearer than cut and paste, or the model has learnt no optics.
+        Figure("over_cut_and_paste.psnr_db", "dB", least=3.0),
+        Figure("over_cut_and_paste.ssim", least=0.04),
+        Figure("scores.do_nothing.psnr_db", "dB"),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+    shapes=False,
+)
+
 PICTURES = Benchmark(
     name="pictures",
     measures="The README's picture of five presses.",
@@ -282,6 +300,7 @@ BENCHMARKS = (
     LATENCY,
     TRAINING,
     KILLS,
+    CALIBRATION,
     PICTURES,
     REGRESSION,
     DATASET,

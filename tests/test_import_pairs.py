@@ -15,6 +15,7 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import CARD, read_info, read_split, taxels
+from t2twin.sim.dataset.table import read_table
 from t2twin.sim.dataset.verify import verify
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
@@ -87,18 +88,18 @@ def test_what_the_rows_say_is_kept(tmp_path, layout):
 @pytest.mark.parametrize(
     "changes, said",
     [
-        ({"taxel_1": {3: 50_000}}, "row 3: its counts must be numbers from 0 to 40000"),
-        ({"taxel_1": {3: -1}}, "row 3: its counts"),
-        ({"taxel_1": {3: ""}}, "row 3: its counts"),
+        ({"taxel_1": {3: 50_000}}, "line 5: its counts must be numbers from 0 to 40000"),
+        ({"taxel_1": {3: -1}}, "line 5: its counts"),
+        ({"taxel_1": {3: ""}}, "line 5: its counts"),
         ({"taxel_4": {3: 5}}, "5 columns"),
-        ({"image": {3: "gone.png"}}, "row 3: there is no picture"),
-        ({"image": {3: "text.png"}}, "row 3: its picture cannot be read"),
-        ({"image": {3: "deep.png"}}, "row 3: its picture cannot be read"),
+        ({"image": {3: "gone.png"}}, "line 5: there is no picture"),
+        ({"image": {3: "text.png"}}, "line 5: its picture cannot be read"),
+        ({"image": {3: "deep.png"}}, "line 5: its picture cannot be read"),
         ({"image": {3: "large.png"}}, "24 x 32; all must be of one size"),
-        ({"image": {3: "2.png"}}, "rows 2 and 3 have the same picture"),
-        ({"image": {3: ""}}, "row 3: there is no picture"),
+        ({"image": {3: "2.png"}}, "line 4 and line 5 have the same picture"),
+        ({"image": {3: ""}}, "line 5: there is no picture"),
         ({"split": {3: "training"}}, "allowed are train, val, test"),
-        ({"x_mm": {3: "inf"}}, "row 3: x_mm"),
+        ({"x_mm": {3: "inf"}}, "line 5: x_mm"),
     ],
 )
 def test_what_is_wrong_is_named_and_nothing_written(tmp_path, layout, changes, said):
@@ -111,6 +112,52 @@ def test_what_is_wrong_is_named_and_nothing_written(tmp_path, layout, changes, s
     with pytest.raises(T2TwinError, match=said):
         import_pairs(folder, tmp_path / "data", layout)
     assert not (tmp_path / "data").exists() and not list(tmp_path.glob(".*"))
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_a_spreadsheet_s_csv_is_read_as_any_other(tmp_path, layout, delimiter):
+    """With a byte order mark, semicolons or tabs, decimal commas, empty lines and CRLF."""
+    folder, rows = write_csv(tmp_path / "mine", x_mm={0: 1.5, 2: -0.25}, split={0: "train"})
+    lines = []
+    for row in rows:
+        row |= {"split": "train"}
+        cells = [str(row.get(name, "")).replace("1.5", "1,5") for name in (*rows[0],)]
+        lines.append(delimiter.join(cells).replace("-0.25", "-0,25"))
+    text = "\r\n".join([delimiter.join(rows[0]), "", *lines]) + "\r\n"
+    (folder / "pairs.csv").write_bytes(text.encode("utf-8-sig"))
+    import_pairs(folder, tmp_path / "data", layout)
+    table = read_split(tmp_path / "data", "train")
+    assert table["x_mm"].to_pylist()[:3] == [1.5, None, -0.25]
+    assert taxels(table)[0].tolist() == [rows[0][f"taxel_{i}"] for i in range(TAXELS)]
+    # The empty line counts, as it does in an editor.
+    (folder / "3.png").unlink()
+    with pytest.raises(T2TwinError, match=r"^line 6: there is no picture"):
+        import_pairs(folder, tmp_path / "again", layout)
+
+
+def test_rows_are_named_by_where_they_stand(tmp_path):
+    path = tmp_path / "pairs.csv"
+    path.write_text('image,shape\na.png,"one"\n\nb.png,two\n')
+    assert read_table(path)[1] == ["line 2", "line 4"]
+    table = pa.table({"image": ["a.png", "b.png"]})
+    pq.write_table(table, tmp_path / "pairs.parquet")
+    assert read_table(tmp_path / "pairs.parquet")[1] == ["row 1", "row 2"]
+
+
+@pytest.mark.parametrize(
+    "content, said",
+    [
+        (b"image,image\na.png,b.png\n", "two columns image"),
+        (b"image,taxel_0\n", "holds no pairs"),
+        (b"", "cannot be read as a table"),
+        (b"image\n\xff\xfe.png\n", "cannot be read as a table"),
+        (b"image,shape\na.png\n", "cannot be read as a table"),
+    ],
+)
+def test_a_table_that_is_none_is_refused(tmp_path, content, said):
+    (tmp_path / "pairs.csv").write_bytes(content)
+    with pytest.raises(T2TwinError, match=said):
+        read_table(tmp_path / "pairs.csv")
 
 
 def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout):

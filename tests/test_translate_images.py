@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from PIL import Image
+from safetensors.torch import load_file, save_file
 from spots import train_smoke, write_spots
 
 from t2twin.cli import main
@@ -301,6 +302,16 @@ def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> No
         load_run(tmp_path)
     (tmp_path / "best.safetensors").write_bytes(b"rubbish")
     with pytest.raises(T2TwinError, match="does not hold the weights"):
+        load_run(tmp_path)
+
+
+def test_weights_that_are_no_numbers_are_refused(run_dir: Path, tmp_path: Path) -> None:
+    (tmp_path / "config.json").write_text((run_dir / "config.json").read_text())
+    weights = load_file(run_dir / "best.safetensors")
+    name = next(name for name in weights if weights[name].is_floating_point())
+    weights[name].view(-1)[0] = torch.nan
+    save_file(weights, tmp_path / "best.safetensors")
+    with pytest.raises(T2TwinError, match=f"not finite, in {name}"):
         load_run(tmp_path)
 
 

@@ -23,8 +23,6 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
-import pyarrow.parquet as pq
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import Layout
@@ -42,6 +40,7 @@ from t2twin.sim.dataset.store import (
     write_shard,
     write_whole,
 )
+from t2twin.sim.dataset.table import find_table, read_table
 from t2twin.sim.pictures import open_picture
 
 ORIGIN = "imported"
@@ -57,9 +56,9 @@ OWN = "own"
 
 @dataclass(frozen=True)
 class Pair:
-    """One row of the user's, its picture not yet read. row: its place, for messages."""
+    """One row of the user's, its picture not yet read. place: where it stands, for messages."""
 
-    row: int
+    place: str
     image: str | bytes
     counts: tuple[int, ...]
     split: str
@@ -83,7 +82,7 @@ def import_pairs(
     is missing, cannot be read, differs in size from the others or comes twice, and for counts that
     are too few, too many, or no numbers from 0 to full_scale.
     """
-    table_path, folder = _table_of(Path(source)), Path(folder)
+    table_path, folder = find_table(Path(source)), Path(folder)
     if not 0 < full_scale <= MOST_COUNTS:
         raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MOST_COUNTS}")
     if seed < 0:
@@ -101,59 +100,40 @@ def import_pairs(
     return info
 
 
-def _table_of(source: Path) -> Path:
-    if source.is_dir():
-        tables = sorted(p for p in source.iterdir() if p.suffix.lower() in (".csv", ".parquet"))
-        if len(tables) != 1:
-            raise T2TwinError(
-                f"{source} holds {len(tables)} CSV and Parquet files; name the one with the pairs"
-            )
-        return tables[0]
-    if not source.is_file() or source.suffix.lower() not in (".csv", ".parquet"):
-        raise T2TwinError(f"{source} is no pairs; give a .csv or .parquet file, or its folder")
-    return source
-
-
 def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     """All rows, their counts checked."""
-    try:
-        if path.suffix.lower() == ".csv":
-            table = pyarrow.csv.read_csv(path)
-        else:
-            with pq.ParquetFile(path) as file:
-                table = file.read()
-    except (pa.ArrowException, OSError) as error:
-        raise T2TwinError(f"{path} cannot be read as a table of pairs ({error})") from error
-    if not len(table):
-        raise T2TwinError(f"{path} holds no pairs")
+    table, places = read_table(path)
     if "image" not in table.column_names:
         raise T2TwinError(f"{path} has no column image; its columns are {_list(table)}")
-    counts = _counts(table, path, layout, full_scale)
+    counts = _counts(table, places, path, layout, full_scale)
     columns = {
         name: table[name].to_pylist() if name in table.column_names else [None] * len(table)
         for name in ("image", "split", "shape", "family", *POSE)
     }
     pairs = []
-    for row in range(len(table)):
+    for row, place in enumerate(places):
+        at = f"{path}, {place}"
         shape = str(columns["shape"][row] or columns["family"][row] or OWN)
         if "\0" in shape:
-            raise T2TwinError(f"{path}, row {row}: shape is {shape!r}; it must be a name")
+            raise T2TwinError(f"{at}: shape is {shape!r}; it must be a name")
         family = str(columns["family"][row] or shape)
         pairs.append(
             Pair(
-                row=row,
-                image=_image(columns["image"][row], path, row),
+                place=place,
+                image=_image(columns["image"][row], at),
                 counts=tuple(counts[row].tolist()),
                 split=str(columns["split"][row] or ""),
                 shape=shape,
                 family=family,
-                pose=tuple(_number(columns[name][row], path, row, name) for name in POSE),
+                pose=tuple(_number(columns[name][row], at, name) for name in POSE),
             )
         )
     return pairs
 
 
-def _counts(table: pa.Table, path: Path, layout: Layout, full_scale: int) -> np.ndarray:
+def _counts(
+    table: pa.Table, places: list[str], path: Path, layout: Layout, full_scale: int
+) -> np.ndarray:
     """(rows, taxels) int64; means of several readings are rounded."""
     columns = [name for name in table.column_names if re.fullmatch(r"taxel_\d+", name)]
     wanted = [f"taxel_{number}" for number in range(layout.size)]
@@ -166,33 +146,31 @@ def _counts(table: pa.Table, path: Path, layout: Layout, full_scale: int) -> np.
             f"{path} has {len(columns)} columns taxel_0, taxel_1 ... and no column taxels; layout "
             f"{layout.name} wants taxel_0 to {wanted[-1]}"
         )
-    for number, row in enumerate(rows):
+    for place, row in zip(places, rows, strict=True):
         if not isinstance(row, list | tuple) or len(row) != layout.size:
             there = len(row) if isinstance(row, list | tuple) else 0
             raise T2TwinError(
-                f"{path}, row {number}: {there} taxels instead of the {layout.size} of layout "
+                f"{path}, {place}: {there} taxels instead of the {layout.size} of layout "
                 f"{layout.name}"
             )
         if not all(isinstance(c, int | float) and 0 <= c <= full_scale for c in row):
-            raise T2TwinError(
-                f"{path}, row {number}: its counts must be numbers from 0 to {full_scale}"
-            )
+            raise T2TwinError(f"{path}, {place}: its counts must be numbers from 0 to {full_scale}")
     return np.rint(np.array(rows, dtype=float)).astype(np.int64)
 
 
-def _image(value: Any, path: Path, row: int) -> str | bytes:
+def _image(value: Any, at: str) -> str | bytes:
     if isinstance(value, dict):
         value = value.get("bytes") or value.get("path")
     if not isinstance(value, str | bytes) or not value:
-        raise T2TwinError(f"{path}, row {row}: there is no picture; image is a file's name or PNG")
+        raise T2TwinError(f"{at}: there is no picture; image is a file's name or PNG")
     return value
 
 
-def _number(value: Any, path: Path, row: int, name: str) -> float | None:
+def _number(value: Any, at: str, name: str) -> float | None:
     if value is None:
         return None
     if not isinstance(value, int | float) or not np.isfinite(value):
-        raise T2TwinError(f"{path}, row {row}: {name} is {value!r}; it must be a finite number")
+        raise T2TwinError(f"{at}: {name} is {value!r}; it must be a finite number")
     return float(value)
 
 
@@ -206,7 +184,7 @@ def _with_splits(pairs: list[Pair], seed: int) -> list[Pair]:
         for pair in pairs:
             if pair.split not in SPLITS:
                 raise T2TwinError(
-                    f"row {pair.row}: no split {pair.split!r}; allowed are {', '.join(SPLITS)}"
+                    f"{pair.place}: no split {pair.split!r}; allowed are {', '.join(SPLITS)}"
                 )
         return pairs
     ends = np.rint(np.cumsum(SHARES) * len(pairs)).astype(int)
@@ -273,7 +251,7 @@ class _Pictures:
 
     def __init__(self, beside: Path) -> None:
         self._beside = beside
-        self._rows: dict[bytes, int] = {}
+        self._places: dict[bytes, str] = {}
         self.shape: tuple[int, int, int] | None = None
 
     def read(self, pair: Pair) -> np.ndarray:
@@ -283,22 +261,22 @@ class _Pictures:
             if image.mode[0] in "IF":
                 raise T2TwinError("it has more than 8 bits a channel; save it with 8")
         except T2TwinError as error:
-            raise T2TwinError(f"row {pair.row}: its picture cannot be read: {error}") from error
+            raise T2TwinError(f"{pair.place}: its picture cannot be read: {error}") from error
         pixels = np.array(image.convert("RGB"))
         rows, columns, channels = pixels.shape
         self.shape = self.shape or (rows, columns, channels)
         if pixels.shape != self.shape:
             raise T2TwinError(
-                f"row {pair.row}: its picture is {columns} x {rows} pixels and "
+                f"{pair.place}: its picture is {columns} x {rows} pixels and "
                 f"those before {self.shape[1]} x {self.shape[0]}; all must be of one size"
             )
-        first = self._rows.setdefault(hashlib.sha256(pixels.tobytes()).digest(), pair.row)
-        if first != pair.row:
-            raise T2TwinError(f"rows {first} and {pair.row} have the same picture; leave one out")
+        first = self._places.setdefault(hashlib.sha256(pixels.tobytes()).digest(), pair.place)
+        if first != pair.place:
+            raise T2TwinError(f"{first} and {pair.place} have the same picture; leave one out")
         return pixels
 
     def _file(self, pair: Pair) -> Path:
         path = self._beside / str(pair.image)
         if not path.is_file():
-            raise T2TwinError(f"row {pair.row}: there is no picture {path}")
+            raise T2TwinError(f"{pair.place}: there is no picture {path}")
         return path

@@ -16,9 +16,10 @@ def import_pairs(
     """Bring your own pairs into the dataset's format, checked on the way.
 
     A CSV file beside its pictures has a column image (the picture's file) and taxel_0, taxel_1 ...
-    in the layout's order; Parquet has image (the same, or the picture itself) and taxels (a list).
-    Columns split (train, val, test), shape, family, x_mm, y_mm, yaw_rad and force_n are taken where
-    they are there; without split, 80, 10 and 10 % are drawn at random.
+    in the layout's order, with commas, semicolons or tabs between; Parquet has image (the same, or
+    the picture itself) and taxels (a list). Columns split (train, val, test), shape, family, x_mm,
+    y_mm, yaw_rad and force_n are taken where they are there; without split, 80, 10 and 10 % are
+    drawn at random.
 
     Args:
         source: A .csv or .parquet file, or a folder that holds one.

@@ -25,11 +25,14 @@ def save_weights(path: Path, network: nn.Module) -> None:
 
 
 def load_weights(path: Path, network: nn.Module) -> None:
-    """Raises T2TwinError where the file is missing or holds another network."""
+    """Raises T2TwinError where the file is missing, holds another network, or numbers that are
+    not finite."""
     if not path.is_file():
         raise T2TwinError(f"{path} is not there; the run has not finished its first epoch")
     try:
-        network.load_state_dict(load_file(path))
+        weights = load_file(path)
+        _check_finite(path, weights)
+        network.load_state_dict(weights)
     except (SafetensorError, RuntimeError):
         raise T2TwinError(f"{path} does not hold the weights that its config.json names") from None
 
@@ -50,16 +53,28 @@ def save_state(path: Path, translator: Translator, history: list[EpochRecord]) -
 def load_state(path: Path, translator: Translator) -> list[EpochRecord]:
     """Puts a saved state back and returns the history.
 
-    Raises T2TwinError for a damaged file and for a state of other networks.
+    Raises T2TwinError for a damaged file, for a state of other networks, and for numbers that are
+    not finite.
     """
     history = load_history(path)
     try:
-        _put_back(load_file(path), translator)
+        state = load_file(path)
+        _check_finite(path, state)
+        _put_back(state, translator)
     except (SafetensorError, RuntimeError, KeyError, ValueError):
         raise T2TwinError(
             f"{path} is no saved state of these networks; remove its folder to train again"
         ) from None
     return history
+
+
+def _check_finite(path: Path, tensors: dict[str, torch.Tensor]) -> None:
+    for name, tensor in tensors.items():
+        if not torch.isfinite(tensor).all():
+            raise T2TwinError(
+                f"{path} holds numbers that are not finite, in {name}: the training diverged or "
+                "the file is damaged; train again"
+            )
 
 
 def _put_back(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
