@@ -8,12 +8,12 @@ from t2twin.translate.phi import PX_PER_MM
 SCALE = 2
 """Picture pixels a tactile pixel."""
 
-MARGIN = 16
+MARGIN = 20
 BAR_WIDTH = 18
-LABELS_WIDTH = 64
+LABELS_WIDTH = 60
 TAXEL_RADIUS = 4
-FONT_SIZE = 15
-UNIT_SIZE = 12
+FONT_SIZE = 20
+UNIT_SIZE = 18
 """Sizes of the picture's furniture, picture pixels."""
 
 STEPS = 5
@@ -43,10 +43,13 @@ def tactile_picture(
     left = columns + 2 * MARGIN
     bar = _colours(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))
     picture.paste(Image.fromarray(bar), (left, MARGIN))
-    draw.text((left, MARGIN - 3), "counts", "black", anchor="ls", font_size=UNIT_SIZE)
-    for part in np.linspace(0.0, 1.0, STEPS):
+    draw.text((left, MARGIN - 4), "counts", "black", anchor="ls", font_size=UNIT_SIZE)
+    # The first and the last label stand within the bar's height, clear of the unit above it.
+    anchors = ("lb", *("lm",) * (STEPS - 2), "lt")
+    for part, anchor in zip(np.linspace(0.0, 1.0, STEPS), anchors, strict=True):
         at = (left + BAR_WIDTH + MARGIN / 3, MARGIN + (1.0 - part) * (rows - 1))
-        draw.text(at, f"{part * full_scale:.0f}", "black", anchor="lm", font_size=FONT_SIZE)
+        label = f"{part * full_scale:,.0f}"
+        draw.text(at, label, "black", anchor=anchor, font_size=FONT_SIZE)
     return picture
 
 
