@@ -245,7 +245,7 @@ KILLS = Benchmark(
         Argument("--kills", "how many; keeps nothing unless 20", int, 20, thins=True),
         Argument("--seed", "of the moments", int, 0),
     ),
-    entries=("t2twin.cli.simdata",),
+    entries=("t2twin.cli.simdata", "t2twin.sim.dataset.generate"),
     shapes=False,
 )
 

@@ -53,8 +53,8 @@ def generate(
     Same seed and versions, same bytes, whatever the number of workers. scheduler: address of a Dask
     scheduler whose workers make the shards; folder and cache then lie where all of them see them.
     Returns its info. Raises T2TwinError before anything is written for a number of workers, a seed,
-    a layout, a scale or a shape that cannot be used, and where the folder holds something else;
-    later where there is no room, or a worker is lost.
+    a layout, a scale, a shape or a scheduler's address that cannot be used, and where the folder
+    holds something else; later where there is no room, or a worker is lost.
     """
     folder, sensors = Path(folder).absolute(), sensors or SensorPair()
     if workers is not None and workers < 1:
@@ -63,7 +63,8 @@ def generate(
         raise T2TwinError(f"the seed is {seed}; it must be 0 or more")
     _check_layout(sensors.cyskin)
     if scheduler is not None:
-        importlib.import_module("t2twin.sim.dataset.cluster")  # which says where Dask is missing
+        # Its import says where Dask is missing.
+        importlib.import_module("t2twin.sim.dataset.cluster").check_address(scheduler)
     tasks = _tasks(folder, scale, seed, cache, shapes)
     info = _begin(folder, describe(sensors, scale, seed, tasks))
     todo = [task for task in tasks if not _is_made(folder, task, info)]

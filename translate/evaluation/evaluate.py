@@ -64,8 +64,7 @@ def evaluate(
 
     runs: folders that `train` has made. touch2touch runs may be of another taxel layout than the
     data set, which is then read from the images that they draw. split: "val" or "test" (or
-    "train"). Returns what metrics.json holds (module records), whose rows are, in
-    this order:
+    "train"). Returns what metrics.json holds (module records), whose rows are, in order:
 
     - mean-array and nearest-neighbour (module baselines);
     - noise-floor, where the data set names its imperfections (module noise_floor);
@@ -73,7 +72,6 @@ def evaluate(
     - the runs, by their models' names, with the folder's where two are of one model.
 
     predictions.npz holds what each row says of every pair (module predictions).
-
     Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, and a
     missing split.
     """
