@@ -2,7 +2,6 @@
 
 import json
 import tempfile
-from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from PIL import Image
 
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.press import scene
-from t2twin.sim.press.elastomer import Elastomer
+from t2twin.sim.press.elastomer_json import elastomer_json
 from t2twin.sim.press.records import Contact
 from t2twin.sim.sensors import CySkinTouch, DigitTouch
 from t2twin.translate.phi import Phi
@@ -76,9 +75,8 @@ def _write_cyskin(folder: Path, touch: CySkinTouch) -> None:
     image = Phi(layout.x_mm, layout.y_mm)(touch.counts.astype(np.float32))
     # Counts as they are, 16 bits a pixel: the picture is data too.
     Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
-    most = max(
-        float(image.max()), 1.0
-    )  # its own scale: soft presses would be black on the full one
+    # On a scale of its own: soft presses would be black on the full one.
+    most = max(float(image.max()), 1.0)
     picture = tactile_picture(image, layout.x_mm, layout.y_mm, most)
     picture.save(folder / "tactile_picture.png")
 
@@ -101,12 +99,7 @@ def _summary(contacts: dict[str, Contact]) -> dict[str, Any]:
             "bottomed": contact.bottomed,
             "contact_area_mm2": contact.contact_area_mm2,
             "milliseconds": contact.milliseconds,
-            "elastomer": _elastomer(contact.elastomer),
+            "elastomer": elastomer_json(contact.elastomer),
         }
         for sensor, contact in contacts.items()
     }
-
-
-def _elastomer(elastomer: Elastomer) -> dict[str, Any]:
-    """JSON has no infinity: the radius of a flat side is null."""
-    return {key: None if value == np.inf else value for key, value in asdict(elastomer).items()}

@@ -1,6 +1,5 @@
 """Shards made by the workers of a Dask cluster, and written by them to a path that all share."""
 
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from uuid import uuid4
@@ -20,24 +19,27 @@ try:
         as_completed,
         get_worker,
     )
+    from distributed.comm.addressing import get_address_host
 except ImportError as error:
     raise T2TwinError(
         "--scheduler needs Dask; install it with: pip install 't2twin[cluster]'"
     ) from error
-
-ADDRESS = re.compile(r"((tcp|tls|ws|wss)://)?[^\s/]+:\d{1,5}/?")
-"""Of a scheduler. Others are refused here: distributed's client waits 40 s to let go of them."""
 
 CONNECT_SECONDS = 20
 """How long a scheduler is waited for, s."""
 
 
 def check_address(address: str) -> None:
-    """Raises T2TwinError for what cannot be a scheduler's address."""
-    if not ADDRESS.fullmatch(address):
+    """Raises T2TwinError for what distributed does not take as an address.
+
+    Its client would refuse it too, but only let go of it after 40 s.
+    """
+    try:
+        get_address_host(address)
+    except ValueError as error:
         raise T2TwinError(
             f"{address} is no address of a Dask scheduler; one is like tcp://10.0.0.1:8786"
-        )
+        ) from error
 
 
 def run(

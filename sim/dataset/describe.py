@@ -1,10 +1,5 @@
 """What is written into info.json before the first shard is made."""
 
-from dataclasses import asdict
-from typing import Any
-
-import numpy as np
-
 from t2twin.primitives_cad.cache import code_digest
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.dataset.info import (
@@ -17,7 +12,7 @@ from t2twin.sim.dataset.info import (
     versions,
 )
 from t2twin.sim.dataset.shard import Task
-from t2twin.sim.press.elastomer import Elastomer
+from t2twin.sim.press.elastomer_json import elastomer_json
 from t2twin.sim.sensors import SensorPair
 
 
@@ -47,13 +42,13 @@ def _parameters(sensors: SensorPair, shapes: dict[str, tuple[int, ...]]) -> Para
     digit, cyskin = sensors.digit, sensors.cyskin
     return Parameters(
         digit=DigitParameters(
-            **_of_elastomer(digit.gel),
+            **elastomer_json(digit.gel),
             pitch_mm=digit.pitch_mm,
             noise_grey=float(digit.noise_grey),
             calibration_sha256=digit.calibration_sha256,
         ),
         cyskin=CySkinParameters(
-            **_of_elastomer(cyskin.cover),
+            **elastomer_json(cyskin.cover),
             pitch_mm=cyskin.pitch_mm,
             gain_counts=taxels.GAIN_COUNTS,
             pad_diameter_mm=tuple(cyskin.layout.pad_diameter_mm.tolist()),
@@ -62,8 +57,3 @@ def _parameters(sensors: SensorPair, shapes: dict[str, tuple[int, ...]]) -> Para
         ),
         shapes=shapes,
     )
-
-
-def _of_elastomer(elastomer: Elastomer) -> dict[str, Any]:
-    """An infinite radius becomes None: JSON has no infinity."""
-    return {key: None if value == np.inf else value for key, value in asdict(elastomer).items()}

@@ -70,12 +70,12 @@ def _is_of(
 ) -> bool:
     """Whether these are results of these weights, in this order, on this dataset's split."""
     evaluation, predictions = results.evaluation, results.predictions
-    weights = [sha256_of(run.run_dir / BEST) for run in runs]
     return (
         evaluation.split == split
         and evaluation.info_sha256 == info_sha256
         and list(evaluation.runs) == run_names(runs)
-        and [row.weights_sha256 for row in evaluation.runs.values()] == weights
         and list(predictions.by_model) == list(evaluation.models)
         and len(predictions.truth) == evaluation.pairs
+        and [row.weights_sha256 for row in evaluation.runs.values()]
+        == [sha256_of(run.run_dir / BEST) for run in runs]
     )

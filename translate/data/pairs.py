@@ -6,7 +6,6 @@ by the first digits of info.json's SHA-256: another data set in the same folder 
 Shape letters: P pairs, S image side, c channels, N taxels.
 """
 
-import hashlib
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +27,7 @@ from t2twin.sim.dataset.store import (
     iter_images,
     read_info,
     read_split,
+    sha256_of,
     split_shards,
     taxels,
 )
@@ -92,7 +92,7 @@ def load_info(data_dir: Path) -> DataInfo:
     """Reads DIR/info.json. Raises T2TwinError where it is missing or wrong."""
     info = read_info(data_dir)
     return DataInfo(
-        sha256=hashlib.sha256((data_dir / INFO).read_bytes()).hexdigest(),
+        sha256=sha256_of(data_dir / INFO),
         layout=info.layout,
         x_mm=np.array(info.layout_x_mm),
         y_mm=np.array(info.layout_y_mm),
