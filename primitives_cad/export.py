@@ -9,6 +9,7 @@ from tqdm import tqdm
 
 from t2twin.primitives_cad import cache, catalogue, families
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.shape import Keypoint
 from t2twin.primitives_cad.writing import whole_file, write_json
 
@@ -58,7 +59,11 @@ def export(out_dir: str | Path, cache_dir: str | Path | None = None) -> Path:
     code, is not made again. cache_dir: as for catalogue.load. Returns the manifest's path.
     Raises T2TwinError where the folder cannot be written.
     """
-    folder = Path(out_dir)
+    with locked(Path(out_dir)):
+        return _export(Path(out_dir), cache_dir)
+
+
+def _export(folder: Path, cache_dir: str | Path | None) -> Path:
     path = folder / MANIFEST
     before = _read(path)
     entries: dict[str, Entry] = {}

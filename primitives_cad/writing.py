@@ -1,36 +1,132 @@
 """Files that are whole or absent: written under a temporary name, then renamed."""
 
+import errno
 import json
 import os
+import re
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from t2twin.primitives_cad.errors import T2TwinError
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a write for which there is no room."""
+
+LEFT_OVERS = ".*.part*"
+"""What the names of everything that is still being written match."""
+
+in_hand: set[Path] = set()
+"""What this process is writing just now; while there is any, it is ended with care."""
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary path to write to, of the same suffix, that becomes `path` if all goes well.
 
-    Makes the folder. Raises T2TwinError where it cannot be written.
+    Makes the folder. Raises T2TwinError where it cannot be written; then there is no file, and an
+    earlier one of that name is as it was.
     """
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    in_hand.add(temporary)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         temporary.replace(path)
     except OSError as error:
-        raise T2TwinError(
-            f"{path} cannot be written ({error.strerror}); a writable folder is needed"
-        ) from error
+        raise not_written(path, error) from error
     finally:
-        if temporary.parent.is_dir():
+        with suppress(OSError):
             temporary.unlink(missing_ok=True)
+        in_hand.discard(temporary)
+
+
+@contextmanager
+def temporary_folder(place: Path, name: str) -> Iterator[Path]:
+    """A new folder in place, which is there, to make files in before they are moved away.
+
+    It is gone after the block. Raises T2TwinError where it cannot be made.
+    """
+    folder = place / f".{name}.{os.getpid()}.part"
+    in_hand.add(folder)
+    try:
+        try:
+            folder.mkdir()
+        except OSError as error:
+            raise not_written(place, error) from error
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        in_hand.discard(folder)
+
+
+@contextmanager
+def made_folder(folder: Path) -> Iterator[None]:
+    """A folder that is made where it is missing, with those above it.
+
+    What of them is empty after the block and was made here is removed again. Raises T2TwinError
+    where the path is a file, or it cannot be made.
+    """
+    made = _missing(folder)
+    try:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise T2TwinError(
+                f"{folder} is a file, or lies below one; give a folder to write into"
+            ) from None
+        except OSError as error:
+            raise not_written(folder, error) from error
+        yield
+    finally:
+        for path in made:
+            with suppress(OSError):
+                path.rmdir()  # fails where something is in it
+
+
+def _missing(folder: Path) -> list[Path]:
+    """The folder and those above it that are not there, the innermost first."""
+    missing = []
+    for path in (folder, *folder.parents):
+        if os.path.lexists(path):
+            break
+        missing.append(path)
+    return missing
+
+
+def sweep(folder: Path, names: str = LEFT_OVERS) -> None:
+    """Remove what processes of this machine that are no more were writing in a folder."""
+    for left_over in folder.glob(names):
+        writer = re.search(r"\.(\d+)\.part", left_over.name)
+        if writer is None or _is_running(int(writer[1])):
+            continue
+        if left_over.is_dir() and not left_over.is_symlink():
+            shutil.rmtree(left_over, ignore_errors=True)
+        else:
+            left_over.unlink(missing_ok=True)
 
 
 def write_json(path: Path, content: Any) -> None:
     """Write content as JSON, indented by two. Raises T2TwinError where it cannot be written."""
     with whole_file(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n")
+
+
+def not_written(path: Path, error: OSError) -> T2TwinError:
+    """The sentence for what kept a file or a folder from being written."""
+    reason = (error.strerror or str(error) or type(error).__name__).lower()
+    if error.errno in FULL:
+        return T2TwinError(f"there is no room for {path} ({reason}); make room and start again")
+    return T2TwinError(f"{path} cannot be written ({reason}); a writable folder is needed")
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        pass  # another user's, or a number that no process has
+    return True

@@ -105,6 +105,7 @@ class CySkin:
         object.__setattr__(
             self, "flaws", reading.imperfections(self.imperfections, tuple(self.dead))
         )
+        self.flaws.check_dead(self.layout.size)
 
     def press(self, shape: Shape, command: PressCommand) -> Contact:
         """The contact of a shape with the cover. Raises T2TwinError as solve_contact does."""

@@ -1,7 +1,6 @@
 """The folder that `t2twin press` writes: pictures, counts, contact fields, scenes, press.json."""
 
 import json
-import tempfile
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from t2twin.primitives_cad.folder_lock import locked
+from t2twin.primitives_cad.writing import temporary_folder
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.press import scene
 from t2twin.sim.press.elastomer_json import elastomer_json
@@ -24,14 +25,12 @@ VERSIONS = ("t2twin", "mujoco", "numpy")
 def write_press(folder: Path, digit: DigitTouch | None, cyskin: CySkinTouch | None) -> None:
     """Write all files of a press, or none; at least one of the sensors was touched.
 
-    Raises OSError where the folder cannot be written.
+    Raises T2TwinError where the folder cannot be written.
     """
     touches = {"digit": digit, "cyskin": cyskin}
     contacts = {name: touch.contact for name, touch in touches.items() if touch is not None}
     shape = next(iter(contacts.values())).shape
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".press-", dir=folder) as name:
-        temporary = Path(name)
+    with locked(folder), temporary_folder(folder, "press") as temporary:
         (temporary / "press.json").write_text(json.dumps(_summary(contacts), indent=1) + "\n")
         mesh_file = scene.mesh_name(shape)
         if mesh_file is not None:

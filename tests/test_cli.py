@@ -1,7 +1,4 @@
 import json
-import os
-import signal
-import time
 from importlib.metadata import version
 
 import numpy as np
@@ -10,7 +7,6 @@ import trimesh
 from PIL import Image
 
 import t2twin
-from t2twin import cli
 from t2twin.cli import main
 
 
@@ -154,22 +150,6 @@ def test_help_says_what_it_means(capsys):
     run("translate", "--help")
     said = " ".join(capsys.readouterr().out.split())
     assert "(default: )" not in said and "(default: they are written)" in said
-
-
-@pytest.mark.parametrize("number, status", [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
-@pytest.mark.parametrize("command, words", [("train", "continues"), ("press", "begins again")])
-def test_a_signal_ends_a_command_with_one_sentence(monkeypatch, capsys, command, words, number,
-                                                   status):  # fmt: skip
-    def sent(**options):
-        os.kill(os.getpid(), number)
-        time.sleep(5)
-
-    monkeypatch.setitem(cli.COMMANDS, command, lambda: sent())
-    before = signal.getsignal(signal.SIGTERM)
-    run(command, code=status)
-    said = capsys.readouterr().err
-    assert words in said and said.count("\n") == 1
-    assert signal.getsignal(signal.SIGTERM) == before
 
 
 def test_press_names_the_elastomer_and_the_versions(tmp_path):

@@ -9,7 +9,6 @@ Shape letters: B images, N taxels.
 
 import csv
 import json
-import tempfile
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -21,6 +20,8 @@ import numpy as np
 from tqdm import tqdm
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.folder_lock import locked
+from t2twin.primitives_cad.writing import temporary_folder
 from t2twin.translate.data.images import check_image, open_image, to_pixels
 from t2twin.translate.picture import tactile_picture
 from t2twin.translate.predict import AT_ONCE, TrainedTranslator, load_run
@@ -66,6 +67,7 @@ def translate_images(
     out_dir: str | Path,
     layout: str | Path | None = None,
     pictures: bool = True,
+    bf16: bool = False,
 ) -> np.ndarray:
     """Translates image files; writes counts.csv, counts.json and a picture of each tactile image.
 
@@ -74,6 +76,7 @@ def translate_images(
     their inputs, `press.png` for `press.jpg`; of two inputs with one name the second gets
     `press-2.png`. layout: a taxel layout's name or file that a touch2touch run is read at, its own
     unless given. pictures: False writes the counts only, which is some times faster.
+    bf16: as for `load_run`.
     Pictures that an earlier call left in the folder go, so that all there are of these images.
     Returns the counts, (B, N) float32, in the order of `find_images`.
     Raises T2TwinError and writes nothing for no image, a file that is missing or is no image, a
@@ -85,13 +88,12 @@ def translate_images(
     _check_not_replaced(images, names, out_dir)
     with ThreadPoolExecutor() as pool:
         list(pool.map(check_image, images))
-        run = load_run(run_dir, layout)
-        with tempfile.TemporaryDirectory(prefix=".translate-", dir=_nearest(out_dir)) as folder:
-            counts = _translate(run, images, names, Path(folder), pool)
-            out_dir.mkdir(parents=True, exist_ok=True)
+        run = load_run(run_dir, layout, bf16)
+        with locked(out_dir), temporary_folder(out_dir, "translate") as folder:
+            counts = _translate(run, images, names, folder, pool)
             earlier = _earlier_pictures(out_dir) - {path.resolve() for path in images}
             for name in (*names, COUNTS_CSV, COUNTS_JSON):
-                (Path(folder) / name).replace(out_dir / name)
+                (folder / name).replace(out_dir / name)
             for path in earlier - {out_dir.resolve() / name for name in names}:
                 path.unlink(missing_ok=True)
     return counts
@@ -171,11 +173,6 @@ def _check_not_replaced(images: list[Path], names: list[str], out_dir: Path) -> 
                 f"{out_dir / name} is one of the images and would be replaced by its tactile "
                 "image; write into another folder"
             )
-
-
-def _nearest(folder: Path) -> Path:
-    """The folder itself, or the nearest above it that is there already."""
-    return next(path for path in (folder, *folder.absolute().parents) if path.exists())
 
 
 def _write_csv(path: Path, images: list[Path], counts: np.ndarray) -> None:

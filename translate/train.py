@@ -11,18 +11,21 @@ batch, each on a GPU of its own where the machine has GPUs.
 
 import math
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.folder_lock import LOCK, is_empty, locked
+from t2twin.sim.seeds import check_seed
 from t2twin.translate import distributed
 from t2twin.translate.build import has_bf16
-from t2twin.translate.data.pairs import Pairs, load_info, load_pairs, usable_cache
+from t2twin.translate.data.pairs import CACHE, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.loop import TrainingLoop
 from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
 from t2twin.translate.presets import Preset, find_preset
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import load_history
-from t2twin.translate.runs.config import CONFIG, LAST, MOST_SEED, RunConfig, load_config
+from t2twin.translate.runs.config import CONFIG, LAST, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord
 
 FEWEST_PAIRS = 8
@@ -72,11 +75,21 @@ def train(
             if rank == 0:
                 print(f"{out_dir} is finished: {outcome.in_words()}. Nothing to do.")
             return outcome
-        pairs, validation = _load_in_turn(data_dir, out_dir, settings, rank)
-        outcome = TrainingLoop(config, out_dir, pairs, validation, rank).run()
-        if rank == 0:
-            write_card(out_dir, data_dir)
-        return outcome
+        with locked(out_dir) if rank == 0 else nullcontext():
+            _check_own(out_dir)
+            pairs, validation = _load_in_turn(data_dir, out_dir, settings, rank)
+            outcome = TrainingLoop(config, out_dir, pairs, validation, rank).run()
+            if rank == 0:
+                write_card(out_dir, data_dir)
+            return outcome
+
+
+def _check_own(out_dir: Path) -> None:
+    """Raises T2TwinError for a folder that holds other things than a run."""
+    there = {path.name for path in out_dir.iterdir()} if out_dir.is_dir() else set()
+    if CONFIG in there or there <= {LOCK, CACHE} or is_empty(out_dir):
+        return
+    raise T2TwinError(f"{out_dir} is not empty and holds no run; choose another folder")
 
 
 def _check_limits(epochs: int | None, minutes: float | None, seed: int) -> None:
@@ -84,8 +97,7 @@ def _check_limits(epochs: int | None, minutes: float | None, seed: int) -> None:
         raise T2TwinError(f"epochs is {epochs}; it must be at least 1")
     if minutes is not None and not (minutes > 0 and math.isfinite(minutes)):
         raise T2TwinError(f"minutes is {minutes:g}; it must be more than 0")
-    if not 0 <= seed <= MOST_SEED:
-        raise T2TwinError(f"seed is {seed}; it must be from 0 to {MOST_SEED}")
+    check_seed(seed)
 
 
 def _check_shares(preset: Preset, processes: int) -> None:
@@ -100,7 +112,6 @@ def _load_in_turn(data_dir: Path, out_dir: Path, preset: Preset, rank: int) -> t
     """Both splits: the first process decodes them, the others read what it wrote."""
     cache = usable_cache(data_dir, out_dir)
     if rank == 0:
-        out_dir.mkdir(parents=True, exist_ok=True)
         _load_both(data_dir, preset, cache)
     distributed.wait()
     return _load_both(data_dir, preset, cache)

@@ -1,13 +1,15 @@
 """Where the taxels lie: a layout is data, one JSON or CSV file."""
 
-import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.csv_table import ERRORS, read_csv
+from t2twin.sim.typed_json import convert, read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
 DEFAULT_LAYOUT = "cyskin-20"
@@ -15,8 +17,30 @@ DEFAULT_LAYOUT = "cyskin-20"
 PAD_DIAMETER_MM = 4.0
 """Diameter of a taxel's pad, mm (assumed), where a layout names none."""
 
+LARGEST_PAD_MM = 50.0
+"""Largest diameter of a pad, mm (assumed: more than the cover is wide)."""
+
 CLOSEST_MM = 0.1
 """Taxels nearer than this are one place, mm."""
+
+MOST_TAXELS = 1024
+"""Most taxels of a layout (assumed: 32 x 32, more than any published array of that size)."""
+
+
+@dataclass(frozen=True)
+class _Taxel:
+    """One taxel of a layout's file."""
+
+    x_mm: float
+    y_mm: float
+    pad_diameter_mm: Annotated[float, Meta(gt=0, le=LARGEST_PAD_MM)] = PAD_DIAMETER_MM
+
+
+@dataclass(frozen=True)
+class _File:
+    """A layout's JSON file."""
+
+    taxels: tuple[_Taxel, ...]
 
 
 @dataclass(frozen=True)
@@ -35,6 +59,8 @@ class Layout:
         n = self.x_mm.size
         if n < 3:
             raise T2TwinError(f"layout {self.name} has {n} taxels; it needs at least 3")
+        if n > MOST_TAXELS:
+            raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MOST_TAXELS} can be")
         values = np.concatenate([self.x_mm, self.y_mm, self.pad_diameter_mm])
         if not np.isfinite(values).all() or (self.pad_diameter_mm <= 0).any():
             raise T2TwinError(
@@ -68,28 +94,29 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
         raise T2TwinError(
             f"no taxel layout {source}; known are {known}, or a path to .json or .csv"
         )
+    rows = _read_csv(path) if path.suffix.lower() == ".csv" else read_json(path, _File, 1).taxels
+    return Layout(
+        path.stem,
+        np.array([row.x_mm for row in rows], dtype=float),
+        np.array([row.y_mm for row in rows], dtype=float),
+        np.array([row.pad_diameter_mm for row in rows], dtype=float),
+    )
+
+
+def _read_csv(path: Path) -> tuple[_Taxel, ...]:
     try:
-        if path.suffix.lower() == ".csv":
-            with path.open(newline="") as file:
-                rows = list(csv.DictReader(file))
-        else:
-            rows = json.loads(path.read_text())["taxels"]
-        columns = [
-            np.array([_number(row.get(key), default) for row in rows])
-            for key, default in (
-                ("x_mm", "missing"),
-                ("y_mm", "missing"),
-                ("pad_diameter_mm", PAD_DIAMETER_MM),
-            )
-        ]
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        table, places = read_csv(path.read_bytes())
+    except (*ERRORS, OSError) as error:
+        raise T2TwinError(f"{path} cannot be read as a layout's CSV ({error})") from error
+    missing = [name for name in ("x_mm", "y_mm") if name not in table.column_names]
+    if missing:
         raise T2TwinError(
-            f"{path} is no taxel layout; it needs numbers x_mm and y_mm for every taxel, as JSON "
-            'under "taxels" or as CSV columns'
-        ) from error
-    return Layout(path.stem, *columns)
-
-
-def _number(value: object, default: object) -> float:
-    """A cell of a layout; what is left empty is the default, and what is no number an error."""
-    return float(str(default if value is None or value == "" else value))
+            f"{path} has no column {missing[0]}; its columns are {', '.join(table.column_names)}"
+        )
+    # A row's empty cells are left out, as a key of JSON may be.
+    rows = [
+        {name: value for name, value in row.items() if value is not None}
+        for row in table.to_pylist()
+    ]
+    sources = (f"{path}, {place}" for place in places)
+    return tuple(convert(row, _Taxel, at) for row, at in zip(rows, sources, strict=True))

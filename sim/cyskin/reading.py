@@ -35,6 +35,14 @@ class Imperfections:
     gain_spread: float = 0.0
     dead: tuple[int, ...] = ()
 
+    def check_dead(self, taxels: int) -> None:
+        """Raises T2TwinError where a dead taxel is none of so many."""
+        for index in self.dead:
+            if not (isinstance(index, int) and 0 <= index < taxels):
+                raise T2TwinError(
+                    f"dead names taxel {index!r}; those of the layout are 0 to {taxels - 1}"
+                )
+
 
 PRESETS = {
     "none": Imperfections(),

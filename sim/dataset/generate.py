@@ -3,6 +3,7 @@
 import importlib
 import json
 import time
+from contextlib import suppress
 from dataclasses import asdict, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,7 +13,9 @@ from tqdm import tqdm
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.folder_lock import is_empty, locked
 from t2twin.primitives_cad.machine import cores
+from t2twin.primitives_cad.writing import LEFT_OVERS
 from t2twin.sim.dataset import pool, protocol
 from t2twin.sim.dataset.card import card
 from t2twin.sim.dataset.describe import describe
@@ -21,6 +24,7 @@ from t2twin.sim.dataset.shard import Task
 from t2twin.sim.dataset.store import CARD, INFO, LOG, read_info, sha256_of, write_info, write_whole
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, in_words, peak_memory, process_name
 from t2twin.sim.press.layer import cached_layer
+from t2twin.sim.seeds import check_seed
 from t2twin.sim.sensors import CySkin, SensorPair
 
 SECONDS_PER_PAIR = 0.083
@@ -54,28 +58,69 @@ def generate(
     scheduler whose workers make the shards; folder and cache then lie where all of them see them.
     Returns its info. Raises T2TwinError before anything is written for a number of workers, a seed,
     a layout, a scale, a shape or a scheduler's address that cannot be used, and where the folder
-    holds something else; later where there is no room, or a worker is lost.
+    holds something else or another process is making it; later where there is no room, or a worker
+    is lost.
     """
     folder, sensors = Path(folder).absolute(), sensors or SensorPair()
     if workers is not None and workers < 1:
         raise T2TwinError(f"{workers} workers cannot work; allowed are 1 and more")
-    if seed < 0:
-        raise T2TwinError(f"the seed is {seed}; it must be 0 or more")
+    check_seed(seed)
     _check_layout(sensors.cyskin)
     if scheduler is not None:
         # Its import says where Dask is missing.
         importlib.import_module("t2twin.sim.dataset.cluster").check_address(scheduler)
     tasks = _tasks(folder, scale, seed, cache, shapes)
-    info = _begin(folder, describe(sensors, scale, seed, tasks))
+    wanted = describe(sensors, scale, seed, tasks)
+    with locked(folder):
+        return _make_whole(folder, sensors, tasks, wanted, workers or cores(), scheduler)
+
+
+def _make_whole(
+    folder: Path,
+    sensors: SensorPair,
+    tasks: list[Task],
+    wanted: DatasetInfo,
+    workers: int,
+    scheduler: str | None,
+) -> DatasetInfo:
+    begun = (folder / INFO).exists()
+    info = _begin(folder, wanted)
+    try:
+        info = _made_whole(folder, sensors, tasks, info, workers, scheduler)
+    except BaseException:
+        if not begun:
+            _leave_nothing(folder)
+        raise
+    _sweep(folder)
+    return info
+
+
+def _leave_nothing(folder: Path) -> None:
+    """Where no shard was made, another command may well be the next one here."""
+    _sweep(folder)
+    if not any(folder.glob("*/*.parquet")):
+        (folder / INFO).unlink(missing_ok=True)
+        for split in SPLITS:
+            with suppress(OSError):
+                (folder / split).rmdir()
+
+
+def _made_whole(
+    folder: Path,
+    sensors: SensorPair,
+    tasks: list[Task],
+    info: DatasetInfo,
+    workers: int,
+    scheduler: str | None,
+) -> DatasetInfo:
     todo = [task for task in tasks if not _is_made(folder, task, info)]
     if todo:
         info = replace(info, complete=False)
         write_info(folder, info)
-        info = _make(folder, sensors, todo, info, workers or cores(), scheduler)
+        info = _make(folder, sensors, todo, info, workers, scheduler)
     info = replace(info, complete=True)
     write_info(folder, info)
     write_whole(folder / CARD, card(info).encode())
-    _sweep(folder)
     return info
 
 
@@ -115,11 +160,8 @@ def _begin(folder: Path, wanted: DatasetInfo) -> DatasetInfo:
         _check_same_making(folder, there, wanted)
         _sweep(folder)
         return there
-    if folder.exists():
-        if not folder.is_dir():
-            raise T2TwinError(f"{folder} is a file; give a folder to write the dataset into")
-        if set(folder.iterdir()) - set(_left_overs(folder)):
-            raise T2TwinError(f"{folder} is not empty and holds no dataset; choose another folder")
+    if not is_empty(folder):
+        raise T2TwinError(f"{folder} is not empty and holds no dataset; choose another folder")
     _sweep(folder)
     write_info(folder, wanted)
     return wanted
@@ -137,7 +179,7 @@ def _check_same_making(folder: Path, there: DatasetInfo, wanted: DatasetInfo) ->
 def _left_overs(folder: Path) -> list[Path]:
     """What a killed run or worker was writing."""
     places = (folder, *(folder / split for split in SPLITS))
-    return [path for place in places for path in place.glob(".*.part*")]
+    return [path for place in places for path in place.glob(LEFT_OVERS)]
 
 
 def _sweep(folder: Path) -> None:

@@ -13,9 +13,7 @@ taxel, and whatever else is known of the press:
 """
 
 import hashlib
-import os
 import re
-import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +23,7 @@ import numpy as np
 import pyarrow as pa
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import made_folder, not_written, sweep, temporary_folder
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import card
@@ -42,6 +41,7 @@ from t2twin.sim.dataset.store import (
 )
 from t2twin.sim.dataset.table import find_table, read_table
 from t2twin.sim.pictures import open_picture
+from t2twin.sim.seeds import check_seed
 
 ORIGIN = "imported"
 SHARES = (0.8, 0.1, 0.1)
@@ -82,22 +82,27 @@ def import_pairs(
     is missing, cannot be read, differs in size from the others or comes twice, and for counts that
     are too few, too many, or no numbers from 0 to full_scale.
     """
-    table_path, folder = find_table(Path(source)), Path(folder)
+    table_path, folder = find_table(Path(source)), Path(folder).absolute()
     if not 0 < full_scale <= MOST_COUNTS:
         raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MOST_COUNTS}")
-    if seed < 0:
-        raise T2TwinError(f"the seed is {seed}; it must be 0 or more")
+    check_seed(seed)
+    _check_free(folder)
+    pairs = _with_splits(_read(table_path, layout, full_scale), seed)
+    with made_folder(folder.parent):
+        sweep(folder.parent, f".{folder.name}.*.part")
+        with temporary_folder(folder.parent, folder.name) as temporary:
+            info = _write(pairs, table_path.parent, temporary, layout, full_scale)
+            try:
+                temporary.replace(folder)
+            except OSError as error:  # another import into it may just have ended
+                _check_free(folder)
+                raise not_written(folder, error) from error
+    return info
+
+
+def _check_free(folder: Path) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise T2TwinError(f"{folder} is not empty; choose another folder")
-    pairs = _with_splits(_read(table_path, layout, full_scale), seed)
-    temporary = folder.with_name(f".{folder.name}.{os.getpid()}.part")
-    try:
-        info = _write(pairs, table_path.parent, temporary, layout, full_scale)
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        temporary.replace(folder)
-    finally:
-        shutil.rmtree(temporary, ignore_errors=True)
-    return info
 
 
 def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:

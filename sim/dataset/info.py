@@ -9,6 +9,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from t2twin.sim.cyskin.reading import Imperfections
+from t2twin.sim.seeds import MOST_SEED
 
 FORMAT = 1
 """Version of the dataset's layout of folders and columns, and of info.json."""
@@ -124,7 +125,7 @@ class DatasetInfo:
     shards: dict[str, Shard]
     image_shape: tuple[Size, Size, Size] | None = None
     scale: str | None = None
-    seed: Count | None = None
+    seed: Annotated[int, Meta(ge=0, le=MOST_SEED)] | None = None
     origin: str | None = None
     parameters: Parameters | None = None
     pad_diameter_mm: tuple[Positive, ...] | None = None

@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from pathlib import Path
 
 from t2twin.primitives_cad.errors import T2TwinError
@@ -57,7 +58,8 @@ def _run(
         # The largest first, so that no long shard is left alone at the end.
         order = sorted(todo, key=lambda task: -len(task.indices))
         try:
-            tasks = {pool.submit(_work, task): task for task in order}
+            with _signals_held():  # what starts here keeps them off for good
+                tasks = {pool.submit(_work, task): task for task in order}
             waiting = set(tasks)
             while waiting:
                 done, waiting = wait(waiting, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED)
@@ -86,6 +88,17 @@ def _run(
             raise
 
 
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Ctrl-C and SIGTERM wait until after the block: the run itself stops its workers, which would
+    otherwise be ended by the same signal, some while they are loaded."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 _sensors: SensorPair
 _made = None
 _stop = None
@@ -96,7 +109,6 @@ def _start(sensors: Path, made, stop, started) -> None:
     global _sensors, _made, _stop
     started.set()
     _sensors, _made, _stop = pickle.loads(sensors.read_bytes()), made, stop
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run itself stops its workers
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -9,7 +9,6 @@
 A shard is written to a temporary name and renamed, so it is whole or absent.
 """
 
-import errno
 import hashlib
 import json
 import os
@@ -82,9 +81,6 @@ Its versions 3 to 5 know "Sequence"; "List" is known from 4 on only."""
 
 ROWS_AT_ONCE = 128
 """Rows written together, a row group: some 9 MB, what a shard in the making takes of memory."""
-
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a write for which there is no room."""
 
 
 def row(sample: "Sample", picture: bytes, index: int, family: str, split: str) -> dict[str, Any]:
@@ -166,19 +162,10 @@ def write_whole(path: Path, content: bytes) -> None:
 @contextmanager
 def _durable(path: Path) -> Iterator[BufferedRandom]:
     """A file to write that is on the disk before it gets its name."""
-    with whole_file(path) as temporary:
-        try:
-            with temporary.open("w+b") as file:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            if error.errno not in FULL:
-                raise
-            raise T2TwinError(
-                f"there is no room for {path} ({os.strerror(error.errno).lower()}); once there is, "
-                "the same command goes on from here"
-            ) from error
+    with whole_file(path) as temporary, temporary.open("w+b") as file:
+        yield file
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def write_info(folder: Path, info: DatasetInfo) -> None:

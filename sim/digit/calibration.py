@@ -20,6 +20,18 @@ PLACE_DEGREE = 4
 """Degree of the response's polynomials in the place."""
 PLACE_TERMS = (PLACE_DEGREE + 1) * (PLACE_DEGREE + 2) // 2
 
+FARTHEST_LED_MM = 500.0
+"""Farthest that an LED may be from the gel's apex along any axis, mm (assumed: those of a DIGIT are
+22 mm from its axis)."""
+LARGEST_LED_MM = 100.0
+"""Largest radius of an LED's disc, mm (assumed: a DIGIT's is 1.8 mm)."""
+MOST_RESPONSE = 1e4
+"""Largest entry of the response (assumed: the shipped one's is 19; white is a light of 1)."""
+SCALES_PX_PER_MM = (5.0, 100.0)
+DISTANCES_MM = (5.0, 100.0)
+"""Picture scales and distances of the camera that a calibration may have (assumed: public ones of
+single DIGITs are 17.2 to 19.6 px/mm and 20.8 to 22 mm)."""
+
 
 def place_terms(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
     """(..., PLACE_TERMS): monomials of x and y over PLACE_MM, by rising degree."""
@@ -85,11 +97,19 @@ class Calibration:
             )
         if not (np.asarray(self.sizes_mm) > 0).all():
             raise T2TwinError("the calibration's sizes_mm must be positive")
-        if not 0.5 <= self.gamma <= 4.0:
-            raise T2TwinError(
-                f"the calibration's gamma is {self.gamma:g}; it must lie between 0.5 and 4"
-            )
-        _ = self.camera  # refuses what cannot be
+        for name, value, low, high in (
+            ("leds_mm", np.abs(self.leds_mm).max(), 0.0, FARTHEST_LED_MM),
+            ("sizes_mm", np.max(self.sizes_mm), 0.0, LARGEST_LED_MM),
+            ("response", np.abs(self.response).max(), 0.0, MOST_RESPONSE),
+            ("gamma", self.gamma, 0.5, 4.0),
+            ("scale_px_per_mm", self.scale_px_per_mm, *SCALES_PX_PER_MM),
+            ("distance_mm", self.distance_mm, *DISTANCES_MM),
+        ):
+            if not low <= value <= high:
+                raise T2TwinError(
+                    f"the calibration's {_KEYS[name]} reaches {value:g}; it must lie between "
+                    f"{low:g} and {high:g}"
+                )
 
     @property
     def camera(self) -> Camera:

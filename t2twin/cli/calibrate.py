@@ -35,15 +35,18 @@ def calibrate(
     import numpy as np
     from PIL import Image
 
+    from t2twin.primitives_cad.folder_lock import locked
     from t2twin.primitives_cad.writing import whole_file
     from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
     from t2twin.sim.digit.camera import Camera
 
-    report = fit(background, presses, ball_diameter_mm, held_out, Camera(scale_px_per_mm), print)
-    strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
-    with whole_file(out / "calibration_strip.png") as temporary:
-        Image.fromarray(strip).save(temporary)
-    report.calibration.save(out / "calibration.npz")
+    camera = Camera(scale_px_per_mm)
+    with locked(out):
+        report = fit(background, presses, ball_diameter_mm, held_out, camera, print)
+        strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
+        with whole_file(out / "calibration_strip.png") as temporary:
+            Image.fromarray(strip).save(temporary)
+        report.calibration.save(out / "calibration.npz")
     for line in _in_words(report):
         print(line)
     print(f"written to {out}: calibration.npz, for press and simdata as --calibration, and")

@@ -21,6 +21,7 @@ def translate(
     pictures: Annotated[
         bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")
     ] = True,
+    bf16: bool = False,
 ) -> None:
     """Translate DIGIT images into CySkin counts; writes counts.csv, counts.json and pictures.
 
@@ -33,6 +34,8 @@ def translate(
             own unless given.
         pictures: Leave the pictures of the tactile images out and write the counts only, which is
             faster.
+        bf16: Compute in bfloat16 where the processor has it: faster, and up to some hundred counts
+            off what float32 gives.
     """
     import numpy as np
 
@@ -41,7 +44,7 @@ def translate(
 
     use_all_cores()
     files = find_images(images)
-    counts = translate_images(run, files, out, layout, pictures)
+    counts = translate_images(run, files, out, layout, pictures, bf16)
     for image, row in zip(files[:SHOWN], np.rint(counts[:SHOWN]).astype(int), strict=True):
         print(f"{image}: " + " ".join(str(count) for count in row))
     if len(counts) > SHOWN:

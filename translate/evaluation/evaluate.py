@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.store import read_info, sha256_of
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_info, load_pairs, usable_cache
@@ -80,6 +81,13 @@ def evaluate(
     data_dir, out_dir = Path(data_dir), Path(out_dir)
     info = load_info(data_dir)
     loaded = [load_run(run) for run in runs]
+    with locked(out_dir):
+        return _evaluate(loaded, info, data_dir, split, out_dir)
+
+
+def _evaluate(
+    loaded: list[TrainedTranslator], info: DataInfo, data_dir: Path, split: str, out_dir: Path
+) -> Evaluation:
     trained = dict(zip(run_names(loaded), loaded, strict=True))
     applied = {
         name: run.at_layout(info.x_mm, info.y_mm, info.layout) for name, run in trained.items()

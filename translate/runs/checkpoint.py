@@ -117,5 +117,8 @@ def _save(
     # safetensors stores rows in order; channels-last weights are not.
     in_order = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     with whole_file(path) as temporary:
-        save_file(in_order, temporary, metadata)
+        try:
+            save_file(in_order, temporary, metadata)
+        except SafetensorError as error:  # it says in words what an OSError says by its number
+            raise T2TwinError(f"{path} cannot be written ({error})") from error
         temporary.chmod(0o644)  # safetensors lets only the owner read

@@ -19,6 +19,7 @@ from msgspec import Meta
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import write_json
 from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
+from t2twin.sim.seeds import MOST_SEED
 from t2twin.sim.typed_json import convert, read_json
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.presets import MODELS, Preset
@@ -39,9 +40,6 @@ ZERO_OR_MORE = (
     "noise",
 )
 """Settings of a preset by the least that they may be; the learning rate is above 0."""
-
-MOST_SEED = 2**63 - 1
-"""The largest seed that PyTorch takes for certain."""
 
 CONFIG = "config.json"
 LOG = "log.jsonl"

@@ -1,0 +1,123 @@
+"""Ctrl-C and SIGTERM: one sentence, the shells' exit status, and nothing half-written."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.folder_lock import LOCK, locked
+from t2twin.primitives_cad.writing import sweep, temporary_folder, whole_file
+
+STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
+
+WRITING = """
+import os, sys, time
+from pathlib import Path
+from t2twin.primitives_cad.folder_lock import locked
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.stopping import Stopped, heed_signals, say_stopped
+heed_signals()
+try:
+    with locked(Path("a/b")), whole_file(Path("a/b/c.txt")) as temporary:
+        temporary.write_text("half")
+        print(sorted(os.listdir("a/b")), flush=True)
+        time.sleep(60)
+except Stopped as stop:
+    sys.exit(say_stopped(stop.number))
+"""
+
+
+@pytest.mark.parametrize("number", STATUS)
+@pytest.mark.parametrize("seconds", [0.12, 0.3, 0.6])
+def test_a_command_is_stopped_while_it_is_being_loaded(number, seconds, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-m", "t2twin", "press", "square-2", "--out", "out"],
+        cwd=tmp_path, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    time.sleep(seconds)
+    process.send_signal(number)
+    said = process.communicate(timeout=20)[1]
+    if (
+        "stopped" in said
+    ):  # a machine so slow that Python itself was not up yet says nothing of ours
+        assert said == "t2twin: stopped; the same command begins again\n"
+        assert process.returncode == STATUS[number]
+    assert process.returncode != 0
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", STATUS)
+def test_what_is_half_written_goes(number, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", WRITING],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stdout is not None
+    there = process.stdout.readline()
+    assert LOCK in there and ".part.txt" in there
+    process.send_signal(number)
+    said = process.communicate(timeout=20)[1]
+    assert said == "t2twin: stopped; the same command begins again\n"
+    assert process.returncode == STATUS[number]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_one_writer_a_folder(tmp_path):
+    with locked(tmp_path / "out"):
+        with (
+            pytest.raises(T2TwinError, match="another t2twin is writing into"),
+            locked(tmp_path / "out"),
+        ):
+            pass
+        with locked(tmp_path / "beside"):
+            pass
+        (tmp_path / "out/file").touch()
+    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "out"]
+    with locked(tmp_path / "out"):
+        pass
+
+
+def test_a_lock_that_a_killed_process_left_locks_nothing(tmp_path):
+    (tmp_path / LOCK).touch()
+    with locked(tmp_path):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_what_the_dead_were_writing_is_swept(tmp_path):
+    dead = subprocess.run([sys.executable, "-c", "import os; print(os.getpid())"],
+                          capture_output=True, text=True, check=True).stdout.strip()  # fmt: skip
+    (tmp_path / f".weights.{dead}.part.txt").touch()
+    (tmp_path / f".folder.{dead}.part").mkdir()
+    (tmp_path / f".folder.{dead}.part/inside").touch()
+    mine = tmp_path / f".mine.{os.getpid()}.part.txt"
+    (tmp_path / ".hidden").touch()
+    mine.touch()
+    sweep(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".hidden", mine.name]
+
+
+def test_an_error_inside_is_not_taken_for_one_of_the_folder(tmp_path):
+    with pytest.raises(FileNotFoundError), locked(tmp_path / "out"):
+        Path("nowhere").read_text()
+    with pytest.raises(FileNotFoundError), temporary_folder(tmp_path, "x"):
+        Path("nowhere").read_text()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("place", ["file", "file/below", "file/far/below"])
+def test_a_file_in_the_way_is_named(place, tmp_path):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(T2TwinError, match="is a file, or lies below one"), locked(tmp_path / place):
+        pass
+    with (
+        pytest.raises(T2TwinError, match="cannot be written"),
+        whole_file(tmp_path / "file" / "x.txt") as temporary,
+    ):
+        temporary.touch()
+    assert (tmp_path / "file").read_text() == "mine"
