@@ -124,9 +124,9 @@ def test_layouts_from_json_and_csv_agree(tmp_path):
     [
         ("x_mm,y_mm\n0,0\n1,1\n", "at least 3"),
         ("x_mm,y_mm\n0,0\n1,1\n1,1\n", "in one place"),
-        ("x_mm,y_mm\n0,0\n1,abc\n1,1\n", "no taxel layout"),
-        ("a,b\n0,0\n", "no taxel layout"),
-        ("x_mm,y_mm\n0,0\n1,nan\n1,1\n", "finite"),
+        ("x_mm,y_mm\n0,0\n1,abc\n1,1\n", "y_mm is text; it must be a number"),
+        ("a,b\n0,0\n", "no column x_mm; its columns are a, b"),
+        ("x_mm,y_mm\n0,0\n1,nan\n1,1\n", "line 3: y_mm is missing"),
     ],
 )
 def test_a_bad_layout_is_one_sentence(tmp_path, content, message):

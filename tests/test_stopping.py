@@ -15,6 +15,13 @@ from t2twin.primitives_cad.writing import sweep, temporary_folder, whole_file
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
+
+def heed():
+    """In the child: signals do what they do by default, though a shell had it ignore some."""
+    for number in STATUS:
+        signal.signal(number, signal.SIG_DFL)
+
+
 WRITING = """
 import os, sys, time
 from pathlib import Path
@@ -37,14 +44,12 @@ except Stopped as stop:
 def test_a_command_is_stopped_while_it_is_being_loaded(number, seconds, tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-m", "t2twin", "press", "square-2", "--out", "out"],
-        cwd=tmp_path, stderr=subprocess.PIPE, text=True,
+        cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=heed,
     )  # fmt: skip
     time.sleep(seconds)
     process.send_signal(number)
     said = process.communicate(timeout=20)[1]
-    if (
-        "stopped" in said
-    ):  # a machine so slow that Python itself was not up yet says nothing of ours
+    if "stopped" in said:  # where Python itself is not up yet, nothing of ours is said
         assert said == "t2twin: stopped; the same command begins again\n"
         assert process.returncode == STATUS[number]
     assert process.returncode != 0
@@ -56,6 +61,7 @@ def test_what_is_half_written_goes(number, tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", WRITING],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=heed,
     )  # fmt: skip
     assert process.stdout is not None
     there = process.stdout.readline()

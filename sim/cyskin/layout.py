@@ -23,8 +23,8 @@ LARGEST_PAD_MM = 50.0
 CLOSEST_MM = 0.1
 """Taxels nearer than this are one place, mm."""
 
-MOST_TAXELS = 1024
-"""Most taxels of a layout (assumed: 32 x 32, more than any published array of that size)."""
+MOST_TAXELS = 2000
+"""Most taxels of a layout (assumed: more than any published array of the cover's size)."""
 
 
 @dataclass(frozen=True)

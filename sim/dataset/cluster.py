@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 from uuid import uuid4
 
 from t2twin.primitives_cad.errors import T2TwinError
@@ -36,6 +37,9 @@ def check_address(address: str) -> None:
     """
     try:
         get_address_host(address)
+        port = urlsplit(address if "://" in address else f"//{address}").port
+        if port == 0:
+            raise ValueError("port 0 is nobody's")
     except ValueError as error:
         raise T2TwinError(
             f"{address} is no address of a Dask scheduler; one is like tcp://10.0.0.1:8786"

@@ -13,6 +13,8 @@ taxel, and whatever else is known of the press:
 """
 
 import hashlib
+import math
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -49,6 +51,9 @@ SHARES = (0.8, 0.1, 0.1)
 
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
 """Formats that the pictures may have."""
+
+LONGEST_NAME = 150
+"""Longest name of a shape, bytes: it becomes a file's, of which systems take 255."""
 
 OWN = "own"
 """Shape and family of pairs that name none."""
@@ -119,8 +124,10 @@ def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     for row, place in enumerate(places):
         at = f"{path}, {place}"
         shape = str(columns["shape"][row] or columns["family"][row] or OWN)
-        if "\0" in shape:
-            raise T2TwinError(f"{at}: shape is {shape!r}; it must be a name")
+        if "\0" in shape or len(os.fsencode(shape)) > LONGEST_NAME:
+            raise T2TwinError(
+                f"{at}: shape is {shape[:30]!r}; it must be a name of at most {LONGEST_NAME} bytes"
+            )
         family = str(columns["family"][row] or shape)
         pairs.append(
             Pair(
@@ -158,9 +165,17 @@ def _counts(
                 f"{path}, {place}: {there} taxels instead of the {layout.size} of layout "
                 f"{layout.name}"
             )
-        if not all(isinstance(c, int | float) and 0 <= c <= full_scale for c in row):
+        if not all(0 <= _count(value) <= full_scale for value in row):
             raise T2TwinError(f"{path}, {place}: its counts must be numbers from 0 to {full_scale}")
-    return np.rint(np.array(rows, dtype=float)).astype(np.int64)
+    return np.rint([[_count(value) for value in row] for row in rows]).astype(np.int64)
+
+
+def _count(value: Any) -> float:
+    """A count, NaN for what is none. One word in a column makes all of a CSV's column text."""
+    try:
+        return float(value) if isinstance(value, int | float | str) else math.nan
+    except (ValueError, OverflowError):
+        return math.nan
 
 
 def _image(value: Any, at: str) -> str | bytes:
@@ -282,6 +297,6 @@ class _Pictures:
 
     def _file(self, pair: Pair) -> Path:
         path = self._beside / str(pair.image)
-        if not path.is_file():
+        if not os.path.isfile(path):  # noqa: PTH113 - Path's raises for a name too long
             raise T2TwinError(f"{pair.place}: there is no picture {path}")
         return path

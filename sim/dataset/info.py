@@ -6,8 +6,11 @@ from importlib.metadata import version
 from pathlib import PurePosixPath
 from typing import Annotated
 
+import numpy as np
 from msgspec import Meta
 
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.cyskin.reading import Imperfections
 from t2twin.sim.seeds import MOST_SEED
 
@@ -25,7 +28,7 @@ PACKAGES = ("t2twin", "mujoco", "numpy", "scipy", "numba", "cadquery", "pillow",
 SHA256_DIGITS = 64
 
 Count = Annotated[int, Meta(ge=0)]
-Size = Annotated[int, Meta(ge=1)]
+Size = Annotated[int, Meta(ge=1, le=1_000_000)]
 Positive = Annotated[float, Meta(gt=0)]
 
 
@@ -140,11 +143,20 @@ class DatasetInfo:
             raise ValueError(
                 f"pad_diameter_mm has {len(pads)} taxels and the layout {len(self.layout_x_mm)}"
             )
+        self._check_pairs()
         for path in self.shards:
             if not _is_shard_path(path):
                 raise ValueError(
                     f"the shard {path!r} lies in no split's folder; allowed are paths like "
                     f"{SPLITS[0]}/NAME.parquet"
+                )
+
+    def _check_pairs(self) -> None:
+        for split, wanted in self.pairs.items():
+            there = sum(s.pairs for path, s in self.shards.items() if path.startswith(f"{split}/"))
+            if there > wanted or (self.complete and there < wanted):
+                raise ValueError(
+                    f"pairs says {wanted} of {split}, and the shards named have {there}"
                 )
 
     @property
@@ -154,12 +166,16 @@ class DatasetInfo:
 
 
 def check_layout(x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> None:
-    """Raises ValueError where a layout has no taxels, or not one x and one y for each."""
+    """Raises ValueError where these are no layout's, or not one x and one y for each taxel."""
     if not x_mm or len(x_mm) != len(y_mm):
         raise ValueError(
             f"layout_x_mm has {len(x_mm)} and layout_y_mm {len(y_mm)} positions; each taxel needs "
             "one of both"
         )
+    try:
+        Layout("of these", np.array(x_mm), np.array(y_mm), np.full(len(x_mm), PAD_DIAMETER_MM))
+    except T2TwinError as error:
+        raise ValueError(str(error)) from None
 
 
 def is_sha256(digits: str) -> bool:

@@ -27,6 +27,7 @@ import pyarrow.parquet as pq
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo
+from t2twin.sim.dataset.shard_table import check_table
 from t2twin.sim.typed_json import read_json
 
 if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
@@ -198,7 +199,7 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
     """All rows of a split as one table, shards in the order of their names.
 
     Raises T2TwinError where the dataset is missing or unfinished, the split is unknown or empty, or
-    a shard cannot be read or lacks a column.
+    a shard cannot be read or is not as it was written (module shard_table).
     """
     if split not in SPLITS:
         raise T2TwinError(f"no split {split!r}; allowed are {', '.join(SPLITS)}")
@@ -217,9 +218,15 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
     tables = []
     for path in shards:
         with _opened(folder, path) as file:
-            tables.append(file.read(columns=columns))
-        if set(columns or SCHEMA.names) - set(tables[-1].column_names):
-            raise T2TwinError(f"{Path(folder) / path} lacks columns of a dataset's shard")
+            table = file.read(columns=columns)
+        try:
+            check_table(table, columns or SCHEMA.names, SCHEMA, info.shards[path], info)
+        except ValueError as error:
+            raise T2TwinError(
+                f"{Path(folder) / path} is damaged: {error}; `t2twin simdata --verify {folder}` "
+                "names all that is"
+            ) from None
+        tables.append(table)
     return pa.concat_tables(tables)
 
 
@@ -229,6 +236,10 @@ def iter_images(folder: str | Path, shard: str) -> Iterator[bytes]:
     Raises T2TwinError where the shard cannot be read.
     """
     with _opened(folder, shard) as file:
+        if "image" not in file.schema_arrow.names or (
+            file.schema_arrow.field("image").type != IMAGE_TYPE
+        ):
+            raise T2TwinError(f"{Path(folder) / shard} is damaged: it holds no column of pictures")
         for batch in file.iter_batches(ROWS_AT_ONCE, columns=["image"]):
             for image in batch.column(0).to_pylist():
                 yield image["bytes"] if image else b""
@@ -247,15 +258,6 @@ def _opened(folder: str | Path, shard: str) -> Iterator[pq.ParquetFile]:
 
 
 def taxels(table: pa.Table) -> np.ndarray:
-    """A table's taxel counts, (n, taxels) float32.
-
-    Raises T2TwinError where the rows have different numbers of taxels.
-    """
+    """The taxel counts of a table that read_split gave, (n, taxels) float32."""
     column = table.column("taxels").combine_chunks()
-    numbers = set(column.value_lengths().to_pylist())
-    if len(numbers) != 1 or None in numbers:
-        raise T2TwinError(
-            "not all pairs of the dataset have the same number of taxels; `t2twin simdata "
-            "--verify` names the shard"
-        )
     return column.flatten().to_numpy().reshape(len(column), -1).astype(np.float32)

@@ -39,7 +39,9 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
                 table = file.read()
             places = rows(table)
     except (*ERRORS, OSError) as error:
-        raise T2TwinError(f"{path} cannot be read as a table of pairs ({error})") from error
+        # What is said of Parquet is of its reader's insides.
+        reason = f" ({error})" if path.suffix.lower() == ".csv" else ""
+        raise T2TwinError(f"{path} cannot be read as a table of pairs{reason}") from error
     if not len(table):
         raise T2TwinError(f"{path} holds no pairs")
     twice = sorted({name for name in table.column_names if table.column_names.count(name) > 1})

@@ -80,5 +80,6 @@ def _of_file(error: OSError) -> str:
 
 
 def _said(message: str) -> int:
-    print(f"t2twin: {message}", file=sys.stderr)
+    one_line = " ".join(message.split())  # a library's reason may have more
+    print(f"t2twin: {one_line}", file=sys.stderr)
     return 2

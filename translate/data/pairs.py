@@ -111,16 +111,14 @@ def load_pairs(
     info = load_info(data_dir)
     table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels"])
     counts = taxels(table)
-    if counts.shape[1] != info.x_mm.size:
-        raise T2TwinError(
-            f"the taxels of {data_dir / split} do not fit the layout's {info.x_mm.size} positions"
-        )
     colour = "grey" if grey else "rgb"
     cache = (cache_dir or data_dir / CACHE) / f"{split}-{size}-{colour}-{info.sha256[:12]}.npy"
-    if not cache.is_file():
-        shards = split_shards(read_info(data_dir), split)
+    shape = (table.num_rows, size, size, 1 if grey else 3)
+    if not _is_whole(cache, shape):
+        stored = read_info(data_dir)
+        shards = split_shards(stored, split)
         images = chain.from_iterable(iter_images(data_dir, shard) for shard in shards)
-        _write_cache(cache, images, table.num_rows, size, grey)
+        _write_cache(cache, images, shape, stored.image_shape)
     return Pairs(
         images=ImageFile(cache),
         counts=counts,
@@ -135,15 +133,31 @@ def usable_cache(data_dir: Path, out_dir: Path) -> Path:
     return (data_dir if os.access(data_dir, os.W_OK) else out_dir) / CACHE
 
 
-def _write_cache(path: Path, images: Iterator[bytes], rows: int, size: int, grey: bool) -> None:
+def _is_whole(path: Path, shape: tuple[int, int, int, int]) -> bool:
+    """Whether images of this shape are there; what is damaged is decoded anew."""
+    try:
+        images = np.load(path, mmap_mode="r")
+    except (OSError, ValueError, EOFError):
+        return False
+    return images.shape == shape and images.dtype == np.uint8
+
+
+def _write_cache(
+    path: Path,
+    images: Iterator[bytes],
+    shape: tuple[int, int, int, int],
+    stored: tuple[int, int, int] | None,
+) -> None:
     """Decodes every image once, batch after batch, in parallel threads, to an .npy file.
 
-    images: PNG bytes of so many rows, in the order of read_split.
+    images: PNG bytes of so many rows, in the order of read_split. stored: the shape that all of
+    them have, where info.json says it.
     """
+    rows, size, _, channels = shape
     header = {
         "descr": npy.dtype_to_descr(np.dtype(np.uint8)),
         "fortran_order": False,
-        "shape": (rows, size, size, 1 if grey else 3),
+        "shape": shape,
     }
     with (
         whole_file(path) as temporary,
@@ -153,10 +167,16 @@ def _write_cache(path: Path, images: Iterator[bytes], rows: int, size: int, grey
     ):
         npy.write_array_header_1_0(file, header)
         while encoded := list(islice(images, IMAGES_AT_ONCE)):
-            for pixels in pool.map(lambda png: _decode(png, size, grey), encoded):
+            for pixels in pool.map(lambda png: _decode(png, stored, size, channels == 1), encoded):
                 file.write(pixels.tobytes())
             bar.update(len(encoded))
 
 
-def _decode(png: bytes, size: int, grey: bool) -> np.ndarray:
-    return to_pixels(Image.fromarray(decode_png(png)), size, grey)
+def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bool) -> np.ndarray:
+    pixels = decode_png(png)
+    if pixels.shape != (stored or pixels.shape):
+        raise T2TwinError(
+            f"a stored picture is {pixels.shape} and info.json says {stored}; `t2twin simdata "
+            "--verify` names its shard"
+        )
+    return to_pixels(Image.fromarray(pixels), size, grey)

@@ -126,7 +126,16 @@ def _evaluate(
 
 
 def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
-    """What runs are called: by model, and by folder too where two are of one model."""
+    """What runs are called: by model, and by folder too where two are of one model.
+
+    Raises T2TwinError for a run that is named twice.
+    """
+    folders = [run.run_dir.resolve() for run in runs]
+    twice = [
+        run.run_dir for run, folder in zip(runs, folders, strict=True) if folders.count(folder) > 1
+    ]
+    if twice:
+        raise T2TwinError(f"{twice[0]} is named twice; name each run once")
     models = [run.config.model for run in runs]
     names = [
         model if models.count(model) == 1 else f"{model} ({run.run_dir.name})"

@@ -27,7 +27,10 @@ from t2twin.translate.presets import MODELS, Preset
 FORMAT = 1
 """Version of config.json; a file that names none is of this one."""
 
-ONE_OR_MORE = ("size", "filters", "batch", "epochs")
+MOST = {"size": 2048, "filters": 1024, "batch": 65_536, "epochs": 1_000_000}
+"""Settings of a preset that are 1 or more, and the most that they may be (assumed: far beyond what
+any machine trains in a month), so that a damaged file cannot ask for all memory."""
+
 ZERO_OR_MORE = (
     "patience",
     "steps",
@@ -39,7 +42,7 @@ ZERO_OR_MORE = (
     "contrast",
     "noise",
 )
-"""Settings of a preset by the least that they may be; the learning rate is above 0."""
+"""Settings of a preset that are 0 or more; the learning rate is above 0."""
 
 CONFIG = "config.json"
 LOG = "log.jsonl"
@@ -120,9 +123,9 @@ class _ConfigFile:
     seed: Annotated[int, Meta(ge=0, le=MOST_SEED)]
     epochs: Annotated[int, Meta(ge=1)] | None
     minutes: Annotated[float, Meta(gt=0)] | None
-    planned_epochs: Annotated[int, Meta(ge=1)]
+    planned_epochs: Annotated[int, Meta(ge=1, le=MOST["epochs"])]
     bf16: bool
-    processes: Annotated[int, Meta(ge=1)]
+    processes: Annotated[int, Meta(ge=1, le=MOST["batch"])]
     data: _DataPart
 
     def __post_init__(self) -> None:
@@ -165,10 +168,12 @@ def _preset(content: dict[str, Any], path: Path) -> Preset:
     if unknown:
         raise T2TwinError(f"{path}: preset.{unknown[0]} is no setting of this version")
     preset = convert(content, Preset, f"{path}, preset")
-    bounds = [(name, 1) for name in ONE_OR_MORE] + [(name, 0) for name in ZERO_OR_MORE]
-    for name, least in bounds:
-        if getattr(preset, name) < least:
-            raise T2TwinError(f"{path}, preset: {name} must be {least} or more")
+    for name, most in MOST.items():
+        if not 1 <= getattr(preset, name) <= most:
+            raise T2TwinError(f"{path}, preset: {name} must be from 1 to {most}")
+    for name in ZERO_OR_MORE:
+        if getattr(preset, name) < 0:
+            raise T2TwinError(f"{path}, preset: {name} must be 0 or more")
     if not preset.learning_rate > 0:
         raise T2TwinError(f"{path}, preset: learning_rate must be above 0")
     if preset.beta1 >= 1 or preset.beta2 >= 1:

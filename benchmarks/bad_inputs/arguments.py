@@ -1,0 +1,160 @@
+"""Numbers and words on the command line."""
+
+from collections.abc import Iterator
+
+from benchmarks.bad_inputs.case import Case
+
+NO_NUMBERS = ("", "abc", "8,5", "0x10", "--")
+"""What a parser of numbers refuses itself."""
+
+OUT = ("--out", "out")
+PRESS = ("press", "circle-1", *OUT)
+SIMDATA = ("simdata", "--scale", "smoke", *OUT)
+TRAIN = ("train", "resnet18", "--data", "{data}", "--preset", "smoke", *OUT)
+CALIBRATE = ("calibrate", "--background", "b.png", "--presses", "p", *OUT)
+IMPORT = ("import-pairs", "pairs.csv", *OUT)
+
+NOT_FINITE = ("nan", "inf", "-inf")
+FLOATS: tuple[tuple[tuple[str, ...], str, tuple[str, ...]], ...] = (
+    (PRESS, "--x-mm", (*NOT_FINITE, "1e308", "-1e9", "500")),
+    (PRESS, "--y-mm", (*NOT_FINITE, "1e308", "-1e9", "500")),
+    (PRESS, "--yaw-deg", NOT_FINITE),
+    (PRESS, "--force-n", (*NOT_FINITE, "0", "-8", "1e-9", "1e9", "101")),
+    (PRESS, "--thickness-mm", (*NOT_FINITE, "0", "-1", "0.3", "1e9", "201")),
+    (PRESS, "--young-mpa", (*NOT_FINITE, "0", "-1", "1e-9", "1e9")),
+    (PRESS, "--poisson", (*NOT_FINITE, "-0.1", "0.5", "1")),
+    (TRAIN, "--minutes", (*NOT_FINITE, "0", "-1")),
+    ((*CALIBRATE,), "--ball-diameter-mm", (*NOT_FINITE, "0", "-4", "1e9")),
+    ((*CALIBRATE, "--ball-diameter-mm", "4"), "--scale-px-per-mm", (*NOT_FINITE, "0", "-1", "1e9")),
+)
+"""Command, flag, and numbers that it must refuse."""
+
+BIG = str(2**70)
+INTEGERS: tuple[tuple[tuple[str, ...], str, tuple[str, ...]], ...] = (
+    (SIMDATA, "--seed", ("-1", BIG, str(2**63))),
+    (SIMDATA, "--workers", ("0", "-1")),
+    (TRAIN, "--seed", ("-1", BIG, str(2**63))),
+    (TRAIN, "--epochs", ("0", "-1")),
+    (IMPORT, "--seed", ("-1", BIG, str(2**63))),
+    (IMPORT, "--full-scale", ("0", "-1", "65536", BIG)),
+    ((*CALIBRATE, "--ball-diameter-mm", "4"), "--held-out", ("-1", BIG)),
+)
+NO_INTEGERS = (*NO_NUMBERS, "1.5", "1e3", "nan")
+
+SHAPES = ("", "square-9", "Square-2", "pliers", "pliers/none", "../square-2", "square-2\n",
+          "x" * 5000, "squäre", "random", "square-2/", "~", "/", "/dev/null", "/etc",
+          "-")  # fmt: skip
+WORDS: tuple[tuple[tuple[str, ...], str], ...] = (
+    (("simdata", "--scale", "huge", *OUT), "scale"),
+    (("simdata", "--scale", "", *OUT), "scale"),
+    (("simdata", *OUT), "--scale is missing"),
+    ((*SIMDATA, "--layout", "none"), "layout"),
+    ((*SIMDATA, "--layout", ""), "layout"),
+    ((*SIMDATA, "--imperfections", "some"), "imperfections"),
+    ((*SIMDATA, "--calibration", "none.npz"), "none.npz"),
+    ((*SIMDATA, "--scheduler", "foo"), "scheduler"),
+    ((*SIMDATA, "--scheduler", "tcp://"), "scheduler"),
+    ((*SIMDATA, "--scheduler", ""), "scheduler"),
+    ((*SIMDATA, "--scheduler", "tcp://127.0.0.1:99999"), "scheduler"),
+    ((*SIMDATA, "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"), "--workers"),
+    (("simdata", "--verify", "nowhere"), "holds no dataset"),
+    (("simdata", "--verify", "/dev/null"), "holds no dataset"),
+    (("train", "gpt", "--data", "{data}", *OUT), "touch2touch"),
+    (("train", "", "--data", "{data}", *OUT), "touch2touch"),
+    (("train", "resnet18", "--data", "nowhere", *OUT), "nowhere"),
+    (("train", "resnet18", "--data", "", *OUT), "holds no dataset"),
+    (("train", "resnet18", "--data", "{data}", "--preset", "huge", *OUT), "preset"),
+    (("train", "resnet18", "--data", "{data}", "--preset", "", *OUT), "preset"),
+    (("train", "resnet18", "--data", "{resnet18}", *OUT), "holds no dataset"),
+    (("evaluate", "nowhere", "--data", "{data}", *OUT), "nowhere"),
+    (("evaluate", "--data", "{data}", *OUT), "run"),
+    (("evaluate", "{data}", "--data", "{data}", *OUT), "config.json"),
+    (("evaluate", "{resnet18}", "--data", "nowhere", *OUT), "nowhere"),
+    (("evaluate", "{resnet18}", "{resnet18}", "--data", "{data}", *OUT), "twice"),
+    (("translate", "nowhere", "x.png", *OUT), "x.png"),
+    (("translate", "{resnet18}", *OUT), "image"),
+    (("translate", "{resnet18}", "nowhere.png", *OUT), "nowhere.png"),
+    (("translate", "{resnet18}", "", *OUT), "image"),
+    (("translate", "{resnet18}", "x" * 5000, *OUT), "too long"),
+    (("export", "nowhere", "--out", "x.onnx"), "nowhere"),
+    (("export", "{data}", "--out", "x.onnx"), "config.json"),
+    (("export", "{resnet18}", "--layout", "none", "--out", "x.onnx"), "layout"),
+    (("export", "{resnet18}", "--layout", "cyskin-63", "--out", "x.onnx"), "ResNet18"),
+    (("report", "--data", "nowhere", *OUT), "nowhere"),
+    (("report", "--data", "{data}", "--runs", "nowhere", *OUT), "nowhere"),
+    (("report", "--data", "{data}", "--evaluation", "{evaluation}", *OUT), "--runs"),
+    (("import-pairs", "nowhere", *OUT), "nowhere"),
+    (("import-pairs", "nowhere.csv", *OUT), "nowhere.csv"),
+    (("import-pairs", "", *OUT), "csv"),
+    (("import-pairs", "/dev/null", *OUT), "csv"),
+    ((*CALIBRATE, "--ball-diameter-mm", "4"), "b.png"),
+)
+"""Command lines, and what the sentence must hold."""
+
+PARSED: tuple[tuple[str, ...], ...] = (
+    (),
+    ("pres",),
+    ("press",),
+    ("press", "--force-n", "8"),
+    ("press", "circle-1", "square-1"),
+    ("press", "circle-1", "--force", "8"),
+    ("press", "circle-1", "--sensor", "gelsight"),
+    ("press", "circle-1", "--force-n"),
+    ("train",),
+    ("train", "resnet18"),
+    ("evaluate", "{resnet18}", "--data", "{data}", "--split", "train set"),
+    ("translate",),
+    ("export",),
+    ("calibrate",),
+    ("import-pairs", "x.csv"),
+    ("simdata", "--verify"),
+    ("report", "--runs"),
+    ("--no-such-flag",),
+)
+"""Command lines that the parser refuses itself."""
+
+FINE: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("yaw of a thousand turns", (*PRESS, "--yaw-deg", "360000")),
+    ("a force in scientific writing", (*PRESS, "--force-n", "8e-1")),
+    ("the least force", (*PRESS, "--force-n", "0.01")),
+    ("minus nothing", (*PRESS, "--x-mm", "-0.0")),
+    ("one sensor alone", (*PRESS, "--sensor", "cyskin")),
+    ("a thin flat layer", (*PRESS, "--flat", "--thickness-mm", "0.5", "--sensor", "digit")),
+    ("out with spaces and umlauts", ("press", "circle-1", "--out", "mein Ordner/für später")),
+    ("out below the folder itself", ("press", "circle-1", "--out", "./a/../out")),
+    ("the largest seed", (*TRAIN, "--seed", str(2**63 - 1), "--epochs", "1")),
+    ("a thousandth of a minute", (*TRAIN, "--minutes", "0.001")),
+    ("shapes", ("shapes",)),
+    ("version", ("--version",)),
+    ("help", ("--help",)),
+    ("help of a command", ("simdata", "--help")),
+    ("verify", ("simdata", "--verify", "{data}")),
+)
+
+
+def cases() -> Iterator[Case]:
+    for command, flag, bad in FLOATS:
+        yield from _numbers(command, flag, bad, NO_NUMBERS)
+    for command, flag, bad in INTEGERS:
+        yield from _numbers(command, flag, bad, NO_INTEGERS)
+    for shape in SHAPES:
+        yield Case(f"press {shape[:20]!r}", ("press", shape, *OUT), parsed=shape == "-")
+    for words, says in WORDS:
+        yield Case(_name(words), words, says=says)
+    for words in PARSED:
+        yield Case(_name(words), words, parsed=True)
+    for name, words in FINE:
+        yield Case(name, words, fine=True)
+
+
+def _numbers(
+    command: tuple[str, ...], flag: str, bad: tuple[str, ...], unread: tuple[str, ...]
+) -> Iterator[Case]:
+    for value in bad:
+        yield Case(f"{command[0]} {flag} {value[:20]}", (*command, flag, value))
+    for value in unread:
+        yield Case(f"{command[0]} {flag} {value!r}", (*command, flag, value), parsed=True)
+
+
+def _name(words: tuple[str, ...]) -> str:
+    return " ".join(word[:20] for word in words)

@@ -1,0 +1,168 @@
+"""Calibration files, and the frames that calibrations are fitted to."""
+
+import io
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.bad_inputs.case import Base, Case, Make
+from benchmarks.bad_inputs.images import JPEG, PNG, bomb, encoded, frame
+from t2twin.sim.digit.calibration import DEFAULT_PATH
+
+PRESS = ("press", "circle-1", "--sensor", "digit", "--out", "out", "--calibration", "c.npz")
+CALIBRATE = ("calibrate", "--background", "background.png", "--presses", "presses",
+             "--ball-diameter-mm", "4.7", "--out", "out")  # fmt: skip
+
+
+def _arrays() -> dict[str, np.ndarray]:
+    with np.load(DEFAULT_PATH) as file:
+        return {key: file[key] for key in file.files}
+
+
+def _packed(arrays: dict[str, np.ndarray]) -> bytes:
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
+    return file.getvalue()
+
+
+class _Command:
+    """Unpickled, it would leave a file."""
+
+    def __reduce__(self) -> tuple:
+        return Path.touch, (Path("pickled"),)
+
+
+def _spoiled() -> Iterator[tuple[str, bytes]]:
+    good = _arrays()
+    whole = _packed(good)
+    yield "empty", b""
+    yield "text", b"gamma = 2.2\n"
+    yield "a picture", PNG
+    yield "an empty zip", b"PK\x05\x06" + bytes(18)
+    for share in (0.2, 0.5, 0.9, 0.999):
+        yield f"cut at {share:.1%}", whole[: int(share * len(whole))]
+    flipped = bytearray(whole)
+    flipped[len(whole) // 2] ^= 0xFF
+    yield "one byte flipped", bytes(flipped)
+    for key in good:
+        yield f"no {key}", _packed({k: v for k, v in good.items() if k != key})
+        yield f"{key} of text", _packed(good | {key: np.array("abc")})
+        yield f"{key} of objects", _pickled(good, key)
+        yield f"{key} empty", _packed(good | {key: np.zeros(0)})
+        yield f"{key} complex", _packed(good | {key: good[key] * (1 + 1j)})
+        if key != "background":
+            for value in (np.nan, np.inf, 1e38, -1e30):
+                yield f"{key} {value}", _packed(good | {key: np.full(good[key].shape, value)})
+            yield f"{key} times 1e30", _packed(good | {key: good[key] * 1e30})
+    yield "background of floats", _packed(good | {"background": good["background"] / 255.0})
+    yield "background of half the size", _packed(good | {"background": good["background"][::2]})
+    yield (
+        "background on its side",
+        _packed(good | {"background": good["background"].swapaxes(0, 1)}),
+    )
+    yield "one lamp inside out", _packed(good | {"sizes_mm": -good["sizes_mm"]})
+    yield "two lamps", _packed(good | {"lamps_mm": good["lamps_mm"][:2]})
+    yield "a bomb", _zip_bomb()
+
+
+def _pickled(good: dict[str, np.ndarray], key: str) -> bytes:
+    return _packed(good | {key: np.array([_Command()], dtype=object)})
+
+
+def _zip_bomb() -> bytes:
+    """200 MB of zeros in an array that the file calls response."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        array = io.BytesIO()
+        np.save(array, np.zeros(25_000_000))
+        archive.writestr("response.npy", array.getvalue())
+    return file.getvalue()
+
+
+def _odd() -> Iterator[tuple[str, bytes]]:
+    good = _arrays()
+    yield "with one array more", _packed(good | {"note": np.array("mine")})
+    yield "in single precision", _packed({**good, "response": good["response"].astype(np.float32)})
+    yield "no light at all", _packed(good | {"response": np.zeros_like(good["response"])})
+    yield "a black background", _packed(good | {"background": np.zeros_like(good["background"])})
+    yield "lamps half a metre off", _packed(good | {"lamps_mm": good["lamps_mm"] * 22.0})
+    yield "lamps within the gel", _packed(good | {"lamps_mm": np.zeros((3, 3))})
+    yield "the largest lamps", _packed(good | {"sizes_mm": np.full(3, 100.0)})
+    yield "a far camera", _packed(good | {"distance_mm": np.array(100.0)})
+    yield "a near camera", _packed(good | {"distance_mm": np.array(5.0)})
+    yield "a coarse camera", _packed(good | {"scale_px_per_mm": np.array(5.0)})
+    yield "a fine camera", _packed(good | {"scale_px_per_mm": np.array(100.0)})
+
+
+def _holding(content: bytes) -> Make:
+    def make(box: Path, base: Base) -> None:
+        (box / "c.npz").write_bytes(content)
+
+    return make
+
+
+def frames(background: bytes | None = PNG, *presses: tuple[str, bytes]) -> Make:
+    """Lays out a background and a folder of presses."""
+
+    def make(box: Path, base: Base) -> None:
+        if background is not None:
+            (box / "background.png").write_bytes(background)
+        (box / "presses").mkdir()
+        for name, content in presses:
+            (box / "presses" / name).write_bytes(content)
+
+    return make
+
+
+UNTOUCHED = encoded(Image.new("RGB", (240, 320), (90, 90, 90)))
+FRAMES = tuple((f"press_{number}.png", encoded(frame(number))) for number in range(4))
+good_frames = frames(UNTOUCHED, *FRAMES)
+
+
+def _unlike(content: bytes) -> tuple[tuple[str, bytes], ...]:
+    return (*FRAMES[:3], ("press_9.png", content))
+
+
+BAD_FRAMES: tuple[tuple[str, Make, str], ...] = (
+    ("no background", frames(None, *FRAMES), "background.png"),
+    ("an empty background", frames(b"", *FRAMES), "background.png"),
+    ("a background of text", frames(b"grey", *FRAMES), "background.png"),
+    ("half a background", frames(UNTOUCHED[:200], *FRAMES), "background.png"),
+    ("a background of another size", frames(encoded(frame(size=(320, 240))), *FRAMES), "wide"),
+    ("a background of 1 x 1", frames(encoded(frame(size=(1, 1))), *FRAMES), "wide"),
+    ("a background that is a bomb", frames(bomb(), *FRAMES), "pixels"),
+    ("no presses", frames(UNTOUCHED), "presses"),
+    ("one press", frames(UNTOUCHED, *FRAMES[:1]), "press"),
+    ("notes only", frames(UNTOUCHED, ("notes.txt", b"x")), "presses"),
+    ("an empty press", frames(UNTOUCHED, *_unlike(b"")), "press_9.png"),
+    ("half a press", frames(UNTOUCHED, *_unlike(PNG[:400])), "press_9.png"),
+    ("a press that is a bomb", frames(UNTOUCHED, *_unlike(bomb())), "press_9.png"),
+    ("a press of another size", frames(UNTOUCHED, *_unlike(encoded(frame(size=(240, 240))))), "9"),
+    ("presses of nothing", frames(UNTOUCHED, *((f"{n}.png", UNTOUCHED) for n in range(4))), ""),
+    ("one press four times", frames(UNTOUCHED, *((f"{n}.png", PNG) for n in range(4))), ""),
+    ("GIF called PNG", frames(UNTOUCHED, *_unlike(encoded(frame(), "GIF"))), "press_9.png"),
+    ("16 bits", frames(UNTOUCHED, *_unlike(encoded(Image.fromarray(
+        np.zeros((320, 240), np.uint16))))), "8 bits"),
+    ("all of another size", frames(encoded(frame(size=(120, 160))), *(
+        (f"{n}.png", encoded(frame(n, (120, 160)))) for n in range(4))), "wide"),
+)  # fmt: skip
+
+
+def _no_folder(box: Path, base: Base) -> None:
+    (box / "background.png").write_bytes(UNTOUCHED)
+    (box / "presses").write_bytes(JPEG)
+
+
+def cases() -> Iterator[Case]:
+    for name, content in _spoiled():
+        yield Case(f"calibration: {name}", PRESS, _holding(content), "c.npz")
+    for name, content in _odd():
+        yield Case(f"calibration: {name}", PRESS, _holding(content), fine=True)
+    for name, make, says in BAD_FRAMES:
+        yield Case(f"frames: {name}", CALIBRATE, make, says)
+    yield Case("frames: presses are a file", CALIBRATE, _no_folder, "presses")
+    for held in ("0", "4", "5"):
+        yield Case(f"frames: {held} of 4 held out", (*CALIBRATE, "--held-out", held), good_frames)
