@@ -11,9 +11,10 @@ from t2twin.translate.evaluation.records import Evaluation
 
 NEVER_TRAINED_ON = {
     "val": "shapes never trained on (new versions of known ones)",
-    "test": "hand tools, never trained on either",
+    "test": "hand tools (new objects altogether)",
 }
-"""What the splits of simulated pairs hold for a run trained on the same dataset."""
+PARTS = {"val": "the new versions", "test": "the hand tools"}
+"""What the splits of simulated pairs hold, to a run trained on the same dataset and in short."""
 
 
 def section(report: ReportData) -> str:
@@ -87,7 +88,8 @@ def _comparison(report: ReportData) -> str:
 def _meaning(report: ReportData) -> str:
     below = [split for split, one in report.evaluations.items() if _ratio(one) < 1.0]
     if below:
-        only = "" if len(below) == len(report.evaluations) else f" on {SPLIT_NAMES[below[0]]} only"
+        parts = PARTS if report.info.is_simulated else SPLIT_NAMES
+        only = "" if len(below) == len(report.evaluations) else f" on {parts[below[0]]} only"
         verdict = f"So the {_best(report)} beats both rules{only}"
     else:
         verdict = f"So the {_best(report)} does not beat both rules"
