@@ -1,6 +1,7 @@
 """The report of a dataset alone: what it holds, near-duplicates, outliers."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from pages import read_page
 from t2twin.cli import main
 from t2twin.report import (
     data_page,
+    data_summary,
     duplicates,
     outliers,
     pairs,
@@ -31,11 +33,26 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
     main(["report", "--data", str(data_dir), "--out", str(tmp_path)])
     read, text = read_page(tmp_path / PAGE)
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
-    assert sections == ["about", *data_page.LINKS]
-    assert len([tag for tag, _ in read.tags if tag == "img"]) == 1 + 1 + pairs.PAIRS + 2 + 1 + 1 + 1
+    assert sections == ["summary", "about", *data_page.LINKS]
+    images = [tag for tag, _ in read.tags if tag == "img"]
+    assert len(images) == 1 + 1 + 1 + pairs.PAIRS + 2 + 1 + 1 + 1
     assert "12 pairs of 4 shapes" in text and "2 pairs of 2 shapes" in text
     assert "none of 20 " in text  # without contact
     assert sum(len(table) for table in read_dataset(data_dir).tables.values()) == 20
+
+
+def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
+    dataset = read_dataset(data_dir)
+    looked = scan(dataset, duplicates.noise_grey(dataset))
+    said = data_summary.sentences(dataset, looked)
+    assert len(said) <= 4 and "the 20 counts, each from 0 to 40,000" in said[0]
+    assert said[1] == (
+        "There are 20 pairs of 8 shapes: 12 for training, 6 for validation, 2 for test."
+    )
+    assert said[2].startswith("Of the pairs none repeat another one")
+    twins = replace(looked, alike_counts=np.where(np.arange(20) < 5, 0.0, np.inf))
+    assert "Of the pairs 25 % repeat" in data_summary.sentences(dataset, twins)[2]
+    assert "simulated" in said[3]
 
 
 def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path) -> None:

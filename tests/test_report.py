@@ -4,13 +4,13 @@ import base64
 import json
 import re
 import shutil
-from dataclasses import fields, replace
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pages import Reader
+from pages import Reader, read_page
 from PIL import Image
 
 from t2twin.cli import main
@@ -20,8 +20,8 @@ from t2twin.report import (
     lookalikes,
     pairs,
     qualitative,
-    results,
     shapes,
+    summary,
 )
 from t2twin.report.names import name_of
 from t2twin.report.page import LINKS, PAGE, write_report
@@ -33,9 +33,6 @@ from t2twin.translate.evaluation.records import (
     FINDINGS,
     METRICS,
     Evaluation,
-    Figures,
-    Intervals,
-    ModelRow,
     read_evaluation,
     write_evaluation,
 )
@@ -70,7 +67,7 @@ def read(page: Path) -> Reader:
 def test_page_holds_every_section_in_order(page: Path, read: Reader) -> None:
     assert page.name == PAGE
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
-    assert sections == ["about", *LINKS]
+    assert sections == ["summary", "about", *LINKS]
     anchors = [attrs["href"] for tag, attrs in read.tags if tag == "a"]
     assert anchors == [f"#{name}" for name in LINKS]
 
@@ -78,7 +75,7 @@ def test_page_holds_every_section_in_order(page: Path, read: Reader) -> None:
 def test_page_needs_nothing_but_itself(page: Path, read: Reader) -> None:
     """Every picture is a whole embedded file; nothing is fetched and nothing runs."""
     images = [attrs for tag, attrs in read.tags if tag == "img"]
-    assert len(images) >= 3 + 1 + pairs.PAIRS + 1 + 1 + 2 + 1
+    assert len(images) >= 1 + 3 + 1 + pairs.PAIRS + 1 + 1 + 2 + 2
     starts = {"image/png": b"\x89PNG", "image/jpeg": b"\xff\xd8", "image/svg+xml": b"<?xml"}
     for attrs in images:
         kind, _, content = (attrs["src"] or "").removeprefix("data:").partition(";base64,")
@@ -86,6 +83,21 @@ def test_page_needs_nothing_but_itself(page: Path, read: Reader) -> None:
         assert attrs["alt"]
     assert not {"script", "link", "iframe"} & {tag for tag, _ in read.tags}
     assert "url(" not in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    "word, said",
+    [
+        ("RMSE", "RMSE (root of the mean squared difference"),
+        ("SSIM", "SSIM is the structural similarity"),
+        ("IoU", "IoU: intersection over union"),
+        ("φ", "φ the barycentric interpolation"),
+        ("L1", "L1 distance (mean absolute difference)"),
+    ],
+)
+def test_what_is_short_is_explained_where_it_comes_first(page: Path, word: str, said: str) -> None:
+    _, text = read_page(page)
+    assert text.index(word) == text.index(said)
 
 
 def test_rmse_is_explained_once(page: Path, read: Reader) -> None:
@@ -99,6 +111,7 @@ def test_rmse_is_explained_once(page: Path, read: Reader) -> None:
     charts = [base64.b64decode(s.removeprefix(kind)) for s in sources if s.startswith(kind)]
     assert not any(b"L3" in chart for chart in charts)
     assert any(b"RMSE, counts" in chart for chart in charts)
+    assert not any(b"mathdefault" in chart for chart in charts)  # a power read as a formula
 
 
 @pytest.fixture(scope="module")
@@ -169,26 +182,6 @@ def test_lookalikes_are_said_as_they_are(page: Path, evaluations: dict[str, Eval
     assert all(escape(sentence) in text for sentence in said)
 
 
-def test_sentences_follow_the_numbers() -> None:
-    nothing = Intervals(**{field.name: None for field in fields(Intervals)})
-
-    def row(rmse_counts: float, run: str | None = None) -> ModelRow:
-        overall = Figures(1, rmse_counts, 1.0, 1.0, None, None, None, None, None, None, None)
-        return ModelRow(overall, {}, {}, nothing, run)
-
-    def models(mean: float, nearest: float, run: float) -> dict[str, ModelRow]:
-        trivial = {"mean-array": row(mean), "nearest-neighbour": row(nearest)}
-        return trivial | {"resnet18": row(run, "somewhere")}
-
-    said = results.sentences({"val": models(4000, 2000, 3000), "test": models(5000, 5000, 5000)})
-    assert said == [
-        "On validation, ResNet18 is 25.0 % below the mean array and 50.0 % above the nearest "
-        "neighbour.",
-        "On the objects, ResNet18 is level with the mean array and level with the nearest "
-        "neighbour.",
-    ]
-
-
 def test_limits_say_whose_digit_it_is(data_dir: Path, page: Path) -> None:
     parameters = read_info(data_dir).parameters
     assert parameters is not None
@@ -211,6 +204,26 @@ def test_limits_name_the_law_of_the_elastomer(page: Path) -> None:
 @pytest.fixture(scope="module")
 def report_data(page: Path, data_dir: Path, runs: list[Path]) -> ReportData:
     return read_report_data(page.parent, data_dir, runs)
+
+
+def test_summary_says_what_the_evaluation_found(page: Path, report_data: ReportData) -> None:
+    said = summary.sentences(report_data)
+    text = page.read_text(encoding="utf-8")
+    assert len(said) == 4
+    assert text.count("<p>" + escape(said[0])) == 1 < text.index(escape(said[3]))
+    assert text.index(escape(said[3])) < text.index("<nav>")
+    assert "shapes never trained on" in said[1] and "on hand tools" in said[1]
+    for evaluation in report_data.evaluations.values():
+        rows = evaluation.models
+        for name in ("touch2touch", "resnet18"):
+            assert f"{rows[name].overall.rmse_percent:.2f} % for {name_of(name)}" in said[1]
+        rules = [rows[name].overall.rmse_counts for name in ("mean-array", "nearest-neighbour")]
+        best = min(row.overall.rmse_counts for row in evaluation.runs.values())
+        assert f"{best / min(rules):.2f}" in said[2]
+        assert summary.better_run(evaluation) == min(
+            evaluation.runs, key=lambda name: rows[name].overall.rmse_counts
+        )
+    assert "simulated" in said[0] + said[3]
 
 
 def test_samples_stand_at_their_quantiles(report_data: ReportData) -> None:
@@ -323,11 +336,3 @@ def test_an_evaluation_of_something_else_is_not_drawn(
         write_evaluation(own, others[spoilt])
     with pytest.raises(AssertionError, match="evaluated again"):
         read_report_data(tmp_path, data_dir, runs)
-
-
-def test_evaluation_without_runs_is_refused(
-    data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit):
-        main(["report", "--data", str(data_dir), "--evaluation", str(tmp_path)])
-    assert "name them with --runs" in capsys.readouterr().err

@@ -23,14 +23,14 @@ def evaluate(
         data: Folder of the dataset. touch2touch also takes one of another taxel layout, inside the
             one that it was trained on.
         split: val (versions of the primitives never trained on), test (the hand tools) or both,
-            which writes DIR/val, DIR/test, DIR/findings.json and DIR/results.md.
+            which writes DIR/val, DIR/test, DIR/findings.json and DIR/results.md. Of imported pairs
+            both are the owner's, and one may be empty.
         out: Folder to write into; runs/evaluate/SPLIT unless given, runs/evaluate for both.
     """
     from t2twin.primitives_cad.errors import T2TwinError
     from t2twin.translate.distributed import use_all_cores
     from t2twin.translate.evaluation.evaluate import evaluate as measure
-    from t2twin.translate.evaluation.evaluate import evaluate_both
-    from t2twin.translate.evaluation.findings import gap
+    from t2twin.translate.evaluation.evaluate import evaluate_both, gap_between
     from t2twin.translate.evaluation.table import findings_text, lookalikes_text, table
 
     if not runs:
@@ -48,6 +48,7 @@ def evaluate(
         if evaluation.lookalikes:
             print(lookalikes_text(evaluation.lookalikes, name))
         print()
-    if split == "both":
-        print(findings_text(gap(evaluations["val"].models, evaluations["test"].models)))
+    between = gap_between(evaluations, data)
+    if between:
+        print(findings_text(between))
     print(f"written to {folder}")

@@ -12,13 +12,14 @@ def report(
     runs: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="RUN")] = (),
     evaluation: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
 ) -> None:
-    """Draw one self-contained HTML page: of a dataset alone, or of runs trained on it.
+    """Draw one self-contained HTML page: of a dataset alone, or of runs evaluated on it.
 
     Args:
         out: Folder to write into.
         data: Folder of the dataset.
-        runs: Folders of trained runs: results, learning curves, errors. Without any, the dataset
-            itself is drawn: shapes, pictures, forces, saturation, near-duplicates, outliers.
+        runs: Folders of trained runs: results, learning curves, errors, on a dataset of `simdata`
+            or on imported pairs. Without any, the dataset itself is drawn: shapes, pictures,
+            forces, saturation, near-duplicates, outliers.
         evaluation: Folder that `evaluate --split both` has made of the same runs on the same
             dataset; the folder `evaluate` beside --out unless given. The runs are evaluated anew
             where neither is of them.

@@ -1,47 +1,49 @@
-"""What the page begins with: the dataset, the machine, how long the runs took."""
+"""The dataset, the machine, how long the runs took, and what is not drawn of them."""
+
+from collections.abc import Mapping
 
 from t2twin.primitives_cad.machine import cores, processor
 from t2twin.report import markup
-from t2twin.report.names import name_of
+from t2twin.report.names import SPLIT_NAMES, name_of
 from t2twin.report.report_data import ReportData
-from t2twin.sim.dataset.info import SPLITS
 from t2twin.translate.runs.log import best_epoch
 
-WHAT = (
-    "Two touch sensors that share nothing, a camera behind a gel (DIGIT) and an array of "
-    "capacitive taxels under a soft skin (CySkin), touch the same shapes in the same places with "
-    "the same force; networks learn to turn what the first one sees into what the second one "
-    "would have felt. The protocol and both networks are those of Grella, Albini, Cannata and "
-    "Maiolino, Touch-to-Touch Translation (IROS 2023). Everything here is simulated: no figure "
-    "below was measured on a sensor, except where it says so."
+NETWORKS = (
+    "Both networks are those of Grella, Albini, Cannata and Maiolino, Touch-to-Touch Translation "
+    "(IROS 2023)"
 )
+SIMULATED = (
+    f"{NETWORKS}, and so is the protocol. Everything here is simulated: no figure below was "
+    "measured on a sensor, except where it says so."
+)
+IMPORTED = f"{NETWORKS}. The pairs were brought in by their owner, with `t2twin import-pairs`."
+
+PRIMITIVES_AND_TOOLS = {
+    "train": "{pairs:,} pairs of {shapes} primitives",
+    "val": "{pairs:,} pairs of {shapes} primitives, versions that training never saw",
+    "test": "{pairs:,} pairs of hand tools, at {shapes} keypoints",
+}
+OF_SHAPES = "{pairs:,} pairs of {shapes} shapes"
 
 
-def section(report: ReportData) -> str:
-    """The opening: what this is, on which data, with which runs."""
-    return markup.section(
-        "about", "What this is", [markup.paragraph(WHAT), _dataset(report), *_runs(report)]
-    )
+def section(report: ReportData, left_out: Mapping[str, str]) -> str:
+    """On which data, with which runs; left_out: titles of sections not drawn, what they lack."""
+    what = SIMULATED if report.info.is_simulated else IMPORTED
+    parts = [markup.paragraph(what), _dataset(report), *_runs(report)]
+    if left_out:
+        named = ", ".join(f"{title} ({missing})" for title, missing in left_out.items())
+        parts.append(markup.paragraph(f"Left out, each with what is lacking: {named}."))
+    return markup.section("about", "Data and runs", parts)
 
 
 def _dataset(report: ReportData) -> str:
     info = report.info
-    pairs = {split: report.tables[split].num_rows for split in SPLITS}
-    shapes = {split: len(set(report.tables[split]["shape"].to_pylist())) for split in SPLITS}
     versions = ", ".join(f"{name} {version}" for name, version in info.versions.items())
+    scale = [("Scale", f"{info.scale}, seed {info.seed}")] if info.is_simulated else []
     return markup.facts(
         [
-            ("Scale", f"{info.scale}, seed {info.seed}"),
-            (
-                "Training",
-                f"{pairs['train']:,} pairs of {shapes['train']} primitives",
-            ),
-            (
-                "Validation",
-                f"{pairs['val']:,} pairs of {shapes['val']} primitives, versions that training "
-                "never saw",
-            ),
-            ("Test", f"{pairs['test']:,} pairs of hand tools, at {shapes['test']} keypoints"),
+            *scale,
+            *((SPLIT_NAMES[split].capitalize(), _pairs(report, split)) for split in report.tables),
             (
                 "Taxels",
                 f"{report.layout.x_mm.size} (layout {report.layout.layout}), saturated at "
@@ -51,6 +53,12 @@ def _dataset(report: ReportData) -> str:
             ("This page's machine", f"{cores()} cores, {processor()}"),
         ]
     )
+
+
+def _pairs(report: ReportData, split: str) -> str:
+    shapes = report.tables[split]["shape"].to_pylist()
+    words = PRIMITIVES_AND_TOOLS[split] if report.info.is_simulated else OF_SHAPES
+    return words.format(pairs=len(shapes), shapes=len(set(shapes)))
 
 
 def _runs(report: ReportData) -> list[str]:
@@ -65,7 +73,7 @@ def _runs(report: ReportData) -> list[str]:
             "note",
         ),
     ]
-    models = report.evaluations["val"].runs
+    models = report.evaluation.runs
     other = {
         name_of(name): model.trained_layout
         for name, model in models.items()

@@ -1,20 +1,25 @@
-"""The error of every validation primitive and of every keypoint of the tools."""
+"""The error of every shape of validation and test: primitives, and tools at their keypoints."""
 
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from t2twin.primitives_cad import catalogue
 from t2twin.report import markup
 from t2twin.report.figures import figure
-from t2twin.report.names import BASELINE_COLOURS, colours, name_of
-from t2twin.report.report_data import SHOWN, ReportData
+from t2twin.report.names import BASELINE_COLOURS, SPLIT_NAMES, colours, name_of, shape_name
+from t2twin.report.report_data import ReportData
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
 
-WIDTH_IN, BAR_IN, FURNITURE_IN = 9.0, 0.30, 1.0
+WIDTH_IN, BAR_IN, FURNITURE_IN = 4.2, 0.30, 1.3
+"""Width of a split's chart, which is whole on a phone; height of a shape, and of the rest."""
+
 TITLES = {"val": "validation primitives", "test": "tools at their keypoints"}
+"""Of simulated pairs."""
+COUNTS_TICKS = 4
 MARKS: dict[str, dict[str, Any]] = {
     MEAN_ARRAY: {"marker": "|", "markersize": 13, "markeredgewidth": 2.0},
     NEAREST_NEIGHBOUR: {"marker": "D", "markersize": 5, "markeredgecolor": "white"},
@@ -22,24 +27,24 @@ MARKS: dict[str, dict[str, Any]] = {
 
 
 def section(report: ReportData) -> str:
-    """Bars for the runs, marks for the trivial predictors."""
-    most = max(len(_shapes(report, split)) for split in SHOWN)
-    content = figure(
-        "svg", WIDTH_IN, FURNITURE_IN + BAR_IN * most, lambda page: _draw(page, report)
+    """A chart a split: bars for the runs, marks for the trivial predictors."""
+    text = (
+        "RMSE over the pairs of each shape. Bars: the trained models; marks: what the trivial "
+        "predictors reach on the same pairs."
     )
+    charts = [_chart(report, split) for split in report.evaluations]
     return markup.section(
         "by-shape",
         "Error by shape",
-        [
-            markup.picture(
-                content,
-                "svg",
-                "Bar chart of the error of every validation primitive and tool keypoint",
-                note="RMSE over the pairs of each shape. Bars: the trained models; marks: what "
-                "the trivial predictors reach on the same pairs.",
-            )
-        ],
+        [markup.paragraph(text, "note"), markup.grid(charts, "grid halves")],
     )
+
+
+def _chart(report: ReportData, split: str) -> str:
+    height = FURNITURE_IN + BAR_IN * len(_shapes(report, split))
+    content = figure("svg", WIDTH_IN, height, lambda page: _draw(page, report, split))
+    alt = f"Bar chart of the error of every shape, {SPLIT_NAMES[split]}"
+    return markup.picture(content, "svg", alt, width="narrow")
 
 
 def _shapes(report: ReportData, split: str) -> list[str]:
@@ -50,15 +55,13 @@ def _shapes(report: ReportData, split: str) -> list[str]:
     ]
 
 
-def _draw(page: Figure, report: ReportData) -> None:
-    axes = page.subplots(1, len(SHOWN), sharex=True)
-    for place, split in zip(axes, SHOWN, strict=True):
-        _bars(place, report, split)
-    # As many places on both sides, so that bars are equally thick.
-    most = max(len(_shapes(report, split)) for split in SHOWN)
-    for place in axes:
-        place.set_ylim(most - 0.4, -0.6)
-    page.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+def _draw(page: Figure, report: ReportData, split: str) -> None:
+    axes = page.subplots()
+    _bars(axes, report, split)
+    rows = [row for one in report.evaluations.values() for row in one.models.values()]
+    most = max(shape.rmse_counts for row in rows for shape in row.by_shape.values())
+    axes.set(xlim=(0, 1.05 * most or 1), ylim=(len(_shapes(report, split)) - 0.4, -0.6))
+    page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
 def _bars(axes: Axes, report: ReportData, split: str) -> None:
@@ -79,6 +82,8 @@ def _bars(axes: Axes, report: ReportData, split: str) -> None:
             errors(name), places, color=BASELINE_COLOURS[name], label=name_of(name),
             linestyle="none", **style,
         )  # fmt: skip
-    axes.set_yticks(places, shapes)
-    axes.set(xlabel="RMSE, counts", title=TITLES[split])
+    axes.set_yticks(places, [shape_name(shape) for shape in shapes])
+    titles = TITLES if report.info.is_simulated else SPLIT_NAMES
+    axes.set(xlabel="RMSE, counts", title=titles[split])
+    axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
     axes.xaxis.set_major_formatter("{x:,.0f}")

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from t2twin.report import markup
-from t2twin.report.names import SPLIT_NAMES, name_of
-from t2twin.report.report_data import SHOWN, ReportData
+from t2twin.report.names import SPLIT_NAMES, name_of, shape_name
+from t2twin.report.report_data import ReportData
 from t2twin.translate.evaluation.field_of_view import GROUPS
 from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR
 from t2twin.translate.evaluation.records import Evaluation, Figures, ModelRow
@@ -12,14 +12,14 @@ from t2twin.translate.evaluation.records import Evaluation, Figures, ModelRow
 
 def section(report: ReportData) -> str:
     """One table a split."""
-    view = report.evaluations["val"].view
+    view = report.evaluation.view
     text = (
         f"The DIGIT sees {view.width_mm:.1f} × {view.height_mm:.1f} mm. Of the taxels "
         f"{view.taxels.under} lie under that view, {view.taxels.near} outside within one pitch of "
         f"it ({view.pitch_mm:.1f} mm), {view.taxels.beyond} beyond. What a shape does outside the "
         "view is known only from what of it is seen. RMSE of each group alone, counts."
     )
-    tables = [_table(report.evaluations[split], split) for split in SHOWN]
+    tables = [_table(evaluation, split) for split, evaluation in report.evaluations.items()]
     return markup.section(
         "by-view", "Under the view and outside it", [markup.paragraph(text), *tables]
     )
@@ -33,7 +33,7 @@ def _table(evaluation: Evaluation, split: str) -> str:
     ]
     parts = [_by(row, split) for row in models.values()]
     whole = _row("all", [row.overall for row in models.values()])
-    each = [_row(name, [part[name] for part in parts]) for name in parts[0]]
+    each = [_row(shape_name(name), [part[name] for part in parts]) for name in parts[0]]
     return markup.table(heads, [(SPLIT_NAMES[split].capitalize(), [whole, *each])])
 
 

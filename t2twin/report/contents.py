@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from t2twin.report import markup
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import digit_picture, figure
-from t2twin.report.names import SPLIT_COLOURS, SPLIT_NAMES
+from t2twin.report.names import SPLIT_COLOURS, SPLIT_NAMES, shape_name
 from t2twin.report.picks import pairs_in_turn
 
 TOUCHED_COUNTS = 100
@@ -15,7 +15,10 @@ TOUCHED_COUNTS = 100
 
 GALLERY_COLUMNS, MOST_PICTURES = 10, 60
 GALLERY_SEED = 0
-WIDTH_IN, BAR_IN, FURNITURE_IN = 9.0, 0.155, 0.7
+WIDTH_IN = 9.0
+BARS_WIDTH_IN, BAR_IN, FURNITURE_IN = 4.4, 0.17, 0.8
+"""Width of the chart of shapes, which is whole on a phone; height of a shape, and of the rest."""
+
 SATURATION_IN = 2.8
 TILE_IN = 1.42
 
@@ -49,12 +52,16 @@ def shapes_section(dataset: Dataset) -> str:
     """A bar a shape."""
     names = _shapes(dataset)
     content = figure(
-        "svg", WIDTH_IN, FURNITURE_IN + BAR_IN * len(names), lambda page: bars(page, dataset)
+        "svg", BARS_WIDTH_IN, FURNITURE_IN + BAR_IN * len(names), lambda page: bars(page, dataset)
     )
     return markup.section(
         "shapes",
         "Pairs of every shape",
-        [markup.picture(content, "svg", "Bar chart of the number of pairs of every shape")],
+        [
+            markup.picture(
+                content, "svg", f"Bar chart of the pairs of {len(names)} shapes", width="small"
+            )
+        ],
     )
 
 
@@ -121,8 +128,9 @@ def bars(page: Figure, dataset: Dataset) -> None:
             color=SPLIT_COLOURS[split],
             label=SPLIT_NAMES[split],
         )
-    axes.set_yticks(range(len(names)), [name for _, name in names], fontsize=6.5)
+    axes.set_yticks(range(len(names)), [shape_name(name) for _, name in names], fontsize=7.5)
     axes.set(xlabel="pairs", ylim=(len(names) - 0.4, -0.6))
+    axes.locator_params(axis="x", integer=True)
     axes.legend()
 
 
@@ -133,7 +141,7 @@ def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
         place.set_axis_off()
     for place, (split, row) in zip(axes, rows, strict=False):
         digit_picture(place, dataset.picture(split, row))
-        place.set_title(dataset.shape(split, row), fontsize=6)
+        place.set_title(shape_name(dataset.shape(split, row)), fontsize=6)
 
 
 def saturation(page: Figure, dataset: Dataset) -> None:

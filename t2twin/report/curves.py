@@ -1,6 +1,7 @@
 """Learning curves from the runs' logs."""
 
 import math
+from collections.abc import Mapping
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -11,6 +12,7 @@ from t2twin.report.figures import figure
 from t2twin.report.names import BASELINE_COLOURS, colours, name_of
 from t2twin.report.report_data import ReportData
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.records import ModelRow
 from t2twin.translate.runs.log import best_epoch
 
 WIDTH_IN, HEIGHT_IN = 9.0, 3.4
@@ -21,11 +23,12 @@ LOSSES = {"adversarial": "-", "l1": "--", "discriminator": ":"}
 def section(report: ReportData) -> str:
     """RMSE an epoch on the left, the adversarial training's own losses on the right."""
     text = (
-        "Left: RMSE on validation (solid; the dot is the epoch that was kept) and, for ResNet18, "
-        "which trains on the mean squared error, on the training pairs as they were seen (dashed; "
-        "with dropout or augmentation where the preset has them, so it may lie above). touch2touch "
-        "never trains on that error; its own losses are on the right: what its generator pays for "
-        "being found out, the L1 distance with its weight, and the discriminator's loss."
+        "Left: RMSE on the validation pairs of each run's own data (solid; the dot is the epoch "
+        "that was kept) and, for ResNet18, which trains on the mean squared error, on the training "
+        "pairs as they were seen (dashed; with dropout or augmentation where the preset has them, "
+        "so it may lie above). touch2touch never trains on that error; its own losses are on the "
+        "right: what its generator pays for being found out, the L1 distance (mean absolute "
+        "difference) with its weight, and the discriminator's loss."
     )
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report))
     alt = "Validation and training error by epoch, with the trivial predictors as lines"
@@ -55,8 +58,8 @@ def _errors(axes: Axes, report: ReportData) -> None:
             seen = [full_scale * math.sqrt(record.train["l3"]) for record in history]
             label = f"{name_of(name)}, training"
             axes.plot(epochs, seen, "--", color=colour_of[name], label=label, marker=marker)
-    models = report.evaluations["val"].models
-    for name in (MEAN_ARRAY, NEAREST_NEIGHBOUR):
+    models = _of_own_validation(report)
+    for name in (MEAN_ARRAY, NEAREST_NEIGHBOUR) if models else ():
         level = models[name].overall.rmse_counts
         axes.axhline(
             level, color=BASELINE_COLOURS[name], linewidth=1, linestyle=(0, (6, 3)),
@@ -66,6 +69,14 @@ def _errors(axes: Axes, report: ReportData) -> None:
     axes.yaxis.set_major_formatter("{x:,.0f}")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend()
+
+
+def _of_own_validation(report: ReportData) -> Mapping[str, ModelRow]:
+    """What was evaluated on the validation pairs that the curves are of; empty of any others."""
+    evaluation = report.evaluations.get("val")
+    if evaluation is None or not all(row.same_data for row in evaluation.runs.values()):
+        return {}
+    return evaluation.models
 
 
 def _losses(axes: Axes, report: ReportData, names: list[str]) -> None:

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.report import contents, duplicates, forces, outliers, pairs
+from t2twin.report import contents, data_summary, duplicates, forces, outliers, pairs
 from t2twin.report.dataset import read_dataset
+from t2twin.report.out_folder import check_out
 from t2twin.report.page import write_page
 from t2twin.report.scan import scan
 
@@ -25,11 +25,10 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     """Writes out/index.html, with every picture in it, and returns its path.
 
     data: a finished dataset, simulated or imported. Raises T2TwinError, before anything is
-    written, where it cannot be used.
+    written, where it or the folder cannot be used.
     """
     out, data = Path(out), Path(data)
-    if out.exists() and not out.is_dir():
-        raise T2TwinError(f"{out} is a file; give a folder to write the report into")
+    check_out(out)
     dataset = read_dataset(data)
     looked = scan(dataset, duplicates.noise_grey(dataset))
     sections: dict[str, Callable[[], str]] = {
@@ -44,5 +43,5 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     }
     if not dataset.info.is_simulated:
         del sections["forces"]  # the owner's pairs know neither forces carried nor depths
-    links = {name: title for name, title in LINKS.items() if name in sections}
-    return write_page(out, TITLE.format(data), links, list(sections.values()))
+    title = TITLE.format(data)
+    return write_page(out, title, lambda: data_summary.section(dataset, looked), sections, LINKS)

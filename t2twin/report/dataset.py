@@ -1,6 +1,6 @@
 """A dataset as the report draws it: tables of its pairs, pictures one by one.
 
-Shape letters: P pairs of all splits, N taxels.
+Shape letters: P pairs of all splits, N taxels, R rows and C columns of a picture.
 """
 
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.png import decode_png
@@ -53,7 +54,10 @@ class Dataset:
     tables: dict[str, pa.Table]
 
     def picture(self, split: str, row: int) -> np.ndarray:
-        """The DIGIT picture of a split's row, (320, 240, 3) uint8, read from its shard alone."""
+        """The DIGIT picture of a split's row, read from its shard alone.
+
+        (R, C, 3) uint8, of one size in the whole dataset; simulated ones are (320, 240, 3).
+        """
         index = self.tables[split]["index"][row].as_py()
         with pq.ParquetFile(self.data / shard_path(split, self.shape(split, row))) as shard:
             place = shard.read(columns=["index"])["index"].to_pylist().index(index)
@@ -111,9 +115,11 @@ class Dataset:
 
 
 def read_dataset(data: Path) -> Dataset:
-    """Reads a dataset alone. Raises T2TwinError where it is missing or unfinished."""
+    """Reads a dataset alone. Raises T2TwinError where it is missing, unfinished or empty."""
     info, layout = read_info(data), load_info(data)
-    with_pairs = {path.split("/")[0] for path in info.shards}
+    with_pairs = {split for split in SPLITS if info.pairs[split]}
+    if not with_pairs:
+        raise T2TwinError(f"the dataset in {data} has no pairs")
     return Dataset(
         data=data,
         info=info,

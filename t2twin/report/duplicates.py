@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 from t2twin.report import markup
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import figure
+from t2twin.report.names import shape_name
 from t2twin.report.scan import BLOCK_PX, Scan
 
 NOISE_GREY = 0.5
@@ -30,7 +31,7 @@ def section(dataset: Dataset, scan: Scan) -> str:
         "Two presses of a shape look alike where their pictures differ by less than a picture's "
         f"own noise, {noise:.2f} grey levels (root mean square over squares of {BLOCK_PX} x "
         f"{BLOCK_PX} pixels, in which the noise itself has fallen to an eighth). Where their "
-        f"taxels are alike too, within {same_counts(dataset):.0f} counts (root mean square), one "
+        f"taxels are alike too, within {same_counts(dataset):.3g} counts (root mean square), one "
         "is a near-duplicate of the other and teaches nothing new: "
         f"{duplicates.sum():,} of {duplicates.size:,} pairs, {100 * duplicates.mean():.2f} %"
         f"{_most(dataset, duplicates)}. A round shape pressed in its middle is one however it is "
@@ -73,7 +74,7 @@ def _most(dataset: Dataset, which: np.ndarray) -> str:
         return ""
     names, times = np.unique(dataset.shapes[which], return_counts=True)
     order = np.argsort(-times, kind="stable")[:NAMED]
-    return " (most of " + ", ".join(f"{names[i]}, {times[i]}" for i in order) + ")"
+    return " (most of " + ", ".join(f"{shape_name(str(names[i]))}, {times[i]}" for i in order) + ")"
 
 
 def _histogram(page: Figure, scan: Scan, noise: float) -> None:

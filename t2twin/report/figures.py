@@ -4,6 +4,7 @@ Shape letters: R rows, C columns, N taxels.
 """
 
 import io
+import warnings
 from collections.abc import Callable
 from typing import Literal
 
@@ -12,8 +13,9 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.ticker import LogFormatter
 
-from t2twin.translate.phi import Phi
+from t2twin.translate.phi import TACTILE_SHAPE, Phi
 
 STYLE = {
     "axes.edgecolor": "#666666",
@@ -52,14 +54,33 @@ def figure(
     height_in: float,
     draw: Callable[[Figure], None],
 ) -> bytes:
-    """A figure's file content. draw: fills the empty figure."""
-    with rc_context(STYLE):  # pyright: ignore[reportArgumentType]
+    """A figure's file content. draw: fills the empty figure.
+
+    A letter that the font lacks is drawn as a box.
+    """
+    with rc_context(STYLE), warnings.catch_warnings():  # pyright: ignore[reportArgumentType]
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
         page = Figure(figsize=(width_in, height_in), layout="constrained")
         draw(page)
+        _plain_powers(page)
         buffer = io.BytesIO()
         metadata = {"Date": None} if kind == "svg" else {}
         page.savefig(buffer, format=kind, dpi=DPI, metadata=metadata)
     return buffer.getvalue()
+
+
+def _plain_powers(page: Figure) -> None:
+    """Logarithmic axes are labelled 100, not as a formula, which STYLE leaves unread."""
+    for axis in (axis for axes in page.axes for axis in (axes.xaxis, axes.yaxis)):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(LogFormatter())
+
+
+def digit_width(picture: np.ndarray) -> float:
+    """Width of a DIGIT image, (R, C, 3), in parts of a tactile image's of the same height."""
+    rows, columns = picture.shape[:2]
+    return columns / rows * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]
 
 
 def digit_picture(axes: Axes, picture: np.ndarray) -> None:

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 from t2twin.report import markup
 from t2twin.report.names import SPLIT_NAMES, name_of
-from t2twin.report.report_data import SHOWN, ReportData
-from t2twin.translate.evaluation.findings import gap
+from t2twin.report.report_data import ReportData
 from t2twin.translate.evaluation.records import Evaluation, Finding
 from t2twin.translate.evaluation.table import HOW
 
@@ -19,13 +18,17 @@ GAP = "Novel objects are worse than validation (RMSE, counts)"
 
 def section(report: ReportData) -> str:
     """The table, and what stands behind its answers."""
-    val, test = (report.evaluations[split].bootstrap for split in SHOWN)
+    how = report.evaluation.bootstrap
+    shapes = " and ".join(
+        f"{evaluation.bootstrap.shapes} of {SPLIT_NAMES[split]}"
+        for split, evaluation in report.evaluations.items()
+    )
     text = (
         "Grella et al. found that ResNet18 has the lower error, that touch2touch keeps the "
         "contact's shape better, and that both lose on novel objects. Here the difference of the "
-        f"two models, and of the two splits, is taken in {val.resamples:,} bootstrap resamples "
-        f"of whole shapes ({val.shapes} of validation, {test.shapes} of test), the same shapes for "
-        f"both models. Yes or no where the {100 * val.confidence:.0f} % interval of the "
+        f"two models{', and of the two splits,' if report.gap else ''} is taken in "
+        f"{how.resamples:,} bootstrap resamples of whole shapes ({shapes}), the same shapes for "
+        f"both models. Yes or no where the {100 * how.confidence:.0f} % interval of the "
         "difference does not hold zero, else undecided. With so few shapes the intervals are "
         "rather too narrow than too wide; and they speak of these two trainings, not of others "
         "from another seed."
@@ -36,31 +39,33 @@ def section(report: ReportData) -> str:
         [
             markup.table(
                 [[("", 1), ("Answer", 1), ("Difference", 1), ("Interval", 1), ("Figures", 1)]],
-                answers(report.evaluations),
+                answers(report.evaluations, report.gap),
             ),
             markup.paragraph(text, "note"),
         ],
     )
 
 
-def answers(evaluations: Mapping[str, Evaluation]) -> list[tuple[str, list[list[str]]]]:
+def answers(
+    evaluations: Mapping[str, Evaluation], gap: Mapping[str, Finding]
+) -> list[tuple[str, list[list[str]]]]:
     """What the paper found, each with its rows: of what, answer, difference, interval, figures.
 
-    evaluations: by split. Without both models there is the gap alone.
+    evaluations: by split. gap: between the two splits. Without both models there is that alone.
     """
     groups = [
         (
             statement,
             [
-                _row(SPLIT_NAMES[split], evaluations[split].findings[name])
-                for split in SHOWN
-                if name in evaluations[split].findings
+                _row(SPLIT_NAMES[split], evaluation.findings[name])
+                for split, evaluation in evaluations.items()
+                if name in evaluation.findings
             ],
         )
         for name, statement in GIVEN.items()
     ]
     gaps = []
-    for finding in gap(evaluations["val"].models, evaluations["test"].models).values():
+    for finding in gap.values():
         row = _row(name_of(finding.model or ""), finding)
         of_mean = finding.percent_of_mean_array or {}
         row[-1] += f"; {of_mean['val']:.0f} % and {of_mean['test']:.0f} % of the mean array's"

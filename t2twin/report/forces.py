@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 from t2twin.report import markup
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import figure
-from t2twin.report.names import SENSOR_COLOURS, SENSOR_NAMES, SPLIT_COLOURS
+from t2twin.report.names import SENSOR_COLOURS, SENSOR_NAMES, SPLIT_COLOURS, SPLIT_NAMES
 from t2twin.sim.dataset.store import taxels
 
 SENSORS = ("digit", "cyskin")
@@ -115,7 +115,8 @@ def _counts(axes: Axes, dataset: Dataset) -> None:
             continue
         counts = taxels(dataset.tables[split]).ravel()
         weights = np.full(counts.size, 100.0 / counts.size)
-        axes.hist(counts, bins, weights=weights, histtype="step", color=colour, label=split)
+        name = SPLIT_NAMES[split]
+        axes.hist(counts, bins, weights=weights, histtype="step", color=colour, label=name)
     axes.set(xlabel="counts", ylabel="% of the split's counts", yscale="log")
     axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
     axes.xaxis.set_major_formatter("{x:,.0f}")

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from t2twin.report import markup
 from t2twin.report.figures import figure
 from t2twin.report.names import SPLIT_NAMES, colours, name_of
-from t2twin.report.report_data import SHOWN, ReportData
+from t2twin.report.report_data import ReportData
 from t2twin.translate.evaluation.baselines import FEATURE_SIZE
 from t2twin.translate.evaluation.lookalikes import CLOSE, FITTED, NEIGHBOURS
 from t2twin.translate.evaluation.records import LookAlikeFloor, LookAlikes
@@ -21,12 +21,9 @@ WHERE = {"under": "under the DIGIT's view", "near": "near it", "beyond": "beyond
 
 
 def section(report: ReportData) -> str:
-    """The curves, and what they bound."""
-    lookalikes = {split: report.evaluations[split].lookalikes for split in SHOWN}
+    """The curves, and what they bound; of evaluations that have look-alikes."""
+    lookalikes = {split: one.lookalikes for split, one in report.evaluations.items()}
     known = {split: one for split, one in lookalikes.items() if one is not None}
-    if len(known) < len(SHOWN):
-        parts = [markup.paragraph("The dataset does not name its pictures' noise.")]
-        return markup.section("lookalikes", "What the picture does not say", parts)
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report, known))
     text = (
         "For every press the pictures nearest to its own are looked up, among presses of the same "
@@ -101,8 +98,8 @@ def _sentence(floor: LookAlikeFloor, close_grey: float) -> str:
 
 
 def _draw(page: Figure, report: ReportData, lookalikes: Mapping[str, LookAlikes]) -> None:
-    places = page.subplots(1, len(SHOWN), sharey=True)
-    for axes, split in zip(places, SHOWN, strict=True):
+    places = page.subplots(1, len(lookalikes), sharey=True, squeeze=False)[0]
+    for axes, split in zip(places, lookalikes, strict=True):
         _curves(axes, report, split, lookalikes[split])
     places[0].set_ylim(0, None)
     places[0].set_ylabel("sqrt(mean squared difference / 2), counts")

@@ -4,6 +4,11 @@ import base64
 from collections.abc import Sequence
 from html import escape
 
+SIDEWAYS = "Wider than this screen: scroll sideways →"
+
+MANY_COLUMNS = 5
+"""Columns from which on a table is wider than a phone."""
+
 MEDIA_TYPES = {"png": "image/png", "svg": "image/svg+xml", "jpeg": "image/jpeg"}
 
 
@@ -22,7 +27,7 @@ def facts(pairs: Sequence[tuple[str, str]]) -> str:
         f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>'
         for name, value in pairs
     )
-    return f'<div class="wide"><table class="facts"><tbody>{rows}</tbody></table></div>'
+    return f'<table class="facts"><tbody>{rows}</tbody></table>'
 
 
 def picture(
@@ -31,18 +36,19 @@ def picture(
     """A figure with its picture embedded.
 
     kind: "png", "svg" or "jpeg". width: "wide" keeps it legible on a phone by scrolling sideways,
-    "narrow" shrinks it. caption: bold; note: what follows it.
+    "narrow" shrinks it, "small" is no larger than a hand. caption: bold; note: what follows it.
     """
     data = base64.b64encode(content).decode("ascii")
     image = f'<img src="data:{MEDIA_TYPES[kind]};base64,{data}" alt="{escape(alt)}">'
     bold = f"<b>{escape(caption)}</b> " if caption else ""
     text = f"<figcaption>{bold}{escape(note)}</figcaption>" if caption or note else ""
-    return f"<figure><div{_class(width)}>{image}</div>{text}</figure>"
+    box = _sideways(image) if width == "wide" else f"<div{_class(width)}>{image}</div>"
+    return f"<figure>{box}{text}</figure>"
 
 
-def grid(figures: Sequence[str]) -> str:
-    """Figures side by side, as many as fit."""
-    return '<div class="grid">' + "".join(figures) + "</div>"
+def grid(figures: Sequence[str], kind: str = "grid") -> str:
+    """Figures side by side, as many as fit; of the kind "grid halves" two at most."""
+    return f"<div{_class(kind)}>" + "".join(figures) + "</div>"
 
 
 def section(name: str, title: str, parts: Sequence[str]) -> str:
@@ -79,10 +85,14 @@ def table(
                 + "</tr>"
             )
         bodies.append("<tbody>" + "".join(lines) + "</tbody>")
-    return (
-        f'<div class="wide"><table class="figures"><thead>{head}</thead>{"".join(bodies)}</table>'
-        "</div>"
-    )
+    kind = "figures many" if columns >= MANY_COLUMNS else "figures"
+    content = f'<table class="{kind}"><thead>{head}</thead>{"".join(bodies)}</table>'
+    return _sideways(content) if columns >= MANY_COLUMNS else f'<div class="wide">{content}</div>'
+
+
+def _sideways(content: str) -> str:
+    """A box of its own to scroll in, which says so where the screen is narrower than it."""
+    return f'<p class="sideways">{SIDEWAYS}</p><div class="wide" tabindex="0">{content}</div>'
 
 
 def _head(text: str, span: int) -> str:

@@ -21,11 +21,28 @@ SPLIT_COLOURS = {"train": "#999999", "val": "#0072b2", "test": "#d55e00"}
 SPLIT_NAMES = {"train": "training", "val": "validation", "test": "test"}
 SENSOR_NAMES = {"digit": "DIGIT", "cyskin": "CySkin"}
 
+LONGEST_NAME, KEPT_END = 20, 6
+"""Letters of a shape's name that are shown, and those of its end among them (assumed: they leave
+half of a phone's width to the bars beside them)."""
+
 
 def name_of(model: str) -> str:
     """A model as a person writes it: `resnet18 (seed-1)` is "ResNet18 (seed-1)"."""
     kind, space, rest = model.partition(" ")
-    return NAMES.get(kind, kind) + space + rest
+    return NAMES.get(kind, kind) + space + printable(rest)
+
+
+def shape_name(shape: str) -> str:
+    """A shape's name as it is shown: in one line, without its middle where it is long."""
+    name = printable(shape)
+    if len(name) <= LONGEST_NAME:
+        return name
+    return f"{name[: LONGEST_NAME - KEPT_END - 1]}…{name[-KEPT_END:]}"
+
+
+def printable(text: str) -> str:
+    """The text with a space for all that has no glyph, such as a new line."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def colours(models: list[str]) -> dict[str, str]:

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from t2twin.report import markup
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import digit_picture, figure
+from t2twin.report.names import shape_name
 from t2twin.report.scan import Scan
 
 SHOWN = 12
@@ -81,7 +82,7 @@ def _panels(page: Figure, dataset: Dataset, rows: list[tuple[int, str, float]]) 
         place.set_axis_off()
     for place, (pair, quantity, far) in zip(axes, rows, strict=False):
         split, row = dataset.places[pair]
-        shape = dataset.shape(split, row)
+        shape = shape_name(dataset.shape(split, row))
         index = dataset.tables[split]["index"][row].as_py()
         digit_picture(place, dataset.picture(split, row))
         place.set_title(f"{shape}, {index}\n{quantity} {far:.1f}", fontsize=7.5)

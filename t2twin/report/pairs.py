@@ -12,11 +12,13 @@ from t2twin.report.figures import (
     COUNTS_MAP,
     colour_bar,
     digit_picture,
+    digit_width,
     extent_mm,
     figure,
     rings,
     tactile_image,
 )
+from t2twin.report.names import SPLIT_NAMES, shape_name
 from t2twin.report.picks import pairs_in_turn
 from t2twin.sim.digit.camera import DIGIT_CAMERA
 
@@ -27,13 +29,18 @@ WIDTH_IN, HEIGHT_IN = 4.4, 2.1
 
 def section(dataset: Dataset) -> str:
     """One picture a pair, each of another family as far as there are."""
-    half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
     text = (
         "For each pair the DIGIT picture, the CySkin's taxels to scale, each pad in the colour of "
-        "its count, and the tactile image that φ makes of them. The rectangle is what the DIGIT "
-        f"sees, {2 * half_width:.1f} × {2 * half_height:.1f} mm, on the scale of the array. "
-        "Drawn at random, family by family."
+        "its count, and the tactile image: the counts interpolated between the taxels, which the "
+        "paper calls φ. The scale beside it is in counts. "
     )
+    if dataset.info.is_simulated:
+        half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
+        text += (
+            f"The rectangle is what the DIGIT sees, {2 * half_width:.1f} × {2 * half_height:.1f} "
+            "mm, on the scale of the array. "
+        )
+    text += "Drawn at random, family by family."
     rows = chosen(dataset)
     return markup.section(
         "pairs",
@@ -52,12 +59,12 @@ def chosen(dataset: Dataset) -> list[tuple[str, int]]:
 
 def _pair(dataset: Dataset, split: str, row: int) -> str:
     table = dataset.tables[split]
-    shape = dataset.shape(split, row)
+    shape = shape_name(dataset.shape(split, row))
     counts = np.array(table["taxels"][row].as_py(), dtype=np.float32)
     content = figure(
         "png", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, dataset, split, row, counts)
     )
-    note = f"({split}): largest taxel {counts.max():,.0f} counts"
+    note = f"({SPLIT_NAMES[split]}): largest taxel {counts.max():,.0f} counts"
     if dataset.info.is_simulated:
         note += (
             f"; depth in the gel {table['digit_depth_mm'][row].as_py():.2f} mm, in the skin "
@@ -68,8 +75,9 @@ def _pair(dataset: Dataset, split: str, row: int) -> str:
 
 
 def _draw(page: Figure, dataset: Dataset, split: str, row: int, counts: np.ndarray) -> None:
-    picture, array, image = page.subplots(1, 3, width_ratios=(1.24, 1, 1))
-    digit_picture(picture, dataset.picture(split, row))
+    seen = dataset.picture(split, row)
+    picture, array, image = page.subplots(1, 3, width_ratios=(digit_width(seen), 1, 1))
+    digit_picture(picture, seen)
     limits = (0.0, max(float(counts.max()), 1.0))
     _array(array, dataset, counts, limits)
     drawn = tactile_image(image, dataset.phi(counts), dataset.phi, limits)
@@ -78,7 +86,7 @@ def _draw(page: Figure, dataset: Dataset, split: str, row: int, counts: np.ndarr
 
 
 def _array(axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float, float]) -> None:
-    """Every pad as a disc of its diameter, mm, with the DIGIT's field of view about the middle."""
+    """Every pad as a disc of its diameter, mm, with a simulated DIGIT's view about the middle."""
     x_mm, y_mm = dataset.layout.x_mm, dataset.layout.y_mm
     size = dataset.pad_diameter_mm
     pads = EllipseCollection(
@@ -95,17 +103,10 @@ def _array(axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float
         linewidths=0.4,
     )
     axes.add_collection(pads)
-    half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
-    axes.add_patch(
-        Rectangle(
-            (-half_width, -half_height),
-            2 * half_width,
-            2 * half_height,
-            fill=False,
-            edgecolor="#d55e00",
-            linewidth=1.0,
-        )
-    )
+    if dataset.info.is_simulated:
+        half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
+        corner, sides = (-half_width, -half_height), (2 * half_width, 2 * half_height)
+        axes.add_patch(Rectangle(corner, *sides, fill=False, edgecolor="#d55e00", linewidth=1.0))
     left, right, bottom, top = extent_mm(dataset.phi)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set_axis_off()

@@ -8,13 +8,13 @@ from t2twin.report.figures import (
     DIFFERENCE_MAP,
     colour_bar,
     digit_picture,
+    digit_width,
     figure,
     rings,
     tactile_image,
 )
-from t2twin.report.names import name_of
+from t2twin.report.names import name_of, shape_name
 from t2twin.report.report_data import ReportData
-from t2twin.translate.phi import TACTILE_SHAPE
 
 QUANTILES = {"val": (0.1, 0.5, 0.9, 1.0), "test": (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)}
 """Of the error, which samples are shown."""
@@ -22,8 +22,6 @@ QUANTILES = {"val": (0.1, 0.5, 0.9, 1.0), "test": (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 SPLIT_NAMES = {"val": "Validation", "test": "Test"}
 PANEL_IN, ROW_IN, BARS_IN = 1.25, 2.5, 0.9
 """Width of a panel, height of a row, width of the colour bars, inches."""
-DIGIT_WIDTH = (240 / 320) / (TACTILE_SHAPE[1] / TACTILE_SHAPE[0])
-"""Width of the DIGIT picture, in parts of a tactile image's of the same height."""
 BAR_WIDTH = 0.12
 """Room for a colour bar, in parts of a tactile image's width."""
 
@@ -32,7 +30,7 @@ def section(report: ReportData) -> str:
     """One picture a sample."""
     figures = [
         _sample(report, split, row, quantile)
-        for split in QUANTILES
+        for split in report.evaluations
         for row, quantile in chosen(report, split)
     ]
     text = (
@@ -65,14 +63,18 @@ def chosen(report: ReportData, split: str) -> list[tuple[int, float]]:
 def _sample(report: ReportData, split: str, row: int, quantile: float) -> str:
     predictions, table = report.predictions[split], report.tables[split]
     errors = {name: float(predictions.rmse_counts(name)[row]) for name in report.runs}
-    shape = report.shape(split, row)
+    shape = shape_name(report.shape(split, row))
     content = row_picture(report, split, row)
     said = "; ".join(f"{name_of(name)} {error:,.0f}" for name, error in errors.items())
-    where = (
-        f"x {_tenths(table['x_mm'][row].as_py())} mm, y {_tenths(table['y_mm'][row].as_py())} mm, "
-        f"turned {np.degrees(table['yaw_rad'][row].as_py()):.0f}°"
-    )
-    note = f"{SPLIT_NAMES[split]}, quantile {quantile:g}; {where}. RMSE in counts: {said}."
+    x_mm, y_mm, yaw_rad = (table[name][row].as_py() for name in ("x_mm", "y_mm", "yaw_rad"))
+    where = [
+        *([] if x_mm is None else [f"x {_tenths(x_mm)} mm"]),
+        *([] if y_mm is None else [f"y {_tenths(y_mm)} mm"]),
+        *([] if yaw_rad is None else [f"turned {np.degrees(yaw_rad):.0f}°"]),
+    ]
+    note = f"{SPLIT_NAMES[split]}, quantile {quantile:g}"
+    note += f"; {', '.join(where)}. " if where else ". "
+    note += f"RMSE in counts: {said}."
     alt = f"DIGIT picture, predicted tactile images and the true one of {shape}"
     return markup.picture(content, "png", alt, shape, note=note)
 
@@ -81,9 +83,9 @@ def row_picture(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, what each model draws, phi of its counts and how that is off, and I."""
     drawings = sum(run.draws for run in report.runs.values())
     panels = 2 + 2 * len(report.runs) + drawings
-    return figure(
-        "png", PANEL_IN * panels + BARS_IN, ROW_IN, lambda page: _draw(page, report, split, row)
-    )
+    picture = report.picture(split, row)
+    width = PANEL_IN * (panels - 1 + digit_width(picture)) + BARS_IN
+    return figure("png", width, ROW_IN, lambda page: _draw(page, report, split, row, picture))
 
 
 def _tenths(value: float) -> str:
@@ -91,9 +93,8 @@ def _tenths(value: float) -> str:
     return f"{round(value, 1) + 0.0:.1f}".replace("-", "−")
 
 
-def _draw(page: Figure, report: ReportData, split: str, row: int) -> None:
+def _draw(page: Figure, report: ReportData, split: str, row: int, picture: np.ndarray) -> None:
     predictions, phi = report.predictions[split], report.phi
-    picture = report.picture(split, row)
     truth = phi(predictions.truth[row])
     images: list[tuple[str, np.ndarray]] = []
     differences: dict[int, np.ndarray] = {}  # by the number of images before each
@@ -108,7 +109,7 @@ def _draw(page: Figure, report: ReportData, split: str, row: int) -> None:
     most = max(1.0, *(float(image.max()) for _, image in images))
     furthest = max(1.0, *(float(np.abs(image).max()) for image in differences.values()))
     panels = len(images) + len(differences)
-    axes = iter(page.subplots(1, 1 + panels, width_ratios=(DIGIT_WIDTH, *[1.0] * panels)))
+    axes = iter(page.subplots(1, 1 + panels, width_ratios=(digit_width(picture), *[1.0] * panels)))
     first = next(axes)
     first.set_title("X\nDIGIT")
     digit_picture(first, picture)

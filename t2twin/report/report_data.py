@@ -6,35 +6,36 @@ from pathlib import Path
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.report.dataset import Dataset, read_dataset
 from t2twin.report.evaluations import results_of
-from t2twin.sim.dataset.info import Parameters
-from t2twin.translate.evaluation.evaluate import run_names
-from t2twin.translate.evaluation.findings import gap
+from t2twin.report.out_folder import check_out
+from t2twin.translate.evaluation.evaluate import gap_between, run_names, splits_there
 from t2twin.translate.evaluation.predictions import Predictions
-from t2twin.translate.evaluation.records import Evaluation, write_findings
+from t2twin.translate.evaluation.records import Evaluation, Finding, write_findings
 from t2twin.translate.outcome import reason_to_stop
 from t2twin.translate.predict import TrainedTranslator, load_run
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
-
-SHOWN = ("val", "test")
-"""The splits that results are given for."""
 
 
 @dataclass(frozen=True)
 class ReportData(Dataset):
     """What the report of runs is made of.
 
-    parameters: what the dataset was simulated with. runs: by the names that `evaluate` gives them.
-    histories: their logs, one record an epoch. evaluations, predictions, folders (those that they
-    were read from): by split, "val" and "test".
+    runs: by the names that `evaluate` gives them. histories: their logs, one record an epoch.
+    evaluations, predictions, folders (those that they were read from): by split, "val" and "test",
+    of which imported pairs may lack one. gap: between the two, by name.
     """
 
-    parameters: Parameters
     runs: dict[str, TrainedTranslator]
     histories: dict[str, list[EpochRecord]]
     evaluations: dict[str, Evaluation]
     predictions: dict[str, Predictions]
     folders: dict[str, Path]
+    gap: dict[str, Finding]
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """That of the first split, for what is said of all alike."""
+        return next(iter(self.evaluations.values()))
 
 
 def read_report_data(
@@ -48,46 +49,33 @@ def read_report_data(
     Raises T2TwinError, before anything is written, for a dataset, a run or a folder that cannot be
     used.
     """
-    if out.exists() and not out.is_dir():
-        raise T2TwinError(f"{out} is a file; give a folder to write the report into")
+    check_out(out)
     if not runs:
         raise T2TwinError("there is no run to report on; give at least one folder of `train`")
-    dataset = read_dataset(data)
-    parameters = _parameters(dataset)
+    dataset, splits = read_dataset(data), splits_there(data)
     histories = [read_log(run) for run in runs]
     for run, history in zip(runs, histories, strict=True):
         _check_finished(run, load_config(run), history)
     loaded = [load_run(run) for run in runs]
     names = run_names(loaded)
     sha256 = dataset.layout.sha256
-    results = {s: results_of(loaded, data, sha256, s, out, evaluation) for s in SHOWN}
+    results = {s: results_of(loaded, data, sha256, s, out, evaluation) for s in splits}
     evaluations = {split: each.evaluation for split, each in results.items()}
-    val, test = (evaluations[split] for split in SHOWN)
-    write_findings(out, val, test, gap(val.models, test.models))
+    gap = gap_between(evaluations, data)
+    write_findings(out, evaluations, gap)
     return ReportData(
         data=data,
         info=dataset.info,
         layout=dataset.layout,
         phi=dataset.phi,
         tables=dataset.tables,
-        parameters=parameters,
         runs=dict(zip(names, loaded, strict=True)),
         histories=dict(zip(names, histories, strict=True)),
         evaluations=evaluations,
         predictions={split: each.predictions for split, each in results.items()},
         folders={split: each.folder for split, each in results.items()},
+        gap=gap,
     )
-
-
-def _parameters(dataset: Dataset) -> Parameters:
-    """The page of runs says what their dataset was made with."""
-    if not dataset.info.is_simulated or dataset.info.parameters is None:
-        lacks = "parameters" if dataset.info.is_simulated else "scale"
-        raise T2TwinError(
-            f"{dataset.data} does not name its {lacks}; a report of runs is of datasets of "
-            "`t2twin simdata`, and of other pairs there is one without --runs"
-        )
-    return dataset.info.parameters
 
 
 def _check_finished(run_dir: Path, config: RunConfig, history: list[EpochRecord]) -> None:

@@ -7,8 +7,8 @@ loss that the paper calls L3.
 from collections.abc import Mapping, Sequence
 
 from t2twin.report import markup
-from t2twin.report.names import name_of
-from t2twin.report.report_data import SHOWN, ReportData
+from t2twin.report.names import SPLIT_NAMES, name_of
+from t2twin.report.report_data import ReportData
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
 from t2twin.translate.evaluation.layout_floor import LAYOUT_FLOOR
 from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR
@@ -22,17 +22,27 @@ from t2twin.translate.evaluation.records import (
 )
 
 PAPER = "Grella et al. 2023, on hardware"
-SPLIT_NAMES = {"val": "Validation, unseen versions", "test": "Test, objects"}
-WHERE = {"val": "On validation", "test": "On the objects"}
+TITLES = {"val": "Validation, unseen versions", "test": "Test, objects"}
+"""Of simulated pairs, whose splits are the paper's."""
+
 NONE = "–"
 
 WHAT = (
     "RMSE is the root of the mean squared error of the counts, over all pairs and taxels; the "
-    "paper writes it as sqrt(L3). SSIM is the structural similarity (Wang et al. 2004) of the "
-    "tactile image of the predicted counts with that of the true ones, averaged over the pairs; 1 "
-    "is the same image."
+    "paper writes it as sqrt(L3). A tactile image is the counts interpolated between the taxels. "
+    "SSIM is the structural similarity (Wang et al. 2004) of the tactile image of the predicted "
+    "counts with that of the true ones, averaged over the pairs; 1 is the same image."
 )
-"""Said once, above the tables."""
+TRIVIAL = (
+    "Mean array: the mean of the training set's arrays, whatever the picture. Nearest neighbour: "
+    "the array of the training pair whose DIGIT picture is nearest."
+)
+HARDWARE = (
+    "The paper's figures are of another pair of sensors, real ones, and cannot be compared one to "
+    "one with those above; it gives one SSIM a model, without saying of which set. What can be "
+    "compared is how far each model is from a predictor that learns nothing. "
+)
+"""Said once, about the first table."""
 
 SHORT: tuple[tuple[FigureName, str], ...] = (
     ("rmse_counts", "{:,.0f}"),
@@ -49,35 +59,33 @@ RATIOS: tuple[tuple[FigureName, str, str], ...] = (
 
 def section(report: ReportData) -> str:
     """The two tables and the sentences that the numbers make."""
-    evaluations = report.evaluations
-    val = evaluations["val"]
+    evaluations, first = report.evaluations, report.evaluation
+    simulated = report.info.is_simulated
+    titles = {
+        split: TITLES[split] if simulated else SPLIT_NAMES[split].capitalize()
+        for split in evaluations
+    }
     return markup.section(
         "results",
         "Results",
         [
             markup.paragraph(WHAT),
-            _paper_table(evaluations),
+            _paper_table(evaluations, titles, "This dataset" + ", simulated" * simulated),
             markup.paragraph(
-                "The paper's figures are of another pair of sensors, real ones, and cannot be "
-                "compared one to one with those above; it gives one SSIM a model, without saying "
-                "of which set. What can be compared is how far each model is from a predictor that "
-                "learns nothing. Mean array: the mean of the training set's arrays, whatever the "
-                "picture. Nearest neighbour: the array of the training pair whose DIGIT picture is "
-                f"nearest.{_floors(val)} Pale: {100 * val.bootstrap.confidence:.0f} % "
-                "intervals, by bootstrap over shapes.",
+                f"{HARDWARE if first.paper else ''}{TRIVIAL}{_floors(first)} Pale: "
+                f"{100 * first.bootstrap.confidence:.0f} % intervals, by bootstrap over shapes.",
                 "note",
             ),
-            markup.items(sentences({split: evaluations[split].models for split in SHOWN})),
-            _further_table(evaluations),
+            markup.items(sentences({split: one.models for split, one in evaluations.items()})),
             markup.paragraph(
-                "What the paper's table lacks. A pixel is in contact above "
-                f"{100 * val.contact_level:.0f} % of its own tactile image's "
-                "maximum. SSIM in contact: over the true contact. IoU: intersection over union of "
-                "the predicted and the true contact. Centroid: distance between the two tactile "
-                "images' centroids. Total: mean error of the summed counts, in parts of their "
-                "mean.",
-                "note",
+                "More figures of the same. A pixel is in contact above "
+                f"{100 * first.contact_level:.0f} % of its own tactile image's "
+                "maximum. SSIM in contact: over the true contact. Contact IoU: intersection over "
+                "union of the predicted and the true contact, 1 where they are the same. Centroid: "
+                "distance between the two tactile images' centroids. Total: mean error of the "
+                "summed counts, in parts of their mean."
             ),
+            _further_table(evaluations, titles),
         ],
     )
 
@@ -85,9 +93,9 @@ def section(report: ReportData) -> str:
 def sentences(models: Mapping[str, Mapping[str, ModelRow]]) -> list[str]:
     """What the numbers say, one sentence a split and a run. models: by split and name."""
     return [
-        f"{WHERE[split]}, {name_of(name)} is {_against(row, rows[MEAN_ARRAY])} the mean array "
-        f"and {_against(row, rows[NEAREST_NEIGHBOUR])} the nearest neighbour."
-        for split, rows in ((split, models[split]) for split in SHOWN)
+        f"On {SPLIT_NAMES[split]}, {name_of(name)} is {_against(row, rows[MEAN_ARRAY])} the mean "
+        f"array and {_against(row, rows[NEAREST_NEIGHBOUR])} the nearest neighbour."
+        for split, rows in models.items()
         for name, row in rows.items()
         if row.run is not None
     ]
@@ -112,29 +120,34 @@ def counts(value: float) -> str:
 
 def _against(model: ModelRow, other: ModelRow) -> str:
     """As in "12.0 % below", by RMSE."""
+    if other.overall.rmse_counts == 0:
+        return "above" if model.overall.rmse_counts else "level with"
     part = model.overall.rmse_counts / other.overall.rmse_counts - 1.0
     if abs(part) < 0.0005:
         return "level with"
     return f"{100 * abs(part):.1f} % {'below' if part < 0 else 'above'}"
 
 
-def _paper_table(evaluations: Mapping[str, Evaluation]) -> str:
-    val = evaluations["val"]
-    titles = [("RMSE, counts", 1), (f"% of {val.full_scale_counts:,.0f}", 1), ("SSIM", 1)]
+def _paper_table(
+    evaluations: Mapping[str, Evaluation], titles: Mapping[str, str], group: str
+) -> str:
+    """titles: of the splits. group: the title of the rows that are not the paper's."""
+    each, first = evaluations.values(), next(iter(evaluations.values()))
+    columns = [("RMSE, counts", 1), (f"% of {first.full_scale_counts:,.0f}", 1), ("SSIM", 1)]
     heads = [
-        [("", 1), *((_split_title(split, evaluations[split]), 3) for split in SHOWN)],
-        [("", 1), *titles * len(SHOWN)],
+        [("", 1), *((f"{titles[s]} ({one.pairs:,} pairs)", 3) for s, one in evaluations.items())],
+        [("", 1), *columns * len(evaluations)],
     ]
     here = []
-    for name in val.models:
-        rows = [evaluations[split].models[name] for split in SHOWN]
+    for name in first.models:
+        rows = [one.models[name] for one in each]
         here.append([name_of(name), *_cells([row.overall for row in rows])])
         here.append(["", *(_span(r.interval.value(key), how) for r in rows for key, how in SHORT)])
     paper = [
-        [name_of(name), *_cells([evaluations[split].paper[name] for split in SHOWN], "{:.2f}")]
-        for name in val.paper
+        [name_of(name), *_cells([one.paper[name] for one in each], "{:.2f}")]
+        for name in first.paper
     ]
-    return markup.table(heads, [("This dataset, simulated", here), (PAPER, paper)])
+    return markup.table(heads, [(group, here), *([(PAPER, paper)] if paper else [])])
 
 
 def _cells(rows: Sequence[Figures | PaperRow], ssim: str = "{:.3f}") -> list[str]:
@@ -146,22 +159,19 @@ def _cells(rows: Sequence[Figures | PaperRow], ssim: str = "{:.3f}") -> list[str
     return cells
 
 
-def _further_table(evaluations: Mapping[str, Evaluation]) -> str:
+def _further_table(evaluations: Mapping[str, Evaluation], titles: Mapping[str, str]) -> str:
+    each = evaluations.values()
     heads = [
-        [("", 1), *((SPLIT_NAMES[split], len(RATIOS)) for split in SHOWN)],
-        [("", 1), *[(title, 1) for _, title, _ in RATIOS] * len(SHOWN)],
+        [("", 1), *((titles[split], len(RATIOS)) for split in evaluations)],
+        [("", 1), *[(title, 1) for _, title, _ in RATIOS] * len(evaluations)],
     ]
     lines = []
-    for name in evaluations["val"].models:
-        rows = [evaluations[split].models[name] for split in SHOWN]
+    for name in next(iter(each)).models:
+        rows = [one.models[name] for one in each]
         figures = [_figure(r.overall.value(key), how) for r in rows for key, _, how in RATIOS]
         spans = [_span(r.interval.value(key), how) for r in rows for key, _, how in RATIOS]
         lines += [[name_of(name), *figures], ["", *spans]]
     return markup.table(heads, [("", lines)])
-
-
-def _split_title(split: str, evaluation: Evaluation) -> str:
-    return f"{SPLIT_NAMES[split]} ({evaluation.pairs:,} pairs)"
 
 
 def _span(span: Interval | None, how: str) -> str:

@@ -41,7 +41,9 @@ from t2twin.translate.evaluation.records import (
     Bootstrap,
     Difference,
     Evaluation,
+    Finding,
     ModelRow,
+    PaperRow,
     TaxelCounts,
     View,
     write_evaluation,
@@ -73,12 +75,13 @@ def evaluate(
     - the runs, by their models' names, with the folder's where two are of one model.
 
     predictions.npz holds what each row says of every pair (module predictions).
-    Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, and a
-    missing split.
+    Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, and
+    where that split or training has no pairs.
     """
     if not runs:
         raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
     data_dir, out_dir = Path(data_dir), Path(out_dir)
+    _check_pairs(data_dir, (split, "train"))
     info = load_info(data_dir)
     loaded = [load_run(run) for run in runs]
     with locked(out_dir):
@@ -117,7 +120,7 @@ def _evaluate(
         bootstrap=_bootstrap(pairs),
         paired=differences,
         lookalikes=alike,
-        paper=PAPER.get(split, {}),
+        paper=_paper(data_dir, split),
         findings=findings(models, differences),
     )
     write_predictions(out_dir, _predictions(predictions, pairs))
@@ -149,16 +152,57 @@ def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
 def evaluate_both(runs: list[Path], data_dir: Path, out_dir: Path) -> dict[str, Evaluation]:
     """`evaluate` of validation and test, into out_dir/val and out_dir/test.
 
-    Beside them go findings.json and results.md, a table in Markdown.
+    Beside them go findings.json and results.md, a table in Markdown. Of imported pairs one of the
+    two splits may be empty, and is left out.
 
-    Returns both, by split. Raises T2TwinError as `evaluate` does.
+    Returns them by split. Raises T2TwinError as `evaluate` does, and where both are empty.
     """
-    evaluations = {split: evaluate(runs, data_dir, split, out_dir / split) for split in SPLITS}
-    val, test = evaluations[VAL], evaluations[TEST]
-    write_findings(out_dir, val, test, gap(val.models, test.models))
+    splits = splits_there(data_dir)
+    evaluations = {split: evaluate(runs, data_dir, split, out_dir / split) for split in splits}
+    write_findings(out_dir, evaluations, gap_between(evaluations, data_dir))
     with whole_file(out_dir / TABLE) as temporary:
         temporary.write_text(markdown(evaluations))
     return evaluations
+
+
+def splits_there(data_dir: Path) -> tuple[str, ...]:
+    """Those of validation and test that have pairs.
+
+    Raises T2TwinError where neither has, and where there is no dataset.
+    """
+    pairs = read_info(data_dir).pairs
+    splits = tuple(split for split in SPLITS if pairs[split])
+    if not splits:
+        raise T2TwinError(
+            f"{data_dir} has neither validation nor test pairs; runs are evaluated on one or both"
+        )
+    return splits
+
+
+def gap_between(evaluations: Mapping[str, Evaluation], data_dir: Path) -> dict[str, Finding]:
+    """How much worse each run is on the tools than on validation (findings.gap).
+
+    evaluations: by split. Empty without both splits, and of imported pairs, whose splits are the
+    owner's.
+    """
+    if set(evaluations) != set(SPLITS) or not read_info(data_dir).is_simulated:
+        return {}
+    return gap(evaluations[VAL].models, evaluations[TEST].models)
+
+
+def _check_pairs(data_dir: Path, splits: Sequence[str]) -> None:
+    pairs = read_info(data_dir).pairs
+    for split in splits:
+        if split in pairs and not pairs[split]:
+            raise T2TwinError(
+                f"{data_dir} has no {split} pairs; an evaluation needs some, and train pairs for "
+                "the rows beside the runs"
+            )
+
+
+def _paper(data_dir: Path, split: str) -> dict[str, PaperRow]:
+    """The paper's figures stand beside its own protocol, not beside imported pairs."""
+    return PAPER.get(split, {}) if read_info(data_dir).is_simulated else {}
 
 
 def _without_runs(

@@ -282,10 +282,14 @@ def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
 
 
 def write_findings(
-    folder: Path, val: Evaluation, test: Evaluation, gap: Mapping[str, Finding]
+    folder: Path, evaluations: Mapping[str, Evaluation], gap: Mapping[str, Finding]
 ) -> None:
-    """Writes folder/findings.json: each split's findings by name, and "gap" between the two."""
-    write_json(folder / FINDINGS, as_json({"val": val.findings, "test": test.findings, "gap": gap}))
+    """Writes folder/findings.json: each split's findings by name, and "gap" between the two.
+
+    evaluations: by split.
+    """
+    findings = {split: evaluation.findings for split, evaluation in evaluations.items()}
+    write_json(folder / FINDINGS, as_json(findings | {"gap": gap}))
 
 
 def as_json(value: Any) -> Any:

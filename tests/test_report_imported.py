@@ -1,0 +1,158 @@
+"""The report of runs on a user's own pairs: whichever splits, sizes and names they have."""
+
+import csv
+import json
+import re
+from html import escape
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pages import Reader, read_page
+from PIL import Image
+from spots import train_smoke
+
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.report import summary
+from t2twin.report.page import LINKS, PAGE, write_report
+from t2twin.report.report_data import read_report_data
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.dataset.import_pairs import import_pairs
+from t2twin.translate.evaluation.records import FINDINGS, read_evaluation
+
+ROWS, COLUMNS = 24, 48
+FULL_SCALE = 1000
+LAYOUT_CSV = "x_mm,y_mm\n0,0\n8,0\n0,8\n8,8\n4,4\n"
+NAMES = ("$\\foo_{$", "<script>alert(1)</script>", "x" * 200, "two\nlines\x07")
+LEFT_OUT = {"by-view", "lookalikes", "shapes", "forces"}
+
+
+def own_pairs(folder: Path, splits: str, shapes: tuple[str, ...] = (), poses: bool = False) -> Path:
+    """A dataset of a light on a wide grey picture and five counts; splits: a letter a pair."""
+    rng = np.random.default_rng(len(splits))
+    source = folder / "source"
+    source.mkdir(parents=True)
+    (folder / "mine.csv").write_text(LAYOUT_CSV)
+    layout = load_layout(folder / "mine.csv")
+    names = {"t": "train", "v": "val", "s": "test"}
+    rows = []
+    down, across = np.mgrid[:ROWS, :COLUMNS]
+    for row, letter in enumerate(splits):
+        x, y = rng.uniform(0, COLUMNS), rng.uniform(0, ROWS)
+        light = 40 + 180 * np.exp(-((across - x) ** 2 + (down - y) ** 2) / 40)
+        Image.fromarray(light.astype(np.uint8)).save(source / f"{row}.png")
+        away = (layout.x_mm - x / 6) ** 2 + (layout.y_mm - y / 3) ** 2
+        counts = np.rint(0.9 * FULL_SCALE * np.exp(-away / 20)).astype(int)
+        rows.append(
+            {"image": f"{row}.png", "split": names[letter]}
+            | {f"taxel_{number}": count for number, count in enumerate(counts)}
+            | ({"shape": shapes[row % len(shapes)]} if shapes else {})
+            | ({"x_mm": 1.5 if row % 2 else ""} if poses else {})
+        )
+    with (source / "pairs.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    import_pairs(source, folder / "data", layout, full_scale=FULL_SCALE)
+    return folder / "data"
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Training and validation alone, of shapes with the oddest names."""
+    return own_pairs(tmp_path_factory.mktemp("own"), 16 * "t" + 8 * "v", NAMES, poses=True)
+
+
+@pytest.fixture(scope="module")
+def page(data_dir: Path, runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_report(tmp_path_factory.mktemp("out"), data_dir, runs)
+
+
+@pytest.fixture(scope="module")
+def read(page: Path) -> Reader:
+    return read_page(page)[0]
+
+
+def test_what_is_known_is_drawn_and_the_rest_named(page: Path, read: Reader) -> None:
+    sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
+    assert sections == ["summary", "about", *(name for name in LINKS if name not in LEFT_OUT)]
+    text = read_page(page)[1]
+    line = next(part for part in text.split("\n") if "Left out" in part)
+    assert all(LINKS[name] in line for name in LEFT_OUT)
+    for word in ("Grella et al. 2023, on hardware", "hand tool", "primitive", "simulated", "None"):
+        assert word not in text
+    assert sorted(path.name for path in page.parent.iterdir()) == [
+        "evaluate-val", FINDINGS, PAGE,
+    ]  # fmt: skip
+
+
+def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> None:
+    evaluation = read_evaluation(page.parent / "evaluate-val")
+    assert not evaluation.paper and evaluation.full_scale_counts == FULL_SCALE
+    rows = {name: cells for name, *cells in read.rows["results"][:12] if name}
+    for name, title in (("resnet18", "ResNet18"), ("nearest-neighbour", "nearest neighbour")):
+        overall = evaluation.models[name].overall
+        assert rows[title][:2] == [f"{overall.rmse_counts:,.0f}", f"{overall.rmse_percent:.2f} %"]
+    assert json.loads((page.parent / FINDINGS).read_text())["gap"] == {}
+
+
+def test_the_summary_speaks_of_these_pairs(page: Path, data_dir: Path, runs: list[Path]) -> None:
+    said = summary.sentences(read_report_data(page.parent, data_dir, runs))
+    assert len(said) == 4 and "an array of 5 pressure pads" in said[0]
+    assert "each from 0 to 1,000" in said[0] and "brought in by their owner" in said[0]
+    assert "the 8 validation pairs (of shapes that were trained on)" in said[1]
+    assert all(escape(sentence) in page.read_text(encoding="utf-8") for sentence in said)
+
+
+def test_names_from_outside_do_no_harm(page: Path, read: Reader) -> None:
+    assert not {"script", "link", "iframe"} & {tag for tag, _ in read.tags}
+    text = page.read_text(encoding="utf-8")
+    assert "$\\foo_{$" in text and 30 * "x" not in text and "\x07" not in text
+
+
+def test_the_dataset_alone_has_its_page_too(data_dir: Path, tmp_path: Path) -> None:
+    main(["report", "--data", str(data_dir), "--out", str(tmp_path)])
+    read, text = read_page(tmp_path / PAGE)
+    assert not {"script", "link", "iframe"} & {tag for tag, _ in read.tags}
+    assert "There are 24 pairs of 4 shapes: 16 for training, 8 for validation." in text
+    assert "The rectangle is what the DIGIT sees" not in text
+
+
+def test_test_pairs_alone_are_evaluated_and_drawn(
+    runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Pairs that the runs were not trained on, without shapes or poses."""
+    data = own_pairs(tmp_path, 8 * "t" + 3 * "s")
+    given = [str(run) for run in runs]
+    arguments = ["--data", str(data), "--out"]
+    main(["evaluate", *given, "--split", "both", *arguments, str(tmp_path / "evaluate")])
+    assert "test, 3 pairs" in capsys.readouterr().out
+    there = sorted(path.name for path in (tmp_path / "evaluate").iterdir())
+    assert there == [FINDINGS, "results.md", "test"]
+    main(["report", "--runs", *given, *arguments, str(tmp_path / "report")])
+    folder = tmp_path / "evaluate" / "test"
+    assert f"drawing the evaluation in {folder}\n" in capsys.readouterr().out
+    text = read_page(tmp_path / "report" / PAGE)[1]
+    assert "on the 3 test pairs" in text and "Trained on another dataset than this one" in text
+    assert re.search(r"Test, quantile 0\.1\. +RMSE in counts", text)  # no place is known
+
+
+@pytest.mark.parametrize(
+    "splits, said", [("tttt", "neither validation nor test pairs"), ("sss", "no train pairs")]
+)
+def test_splits_that_cannot_be_evaluated_are_named(
+    runs: list[Path], tmp_path: Path, splits: str, said: str
+) -> None:
+    data = own_pairs(tmp_path, splits)
+    with pytest.raises(T2TwinError, match=f"data has {said}; "):
+        write_report(tmp_path / "report", data, runs)
+    assert not (tmp_path / "report").exists()
+
+
+def test_one_run_is_the_network(data_dir: Path, tmp_path: Path) -> None:
+    """Without both translators the paper's finding cannot be asked for."""
+    run = train_smoke("resnet18", data_dir, tmp_path / "run", epochs=1)
+    text = read_page(write_report(tmp_path / "report", data_dir, [run]))[1]
+    assert "the network ResNet18 has learned" in text and "better network" not in text
+    assert "The paper's finding (runs of both translators)" in text.replace("&#x27;", "'")

@@ -1,0 +1,72 @@
+"""What `t2twin report` says, before it begins, of a folder that it cannot write into."""
+
+from pathlib import Path
+
+import pytest
+
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.report import data_page, out_folder, report_data
+from t2twin.report.out_folder import PAGE, check_out
+
+
+def files(folder: Path) -> list[Path]:
+    return sorted(folder.rglob("*"))
+
+
+def test_a_folder_that_will_do_is_left_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / PAGE).write_text("an earlier page")
+    before = files(tmp_path)
+    check_out(tmp_path)
+    check_out(tmp_path / "new" / "one")
+    assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize("out", ["file", "file/report", "page", "n" * 300])
+@pytest.mark.parametrize("of", ["dataset", "runs"])
+def test_a_place_that_is_no_folder_is_found_first(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    of: str,
+    out: str,
+) -> None:
+    """Neither dataset nor run is looked at: they need not be there."""
+
+    def refuse(*arguments: object) -> None:
+        raise AssertionError("the work has begun")
+
+    for module in (data_page, report_data):
+        monkeypatch.setattr(module, "read_dataset", refuse)
+    (tmp_path / "file").touch()
+    (tmp_path / "page" / PAGE).mkdir(parents=True)
+    before = files(tmp_path)
+    runs = ["--runs", "run"] if of == "runs" else []
+    with pytest.raises(SystemExit) as stopped:
+        main(["report", "--data", str(tmp_path), "--out", str(tmp_path / out), *runs])
+    said = capsys.readouterr().err
+    assert stopped.value.code == 2
+    assert said.startswith("t2twin: ") and said.count("\n") == 1 and out in said
+    assert files(tmp_path) == before
+
+
+def test_a_folder_without_the_right_to_write_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a disk that is only read from, where the owner of everything may not write either."""
+
+    def read_only(dir: Path) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(out_folder.tempfile, "TemporaryFile", read_only)
+    with pytest.raises(T2TwinError, match=r"read-only file system.*writable folder"):
+        check_out(tmp_path / "report")
+    assert files(tmp_path) == []
+
+
+def test_evaluation_without_runs_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["report", "--data", str(tmp_path), "--evaluation", str(tmp_path)])
+    assert "name them with --runs" in capsys.readouterr().err

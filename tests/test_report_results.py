@@ -1,0 +1,36 @@
+"""What the report says of two errors, in words."""
+
+from dataclasses import fields
+
+import pytest
+
+from t2twin.report import results
+from t2twin.translate.evaluation.records import Figures, Intervals, ModelRow
+
+
+def row(rmse_counts: float, run: str | None = None) -> ModelRow:
+    nothing = Intervals(**{field.name: None for field in fields(Intervals)})
+    overall = Figures(1, rmse_counts, 1.0, 1.0, None, None, None, None, None, None, None)
+    return ModelRow(overall, {}, {}, nothing, run)
+
+
+def models(mean: float, nearest: float, run: float) -> dict[str, ModelRow]:
+    trivial = {"mean-array": row(mean), "nearest-neighbour": row(nearest)}
+    return trivial | {"resnet18": row(run, "somewhere")}
+
+
+@pytest.mark.parametrize(
+    "split, errors, said",
+    [
+        ("val", (4000, 2000, 3000), "25.0 % below the mean array and 50.0 % above"),
+        ("test", (5000, 5000, 5000), "level with the mean array and level with"),
+        ("test", (0, 0, 3), "above the mean array and above"),  # arrays that are all alike
+        ("test", (0, 0, 0), "level with the mean array and level with"),
+    ],
+)
+def test_sentences_follow_the_numbers(
+    split: str, errors: tuple[float, float, float], said: str
+) -> None:
+    where = {"val": "validation", "test": "test"}[split]
+    expected = f"On {where}, ResNet18 is {said} the nearest neighbour."
+    assert results.sentences({split: models(*errors)}) == [expected]
