@@ -249,6 +249,21 @@ KILLS = Benchmark(
     shapes=False,
 )
 
+BAD_INPUTS = Benchmark(
+    name="bad_inputs",
+    measures="Whether every bad input to every command ends with one sentence, and leaves nothing.",
+    minutes=4,
+    figures=(
+        Figure("tried", least=700),
+        Figure("odd_but_fine"),
+        Figure("unclean", most=0),
+        Figure("connections", most=0),
+        Figure("minutes", "minutes"),
+    ),
+    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    shapes=False,
+)
+
 CALIBRATION = Benchmark(
     name="calibration",
     measures="How near a calibration comes to frames of a real DIGIT that it was not fitted to.",
@@ -300,6 +315,7 @@ BENCHMARKS = (
     LATENCY,
     TRAINING,
     KILLS,
+    BAD_INPUTS,
     CALIBRATION,
     PICTURES,
     REGRESSION,

@@ -7,14 +7,16 @@ import signal
 import socket
 import sys
 import tempfile
+import time
 import traceback
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
-from benchmarks.bad_inputs.case import Base, Case
+from benchmarks.inputs.case import Base, Case
 from t2twin.cli import main
 
 PATIENCE_SECONDS = 30
@@ -47,8 +49,6 @@ class Tried:
 
 def try_case(case: Case, base: Base, box: Path) -> Tried:
     """Runs a case in its own new folder."""
-    import time
-
     box.mkdir()
     case.make(box, base)
     before, known = _listing(box), len(connections)
@@ -61,6 +61,7 @@ def try_case(case: Case, base: Base, box: Path) -> Tried:
     return Tried(case, seconds, status, (out + err)[-2000:], tuple(faults))
 
 
+@cache
 def guard_connections() -> None:
     """From here on every look-up of a host and every connection to one is written down."""
 

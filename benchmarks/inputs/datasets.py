@@ -11,9 +11,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from benchmarks.bad_inputs.case import BROKEN, REFUSED, Base, Case, Make, copied, replaced
-from benchmarks.bad_inputs.images import PNG, bomb, encoded, frame
-from benchmarks.bad_inputs.json_changes import WRONG, Change, changed
+from benchmarks.inputs.case import BROKEN, REFUSED, Base, Case, Make, copied, replaced
+from benchmarks.inputs.images import PNG, bomb, encoded, frame
+from benchmarks.inputs.json_changes import WRONG, Change, changed
 from t2twin.sim.dataset.store import SCHEMA
 
 OUT = ("--out", "out")

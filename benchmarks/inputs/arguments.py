@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from benchmarks.bad_inputs.case import Case
+from benchmarks.inputs.case import Case
 
 NO_NUMBERS = ("", "abc", "8,5", "0x10", "--")
 """What a parser of numbers refuses itself."""

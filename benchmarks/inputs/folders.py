@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from benchmarks.bad_inputs.calibrations import good_frames
-from benchmarks.bad_inputs.case import Base, Case, Make, copied
-from benchmarks.bad_inputs.images import PNG
-from benchmarks.bad_inputs.tables import good_pairs
+from benchmarks.inputs.calibrations import good_frames
+from benchmarks.inputs.case import Base, Case, Make, copied
+from benchmarks.inputs.images import PNG
+from benchmarks.inputs.tables import good_pairs
 
 WRITERS: dict[str, tuple[str, ...]] = {
     "press": ("press", "circle-1", "--out"),

@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from benchmarks.bad_inputs.case import Base, Case, Make
-from benchmarks.bad_inputs.images import JPEG, PNG, bomb, encoded, frame
+from benchmarks.inputs.case import Base, Case, Make
+from benchmarks.inputs.images import JPEG, PNG, bomb, encoded, frame
 
 TAXELS, PAIRS = 20, 10
 SMALL = (24, 32)

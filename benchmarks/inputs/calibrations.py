@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from benchmarks.bad_inputs.case import Base, Case, Make
-from benchmarks.bad_inputs.images import JPEG, PNG, bomb, encoded, frame
+from benchmarks.inputs.case import Base, Case, Make
+from benchmarks.inputs.images import JPEG, PNG, bomb, encoded, frame
 from t2twin.sim.digit.calibration import DEFAULT_PATH
 
 PRESS = ("press", "circle-1", "--sensor", "digit", "--out", "out", "--calibration", "c.npz")

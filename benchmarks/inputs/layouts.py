@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.bad_inputs.case import Base, Case, Make
+from benchmarks.inputs.case import Base, Case, Make
 
 PLACES = ((-6.0, -10.0), (0.0, -8.0), (6.0, -10.0), (-6.0, 8.0), (0.5, 9.0), (6.0, 10.0))
 
@@ -135,7 +135,7 @@ def cases() -> Iterator[Case]:
 
 
 def _laid_with_pairs(name: str, content: str | bytes) -> Make:
-    from benchmarks.bad_inputs.tables import good_pairs
+    from benchmarks.inputs.tables import good_pairs
 
     def make(box: Path, base: Base) -> None:
         good_pairs(box, base)

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import load_file, save
 
-from benchmarks.bad_inputs.case import Base, Case, Make, copied, replaced
-from benchmarks.bad_inputs.images import PNG
-from benchmarks.bad_inputs.json_changes import WRONG, Change, changed
+from benchmarks.inputs.case import Base, Case, Make, copied, replaced
+from benchmarks.inputs.images import PNG
+from benchmarks.inputs.json_changes import WRONG, Change, changed
 
 OUT = ("--out", "out")
 USERS: tuple[tuple[str, ...], ...] = (

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from benchmarks.bad_inputs.case import Base, Case, Make
+from benchmarks.inputs.case import Base, Case, Make
 
 SIDE = (240, 320)
 """Width and height of a DIGIT's picture."""

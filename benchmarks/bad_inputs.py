@@ -1,0 +1,99 @@
+"""Bad inputs to every command, and odd ones that are fine: none may surprise a user.
+
+python -m benchmarks.bad_inputs [KIND ...]
+"""
+
+import tempfile
+import time
+from argparse import Namespace
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from benchmarks.declared import BAD_INPUTS
+from benchmarks.evidence.run import main
+from benchmarks.inputs import (
+    arguments,
+    calibrations,
+    datasets,
+    folders,
+    images,
+    layouts,
+    runs,
+    tables,
+)
+from benchmarks.inputs.case import Base, Case
+from benchmarks.inputs.tried import Tried, connections, guard_connections, try_case
+
+KINDS: dict[str, Callable[[], Iterator[Case]]] = {
+    "arguments": arguments.cases,
+    "images": images.cases,
+    "layouts": layouts.cases,
+    "calibrations": calibrations.cases,
+    "tables": tables.cases,
+    "datasets": datasets.cases,
+    "runs": runs.cases,
+    "folders": folders.cases,
+}
+"""What is tried, by what is bad about it."""
+
+SHAPES = ("circle-1", "square-1", "hemisphere-4", "line-sharp-4", "square-3", "circle-3",
+          "wrench/shank", "allen-key/long-arm")  # fmt: skip
+"""Of the dataset that is spoilt: some to train on, to validate with and to test with."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    start = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="t2twin-inputs-") as folder:
+        base = make_base(Path(folder) / "base")
+        tried = {kind: try_kind(kind, base, Path(folder)) for kind in KINDS}
+    everything = [each for kind in tried.values() for each in kind]
+    return {
+        "tried": len(everything),
+        "odd_but_fine": sum(each.case.fine for each in everything),
+        "unclean": sum(bool(each.faults) for each in everything),
+        "connections": len(connections),
+        "minutes": round((time.monotonic() - start) / 60, 1),
+        "slowest_seconds": round(max(each.seconds for each in everything), 1),
+        "by_kind": {
+            kind: {"tried": len(each), "unclean": sum(bool(one.faults) for one in each)}
+            for kind, each in tried.items()
+        },
+        "faults": {
+            f"{kind}: {one.case.name}": list(one.faults)
+            for kind, each in tried.items()
+            for one in each
+            if one.faults
+        },
+    }
+
+
+def make_base(folder: Path) -> Base:
+    """Makes the inputs that are spoilt: a dataset, both runs of one epoch, their evaluation."""
+    from t2twin.sim.dataset.generate import generate
+    from t2twin.translate.evaluation.evaluate import evaluate_both
+    from t2twin.translate.train import train
+
+    base = Base(*(folder / name for name in ("data", "touch2touch", "resnet18", "evaluation")))
+    generate(base.data, "smoke", workers=1, shapes=SHAPES)
+    for model, run in (("touch2touch", base.touch2touch), ("resnet18", base.resnet18)):
+        train(model, base.data, "smoke", run, epochs=1)
+    evaluate_both([base.touch2touch, base.resnet18], base.data, base.evaluation)
+    return base
+
+
+def try_kind(kind: str, base: Base, folder: Path) -> list[Tried]:
+    """Tries all cases of a kind, each in a new folder below `folder`."""
+    guard_connections()
+    cases = list(KINDS[kind]())
+    (folder / kind).mkdir()
+    return [
+        try_case(case, base, folder / kind / str(number))
+        for number, case in enumerate(tqdm(cases, desc=kind, unit="input"))
+    ]
+
+
+if __name__ == "__main__":
+    main(BAD_INPUTS)
