@@ -44,6 +44,7 @@ class _About:
     spacing_mm: tuple[float, float]
     parameters: dict[str, float]
     base_mm: float | None
+    notes: tuple[str, ...]
 
 
 def fetch(folder: Path, label: str, content: bytes, build: Callable[[], Shape]) -> Shape:
@@ -55,7 +56,7 @@ def fetch(folder: Path, label: str, content: bytes, build: Callable[[], Shape]) 
     """
 
     def pack(shape: Shape) -> dict[str, np.ndarray]:
-        about = _About(shape.name, shape.spacing_mm, shape.parameters, shape.base_mm)
+        about = _About(shape.name, shape.spacing_mm, shape.parameters, shape.base_mm, shape.notes)
         return {
             "about": np.array(msgspec.json.encode(about).decode()),
             "vertices": shape.mesh.vertices,
@@ -74,6 +75,7 @@ def fetch(folder: Path, label: str, content: bytes, build: Callable[[], Shape]) 
             spacing_mm=about.spacing_mm,
             parameters=about.parameters,
             base_mm=about.base_mm,
+            notes=about.notes,
         )
 
     return _fetch(_path(folder, label, content), build, pack, unpack)

@@ -47,25 +47,32 @@ def split(name: str) -> str:
     return "val" if families.version(name) == families.VALIDATION_VERSION else "train"
 
 
-def load(name_or_path: str | Path, cache_dir: str | Path | None = None) -> Shape:
-    """A shape of the catalogue by name (`square-2`, `pliers/jaw-tip`), or of an STL or STEP file.
+def load(
+    name_or_path: str | Path, cache_dir: str | Path | None = None, scale: float | None = None
+) -> Shape:
+    """A shape of the catalogue by name (`square-2`, `pliers/jaw-tip`), or of a user's file.
 
+    The file is of one of files.SUFFIXES, its pressing side up (+z).
     cache_dir: where meshes and height maps are kept between calls, None for CACHE_DIR. What is
     kept is used only while the code that made it, or the file's content, is the same.
-    Raises T2TwinError for a name that is not in the catalogue, or a file that cannot be pressed.
+    scale: mm in one of the file's units, None for what the file says, else 1: see files.read_solid.
+    Raises T2TwinError for a name that is not in the catalogue, a file that cannot be pressed, and
+    a scale that is not positive or not for a file.
     """
     folder = Path(cache_dir) if cache_dir is not None else CACHE_DIR
     name = str(name_or_path)
+    if scale is not None and name in NAMES:
+        raise T2TwinError(f"{name} is a shape of the catalogue, in mm; a scale is for files only")
     if name in PRIMITIVES:
         return cache.fetch(folder, name, b"", lambda: _primitive(name))
     if name in OBJECTS:
         return cache.fetch(folder, name, b"", lambda: _object(name, folder))
     path = Path(name_or_path)
-    if path.suffix.lower() not in files.SUFFIXES:
+    if path.suffix.lower() not in files.SUFFIXES and not path.is_file():
         raise T2TwinError(_unknown(name))
-    content = path.read_bytes() if path.is_file() else b""
-    content += path.suffix.lower().encode()
-    return cache.fetch(folder, cache.file_label(path), content, lambda: _file(path))
+    files.check_scale(scale)
+    made_from = f"{path.suffix.lower()} {scale}".encode() + files.read_bytes(path)
+    return cache.fetch(folder, cache.file_label(path), made_from, lambda: _file(path, scale))
 
 
 def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh:
@@ -99,7 +106,7 @@ def _check_tool(tool: str) -> None:
 def _unknown(name: str) -> str:
     """What to say of a name that is not in the catalogue: which names are near, what else is
     allowed."""
-    also = "a path to an .stl, .step or .stp file is also allowed"
+    also = f"a path to a file of {', '.join(files.SUFFIXES)} is also allowed"
     if name in TOOLS:
         choices = ", ".join(f"{name}/{keypoint}" for keypoint in KEYPOINTS[name])
         return f"{name!r} is a tool and is pressed at a keypoint: {choices}; {also}"
@@ -151,10 +158,10 @@ def _object(name: str, folder: Path) -> Shape:
     return Shape(name=name, mesh=mesh, surface=heights, spacing_mm=spacing_mm(name))
 
 
-def _file(path: Path) -> Shape:
+def _file(path: Path, scale: float | None) -> Shape:
     from t2twin.primitives_cad import surface
 
-    mesh: trimesh.Trimesh = files.read_solid(path)
+    mesh, notes = files.read_solid(path, scale)
     mesh, heights = surface.stand(mesh)
     spacing = min(families.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(
@@ -163,6 +170,7 @@ def _file(path: Path) -> Shape:
         surface=heights,
         spacing_mm=(spacing, spacing),
         base_mm=surface.base_mm(heights),
+        notes=notes,
     )
 
 

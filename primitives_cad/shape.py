@@ -75,12 +75,13 @@ class Shape:
     """A named solid, ready to press: see the module's text for its frame.
 
     name: as in the catalogue (`square-2`, `pliers/jaw-tip`) or a file's stem.
-    mesh: the solid, mm, in the shape frame, watertight.
+    mesh: the solid, mm, in the shape frame, closed around a volume.
     surface: its pressing surface.
     spacing_mm: pitch of the protocol's grid of press points for this shape, along x and y.
     parameters: what was varied, by name, mm.
     base_mm: height of the base plate's top in the surface's heights (negative), or None; of a
         user's file its lowest flat face, where other parts stand on one.
+    notes: what was mended in a user's file, each a sentence for the user.
     """
 
     name: str
@@ -89,3 +90,4 @@ class Shape:
     spacing_mm: tuple[float, float]
     parameters: dict[str, float] = field(default_factory=dict)
     base_mm: float | None = None
+    notes: tuple[str, ...] = ()

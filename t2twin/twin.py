@@ -95,16 +95,16 @@ class Twin:
         y_mm: float = 0.0,
         yaw_deg: float = 0.0,
         seed: int | None = None,
+        scale: float | None = None,
     ) -> Touch:
         """Press a shape into both sensors.
 
-        shape: a name (see `t2twin.shapes()`), an STL or STEP file in mm, its pressing side up, or a
-        Shape. force_n: 0.01 to 100. x_mm, y_mm: where its middle stands, to the right and down in
-        the image. yaw_deg: its turn, clockwise in the image. seed: camera noise and the CySkin's
-        imperfections are drawn from it; without one there are none.
+        shape, scale: as for `load_shape`. force_n: 0.01 to 100. x_mm, y_mm: where its middle
+        stands, to the right and down in the image. yaw_deg: its turn, clockwise in the image. seed:
+        camera noise and the CySkin's imperfections are drawn from it; without one there are none.
         Raises T2TwinError for a shape, a number or a place that cannot be pressed.
         """
-        solid = load_shape(shape)
+        solid = load_shape(shape, scale)
         command = press_command(solid, force_n, x_mm, y_mm, yaw_deg)
         rng = None if seed is None else np.random.default_rng(seed)
         sample = self.sensors.press(solid, command, rng)
@@ -121,10 +121,11 @@ def press(
     y_mm: float = 0.0,
     yaw_deg: float = 0.0,
     seed: int | None = None,
+    scale: float | None = None,
 ) -> Touch:
     """Press a shape into the twin as it comes: see `Twin.press`."""
     return _default_twin().press(
-        shape, force_n=force_n, x_mm=x_mm, y_mm=y_mm, yaw_deg=yaw_deg, seed=seed
+        shape, force_n=force_n, x_mm=x_mm, y_mm=y_mm, yaw_deg=yaw_deg, seed=seed, scale=scale
     )
 
 
@@ -138,13 +139,19 @@ def shapes() -> tuple[str, ...]:
     return catalogue.NAMES
 
 
-def load_shape(shape: str | Path | Shape) -> Shape:
-    """A shape by name, or from an STL or STEP file in mm; a Shape is given back as it is.
+def load_shape(shape: str | Path | Shape, scale: float | None = None) -> Shape:
+    """A shape by name (see `t2twin.shapes()`), or from a file; a Shape is given back as it is.
 
-    What is prepared is kept between calls. Raises T2TwinError for an unknown name, or a file that
-    cannot be pressed.
+    A file is STL, STEP, OBJ, PLY, 3MF or GLB, its pressing side up. scale: mm in one of the file's
+    units; None takes what the file says, or 1 where it says nothing. The Shape's `notes` say what
+    had to be mended. What is prepared is kept between calls. Raises T2TwinError for an unknown
+    name, a file that cannot be pressed, and a scale that is not positive or not for a file.
     """
-    return shape if isinstance(shape, Shape) else catalogue.load(shape)
+    if not isinstance(shape, Shape):
+        return catalogue.load(shape, scale=scale)
+    if scale is not None:
+        raise T2TwinError(f"{shape.name} is a Shape, in mm; a scale is for files only")
+    return shape
 
 
 def press_command(

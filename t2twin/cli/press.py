@@ -1,5 +1,6 @@
 """t2twin press"""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -16,6 +17,7 @@ def press(
     y_mm: float = 0.0,
     yaw_deg: float = 0.0,
     force_n: float = 8.0,
+    scale: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     thickness_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     young_mpa: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
@@ -29,12 +31,14 @@ def press(
 
     Args:
         shape: A catalogue name (square-2, pliers/jaw-tip; all are listed by t2twin primitives) or
-            an STL or STEP file in mm, its pressing side up (+z).
+            an STL, STEP, OBJ, PLY, 3MF or GLB file, its pressing side up (+z; +y in GLB).
         sensor: Which sensor is touched.
         x_mm: Where the shape's middle stands, to the right in the picture, mm.
         y_mm: The same, down the picture, mm.
         yaw_deg: Turn about the press axis, clockwise in the picture, degrees.
         force_n: Commanded force, N.
+        scale: mm in one of the file's units: 1000 for metres, 25.4 for inches. Unless given, what
+            the file says (3MF, GLB, STEP), else 1.
         out: Folder to write into; runs/press/SHAPE unless given.
         thickness_mm: Another elastomer's thickness, mm. With any of these three the elastomer is
             linear elastic, so that it can be compared with theory.
@@ -51,7 +55,9 @@ def press(
     from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
     from t2twin.twin import other_elastomer, press_command
 
-    solid = t2twin.load_shape(shape)
+    solid = t2twin.load_shape(shape, scale)
+    for note in solid.notes:
+        print(f"t2twin: {note}", file=sys.stderr)
     command = press_command(solid, force_n, x_mm, y_mm, yaw_deg)
     other = (thickness_mm, young_mpa, poisson, flat)
     gel, cover = (other_elastomer(own, *other) for own in (DIGIT_GEL, CYSKIN_COVER))
@@ -86,7 +92,6 @@ def summary(sensor: str, contact: "Contact") -> str:
 def show(path: Path) -> None:
     """Open a scene where there is a display, else say where it lies."""
     import os
-    import sys
 
     from t2twin.sim.press.scene import view
 

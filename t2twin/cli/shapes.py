@@ -14,4 +14,4 @@ def shapes() -> None:
     for tool, keypoints in KEYPOINTS.items():
         names = [f"{tool}/{keypoint}" for keypoint in keypoints]
         print("  " + "".join(f"{name:22}" for name in names).rstrip())
-    print("and any STL or STEP file, in mm, its pressing side up (+z)")
+    print("and any STL, STEP, OBJ, PLY, 3MF or GLB file, its pressing side up (+z; +y in GLB)")

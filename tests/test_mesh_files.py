@@ -1,0 +1,288 @@
+"""A user's solid in every format that is read: the same shape, at the right size."""
+
+import base64
+import io
+import zipfile
+
+import numpy as np
+import pytest
+import trimesh
+from solid_files import SIDES_MM, box, glb_of, model, obj_text, part, taken_apart, threemf_of, y_up
+
+import t2twin
+from t2twin.primitives_cad import catalogue, files
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.formats import bodies, threemf
+
+VOLUME_MM3 = 72.0
+
+
+def quads():
+    """The outlines of a box's six sides, its corners counted from 1 as x y z in binary."""
+    return [(1, 2, 4, 3), (5, 7, 8, 6), (1, 5, 6, 2), (3, 4, 8, 7), (1, 3, 7, 5), (2, 6, 8, 4)]
+
+
+def corners_of(at=(0.0, 0.0, 0.0)):
+    grid = np.indices((2, 2, 2)).reshape(3, 8).T
+    return trimesh.Trimesh((grid - 0.5) * SIDES_MM + at, [[0, 1, 2]], process=False)
+
+
+FORMATS = {
+    "binary.stl": lambda path: box().export(path),
+    "text.STL": lambda path: path.write_text(box().export(file_type="stl_ascii")),
+    "binary.ply": lambda path: box().export(path),
+    "text.ply": lambda path: path.write_bytes(box().export(file_type="ply", encoding="ascii")),
+    "triangles.obj": lambda path: path.write_text(obj_text(box())),
+    "quads.OBJ": lambda path: path.write_text(obj_text(corners_of((9, 9, 9)), quads())),
+    "back.obj": lambda path: path.write_text(
+        obj_text(corners_of(), [[each - 9 for each in face] for face in quads()])
+    ),
+    "normals.obj": lambda path: path.write_text(
+        box().export(file_type="obj", include_normals=True)
+    ),
+    "metres.glb": lambda path: y_up(box(unit_mm=1000.0)).export(path),
+    "mm.3mf": lambda path: threemf_of(path, model(part(1, box()), '<item objectid="1"/>')),
+    "inches.3MF": lambda path: threemf_of(
+        path, model(part(1, box(unit_mm=25.4)), '<item objectid="1"/>', "inch")
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_each_format_gives_the_same_block(name, tmp_path):
+    path = tmp_path / name
+    FORMATS[name](path)
+    shape = catalogue.load(path, tmp_path / "kept")
+    assert shape.name == path.stem
+    np.testing.assert_allclose(shape.mesh.bounds, [[-3, -2, -3], [3, 2, 0]], atol=1e-5)
+    assert shape.mesh.volume == pytest.approx(VOLUME_MM3, rel=1e-5)
+    assert shape.mesh.is_watertight
+    assert shape.surface.sample(np.array([0.0, 2.9]), np.array([0.0, -1.9])) == pytest.approx(0.0)
+    assert shape.notes == ()
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
+@pytest.mark.parametrize("unit_mm", [1000.0, 25.4, 0.001])
+def test_a_scale_makes_other_units_mm(suffix, unit_mm, tmp_path):
+    box(unit_mm=unit_mm).export(tmp_path / f"other{suffix}")
+    box().export(tmp_path / f"mm{suffix}")
+    other = catalogue.load(tmp_path / f"other{suffix}", tmp_path / "kept", scale=unit_mm)
+    mm = catalogue.load(tmp_path / f"mm{suffix}", tmp_path / "kept")
+    np.testing.assert_allclose(other.mesh.bounds, mm.mesh.bounds, atol=1e-5)
+    x, y = np.meshgrid(np.linspace(-2.9, 2.9, 20), np.linspace(-1.9, 1.9, 20))
+    heights = other.surface.sample(x.ravel(), y.ravel())
+    np.testing.assert_allclose(heights, mm.surface.sample(x.ravel(), y.ravel()), atol=1e-5)
+    assert other.mesh.volume == pytest.approx(VOLUME_MM3, rel=1e-5)
+
+
+def test_a_scale_takes_the_place_of_the_file_s_own_unit(tmp_path):
+    y_up(box()).export(tmp_path / "mm.glb")
+    threemf_of(tmp_path / "mm.3mf", model(part(1, box()), '<item objectid="1"/>', "inch"))
+    for name in ("mm.glb", "mm.3mf"):
+        assert files.read_solid(tmp_path / name, 1.0)[0].volume == pytest.approx(72.0, rel=1e-5)
+
+
+def test_step_lengths_come_in_mm_and_a_scale_multiplies_them(tmp_path):
+    import cadquery as cq
+
+    path = tmp_path / "inches.step"
+    cq.exporters.export(cq.Workplane().box(*SIDES_MM), str(path), unit="INCH", outputUnit="INCH")
+    assert files.read_solid(path)[0].volume == pytest.approx(25.4**3 * VOLUME_MM3, rel=1e-6)
+    assert files.read_solid(path, 0.5)[0].volume == pytest.approx(12.7**3 * VOLUME_MM3, rel=1e-6)
+
+
+def test_each_scale_is_a_shape_of_its_own(tmp_path):
+    box().export(tmp_path / "block.stl")
+    volumes = [
+        catalogue.load(tmp_path / "block.stl", tmp_path / "kept", scale).mesh.volume
+        for scale in (None, 2.0, None)
+    ]
+    assert volumes == pytest.approx([72.0, 576.0, 72.0])
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, np.nan, np.inf])
+def test_a_scale_must_be_positive_and_finite(scale, tmp_path):
+    box().export(tmp_path / "block.stl")
+    with pytest.raises(T2TwinError, match="positive"):
+        catalogue.load(tmp_path / "block.stl", tmp_path / "kept", scale=scale)
+    assert not (tmp_path / "kept").exists()
+
+
+def test_a_scale_is_for_files_only(tmp_path):
+    with pytest.raises(T2TwinError, match="for files only"):
+        t2twin.load_shape("square-2", scale=2.0)
+    box().export(tmp_path / "block.stl")
+    shape = t2twin.load_shape(tmp_path / "block.stl")
+    assert t2twin.load_shape(shape) is shape
+    with pytest.raises(T2TwinError, match="for files only"):
+        t2twin.load_shape(shape, scale=2.0)
+
+
+@pytest.mark.parametrize(
+    "name, sides, hint",
+    [
+        ("m.stl", (0.03, 0.02, 0.01), "in metres, --scale 1000 makes it 30 mm large"),
+        ("in.stl", (0.4, 0.3, 0.2), "in inches, --scale 25.4 makes it 10.16 mm large"),
+        ("um.ply", (30000.0, 2e4, 1e4), "in micrometres, --scale 0.001 makes it 30 mm large"),
+        ("mm.glb", SIDES_MM, "in mm, --scale 1 makes it 6 mm large"),
+    ],
+)
+def test_an_unlikely_size_names_the_likely_scale(name, sides, hint, tmp_path):
+    mesh = box(sides, at=(0, 0, 0))
+    mesh.export(tmp_path / name)
+    with pytest.raises(T2TwinError) as caught:
+        files.read_solid(tmp_path / name)
+    assert hint in str(caught.value) and "0.5 x 0.2 mm" in str(caught.value)
+    scale = float(str(caught.value).split("--scale ")[1].split()[0])
+    assert files.read_solid(tmp_path / name, scale)[0].is_watertight
+
+
+def test_the_smallest_solid_is_felt_wherever_it_is_pressed(tmp_path):
+    side = files.SMALLEST_MM
+    box((side, side, 3.0)).export(tmp_path / "least.stl")
+    box((side / 2, side / 2, 3.0)).export(tmp_path / "less.stl")
+    with pytest.raises(
+        T2TwinError, match=r"0\.25 x 0\.25 mm seen from above.*at least 0\.5 x 0\.2"
+    ):
+        files.read_solid(tmp_path / "less.stl")
+    twin, shape = t2twin.Twin(), t2twin.load_shape(tmp_path / "least.stl")
+    for x, yaw in ((0.0, 0.0), (0.13, 30.0), (0.25, 45.0)):
+        touch = twin.press(shape, force_n=1.0, x_mm=x, yaw_deg=yaw)
+        assert touch.digit.settled and touch.cyskin.settled
+        assert touch.digit.contact_area_mm2 == pytest.approx(side**2, rel=0.05)
+        assert touch.cyskin.force_n == pytest.approx(1.0, rel=0.005)
+
+
+def test_bodies_of_a_scene_stand_where_it_puts_them(tmp_path):
+    scene = trimesh.Scene()
+    for x, height in ((0.0, 2.0), (6.0, 4.0)):
+        mesh = y_up(box((2.0, 2.0, height), at=(0, 0, height / 2), unit_mm=1000.0))
+        scene.add_geometry(
+            mesh, transform=trimesh.transformations.translation_matrix((x / 1e3, 0, 0))
+        )
+    scene.export(tmp_path / "two.glb")
+    threemf_of(
+        tmp_path / "two.3mf",
+        model(
+            part(1, box((2, 2, 2), at=(0, 0, 1)))
+            + '<object id="2"><components><component objectid="1"/>'
+            '<component objectid="1" transform="1 0 0 0 1 0 0 0 2 6 0 0"/></components></object>'
+            + part(3, box((50, 50, 50)), kind="support"),
+            '<item objectid="2" transform="0 1 0 1 0 0 0 0 1 9 9 9"/><item objectid="3"/>',
+        ),
+    )
+    # The 3MF build mirrors x and y, so there the second body stands along y.
+    for name, along in (("two.glb", (0, 1)), ("two.3mf", (1, 0))):
+        shape = catalogue.load(tmp_path / name, tmp_path / "kept")
+        x, y = (np.array([3.0, -3.0]) if axis == along[0] else np.zeros(2) for axis in (0, 1))
+        assert shape.mesh.body_count == 2
+        assert shape.mesh.volume == pytest.approx(8.0 + 16.0, rel=1e-5)
+        assert shape.surface.sample(x, y) == pytest.approx([0.0, -2.0], abs=1e-4)
+
+
+def test_a_3mf_build_takes_parts_from_other_models(tmp_path):
+    """As slicers write it: parts of one number in several models."""
+    places = "".join(
+        f'<item objectid="1" p:path="/3D/{name}.model" transform="1 0 0 0 1 0 0 0 1 {x} 0 0"/>'
+        for name, x in (("a", 0), ("b", 6))
+    )
+    parts = {
+        name: model(part(1, box((2, 2, height), at=(0, 0, height / 2))), "")
+        for name, height in (("a", 2), ("b", 4))
+    }
+    threemf_of(tmp_path / "two.3mf", model("", places), **parts)
+    mesh, _ = files.read_solid(tmp_path / "two.3mf")
+    assert mesh.volume == pytest.approx(24.0)
+    np.testing.assert_allclose(mesh.extents, (8, 2, 4))
+
+
+def test_an_obj_solid_of_several_materials_is_one(tmp_path):
+    (tmp_path / "secret.mtl").symlink_to("/dev/zero")  # would be read without end
+    lines = obj_text(corners_of(), quads()).splitlines()
+    coloured = [
+        "mtllib secret.mtl",
+        *lines[:8],
+        "usemtl red",
+        *lines[8:11],
+        "usemtl blue",
+        *lines[11:],
+    ]
+    (tmp_path / "two.obj").write_text("\n".join(coloured))
+    mesh, notes = files.read_solid(tmp_path / "two.obj")
+    assert mesh.is_watertight and mesh.volume == pytest.approx(72.0) and notes == ()
+
+
+def test_a_glb_solid_of_several_materials_is_one(tmp_path):
+    whole = y_up(box(unit_mm=1000.0))
+    scene = trimesh.Scene()
+    for rows in (range(5), range(5, 12)):
+        scene.add_geometry(whole.submesh([list(rows)], append=True))
+    scene.export(tmp_path / "two.glb")
+    mesh, notes = files.read_solid(tmp_path / "two.glb")
+    assert mesh.is_watertight and mesh.volume == pytest.approx(72.0) and notes == ()
+
+
+def test_a_face_with_a_notch_is_cut_within_its_outline(tmp_path):
+    outline = np.array([(0, 0), (4, 0), (4, 4), (3, 4), (3, 1), (1, 1), (1, 4), (0, 4)], float)
+    ell = np.array([(4, 0), (4, 2), (2, 2), (2, 4), (0, 4), (0, 0)], float)
+    for name, ring in (("notch", outline), ("corner", ell)):
+        n = len(ring)
+        corners = [f"v {x} {y} {z}" for z in (0, 5) for x, y in ring]
+        sides = [(i + 1, (i + 1) % n + 1, (i + 1) % n + 1 + n, i + 1 + n) for i in range(n)]
+        faces = [range(n, 0, -1), range(n + 1, 2 * n + 1), *sides]
+        lines = corners + ["f " + " ".join(map(str, face)) for face in faces]
+        (tmp_path / f"{name}.obj").write_text("\n".join(lines))
+    mesh, _ = files.read_solid(tmp_path / "corner.obj")
+    assert mesh.volume == pytest.approx(12 * 5)
+    assert mesh.area == pytest.approx(2 * 12 + 16 * 5)  # folds would count twice
+    with pytest.raises(T2TwinError, match="notches"):
+        files.read_solid(tmp_path / "notch.obj")
+
+
+def test_a_glb_s_data_may_stand_in_its_description(tmp_path):
+    about, binary = taken_apart(y_up(box(unit_mm=1000.0)))
+    about["buffers"][0]["uri"] = "data:base64," + base64.b64encode(binary).decode()
+    glb_of(tmp_path / "own.glb", about)
+    assert files.read_solid(tmp_path / "own.glb")[0].volume == pytest.approx(72.0, rel=1e-5)
+
+
+def test_bounds_are_those_that_are_named(tmp_path, monkeypatch):
+    box().export(tmp_path / "block.stl")
+    threemf_of(tmp_path / "block.3mf", model(part(1, box()), '<item objectid="1"/>'))
+    monkeypatch.setattr(bodies, "MOST_TRIANGLES", 12)
+    files.read_solid(tmp_path / "block.stl")
+    monkeypatch.setattr(bodies, "MOST_TRIANGLES", 11)
+    for name in ("block.stl", "block.3mf"):
+        with pytest.raises(T2TwinError, match="more than the 11 triangles"):
+            files.read_solid(tmp_path / name)
+    monkeypatch.setattr(threemf, "MOST_UNPACKED_BYTES", 500)
+    with pytest.raises(T2TwinError, match="larger than the"):
+        files.read_solid(tmp_path / "block.3mf")
+    monkeypatch.setattr(files, "MOST_BYTES", 100)
+    with pytest.raises(T2TwinError, match="MB are allowed"):
+        files.read_solid(tmp_path / "block.stl")
+
+
+def test_a_step_that_is_cut_short_is_one_quiet_sentence(tmp_path, capfd):
+    import cadquery as cq
+
+    path = tmp_path / "cut.step"
+    cq.exporters.export(cq.Workplane().box(*SIDES_MM), str(path))
+    path.write_bytes(path.read_bytes()[:5000])
+    capfd.readouterr()
+    with pytest.raises(T2TwinError, match="damaged or not STEP"):
+        files.read_solid(path)
+    said = capfd.readouterr()
+    assert said.out == said.err == ""
+
+
+@pytest.mark.parametrize("said, words", [(500, "ZIP"), (2_000_000_000, "1,000 MB")])
+def test_what_an_archive_announces_bounds_what_is_unpacked(said, words, tmp_path):
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", " " * 10_000_000)
+    held = (10_000_000).to_bytes(4, "little")
+    content = stream.getvalue().replace(held, said.to_bytes(4, "little"))
+    (tmp_path / "bomb.3mf").write_bytes(content)
+    with pytest.raises(T2TwinError, match=words):
+        files.read_solid(tmp_path / "bomb.3mf")
