@@ -16,12 +16,14 @@ from benchmarks.declared import BAD_INPUTS
 from benchmarks.evidence.run import main
 from benchmarks.inputs import (
     arguments,
+    caches,
     calibrations,
     datasets,
     folders,
     images,
     layouts,
     runs,
+    shapes,
     tables,
 )
 from benchmarks.inputs.case import Base, Case
@@ -35,6 +37,8 @@ KINDS: dict[str, Callable[[], Iterator[Case]]] = {
     "tables": tables.cases,
     "datasets": datasets.cases,
     "runs": runs.cases,
+    "shapes": shapes.cases,
+    "caches": caches.cases,
     "folders": folders.cases,
 }
 """What is tried, by what is bad about it."""

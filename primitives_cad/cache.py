@@ -3,7 +3,6 @@
 import hashlib
 import os
 import re
-import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -120,7 +119,7 @@ def code_digest() -> str:
 def key(label: str, content: bytes = b"") -> str:
     """Digest of what makes one shape, KEY_DIGITS hexadecimal digits: its label, code_digest, and
     any other content."""
-    made_from = label.encode() + code_digest().encode() + content
+    made_from = os.fsencode(label) + code_digest().encode() + content
     return hashlib.sha256(made_from).hexdigest()[:KEY_DIGITS]
 
 
@@ -134,7 +133,7 @@ def _fetch(
         # Opened here: NumPy leaves a damaged file open.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
             return unpack(kept)
-    except (OSError, KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile):
+    except Exception:  # what a damaged file raises is of many kinds
         pass  # not there yet, or damaged: made anew
     made = build()
     with whole_file(path) as temporary:

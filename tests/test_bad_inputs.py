@@ -44,7 +44,7 @@ def test_what_is_unclean_is_seen(case, fault, base, tmp_path):
 
 
 def test_a_traceback_is_seen(base, tmp_path, monkeypatch):
-    def broken(*arguments):
+    def broken(*arguments, **options):
         raise KeyError("x")
 
     monkeypatch.setattr("t2twin.primitives_cad.catalogue.load", broken)

@@ -20,8 +20,9 @@ from t2twin.report import (
 from t2twin.report.dataset import read_dataset
 from t2twin.report.page import PAGE
 from t2twin.report.scan import nearest_others, scan
+from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.png import decode_png, encode_png
-from t2twin.sim.dataset.store import write_shard
+from t2twin.sim.dataset.store import read_info, write_info, write_shard
 
 
 @pytest.fixture(scope="module")
@@ -69,15 +70,16 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
     again = np.clip(np.rint(decode_png(rows[1]["image"]["bytes"]) + shaken), 0, 255)
     picture = {"bytes": encode_png(again.astype(np.uint8)), "path": ""}
     felt = np.array(rows[0]["taxels"])
-    write_shard(
-        path,
-        [
-            *rows,
-            rows[1] | {"image": picture, "index": 587},
-            # looks like another press, but feels otherwise
-            rows[0] | {"index": 588, "taxels": (felt + 200).tolist()},
-        ],
-    )
+    more = [
+        *rows,
+        rows[1] | {"image": picture, "index": 587},
+        # looks like another press, but feels otherwise
+        rows[0] | {"index": 588, "taxels": (felt + 200).tolist()},
+    ]
+    info, digest = read_info(folder), write_shard(path, more)
+    shards = info.shards | {"train/square-1.parquet": Shard(digest, len(more))}
+    pairs = info.pairs | {"train": info.pairs["train"] + 2}
+    write_info(folder, replace(info, shards=shards, pairs=pairs))
     dataset = read_dataset(folder)
     looked = scan(dataset, noise)
     twins = np.flatnonzero(duplicates.near_duplicates(dataset, looked))

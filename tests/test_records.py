@@ -195,7 +195,7 @@ def test_an_older_config_names_no_format(tmp_path, config):
         (["bf16"], "yes", "bf16 is text; it must be true or false"),
         (["processes"], 1.5, "processes is a number; it must be a whole number"),
         (["preset", "size"], "large", "preset: size is text; it must be a whole number"),
-        (["preset", "size"], 0, "preset: size must be 1 or more"),
+        (["preset", "size"], 0, "preset: size must be from 1 to 2048"),
         (["preset", "noise"], -0.1, "preset: noise must be 0 or more"),
         (["preset", "learning_rate"], 0.0, "preset: learning_rate must be above 0"),
         (["preset", "beta1"], 1.0, "preset: beta1 and beta2 must be below 1"),

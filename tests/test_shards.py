@@ -9,14 +9,16 @@ import pytest
 from spots import write_spots
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.png import decode_png, encode_png
+from t2twin.sim.dataset.shard_table import check_table
 from t2twin.sim.dataset.store import (
     ROWS_AT_ONCE,
+    SCHEMA,
     iter_images,
     read_info,
     read_split,
     sha256_of,
-    taxels,
     write_shard,
 )
 
@@ -62,13 +64,26 @@ def test_reading_what_is_not_there_says_so(data, tmp_path):
 
 
 def test_a_damaged_shard_is_one_sentence(data, tmp_path):
-    table = read_split(data, "train", ["taxels"])
-    uneven = pa.table({"taxels": [[1, 2], [3]]})
-    for rows in (uneven, pa.table({"taxels": pa.array([[1], None])}), table.slice(0, 0)):
-        with pytest.raises(T2TwinError, match="same number of taxels"):
-            taxels(rows)
-    with pytest.raises(T2TwinError, match="lacks columns"):
-        read_split(data, "train", ["taxels", "sound"])
+    info, table = read_info(data), read_split(data, "train", ["taxels", "force_n"])
+    shard = Shard("0" * 64, table.num_rows)
+
+    def counts(change):
+        rows = table["taxels"].to_pylist()
+        change(rows)
+        return table.set_column(0, "taxels", pa.array(rows, SCHEMA.field("taxels").type))
+
+    for spoilt, reason in (
+        (counts(lambda rows: rows[1].pop()), "rows of 19 taxels instead of 20"),
+        (counts(lambda rows: rows[1].__setitem__(3, None)), "taxels without a count"),
+        (counts(lambda rows: rows.__setitem__(1, None)), "taxels has empty rows"),
+        (counts(lambda rows: rows[1].__setitem__(3, 40_001)), "count of 40001, over the full"),
+        (table.slice(1), f"{table.num_rows - 1} rows instead of {table.num_rows}"),
+        (table.drop_columns("force_n"), "lacks the column force_n"),
+        (table.set_column(1, "force_n", table["force_n"].cast("float32")), "force_n holds float"),
+        (table.set_column(1, "force_n", pa.array([np.nan] * len(table))), "not finite"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            check_table(spoilt, ["taxels", "force_n"], SCHEMA, shard, info)
     shutil.copytree(data, tmp_path / "cut")
     path = tmp_path / "cut/train/square-1.parquet"
     path.write_bytes(path.read_bytes()[:1000])

@@ -48,7 +48,8 @@ class Case:
 
     def words(self, base: Base) -> list[str]:
         """The arguments with the Base's paths in place."""
-        return [word.format_map(vars(base)) if "{" in word else word for word in self.arguments]
+        places = {f"{{{name}}}": str(path) for name, path in vars(base).items()}
+        return [places.get(word, word) for word in self.arguments]
 
 
 def copied(folder: Path, to: Path, without: tuple[str, ...] = ("cache", "tensorboard")) -> Path:

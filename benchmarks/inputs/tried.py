@@ -19,7 +19,7 @@ from pathlib import Path
 from benchmarks.inputs.case import Base, Case
 from t2twin.cli import main
 
-PATIENCE_SECONDS = 30
+PATIENCE_SECONDS = 60
 """Longest that a case may take, s; longer is a hang."""
 
 CLASS_NAME = re.compile(r"\b[A-Z]\w*[a-z](?:Error|Exception|Warning)\b")

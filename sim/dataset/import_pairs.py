@@ -52,7 +52,7 @@ SHARES = (0.8, 0.1, 0.1)
 FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
 """Formats that the pictures may have."""
 
-LONGEST_NAME = 150
+LONGEST_NAME = 220
 """Longest name of a shape, bytes: it becomes a file's, of which systems take 255."""
 
 OWN = "own"

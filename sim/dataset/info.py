@@ -143,13 +143,13 @@ class DatasetInfo:
             raise ValueError(
                 f"pad_diameter_mm has {len(pads)} taxels and the layout {len(self.layout_x_mm)}"
             )
-        self._check_pairs()
         for path in self.shards:
             if not _is_shard_path(path):
                 raise ValueError(
                     f"the shard {path!r} lies in no split's folder; allowed are paths like "
                     f"{SPLITS[0]}/NAME.parquet"
                 )
+        self._check_pairs()
 
     def _check_pairs(self) -> None:
         for split, wanted in self.pairs.items():
