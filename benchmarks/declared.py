@@ -264,6 +264,20 @@ BAD_INPUTS = Benchmark(
     shapes=False,
 )
 
+FAULTS = Benchmark(
+    name="faults",
+    measures="Whether a command that is killed, stopped or short of room loses or leaves anything.",
+    minutes=12,
+    figures=(Figure("tried", least=60), Figure("unclean", most=0)),
+    arguments=(
+        Argument("--seed", "of the moments", int, 0),
+        Argument("--commands", "keeps nothing unless all", str, None, "*", metavar="NAME",
+                 thins=True),
+    ),
+    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    shapes=False,
+)  # fmt: skip
+
 CALIBRATION = Benchmark(
     name="calibration",
     measures="How near a calibration comes to frames of a real DIGIT that it was not fitted to.",
@@ -316,6 +330,7 @@ BENCHMARKS = (
     TRAINING,
     KILLS,
     BAD_INPUTS,
+    FAULTS,
     CALIBRATION,
     PICTURES,
     REGRESSION,

@@ -1,6 +1,7 @@
 """Every shape by name: the primitives, the tools at their keypoints, and a user's own files."""
 
 import difflib
+import os
 from pathlib import Path
 
 import numpy as np
@@ -165,7 +166,7 @@ def _file(path: Path, scale: float | None) -> Shape:
     mesh, heights = surface.stand(mesh)
     spacing = min(families.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(
-        name=path.stem,
+        name=os.fsencode(path.stem).decode(errors="replace"),  # a file's name may be no text
         mesh=mesh,
         surface=heights,
         spacing_mm=(spacing, spacing),

@@ -2,7 +2,12 @@
 
 from collections.abc import Iterator
 
-from benchmarks.inputs.case import Case
+from benchmarks.inputs.calibrations import good_frames
+from benchmarks.inputs.case import Case, nothing
+from benchmarks.inputs.tables import good_pairs
+
+INPUTS = {"calibrate": good_frames, "import-pairs": good_pairs}
+"""What else these commands need, so that nothing but the number is bad."""
 
 NO_NUMBERS = ("", "abc", "8,5", "0x10", "--")
 """What a parser of numbers refuses itself."""
@@ -11,7 +16,7 @@ OUT = ("--out", "out")
 PRESS = ("press", "circle-1", *OUT)
 SIMDATA = ("simdata", "--scale", "smoke", *OUT)
 TRAIN = ("train", "resnet18", "--data", "{data}", "--preset", "smoke", *OUT)
-CALIBRATE = ("calibrate", "--background", "b.png", "--presses", "p", *OUT)
+CALIBRATE = ("calibrate", "--background", "background.png", "--presses", "presses", *OUT)
 IMPORT = ("import-pairs", "pairs.csv", *OUT)
 
 NOT_FINITE = ("nan", "inf", "-inf")
@@ -87,7 +92,7 @@ WORDS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("import-pairs", "nowhere.csv", *OUT), "nowhere.csv"),
     (("import-pairs", "", *OUT), "csv"),
     (("import-pairs", "/dev/null", *OUT), "csv"),
-    ((*CALIBRATE, "--ball-diameter-mm", "4"), "b.png"),
+    ((*CALIBRATE, "--ball-diameter-mm", "4"), "background.png"),
 )
 """Command lines, and what the sentence must hold."""
 
@@ -150,10 +155,11 @@ def cases() -> Iterator[Case]:
 def _numbers(
     command: tuple[str, ...], flag: str, bad: tuple[str, ...], unread: tuple[str, ...]
 ) -> Iterator[Case]:
+    make = INPUTS.get(command[0], nothing)
     for value in bad:
-        yield Case(f"{command[0]} {flag} {value[:20]}", (*command, flag, value))
+        yield Case(f"{command[0]} {flag} {value[:20]}", (*command, flag, value), make)
     for value in unread:
-        yield Case(f"{command[0]} {flag} {value!r}", (*command, flag, value), parsed=True)
+        yield Case(f"{command[0]} {flag} {value!r}", (*command, flag, value), make, parsed=True)
 
 
 def _name(words: tuple[str, ...]) -> str:
