@@ -27,7 +27,7 @@ help:
 	@echo "make regression  RMSE on synthetic data held to its band"
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
 	@echo "make check       ruff, pyright, and which package may import which"
-	@echo "make clean       remove data, runs and caches"
+	@echo "make clean       remove data, runs and what tools left here"
 
 demo: SCALE := small
 demo: setup

@@ -7,12 +7,10 @@ import numpy as np
 import trimesh
 
 from t2twin.primitives_cad import cache, families, files
+from t2twin.primitives_cad.cache_home import cache_home
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.families import PRIMITIVES
 from t2twin.primitives_cad.shape import Keypoint, Shape
-
-CACHE_DIR = Path("data/primitives")
-"""Where prepared shapes are kept, below the current directory, unless told otherwise."""
 
 KEYPOINTS: dict[str, tuple[str, ...]] = {
     "pliers": ("jaw-tip", "teeth", "pivot", "handle"),
@@ -50,11 +48,12 @@ def split(name: str) -> str:
 def load(name_or_path: str | Path, cache_dir: str | Path | None = None) -> Shape:
     """A shape of the catalogue by name (`square-2`, `pliers/jaw-tip`), or of an STL or STEP file.
 
-    cache_dir: where meshes and height maps are kept between calls, None for CACHE_DIR. What is
-    kept is used only while the code that made it, or the file's content, is the same.
+    cache_dir: where meshes and height maps are kept between calls, None for the folder `shapes` of
+    the cache home. What is kept is used only while the code that made it, or the file's content, is
+    the same.
     Raises T2TwinError for a name that is not in the catalogue, or a file that cannot be pressed.
     """
-    folder = Path(cache_dir) if cache_dir is not None else CACHE_DIR
+    folder = kept_in(cache_dir)
     name = str(name_or_path)
     if name in PRIMITIVES:
         return cache.fetch(folder, name, b"", lambda: _primitive(name))
@@ -68,6 +67,14 @@ def load(name_or_path: str | Path, cache_dir: str | Path | None = None) -> Shape
     return cache.fetch(folder, cache.file_label(path), content, lambda: _file(path))
 
 
+def kept_in(cache_dir: str | Path | None) -> Path | None:
+    """Where prepared shapes are kept, see `load`; None where none can be."""
+    if cache_dir is not None:
+        return Path(cache_dir)
+    home = cache_home()
+    return None if home is None else home / "shapes"
+
+
 def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh:
     """A tool's watertight mesh in its own frame, mm, kept between calls as `load` does.
 
@@ -76,7 +83,7 @@ def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh
     from t2twin.primitives_cad import tools
 
     _check_tool(tool)
-    folder = Path(cache_dir) if cache_dir is not None else CACHE_DIR
+    folder = kept_in(cache_dir)
     return cache.fetch_mesh(folder, tool, lambda: tools.mesh(tool))
 
 
@@ -140,7 +147,7 @@ def _primitive(name: str) -> Shape:
     )
 
 
-def _object(name: str, folder: Path) -> Shape:
+def _object(name: str, folder: Path | None) -> Shape:
     from t2twin.primitives_cad import surface, tools
 
     tool, _, at = name.partition("/")
