@@ -27,7 +27,7 @@ help:
 	@echo "make regression  RMSE on synthetic data held to its band"
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
 	@echo "make check       ruff, pyright, and which package may import which"
-	@echo "make clean       remove data, runs and caches"
+	@echo "make clean       remove data, runs and what tools left here"
 
 demo: SCALE := small
 demo: setup
@@ -43,8 +43,8 @@ test: setup
 setup: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt | system
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
-		{ echo "$(PYTHON) is too old: Python 3.11 or newer is needed; name it with PYTHON="; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \
+		{ echo "$(PYTHON) will not do: Python 3.11 to 3.13 is needed; name it with PYTHON="; exit 1; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) \
 		-c constraints.txt -e '.[dev]'

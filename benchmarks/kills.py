@@ -20,7 +20,6 @@ from typing import Any
 
 from benchmarks.declared import KILLS
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset.store import INFO, read_info
 from t2twin.sim.dataset.verify import verify
@@ -91,8 +90,7 @@ def _kill(
 
 
 def _start(data: Path) -> subprocess.Popen:
-    command = ["simdata", "--scale", SCALE, "--out", str(data), "--workers", str(WORKERS),
-               "--primitives", str(catalogue.CACHE_DIR.absolute())]  # fmt: skip
+    command = ["simdata", "--scale", SCALE, "--out", str(data), "--workers", str(WORKERS)]
     return subprocess.Popen(
         [sys.executable, "-m", "t2twin", *command],
         stdout=subprocess.DEVNULL,

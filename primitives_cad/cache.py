@@ -23,6 +23,7 @@ MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
 """Distributions whose version can change a mesh."""
 
 NOT_MAKERS = (
+    "cache_home.py",
     "errors.py",
     "export.py",
     "folder_lock.py",
@@ -46,9 +47,10 @@ class _About:
     notes: tuple[str, ...]
 
 
-def fetch(folder: Path, label: str, content: bytes, build: Callable[[], Shape]) -> Shape:
+def fetch(folder: Path | None, label: str, content: bytes, build: Callable[[], Shape]) -> Shape:
     """The kept shape of this label and content, or the one that `build` makes, then kept.
 
+    folder: where it is kept, None to keep nothing.
     label: a catalogue name, or what file_label gives; one shape is kept for each.
     content: bytes that the shape is made from besides this package's own code.
     Raises T2TwinError where the folder cannot be written.
@@ -80,7 +82,9 @@ def fetch(folder: Path, label: str, content: bytes, build: Callable[[], Shape]) 
     return _fetch(_path(folder, label, content), build, pack, unpack)
 
 
-def fetch_mesh(folder: Path, label: str, build: Callable[[], trimesh.Trimesh]) -> trimesh.Trimesh:
+def fetch_mesh(
+    folder: Path | None, label: str, build: Callable[[], trimesh.Trimesh]
+) -> trimesh.Trimesh:
     """The kept mesh of this label, or the one that `build` makes, then kept; as `fetch`."""
 
     def pack(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
@@ -124,11 +128,13 @@ def key(label: str, content: bytes = b"") -> str:
 
 
 def _fetch(
-    path: Path,
+    path: Path | None,
     build: Callable[[], Kept],
     pack: Callable[[Kept], dict[str, np.ndarray]],
     unpack: Callable[[Mapping[str, np.ndarray]], Kept],
 ) -> Kept:
+    if path is None:
+        return build()
     try:
         # Opened here: NumPy leaves a damaged file open.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
@@ -144,6 +150,8 @@ def _fetch(
     return made
 
 
-def _path(folder: Path, label: str, content: bytes) -> Path:
+def _path(folder: Path | None, label: str, content: bytes) -> Path | None:
+    if folder is None:
+        return None
     stem = re.sub(r"[^A-Za-z0-9_-]+", "-", label.replace("/", "--"))
     return folder / f"{stem}.{key(label, content)}.npz"

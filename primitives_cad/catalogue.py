@@ -8,12 +8,10 @@ import numpy as np
 import trimesh
 
 from t2twin.primitives_cad import cache, families, files
+from t2twin.primitives_cad.cache_home import cache_home
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.families import PRIMITIVES
 from t2twin.primitives_cad.shape import Keypoint, Shape
-
-CACHE_DIR = Path("data/primitives")
-"""Where prepared shapes are kept, below the current directory, unless told otherwise."""
 
 KEYPOINTS: dict[str, tuple[str, ...]] = {
     "pliers": ("jaw-tip", "teeth", "pivot", "handle"),
@@ -54,13 +52,14 @@ def load(
     """A shape of the catalogue by name (`square-2`, `pliers/jaw-tip`), or of a user's file.
 
     The file is of one of files.SUFFIXES, its pressing side up (+z).
-    cache_dir: where meshes and height maps are kept between calls, None for CACHE_DIR. What is
-    kept is used only while the code that made it, or the file's content, is the same.
+    cache_dir: where meshes and height maps are kept between calls, None for the folder `shapes` of
+    the cache home. What is kept is used only while the code that made it, or the file's content, is
+    the same.
     scale: mm in one of the file's units, None for what the file says, else 1: see files.read_solid.
     Raises T2TwinError for a name that is not in the catalogue, a file that cannot be pressed, and
     a scale that is not positive or not for a file.
     """
-    folder = Path(cache_dir) if cache_dir is not None else CACHE_DIR
+    folder = kept_in(cache_dir)
     name = str(name_or_path)
     if scale is not None and name in NAMES:
         raise T2TwinError(f"{name} is a shape of the catalogue, in mm; a scale is for files only")
@@ -76,6 +75,14 @@ def load(
     return cache.fetch(folder, cache.file_label(path), made_from, lambda: _file(path, scale))
 
 
+def kept_in(cache_dir: str | Path | None) -> Path | None:
+    """Where prepared shapes are kept, see `load`; None where none can be."""
+    if cache_dir is not None:
+        return Path(cache_dir)
+    home = cache_home()
+    return None if home is None else home / "shapes"
+
+
 def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh:
     """A tool's watertight mesh in its own frame, mm, kept between calls as `load` does.
 
@@ -84,7 +91,7 @@ def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh
     from t2twin.primitives_cad import tools
 
     _check_tool(tool)
-    folder = Path(cache_dir) if cache_dir is not None else CACHE_DIR
+    folder = kept_in(cache_dir)
     return cache.fetch_mesh(folder, tool, lambda: tools.mesh(tool))
 
 
@@ -148,7 +155,7 @@ def _primitive(name: str) -> Shape:
     )
 
 
-def _object(name: str, folder: Path) -> Shape:
+def _object(name: str, folder: Path | None) -> Shape:
     from t2twin.primitives_cad import surface, tools
 
     tool, _, at = name.partition("/")

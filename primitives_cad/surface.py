@@ -1,10 +1,10 @@
 """The surface that a shape presses with: the highest point of its mesh over every grid point."""
 
-import numba
 import numpy as np
 import trimesh
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 
 PITCH_MM = 0.05
@@ -106,7 +106,7 @@ def _pitch_for(half_x: float, half_y: float) -> float:
     return pitch
 
 
-@numba.njit("void(float64[:,:,::1], float64, int64, int64, float64[:,::1])", cache=True)
+@compiled("void(float64[:,:,::1], float64, int64, int64, float64[:,::1])")
 def _raster(triangles, pitch, rows, columns, heights):  # pragma: no cover - compiled
     """Highest z of (n, 3, 3) triangles over each grid point, into heights (2 rows + 3, ...)."""
     for index in range(triangles.shape[0]):

@@ -1,3 +1,5 @@
+import os
+import shutil
 from functools import lru_cache
 from pathlib import Path
 
@@ -5,12 +7,20 @@ import numpy as np
 import pytest
 
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.cache_home import VARIABLE
+
+ROOT = Path(__file__).parents[1]
 
 REPORT_SHAPES = (
     "circle-1", "square-1", "hemisphere-4", "line-sharp-4", "square-3", "circle-3",
     "wrench/shank", "allen-key/long-arm",
 )  # fmt: skip
 """Shapes whose solids are quick to make: four to train on, two to validate, two tools."""
+
+
+def pytest_configure(config):
+    """What numba compiles outlives the session, as it takes half a minute."""
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(config.cache.mkdir("numba")))
 
 
 def pytest_addoption(parser):
@@ -33,10 +43,22 @@ def real_digit(request):
 @pytest.fixture(scope="session", autouse=True)
 def shape_cache(tmp_path_factory):
     """Where prepared shapes are kept, by commands too: each is made once for the whole session."""
-    folder = tmp_path_factory.mktemp("shapes")
+    home = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(catalogue, "CACHE_DIR", folder)
-        yield folder
+        patch.setenv(VARIABLE, str(home))
+        yield catalogue.kept_in(None)
+
+
+@pytest.fixture(scope="module")
+def checkout(tmp_path_factory):
+    """A copy of what is installed from, its links as links."""
+    folder = tmp_path_factory.mktemp("checkout")
+    for name in ("t2twin", "translate", "sim", "primitives_cad"):
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / name, folder / name, symlinks=True, ignore=ignored)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, folder / name)
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -56,10 +56,7 @@ def test_press_takes_a_users_stl_and_another_elastomer(tmp_path):
 
 
 def files(folder):
-    """What lies in a folder, but for prepared shapes, which are kept between calls."""
-    return {
-        path for path in folder.rglob("*") if path.is_file() and path.parent.name != "primitives"
-    }
+    return {path for path in folder.rglob("*") if path.is_file()}
 
 
 def open_mesh(path):

@@ -12,6 +12,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.sim.dataset import protocol
 from t2twin.sim.press.anderson import Anderson
+from t2twin.sim.press.bed import Bed
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.footprint import footprint
@@ -214,3 +215,12 @@ def test_a_thin_layer_is_as_thin_as_it_says():
 def test_a_domed_gel_too_thin_for_its_dome_is_refused():
     with pytest.raises(T2TwinError, match=r"at least 0\.5 mm thick"):
         replace(DIGIT_GEL, thickness_mm=0.3)
+
+
+def test_a_warning_of_mujoco_leaves_no_file(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    bed = Bed(1)
+    bed.lay(np.zeros(1), np.nan)
+    bed.push(1.0, np.zeros(1), np.ones(1))
+    assert "WARNING" in "".join(capfd.readouterr())
+    assert not list(tmp_path.iterdir())

@@ -3,6 +3,7 @@
 import numpy as np
 from PIL import Image, ImageDraw
 
+from t2twin.primitives_cad.cache_home import matplotlib_home
 from t2twin.translate.phi import PX_PER_MM
 
 SCALE = 2
@@ -55,6 +56,7 @@ def tactile_picture(
 
 def _colours(values: np.ndarray) -> np.ndarray:
     """(R, C) in [0, 1] -> (R, C, 3) uint8, matplotlib's viridis."""
+    matplotlib_home()
     from matplotlib import colormaps
 
     return colormaps["viridis"](values.clip(0.0, 1.0), bytes=True)[..., :3]

@@ -139,7 +139,7 @@ def _tasks(
     folder: Path, scale: str, seed: int, cache: str | Path | None, shapes: tuple[str, ...]
 ) -> list[Task]:
     size = protocol.scale_of(scale)
-    kept = Path(cache) if cache is not None else catalogue.CACHE_DIR
+    kept = catalogue.kept_in(cache)
     return [
         Task(
             shape=name,
@@ -147,7 +147,7 @@ def _tasks(
             indices=tuple(protocol.indices(name, size)),
             seed=seed,
             folder=str(folder),
-            cache=str(kept.absolute()),
+            cache=None if kept is None else str(kept.absolute()),
         )
         for name in shapes
     ]

@@ -1,17 +1,13 @@
-"""How the optics' inner loops are compiled, and what they share.
+"""How the optics' inner loops are compiled, and what they share."""
 
-Numba's cache of a compiled loop does not notice a change in another file than the loop's own:
-after a change here, delete sim/digit/__pycache__.
-"""
-
-import numba
+from t2twin.primitives_cad.jit import compiled
 
 _OPTIONS = {"nogil": True, "error_model": "numpy"}
 
-jit = numba.njit(cache=True, **_OPTIONS)
-jit_finite = numba.njit(cache=True, fastmath={"nnan", "ninf", "nsz"}, **_OPTIONS)
+jit = compiled(**_OPTIONS)
+jit_finite = compiled(fastmath={"nnan", "ninf", "nsz"}, **_OPTIONS)
 """For finite numbers only: lets minima and maxima be vectorised, changes no rounding."""
-inlined = numba.njit(inline="always", **_OPTIONS)
+inlined = compiled(inline="always", **_OPTIONS)
 """A part of such a loop, compiled as if its text stood there."""
 
 

@@ -1,9 +1,10 @@
 """The reference picture: the deformed gel as a mesh, lit by three LEDs, rendered by pyrender.
 
 The only module that touches pyrender, which is unmaintained. It therefore sets the GL platform
-before the import, gives numpy 2 back the one name pyrender still asks for, and keeps the scene
-in millimetres: pyrender's shadow bias is an absolute number that swallows every shadow of a
-scene in metres. pyrender shadows spot and directional lights only, hence the spots.
+before the import, gives numpy 2 back the one name pyrender still asks for, tells PyOpenGL the name
+that Python 3.12 gave a type, and keeps the scene in millimetres: pyrender's shadow bias is an
+absolute number that swallows every shadow of a scene in metres. pyrender shadows spot and
+directional lights only, hence the spots.
 
 An LED with a size casts soft shadows. The renderer gives each LED a handful of points over its
 disc, renders one picture with hard shadows per point and averages the pictures in linear light.
@@ -11,6 +12,7 @@ disc, renders one picture with hard shadows per point and averages the pictures 
 
 import os
 import warnings
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -42,10 +44,23 @@ def _import_pyrender() -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            _name_ctypes_parameters()
             import pyrender
     except (ImportError, OSError, AttributeError) as error:
         raise T2TwinError(_no_gl(error)) from error
     return pyrender
+
+
+@cache
+def _name_ctypes_parameters() -> None:
+    """Makes PyOpenGL 3.1.0, to which pyrender holds, take what ctypes.byref gives.
+
+    It knows types by name, and this one was builtins.CArgObject before Python 3.12.
+    """
+    from OpenGL.plugins import FormatHandler
+
+    handler = "OpenGL.arrays.ctypesparameters.CtypesParameterHandler"
+    FormatHandler("byref", handler, ["_ctypes.CArgObject"])
 
 
 def _no_gl(error: Exception) -> str:

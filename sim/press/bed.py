@@ -118,6 +118,10 @@ class Bed:
         return -float(self.data.qpos[0]), -self.data.qpos[1 : n + 1].copy()
 
 
+_log = mujoco.MjLogConfig.get()
+_log.logto_file = False  # else a warning leaves a MUJOCO_LOG.TXT in the working directory
+_log.set()
+
 _idle: dict[int, list[Bed]] = {}
 """Compiled beds that nobody uses, by their number of pins: compiling takes longer than a press."""
 

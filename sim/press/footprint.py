@@ -1,14 +1,11 @@
 """What a shape's surface is over each cell of a grid: how high, and over how much of the cell."""
 
-# numba's own types hide a compiled function's signature.
-# pyright: reportCallIssue=false
-
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 
+from t2twin.primitives_cad.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.sim.press.grid import blocks, sums
 from t2twin.sim.press.records import PressCommand
@@ -104,7 +101,7 @@ _LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8, f8"
 """Types of what `_lookup` gives, so that compiling happens at import and not within a press."""
 
 
-@numba.njit(cache=True, inline="always")
+@compiled(inline="always")
 def _height(heights, x0, y0, pitch, press_x, press_y, cos, sin, x, y):
     dx, dy = x - press_x, y - press_y
     column = (cos * dx + sin * dy - x0) / pitch
@@ -117,7 +114,7 @@ def _height(heights, x0, y0, pitch, press_x, press_y, cos, sin, x, y):
     return (a * (1 - across) + b * across) * (1 - down) + (c * (1 - across) + d * across) * down
 
 
-@numba.njit(f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1])", cache=True, nogil=True)
+@compiled(f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1])", nogil=True)
 def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, out):
     for i in range(y_mm.size):
         for j in range(x_mm.size):
@@ -126,9 +123,8 @@ def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, out
             )
 
 
-@numba.njit(
+@compiled(
     f"void({_LOOKUP}, f8[::1], f8[::1], b1[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])",
-    cache=True,
     nogil=True,
 )
 def _footprint(

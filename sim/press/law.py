@@ -1,10 +1,8 @@
 """How a soft layer stiffens: from the linear layer's deflection to the real one."""
 
-# numba's own types hide a compiled function's signature.
-# pyright: reportCallIssue=false
-
-import numba
 import numpy as np
+
+from t2twin.primitives_cad.jit import compiled
 
 NEWTON_STEPS = 5
 """Steps that bring the stretch to rounding error."""
@@ -31,7 +29,7 @@ def neo_hookean_mm(
     return deflection, slope
 
 
-@numba.njit("void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])", cache=True, nogil=True)
+@compiled("void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])", nogil=True)
 def _neo_hookean(linear, thickness, deflection, slope):
     for i in range(linear.shape[0]):
         for j in range(linear.shape[1]):

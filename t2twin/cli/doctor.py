@@ -49,6 +49,7 @@ def run_checks() -> bool:
         ("processor", _processor),
         ("memory", _memory),
         ("disk", _disk),
+        ("cache", _cache),
     ]
     passed = True
     for name, check in checks:
@@ -125,3 +126,12 @@ def _disk() -> str:
     if gib < DISK_GIB:
         raise RuntimeError(f"{gib:.1f} GiB free here; the paper's scale needs {DISK_GIB} GiB")
     return f"{gib:.0f} GiB free here"
+
+
+def _cache() -> str:
+    from t2twin.primitives_cad.cache_home import VARIABLE, cache_home
+
+    home = cache_home()
+    if home is None:
+        return f"none, as no folder for one can be written; {VARIABLE} names another"
+    return f"{home} keeps shapes and compiled code between calls"

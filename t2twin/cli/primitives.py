@@ -18,8 +18,8 @@ def primitives(
     from t2twin.primitives_cad.export import export
     from t2twin.primitives_cad.sheet import draw_sheet
 
-    export(out, cache_dir=out)
-    sheet = draw_sheet(out / "contact_sheet.png", cache_dir=out)
+    export(out)
+    sheet = draw_sheet(out / "contact_sheet.png")
     print("shapes to press:")
     for start in range(0, len(NAMES), 4):
         print("  " + "".join(f"{name:24}" for name in NAMES[start : start + 4]).rstrip())

@@ -33,7 +33,7 @@ def simdata(
         imperfections: What the CySkin adds: none, white, untouched or all.
         calibration: The DIGIT's optics, as t2twin calibrate writes them; the shipped ones unless
             given.
-        primitives: Folder where prepared shapes are kept; data/primitives unless given.
+        primitives: Folder where prepared shapes are kept; one in the user's cache unless given.
         scheduler: Address of a Dask scheduler whose workers make the shards instead, as in
             tcp://10.0.0.1:8786. They must see the folders under the same paths.
         verify: Make nothing; check this dataset, name what is broken, and exit with 1 if anything

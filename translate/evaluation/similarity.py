@@ -9,8 +9,9 @@ Shape letters: R rows, C columns.
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from t2twin.primitives_cad.jit import compiled
 
 WINDOW = 7
 """Side of SSIM's window, pixels (scikit-image's default)."""
@@ -19,7 +20,7 @@ K1, K2 = 0.01, 0.03
 """SSIM's small constants, in parts of the data range (Wang et al. 2004)."""
 
 _HALF = WINDOW // 2
-_jit = numba.njit(cache=True, nogil=True, error_model="numpy")
+_jit = compiled(nogil=True, error_model="numpy")
 
 
 class ImageScores(NamedTuple):
