@@ -324,6 +324,8 @@ def measure(options: Namespace) -> dict[str, Any]:
                     tried[name][fault] = attempt()
                 except T2TwinError as error:
                     tried[name][fault] = [str(error)]
+                if tried[name][fault]:
+                    tqdm.write(f"{name}, {fault}: {'; '.join(tried[name][fault])}")
     wrong = {
         f"{name}, {fault}": reasons
         for name, each in tried.items()

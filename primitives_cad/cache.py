@@ -28,6 +28,7 @@ NOT_MAKERS = (
     "export.py",
     "folder_lock.py",
     "machine.py",
+    "progress.py",
     "sheet.py",
     "writing.py",
 )
@@ -125,6 +126,12 @@ def key(label: str, content: bytes = b"") -> str:
     any other content."""
     made_from = os.fsencode(label) + code_digest().encode() + content
     return hashlib.sha256(made_from).hexdigest()[:KEY_DIGITS]
+
+
+def is_kept(folder: Path | None, label: str, content: bytes = b"") -> bool:
+    """Whether `fetch` would find a shape of this label and content without making it."""
+    path = _path(folder, label, content)
+    return path is not None and path.is_file()
 
 
 def _fetch(

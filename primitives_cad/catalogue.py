@@ -83,6 +83,11 @@ def kept_in(cache_dir: str | Path | None) -> Path | None:
     return None if home is None else home / "shapes"
 
 
+def is_kept(name: str, cache_dir: str | Path | None = None) -> bool:
+    """Whether a shape of the catalogue is there already, so that `load` need not make it."""
+    return cache.is_kept(kept_in(cache_dir), name)
+
+
 def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh:
     """A tool's watertight mesh in its own frame, mm, kept between calls as `load` does.
 

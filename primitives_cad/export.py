@@ -5,11 +5,11 @@ from pathlib import Path
 
 import msgspec
 import trimesh
-from tqdm import tqdm
 
 from t2twin.primitives_cad import cache, catalogue, families
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
+from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.shape import Keypoint
 from t2twin.primitives_cad.writing import whole_file, write_json
 
@@ -68,7 +68,7 @@ def _export(folder: Path, cache_dir: str | Path | None) -> Path:
     before = _read(path)
     entries: dict[str, Entry] = {}
     names = (*catalogue.PRIMITIVES, *catalogue.TOOLS, MOSAIC)
-    for name in tqdm(names, desc="primitives and tools", unit="shape"):
+    for name in Progress(names, desc="primitives and tools", unit="shape"):
         entry = before.get(name)
         if entry is None or not _still_there(folder, entry):
             entry = _write_shape(folder, name, cache_dir)

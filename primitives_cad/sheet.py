@@ -10,9 +10,9 @@ import numpy as np
 import trimesh
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
-from tqdm import tqdm
 
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.primitives_cad.writing import whole_file
 
@@ -66,7 +66,7 @@ def draw_sheet(path: str | Path, cache_dir: str | Path | None = None) -> Path:
     page = Image.new("RGB", (width, rows * TILE_PX[1] + TOOL_PX[1]), tuple(PAPER.tolist()))
     pen = ImageDraw.Draw(page)
     names = (*catalogue.PRIMITIVES, *catalogue.TOOLS)
-    for name in tqdm(names, desc="contact sheet", unit="shape"):
+    for name in Progress(names, desc="contact sheet", unit="shape"):
         if name in catalogue.PRIMITIVES:
             index = catalogue.PRIMITIVES.index(name)
             # One column a family, one row a version.

@@ -33,10 +33,12 @@ def _untimed(stage: str) -> AbstractContextManager[None]:
 
 @dataclass(frozen=True)
 class DigitTouch:
-    """What a press did to the DIGIT. image: (320, 240, 3) uint8."""
+    """What a press did to the DIGIT. image: (320, 240, 3) uint8. calibration: the file with the
+    light that it is in, None for the one that ships."""
 
     contact: Contact
     image: np.ndarray
+    calibration: str | None
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class Digit:
         with timed("press digit"):
             contact = self.press(shape, command)
         with timed("picture"):
-            return DigitTouch(contact, self.image(contact, rng))
+            return DigitTouch(contact, self.image(contact, rng), self.calibration)
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ def write_press(folder: Path, digit: DigitTouch | None, cyskin: CySkinTouch | No
     contacts = {name: touch.contact for name, touch in touches.items() if touch is not None}
     shape = next(iter(contacts.values())).shape
     with locked(folder), temporary_folder(folder, "press") as temporary:
-        (temporary / "press.json").write_text(json.dumps(_summary(contacts), indent=1) + "\n")
+        (temporary / "press.json").write_text(json.dumps(_summary(digit, cyskin), indent=1) + "\n")
         mesh_file = scene.mesh_name(shape)
         if mesh_file is not None:
             shape.mesh.export(temporary / mesh_file)
@@ -80,8 +80,16 @@ def _write_cyskin(folder: Path, touch: CySkinTouch) -> None:
     picture.save(folder / "tactile_picture.png")
 
 
-def _summary(contacts: dict[str, Contact]) -> dict[str, Any]:
+def _summary(digit: DigitTouch | None, cyskin: CySkinTouch | None) -> dict[str, Any]:
     """What press.json holds."""
+    contacts: dict[str, Contact] = {}
+    with_what: dict[str, dict[str, str]] = {}
+    if digit is not None:
+        contacts["digit"] = digit.contact
+        with_what["digit"] = {"calibration": digit.calibration or "the one that ships"}
+    if cyskin is not None:
+        contacts["cyskin"] = cyskin.contact
+        with_what["cyskin"] = {"layout": cyskin.layout.name}
     command = next(iter(contacts.values())).command
     return {
         "shape": command.shape,
@@ -100,5 +108,6 @@ def _summary(contacts: dict[str, Contact]) -> dict[str, Any]:
             "milliseconds": contact.milliseconds,
             "elastomer": elastomer_json(contact.elastomer),
         }
+        | with_what[sensor]
         for sensor, contact in contacts.items()
     }

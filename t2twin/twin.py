@@ -26,7 +26,8 @@ class Touch:
 
     command: where the shape stood, its turn and the force. image: (320, 240, 3) uint8, the DIGIT's,
     channels red, green, blue. counts: (n,) uint16, one for each taxel of the layout. digit, cyskin:
-    both contacts, with depth_mm, force_n, surface_mm, pressure_kpa and more.
+    both contacts, with depth_mm, force_n, surface_mm, pressure_kpa and more. calibration: the file
+    with the DIGIT's light, None for the one that ships.
     """
 
     shape: Shape
@@ -36,6 +37,7 @@ class Touch:
     digit: Contact
     cyskin: Contact
     layout: Layout
+    calibration: str | None = None
 
     @cached_property
     def tactile_image(self) -> np.ndarray:
@@ -47,7 +49,7 @@ class Touch:
 
     def save(self, folder: str | Path) -> None:
         """Write the folder that `t2twin press` writes: pictures, counts, contacts, scenes."""
-        digit, cyskin = DigitTouch(self.digit, self.image), self.cyskin
+        digit, cyskin = DigitTouch(self.digit, self.image, self.calibration), self.cyskin
         write_press(Path(folder), digit, CySkinTouch(cyskin, self.counts, self.layout))
 
 
@@ -109,7 +111,14 @@ class Twin:
         rng = None if seed is None else np.random.default_rng(seed)
         sample = self.sensors.press(solid, command, rng)
         return Touch(
-            solid, command, sample.image, sample.counts, sample.digit, sample.cyskin, self.layout
+            solid,
+            command,
+            sample.image,
+            sample.counts,
+            sample.digit,
+            sample.cyskin,
+            self.layout,
+            self.sensors.digit.calibration,
         )
 
 

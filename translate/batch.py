@@ -12,15 +12,16 @@ import json
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
+from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import temporary_folder
 from t2twin.translate.data.images import check_image, open_image, to_pixels
 from t2twin.translate.picture import tactile_picture
@@ -61,14 +62,26 @@ def find_images(paths: Sequence[str | Path]) -> list[Path]:
     return images
 
 
-def translate_images(
+@dataclass(frozen=True)
+class Translated:
+    """What became of B images, in the order of `find_images`.
+
+    counts: (B, N) float32. like_training: (B,) bool, whether each is like the pictures that the run
+    was trained on.
+    """
+
+    counts: np.ndarray
+    like_training: np.ndarray
+
+
+def translate_files(
     run_dir: str | Path,
     paths: Sequence[str | Path],
     out_dir: str | Path,
     layout: str | Path | None = None,
     pictures: bool = True,
     bf16: bool = False,
-) -> np.ndarray:
+) -> Translated:
     """Translates image files; writes counts.csv, counts.json and a picture of each tactile image.
 
     paths: PNG or JPEG files, or folders of them (see `find_images`), any size, grey, colour or
@@ -78,7 +91,6 @@ def translate_images(
     unless given. pictures: False writes the counts only, which is some times faster.
     bf16: as for `load_run`.
     Pictures that an earlier call left in the folder go, so that all there are of these images.
-    Returns the counts, (B, N) float32, in the order of `find_images`.
     Raises T2TwinError and writes nothing for no image, a file that is missing or is no image, a
     folder that is no run, a layout that the run cannot be read at, and a picture that would
     replace one of the inputs.
@@ -90,13 +102,25 @@ def translate_images(
         list(pool.map(check_image, images))
         run = load_run(run_dir, layout, bf16)
         with locked(out_dir), temporary_folder(out_dir, "translate") as folder:
-            counts = _translate(run, images, names, folder, pool)
+            translated = _translate(run, images, names, folder, pool)
             earlier = _earlier_pictures(out_dir) - {path.resolve() for path in images}
             for name in (*names, COUNTS_CSV, COUNTS_JSON):
                 (folder / name).replace(out_dir / name)
             for path in earlier - {out_dir.resolve() / name for name in names}:
                 path.unlink(missing_ok=True)
-    return counts
+    return translated
+
+
+def translate_images(
+    run_dir: str | Path,
+    paths: Sequence[str | Path],
+    out_dir: str | Path,
+    layout: str | Path | None = None,
+    pictures: bool = True,
+    bf16: bool = False,
+) -> np.ndarray:
+    """As `translate_files`; returns the counts, (B, N) float32, in the order of `find_images`."""
+    return translate_files(run_dir, paths, out_dir, layout, pictures, bf16).counts
 
 
 def _earlier_pictures(out_dir: Path) -> set[Path]:
@@ -116,10 +140,11 @@ def _translate(
     names: list[str],
     folder: Path,
     pool: ThreadPoolExecutor,
-) -> np.ndarray:
-    """Writes everything into a folder; names: the pictures', or none. Returns (B, N) float32."""
+) -> Translated:
+    """Writes everything into a folder; names: the pictures', or none."""
     counts = np.empty((len(images), run.config.data.x_mm.size), np.float32)
-    with tqdm(
+    familiar = np.empty(len(images), bool)
+    with Progress(
         total=len(images), desc="translating", unit="image", disable=len(images) <= AT_ONCE
     ) as bar:
         for part, pixels in _batches(run, images, pool):
@@ -129,11 +154,12 @@ def _translate(
                 list(pool.map(save, tactile, names[part]))
             else:
                 counts[part] = run.predict_pixels(pixels)
+            familiar[part] = run.is_familiar(pixels)
             bar.update(len(pixels))
     rounded = np.rint(counts).astype(int)
     _write_csv(folder / COUNTS_CSV, images, rounded)
-    _write_json(folder / COUNTS_JSON, run, images, names, rounded)
-    return counts
+    _write_json(folder / COUNTS_JSON, run, images, names, rounded, familiar)
+    return Translated(counts, familiar)
 
 
 def _batches(
@@ -185,7 +211,12 @@ def _write_csv(path: Path, images: list[Path], counts: np.ndarray) -> None:
 
 
 def _write_json(
-    path: Path, run: TrainedTranslator, images: list[Path], names: list[str], counts: np.ndarray
+    path: Path,
+    run: TrainedTranslator,
+    images: list[Path],
+    names: list[str],
+    counts: np.ndarray,
+    familiar: np.ndarray,
 ) -> None:
     """One line an image, so that ten thousand can still be read by eye and by line."""
     info = run.config.data
@@ -207,6 +238,7 @@ def _write_json(
             if names:
                 entry["tactile_image"] = names[number]
             entry["counts"] = row.tolist()
+            entry["like_training"] = bool(familiar[number])
             file.write(("," if number else "") + "\n    " + json.dumps(entry))
         file.write("\n  ]\n}\n")
 

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.progress import Progress
 from t2twin.translate import distributed
 from t2twin.translate.build import build
 from t2twin.translate.data.images import augment, to_input
 from t2twin.translate.data.pairs import Pairs
+from t2twin.translate.familiar import familiar_with
 from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
 from t2twin.translate.runs.checkpoint import load_state, save_state, save_weights
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
@@ -47,7 +48,9 @@ class TrainingLoop:
         resumed = (self.out_dir / LAST).is_file()
         epoch_seconds = self._measure()
         if not resumed:
-            self.config = replace(self.config, planned_epochs=self._planned_epochs(epoch_seconds))
+            planned = self._planned_epochs(epoch_seconds)
+            pictures = familiar_with(self.pairs.images)
+            self.config = replace(self.config, planned_epochs=planned, pictures=pictures)
         self.translator = build(self.config)
         if resumed:
             self.history = load_state(self.out_dir / LAST, self.translator)
@@ -75,7 +78,7 @@ class TrainingLoop:
         done = len(self.history)
         total = self.config.planned_epochs * self.steps
         log = _Log(self.out_dir, self.history) if self.rank == 0 else None
-        with tqdm(
+        with Progress(
             total=total, initial=done * self.steps, desc=self.config.model, unit="step",
             disable=self.rank > 0, mininterval=0.5,
         ) as bar:  # fmt: skip
@@ -94,7 +97,7 @@ class TrainingLoop:
         if log is not None:
             log.close()
 
-    def _epoch(self, epoch: int, bar: tqdm) -> EpochRecord:
+    def _epoch(self, epoch: int, bar: Progress) -> EpochRecord:
         """Trains for one epoch and validates. Returns its record for the log."""
         started = time.perf_counter()
         config, translator = self.config, self.translator

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from tqdm import tqdm
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.progress import Progress
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.build import build, has_bf16
 from t2twin.translate.data.images import to_input, to_pixels
@@ -80,6 +80,14 @@ class TrainedTranslator:
         inputs = to_input(pixels.astype(np.float32) / 255.0)
         counts, tactile = self.translator.counts_and_tactile_images(inputs)
         return counts.cpu().numpy(), tactile.cpu().numpy()
+
+    def is_familiar(self, pixels: np.ndarray) -> np.ndarray:
+        """(B,) bool: whether images, as for `predict_pixels`, are like those of the training.
+
+        True of all where the run does not know.
+        """
+        known = self.config.pictures
+        return np.ones(len(pixels), bool) if known is None else known.is_like(pixels)
 
     def at_layout(self, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> "TrainedTranslator":
         """The same run, giving the counts of another taxel layout.
@@ -156,6 +164,6 @@ def _is_frame(images: np.ndarray | Sequence[np.ndarray]) -> bool:
     return images.ndim == 2 or (images.ndim == 3 and images.shape[2] == 3)
 
 
-def _parts(size: int, progress: str | None) -> list[slice] | tqdm:
+def _parts(size: int, progress: str | None) -> list[slice] | Progress:
     parts = [slice(start, start + AT_ONCE) for start in range(0, size, AT_ONCE)]
-    return parts if progress is None else tqdm(parts, desc=progress, unit="batch")
+    return parts if progress is None else Progress(parts, desc=progress, unit="batch")

@@ -9,12 +9,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import is_empty, locked
 from t2twin.primitives_cad.machine import cores
+from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import LEFT_OVERS
 from t2twin.sim.dataset import pool, protocol
 from t2twin.sim.dataset.card import card
@@ -27,8 +27,9 @@ from t2twin.sim.press.layer import cached_layer
 from t2twin.sim.seeds import check_seed
 from t2twin.sim.sensors import CySkin, SensorPair
 
-SECONDS_PER_PAIR = 0.083
-"""Time of one pair on one core, for the estimate before the start, s (measured)."""
+SECONDS_PER_PAIR, SECONDS_PER_SHAPE = 0.083, 0.75
+"""Time of one pair, and of preparing one shape, on one core, for the estimate before the start, s
+(measured)."""
 
 STATE = ("shards", "complete")
 """Fields of info.json that say how far a dataset is; all others say what it is made with."""
@@ -207,9 +208,11 @@ def _make(
     workers = min(workers, len(todo))
     pairs = sum(len(task.indices) for task in todo)
     start, watch, peaks = time.monotonic(), Stopwatch(), {}
-    with tqdm(total=pairs, unit="pair", desc="simdata") as bar:
+    with Progress(total=pairs, unit="pair", desc="simdata") as bar:
         if scheduler is None:
-            minutes = pairs * SECONDS_PER_PAIR / workers / 60
+            shapes = sum(not catalogue.is_kept(task.shape, task.cache) for task in todo)
+            seconds = (pairs * SECONDS_PER_PAIR + shapes * SECONDS_PER_SHAPE) / workers
+            minutes = seconds / 60
             bar.write(f"{pairs} pairs to make with {workers} workers: about {minutes:.1f} minutes")
             results = pool.run(sensors, todo, workers, bar.update)
         else:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from tqdm import tqdm
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.machine import cores
+from t2twin.primitives_cad.progress import Progress
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.protocol import press_of
@@ -59,7 +59,7 @@ def verify(folder: str | Path) -> list[Fault]:
     shards = [path for path in sorted(info.shards) if path not in named]
     with ThreadPoolExecutor(cores()) as pool:
         checks = pool.map(lambda path: list(_shard(folder, path, info)), shards)
-        for of_shard in tqdm(checks, total=len(shards), desc="verify", unit="shard"):
+        for of_shard in Progress(checks, total=len(shards), desc="verify", unit="shard"):
             faults += of_shard
     return sorted(faults, key=lambda fault: fault.part)
 

@@ -1,5 +1,6 @@
 """t2twin translate"""
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -39,14 +40,23 @@ def translate(
     """
     import numpy as np
 
-    from t2twin.translate.batch import find_images, translate_images
+    from t2twin.translate.batch import find_images, translate_files
     from t2twin.translate.distributed import use_all_cores
 
     use_all_cores()
     files = find_images(images)
-    counts = translate_images(run, files, out, layout, pictures, bf16)
+    translated = translate_files(run, files, out, layout, pictures, bf16)
+    counts = translated.counts
     for image, row in zip(files[:SHOWN], np.rint(counts[:SHOWN]).astype(int), strict=True):
         print(f"{image}: " + " ".join(str(count) for count in row))
     if len(counts) > SHOWN:
         print(f"and {len(counts) - SHOWN:,} more")
     print(f"written to {out}")
+    strange = [file for file, like in zip(files, translated.like_training, strict=True) if not like]
+    if strange:
+        print(
+            f"t2twin: {len(strange)} of {len(files)} pictures are unlike all that {run} was "
+            f"trained on, such as {strange[0]}; counts are right of upright frames of the same "
+            "sensor in the same light only",
+            file=sys.stderr,
+        )

@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from tqdm import tqdm
-
+from t2twin.primitives_cad.folder_lock import locked
+from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.report import (
     about,
@@ -106,11 +106,11 @@ def write_page(
     opening: what stands above the line of links. sections: by name, made one after the other.
     titles: of the links to them, by name.
     """
-    makers = tqdm([opening, *sections.values()], desc="report", unit="section")
+    makers = Progress([opening, *sections.values()], desc="report", unit="section")
     above, *body = [maker() for maker in makers]
     links = {name: titles[name] for name in sections if name in titles}
     path = out / PAGE
-    with whole_file(path) as temporary:
+    with locked(path.parent), whole_file(path) as temporary:
         temporary.write_text(_page(title, above, links, body), encoding="utf-8")
     return path
 

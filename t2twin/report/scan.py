@@ -7,9 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from tqdm import tqdm
 
 from t2twin.primitives_cad.machine import cores
+from t2twin.primitives_cad.progress import Progress
 from t2twin.report.dataset import Dataset
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import iter_images, shard_path
@@ -56,7 +56,7 @@ def scan(dataset: Dataset, noise_grey: float) -> Scan:
         looks = pool.map(look, of_shape)
         for here, looked in zip(
             of_shape.values(),
-            tqdm(looks, total=len(of_shape), desc="pictures", unit="shape"),
+            Progress(looks, total=len(of_shape), desc="pictures", unit="shape"),
             strict=True,
         ):
             nearest_grey[here], alike_counts[here], off_grey[here] = looked

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.lib import format as npy
 from PIL import Image
-from tqdm import tqdm
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
@@ -163,7 +163,9 @@ def _write_cache(
         whole_file(path) as temporary,
         temporary.open("wb") as file,
         ThreadPoolExecutor() as pool,
-        tqdm(total=rows, desc=f"decoding {path.stem}", unit="image", disable=rows < 1000) as bar,
+        Progress(
+            total=rows, desc=f"decoding {path.stem}", unit="image", disable=rows < 1000
+        ) as bar,
     ):
         npy.write_array_header_1_0(file, header)
         while encoded := list(islice(images, IMAGES_AT_ONCE)):

@@ -6,8 +6,8 @@ Shape letters: P queries, M stored pairs, S image side, F numbers of an image, N
 from dataclasses import dataclass
 
 import numpy as np
-from tqdm import tqdm
 
+from t2twin.primitives_cad.progress import Progress
 from t2twin.translate.data.pairs import ImageFile, Pairs
 
 MEAN_ARRAY, NEAREST_NEIGHBOUR = "mean-array", "nearest-neighbour"
@@ -67,7 +67,7 @@ def neighbours(
     k = min(k, len(stored))
     index = np.empty((len(queries), k), int)
     distance = np.empty((len(queries), k))
-    for part in tqdm(_parts(len(queries)), progress, unit="batch", disable=progress is None):
+    for part in Progress(_parts(len(queries)), progress, unit="batch", disable=progress is None):
         asked = _features(queries, part, middle)
         # |q - s|^2 less |q|^2, which is the same for every s
         apart = squares - 2.0 * (asked @ features.T)

@@ -11,9 +11,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
 
 import numpy as np
-from tqdm import tqdm
 
 from t2twin.primitives_cad.machine import cores
+from t2twin.primitives_cad.progress import Progress
 from t2twin.translate.evaluation.field_of_view import GROUPS
 from t2twin.translate.evaluation.records import Figures
 from t2twin.translate.evaluation.similarity import image_scores
@@ -178,7 +178,7 @@ def _scores_of_images(
     scores = np.empty((len(true), 3))
     with (
         ThreadPoolExecutor(cores()) as pool,
-        tqdm(total=len(true), desc=progress, unit="pair", disable=progress is None) as bar,
+        Progress(total=len(true), desc=progress, unit="pair", disable=progress is None) as bar,
     ):
         for start in range(0, len(true), AT_ONCE):
             part = slice(start, start + AT_ONCE)

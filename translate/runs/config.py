@@ -22,6 +22,7 @@ from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
 from t2twin.sim.seeds import MOST_SEED
 from t2twin.sim.typed_json import convert, read_json
 from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.familiar import CELLS, Familiar
 from t2twin.translate.presets import MODELS, Preset
 
 FORMAT = 1
@@ -57,7 +58,8 @@ class RunConfig:
 
     epochs, minutes: as asked for, None where the preset decides. planned_epochs: how many that
     came to; with a limit in minutes it depends on the machine, so it is decided once. processes:
-    how many share each batch.
+    how many share each batch. pictures: what those look like that it was trained on; runs of older
+    versions do not know.
     """
 
     model: str
@@ -69,6 +71,7 @@ class RunConfig:
     planned_epochs: int
     bf16: bool
     processes: int
+    pictures: Familiar | None = None
     format: int = FORMAT
 
     def save(self, run_dir: Path) -> None:
@@ -93,6 +96,13 @@ class RunConfig:
                     "layout_y_mm": data.y_mm.tolist(),
                     "full_scale_counts": data.full_scale_counts,
                 },
+                "pictures": None
+                if self.pictures is None
+                else {
+                    "mean_grey": self.pictures.mean.round(3).tolist(),
+                    "spread_grey": self.pictures.spread.round(3).tolist(),
+                    "farthest": self.pictures.farthest,
+                },
                 "versions": {name: version(name) for name in ("torch", "numpy")},
             },
         )
@@ -115,6 +125,21 @@ class _DataPart:
 
 
 @dataclass(frozen=True)
+class _PicturesPart:
+    """What config.json says of the training pictures; see Familiar."""
+
+    mean_grey: tuple[Annotated[float, Meta(ge=0, le=255)], ...]
+    spread_grey: tuple[Annotated[float, Meta(gt=0, le=255)], ...]
+    farthest: Annotated[float, Meta(ge=0)]
+
+    def familiar(self, channels: int, source: Path) -> Familiar:
+        wanted = CELLS * CELLS * channels
+        if not len(self.mean_grey) == len(self.spread_grey) == wanted:
+            raise T2TwinError(f"{source}: pictures must have {wanted} means and as many spreads")
+        return Familiar(np.array(self.mean_grey), np.array(self.spread_grey), self.farthest)
+
+
+@dataclass(frozen=True)
 class _ConfigFile:
     """config.json as it is written; see RunConfig."""
 
@@ -127,6 +152,7 @@ class _ConfigFile:
     bf16: bool
     processes: Annotated[int, Meta(ge=1, le=MOST["batch"])]
     data: _DataPart
+    pictures: _PicturesPart | None = None
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
@@ -143,9 +169,11 @@ def load_config(run_dir: Path) -> RunConfig:
     if not path.is_file():
         raise T2TwinError(f"{run_dir} holds no config.json; give a folder that `train` has made")
     there = read_json(path, _ConfigFile, FORMAT)
+    preset, pictures = _preset(there.preset, path), there.pictures
+    channels = 1 if preset.grey else 3
     return RunConfig(
         model=there.model,
-        preset=_preset(there.preset, path),
+        preset=preset,
         seed=there.seed,
         data=DataInfo(
             sha256=there.data.info_sha256,
@@ -159,6 +187,7 @@ def load_config(run_dir: Path) -> RunConfig:
         planned_epochs=there.planned_epochs,
         bf16=there.bf16,
         processes=there.processes,
+        pictures=None if pictures is None else pictures.familiar(channels, path),
     )
 
 

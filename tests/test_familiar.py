@@ -1,0 +1,68 @@
+"""Pictures unlike those of the training are told."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from spots import train_smoke, write_spots
+
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.png import decode_png
+from t2twin.sim.dataset.store import read_split
+from t2twin.translate.familiar import CELLS, familiar_with
+from t2twin.translate.runs.config import CONFIG, load_config
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("familiar")
+    data = write_spots(folder / "data", train=120, val=6, test=6)
+    return data, train_smoke("resnet18", data, folder / "run", epochs=1)
+
+
+def test_distances_are_in_spreads_of_the_cells():
+    rng = np.random.default_rng(0)
+    pixels = rng.integers(90, 110, (100, 61, 61, 3)).astype(np.uint8)
+    pixels[::2] += 20  # all cells move together by 20
+    known = familiar_with(pixels)
+    assert known is not None and familiar_with(pixels[:99]) is None
+    assert known.mean.shape == (CELLS * CELLS * 3,)
+    np.testing.assert_allclose(known.mean, 109.5, atol=2.0)
+    np.testing.assert_allclose(known.spread, 10.0, atol=1.0)
+    np.testing.assert_allclose(known.distances(pixels), 1.0, atol=0.1)
+    off = np.full((1, 61, 61, 3), 150, np.uint8)
+    assert known.distances(off)[0] == pytest.approx(40.5 / 10, rel=0.05)
+    assert known.is_like(pixels).all() and not known.is_like(off).any()
+
+
+def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
+    data, folder = run
+    rows = read_split(data, "test")["image"].to_pylist()
+    for number, row in enumerate(rows):
+        Image.fromarray(decode_png(row["bytes"])).save(tmp_path / f"{number}.png")
+    noise = np.random.default_rng(0).integers(0, 256, (320, 240, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "noise.png")
+    Image.new("RGB", (240, 320), "white").save(tmp_path / "white.png")
+    main(["translate", str(folder), str(tmp_path), "--out", str(tmp_path / "out")])
+    said = capsys.readouterr().err
+    assert "2 of 8 pictures are unlike all that" in said and "noise.png" in said
+    entries = json.loads((tmp_path / "out/counts.json").read_text())["images"]
+    assert [entry["like_training"] for entry in entries] == [True] * 6 + [False] * 2
+    main(["translate", str(folder), str(tmp_path / "1.png"), "--out", str(tmp_path / "out2")])
+    assert "unlike" not in capsys.readouterr().err
+
+
+def test_config_keeps_it_and_older_runs_lack_it(run, tmp_path):
+    config = load_config(run[1])
+    assert config.pictures is not None
+    content = json.loads((run[1] / CONFIG).read_text())
+    assert content["pictures"]["farthest"] == config.pictures.farthest
+    content["pictures"]["mean_grey"].pop()
+    (tmp_path / CONFIG).write_text(json.dumps(content))
+    with pytest.raises(T2TwinError, match="pictures must have 192 means and as many spreads"):
+        load_config(tmp_path)
+    del content["pictures"]
+    (tmp_path / CONFIG).write_text(json.dumps(content))
+    assert load_config(tmp_path).pictures is None
