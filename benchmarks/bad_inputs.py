@@ -3,6 +3,9 @@
 python -m benchmarks.bad_inputs [KIND ...]
 """
 
+import os
+import subprocess
+import sys
 import tempfile
 import time
 from argparse import Namespace
@@ -26,8 +29,9 @@ from benchmarks.inputs import (
     shapes,
     tables,
 )
-from benchmarks.inputs.case import Base, Case
+from benchmarks.inputs.case import REFUSED, Base, Case
 from benchmarks.inputs.tried import Tried, connections, guard_connections, try_case
+from t2twin.primitives_cad.errors import T2TwinError
 
 KINDS: dict[str, Callable[[], Iterator[Case]]] = {
     "arguments": arguments.cases,
@@ -52,6 +56,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     start = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="t2twin-inputs-") as folder:
         base = make_base(Path(folder) / "base")
+        bombs_gib = memory_of_bombs(base, Path(folder))
         tried = {kind: try_kind(kind, base, Path(folder)) for kind in KINDS}
     everything = [each for kind in tried.values() for each in kind]
     return {
@@ -59,6 +64,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "odd_but_fine": sum(each.case.fine for each in everything),
         "unclean": sum(bool(each.faults) for each in everything),
         "connections": len(connections),
+        "bombs_gib": round(bombs_gib, 2),
         "minutes": round((time.monotonic() - start) / 60, 1),
         "slowest_seconds": round(max(each.seconds for each in everything), 1),
         "by_kind": {
@@ -86,6 +92,20 @@ def make_base(folder: Path) -> Base:
         train(model, base.data, "smoke", run, epochs=1)
     evaluate_both([base.touch2touch, base.resnet18], base.data, base.evaluation)
     return base
+
+
+def memory_of_bombs(base: Base, folder: Path) -> float:
+    """The most memory that `t2twin translate` takes of eight pictures of 1.4 GB each, GiB."""
+    (folder / "bombs").mkdir()
+    for number in range(8):
+        (folder / f"bombs/{number}.png").write_bytes(images.bomb())
+    words = ["translate", str(base.resnet18), str(folder / "bombs"), "--out", str(folder / "none")]
+    process = subprocess.Popen([sys.executable, "-m", "t2twin", *words], stderr=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode != REFUSED:
+        raise T2TwinError(f"eight bombs ended with {process.returncode}")
+    return usage.ru_maxrss / 2**20
 
 
 def try_kind(kind: str, base: Base, folder: Path) -> list[Tried]:

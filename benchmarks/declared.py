@@ -258,6 +258,7 @@ BAD_INPUTS = Benchmark(
         Figure("odd_but_fine"),
         Figure("unclean", most=0),
         Figure("connections", most=0),
+        Figure("bombs_gib", "GiB", most=1.0),
         Figure("minutes", "minutes"),
     ),
     entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.train"),

@@ -21,26 +21,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from PIL import Image
 from tqdm import tqdm
 
 from benchmarks.bad_inputs import make_base
 from benchmarks.declared import FAULTS
 from benchmarks.evidence.run import main
+from benchmarks.inputs.calibrations import BALL_MM, ball_frames
 from benchmarks.inputs.case import Base
 from benchmarks.inputs.images import PNG, frame
 from benchmarks.inputs.results import same_results
 from benchmarks.inputs.tables import good_pairs
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import deflections
-from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
 STATUS = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
 LOADING_SECONDS = 0.5
 """The first half second, in which nothing but loading happens."""
-BALL_MM = 4.7
-"""Diameter of the ball whose presses a calibration is fitted to, mm."""
 PATIENCE_SECONDS = 120
 """How long a command may take, s; longer is a hang."""
 
@@ -90,7 +85,7 @@ class Bench:
         box = self.folder / f"{self.command.name}-{self.number}"
         box.mkdir()
         good_pairs(box, self.base)
-        ball_frames(box)
+        ball_frames(box, self.base)
         (box / "frames").mkdir()
         for number in range(40):
             frame(number).save(box / f"frames/{number}.png")
@@ -128,22 +123,6 @@ class Bench:
         place = box / (out or self.command.out)
         wrong = [] if same_results(self.wanted, place) else ["its results are others"]
         return wrong + left_overs(box)
-
-
-def ball_frames(box: Path) -> None:
-    """Pictures that a calibration can be fitted to: of the light that ships, with noise."""
-    optics, rng = DigitOptics.load(), np.random.default_rng(0)
-    (box / "presses").mkdir()
-    untouched = deflections.ball(0.0, 0.0, 1.0, BALL_MM / 2) * 0.0
-    _save(optics.render(untouched, rng, NOISE_GREY), box / "background.png")
-    for number in range(8):
-        x_mm, y_mm = 3.0 * np.cos(0.8 * number), 4.0 * np.sin(0.8 * number)
-        surface = deflections.ball(x_mm, y_mm, 1.0 + 0.05 * number, BALL_MM / 2)
-        _save(optics.render(surface, rng, NOISE_GREY), box / f"presses/{number}.png")
-
-
-def _save(picture: np.ndarray, path: Path) -> None:
-    Image.fromarray(picture).save(path)
 
 
 def _heeding() -> None:

@@ -134,6 +134,9 @@ FINE: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("help", ("--help",)),
     ("help of a command", ("simdata", "--help")),
     ("verify", ("simdata", "--verify", "{data}")),
+    ("export", ("export", "{touch2touch}", "--out", "x.onnx")),
+    ("doctor", ("doctor",)),
+    ("report of a dataset", ("report", "--data", "{data}", *OUT)),
 )
 
 

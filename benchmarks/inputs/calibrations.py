@@ -10,7 +10,9 @@ from PIL import Image
 
 from benchmarks.inputs.case import Base, Case, Make
 from benchmarks.inputs.images import JPEG, PNG, bomb, encoded, frame
+from t2twin.sim.digit import deflections
 from t2twin.sim.digit.calibration import DEFAULT_PATH
+from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
 PRESS = ("press", "circle-1", "--sensor", "digit", "--out", "out", "--calibration", "c.npz")
 CALIBRATE = ("calibrate", "--background", "background.png", "--presses", "presses",
@@ -117,9 +119,28 @@ def frames(background: bytes | None = PNG, *presses: tuple[str, bytes]) -> Make:
     return make
 
 
+BALL_MM = 4.7
+"""Diameter of the ball of CALIBRATE, mm."""
+
 UNTOUCHED = encoded(Image.new("RGB", (240, 320), (90, 90, 90)))
 FRAMES = tuple((f"press_{number}.png", encoded(frame(number))) for number in range(8))
 good_frames = frames(UNTOUCHED, *FRAMES)
+
+
+def ball_frames(box: Path, base: Base) -> None:
+    """Pictures that a calibration can be fitted to: of the light that ships, with noise."""
+    optics, rng = DigitOptics.load(), np.random.default_rng(0)
+    (box / "presses").mkdir()
+    untouched = deflections.ball(0.0, 0.0, 1.0, BALL_MM / 2) * 0.0
+    _save(optics.render(untouched, rng, NOISE_GREY), box / "background.png")
+    for number in range(8):
+        x_mm, y_mm = 3.0 * np.cos(0.8 * number), 4.0 * np.sin(0.8 * number)
+        surface = deflections.ball(x_mm, y_mm, 1.0 + 0.05 * number, BALL_MM / 2)
+        _save(optics.render(surface, rng, NOISE_GREY), box / f"presses/{number}.png")
+
+
+def _save(picture: np.ndarray, path: Path) -> None:
+    Image.fromarray(picture).save(path)
 
 
 def _unlike(content: bytes) -> tuple[tuple[str, bytes], ...]:
@@ -163,6 +184,7 @@ def cases() -> Iterator[Case]:
         yield Case(f"calibration: {name}", PRESS, _holding(content), fine=True)
     for name, make, says in BAD_FRAMES:
         yield Case(f"frames: {name}", CALIBRATE, make, says)
+    yield Case("frames: as they should be", (*CALIBRATE, "--held-out", "2"), ball_frames, fine=True)
     yield Case("frames: presses are a file", CALIBRATE, _no_folder, "presses")
     for held in ("0", "3", "8", "9"):
         yield Case(f"frames: {held} of 8 held out", (*CALIBRATE, "--held-out", held), good_frames)
