@@ -32,6 +32,7 @@ def processes() -> Iterator[tuple[int, int]]:
     dist.init_process_group("gloo")
     try:
         yield dist.get_rank(), dist.get_world_size()
+        dist.barrier()  # none leaves while another may still be heard
     finally:
         dist.destroy_process_group()
 
