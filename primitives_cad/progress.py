@@ -2,6 +2,7 @@
 
 import io
 import sys
+import time
 from typing import Any
 
 from tqdm import tqdm
@@ -14,7 +15,7 @@ class Progress(tqdm):
     """tqdm's bar, with its arguments; into a file or a pipe it writes plain lines, and few."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        self._plain = not sys.stderr.isatty()
+        self._plain, self._said = not sys.stderr.isatty(), time.monotonic()
         if self._plain:
             options |= {
                 "file": io.StringIO(),
@@ -27,9 +28,14 @@ class Progress(tqdm):
         """Shows where the work is."""
         if not self._plain:
             super().display(msg, pos)
-        elif self.total and 0 < self.n < self.total:
+        elif (
+            self.total
+            and 0 < self.n < self.total
+            and time.monotonic() >= self._said + QUIET_SECONDS
+        ):
+            self._said = time.monotonic()
             known = self.format_dict
-            left_s = known["elapsed"] * (self.total - self.n) / self.n
+            left_s = known["elapsed"] * (self.total - self.n) / max(self.n - self.initial, 1)
             print(
                 f"{self.desc.removesuffix(': ')}: {self.n:,} of {self.total:,} {self.unit}s, about "
                 f"{left_s / 60:.1f} minutes left",

@@ -1,0 +1,23 @@
+"""Progress where nobody watches: a plain line once in a while, and nothing of a bar."""
+
+from t2twin.primitives_cad import progress
+from t2twin.primitives_cad.progress import Progress
+
+
+def test_a_pipe_gets_few_plain_lines(capsys, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    with Progress(total=1000, desc="work", unit="pair") as bar:
+        for _ in range(999):
+            now[0] += 0.5
+            bar.update()
+            bar.set_postfix_str("fine")  # which shows the bar on a terminal
+    said = capsys.readouterr().err
+    lines = said.splitlines()
+    assert 7 <= len(lines) <= 8 and "\r" not in said
+    assert all(line.startswith("work: ") and "of 1,000 pairs, about" in line for line in lines)
+
+
+def test_short_work_says_nothing(capsys):
+    assert [*Progress(range(5), desc="work", unit="pair")] == [0, 1, 2, 3, 4]
+    assert capsys.readouterr().err == ""
