@@ -187,7 +187,7 @@ def stopped(bench: Bench, number: signal.Signals, moment_s: float) -> list[str]:
         if not bench.command.resumes and (box / bench.command.out).exists():
             wrong.append("left its folder")
     if "Traceback" in said and (number == signal.SIGTERM or moment_s > LOADING_SECONDS / 2):
-        wrong.append("a traceback")
+        wrong.append(f"a traceback: {said[-900:]!r}")
     return wrong + ([] if status == 0 and not bench.command.resumes and bench.command.name in
                     ("import-pairs",) else bench.again(box))  # fmt: skip
 

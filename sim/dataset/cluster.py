@@ -1,6 +1,6 @@
 """Shards made by the workers of a Dask cluster, and written by them to a path that all share."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from pathlib import Path
 from urllib.parse import urlsplit
 from uuid import uuid4
@@ -52,7 +52,7 @@ def run(
     address: str,
     needed: dict[str, str],
     progress: Callable[[int], object],
-) -> Iterator[tuple[Task, Made]]:
+) -> Generator[tuple[Task, Made]]:
     """Make the tasks' shards on the cluster, each yielded as it is done.
 
     needed: versions that every worker must have. progress: called with the pairs of each shard.

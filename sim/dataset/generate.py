@@ -3,7 +3,7 @@
 import importlib
 import json
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import asdict, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -220,12 +220,13 @@ def _make(
 
             bar.write(f"{pairs} pairs to make on the cluster at {scheduler}")
             results = cluster.run(sensors, todo, scheduler, info.versions, bar.update)
-        for task, made in results:
-            shard = Shard(made.sha256, len(task.indices))
-            info = replace(info, shards=info.shards | {task.path: shard})
-            write_info(folder, info)
-            watch.add(made.watch)
-            peaks[made.process] = made.peak_memory
+        with closing(results):  # a stop while one is entered ends the workers here, not later
+            for task, made in results:
+                shard = Shard(made.sha256, len(task.indices))
+                info = replace(info, shards=info.shards | {task.path: shard})
+                write_info(folder, info)
+                watch.add(made.watch)
+                peaks[made.process] = made.peak_memory
     busy = len(peaks)
     peaks[process_name()] = peak_memory()
     record = RunTiming(

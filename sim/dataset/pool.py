@@ -6,7 +6,7 @@ import pickle
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -26,7 +26,7 @@ class _StoppedError(Exception):
 
 def run(
     sensors: SensorPair, todo: list[Task], workers: int, progress: Callable[[int], object]
-) -> Iterator[tuple[Task, Made]]:
+) -> Generator[tuple[Task, Made]]:
     """Make the tasks' shards, each yielded as it is done.
 
     progress: called with the number of pairs made since the last call. Raises T2TwinError where a
@@ -46,7 +46,7 @@ def run(
 
 def _run(
     sensors: Path, todo: list[Task], workers: int, progress: Callable[[int], object]
-) -> Iterator[tuple[Task, Made]]:
+) -> Generator[tuple[Task, Made]]:
     """sensors: the file that the workers read them from."""
     context = multiprocessing.get_context("spawn")
     made, stop, started = context.Value("i", 0), context.Event(), context.Event()
