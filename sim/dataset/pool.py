@@ -84,7 +84,8 @@ def _run(
             ) from error
         except BaseException:
             stop.set()
-            pool.shutdown(wait=False, cancel_futures=True)
+            # Waited for here: a pool that was once told not to wait does not do so any more.
+            pool.shutdown(wait=True, cancel_futures=True)
             raise
 
 
