@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from benchmarks.inputs.case import Base, Case, Make
+from benchmarks.inputs.case import Base, Case, LeavesFile, Make, holding
 from benchmarks.inputs.images import JPEG, PNG, bomb, encoded, frame
 from t2twin.sim.digit import deflections
 from t2twin.sim.digit.calibration import DEFAULT_PATH
@@ -28,13 +28,6 @@ def _packed(arrays: dict[str, np.ndarray]) -> bytes:
     file = io.BytesIO()
     np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]
     return file.getvalue()
-
-
-class _Command:
-    """Unpickled, it would leave a file."""
-
-    def __reduce__(self) -> tuple:
-        return Path.touch, (Path("pickled"),)
 
 
 def _spoiled() -> Iterator[tuple[str, bytes]]:
@@ -71,7 +64,7 @@ def _spoiled() -> Iterator[tuple[str, bytes]]:
 
 
 def _pickled(good: dict[str, np.ndarray], key: str) -> bytes:
-    return _packed(good | {key: np.array([_Command()], dtype=object)})
+    return _packed(good | {key: np.array([LeavesFile()], dtype=object)})
 
 
 def _zip_bomb() -> bytes:
@@ -97,13 +90,6 @@ def _odd() -> Iterator[tuple[str, bytes]]:
     yield "a near camera", _packed(good | {"distance_mm": np.array(5.0)})
     yield "a coarse camera", _packed(good | {"scale_px_per_mm": np.array(5.0)})
     yield "a fine camera", _packed(good | {"scale_px_per_mm": np.array(100.0)})
-
-
-def _holding(content: bytes) -> Make:
-    def make(box: Path, base: Base) -> None:
-        (box / "c.npz").write_bytes(content)
-
-    return make
 
 
 def frames(background: bytes | None = PNG, *presses: tuple[str, bytes]) -> Make:
@@ -179,9 +165,9 @@ def _no_folder(box: Path, base: Base) -> None:
 
 def cases() -> Iterator[Case]:
     for name, content in _spoiled():
-        yield Case(f"calibration: {name}", PRESS, _holding(content), "c.npz")
+        yield Case(f"calibration: {name}", PRESS, holding("c.npz", content), "c.npz")
     for name, content in _odd():
-        yield Case(f"calibration: {name}", PRESS, _holding(content), fine=True)
+        yield Case(f"calibration: {name}", PRESS, holding("c.npz", content), fine=True)
     for name, make, says in BAD_FRAMES:
         yield Case(f"frames: {name}", CALIBRATE, make, says)
     yield Case("frames: as they should be", (*CALIBRATE, "--held-out", "2"), ball_frames, fine=True)

@@ -52,6 +52,22 @@ class Case:
         return [places.get(word, word) for word in self.arguments]
 
 
+def holding(name: str, content: bytes | str) -> Make:
+    """Lays out one file."""
+
+    def make(box: Path, base: Base) -> None:
+        replaced(box / name, content)
+
+    return make
+
+
+class LeavesFile:
+    """Unpickled, it leaves a file: what reads pickles is found out by it."""
+
+    def __reduce__(self) -> tuple:
+        return Path.touch, (Path("pickled"),)
+
+
 def copied(folder: Path, to: Path, without: tuple[str, ...] = ("cache", "tensorboard")) -> Path:
     """A copy whose files are links to the same content: replace them, never write into them."""
     ignore = shutil.ignore_patterns(*without)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from benchmarks.inputs.case import Base, Case, Make
+from benchmarks.inputs.case import Base, Case, Make, holding
 
 SIDE = (240, 320)
 """Width and height of a DIGIT's picture."""
@@ -153,13 +153,6 @@ def _odd() -> Iterator[tuple[str, bytes, str]]:
     yield "all white", encoded(Image.new("RGB", SIDE, "white")), ".png"
 
 
-def _holding(name: str, content: bytes) -> Make:
-    def make(box: Path, base: Base) -> None:
-        (box / name).write_bytes(content)
-
-    return make
-
-
 def _in_folder(*contents: tuple[str, bytes]) -> Make:
     def make(box: Path, base: Base) -> None:
         (box / "frames").mkdir()
@@ -219,10 +212,10 @@ NAMES = (b"na\nme.png", b"caf\xe9.png", "naïve 🖐.png".encode(), b"--out.png"
 def cases() -> Iterator[Case]:
     for name, content, suffix in _spoiled():
         file = f"x{suffix}"
-        yield Case(f"picture: {name}", (*ASK, file, *OUT), _holding(file, content), file)
+        yield Case(f"picture: {name}", (*ASK, file, *OUT), holding(file, content), file)
     for name, content, suffix in _odd():
         file = f"x{suffix}"
-        yield Case(f"picture: {name}", (*ASK, file, *OUT), _holding(file, content), fine=True)
+        yield Case(f"picture: {name}", (*ASK, file, *OUT), holding(file, content), fine=True)
     for name, make, asked, says in PLACES:
         yield Case(f"picture: {name}", (*ASK, *asked, *OUT), make, says)
     for name in NAMES:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.inputs.case import Base, Case, Make
+from benchmarks.inputs.case import Base, Case, Make, holding
 
 PLACES = ((-6.0, -10.0), (0.0, -8.0), (6.0, -10.0), (-6.0, 8.0), (0.5, 9.0), (6.0, 10.0))
 
@@ -107,13 +107,6 @@ GOOD: tuple[tuple[str, str, str | bytes], ...] = (
 )
 
 
-def _laid(name: str, content: str | bytes) -> Make:
-    def make(box: Path, base: Base) -> None:
-        (box / name).write_bytes(content.encode() if isinstance(content, str) else content)
-
-    return make
-
-
 PRESS = ("press", "circle-1", "--sensor", "cyskin", "--out", "out", "--layout")
 ASKED = (
     PRESS,
@@ -131,7 +124,7 @@ def cases() -> Iterator[Case]:
         make = _laid_with_pairs(file, content)
         yield Case(f"layout, {file[2:]}: {name} ({command[0]})", (*command, file), make)
     for name, file, content in GOOD:
-        yield Case(f"layout: {name}", (*PRESS, file), _laid(file, content), fine=True)
+        yield Case(f"layout: {name}", (*PRESS, file), holding(file, content), fine=True)
 
 
 def _laid_with_pairs(name: str, content: str | bytes) -> Make:
@@ -139,6 +132,6 @@ def _laid_with_pairs(name: str, content: str | bytes) -> Make:
 
     def make(box: Path, base: Base) -> None:
         good_pairs(box, base)
-        _laid(name, content)(box, base)
+        holding(name, content)(box, base)
 
     return make

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from safetensors.numpy import load_file, save
 
-from benchmarks.inputs.case import Base, Case, Make, copied, replaced
+from benchmarks.inputs.case import Base, Case, LeavesFile, Make, copied, replaced
 from benchmarks.inputs.images import PNG
 from benchmarks.inputs.json_changes import WRONG, Change, changed
 
@@ -143,13 +143,6 @@ def _filled(number: float) -> Callable[[dict[str, np.ndarray]], Any]:
     return _first(lambda tensor: np.full_like(tensor, number))
 
 
-class _Command:
-    """Unpickled, it would leave a file."""
-
-    def __reduce__(self) -> tuple:
-        return Path.touch, (Path("pickled"),)
-
-
 WEIGHTS: tuple[tuple[str, Callable[[dict[str, np.ndarray]], Any]], ...] = (
     ("not a number", _filled(np.nan)),
     ("infinite", _filled(np.inf)),
@@ -163,7 +156,7 @@ WEIGHTS: tuple[tuple[str, Callable[[dict[str, np.ndarray]], Any]], ...] = (
 SPOILED: tuple[tuple[str, Callable[[bytes], bytes]], ...] = (
     ("empty", lambda content: b""),
     ("text", lambda content: b"hello"),
-    ("a pickle", lambda content: pickle.dumps(_Command())),
+    ("a pickle", lambda content: pickle.dumps(LeavesFile())),
     ("cut in half", lambda content: content[: len(content) // 2]),
     ("cut by one byte", lambda content: content[:-1]),
     ("a head of 2^60 bytes", lambda content: (2**60).to_bytes(8, "little") + content[8:]),

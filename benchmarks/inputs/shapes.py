@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from benchmarks.inputs.case import Base, Case, Make
+from benchmarks.inputs.case import Base, Case, holding
 from benchmarks.inputs.images import PNG
 
 OUT = ("--sensor", "digit", "--out", "out")
@@ -157,13 +157,6 @@ def _good() -> Iterator[tuple[str, str, bytes, tuple[str, ...]]]:
     yield "a catalogue name with a suffix", "square-2.stl", STL, ()
 
 
-def _laid(name: str, content: bytes) -> Make:
-    def make(box: Path, base: Base) -> None:
-        (box / name).write_bytes(content)
-
-    return make
-
-
 def _fifo(box: Path, base: Base) -> None:
     os.mkfifo(box / "x.stl")
 
@@ -188,14 +181,14 @@ def _link(box: Path, base: Base) -> None:
 
 def cases() -> Iterator[Case]:
     for name, file, content in _bad():
-        yield Case(f"solid: {name}", ("press", file, *OUT), _laid(file, content))
+        yield Case(f"solid: {name}", ("press", file, *OUT), holding(file, content))
     yield Case("solid: 3MF, a bomb", ("press", "x.3mf", *OUT), _bomb, "x.3mf")
     for name, make in (("a FIFO", _fifo), ("a folder", _folder), ("a device", _link)):
         yield Case(f"solid: {name}", ("press", "x.stl", *OUT), make, "x.stl")
     for name, file, content, more in _good():
         words = ("press", file, *OUT, *more)
-        yield Case(f"solid: {name}", words, _laid(file, content), fine=True)
+        yield Case(f"solid: {name}", words, holding(file, content), fine=True)
     for scale in ("0", "-1", "nan", "inf", "1e30", "1e-30"):
         words = ("press", "x.stl", *OUT, "--scale", scale)
-        yield Case(f"solid: scale {scale}", words, _laid("x.stl", STL))
+        yield Case(f"solid: scale {scale}", words, holding("x.stl", STL))
     yield Case("a scale of a catalogue's shape", ("press", "circle-1", *OUT, "--scale", "2"))

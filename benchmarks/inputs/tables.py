@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from benchmarks.inputs.case import Base, Case, Make
+from benchmarks.inputs.case import Base, Case, Make, holding
 from benchmarks.inputs.images import JPEG, PNG, bomb, encoded, frame
 
 TAXELS, PAIRS = 20, 10
@@ -150,13 +150,6 @@ def _set_third(name: str, value: Any) -> Make:
     return _parquet(lambda columns: columns[name].__setitem__(2, value))
 
 
-def _raw(content: bytes) -> Make:
-    def make(box: Path, base: Base) -> None:
-        (box / "pairs.parquet").write_bytes(content)
-
-    return make
-
-
 def _whole() -> bytes:
     file = io.BytesIO()
     pq.write_table(pa.table({"image": PICTURES, "taxels": [[1] * TAXELS] * PAIRS}), file)
@@ -164,10 +157,10 @@ def _whole() -> bytes:
 
 
 BAD_PARQUET: tuple[tuple[str, Make, str], ...] = (
-    ("empty", _raw(b""), "pairs.parquet"),
-    ("text", _raw(b"image,taxel_0\n"), "pairs.parquet"),
-    ("cut", _raw(_whole()[:2000]), "pairs.parquet"),
-    ("no head", _raw(_whole()[2000:]), "pairs.parquet"),
+    ("empty", holding("pairs.parquet", b""), "pairs.parquet"),
+    ("text", holding("pairs.parquet", b"image,taxel_0\n"), "pairs.parquet"),
+    ("cut", holding("pairs.parquet", _whole()[:2000]), "pairs.parquet"),
+    ("no head", holding("pairs.parquet", _whole()[2000:]), "pairs.parquet"),
     ("no image", _parquet(lambda c: c.pop("image")), "image"),
     ("no taxels", _parquet(lambda c: c.pop("taxels")), "taxel"),
     ("no rows", _parquet(lambda c: [c.update({k: v[:0]}) for k, v in list(c.items())]), ""),
