@@ -28,11 +28,11 @@ from benchmarks.solids import ball
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.dataset import protocol
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.press.engine import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.footprint import heights_at
 from t2twin.sim.press.records import PressCommand
+from t2twin.sim.world import protocol
 
 SHAPES = ("hemisphere-2", "square-2", "line-smooth-2", "circle-empty-2", "line-sharp-2")
 """Shapes that lie on the gel whole when they are pressed in its middle."""

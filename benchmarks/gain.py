@@ -16,8 +16,8 @@ from benchmarks.declared import GAIN
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.cyskin import taxels
-from t2twin.sim.dataset import protocol
 from t2twin.sim.sensors import CySkin
+from t2twin.sim.world import protocol
 
 PERCENTILE = 99.5
 """Percentile of the largest taxel that is to reach full scale (assumed)."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from benchmarks.evidence.small_case import rounded, sha256_of
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.dataset import protocol
+from t2twin.sim.world import protocol
 from t2twin.translate.presets import MODELS, PRESETS
 
 SCALE, PRESET = "paper", "cpu"

@@ -19,9 +19,9 @@ from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue, sheet
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.dataset.protocol import FORCE_N
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import Sample, SensorPair
+from t2twin.sim.world.protocol import FORCE_N
 from t2twin.translate.phi import Phi
 from t2twin.translate.picture import tactile_picture
 

@@ -28,11 +28,11 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa
-from t2twin.sim.dataset import protocol
 from t2twin.sim.press import engine
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.records import Contact, PressCommand
+from t2twin.sim.world import protocol
 
 FORCES_N = (1.0, 2.0, 4.0, 8.0)
 ORACLE_PITCHES_MM = (0.125, 0.0625)

@@ -28,9 +28,9 @@ from t2twin.primitives_cad import catalogue, surface
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.tessellate import tessellate
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.dataset import protocol
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import SensorPair
+from t2twin.sim.world import protocol
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.evaluation.baselines import (

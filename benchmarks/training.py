@@ -29,8 +29,8 @@ from torch.utils.data import DataLoader, Dataset
 from benchmarks.declared import TRAINING
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.dataset import protocol
 from t2twin.sim.dataset.generate import generate
+from t2twin.sim.world import protocol
 from t2twin.translate.build import TRANSLATORS, has_bf16
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo, load_info

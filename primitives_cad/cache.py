@@ -34,6 +34,9 @@ NOT_MAKERS = (
 )
 """Sources of this package that no kept mesh or surface depends on."""
 
+RANDOM_SHAPES = "random_shapes"
+"""The folder of this package that makes random shapes."""
+
 Kept = TypeVar("Kept")
 
 
@@ -106,15 +109,17 @@ def file_label(path: Path) -> str:
     return f"{path.stem}-{place[:KEY_DIGITS]}"
 
 
-def code_digest() -> str:
+def code_digest(with_random: bool = False) -> str:
     """Digest of what makes shapes, KEY_DIGITS hexadecimal digits: this package's code and the
-    versions of the libraries that mesh.
+    versions of the libraries that mesh. with_random: also of what makes random shapes, none of
+    which is kept.
 
     Of the code's source bytes: a changed comment changes it too.
     """
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parent.rglob("*.py")):
-        if source.name not in NOT_MAKERS:
+        is_random = source.parent.name == RANDOM_SHAPES
+        if source.name not in NOT_MAKERS and (with_random or not is_random):
             digest.update(source.read_bytes())
     for maker in MAKERS:
         digest.update(version(maker).encode())

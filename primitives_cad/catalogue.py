@@ -11,6 +11,7 @@ from t2twin.primitives_cad import cache, families, files
 from t2twin.primitives_cad.cache_home import cache_home
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.families import PRIMITIVES
+from t2twin.primitives_cad.random_shapes import shape as random_shape
 from t2twin.primitives_cad.shape import Keypoint, Shape
 
 KEYPOINTS: dict[str, tuple[str, ...]] = {
@@ -49,7 +50,8 @@ def split(name: str) -> str:
 def load(
     name_or_path: str | Path, cache_dir: str | Path | None = None, scale: float | None = None
 ) -> Shape:
-    """A shape of the catalogue by name (`square-2`, `pliers/jaw-tip`), or of a user's file.
+    """A shape of the catalogue by name (`square-2`, `pliers/jaw-tip`), a random one by its seed
+    (`random-17`), or of a user's file.
 
     The file is of one of files.SUFFIXES, its pressing side up (+z).
     cache_dir: where meshes and height maps are kept between calls, None for the folder `shapes` of
@@ -67,6 +69,8 @@ def load(
         return cache.fetch(folder, name, b"", lambda: _primitive(name))
     if name in OBJECTS:
         return cache.fetch(folder, name, b"", lambda: _object(name, folder))
+    if (seed := random_shape.seed_of(name)) is not None and scale is None:
+        return random_shape.RandomShape(seed)
     path = Path(name_or_path)
     if path.suffix.lower() not in files.SUFFIXES and not path.is_file():
         raise T2TwinError(_unknown(name))

@@ -76,6 +76,12 @@ class Digit:
         surface = surface_on(contact, *optical_grid())
         return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
 
+    def untouched(self, rng: np.random.Generator | None = None) -> np.ndarray:
+        """The picture of the untouched gel, (320, 240, 3) uint8; with noise where rng is given."""
+        x_mm, y_mm = optical_grid()
+        nothing = np.zeros((y_mm.size, x_mm.size))
+        return self.optics.render(nothing, rng=rng, noise_grey=self.noise_grey)
+
     def touch(
         self,
         shape: Shape,
@@ -122,6 +128,13 @@ class CySkin:
         if rng is None:
             return np.rint(true).astype(np.uint16)
         return reading.read(true, self.layout, self.flaws, rng)
+
+    def untouched(self, rng: np.random.Generator | None = None) -> np.ndarray:
+        """What it counts while nothing touches it, (n,) uint16."""
+        nothing = np.zeros(self.layout.size)
+        if rng is None:
+            return nothing.astype(np.uint16)
+        return reading.read(nothing, self.layout, self.flaws, rng)
 
     def touch(
         self,

@@ -12,11 +12,11 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
-from t2twin.sim.dataset.protocol import FORCE_N
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import check_force
+from t2twin.sim.press.force import check_force
 from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.sensors import CySkin, CySkinTouch, Digit, DigitTouch, SensorPair
+from t2twin.sim.world.protocol import FORCE_N
 from t2twin.translate.phi import Phi
 
 

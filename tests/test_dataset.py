@@ -19,7 +19,6 @@ import pytest
 from t2twin.cli import main
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.dataset import protocol
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.png import decode_png
@@ -34,6 +33,7 @@ from t2twin.sim.dataset.store import (
 from t2twin.sim.dataset.timing import STAGES
 from t2twin.sim.dataset.verify import verify
 from t2twin.sim.sensors import CySkin, SensorPair
+from t2twin.sim.world import protocol
 
 SHAPES = ("square-1", "square-3", "circle-2", "pliers/teeth")
 

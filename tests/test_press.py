@@ -10,7 +10,6 @@ from benchmarks.oracle import kernel, solve
 from benchmarks.solids import ball, block, formula, punch
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM
-from t2twin.sim.dataset import protocol
 from t2twin.sim.press.anderson import Anderson
 from t2twin.sim.press.bed import Bed
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
@@ -19,6 +18,7 @@ from t2twin.sim.press.footprint import footprint
 from t2twin.sim.press.layer import cached_layer
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.press.surface import surface_on
+from t2twin.sim.world import protocol
 
 FLAT = Elastomer("flat", 4.07, 0.5, 0.47, width_mm=18.5, length_mm=18.5, law="linear")
 

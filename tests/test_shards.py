@@ -9,12 +9,12 @@ import pytest
 from spots import write_spots
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.columns import SCHEMA
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.png import decode_png, encode_png
 from t2twin.sim.dataset.shard_table import check_table
 from t2twin.sim.dataset.store import (
     ROWS_AT_ONCE,
-    SCHEMA,
     iter_images,
     read_info,
     read_split,

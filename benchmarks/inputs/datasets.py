@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from benchmarks.inputs.case import BROKEN, REFUSED, Base, Case, Make, copied, replaced
 from benchmarks.inputs.images import PNG, bomb, encoded, frame
 from benchmarks.inputs.json_changes import WRONG, Change, changed
-from t2twin.sim.dataset.store import SCHEMA
+from t2twin.sim.dataset.columns import SCHEMA
 
 OUT = ("--out", "out")
 READERS: tuple[tuple[str, ...], ...] = (

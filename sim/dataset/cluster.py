@@ -7,9 +7,9 @@ from uuid import uuid4
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset.info import versions
-from t2twin.sim.dataset.shard import Made, Task, make_shard
+from t2twin.sim.dataset.shard import Made, Making, make_shard
 from t2twin.sim.dataset.store import INFO
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.world.plan import Batch
 
 try:
     from distributed import (
@@ -47,13 +47,13 @@ def check_address(address: str) -> None:
 
 
 def run(
-    sensors: SensorPair,
-    todo: list[Task],
+    making: Making,
+    todo: list[Batch],
     address: str,
     needed: dict[str, str],
     progress: Callable[[int], object],
-) -> Generator[tuple[Task, Made]]:
-    """Make the tasks' shards on the cluster, each yielded as it is done.
+) -> Generator[tuple[Batch, Made]]:
+    """Make the shards on the cluster, each yielded as it is done.
 
     needed: versions that every worker must have. progress: called with the pairs of each shard.
     A worker that is lost costs only the shards it had in hand; they are made again elsewhere.
@@ -62,33 +62,33 @@ def run(
     """
     client = _connect(address)
     with client:
-        plugin = f"t2twin-sensors-{uuid4().hex}"
-        client.register_plugin(_GiveSensors(sensors), name=plugin)
-        tasks: dict[Future, Task] = {}
-        for task in todo:
+        plugin = f"t2twin-making-{uuid4().hex}"
+        client.register_plugin(_GiveMaking(making), name=plugin)
+        batches: dict[Future, Batch] = {}
+        for batch in todo:
             future = client.submit(
                 _work,
-                task,
+                batch,
                 plugin,
                 needed,
-                key=f"{plugin}/{task.path}",
-                priority=len(task.indices),  # the largest first, so that none is left at the end
+                key=f"{plugin}/{batch.path}",
+                priority=batch.pairs,  # the largest first, so that none is left at the end
             )
-            tasks[future] = task
+            batches[future] = batch
         try:
-            for future in as_completed(list(tasks), loop=client.loop):
-                task = tasks.pop(future)
+            for future in as_completed(list(batches), loop=client.loop):
+                batch = batches.pop(future)
                 made = future.result()
                 # Once let go of, it is not made again when the worker that made it is lost.
                 future.release()
-                progress(len(task.indices))
-                yield task, made
+                progress(batch.pairs)
+                yield batch, made
         except KilledWorker as error:
             raise T2TwinError(
                 f"the workers given {error.task} died one after the other; see their logs"
             ) from error
         finally:
-            client.cancel(list(tasks))
+            client.cancel(list(batches))
             client.unregister_worker_plugin(plugin)
 
 
@@ -101,15 +101,15 @@ def _connect(address: str) -> Client:
         ) from error
 
 
-class _GiveSensors(WorkerPlugin):
-    """Carries the sensors to each worker once, also to those that come later."""
+class _GiveMaking(WorkerPlugin):
+    """Carries what shards are made with to each worker once, also to those that come later."""
 
-    def __init__(self, sensors: SensorPair) -> None:
-        self.sensors = sensors
+    def __init__(self, making: Making) -> None:
+        self.making = making
 
 
-def _work(task: Task, plugin: str, needed: dict[str, str]) -> Made:
-    """One task on a worker of the cluster."""
+def _work(batch: Batch, plugin: str, needed: dict[str, str]) -> Made:
+    """One shard on a worker of the cluster."""
     worker = get_worker()
     here = versions()
     for name, version in needed.items():
@@ -118,13 +118,14 @@ def _work(task: Task, plugin: str, needed: dict[str, str]) -> Made:
                 f"the worker {worker.address} has {name} {here[name]} and the dataset {version}; "
                 "all must have the same"
             )
-    if not (Path(task.folder) / INFO).is_file():
-        raise T2TwinError(
-            f"the worker {worker.address} does not see {task.folder}; give a folder that all share"
-        )
     given = worker.plugins[plugin]
-    assert isinstance(given, _GiveSensors)
-    return make_shard(task, given.sensors, _nothing)
+    assert isinstance(given, _GiveMaking)
+    if not (Path(given.making.folder) / INFO).is_file():
+        raise T2TwinError(
+            f"the worker {worker.address} does not see {given.making.folder}; give a folder "
+            "that all share"
+        )
+    return make_shard(batch, given.making, _nothing)
 
 
 def _nothing() -> None:

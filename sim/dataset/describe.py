@@ -1,7 +1,10 @@
 """What is written into info.json before the first shard is made."""
 
+from pathlib import Path
+
 from t2twin.primitives_cad.cache import code_digest
 from t2twin.sim.cyskin import reading, taxels
+from t2twin.sim.cyskin.field import field_layout
 from t2twin.sim.dataset.info import (
     FORMAT,
     SPLITS,
@@ -11,19 +14,34 @@ from t2twin.sim.dataset.info import (
     Parameters,
     versions,
 )
-from t2twin.sim.dataset.shard import Task
+from t2twin.sim.dataset.shard import Making
+from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.press.elastomer_json import elastomer_json
 from t2twin.sim.sensors import SensorPair
+from t2twin.sim.world.plan import Batch
+from t2twin.sim.world.recipe import NAMED, RANDOM
 
 
-def describe(sensors: SensorPair, scale: str, seed: int, tasks: list[Task]) -> DatasetInfo:
+def describe(making: Making, scale: str | None, batches: list[Batch]) -> DatasetInfo:
     """The info of a dataset of which no shard is made yet."""
+    recipe, sensors = making.recipe, making.sensors
     layout = sensors.cyskin.layout
     rows, columns, channels = sensors.digit.optics.background.shape
+    places = field_layout(sensors.cyskin.cover) if recipe.field else None
+    solids = sorted(
+        {
+            path
+            for batch in batches
+            if recipe.parts[batch.part].shapes not in NAMED
+            for path in batch.shapes
+        }
+    )
+    on_grid = {batch.shapes[0]: batch.indices for batch in batches if batch.indices is not None}
+    has_random = any(part.shapes == RANDOM for part in recipe.parts)
     return DatasetInfo(
         format=FORMAT,
         complete=False,
-        pairs={s: sum(len(t.indices) for t in tasks if t.split == s) for s in SPLITS},
+        pairs={s: sum(b.pairs for b in batches if b.split == s) for s in SPLITS},
         layout=layout.name,
         layout_x_mm=tuple(layout.x_mm.tolist()),
         layout_y_mm=tuple(layout.y_mm.tolist()),
@@ -32,9 +50,13 @@ def describe(sensors: SensorPair, scale: str, seed: int, tasks: list[Task]) -> D
         shards={},
         image_shape=(rows, columns, channels),
         scale=scale,
-        seed=seed,
-        parameters=_parameters(sensors, {task.shape: task.indices for task in tasks}),
-        shape_code=code_digest(),
+        seed=recipe.seed,
+        parameters=_parameters(sensors, on_grid),
+        shape_code=code_digest(has_random),
+        world=recipe,
+        field_x_mm=None if places is None else tuple(places.x_mm.tolist()),
+        field_y_mm=None if places is None else tuple(places.y_mm.tolist()),
+        files={path: sha256_of(Path(path)) for path in solids} or None,
     )
 
 

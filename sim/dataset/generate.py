@@ -1,14 +1,16 @@
-"""Making the dataset: one task a shape, here or on a cluster, continued where it stopped."""
+"""Making a dataset shard by shard, here or on a cluster, continued where it stopped."""
 
 import importlib
 import json
 import time
+from collections import Counter
 from contextlib import closing, suppress
 from dataclasses import asdict, fields, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
@@ -16,16 +18,20 @@ from t2twin.primitives_cad.folder_lock import is_empty, locked
 from t2twin.primitives_cad.machine import cores
 from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import LEFT_OVERS
-from t2twin.sim.dataset import pool, protocol
+from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.card import card
 from t2twin.sim.dataset.describe import describe
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo, Shard
-from t2twin.sim.dataset.shard import Task
+from t2twin.sim.dataset.shard import Making
 from t2twin.sim.dataset.store import CARD, INFO, LOG, read_info, sha256_of, write_info, write_whole
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, in_words, peak_memory, process_name
 from t2twin.sim.press.layer import cached_layer
 from t2twin.sim.seeds import check_seed
-from t2twin.sim.sensors import CySkin, SensorPair
+from t2twin.sim.sensors import CySkin, Digit, SensorPair
+from t2twin.sim.world import protocol
+from t2twin.sim.world.held_out import check_held_out
+from t2twin.sim.world.plan import Batch, plan
+from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
 
 SECONDS_PER_PAIR, SECONDS_PER_SHAPE = 0.083, 0.75
 """Time of one pair, and of preparing one shape, on one core, for the estimate before the start, s
@@ -38,6 +44,8 @@ MADE_WITH = {
     "versions": "other versions of its libraries",
     "parameters": "other parameters",
     "pairs": "other pairs",
+    "world": "another recipe",
+    "files": "other solids",
     "shape_code": "another shape code (what makes the shapes has changed since)",
 }
 """How a message names a field of info.json that differs; the rest are "another" and their name."""
@@ -45,49 +53,92 @@ MADE_WITH = {
 
 def generate(
     folder: str | Path,
-    scale: str,
-    seed: int = 0,
+    scale: str | None = None,
+    seed: int | None = None,
     workers: int | None = None,
     sensors: SensorPair | None = None,
     cache: str | Path | None = None,
     shapes: tuple[str, ...] = catalogue.NAMES,
     scheduler: str | None = None,
+    world: str | Path | Recipe | None = None,
 ) -> DatasetInfo:
-    """Make the dataset of a scale, or end one that was begun with the same parameters.
+    """Make a dataset, or end one that was begun with the same parameters.
 
-    Same seed and versions, same bytes, whatever the number of workers. scheduler: address of a Dask
-    scheduler whose workers make the shards; folder and cache then lie where all of them see them.
+    scale: of the protocol, pressed into sensors; or world: a recipe, its name or its file, which
+    says itself which sensors. seed: 0, or the recipe's, unless given. shapes: the only primitives
+    and tools that are pressed. scheduler: address of a Dask scheduler whose workers make the
+    shards; folder and cache then lie where all of them see them.
+    Same seed and versions, same bytes, whatever the number of workers.
     Returns its info. Raises T2TwinError before anything is written for a number of workers, a seed,
-    a layout, a scale, a shape or a scheduler's address that cannot be used, and where the folder
-    holds something else or another process is making it; later where there is no room, or a worker
-    is lost.
+    a layout, a scale, a world, a shape or a scheduler's address that cannot be used, and where the
+    folder holds something else or another process is making it; later where there is no room, or a
+    worker is lost.
     """
-    folder, sensors = Path(folder).absolute(), sensors or SensorPair()
+    folder = Path(folder).absolute()
     if workers is not None and workers < 1:
         raise T2TwinError(f"{workers} workers cannot work; allowed are 1 and more")
-    check_seed(seed)
+    check_seed(0 if seed is None else seed)
+    recipe, sensors = _recipe(scale, world, seed, sensors)
     _check_layout(sensors.cyskin)
     if scheduler is not None:
         # Its import says where Dask is missing.
         importlib.import_module("t2twin.sim.dataset.cluster").check_address(scheduler)
-    tasks = _tasks(folder, scale, seed, cache, shapes)
-    wanted = describe(sensors, scale, seed, tasks)
+    batches = plan(recipe, shapes)
+    check_held_out(recipe)
+    kept = catalogue.kept_in(cache)
+    making = Making(recipe, sensors, str(folder), None if kept is None else str(kept.absolute()))
+    wanted = describe(making, scale, batches)
     with locked(folder):
-        return _make_whole(folder, sensors, tasks, wanted, workers or cores(), scheduler)
+        return _make_whole(making, batches, wanted, workers or cores(), scheduler)
+
+
+def _recipe(
+    scale: str | None,
+    world: str | Path | Recipe | None,
+    seed: int | None,
+    sensors: SensorPair | None,
+) -> tuple[Recipe, SensorPair]:
+    """The recipe of what is asked for, and its sensors."""
+    if (scale is None) == (world is None):
+        raise T2TwinError("a dataset is made of a scale of the protocol or of a world, one of both")
+    if world is not None:
+        recipe = world if isinstance(world, Recipe) else load_recipe(world)
+        if seed is not None:
+            recipe = structs.replace(recipe, seed=seed)
+        return recipe, sensors_of(recipe)
+    assert scale is not None
+    protocol.scale_of(scale)
+    sensors, paper = sensors or SensorPair(), load_recipe(PAPER)
+    return structs.replace(
+        paper,
+        seed=seed or 0,
+        parts=tuple(structs.replace(part, scale=scale) for part in paper.parts),
+        layout=sensors.cyskin.layout_source,
+        imperfections=sensors.cyskin.imperfections,
+        light=structs.replace(paper.light, calibration=sensors.digit.calibration),
+    ), sensors
+
+
+def sensors_of(recipe: Recipe) -> SensorPair:
+    """The sensors of a world; where its light is drawn, the DIGIT is but where the draws begin."""
+    return SensorPair(
+        Digit(calibration=recipe.light.calibration),
+        CySkin(layout_source=recipe.layout, imperfections=recipe.imperfections),
+    )
 
 
 def _make_whole(
-    folder: Path,
-    sensors: SensorPair,
-    tasks: list[Task],
+    making: Making,
+    batches: list[Batch],
     wanted: DatasetInfo,
     workers: int,
     scheduler: str | None,
 ) -> DatasetInfo:
+    folder = Path(making.folder)
     begun = (folder / INFO).exists()
     info = _begin(folder, wanted)
     try:
-        info = _made_whole(folder, sensors, tasks, info, workers, scheduler)
+        info = _go_on(making, batches, info, workers, scheduler)
     except BaseException:
         if not begun:
             _leave_nothing(folder)
@@ -106,19 +157,16 @@ def _leave_nothing(folder: Path) -> None:
                 (folder / split).rmdir()
 
 
-def _made_whole(
-    folder: Path,
-    sensors: SensorPair,
-    tasks: list[Task],
-    info: DatasetInfo,
-    workers: int,
-    scheduler: str | None,
+def _go_on(
+    making: Making, batches: list[Batch], info: DatasetInfo, workers: int, scheduler: str | None
 ) -> DatasetInfo:
-    todo = [task for task in tasks if not _is_made(folder, task, info)]
+    """Make the shards that are not there; returns the info of the whole dataset."""
+    folder = Path(making.folder)
+    todo = [batch for batch in batches if not _is_made(folder, batch, info)]
     if todo:
         info = replace(info, complete=False)
         write_info(folder, info)
-        info = _make(folder, sensors, todo, info, workers, scheduler)
+        info = _make(making, todo, info, workers, scheduler)
     info = replace(info, complete=True)
     write_info(folder, info)
     write_whole(folder / CARD, card(info).encode())
@@ -136,28 +184,12 @@ def _check_layout(cyskin: CySkin) -> None:
         )
 
 
-def _tasks(
-    folder: Path, scale: str, seed: int, cache: str | Path | None, shapes: tuple[str, ...]
-) -> list[Task]:
-    size = protocol.scale_of(scale)
-    kept = catalogue.kept_in(cache)
-    return [
-        Task(
-            shape=name,
-            split=catalogue.split(name),
-            indices=tuple(protocol.indices(name, size)),
-            seed=seed,
-            folder=str(folder),
-            cache=None if kept is None else str(kept.absolute()),
-        )
-        for name in shapes
-    ]
-
-
 def _begin(folder: Path, wanted: DatasetInfo) -> DatasetInfo:
     """The info to go on from: what stands in the folder if it is of the same making."""
     if (folder / INFO).exists():
         there = read_info(folder)
+        if there.world is None and wanted.is_protocol:  # older versions did not name it
+            there = replace(there, world=wanted.world)
         _check_same_making(folder, there, wanted)
         _sweep(folder)
         return there
@@ -177,55 +209,44 @@ def _check_same_making(folder: Path, there: DatasetInfo, wanted: DatasetInfo) ->
             )
 
 
-def _left_overs(folder: Path) -> list[Path]:
-    """What a killed run or worker was writing."""
-    places = (folder, *(folder / split for split in SPLITS))
-    return [path for place in places for path in place.glob(LEFT_OVERS)]
-
-
 def _sweep(folder: Path) -> None:
     """Remove what a killed run or worker was writing; what others keep in the folder stays."""
-    for left_over in _left_overs(folder):
-        left_over.unlink(missing_ok=True)
+    for place in (folder, *(folder / split for split in SPLITS)):
+        for left_over in place.glob(LEFT_OVERS):
+            left_over.unlink(missing_ok=True)
 
 
-def _is_made(folder: Path, task: Task, info: DatasetInfo) -> bool:
-    path = folder / task.path
-    if task.path not in info.shards or not path.is_file():
+def _is_made(folder: Path, batch: Batch, info: DatasetInfo) -> bool:
+    path = folder / batch.path
+    if batch.path not in info.shards or not path.is_file():
         return False
-    return sha256_of(path) == info.shards[task.path].sha256
+    return sha256_of(path) == info.shards[batch.path].sha256
 
 
 def _make(
-    folder: Path,
-    sensors: SensorPair,
-    todo: list[Task],
-    info: DatasetInfo,
-    workers: int,
-    scheduler: str | None,
+    making: Making, todo: list[Batch], info: DatasetInfo, workers: int, scheduler: str | None
 ) -> DatasetInfo:
     """Make the shards, each entered into info.json as it is done. Returns the info with all."""
-    workers = min(workers, len(todo))
-    pairs = sum(len(task.indices) for task in todo)
-    start, watch, peaks = time.monotonic(), Stopwatch(), {}
+    workers, folder = min(workers, len(todo)), Path(making.folder)
+    pairs = sum(batch.pairs for batch in todo)
+    start, watch, peaks, redrawn = time.monotonic(), Stopwatch(), {}, Counter()
     with Progress(total=pairs, unit="pair", desc="simdata") as bar:
         if scheduler is None:
-            shapes = sum(not catalogue.is_kept(task.shape, task.cache) for task in todo)
-            seconds = (pairs * SECONDS_PER_PAIR + shapes * SECONDS_PER_SHAPE) / workers
-            minutes = seconds / 60
+            minutes = _seconds(todo, making) / workers / 60
             bar.write(f"{pairs} pairs to make with {workers} workers: about {minutes:.1f} minutes")
-            results = pool.run(sensors, todo, workers, bar.update)
+            results = pool.run(making, todo, workers, bar.update)
         else:
             from t2twin.sim.dataset import cluster
 
             bar.write(f"{pairs} pairs to make on the cluster at {scheduler}")
-            results = cluster.run(sensors, todo, scheduler, info.versions, bar.update)
+            results = cluster.run(making, todo, scheduler, info.versions, bar.update)
         with closing(results):  # a stop while one is entered ends the workers here, not later
-            for task, made in results:
-                shard = Shard(made.sha256, len(task.indices))
-                info = replace(info, shards=info.shards | {task.path: shard})
+            for batch, made in results:
+                shard = Shard(made.sha256, batch.pairs)
+                info = replace(info, shards=info.shards | {batch.path: shard})
                 write_info(folder, info)
                 watch.add(made.watch)
+                redrawn.update(made.redrawn)
                 peaks[made.process] = made.peak_memory
     busy = len(peaks)
     peaks[process_name()] = peak_memory()
@@ -236,10 +257,23 @@ def _make(
         seconds=round(time.monotonic() - start, 2),
         stage_seconds={stage: round(value, 3) for stage, value in watch.seconds.items()},
         peak_memory_bytes=sum(peaks.values()),
+        redrawn=dict(sorted(redrawn.items())),
     )
     print(in_words(record))
     _log(folder, record)
     return info
+
+
+def _seconds(todo: list[Batch], making: Making) -> float:
+    """About how long one core takes, s."""
+    named = [
+        name
+        for batch in todo
+        if making.recipe.parts[batch.part].shapes != RANDOM
+        for name in batch.shapes
+    ]
+    new = sum(not catalogue.is_kept(name, making.cache) for name in named)
+    return sum(batch.pairs for batch in todo) * SECONDS_PER_PAIR + new * SECONDS_PER_SHAPE
 
 
 def _log(folder: Path, record: RunTiming) -> None:

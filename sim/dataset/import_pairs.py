@@ -29,21 +29,14 @@ from t2twin.primitives_cad.writing import made_folder, not_written, sweep, tempo
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import card
+from t2twin.sim.dataset.columns import POSE, SCHEMA
 from t2twin.sim.dataset.info import FORMAT, MOST_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.png import encode_png
-from t2twin.sim.dataset.store import (
-    CARD,
-    POSE,
-    SCHEMA,
-    file_stem,
-    shard_path,
-    write_info,
-    write_shard,
-    write_whole,
-)
+from t2twin.sim.dataset.store import CARD, write_info, write_shard, write_whole
 from t2twin.sim.dataset.table import find_table, read_table
 from t2twin.sim.pictures import open_picture
 from t2twin.sim.seeds import check_seed
+from t2twin.sim.world.plan import file_stem, shard_path
 
 ORIGIN = "imported"
 SHARES = (0.8, 0.1, 0.1)

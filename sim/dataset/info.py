@@ -10,9 +10,10 @@ import numpy as np
 from msgspec import Meta
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
+from t2twin.sim.cyskin.layout import MOST_TAXELS, PAD_DIAMETER_MM, Layout
 from t2twin.sim.cyskin.reading import Imperfections
 from t2twin.sim.seeds import MOST_SEED
+from t2twin.sim.world.recipe import PAPER, Recipe
 
 FORMAT = 1
 """Version of the dataset's layout of folders and columns, and of info.json."""
@@ -112,7 +113,9 @@ class DatasetInfo:
     The rest is None where the file lacks it. image_shape: rows, columns and channels of a picture.
     scale, seed, parameters: of a simulated dataset. origin, pad_diameter_mm: of one that was
     imported. shape_code: digest of the code and libraries that made the shapes' surfaces; older
-    simulated datasets have none.
+    simulated datasets have none. world: the recipe of a simulated one; older ones are all of the
+    protocol and have none. field_x_mm, field_y_mm: places of the field, where pairs hold one.
+    files: sha256 of the users' solids that it presses, by path.
 
     Raises ValueError where two of these do not fit each other.
     """
@@ -133,11 +136,18 @@ class DatasetInfo:
     parameters: Parameters | None = None
     pad_diameter_mm: tuple[Positive, ...] | None = None
     shape_code: str | None = None
+    world: Recipe | None = None
+    field_x_mm: tuple[float, ...] | None = None
+    field_y_mm: tuple[float, ...] | None = None
+    files: dict[str, str] | None = None
 
     def __post_init__(self) -> None:
         if set(self.pairs) != set(SPLITS):
             raise ValueError(f"pairs must name the splits {', '.join(SPLITS)} and no others")
         check_layout(self.layout_x_mm, self.layout_y_mm)
+        field = len(self.field_x_mm or ())
+        if field != len(self.field_y_mm or ()) or field > MOST_TAXELS:
+            raise ValueError("field_x_mm and field_y_mm must be one of each for each place")
         pads = self.parameters.cyskin.pad_diameter_mm if self.parameters else self.pad_diameter_mm
         if pads is not None and len(pads) != len(self.layout_x_mm):
             raise ValueError(
@@ -162,7 +172,19 @@ class DatasetInfo:
     @property
     def is_simulated(self) -> bool:
         """Whether `t2twin simdata` made it; imported pairs have no scale."""
-        return self.scale is not None
+        return self.scale is not None or self.world is not None
+
+    @property
+    def is_protocol(self) -> bool:
+        """Whether it is the protocol of Grella et al. 2023, whole or thinned."""
+        return self.is_simulated and (self.world is None or self.world.name == PAPER)
+
+    @property
+    def world_name(self) -> str | None:
+        """What the world is called; None of imported pairs."""
+        if not self.is_simulated:
+            return None
+        return PAPER if self.world is None else self.world.name
 
 
 def check_layout(x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> None:

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.dataset.shard import Made, Task, make_shard
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.dataset.shard import Made, Making, make_shard
+from t2twin.sim.world.plan import Batch
 
 LOOK_SECONDS = 0.5
 """How often the number of pairs made is looked at, s."""
@@ -25,49 +25,49 @@ class _StoppedError(Exception):
 
 
 def run(
-    sensors: SensorPair, todo: list[Task], workers: int, progress: Callable[[int], object]
-) -> Generator[tuple[Task, Made]]:
-    """Make the tasks' shards, each yielded as it is done.
+    making: Making, todo: list[Batch], workers: int, progress: Callable[[int], object]
+) -> Generator[tuple[Batch, Made]]:
+    """Make the shards, each yielded as it is done.
 
     progress: called with the number of pairs made since the last call. Raises T2TwinError where a
     worker fails, is killed or cannot start; the others then stop after the pair in hand.
     """
     if workers == 1:
-        for task in todo:
-            yield task, make_shard(task, sensors, lambda: progress(1))
+        for batch in todo:
+            yield batch, make_shard(batch, making, lambda: progress(1))
         return
     # In a file, as a worker that dies while it is handed more than a pipe holds is waited for
     # without end.
-    with tempfile.NamedTemporaryFile(prefix="t2twin-sensors-") as file:
-        pickle.dump(sensors, file)
+    with tempfile.NamedTemporaryFile(prefix="t2twin-making-") as file:
+        pickle.dump(making, file)
         file.flush()
         yield from _run(Path(file.name), todo, workers, progress)
 
 
 def _run(
-    sensors: Path, todo: list[Task], workers: int, progress: Callable[[int], object]
-) -> Generator[tuple[Task, Made]]:
-    """sensors: the file that the workers read them from."""
+    making: Path, todo: list[Batch], workers: int, progress: Callable[[int], object]
+) -> Generator[tuple[Batch, Made]]:
+    """making: the file that the workers read it from."""
     context = multiprocessing.get_context("spawn")
     made, stop, started = context.Value("i", 0), context.Event(), context.Event()
     seen = 0
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(
-        workers, mp_context=context, initializer=_start, initargs=(sensors, made, stop, started)
+        workers, mp_context=context, initializer=_start, initargs=(making, made, stop, started)
     ) as pool:
         # The largest first, so that no long shard is left alone at the end.
-        order = sorted(todo, key=lambda task: -len(task.indices))
+        order = sorted(todo, key=lambda batch: -batch.pairs)
         try:
             with _signals_held():  # what starts here keeps them off for good
-                tasks = {pool.submit(_work, task): task for task in order}
-            waiting = set(tasks)
+                batches = {pool.submit(_work, batch): batch for batch in order}
+            waiting = set(batches)
             while waiting:
                 done, waiting = wait(waiting, timeout=LOOK_SECONDS, return_when=FIRST_COMPLETED)
                 now = made.value
                 progress(now - seen)
                 seen = now
                 for future in done:
-                    yield tasks[future], future.result()
+                    yield batches[future], future.result()
         except BrokenProcessPool as error:
             # The pool ends the workers that it knows of, and would wait for ever for one that was
             # being started when another one died.
@@ -100,16 +100,17 @@ def _signals_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-_sensors: SensorPair
+_making: Making
 _made = None
 _stop = None
 
 
-def _start(sensors: Path, made, stop, started) -> None:
-    """Give a worker its sensors, the counter of pairs that all of them share, and the stop sign."""
-    global _sensors, _made, _stop
+def _start(making: Path, made, stop, started) -> None:
+    """Give a worker what it makes shards with, the counter of pairs that all of them share, and
+    the stop sign."""
+    global _making, _made, _stop
     started.set()
-    _sensors, _made, _stop = pickle.loads(sensors.read_bytes()), made, stop
+    _making, _made, _stop = pickle.loads(making.read_bytes()), made, stop
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
@@ -121,8 +122,8 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _work(task: Task) -> Made:
-    return make_shard(task, _sensors, _count)
+def _work(batch: Batch) -> Made:
+    return make_shard(batch, _making, _count)
 
 
 def _count() -> None:

@@ -1,8 +1,8 @@
-"""Making one shard: all presses of one shape."""
+"""Making one shard: its presses, seen and felt, row by row."""
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,77 +11,187 @@ import numpy as np
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.dataset import protocol
+from t2twin.sim.cyskin.field import field_counts, field_layout
+from t2twin.sim.dataset.columns import schema_of
 from t2twin.sim.dataset.png import encode_png
-from t2twin.sim.dataset.store import row, shard_path, write_shard
+from t2twin.sim.dataset.rows import More, row, untouched_row
+from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
-from t2twin.sim.sensors import SensorPair
+from t2twin.sim.press.engine import BesidePadError
+from t2twin.sim.sensors import Sample, SensorPair
+from t2twin.sim.world.plan import Batch
+from t2twin.sim.world.presses import (
+    MOST_ATTEMPTS,
+    UNIT_STREAM,
+    Drawn,
+    draw_press,
+    grid_presses,
+)
+from t2twin.sim.world.recipe import Part, Recipe
 
 
 @dataclass(frozen=True)
-class Task:
-    """One shard: a shape, the presses to make of it, and where it goes."""
+class Making:
+    """What all shards of a dataset are made with. cache: as for catalogue.load."""
 
-    shape: str
-    split: str
-    indices: tuple[int, ...]
-    seed: int
+    recipe: Recipe
+    sensors: SensorPair
     folder: str
     cache: str | None
-
-    @property
-    def path(self) -> str:
-        return shard_path(self.split, self.shape)
 
 
 @dataclass(frozen=True)
 class Made:
     """A shard that was made: its sha256, the time it took, and by which process.
 
-    peak_memory: the most that the process has held up to now, bytes.
+    peak_memory: the most that the process has held up to now, bytes. redrawn: how many presses were
+    drawn again, as nothing touched, the base plate did, or they did not settle.
     """
 
     sha256: str
     watch: Stopwatch
     process: str
     peak_memory: int
+    redrawn: dict[str, int] = field(default_factory=dict)
 
 
-def make_shard(task: Task, sensors: SensorPair, progress: Callable[[], object]) -> Made:
+def make_shard(batch: Batch, making: Making, progress: Callable[[], object]) -> Made:
     """Press, look, feel and write. Calls progress after each pair.
 
-    Raises T2TwinError where a press did not settle or the shard cannot be written.
+    Raises T2TwinError where a press of the grid did not settle, one that is drawn cannot be drawn
+    so that it touches, or the shard cannot be written.
     """
-    watch = Stopwatch()
-    with watch.running("shape"):
-        shape = catalogue.load(task.shape, task.cache)
-    before, start = watch.total, time.process_time()
-    digest = write_shard(
-        Path(task.folder) / task.path, _rows(task, shape, sensors, watch, progress)
-    )
+    shard = _Shard(batch, making, progress)
+    start = time.process_time()
+    digest = write_shard(Path(making.folder) / batch.path, shard.rows(), schema_of(making.recipe))
     # Rows are made while the shard is being written; what is left of its time is the writing.
-    watch.seconds["writing"] += time.process_time() - start - (watch.total - before)
-    return Made(digest, watch, process_name(), peak_memory())
+    watch = shard.watch
+    watch.seconds["writing"] += time.process_time() - start - watch.total
+    return Made(digest, watch, process_name(), peak_memory(), shard.redrawn)
 
 
 def family_of(shape: str) -> str:
-    """The tool of `pliers/teeth`, the primitive family of `square-2`."""
-    return shape.split("/")[0] if "/" in shape else shape.rpartition("-")[0]
+    """The tool of `pliers/teeth`, the primitive family of `square-2`, `random` of `random-17`."""
+    return shape.split("/")[0] if "/" in shape else shape.rpartition("-")[0] or shape
 
 
-def _rows(
-    task: Task, shape: Shape, sensors: SensorPair, watch: Stopwatch, progress: Callable[[], object]
-) -> Iterator[dict[str, Any]]:
-    family = family_of(task.shape)
-    place = catalogue.NAMES.index(task.shape)
-    for index in task.indices:
-        rng = np.random.default_rng((task.seed, place, index))
-        sample = sensors.press(shape, protocol.press_at(shape, index), rng, watch.running)
+class _Shard:
+    """One shard in the making."""
+
+    def __init__(self, batch: Batch, making: Making, progress: Callable[[], object]) -> None:
+        self.batch, self.recipe, self.progress = batch, making.recipe, progress
+        self.sensors, self.cache = making.sensors, making.cache
+        self.part: Part = making.recipe.parts[batch.part]
+        self.watch = Stopwatch()
+        self.redrawn: dict[str, int] = {}
+        self._untouched: tuple[int, bytes] | None = None
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        batch = self.batch
+        for source, number in zip(batch.shapes, batch.numbers, strict=True):
+            with self.watch.running("shape"):
+                shape = catalogue.load(source, self.cache)
+            if batch.indices is not None:
+                presses = grid_presses(self.part, source, batch.indices, self.recipe.seed)
+                for drawn in presses:
+                    yield self._row(shape, drawn, number, self._grid_sample(shape, drawn, number))
+                    self.progress()
+            else:
+                for press in range(batch.presses):
+                    yield self._drawn_row(shape, number, press)
+                    self.progress()
+
+    def _grid_sample(self, shape: Shape, drawn: Drawn, number: int) -> Sample:
+        sample = self._press(shape, drawn, number)
         if not (sample.digit.settled and sample.cyskin.settled):
             raise T2TwinError(
-                f"press {index} of {task.shape} did not settle; take a finer or coarser grid"
+                f"press {drawn.index} of {shape.name} did not settle; take a finer or coarser grid"
             )
-        with watch.running("encoding"):
-            picture = encode_png(sample.image)
-        yield row(sample, picture, index, family, task.split)
-        progress()
+        return sample
+
+    def _drawn_row(self, shape: Shape, number: int, press: int) -> dict[str, Any]:
+        """A press that is drawn, and again as long as it touches nothing that was meant."""
+        seed = (self.recipe.seed, self.batch.part)
+        for attempt in range(MOST_ATTEMPTS):
+            drawn = draw_press(self.part, shape.name, number, press, seed, attempt)
+            if drawn.is_untouched:
+                return self._row(shape, drawn, number, None)
+            try:
+                sample = self._press(shape, drawn, number)
+            except BesidePadError:
+                self._again("beside the pad")
+                continue
+            contacts = (sample.digit, sample.cyskin)
+            if any(contact.bottomed for contact in contacts):
+                self._again("on the base plate")
+            elif not all(contact.settled for contact in contacts):
+                self._again("not settled")
+            else:
+                return self._row(shape, drawn, number, sample)
+        raise T2TwinError(
+            f"{shape.name} could not be touched in {MOST_ATTEMPTS} draws; take places nearer to "
+            "the shapes' middles"
+        )
+
+    def _again(self, why: str) -> None:
+        self.redrawn[why] = self.redrawn.get(why, 0) + 1
+
+    def _press(self, shape: Shape, drawn: Drawn, number: int) -> Sample:
+        sensors = self._sensors(drawn, number)
+        return sensors.press(shape, drawn.command, drawn.rng, self.watch.running)
+
+    def _sensors(self, drawn: Drawn, number: int) -> SensorPair:
+        """Those of a press: another DIGIT for each shape or press, where light is drawn."""
+        return self.sensors
+
+    def _unit(self, drawn: Drawn, number: int) -> int:
+        """Which of the part's DIGITs takes a press."""
+        light = self.recipe.light
+        if light.kind == "fixed":
+            return 0
+        return number if light.each == "shape" else number * self.batch.presses + drawn.index
+
+    def _row(
+        self, shape: Shape, drawn: Drawn, number: int, sample: Sample | None
+    ) -> dict[str, Any]:
+        family, split = family_of(shape.name), self.batch.split
+        sensors = self._sensors(drawn, number)
+        if sample is None:
+            with self.watch.running("picture"):
+                image = sensors.digit.untouched(drawn.rng)
+            counts = sensors.cyskin.untouched(drawn.rng)
+        else:
+            image, counts = sample.image, sample.counts
+        with self.watch.running("encoding"):
+            picture = encode_png(image)
+        more = self._more(sensors, drawn, number, sample)
+        if sample is None:
+            return untouched_row(drawn.command, counts, picture, drawn.index, family, split, more)
+        return row(sample, picture, drawn.index, family, split, more)
+
+    def _more(
+        self, sensors: SensorPair, drawn: Drawn, number: int, sample: Sample | None
+    ) -> More | None:
+        """What a pair of most worlds holds besides."""
+        recipe = self.recipe
+        if not recipe.has_more:
+            return None
+        unit, counts = self._unit(drawn, number), None
+        if recipe.field:
+            with self.watch.running("field"):
+                counts = (
+                    np.zeros(field_layout(sensors.cyskin.cover).size, np.uint16)
+                    if sample is None
+                    else field_counts(sample.cyskin)
+                )
+        untouched = self._untouched_frame(sensors, unit) if recipe.untouched_frames else None
+        return More(unit, counts, untouched)
+
+    def _untouched_frame(self, sensors: SensorPair, unit: int) -> bytes:
+        """The picture of a DIGIT untouched, one for all its presses, as PNG bytes."""
+        if self._untouched is None or self._untouched[0] != unit:
+            seed = (self.recipe.seed, UNIT_STREAM + 1, self.batch.part, unit)
+            with self.watch.running("encoding"):
+                frame = encode_png(sensors.digit.untouched(np.random.default_rng(seed)))
+            self._untouched = (unit, frame)
+        return self._untouched[1]

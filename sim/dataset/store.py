@@ -4,7 +4,7 @@
     DIR/README.md                    the dataset card
     DIR/log.jsonl                    how long each run of `t2twin simdata` took, and for what
     DIR/cache/                       pictures that trainings have decoded; no part of the dataset
-    DIR/{train,val,test}/SHAPE.parquet
+    DIR/{train,val,test}/SHAPE.parquet, or part-PART-NUMBER.parquet of shapes without end
 
 A shard is written to a temporary name and renamed, so it is whole or absent.
 """
@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from io import BufferedRandom
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -26,115 +26,40 @@ import pyarrow.parquet as pq
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.dataset.columns import IMAGE_TYPE, SCHEMA, UNTOUCHED, hugging_face, schema_of
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo
 from t2twin.sim.dataset.shard_table import check_table
 from t2twin.sim.typed_json import read_json
 
-if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
-    from t2twin.sim.sensors import Sample
-
 INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
-
-POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
-"""Columns that say where and how hard was pressed: those of a PressCommand."""
-
-IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-
-SCHEMA = pa.schema(
-    [
-        ("shape", pa.string()),
-        ("family", pa.string()),
-        ("split", pa.string()),
-        ("index", pa.int32()),
-        ("x_mm", pa.float64()),
-        ("y_mm", pa.float64()),
-        ("yaw_rad", pa.float64()),
-        ("force_n", pa.float64()),
-        ("image", IMAGE_TYPE),
-        ("taxels", pa.list_(pa.uint16())),
-        ("digit_depth_mm", pa.float64()),
-        ("digit_force_n", pa.float64()),
-        ("digit_settled", pa.bool_()),
-        ("digit_bottomed", pa.bool_()),
-        ("cyskin_depth_mm", pa.float64()),
-        ("cyskin_force_n", pa.float64()),
-        ("cyskin_settled", pa.bool_()),
-        ("cyskin_bottomed", pa.bool_()),
-    ]
-)
-
-HUGGING_FACE_FEATURES = {
-    "info": {
-        "features": {
-            "image": {"_type": "Image"},
-            "taxels": {"feature": {"dtype": "uint16", "_type": "Value"}, "_type": "Sequence"},
-            **{
-                field.name: {"dtype": _dtype, "_type": "Value"}
-                for field in SCHEMA
-                if field.name not in ("image", "taxels")
-                for _dtype in [str(field.type).replace("double", "float64")]
-            },
-        }
-    }
-}
-"""Column types as Hugging Face's `datasets` reads them from a Parquet file's metadata.
-Its versions 3 to 5 know "Sequence"; "List" is known from 4 on only."""
 
 ROWS_AT_ONCE = 128
 """Rows written together, a row group: some 9 MB, what a shard in the making takes of memory."""
 
-
-def row(sample: "Sample", picture: bytes, index: int, family: str, split: str) -> dict[str, Any]:
-    """A sample as a row of the table. picture: its image as PNG bytes."""
-    command = sample.command
-    return {
-        "shape": command.shape,
-        "family": family,
-        "split": split,
-        "index": index,
-        "x_mm": command.x_mm,
-        "y_mm": command.y_mm,
-        "yaw_rad": command.yaw_rad,
-        "force_n": command.force_n,
-        "image": {
-            "bytes": picture,
-            "path": f"{file_stem(command.shape)}-{index}.png",
-        },
-        "taxels": sample.counts,
-        "digit_depth_mm": sample.digit.depth_mm,
-        "digit_force_n": sample.digit.force_n,
-        "digit_settled": sample.digit.settled,
-        "digit_bottomed": sample.digit.bottomed,
-        "cyskin_depth_mm": sample.cyskin.depth_mm,
-        "cyskin_force_n": sample.cyskin.force_n,
-        "cyskin_settled": sample.cyskin.settled,
-        "cyskin_bottomed": sample.cyskin.bottomed,
-    }
+MOST_DICTIONARY_BYTES = 32_000_000
+"""Room for the pictures of a row group's untouched DIGITs, one a row at most."""
 
 
-def file_stem(shape: str) -> str:
-    return shape.replace("/", "-")
-
-
-def shard_path(split: str, shape: str) -> str:
-    """A shape's shard below the dataset's folder."""
-    return f"{split}/{file_stem(shape)}.parquet"
-
-
-def write_shard(path: Path, rows: Iterable[dict[str, Any]]) -> str:
+def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema = SCHEMA) -> str:
     """Write rows as one shard, as they come; returns its sha256.
 
     Raises T2TwinError where it cannot be written; then there is no shard.
     """
-    schema = SCHEMA.with_metadata({"huggingface": json.dumps(HUGGING_FACE_FEATURES)})
+    schema = schema.with_metadata({"huggingface": json.dumps(hugging_face(schema))})
     waiting = iter(rows)
+    repeated, dictionary_bytes = ["shape", "family", "split"], None
+    if UNTOUCHED in schema.names:
+        # one picture serves all rows of a DIGIT: a dictionary holds it once a row group
+        repeated.append(f"{UNTOUCHED}.bytes")
+        dictionary_bytes = MOST_DICTIONARY_BYTES
     with _durable(path) as file:
         # Pictures are compressed already; a dictionary pays for the names only.
         writer = pq.ParquetWriter(
             file,
             schema,
             compression="zstd",
-            use_dictionary=["shape", "family", "split"],  # pyright: ignore[reportArgumentType]
+            use_dictionary=repeated,  # pyright: ignore[reportArgumentType]
+            dictionary_pagesize_limit=dictionary_bytes,
         )
         try:
             while group := list(islice(waiting, ROWS_AT_ONCE)):
@@ -215,12 +140,12 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
         raise T2TwinError(
             f"the dataset in {folder} {what}; the same `t2twin simdata` makes it whole"
         )
-    tables = []
+    tables, schema = [], schema_of(info.world)
     for path in shards:
         with _opened(folder, path) as file:
             table = file.read(columns=columns)
         try:
-            check_table(table, columns or SCHEMA.names, SCHEMA, info.shards[path], info)
+            check_table(table, columns or schema.names, schema, info.shards[path], info)
         except ValueError as error:
             raise T2TwinError(
                 f"{Path(folder) / path} is damaged: {error}; `t2twin simdata --verify {folder}` "

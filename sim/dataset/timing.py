@@ -14,11 +14,14 @@ STAGES = (
     "press cyskin",
     "picture",
     "taxels",
+    "field",
+    "light",
     "encoding",
     "writing",
     "shape",
 )
-"""What the making of a shard is made of; a shape is prepared once a shard."""
+"""What the making of a shard is made of: a shape is prepared once for its presses, the field and
+another light are made where a world has them."""
 
 
 @dataclass
@@ -69,7 +72,8 @@ class RunTiming:
     """How one run of `t2twin simdata` went: a line of the dataset's log.jsonl.
 
     ended: the time, UTC, ISO 8601. seconds: of the whole run. stage_seconds: processor time by
-    stage, of all pairs. peak_memory_bytes: the sum of all processes' peaks.
+    stage, of all pairs. peak_memory_bytes: the sum of all processes' peaks. redrawn: presses that
+    were drawn again, by why.
     """
 
     ended: str
@@ -78,6 +82,7 @@ class RunTiming:
     seconds: float
     stage_seconds: dict[str, float]
     peak_memory_bytes: int
+    redrawn: dict[str, int] = field(default_factory=dict)
 
 
 def in_words(run: RunTiming) -> str:
@@ -85,13 +90,14 @@ def in_words(run: RunTiming) -> str:
     stages = ", ".join(
         f"{stage} {1e3 * run.stage_seconds[stage] / run.pairs:.1f}"
         for stage in STAGES
-        if stage != "shape"
+        if stage != "shape" and run.stage_seconds[stage]
     )
     busy = sum(run.stage_seconds.values()) / (run.workers * run.seconds)
+    again = "".join(f"{times} presses drawn again: {why}\n" for why, times in run.redrawn.items())
     return (
         f"{run.pairs} pairs in {run.seconds:.0f} s with {run.workers} workers: "
         f"{run.pairs / run.seconds:.1f} pairs/s, workers busy {100 * busy:.0f} % of the time\n"
         f"processor time of a pair, ms: {stages}; and {run.stage_seconds['shape']:.1f} s to load "
-        "the shapes\n"
+        f"the shapes\n{again}"
         f"peak memory of all processes together: {run.peak_memory_bytes / 2**30:.2f} GiB"
     )

@@ -1,13 +1,13 @@
 """Whether a dataset is whole: every shard's bytes, rows, pairing and pictures."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -15,19 +15,17 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.machine import cores
 from t2twin.primitives_cad.progress import Progress
-from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.columns import FIELD, POSE, UNTOUCHED, schema_of
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.png import decode_png
-from t2twin.sim.dataset.protocol import press_of
-from t2twin.sim.dataset.store import (
-    INFO,
-    POSE,
-    ROWS_AT_ONCE,
-    SCHEMA,
-    SPLITS,
-    read_info,
-    sha256_of,
-    shard_path,
-)
+from t2twin.sim.dataset.store import INFO, ROWS_AT_ONCE, read_info, sha256_of
+from t2twin.sim.press.records import PressCommand
+from t2twin.sim.world.plan import Batch, name_of, plan, shard_path
+from t2twin.sim.world.presses import MOST_ATTEMPTS, draw_press, grid_presses
+from t2twin.sim.world.recipe import PAPER, load_recipe
+
+ARRAYS = ("image", "taxels")
+"""Columns of every pair that are more than one number or name."""
 
 POSE_TOLERANCE = 1e-9
 """Largest difference of a pose from the protocol's, mm, rad and N: rounding alone."""
@@ -48,25 +46,25 @@ def verify(folder: str | Path) -> list[Fault]:
     """Everything that is wrong with a dataset, nothing where it is whole.
 
     Checks each shard's sha256, columns and number of rows; that its presses are those of the
-    protocol, each once and at its pose (of a user's own pairs, that no index comes twice); that
-    pictures decode and counts lie between 0 and full scale. Raises T2TwinError where there is no
-    dataset.
+    world's recipe, each once and at its pose (of a user's own pairs, that no index comes twice);
+    that pictures decode and counts lie between 0 and full scale. Raises T2TwinError where there is
+    no dataset.
     """
     folder = Path(folder)
     info = read_info(folder)
-    faults = list(_files(folder, info))
+    planned = _plan(info)
+    faults = list(_files(folder, info, set(planned)))
     named = {fault.part for fault in faults}
     shards = [path for path in sorted(info.shards) if path not in named]
     with ThreadPoolExecutor(cores()) as pool:
-        checks = pool.map(lambda path: list(_shard(folder, path, info)), shards)
+        checks = pool.map(lambda path: list(_shard(folder, path, info, planned)), shards)
         for of_shard in Progress(checks, total=len(shards), desc="verify", unit="shard"):
             faults += of_shard
     return sorted(faults, key=lambda fault: fault.part)
 
 
-def _files(folder: Path, info: DatasetInfo) -> Iterator[Fault]:
+def _files(folder: Path, info: DatasetInfo, wanted: set[str]) -> Iterator[Fault]:
     """Shards that are missing, and those that nobody knows of."""
-    wanted = {shard_path(catalogue.split(name), name) for name in _protocol(info)}
     for path in sorted(wanted | set(info.shards)):
         if path not in info.shards:
             yield Fault(path, "it is not made yet")
@@ -81,79 +79,144 @@ def _files(folder: Path, info: DatasetInfo) -> Iterator[Fault]:
                 yield Fault(name, "no part of this dataset, but read with it; remove it")
 
 
-def _protocol(info: DatasetInfo) -> dict[str, tuple[int, ...]]:
-    """The presses of each shape that `t2twin simdata` was asked for; none of a user's own pairs."""
-    return info.parameters.shapes if info.parameters else {}
+def _plan(info: DatasetInfo) -> dict[str, Batch]:
+    """The shards that `t2twin simdata` was asked for, by path; none of a user's own pairs."""
+    if info.parameters is None:
+        return {}
+    recipe, on_grid = info.world or load_recipe(PAPER), info.parameters.shapes
+    batches = plan(recipe, tuple(name for name in catalogue.NAMES if name in on_grid))
+    grid = {
+        batch.path: replace(batch, indices=on_grid[batch.shapes[0]])
+        for batch in batches
+        if batch.indices is not None
+    }
+    return {batch.path: batch for batch in batches} | grid
 
 
-def _shard(folder: Path, path: str, info: DatasetInfo) -> Iterator[Fault]:
+def _shard(
+    folder: Path, path: str, info: DatasetInfo, planned: dict[str, Batch]
+) -> Iterator[Fault]:
     if sha256_of(folder / path) != info.shards[path].sha256:
         yield Fault(path, "its bytes are not those that were written (sha256)")
         return
     try:
-        yield from _content(folder, path, info)
+        yield from _content(folder, path, info, planned)
     except (pa.ArrowException, OSError):
         yield Fault(path, "it cannot be read as Parquet")
 
 
-def _content(folder: Path, path: str, info: DatasetInfo) -> Iterator[Fault]:
+def _content(
+    folder: Path, path: str, info: DatasetInfo, planned: dict[str, Batch]
+) -> Iterator[Fault]:
     pairs = info.shards[path].pairs
     with pq.ParquetFile(folder / path) as file:
-        if not file.schema_arrow.equals(SCHEMA):
+        schema = schema_of(info.world)
+        if not file.schema_arrow.equals(schema):
             yield Fault(path, "its columns are not the dataset's")
             return
         if file.metadata.num_rows != pairs:
             yield Fault(path, f"it has {file.metadata.num_rows} rows instead of {pairs}")
-        scalars = file.read([name for name in SCHEMA.names if name not in ("image", "taxels")])
-        yield from (Fault(path, reason) for reason in _pairing(path, scalars, _protocol(info)))
+        arrays = [name for name in (*ARRAYS, FIELD, UNTOUCHED) if name in schema.names]
+        scalars = file.read([name for name in schema.names if name not in arrays])
+        yield from (Fault(path, reason) for reason in _pairing(path, scalars, info, planned))
         row = 0
-        for batch in file.iter_batches(ROWS_AT_ONCE, columns=["image", "taxels"]):
-            for image, counts in zip(*(column.to_pylist() for column in batch), strict=True):
-                for reason in _sample(image, counts, info):
+        for batch in file.iter_batches(ROWS_AT_ONCE, columns=arrays):
+            for values in batch.to_pylist():
+                for reason in _sample(values, info):
                     yield Fault(path, f"row {row}: {reason}")
                 row += 1
 
 
-def _pairing(path: str, rows: pa.Table, protocol: dict[str, tuple[int, ...]]) -> Iterator[str]:
+def _pairing(
+    path: str, rows: pa.Table, info: DatasetInfo, planned: dict[str, Batch]
+) -> Iterator[str]:
+    """What is wrong with which presses a shard holds, and where they are."""
     split = path.split("/")[0]
     if set(rows["split"].to_pylist()) - {split}:
         yield "it holds rows of another split"
-    shapes = set(rows["shape"].to_pylist())
-    if len(shapes) != 1 or shard_path(split, *shapes) != path:
+    presses = list(zip(rows["shape"].to_pylist(), rows["index"].to_pylist(), strict=True))
+    batch = planned.get(path)
+    shapes = {shape for shape, _ in presses}
+    has_own_shard = batch is None or batch.indices is not None
+    if has_own_shard and (len(shapes) != 1 or shard_path(split, *shapes) != path):
         yield "it holds another shape than its name says"
         return
-    shape, indices = shapes.pop(), rows["index"].to_pylist()
-    if None in indices:
+    if any(index is None for _, index in presses):
         yield "a press has no index"
         return
-    twice = [index for index, times in Counter(indices).items() if times > 1]
+    twice = [press for press, times in Counter(presses).items() if times > 1]
     if twice:
-        yield f"press {twice[0]} comes more than once"
-    if not protocol:
+        yield f"press {twice[0][1]} of {twice[0][0]} comes more than once"
+    if batch is None:
+        if planned:
+            yield "its presses are not the protocol's"
         return
-    if sorted(set(indices)) != list(protocol.get(shape, ())):
-        yield "its presses are not the protocol's"
-    if shape not in protocol:
-        return
-    wanted = [press_of(shape, catalogue.spacing_mm(shape), index) for index in indices]
-    for name in POSE:
-        off = np.abs(rows[name].to_numpy() - [getattr(press, name) for press in wanted])
-        if not (off <= POSE_TOLERANCE).all():
-            worst = int(np.argmax(~(off <= POSE_TOLERANCE)))
-            yield f"row {worst}: its {name} is not the protocol's for press {indices[worst]}"
+    wanted = planned_presses(info, batch)
+    if set(presses) != set(wanted):
+        yield "its presses are not those that were planned"
+    for row, press in enumerate(presses):
+        if press in wanted:
+            yield from _pose(rows.slice(row, 1), row, press, wanted[press])
 
 
-def _sample(
-    image: dict[str, Any] | None, counts: list[int | None] | None, info: DatasetInfo
+def _pose(
+    row: pa.Table, number: int, press: tuple[str, int], wanted: Callable[[], Iterator[PressCommand]]
 ) -> Iterator[str]:
-    try:
-        shape = decode_png(image["bytes"] if image else b"").shape
-        if shape != (info.image_shape or shape):
-            yield f"its picture is {list(shape)} instead of {list(info.image_shape or ())}"
-    except T2TwinError:
-        yield "its picture cannot be decoded"
-    counts, taxels = counts or [], len(info.layout_x_mm)
-    if len(counts) != taxels:
-        yield f"it has {len(counts)} taxels instead of {taxels}"
-    elif not all(count is not None and 0 <= count <= info.full_scale_counts for count in counts):
-        yield f"it has a count outside of 0 to {info.full_scale_counts}"
+    """Whether a row's pose is one of those that its press may have: the first one that touched."""
+    there = {name: row[name][0].as_py() for name in POSE}
+    for command in wanted():
+        off = {name: abs(there[name] - getattr(command, name)) for name in POSE}
+        if all(each <= POSE_TOLERANCE for each in off.values()):
+            return
+        worst = next(name for name, each in off.items() if not each <= POSE_TOLERANCE)
+    yield f"row {number}: its {worst} is not what was planned for press {press[1]} of {press[0]}"
+
+
+def planned_presses(
+    info: DatasetInfo, batch: Batch
+) -> dict[tuple[str, int], Callable[[], Iterator[PressCommand]]]:
+    """The presses of a shard by shape and index, each with the commands that it may have had."""
+    recipe = info.world or load_recipe(PAPER)
+    part, seed = recipe.parts[batch.part], (info.seed or 0, batch.part)
+    if batch.indices is not None:
+        presses = grid_presses(part, batch.shapes[0], batch.indices, info.seed or 0)
+        return {
+            (batch.shapes[0], drawn.index): partial(iter, (drawn.command,)) for drawn in presses
+        }
+
+    def attempts(name: str, number: int, press: int) -> Iterator[PressCommand]:
+        for attempt in range(MOST_ATTEMPTS):
+            yield draw_press(part, name, number, press, seed, attempt).command
+
+    return {
+        (name, press): partial(attempts, name, number, press)
+        for source, number in zip(batch.shapes, batch.numbers, strict=True)
+        for name in (name_of(source),)
+        for press in range(batch.presses)
+    }
+
+
+def _sample(row: dict[str, Any], info: DatasetInfo) -> Iterator[str]:
+    for column in ("image", UNTOUCHED):
+        if column not in row:
+            continue
+        image = row[column]
+        try:
+            shape = decode_png(image["bytes"] if image else b"").shape
+            if shape != (info.image_shape or shape):
+                yield f"its picture is {list(shape)} instead of {list(info.image_shape or ())}"
+        except T2TwinError:
+            yield "its picture cannot be decoded"
+    for column, what, size in (
+        ("taxels", "taxels", len(info.layout_x_mm)),
+        (FIELD, "places of the field", len(info.field_x_mm or ())),
+    ):
+        if column not in row:
+            continue
+        counts = row[column] or []
+        if len(counts) != size:
+            yield f"it has {len(counts)} {what} instead of {size}"
+        elif not all(
+            count is not None and 0 <= count <= info.full_scale_counts for count in counts
+        ):
+            yield f"it has a count outside of 0 to {info.full_scale_counts}"

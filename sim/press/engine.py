@@ -16,6 +16,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
 from t2twin.sim.press.elastomer import Elastomer
 from t2twin.sim.press.footprint import footprint, heights_at
+from t2twin.sim.press.force import check_force
 from t2twin.sim.press.grid import Window, grown, means, middles, scaled, widened, window_around
 from t2twin.sim.press.layer import WHOLE, Layer, cached_layer
 from t2twin.sim.press.pins import PinGrid, pins_under
@@ -48,9 +49,6 @@ STAGES = ((0.25, 2e-2), (0.125, 5e-3))
 """Coarsest grid on which a layer's answer is worked out, mm, and the relative change of the
 pressure in a step below which it has settled: first roughly, then from there finely."""
 
-FORCE_RANGE_N = (0.01, 100.0)
-"""Forces that may be commanded, N."""
-
 BASE_TOLERANCE_MM = 1e-3
 """A touched height so near the base plate's top counts as the base plate, mm."""
 
@@ -64,14 +62,18 @@ FIELD_CELLS = 2
 """Cells of the survey around the window in which the surface still is worked out finely."""
 
 
+class BesidePadError(T2TwinError):
+    """Nothing of the shape lies over the pad."""
+
+
 def solve_contact(
     shape: Shape, command: PressCommand, elastomer: Elastomer, pitch_mm: float
 ) -> Contact:
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
     The command's shape name is not looked at; its pose and force are. Calls from several threads at
-    once do not disturb each other. Raises T2TwinError where the force is out of range, the shape
-    lies beside the pad, or a linear layer cannot carry the force.
+    once do not disturb each other. Raises T2TwinError where the force is out of range or a linear
+    layer cannot carry it, and its BesidePadError where the shape lies beside the pad.
     """
     check_force(command.force_n)
     layer = cached_layer(elastomer, pitch_mm)
@@ -107,14 +109,6 @@ def _read_only(values: np.ndarray) -> np.ndarray:
     view = values.view()
     view.setflags(write=False)
     return view
-
-
-def check_force(force_n: float) -> None:
-    low, high = FORCE_RANGE_N
-    if not low <= force_n <= high:
-        raise T2TwinError(
-            f"a force of {force_n:g} N cannot be pressed; allowed are {low:g} to {high:g} N"
-        )
 
 
 @dataclass(frozen=True)
@@ -203,7 +197,7 @@ class _Survey:
         distance = -means(layer.rest_mm, self.per_side) - self.seen.heights_mm
         nearest = float(distance.min())
         if nearest > -NOTHING_MM / 2:
-            raise T2TwinError(
+            raise BesidePadError(
                 f"{shape.name} at x {command.x_mm:g} mm, y {command.y_mm:g} mm lies beside the "
                 f"{layer.elastomer.name} pad, which reaches {layer.elastomer.width_mm / 2:g} mm "
                 f"in x and {layer.elastomer.length_mm / 2:g} mm in y from its middle"

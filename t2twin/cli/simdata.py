@@ -14,25 +14,30 @@ def simdata(
     scale: Annotated[str | None, tyro.conf.arg(metavar="SCALE")] = None,
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
-    seed: int = 0,
-    layout: str = "cyskin-20",
-    imperfections: str = "white",
+    world: Annotated[str | None, tyro.conf.arg(metavar="WORLD")] = None,
+    seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    layout: Annotated[str | None, tyro.conf.arg(metavar="LAYOUT")] = None,
+    imperfections: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     calibration: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
     primitives: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
     verify: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
 ) -> None:
-    """Make the paired dataset, or end one that was begun; or check one with --verify.
+    """Make a paired dataset, or end one that was begun; or check one with --verify.
 
     Args:
-        scale: smoke (about 100 pairs), small (about 1,000) or paper (20,076).
-        out: Folder to write into; data/SCALE unless given.
+        scale: Of the protocol: smoke (about 100 pairs), small (about 1,000) or paper (20,076).
+        out: Folder to write into; data/SCALE or data/WORLD unless given.
         workers: Processes that press at once; as many as there are cores unless given.
-        seed: Seed of all noise. Same seed, same bytes.
-        layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm.
-        imperfections: What the CySkin adds: none, white, untouched or all.
+        world: Instead of a scale: the name of a recipe that ships (paper, open, open-8n), or a
+            TOML file of your own, which says what is pressed, where, how hard and in which light.
+        seed: Seed of all that is drawn; 0, or the recipe's, unless given. Same seed, same bytes.
+        layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm; cyskin-20 unless
+            given. A world names its own.
+        imperfections: What the CySkin adds: none, white (unless given), untouched or all. A world
+            names its own.
         calibration: The DIGIT's optics, as t2twin calibrate writes them; the shipped ones unless
-            given.
+            given. A world names its own.
         primitives: Folder where prepared shapes are kept; one in the user's cache unless given.
         scheduler: Address of a Dask scheduler whose workers make the shards instead, as in
             tcp://10.0.0.1:8786. They must see the folders under the same paths.
@@ -40,11 +45,12 @@ def simdata(
             is.
     """
     from t2twin.primitives_cad.errors import T2TwinError
+    from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 
     if verify is not None:
         sys.exit(_verify(verify))
-    if scale is None:
-        raise T2TwinError("--scale is missing: smoke, small or paper (or --verify DIR)")
+    own = {"--layout": layout, "--imperfections": imperfections, "--calibration": calibration}
+    _check_asked(scale, world, own)
     if scheduler is not None and workers is not None:
         raise T2TwinError(
             "--workers is for this machine; on a cluster Dask says how many there are"
@@ -52,17 +58,38 @@ def simdata(
 
     import t2twin
 
-    folder = out or Path("data") / scale
+    sensors = None
+    if scale is not None:
+        own_layout = layout or DEFAULT_LAYOUT
+        sensors = t2twin.Twin(calibration, own_layout, imperfections or "white").sensors
+    folder = out or Path("data") / (scale or Path(world or "").stem)
     info = t2twin.make_dataset(
         folder,
         scale,
         seed=seed,
         workers=workers,
-        sensors=t2twin.Twin(calibration, layout, imperfections).sensors,
+        sensors=sensors,
         cache=primitives,
         scheduler=scheduler,
+        world=world,
     )
     print(f"{_pairs(info)} pairs in {folder}, {_size(folder, info)}")
+
+
+def _check_asked(scale: str | None, world: str | None, own: dict[str, str | None]) -> None:
+    """Raises T2TwinError unless one of scale and world is given, and what goes with it. own: the
+    flags of what a world names itself."""
+    from t2twin.primitives_cad.errors import T2TwinError
+
+    if scale is None and world is None:
+        raise T2TwinError(
+            "--scale is missing: smoke, small or paper (or --world WORLD, or --verify DIR)"
+        )
+    if world is None:
+        return
+    given = [flag for flag, value in {"--scale": scale, **own}.items() if value is not None]
+    if given:
+        raise T2TwinError(f"{given[0]} does not go with --world, whose recipe says all of it")
 
 
 def _verify(folder: Path) -> int:

@@ -12,9 +12,10 @@ import pyarrow.parquet as pq
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
-from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.png import decode_png
-from t2twin.sim.dataset.store import SPLITS, read_info, read_split, shard_path, taxels
+from t2twin.sim.dataset.store import read_info, read_split, taxels
+from t2twin.sim.world.plan import shard_path
 from t2twin.translate.data.pairs import DataInfo, load_info
 from t2twin.translate.phi import Phi
 

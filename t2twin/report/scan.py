@@ -12,7 +12,8 @@ from t2twin.primitives_cad.machine import cores
 from t2twin.primitives_cad.progress import Progress
 from t2twin.report.dataset import Dataset
 from t2twin.sim.dataset.png import decode_png
-from t2twin.sim.dataset.store import iter_images, shard_path
+from t2twin.sim.dataset.store import iter_images
+from t2twin.sim.world.plan import shard_path
 
 BLOCK_PX = 8
 """Side of the squares that pictures are averaged over, pixels: noise falls to an eighth."""

@@ -20,10 +20,10 @@ from PIL import Image
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.dataset.columns import POSE
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
     INFO,
-    POSE,
     iter_images,
     read_info,
     read_split,

@@ -1,0 +1,1 @@
+"""Shapes without end: each drawn from a number, a composition of one to four features."""

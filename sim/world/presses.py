@@ -1,0 +1,102 @@
+"""The presses of a world's part: which, where, how hard. All of them follow from the seed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.random_shapes.shape import PREFIX
+from t2twin.sim.press.records import PressCommand
+from t2twin.sim.world import protocol
+from t2twin.sim.world.recipe import ForceRange, Part, Place
+
+PRESS_STREAM, FORCE_STREAM, UNIT_STREAM = 11, 12, 13
+"""Keep the draws of presses, of forces on a grid and of DIGITs apart, in one seed."""
+
+SEEDS_A_WORLD = 1_000_000_000
+"""Random shapes of a world are called by numbers from its seed times this on."""
+
+MOST_SEED = 9_000_000_000
+"""Largest seed of a world of random shapes: theirs stay below the largest of all."""
+
+MOST_ATTEMPTS = 20
+"""How often a press is drawn until it touches the shape's features and settles."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """One press of a part. index: its number among the shape's. command: force 0 where nothing
+    touches. rng: what its noise is drawn from."""
+
+    index: int
+    command: PressCommand
+    rng: np.random.Generator
+
+    @property
+    def is_untouched(self) -> bool:
+        return self.command.force_n == 0.0
+
+
+def random_name(seed: int, number: int) -> str:
+    """What the number-th random shape of a world is called."""
+    return f"{PREFIX}{seed * SEEDS_A_WORLD + number}"
+
+
+def grid_presses(part: Part, name: str, indices: tuple[int, ...], seed: int) -> Iterator[Drawn]:
+    """The protocol's presses of a shape by these indices, with the part's force or forces.
+
+    Of a list of forces an index counts the grid's presses, and the forces of each.
+    """
+    place, spacing = catalogue.NAMES.index(name), catalogue.spacing_mm(name)
+    forces = part.force_n if isinstance(part.force_n, tuple) else (part.force_n,)
+    for index in indices:
+        at, which = divmod(index, len(forces))
+        command = protocol.press_of(name, spacing, at)
+        force = forces[which]
+        if isinstance(force, ForceRange):
+            force = draw_force(np.random.default_rng((seed, FORCE_STREAM, place, index)), force)
+        if force != command.force_n:
+            command = PressCommand(name, command.x_mm, command.y_mm, command.yaw_rad, float(force))
+        yield Drawn(index, command, np.random.default_rng((seed, place, index)))
+
+
+def grid_indices(part: Part, name: str) -> tuple[int, ...]:
+    """Indices of a shape's presses on the grid, rising; see grid_presses."""
+    at = protocol.indices(name, protocol.scale_of(part.scale))
+    forces = len(part.force_n) if isinstance(part.force_n, tuple) else 1
+    return tuple(index * forces + which for index in at for which in range(forces))
+
+
+def draw_press(
+    part: Part, name: str, number: int, press: int, seed: tuple[int, ...], attempt: int
+) -> Drawn:
+    """A press that is no grid's.
+
+    name, number: the shape's, and its place in its part. press: its place among the shape's.
+    seed: the world's seed and the part's number. attempt: how many draws were refused before.
+    """
+    rng = np.random.default_rng((*seed, PRESS_STREAM, number, press, attempt))
+    assert isinstance(part.place, Place)
+    if part.place.normal_mm is not None:
+        x, y = part.place.normal_mm * rng.standard_normal(2)
+    else:
+        assert part.place.uniform_mm is not None
+        x, y = rng.uniform(-part.place.uniform_mm, part.place.uniform_mm, 2)
+    yaw = rng.uniform(0.0, 2.0 * np.pi)
+    force = draw_force(rng, part.force_n)
+    if rng.random() < part.untouched_share:
+        force = 0.0
+    return Drawn(press, PressCommand(name, float(x), float(y), float(yaw), force), rng)
+
+
+def draw_force(rng: np.random.Generator, forces: float | tuple[float, ...] | ForceRange) -> float:
+    """A force, N: the one there is, one of a list, or one of a range."""
+    if isinstance(forces, tuple):
+        return float(forces[int(rng.integers(len(forces)))])
+    if not isinstance(forces, ForceRange):
+        return float(forces)
+    while True:
+        force = float(np.exp(rng.uniform(np.log(forces.low), np.log(forces.high))))
+        if not any(first <= force <= last for first, last in forces.leave_out):
+            return force

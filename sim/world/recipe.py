@@ -1,0 +1,201 @@
+"""A world's recipe: from which distributions shapes, places, turns, forces and light are drawn.
+
+One small TOML file, or the name of one that ships:
+
+    format = 1
+    name = "mine"
+    seed = 0
+    [[parts]]
+    shapes = "random"
+    count = 1000
+    presses = 4
+    place = { normal_mm = 2.5 }
+    force_n = { low = 0.5, high = 12.0 }
+    [light]
+    kind = "drawn"
+
+Paths in it are taken from the folder in which the command runs, as the command's own are.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta, Struct
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
+from t2twin.sim.press.force import FORCE_RANGE_N
+from t2twin.sim.seeds import MOST_SEED
+from t2twin.sim.typed_json import convert
+
+RECIPES = Path(__file__).parent / "recipes"
+PAPER = "paper"
+"""The world that is the protocol of Grella et al. 2023."""
+
+RANDOM = "random"
+NAMED = (RANDOM, "primitives", "tools")
+"""What a part's shapes are called that are no folder's; the first are the random ones."""
+
+FORMAT = 1
+
+MOST_SHAPES, MOST_PRESSES = 1_000_000, 10_000
+"""Most random shapes of a part, and most presses of a shape (assumed: weeks of two cores)."""
+
+FARTHEST_MM = 25.0
+"""Farthest that a press may be meant to lie from a shape's middle, mm (assumed: beyond it most
+would miss)."""
+
+Share = Annotated[float, Meta(ge=0.0, le=0.9)]
+Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
+Reach = Annotated[float, Meta(ge=0.0, le=FARTHEST_MM)]
+Split = Literal["train", "val", "test"]
+
+
+class Place(Struct, frozen=True, forbid_unknown_fields=True):
+    """Where presses lie about a shape's middle, one of the two: standard deviation of a normal
+    distribution along x and y, or half the side of a square, mm."""
+
+    normal_mm: Reach | None = None
+    uniform_mm: Reach | None = None
+
+    def __post_init__(self) -> None:
+        if (self.normal_mm is None) == (self.uniform_mm is None):
+            raise ValueError("place must have one of normal_mm and uniform_mm")
+
+
+class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
+    """Forces from low to high, N, log-uniformly, but for the ranges that are left out."""
+
+    low: Force
+    high: Force
+    leave_out: tuple[tuple[Force, Force], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.low < self.high:
+            raise ValueError("force_n must have its low below its high")
+        for first, last in self.leave_out:
+            if not self.low < first < last < self.high:
+                raise ValueError("what force_n leaves out must lie within it, low before high")
+
+
+class Part(Struct, frozen=True, forbid_unknown_fields=True):
+    """Some shapes, and how they are pressed.
+
+    shapes: "random", "primitives", "tools", or a folder of solids' files. count: how many random
+    ones; all there are of the others. presses: how many of each shape, where place is no grid.
+    place: "grid", the protocol's with its orientations, or a distribution. scale: of the grid (see
+    protocol.SCALES). force_n: one, a list, or a range; on a grid of a list, every press with each;
+    else each press draws one. untouched_share: of the presses, in which nothing touches. split:
+    where the shapes go; of the primitives "by-version" as the protocol has it. val_share: of the
+    shapes, which go to validation instead, the last ones.
+    """
+
+    shapes: str
+    split: Literal["train", "val", "test", "by-version"] = "train"
+    count: Annotated[int, Meta(ge=1, le=MOST_SHAPES)] | None = None
+    presses: Annotated[int, Meta(ge=1, le=MOST_PRESSES)] | None = None
+    place: Literal["grid"] | Place = "grid"
+    scale: Literal["smoke", "small", "paper"] = "paper"
+    force_n: Force | tuple[Force, ...] | ForceRange = 8.0
+    untouched_share: Share = 0.0
+    val_share: Share = 0.0
+
+    def __post_init__(self) -> None:
+        named = f"the part of {self.shapes} shapes"
+        if (self.shapes == RANDOM) != (self.count is not None):
+            raise ValueError(f"{named}: count belongs to random shapes, which need it")
+        if (self.place == "grid") == (self.presses is not None):
+            raise ValueError(f"{named}: presses belongs to a place that is no grid")
+        if self.place == "grid" and (self.untouched_share or self.val_share):
+            raise ValueError(f"{named}: a grid has no untouched_share and no val_share")
+        if self.place == "grid" and self.shapes not in ("primitives", "tools"):
+            raise ValueError(f"{named}: the grid is the protocol's, of primitives and tools")
+        if self.split == "by-version" and self.shapes != "primitives":
+            raise ValueError(f"{named}: only primitives are split by-version")
+        if self.split == "by-version" and self.val_share:
+            raise ValueError(f"{named}: by-version leaves no val_share")
+        if self.force_n == ():
+            raise ValueError(f"{named}: force_n is an empty list")
+        if self.shapes == "tools" and self.split != "test":
+            raise ValueError("the tools are the test's, for all worlds alike; their split is test")
+
+
+class Light(Struct, frozen=True, forbid_unknown_fields=True):
+    """The DIGIT's light.
+
+    kind: "fixed", one unit for all; "drawn", another unit for each shape or press.
+    calibration: a file of `t2twin calibrate`, the fixed unit or the middle of the draw; without it
+    the one that ships, or the shipped distribution. optics: "baked", or "pyrender", seconds a
+    picture.
+    """
+
+    kind: Literal["fixed", "drawn"] = "fixed"
+    calibration: str | None = None
+    each: Literal["shape", "press"] = "shape"
+    optics: Literal["baked", "pyrender"] = "baked"
+
+
+class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
+    """A world.
+
+    name: what it is called in tables. seed: of everything that is drawn. layout, imperfections:
+    the CySkin's. field: whether each pair holds the field (t2twin.sim.cyskin.field).
+    untouched_frames: whether each pair holds a picture of its DIGIT untouched.
+    """
+
+    name: Annotated[str, Meta(min_length=1, max_length=60)]
+    parts: Annotated[tuple[Part, ...], Meta(min_length=1, max_length=50)]
+    format: Literal[1] = FORMAT
+    seed: Annotated[int, Meta(ge=0, le=MOST_SEED)] = 0
+    layout: str = DEFAULT_LAYOUT
+    imperfections: Literal["none", "white", "untouched", "all"] = "white"
+    light: Light = Light()
+    field: bool = True
+    untouched_frames: bool = True
+
+    def __post_init__(self) -> None:
+        own = [part.shapes for part in self.parts if part.place == "grid"]
+        if len(own) != len(set(own)):
+            raise ValueError(
+                "two parts press the same shapes on the grid; each may be pressed so once"
+            )
+
+    @property
+    def has_more(self) -> bool:
+        """Whether its pairs hold more than the protocol's do."""
+        return self.field or self.untouched_frames
+
+
+def shipped() -> tuple[str, ...]:
+    """Names of the worlds that ship."""
+    return tuple(sorted(path.stem for path in RECIPES.glob("*.toml")))
+
+
+def load_recipe(source: str | Path) -> Recipe:
+    """A recipe by its name, or from a user's TOML file.
+
+    Raises T2TwinError for an unknown name, a file that cannot be read, and a field that is
+    missing, unknown or wrong.
+    """
+    path = RECIPES / f"{source}.toml"
+    if str(source) not in shipped():
+        path = Path(source)
+        if path.suffix != ".toml":
+            raise T2TwinError(
+                f"there is no world {str(source)!r}; those that ship are {', '.join(shipped())}, "
+                "and a .toml file is also allowed"
+            )
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise T2TwinError(f"{path} cannot be read ({error.strerror})") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise T2TwinError(f"{path} is not TOML ({error})") from error
+    return convert(content, Recipe, path)
+
+
+def builtins(recipe: Recipe) -> dict:
+    """The recipe as plain dicts and lists, for info.json."""
+    return msgspec.to_builtins(recipe)
