@@ -84,7 +84,7 @@ def generate(
         # Its import says where Dask is missing.
         importlib.import_module("t2twin.sim.dataset.cluster").check_address(scheduler)
     batches = plan(recipe, shapes)
-    check_held_out(recipe)
+    check_held_out(recipe, cache)
     kept = catalogue.kept_in(cache)
     making = Making(recipe, sensors, str(folder), None if kept is None else str(kept.absolute()))
     wanted = describe(making, scale, batches)
