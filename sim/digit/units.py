@@ -1,0 +1,116 @@
+"""Light without end: DIGITs that might be, drawn one by one.
+
+No two DIGITs have the same light. A unit's calibration is drawn whole: camera, LEDs, the response of
+each in each colour, gamma, background, noise; or a known calibration is changed a little. What is
+drawn depends on the generator alone, not on threads or processes.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.leds import Led
+from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.digit.unit_background import draw_background, redrawn
+from t2twin.sim.digit.unit_draw import UnitDraw, evenly, evenly_in_log
+from t2twin.sim.digit.unit_light import DrawnLight, at_middle, draw_light
+
+__all__ = ["Unit", "UnitDraw", "draw_unit"]
+
+BEAM_RAD = (np.radians(40.0), np.radians(60.0))
+"""Half angles of a drawn LED's lobe in pyrender: wide enough to be even over the gel (assumed)."""
+AIM_MM = (0.0, 0.0, -1.0)
+"""Point on its axis, as of the shipped LEDs' height, mm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """One DIGIT's light.
+
+    calibration: complete, as of a fitted unit. noise_grey: standard deviation of one frame, grey
+    levels. leds: what stands for its LEDs in pyrender, None where nothing does.
+    """
+
+    calibration: Calibration
+    noise_grey: float
+    leds: tuple[Led, ...] | None = None
+
+
+def draw_unit(
+    rng: np.random.Generator, draw: UnitDraw, centre: Calibration | None = None
+) -> Unit:
+    """A unit drawn from the ranges of draw; with a centre, one near that calibration."""
+    return _drawn(rng, draw) if centre is None else _around(rng, draw, centre)
+
+
+def _drawn(rng: np.random.Generator, draw: UnitDraw) -> Unit:
+    scale, distance_mm = evenly(rng, draw.scale_px_per_mm), evenly(rng, draw.distance_mm)
+    shift, tilt = evenly(rng, draw.shift_px, 2), evenly(rng, draw.tilt_deg, 2)
+    camera = Camera(float(scale), float(distance_mm), *shift.tolist(), *tilt.tolist())
+    is_linear = rng.random() < draw.linear_amount
+    gamma = float(evenly(rng, draw.linear_gamma if is_linear else draw.gamma))
+    light = draw_light(rng, draw, gamma)
+    background, light = draw_background(rng, draw, light, camera, gamma)
+    noise_grey = float(evenly_in_log(rng, draw.noise_grey))
+    calibration = Calibration(
+        background=background,
+        leds_mm=light.places_mm,
+        sizes_mm=light.sizes_mm,
+        response=light.response,
+        gamma=gamma,
+        scale_px_per_mm=camera.scale_px_per_mm,
+        distance_mm=camera.distance_mm,
+        shift_x_px=camera.shift_x_px,
+        shift_y_px=camera.shift_y_px,
+        tilt_x_deg=camera.tilt_x_deg,
+        tilt_y_deg=camera.tilt_y_deg,
+    )
+    return Unit(calibration, noise_grey, _rendered_leds(light))
+
+
+def _around(rng: np.random.Generator, draw: UnitDraw, centre: Calibration) -> Unit:
+    def part(shape: int | tuple = ()) -> np.ndarray:
+        return evenly(rng, draw.around_part, shape)
+
+    leds_mm = centre.leds_mm + evenly(rng, draw.around_led_mm, (3, 3))
+    # each colour takes a part of the others', and each LED is a little brighter or dimmer
+    mixing = np.eye(3) + part((3, 3))
+    response = np.einsum("kcij,dc->kdij", centre.response, mixing) * (1.0 + part((3, 1, 1, 1)))
+    shift, tilt = evenly(rng, draw.around_shift_px, 2), evenly(rng, draw.around_tilt_deg, 2)
+    calibration = replace(
+        centre,
+        background=redrawn(rng, draw, centre),
+        leds_mm=leds_mm,
+        sizes_mm=centre.sizes_mm * (1.0 + part(3)),
+        response=response,
+        gamma=float(centre.gamma * (1.0 + part() / 2.0)),
+        scale_px_per_mm=float(centre.scale_px_per_mm * (1.0 + part() / 4.0)),
+        distance_mm=float(centre.distance_mm * (1.0 + part() / 4.0)),
+        shift_x_px=float(centre.shift_x_px + shift[0]),
+        shift_y_px=float(centre.shift_y_px + shift[1]),
+        tilt_x_deg=float(centre.tilt_x_deg + tilt[0]),
+        tilt_y_deg=float(centre.tilt_y_deg + tilt[1]),
+    )
+    return Unit(calibration, float(NOISE_GREY * (1.0 + part())))
+
+
+def _rendered_leds(light: DrawnLight) -> tuple[Led, ...]:
+    """LEDs of the same places, sizes and colours in the middle, with an even beam.
+
+    pyrender has no light that is taken away: negative leaks are left out.
+    """
+    colours = np.maximum(at_middle(light.response), 0.0)
+    return tuple(
+        Led(
+            colour=(float(colour[0]), float(colour[1]), float(colour[2])),
+            angle_deg=float(np.degrees(np.arctan2(-place[1], place[0]))),
+            radius_mm=float(np.hypot(place[0], place[1])),
+            z_mm=float(place[2]),
+            size_mm=float(size),
+            aim_mm=AIM_MM,
+            beam_rad=BEAM_RAD,
+        )
+        for place, size, colour in zip(light.places_mm, light.sizes_mm, colours, strict=True)
+    )
