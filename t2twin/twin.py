@@ -16,7 +16,7 @@ from t2twin.sim.dataset.protocol import FORCE_N
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.press.engine import check_force
 from t2twin.sim.press.records import Contact, PressCommand
-from t2twin.sim.sensors import CySkin, CySkinTouch, Digit, DigitTouch, SensorPair
+from t2twin.sim.sensors import CySkin, CySkinTouch, Digit, DigitTouch, Renderer, SensorPair
 from t2twin.translate.phi import Phi
 
 
@@ -59,7 +59,8 @@ class Twin:
     calibration: the DIGIT's light, a file of `t2twin calibrate`; None takes the one that ships.
     layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
     imperfections: what the CySkin adds to a press that is given a seed: "none", "white",
-    "untouched" or "all". gel, cover: the sensors' elastomers.
+    "untouched" or "all". gel, cover: the sensors' elastomers. optics: what makes the DIGIT's
+    pictures: "baked" in milliseconds, or "pyrender" in seconds and for the light that ships only.
     Several threads may press one twin at once.
     Raises T2TwinError for a calibration, a layout or imperfections that cannot be used.
     """
@@ -71,10 +72,11 @@ class Twin:
         imperfections: str = "white",
         gel: Elastomer = DIGIT_GEL,
         cover: Elastomer = CYSKIN_COVER,
+        optics: Renderer = "baked",
     ) -> None:
         light = None if calibration is None else str(calibration)
         self.sensors = SensorPair(
-            Digit(gel=gel, calibration=light),
+            Digit(gel=gel, calibration=light, renderer=optics),
             CySkin(cover=cover, layout_source=str(layout), imperfections=imperfections),
         )
 

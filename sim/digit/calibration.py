@@ -27,6 +27,9 @@ LARGEST_LED_MM = 100.0
 """Largest radius of an LED's disc, mm (assumed: a DIGIT's is 1.8 mm)."""
 MOST_RESPONSE = 1e4
 """Largest entry of the response (assumed: the shipped one's is 19; white is a light of 1)."""
+GAMMAS = (0.5, 4.0)
+"""Exponents between light and grey levels that a calibration may have (assumed: a camera as it
+is has 1 to 2.4)."""
 SCALES_PX_PER_MM = (5.0, 100.0)
 DISTANCES_MM = (5.0, 100.0)
 """Picture scales and distances of the camera that a calibration may have (assumed: public ones of
@@ -103,7 +106,7 @@ class Calibration:
             ("leds_mm", np.abs(self.leds_mm).max(), 0.0, FARTHEST_LED_MM),
             ("sizes_mm", np.max(self.sizes_mm), 0.0, LARGEST_LED_MM),
             ("response", np.abs(self.response).max(), 0.0, MOST_RESPONSE),
-            ("gamma", self.gamma, 0.5, 4.0),
+            ("gamma", self.gamma, *GAMMAS),
             ("scale_px_per_mm", self.scale_px_per_mm, *SCALES_PX_PER_MM),
             ("distance_mm", self.distance_mm, *DISTANCES_MM),
             *((name, getattr(self, name), -most, most) for name, most in MOST_OFF.items()),

@@ -1,8 +1,8 @@
 """The background of a drawn unit: what its camera sees of the untouched gel.
 
-Light is worked out at nodes NODE_PX apart, turned into grey levels there, and interpolated by cubics
-(Catmull and Rom 1974); blotches, a dark side, specks and the pixels' fixed pattern are added as grey
-levels.
+Light is worked out at nodes NODE_PX apart, turned into grey levels there, and interpolated by
+cubics (Catmull and Rom 1974); blotches, a dark side, specks and the pixels' fixed pattern are added
+as grey levels.
 """
 
 from dataclasses import replace
@@ -150,8 +150,11 @@ def _cubic(count, step):
 
 @jit
 def _paint(nodes, step, specks, draws, quantiles, texture, out):
-    """Fill out (P, RGB) uint8. nodes: (.., .., RGB) grey levels, step pixels apart, the first one
-    step before the picture. specks: (n, 6) row, column, radius, RGB. draws: as in picture.encode."""
+    """Fill out (P, RGB) uint8.
+
+    nodes: (.., .., RGB) grey levels, step pixels apart, the first one step before the picture.
+    specks: (n, 6) row, column, radius, RGB. draws: as in picture.encode.
+    """
     rows, columns, channels = out.shape
     down, across = _cubic(rows, step), _cubic(columns, step)
     grey = np.empty((rows, columns * channels), dtype=np.float32)

@@ -1,8 +1,9 @@
 """What varies from one DIGIT to the next, and between which bounds: plain numbers.
 
-Each field is a range (least, most); its default is the shipped distribution. Draws are even, but for
-sizes and the noise, which are even in their logarithm. "Assumed" ranges were chosen in view of two
-units, the shipped light and one real DIGIT, so that both lie inside them; docs/light.md says where.
+Each field is a range (least, most); its default is the shipped distribution. Draws are even, but
+for the LEDs' distance and sizes and the noise, which are even in their logarithm. "Assumed" ranges
+were chosen in view of two units, the shipped light and one real DIGIT, so that both lie inside:
+docs/light.md says where.
 """
 
 from dataclasses import dataclass, fields
@@ -47,7 +48,8 @@ class UnitDraw:
         led_distance_mm: one for the unit, as the light is spread out by the plate (assumed).
         led_elevation_deg: over the apex, one for the unit; led_elevation_off_deg: of an LED from it
             (assumed, from the lengths of shadows).
-        led_size_mm: radius of the disc (assumed: an LED behind a diffuser, 1 to 8 mm).
+        led_size_mm: radius of the disc, at most 0.95 of its height (assumed: an LED behind a
+            diffuser, 1 to 8 mm).
     Of the light that each LED leaves in each colour:
         facing_grey: of the gel that faces its own LED (assumed).
         beam_along_part, beam_across_part: rise of an LED's light towards it, and of the two upper
@@ -132,7 +134,7 @@ class UnitDraw:
                 )
             if len(pair) != 2 or pair[0] > pair[1]:
                 raise T2TwinError(
-                    f"{field.name} is {_shown(value)}; it must be the least and the most, two numbers"
+                    f"{field.name} is {_shown(value)}; it must be two numbers, the least first"
                 )
 
 

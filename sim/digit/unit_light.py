@@ -34,6 +34,9 @@ rise with the cosine (assumed: about those of one real unit's fit)."""
 CURVED = -1.5
 """Power of gamma by which leaks and irregularity fall (assumed): they are largest, in the one real
 unit's fit, where grey levels are taken for light, and 0 in the rendered light, of gamma 2.2."""
+LARGEST_SIZE = 0.95
+"""Largest radius of a disc, in parts of its height over the apex: what of a larger one is below the
+gel's horizon would be cut off near a press and nowhere else."""
 FACING_COSINE = 0.9
 """Cosine at which a bulge's brightest place faces an LED (assumed)."""
 SLOPE_STEP_MM = 0.01
@@ -64,7 +67,8 @@ def draw_light(rng: np.random.Generator, draw: UnitDraw, gamma: float) -> DrawnL
     # at the middle an LED is as far as its place says, and its light falls with the square
     reach = REACH_MM**2 / (places_mm**2).sum(axis=1) * FACING_COSINE
     response *= (facing / reach)[None, :, None, None]
-    return DrawnLight(places_mm, evenly_in_log(rng, draw.led_size_mm, 3), response)
+    sizes_mm = np.minimum(evenly_in_log(rng, draw.led_size_mm, 3), LARGEST_SIZE * -heights)
+    return DrawnLight(places_mm, sizes_mm, response)
 
 
 def _relative(
@@ -118,10 +122,11 @@ def untouched_light(
     across, down = np.meshgrid(
         (columns - camera.middle[1]) / camera.focal_px, (rows - camera.middle[0]) / camera.focal_px
     )
+    x, y = across * camera.distance_mm, down * camera.distance_mm
     z = np.zeros_like(across)
     for _ in range(PARALLAX_STEPS):
-        x, y = across * (camera.distance_mm + z), down * (camera.distance_mm + z)
         z = _surface_mm(camera, x, y)
+        x, y = across * (camera.distance_mm + z), down * (camera.distance_mm + z)
     slope_x = (_surface_mm(camera, x + SLOPE_STEP_MM, y) - z) / SLOPE_STEP_MM
     slope_y = (_surface_mm(camera, x, y + SLOPE_STEP_MM) - z) / SLOPE_STEP_MM
     terms = place_terms(x, y, DEGREE)

@@ -1,16 +1,24 @@
 """Light without end: DIGITs that might be, drawn one by one.
 
-No two DIGITs have the same light. A unit's calibration is drawn whole: camera, LEDs, the response of
-each in each colour, gamma, background, noise; or a known calibration is changed a little. What is
-drawn depends on the generator alone, not on threads or processes.
+No two DIGITs have the same light. A unit's calibration is drawn whole: camera, LEDs, the response
+of each in each colour, gamma, background, noise; or a known calibration is changed a little. What
+is drawn depends on the generator alone, not on threads or processes.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.calibration import (
+    DISTANCES_MM,
+    FARTHEST_LED_MM,
+    GAMMAS,
+    LARGEST_LED_MM,
+    MOST_RESPONSE,
+    SCALES_PX_PER_MM,
+    Calibration,
+)
+from t2twin.sim.digit.camera import MOST_OFF, Camera
 from t2twin.sim.digit.leds import Led
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.digit.unit_background import draw_background, redrawn
@@ -38,9 +46,7 @@ class Unit:
     leds: tuple[Led, ...] | None = None
 
 
-def draw_unit(
-    rng: np.random.Generator, draw: UnitDraw, centre: Calibration | None = None
-) -> Unit:
+def draw_unit(rng: np.random.Generator, draw: UnitDraw, centre: Calibration | None = None) -> Unit:
     """A unit drawn from the ranges of draw; with a centre, one near that calibration."""
     return _drawn(rng, draw) if centre is None else _around(rng, draw, centre)
 
@@ -82,18 +88,23 @@ def _around(rng: np.random.Generator, draw: UnitDraw, centre: Calibration) -> Un
     calibration = replace(
         centre,
         background=redrawn(rng, draw, centre),
-        leds_mm=leds_mm,
-        sizes_mm=centre.sizes_mm * (1.0 + part(3)),
-        response=response,
-        gamma=float(centre.gamma * (1.0 + part() / 2.0)),
-        scale_px_per_mm=float(centre.scale_px_per_mm * (1.0 + part() / 4.0)),
-        distance_mm=float(centre.distance_mm * (1.0 + part() / 4.0)),
-        shift_x_px=float(centre.shift_x_px + shift[0]),
-        shift_y_px=float(centre.shift_y_px + shift[1]),
-        tilt_x_deg=float(centre.tilt_x_deg + tilt[0]),
-        tilt_y_deg=float(centre.tilt_y_deg + tilt[1]),
+        leds_mm=np.clip(leds_mm, -FARTHEST_LED_MM, FARTHEST_LED_MM),
+        sizes_mm=np.minimum(centre.sizes_mm * (1.0 + part(3)), LARGEST_LED_MM),
+        response=np.clip(response, -MOST_RESPONSE, MOST_RESPONSE),
+        gamma=_within(centre.gamma * (1.0 + part() / 2.0), GAMMAS),
+        scale_px_per_mm=_within(centre.scale_px_per_mm * (1.0 + part() / 4.0), SCALES_PX_PER_MM),
+        distance_mm=_within(centre.distance_mm * (1.0 + part() / 4.0), DISTANCES_MM),
+        **{
+            name: _within(getattr(centre, name) + off, (-most, most))
+            for (name, most), off in zip(MOST_OFF.items(), (*shift, *tilt), strict=True)
+        },
     )
     return Unit(calibration, float(NOISE_GREY * (1.0 + part())))
+
+
+def _within(value: np.ndarray | float, bounds: tuple[float, float]) -> float:
+    """The value that a calibration may have nearest to this one."""
+    return float(np.clip(value, *bounds))
 
 
 def _rendered_leds(light: DrawnLight) -> tuple[Led, ...]:
