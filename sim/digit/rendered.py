@@ -6,8 +6,9 @@ untouched gel gives the background exactly. Light and grey levels are linked by 
 gamma, the noise is the same.
 
 A drawn unit's LEDs are given to pyrender by their places, sizes and colours in the picture's
-middle. What it cannot be given: how each LED's light differs over the picture and with the cosine
-of incidence from an evenly shining LED on lambertian paint, and leaks that take light away.
+middle (t2twin.sim.digit.unit_leds). What it cannot be given: how each LED's light differs over the
+picture and with the cosine of incidence from a shipped LED's lobe on lambertian paint, and leaks
+that take light away.
 
 The renderer is made where and when it is first used and kept for the next picture, one in a
 process, so that what is described here can be pickled. Its OpenGL belongs to one thread, which all
@@ -29,9 +30,12 @@ from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics, checked_noise
 from t2twin.sim.digit.reference import ReferenceRenderer
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
-FRAME_SECONDS = 1.8
-"""What a picture takes with software OpenGL on two cores, s (measured). Each one uses all cores, so
-that more processes make hardly more of them in a second. The first of a light takes two and more."""
+FRAME_SECONDS = 1.1
+"""What a picture takes with software OpenGL on two idle cores, s (benchmarks/digit_render.py). Each
+uses all cores, so that more processes make hardly more of them."""
+FIRST_SECONDS = 6.0
+"""What the first picture of a process takes, with the start of OpenGL and the untouched gel, s
+(measured)."""
 LED_POINTS = 8
 """Points an LED, each a pass: as many as ReferenceRenderer takes unless told."""
 

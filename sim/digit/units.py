@@ -23,14 +23,10 @@ from t2twin.sim.digit.leds import Led
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.digit.unit_background import draw_background, redrawn
 from t2twin.sim.digit.unit_draw import UnitDraw, evenly, evenly_in_log
-from t2twin.sim.digit.unit_light import DrawnLight, at_middle, draw_light
+from t2twin.sim.digit.unit_leds import leds_like
+from t2twin.sim.digit.unit_light import draw_light
 
 __all__ = ["Unit", "UnitDraw", "draw_unit"]
-
-BEAM_RAD = (np.radians(40.0), np.radians(60.0))
-"""Half angles of a drawn LED's lobe in pyrender: wide enough to be even over the gel (assumed)."""
-AIM_MM = (0.0, 0.0, -1.0)
-"""Point on its axis, as of the shipped LEDs' height, mm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +69,7 @@ def _drawn(rng: np.random.Generator, draw: UnitDraw) -> Unit:
         tilt_x_deg=camera.tilt_x_deg,
         tilt_y_deg=camera.tilt_y_deg,
     )
-    return Unit(calibration, noise_grey, _rendered_leds(light))
+    return Unit(calibration, noise_grey, leds_like(light))
 
 
 def _around(rng: np.random.Generator, draw: UnitDraw, centre: Calibration) -> Unit:
@@ -105,23 +101,3 @@ def _around(rng: np.random.Generator, draw: UnitDraw, centre: Calibration) -> Un
 def _within(value: np.ndarray | float, bounds: tuple[float, float]) -> float:
     """The value that a calibration may have nearest to this one."""
     return float(np.clip(value, *bounds))
-
-
-def _rendered_leds(light: DrawnLight) -> tuple[Led, ...]:
-    """LEDs of the same places, sizes and colours in the middle, with an even beam.
-
-    pyrender has no light that is taken away: negative leaks are left out.
-    """
-    colours = np.maximum(at_middle(light.response), 0.0)
-    return tuple(
-        Led(
-            colour=(float(colour[0]), float(colour[1]), float(colour[2])),
-            angle_deg=float(np.degrees(np.arctan2(-place[1], place[0]))),
-            radius_mm=float(np.hypot(place[0], place[1])),
-            z_mm=float(place[2]),
-            size_mm=float(size),
-            aim_mm=AIM_MM,
-            beam_rad=BEAM_RAD,
-        )
-        for place, size, colour in zip(light.places_mm, light.sizes_mm, colours, strict=True)
-    )

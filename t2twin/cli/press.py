@@ -82,11 +82,10 @@ def press(
 
 
 def slow_picture() -> str:
-    """What pyrender's picture costs, in a sentence."""
-    from t2twin.sim.digit.rendered import FRAME_SECONDS
+    """What pyrender's picture costs, in words."""
+    from t2twin.sim.digit.rendered import FIRST_SECONDS
 
-    # the untouched gel is rendered too
-    return f"pyrender takes about {2 * FRAME_SECONDS:.0f} s for the picture"
+    return f"pyrender takes about {FIRST_SECONDS:.0f} s for the picture, longer on a busy machine"
 
 
 def summary(sensor: str, contact: "Contact") -> str:
