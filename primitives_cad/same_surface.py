@@ -37,8 +37,8 @@ ASIDE_MM = 0.1
 """How far aside a height may be found, mm: at a wall that is millimetres up or down."""
 
 SAME_MM, SAME_SHARE = 0.1, 0.95
-"""Surfaces are the same where so large a share of the points that are felt differs by less (mm): finer than a
-sensor feels, and coarser than a mesh's or a print's own error."""
+"""Surfaces are the same where so large a share of the points that are felt differs by less (mm):
+finer than a sensor feels, and coarser than a mesh's or a print's own error."""
 
 
 class KnownSurfaces:

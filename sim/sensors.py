@@ -3,17 +3,22 @@
 import hashlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Literal, get_args
 
 import numpy as np
 
+from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
-from t2twin.sim.digit.calibration import DEFAULT_PATH
+from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera import optical_grid
+from t2twin.sim.digit.leds import DIGIT_LEDS
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.rendered import RenderedOptics
+from t2twin.sim.digit.units import Unit
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.records import Contact, PressCommand
@@ -22,6 +27,10 @@ from t2twin.sim.press.surface import surface_on
 FRAMES = 30
 """DIGIT frames averaged into a sample: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
 
+
+Renderer = Literal["baked", "pyrender"]
+"""What makes the DIGIT's pictures: the baked model, in milliseconds, or pyrender itself, in about
+t2twin.sim.digit.rendered.FRAME_SECONDS."""
 
 Timed = Callable[[str], AbstractContextManager[None]]
 """Wraps the stages of a press, named as in t2twin.sim.dataset.timing.STAGES."""
@@ -34,11 +43,12 @@ def _untimed(stage: str) -> AbstractContextManager[None]:
 @dataclass(frozen=True)
 class DigitTouch:
     """What a press did to the DIGIT. image: (320, 240, 3) uint8. calibration: the file with the
-    light that it is in, None for the one that ships."""
+    light that it is in, None for the one that ships. renderer: what made the image."""
 
     contact: Contact
     image: np.ndarray
     calibration: str | None
+    renderer: Renderer = "baked"
 
 
 @dataclass(frozen=True)
@@ -52,16 +62,53 @@ class CySkinTouch:
 
 @dataclass(frozen=True)
 class Digit:
-    """A DIGIT: its gel, its optics' calibration file (None: the one that ships), its noise."""
+    """A DIGIT: its gel, its optics' calibration file (None: the one that ships), its noise.
+
+    renderer: what makes its pictures. unit: a drawn light, which is taken instead of the file's.
+    Raises T2TwinError for a file that is no calibration, and for pyrender where it has no LEDs to
+    render: a calibration's are known by their response only.
+    """
 
     gel: Elastomer = DIGIT_GEL
     pitch_mm: float = DIGIT_PITCH_MM
     calibration: str | None = None
     noise_grey: float = NOISE_GREY / np.sqrt(FRAMES)
-    optics: DigitOptics = field(init=False, repr=False, compare=False)
+    renderer: Renderer = "baked"
+    unit: Unit | None = field(default=None, repr=False)
+    optics: DigitOptics | RenderedOptics = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "optics", DigitOptics.load(self.calibration, self.gel))
+        if self.renderer not in get_args(Renderer):
+            raise T2TwinError(
+                f"the renderer is {self.renderer!r}; it must be one of {get_args(Renderer)}"
+            )
+        object.__setattr__(self, "optics", self._optics())
+
+    def _optics(self) -> DigitOptics | RenderedOptics:
+        if self.renderer == "baked":
+            if self.unit is not None:
+                return DigitOptics(self.unit.calibration, gel=self.gel)
+            return DigitOptics.load(self.calibration, self.gel)
+        if self.unit is None and self.calibration is None:
+            return RenderedOptics(Calibration.load(), DIGIT_LEDS, self.gel)
+        if self.unit is None or self.unit.leds is None:
+            raise T2TwinError(
+                "pyrender cannot render a calibration file's light, which is not known LED by LED; "
+                "it renders the light that ships and units drawn without a calibration"
+            )
+        return RenderedOptics(self.unit.calibration, self.unit.leds, self.gel)
+
+    def with_unit(self, unit: Unit) -> "Digit":
+        """The same gel, pitch and renderer under the light of a drawn unit, with its noise."""
+        noise_grey = unit.noise_grey / np.sqrt(FRAMES)
+        return replace(self, unit=unit, noise_grey=float(noise_grey))
+
+    def untouched(self, rng: np.random.Generator | None = None) -> np.ndarray:
+        """The image of the untouched gel, (320, 240, 3) uint8; with camera noise where rng is
+        given."""
+        x, y = optical_grid(self.gel)
+        surface = np.zeros((y.size, x.size))
+        return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
 
     @property
     def calibration_sha256(self) -> str:
@@ -76,12 +123,6 @@ class Digit:
         surface = surface_on(contact, *optical_grid())
         return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
 
-    def untouched(self, rng: np.random.Generator | None = None) -> np.ndarray:
-        """The picture of the untouched gel, (320, 240, 3) uint8; with noise where rng is given."""
-        x_mm, y_mm = optical_grid()
-        nothing = np.zeros((y_mm.size, x_mm.size))
-        return self.optics.render(nothing, rng=rng, noise_grey=self.noise_grey)
-
     def touch(
         self,
         shape: Shape,
@@ -93,7 +134,7 @@ class Digit:
         with timed("press digit"):
             contact = self.press(shape, command)
         with timed("picture"):
-            return DigitTouch(contact, self.image(contact, rng), self.calibration)
+            return DigitTouch(contact, self.image(contact, rng), self.calibration, self.renderer)
 
 
 @dataclass(frozen=True)

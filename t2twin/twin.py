@@ -15,7 +15,7 @@ from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.press.force import check_force
 from t2twin.sim.press.records import Contact, PressCommand
-from t2twin.sim.sensors import CySkin, CySkinTouch, Digit, DigitTouch, SensorPair
+from t2twin.sim.sensors import CySkin, CySkinTouch, Digit, DigitTouch, Renderer, SensorPair
 from t2twin.sim.world.protocol import FORCE_N
 from t2twin.translate.phi import Phi
 
@@ -27,7 +27,7 @@ class Touch:
     command: where the shape stood, its turn and the force. image: (320, 240, 3) uint8, the DIGIT's,
     channels red, green, blue. counts: (n,) uint16, one for each taxel of the layout. digit, cyskin:
     both contacts, with depth_mm, force_n, surface_mm, pressure_kpa and more. calibration: the file
-    with the DIGIT's light, None for the one that ships.
+    with the DIGIT's light, None for the one that ships. optics: what made the image.
     """
 
     shape: Shape
@@ -38,6 +38,7 @@ class Touch:
     cyskin: Contact
     layout: Layout
     calibration: str | None = None
+    optics: Renderer = "baked"
 
     @cached_property
     def tactile_image(self) -> np.ndarray:
@@ -49,8 +50,9 @@ class Touch:
 
     def save(self, folder: str | Path) -> None:
         """Write the folder that `t2twin press` writes: pictures, counts, contacts, scenes."""
-        digit, cyskin = DigitTouch(self.digit, self.image, self.calibration), self.cyskin
-        write_press(Path(folder), digit, CySkinTouch(cyskin, self.counts, self.layout))
+        digit = DigitTouch(self.digit, self.image, self.calibration, self.optics)
+        cyskin = CySkinTouch(self.cyskin, self.counts, self.layout)
+        write_press(Path(folder), digit, cyskin)
 
 
 class Twin:
@@ -59,7 +61,8 @@ class Twin:
     calibration: the DIGIT's light, a file of `t2twin calibrate`; None takes the one that ships.
     layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
     imperfections: what the CySkin adds to a press that is given a seed: "none", "white",
-    "untouched" or "all". gel, cover: the sensors' elastomers.
+    "untouched" or "all". gel, cover: the sensors' elastomers. optics: what makes the DIGIT's
+    pictures: "baked" in milliseconds, or "pyrender" in seconds and for the light that ships only.
     Several threads may press one twin at once.
     Raises T2TwinError for a calibration, a layout or imperfections that cannot be used.
     """
@@ -71,10 +74,11 @@ class Twin:
         imperfections: str = "white",
         gel: Elastomer = DIGIT_GEL,
         cover: Elastomer = CYSKIN_COVER,
+        optics: Renderer = "baked",
     ) -> None:
         light = None if calibration is None else str(calibration)
         self.sensors = SensorPair(
-            Digit(gel=gel, calibration=light),
+            Digit(gel=gel, calibration=light, renderer=optics),
             CySkin(cover=cover, layout_source=str(layout), imperfections=imperfections),
         )
 
@@ -119,6 +123,7 @@ class Twin:
             sample.cyskin,
             self.layout,
             self.sensors.digit.calibration,
+            self.sensors.digit.renderer,
         )
 
 

@@ -14,10 +14,12 @@ import pytest
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset import cluster
 from t2twin.sim.dataset.generate import generate
-from t2twin.sim.dataset.shard import Task
+from t2twin.sim.dataset.shard import Making
 from t2twin.sim.dataset.store import INFO, LOG, read_info
 from t2twin.sim.dataset.verify import verify
 from t2twin.sim.sensors import SensorPair
+from t2twin.sim.world.plan import Batch
+from t2twin.sim.world.recipe import load_recipe
 
 SHAPES = ("square-1", "square-3", "circle-2", "square-2", "circle-1", "pliers/teeth")
 PATIENCE_SECONDS = 120
@@ -105,8 +107,10 @@ def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
             generate(tmp_path / "refused", "smoke", cache=shape_cache, shapes=SHAPES[:1],
                      scheduler=address)  # fmt: skip
     assert not (tmp_path / "refused").exists()
-    task = Task("square-1", "train", (0,), 0, str(tmp_path / "elsewhere"), str(shape_cache))
+    batch = Batch("train/square-1.parquet", "train", 0, ("square-1",), (0,), (0,), 1)
+    elsewhere = str(tmp_path / "elsewhere")
+    making = Making(load_recipe("paper"), SensorPair(), elsewhere, str(shape_cache))
     with scheduler() as address, worker(address, tmp_path):
         for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "does not see")):
             with pytest.raises(T2TwinError, match=said):
-                list(cluster.run(SensorPair(), [task], address, needed, lambda pairs: None))
+                list(cluster.run(making, [batch], address, needed, lambda pairs: None))

@@ -9,9 +9,11 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.describe import describe
 from t2twin.sim.dataset.info import DatasetInfo, Shard
-from t2twin.sim.dataset.shard import Task
+from t2twin.sim.dataset.shard import Making
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
 from t2twin.sim.sensors import SensorPair
+from t2twin.sim.world.plan import Batch
+from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.presets import PRESETS
 from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config
@@ -32,8 +34,9 @@ GONE = object()
 @pytest.fixture(scope="module")
 def info() -> DatasetInfo:
     """A finished dataset's, of one shard."""
-    task = Task("square-1", "train", (3, 5), 0, "", None)
-    begun = describe(SensorPair(), "smoke", 0, [task])
+    batch = Batch(SHARD, "train", 0, ("square-1",), (0,), (3, 5), 2)
+    making = Making(load_recipe("paper"), SensorPair(), "", None)
+    begun = describe(making, "smoke", [batch])
     return replace(begun, complete=True, shards={SHARD: Shard("0" * 64, 2)})
 
 

@@ -25,6 +25,7 @@ from t2twin.sim.dataset.info import SPLITS, DatasetInfo, Shard
 from t2twin.sim.dataset.shard import Making
 from t2twin.sim.dataset.store import CARD, INFO, LOG, read_info, sha256_of, write_info, write_whole
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, in_words, peak_memory, process_name
+from t2twin.sim.digit.rendered import FRAME_SECONDS
 from t2twin.sim.press.layer import cached_layer
 from t2twin.sim.seeds import check_seed
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
@@ -115,14 +116,16 @@ def _recipe(
         parts=tuple(structs.replace(part, scale=scale) for part in paper.parts),
         layout=sensors.cyskin.layout_source,
         imperfections=sensors.cyskin.imperfections,
-        light=structs.replace(paper.light, calibration=sensors.digit.calibration),
+        light=structs.replace(
+            paper.light, calibration=sensors.digit.calibration, optics=sensors.digit.renderer
+        ),
     ), sensors
 
 
 def sensors_of(recipe: Recipe) -> SensorPair:
     """The sensors of a world; where its light is drawn, the DIGIT is but where the draws begin."""
     return SensorPair(
-        Digit(calibration=recipe.light.calibration),
+        Digit(calibration=recipe.light.calibration, renderer=recipe.light.optics),
         CySkin(layout_source=recipe.layout, imperfections=recipe.imperfections),
     )
 
@@ -273,7 +276,10 @@ def _seconds(todo: list[Batch], making: Making) -> float:
         for name in batch.shapes
     ]
     new = sum(not catalogue.is_kept(name, making.cache) for name in named)
-    return sum(batch.pairs for batch in todo) * SECONDS_PER_PAIR + new * SECONDS_PER_SHAPE
+    a_pair = SECONDS_PER_PAIR
+    if making.recipe.light.optics == "pyrender":
+        a_pair += FRAME_SECONDS
+    return sum(batch.pairs for batch in todo) * a_pair + new * SECONDS_PER_SHAPE
 
 
 def _log(folder: Path, record: RunTiming) -> None:

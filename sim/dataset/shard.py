@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.rows import More, row, untouched_row
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.units import draw_unit
 from t2twin.sim.press.engine import BesidePadError
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world.plan import Batch
@@ -84,6 +86,13 @@ class _Shard:
         self.part: Part = making.recipe.parts[batch.part]
         self.watch = Stopwatch()
         self.redrawn: dict[str, int] = {}
+        light = making.recipe.light
+        self._centre = (
+            Calibration.load(light.calibration)
+            if light.kind == "drawn" and light.calibration is not None
+            else None
+        )
+        self._lit: tuple[int, SensorPair] | None = None
         self._untouched: tuple[int, bytes] | None = None
 
     def rows(self) -> Iterator[dict[str, Any]]:
@@ -142,7 +151,17 @@ class _Shard:
 
     def _sensors(self, drawn: Drawn, number: int) -> SensorPair:
         """Those of a press: another DIGIT for each shape or press, where light is drawn."""
-        return self.sensors
+        light = self.recipe.light
+        if light.kind == "fixed":
+            return self.sensors
+        number_of_unit = self._unit(drawn, number)
+        if self._lit is None or self._lit[0] != number_of_unit:
+            seed = (self.recipe.seed, UNIT_STREAM, self.batch.part, number_of_unit)
+            with self.watch.running("light"):
+                unit = draw_unit(np.random.default_rng(seed), light.draw, self._centre)
+                digit = self.sensors.digit.with_unit(unit)
+            self._lit = (number_of_unit, replace(self.sensors, digit=digit))
+        return self._lit[1]
 
     def _unit(self, drawn: Drawn, number: int) -> int:
         """Which of the part's DIGITs takes a press."""

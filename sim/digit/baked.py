@@ -27,6 +27,7 @@ import numpy as np
 from t2twin.sim.digit import illumination, picture
 from t2twin.sim.digit.calibration import Calibration, place_terms
 from t2twin.sim.digit.camera import COLUMNS, ROWS
+from t2twin.sim.digit.illumination import COSINE_TERMS
 from t2twin.sim.digit.rays import Leds, Rays, Region
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
@@ -45,10 +46,10 @@ class BakedModel:
         self._leds = Leds(calibration.leds_mm, calibration.sizes_mm)
         self._table = picture.encoding_table(calibration.gamma)
         self._set_background(np.ascontiguousarray(calibration.background))
-        terms = place_terms(*self._rays.places_mm)
-        gain = np.einsum("rsi,kcij->rkcjs", terms, calibration.response)
-        self._gain = np.ascontiguousarray(gain, dtype=np.float32)
+        self._gain = _gains(self._rays, calibration.response)
         self._rest_light = self._light_at_rest(self._rays)
+        if gel == DIGIT_GEL:
+            return
         own_rays = Rays(calibration.camera, DIGIT_GEL, shadows)
         if not np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
             # the background is of the DIGIT's own gel: the LEDs' light moves with the surface
@@ -58,8 +59,9 @@ class BakedModel:
     def _set_background(self, background: np.ndarray) -> None:
         self.background = background
         """(ROWS, COLUMNS, 3) uint8: this gel, untouched."""
-        light = picture.linear(background, self.calibration.gamma)
-        self._linear_background = light.astype(np.float32)
+        # 256 powers, not one a pixel
+        light = picture.linear(np.arange(256), self.calibration.gamma).astype(np.float32)
+        self._linear_background = light[background]
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
@@ -107,3 +109,17 @@ class BakedModel:
         change = np.zeros_like(self._rest_light)
         illumination.light(cosine, weight, self._gain, self._rest_light, samples, change)
         return change, pixels
+
+
+def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
+    """(rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, as illumination.light takes."""
+    used = np.flatnonzero(np.any(response != 0, axis=(0, 1, 3)))
+    degree = 0
+    while used.size and used[-1] >= (degree + 1) * (degree + 2) // 2:
+        degree += 1  # high powers are slow to take, and many a response has none
+    terms = place_terms(*rays.places_mm, degree)
+    rows, columns, count = terms.shape
+    gain = np.empty((rows, 3, 3, COSINE_TERMS, columns), dtype=np.float32)
+    response = np.ascontiguousarray(response[:, :, :count], dtype=np.float64)
+    illumination.gains(terms, response, gain)
+    return gain

@@ -9,7 +9,7 @@ import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera
+from t2twin.sim.digit.camera import COLUMNS, MOST_OFF, ROWS, Camera
 from t2twin.sim.digit.illumination import COSINE_TERMS
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
@@ -27,21 +27,21 @@ LARGEST_LED_MM = 100.0
 """Largest radius of an LED's disc, mm (assumed: a DIGIT's is 1.8 mm)."""
 MOST_RESPONSE = 1e4
 """Largest entry of the response (assumed: the shipped one's is 19; white is a light of 1)."""
+GAMMAS = (0.5, 4.0)
+"""Exponents between light and grey levels that a calibration may have (assumed: a camera as it
+is has 1 to 2.4)."""
 SCALES_PX_PER_MM = (5.0, 100.0)
 DISTANCES_MM = (5.0, 100.0)
 """Picture scales and distances of the camera that a calibration may have (assumed: public ones of
 single DIGITs are 17.2 to 19.6 px/mm and 20.8 to 22 mm)."""
 
 
-def place_terms(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """(..., PLACE_TERMS): monomials of x and y over PLACE_MM, by rising degree."""
-    x, y = x_mm / PLACE_MM, y_mm / PLACE_MM
+def place_terms(x_mm: np.ndarray, y_mm: np.ndarray, degree: int = PLACE_DEGREE) -> np.ndarray:
+    """(..., PLACE_TERMS): monomials of x and y over PLACE_MM, by rising degree; fewer of a lower
+    degree."""
+    x, y = ([(of / PLACE_MM) ** n for n in range(degree + 1)] for of in (x_mm, y_mm))
     return np.stack(
-        [
-            x ** (degree - power) * y**power
-            for degree in range(PLACE_DEGREE + 1)
-            for power in range(degree + 1)
-        ],
+        [x[total - power] * y[power] for total in range(degree + 1) for power in range(total + 1)],
         axis=-1,
     )
 
@@ -65,7 +65,8 @@ class Calibration:
     leds_mm: (3, 3) places of the LEDs in the sensor frame. sizes_mm: (3,) radii of their discs.
     response: (3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
     gamma: exponent between light and grey levels.
-    scale_px_per_mm, distance_mm: the camera.
+    scale_px_per_mm, distance_mm, shift_x_px, shift_y_px, tilt_x_deg, tilt_y_deg: the camera. A file
+    may leave out the last four, which are 0 then, and save leaves them out where all are 0.
     Raises T2TwinError for arrays of other shapes or values that cannot be.
     """
 
@@ -76,6 +77,10 @@ class Calibration:
     gamma: float
     scale_px_per_mm: float
     distance_mm: float
+    shift_x_px: float = 0.0
+    shift_y_px: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -101,9 +106,10 @@ class Calibration:
             ("leds_mm", np.abs(self.leds_mm).max(), 0.0, FARTHEST_LED_MM),
             ("sizes_mm", np.max(self.sizes_mm), 0.0, LARGEST_LED_MM),
             ("response", np.abs(self.response).max(), 0.0, MOST_RESPONSE),
-            ("gamma", self.gamma, 0.5, 4.0),
+            ("gamma", self.gamma, *GAMMAS),
             ("scale_px_per_mm", self.scale_px_per_mm, *SCALES_PX_PER_MM),
             ("distance_mm", self.distance_mm, *DISTANCES_MM),
+            *((name, getattr(self, name), -most, most) for name, most in MOST_OFF.items()),
         ):
             if not low <= value <= high:
                 raise T2TwinError(
@@ -113,12 +119,26 @@ class Calibration:
 
     @property
     def camera(self) -> Camera:
-        return Camera(self.scale_px_per_mm, self.distance_mm)
+        return Camera(
+            self.scale_px_per_mm,
+            self.distance_mm,
+            self.shift_x_px,
+            self.shift_y_px,
+            self.tilt_x_deg,
+            self.tilt_y_deg,
+        )
 
     def save(self, path: Path) -> None:
         """Write as .npz, whole or not at all. Raises T2TwinError where it cannot be written."""
         with whole_file(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **{key: getattr(self, name) for name, key in _KEYS.items()})
+            np.savez_compressed(file, **self._saved())
+
+    def _saved(self) -> dict[str, Any]:
+        """What the file holds, by its keys."""
+        values = {key: getattr(self, name) for name, key in _KEYS.items()}
+        if not any(values[name] for name in MOST_OFF):
+            return {key: value for key, value in values.items() if key not in MOST_OFF}
+        return values
 
     @classmethod
     def load(cls, path: Path | str = DEFAULT_PATH) -> "Calibration":
@@ -140,11 +160,12 @@ def _parts(path: Path | str) -> dict[str, Any]:
         raise T2TwinError("it is no .npz file")
     with np.load(path, allow_pickle=False) as file:
         for key in _KEYS.values():
-            if key not in file:
+            if key not in file and key not in MOST_OFF:
                 raise T2TwinError(f"its {key} is missing")
-        values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items()}
-    for name in ("gamma", "scale_px_per_mm", "distance_mm"):
-        values[name] = float(values[name])
+        values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items() if key in file}
+    for name in ("gamma", "scale_px_per_mm", "distance_mm", *MOST_OFF):
+        if name in values:
+            values[name] = float(values[name])
     return values
 
 

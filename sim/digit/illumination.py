@@ -8,7 +8,7 @@ All numbers are float32: twice as fast as mixed ones.
 
 import numpy as np
 
-from t2twin.sim.digit.compiled import bilinear, inlined, jit_finite
+from t2twin.sim.digit.compiled import bilinear, inlined, jit, jit_finite
 
 COSINE_TERMS = 4
 """Powers of the cosine of incidence beside the first: m^0 to m^3."""
@@ -155,3 +155,33 @@ def light(cosine, weight, gain, rest, region, seen):
                 for n in range(filled.size):
                     m = cosines[n]
                     filled[n] += weights[n] * (g0[n] + m * (g1[n] + m * (g2[n] + m * g3[n])))
+
+
+@jit
+def gains(terms, response, gain):
+    """Fill gain, as light takes it, from the response at every sample.
+
+    terms: (rows of S, columns of S, PLACE_TERMS) float32 polynomials of the place. response:
+    (LEDs, RGB, PLACE_TERMS, COSINE_TERMS) float64. Sums are float64, in the polynomials' order;
+    entries of the response that are 0 cost nothing.
+    """
+    rows, columns, places = terms.shape
+    by_term = np.empty((places, columns))
+    total = np.empty(columns)
+    for row in range(rows):
+        for n in range(columns):
+            for i in range(places):
+                by_term[i, n] = terms[row, n, i]
+        for k in range(response.shape[0]):
+            for c in range(response.shape[1]):
+                for j in range(response.shape[3]):
+                    total[:] = 0.0
+                    for i in range(places):
+                        entry = response[k, c, i, j]
+                        if entry != 0.0:
+                            term = by_term[i]
+                            for n in range(columns):
+                                total[n] += entry * term[n]
+                    filled = gain[row, k, c, j]
+                    for n in range(columns):
+                        filled[n] = np.float32(total[n])

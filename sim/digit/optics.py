@@ -54,10 +54,16 @@ class DigitOptics:
         noise_grey: its standard deviation, grey levels, the same in every pixel and channel.
         Raises T2TwinError for another grid's shape, values that are not finite, negative noise.
         """
-        if not 0.0 <= noise_grey <= 255.0:
-            raise T2TwinError(f"noise_grey is {noise_grey:g}; it must lie between 0 and 255")
+        noise_grey = checked_noise(noise_grey)
         if rng is None or noise_grey == 0:
             return self._model.render(surface_mm)
         count = self._model.background.size
         draws = np.frombuffer(rng.bytes(2 * count), dtype=np.uint16)
         return self._model.render(surface_mm, draws, noise_grey)
+
+
+def checked_noise(noise_grey: float) -> float:
+    """The same. Raises T2TwinError for a negative one or one above 255."""
+    if not 0.0 <= noise_grey <= 255.0:
+        raise T2TwinError(f"noise_grey is {noise_grey:g}; it must lie between 0 and 255")
+    return noise_grey

@@ -6,6 +6,7 @@ one in the middle of every 2 x 2 pixels and one more beyond each edge.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -54,9 +55,10 @@ class Rays:
         self._shadows = shadows
         self.x_mm, self.y_mm = optical_grid(gel)
         self.pitch_mm = float(self.x_mm[1] - self.x_mm[0])
-        self.rest_mm = gel.rest_surface_mm(*np.meshgrid(self.x_mm, self.y_mm)).astype(np.float32)
-        self._across = _sample_slopes(COLUMNS, camera.focal_px)
-        self._down = _sample_slopes(ROWS, camera.focal_px)
+        self.rest_mm = _untouched_mm(camera, gel)
+        self._highest_mm = max(0.0, float(self.rest_mm.max()))
+        self._across = _sample_slopes(COLUMNS, camera.middle[1], camera.focal_px)
+        self._down = _sample_slopes(ROWS, camera.middle[0], camera.focal_px)
         self.everywhere: Region = (0, self._down.size, 0, self._across.size)
         self._window = self._seen_window()
         self._coarse_shape = (self.y_mm.size // SHADOW_STRIDE, self.x_mm.size // SHADOW_STRIDE)
@@ -180,22 +182,22 @@ class Rays:
         return sight, (top, bottom, left, right)
 
     def _seen_window(self) -> Region:
-        """Region of the grid that any pixel can show, the gel being at or below its apex."""
-        half_width, half_height = self.camera.seen_half_extent_mm()
-        rows = np.flatnonzero(np.abs(self.y_mm) < half_height + 4 * self.pitch_mm)
-        columns = np.flatnonzero(np.abs(self.x_mm) < half_width + 4 * self.pitch_mm)
+        """Region of the grid that any pixel can show, the gel being at or below its highest."""
+        seen = self.camera.is_seen(self.x_mm, self.y_mm, 4 * self.pitch_mm, self._highest_mm)
+        columns, rows = (np.flatnonzero(of) for of in seen)
         return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
     def _pixels(self, region: Region, nearest_mm: float) -> Region:
-        """Region of the picture that can show a region of the grid, from z nearest_mm to 0."""
+        """Region of the picture that can show a region of the grid, from z nearest_mm up."""
         camera = self.camera
-        per_mm = camera.focal_px / (camera.distance_mm + np.array([0.0, min(nearest_mm, 0.0)]))
+        ends = np.array([self._highest_mm, min(nearest_mm, 0.0)])
+        per_mm = camera.focal_px / (camera.distance_mm + ends)
         edges = []
-        for axis, first, last, count in (
-            (self.y_mm, region[0], region[1] - 1, ROWS),
-            (self.x_mm, region[2], region[3] - 1, COLUMNS),
+        for axis, first, last, middle, count in (
+            (self.y_mm, region[0], region[1] - 1, camera.middle[0], ROWS),
+            (self.x_mm, region[2], region[3] - 1, camera.middle[1], COLUMNS),
         ):
-            places = np.outer([axis[first], axis[last]], per_mm) + (count - 1) / 2
+            places = np.outer([axis[first], axis[last]], per_mm) + middle
             edges += [
                 int(np.clip(np.floor(places.min()) - 1, 0, count)),
                 int(np.clip(np.ceil(places.max()) + 2, 0, count)),
@@ -203,9 +205,24 @@ class Rays:
         return edges[0], edges[1], edges[2], edges[3]
 
 
-def _sample_slopes(count: int, focal_px: float) -> np.ndarray:
+@lru_cache(maxsize=8)
+def _level_mm(gel: Elastomer) -> np.ndarray:
+    """(G) z of an untouched gel under a camera without tilt, mm."""
+    return gel.rest_surface_mm(*np.meshgrid(*optical_grid(gel)))
+
+
+def _untouched_mm(camera: Camera, gel: Elastomer) -> np.ndarray:
+    """(G) float32 z of the untouched gel, mm."""
+    level = _level_mm(gel)
+    if camera.is_level:
+        return level.astype(np.float32)
+    x, y = optical_grid(gel)
+    return (level + camera.tilt_mm(x[None, :], y[:, None])).astype(np.float32)
+
+
+def _sample_slopes(count: int, middle: float, focal_px: float) -> np.ndarray:
     """(count / 2 + 2,) float32 slopes of the rays of the lattice of samples along one axis."""
-    places = 2.0 * np.arange(count // 2 + 2) - 1.5 - (count - 1) / 2
+    places = 2.0 * np.arange(count // 2 + 2) - 1.5 - middle
     return (places / focal_px).astype(np.float32)
 
 

@@ -99,7 +99,8 @@ class ReferenceRenderer:
         ]
         self._passes = led_points if self._lit else 1
         self._x_mm, self._y_mm = optical_grid(gel)
-        self._rest_mm = gel.rest_surface_mm(*np.meshgrid(self._x_mm, self._y_mm))
+        grid = np.meshgrid(self._x_mm, self._y_mm)
+        self._rest_mm = gel.rest_surface_mm(*grid) + camera.tilt_mm(*grid)
         ny, nx = (size // MESH_STRIDE for size in self._rest_mm.shape)
         self._faces = _grid_faces(ny, nx)
         self._seen_faces = self._faces[self._is_seen()[self._faces].all(axis=1), ::-1]
@@ -112,8 +113,8 @@ class ReferenceRenderer:
             pyrender.IntrinsicsCamera(
                 camera.focal_px,
                 camera.focal_px,
-                COLUMNS / 2,
-                ROWS / 2,
+                COLUMNS / 2 + camera.shift_x_px,
+                ROWS / 2 + camera.shift_y_px,
                 znear=5.0,
                 zfar=100.0,
             ),
@@ -169,10 +170,10 @@ class ReferenceRenderer:
     def _is_seen(self) -> np.ndarray:
         """(vertices,) whether the picture can show them; the rim beyond would shade the rest."""
         x, y = np.meshgrid(self._x_mm, self._y_mm)
-        half_width, half_height = self.camera.seen_half_extent_mm()
+        highest_mm = float(self._rest_mm.max())
         xy = _blocks(np.stack([x, y], axis=-1))
-        inside = np.abs(xy) < np.array([half_width, half_height]) + SEEN_MARGIN_MM
-        return np.logical_and(inside[:, 0], inside[:, 1])
+        inside = self.camera.is_seen(xy[:, 0], xy[:, 1], SEEN_MARGIN_MM, highest_mm)
+        return np.logical_and(*inside)
 
     def _place_gel(self, surface_mm: np.ndarray) -> None:
         if surface_mm.shape != self._rest_mm.shape:

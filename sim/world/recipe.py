@@ -18,14 +18,15 @@ Paths in it are taken from the folder in which the command runs, as the command'
 """
 
 import tomllib
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-import msgspec
 from msgspec import Meta, Struct
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
+from t2twin.sim.digit.unit_draw import UnitDraw
 from t2twin.sim.press.force import FORCE_RANGE_N
 from t2twin.sim.seeds import MOST_SEED
 from t2twin.sim.typed_json import convert
@@ -127,14 +128,15 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
 
     kind: "fixed", one unit for all; "drawn", another unit for each shape or press.
     calibration: a file of `t2twin calibrate`, the fixed unit or the middle of the draw; without it
-    the one that ships, or the shipped distribution. optics: "baked", or "pyrender", seconds a
-    picture.
+    the one that ships, or the shipped distribution. draw: the distribution's ranges. optics:
+    "baked", or "pyrender", seconds a picture.
     """
 
     kind: Literal["fixed", "drawn"] = "fixed"
     calibration: str | None = None
     each: Literal["shape", "press"] = "shape"
     optics: Literal["baked", "pyrender"] = "baked"
+    draw: UnitDraw = UnitDraw()
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
@@ -193,9 +195,16 @@ def load_recipe(source: str | Path) -> Recipe:
         raise T2TwinError(f"{path} cannot be read ({error.strerror})") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise T2TwinError(f"{path} is not TOML ({error})") from error
-    return convert(content, Recipe, path)
+    recipe = convert(content, Recipe, path)
+    _check_draw(content.get("light", {}).get("draw", {}), path)
+    return recipe
 
 
-def builtins(recipe: Recipe) -> dict:
-    """The recipe as plain dicts and lists, for info.json."""
-    return msgspec.to_builtins(recipe)
+def _check_draw(given: dict[str, Any], path: Path) -> None:
+    """A dataclass takes any key without a word; one that is misspelt shall not pass."""
+    known = {field.name for field in fields(UnitDraw)}
+    for name in given:
+        if name not in known:
+            raise T2TwinError(
+                f"{path}: light.draw has no {name}; it may have {', '.join(sorted(known))}"
+            )

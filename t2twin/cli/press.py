@@ -25,6 +25,7 @@ def press(
     flat: bool = False,
     layout: str = "cyskin-20",
     calibration: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
+    optics: Literal["baked", "pyrender"] = "baked",
     view: bool = False,
 ) -> None:
     """Press one shape into one sensor or both, and write what they see and feel.
@@ -48,6 +49,8 @@ def press(
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm.
         calibration: The DIGIT's light, as t2twin calibrate writes it; the one that ships unless
             given.
+        optics: What makes the DIGIT's picture: the baked model, in milliseconds, or pyrender
+            itself, in seconds, which knows the light that ships only.
         view: Then open the scene in MuJoCo's viewer (the DIGIT's, where both are touched).
     """
     import t2twin
@@ -61,7 +64,9 @@ def press(
     command = press_command(solid, force_n, x_mm, y_mm, yaw_deg)
     other = (thickness_mm, young_mpa, poisson, flat)
     gel, cover = (other_elastomer(own, *other) for own in (DIGIT_GEL, CYSKIN_COVER))
-    sensors = t2twin.Twin(calibration, layout, gel=gel, cover=cover).sensors
+    sensors = t2twin.Twin(calibration, layout, gel=gel, cover=cover, optics=optics).sensors
+    if optics == "pyrender" and sensor != "cyskin":
+        print(f"t2twin: {slow_picture()}", file=sys.stderr)
     digit = sensors.digit.touch(solid, command) if sensor != "cyskin" else None
     cyskin = sensors.cyskin.touch(solid, command) if sensor != "digit" else None
     folder = out or Path("runs/press") / solid.name.replace("/", "-")
@@ -74,6 +79,13 @@ def press(
     print(f"written to {folder}")
     if view:
         show(scene_path(folder, "cyskin" if sensor == "cyskin" else "digit"))
+
+
+def slow_picture() -> str:
+    """What pyrender's picture costs, in words."""
+    from t2twin.sim.digit.rendered import FIRST_SECONDS
+
+    return f"pyrender takes about {FIRST_SECONDS:.0f} s for the picture, longer on a busy machine"
 
 
 def summary(sensor: str, contact: "Contact") -> str:

@@ -1,0 +1,122 @@
+"""Pictures by pyrender itself, frame by frame, instead of by the baked model.
+
+The picture is background + L(deformed) - L(rest), as the baked model's, but L is what pyrender
+renders (t2twin.sim.digit.reference): every LED several points, each with its own shadow map. So an
+untouched gel gives the background exactly. Light and grey levels are linked by the calibration's
+gamma, the noise is the same.
+
+A drawn unit's LEDs are given to pyrender by their places, sizes and colours in the picture's
+middle (t2twin.sim.digit.unit_leds). What it cannot be given: how each LED's light differs over the
+picture and with the cosine of incidence from a shipped LED's lobe on lambertian paint, and leaks
+that take light away.
+
+The renderer is made where and when it is first used and kept for the next picture, one in a
+process, so that what is described here can be pickled. Its OpenGL belongs to one thread, which all
+pictures go through.
+"""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit import picture
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera import Camera, optical_grid
+from t2twin.sim.digit.leds import AMBIENT, Led
+from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics, checked_noise
+from t2twin.sim.digit.reference import ReferenceRenderer
+from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
+
+FRAME_SECONDS = 1.1
+"""What a picture takes with software OpenGL on two idle cores, s (benchmarks/digit_render.py). Each
+uses all cores, so that more processes make hardly more of them."""
+FIRST_SECONDS = 6.0
+"""What the first picture of a process takes, with the start of OpenGL and the untouched gel, s
+(measured)."""
+LED_POINTS = 8
+"""Points an LED, each a pass: as many as ReferenceRenderer takes unless told."""
+
+
+class RenderedOptics:
+    """As DigitOptics, but pyrender makes each picture: about FRAME_SECONDS.
+
+    leds: in the order and colours of the calibration's light. The calibration gives the camera, the
+    background and the gamma. Raises T2TwinError, at the first picture, where there is no OpenGL.
+    """
+
+    def __init__(
+        self, calibration: Calibration, leds: tuple[Led, ...], gel: Elastomer = DIGIT_GEL
+    ) -> None:
+        self.calibration = calibration
+        self.leds, self.gel = leds, gel
+        self.background = DigitOptics(calibration, gel=gel).background
+        """(320, 240, 3) uint8: the untouched gel, without noise."""
+
+    def render(
+        self,
+        surface_mm: np.ndarray,
+        rng: np.random.Generator | None = None,
+        noise_grey: float = NOISE_GREY,
+    ) -> np.ndarray:
+        """(320, 240, 3) uint8 picture of the deflected gel: see DigitOptics.render."""
+        noise_grey = checked_noise(noise_grey)
+        surface_mm = np.asarray(surface_mm)
+        if not np.isfinite(surface_mm).all():
+            raise T2TwinError("surface_mm holds values that are not finite; all must be")
+        thread = _thread(os.getpid())
+        change = thread.submit(_change, self.leds, self.calibration.camera, self.gel, surface_mm)
+        gamma = self.calibration.gamma
+        light = picture.linear(self.background, gamma) + change.result()
+        grey = 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / gamma)
+        if rng is not None and noise_grey > 0:
+            draws = np.frombuffer(rng.bytes(2 * grey.size), dtype=np.uint16)
+            grey += noise_grey * picture.normal_quantiles()[draws].reshape(grey.shape)
+        return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
+
+
+@cache
+def _thread(process: int) -> ThreadPoolExecutor:
+    """The thread of this process that OpenGL belongs to; a fork has its own."""
+    return ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"pyrender-{process}")
+
+
+def _change(
+    leds: tuple[Led, ...], camera: Camera, gel: Elastomer, surface_mm: np.ndarray
+) -> np.ndarray:
+    """(ROWS, COLUMNS, RGB) change of the light by a deflection."""
+    renderer, untouched = _kept(os.getpid()).renderer(leds, camera, gel)
+    return renderer.render_linear(surface_mm) - untouched
+
+
+class _Kept:
+    """The last renderer, and its light of the untouched gel."""
+
+    def __init__(self) -> None:
+        self._of: tuple = ()
+        self._renderer: ReferenceRenderer | None = None
+        self._untouched = np.zeros(0)
+
+    def renderer(
+        self, leds: tuple[Led, ...], camera: Camera, gel: Elastomer
+    ) -> tuple[ReferenceRenderer, np.ndarray]:
+        if self._renderer is not None and self._of != (leds, camera, gel):
+            # before the next one is made: freeing it ends the display of both
+            self._renderer.close()
+            self._renderer = None
+        if self._renderer is None:
+            self._renderer = ReferenceRenderer(
+                leds, AMBIENT, led_points=LED_POINTS, camera=camera, gel=gel
+            )
+            x, y = optical_grid(gel)
+            self._untouched = self._renderer.render_linear(np.zeros((y.size, x.size)))
+            self._of = (leds, camera, gel)
+        return self._renderer, self._untouched
+
+
+@cache
+def _kept(process: int) -> _Kept:
+    """What this process keeps; a fork has its own."""
+    return _Kept()
