@@ -1,0 +1,157 @@
+import pickle
+
+import numpy as np
+import pytest
+
+from t2twin.cli import main
+from t2twin.primitives_cad import catalogue, surface
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.random_shapes import features, relief
+from t2twin.primitives_cad.random_shapes.features import Composition, Feature
+from t2twin.primitives_cad.random_shapes.shape import PITCH_MM, RELIEF_MM, RandomShape, seed_of
+from t2twin.primitives_cad.same_surface import KnownSurfaces
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
+
+AXIS = np.arange(-200, 201) * 0.1
+
+
+def heights_of(*parts, cuts=(), holes=(), tilt=(0.0, 0.0)):
+    return relief.heights_mm(Composition(parts, cuts, holes, tilt), AXIS, AXIS)
+
+
+def area_mm2(heights):
+    return float((heights > NOTHING_MM / 2).sum() * 0.1**2)
+
+
+def test_a_seed_is_a_shape():
+    first, again, other = RandomShape(17), catalogue.load("random-17"), RandomShape(18)
+    np.testing.assert_array_equal(first.surface.heights_mm, again.surface.heights_mm)
+    assert first.composition == pickle.loads(pickle.dumps(first)).composition
+    assert first.name == again.name == "random-17"
+    assert not np.array_equal(first.surface.heights_mm, other.surface.heights_mm)
+
+
+def test_surfaces_are_as_the_frame_has_them():
+    for seed in range(100):
+        shape = RandomShape(seed)
+        heights = shape.surface.heights_mm
+        inside = heights[1:-1, 1:-1]
+        assert inside.max() == 0.0 and inside.min() >= -RELIEF_MM
+        assert (heights[[0, -1]] == NOTHING_MM).all() and (heights[:, [0, -1]] == NOTHING_MM).all()
+        assert shape.surface.pitch_mm == pytest.approx(PITCH_MM)
+        assert shape.base_mm == -RELIEF_MM
+
+
+@pytest.mark.parametrize("seed", [3, 14, 25])
+def test_the_solid_presses_with_the_surface(seed):
+    shape = RandomShape(seed)
+    assert shape.mesh.is_watertight and shape.mesh.is_winding_consistent and shape.mesh.volume > 0
+    seen = surface.height_map(shape.mesh, PITCH_MM)
+    x, y = np.meshgrid(shape.surface.x_mm[1:-1], shape.surface.y_mm[1:-1])
+    np.testing.assert_allclose(seen.sample(x, y), shape.surface.heights_mm[1:-1, 1:-1], atol=2e-3)
+
+
+def test_outlines_have_their_areas():
+    square = tuple((k * np.pi / 2, 4.0) for k in range(4))
+    for feature, area in (
+        (Feature("bar", "flat", 0, 0, 0.4, 1.5, half_length_mm=6.0), 36.0),
+        (Feature("disc", "flat", 1, 2, 0, 5.0), np.pi * 25),
+        (Feature("ring", "flat", 0, 0, 0, 0.5, radius_mm=6.0), np.pi * (6.5**2 - 5.5**2)),
+        (Feature("polygon", "flat", 0, 0, 0.3, 4.0, sides=square), 64.0),
+        (Feature("polygon", "flat", 0, 0, 0.3, 4.0, sides=square, wall_mm=1.0), 64.0 - 36.0),
+        # bent, a bar's middle line stays as long
+        (Feature("bar", "flat", 0, 0, 0, 1.0, half_length_mm=5.0, radius_mm=6.0), 20.0),
+    ):
+        assert area_mm2(heights_of(feature)) == pytest.approx(area, rel=0.02)
+
+
+def test_profiles_are_what_they_are_called():
+    rod = heights_of(Feature("bar", "rod", 0, 0, 0, 3.0, half_length_mm=50.0, curve=5.0))
+    across = np.abs(AXIS) < 2.9
+    middle = rod[200, across]
+    np.testing.assert_allclose(middle, np.sqrt(25.0 - AXIS[across] ** 2) - 5.0, atol=1e-5)
+    roof = heights_of(Feature("bar", "wedge", 0, 0, 0, 3.0, half_length_mm=50.0, curve=0.5))
+    np.testing.assert_allclose(roof[200, across], -0.5 * np.abs(AXIS[across]), atol=1e-5)
+    ball = heights_of(Feature("disc", "rod", 0, 0, 0, 4.0, curve=4.0))
+    assert ball[200, 200] == 0.0 and ball[200, 230] == pytest.approx(np.sqrt(16 - 9) - 4, abs=1e-5)
+    rounded = heights_of(Feature("bar", "rounded", 0, 0, 0, 3.0, half_length_mm=50.0, curve=1.0))
+    assert rounded[200, 200] == 0.0 and rounded[200, 225] == pytest.approx(
+        -(1 - np.sqrt(1 - 0.25)), abs=1e-5
+    )
+
+
+def test_cuts_holes_tilt_and_teeth():
+    plate = Feature("disc", "flat", 0, 0, 0, 8.0)
+    assert area_mm2(heights_of(plate, cuts=((0.3, 0.0),))) == pytest.approx(np.pi * 32, rel=0.02)
+    holed = heights_of(plate, holes=((1.0, 1.0, 2.0),))
+    assert area_mm2(holed) == pytest.approx(np.pi * 60, rel=0.02)
+    tilted = heights_of(plate, tilt=(0.02, -0.01))
+    assert tilted[200, 250] == pytest.approx(0.1, abs=1e-6)
+    assert tilted[250, 200] == pytest.approx(-0.05, abs=1e-6)
+    saw = heights_of(
+        Feature("bar", "flat", 0, 0, 0, 2.0, half_length_mm=9.0, teeth="square",
+                teeth_pitch_mm=2.0, teeth_depth_mm=0.7)
+    )  # fmt: skip
+    there = saw[saw > NOTHING_MM / 2]
+    assert set(np.round(there, 6)) == {0.0, np.float32(-0.7)}
+    assert (there == 0.0).mean() == pytest.approx(0.5, abs=0.02)
+
+
+def test_the_higher_feature_is_felt():
+    low = Feature("disc", "flat", 0, 0, 0, 6.0, lower_mm=0.5)
+    high = Feature("disc", "flat", 0, 0, 0, 2.0)
+    both = heights_of(low, high)
+    assert both[200, 200] == 0.0 and both[200, 240] == -0.5
+
+
+def test_what_is_drawn_is_of_every_kind():
+    rng = np.random.default_rng(0)
+    drawn = [features.draw_composition(rng) for _ in range(600)]
+    parts = [feature for composition in drawn for feature in composition.features]
+    assert {feature.outline for feature in parts} == set(relief.OUTLINES)
+    assert {feature.profile for feature in parts} == set(relief.PROFILES)
+    assert {feature.teeth for feature in parts} == set(relief.TEETH)
+    assert {len(composition.features) for composition in drawn} == {1, 2, 3, 4}
+    widths = 2 * np.array([feature.half_width_mm for feature in parts])
+    assert widths.min() < 0.6 and widths[np.isfinite(widths)].max() > 30
+    assert any(composition.holes for composition in drawn)
+    assert any(feature.radius_mm for feature in parts if feature.outline == "bar")
+
+
+def test_names_that_are_no_random_shapes(capsys, tmp_path):
+    assert seed_of("square-1") is None and seed_of("random-5") == 5
+    for name in ("random-", "random-x", "random--3", "random-1e3", f"random-{2**63}"):
+        with pytest.raises(T2TwinError, match="no random shape"):
+            catalogue.load(name)
+    with pytest.raises(SystemExit) as stop:
+        main(["press", "random-many", "--out", str(tmp_path / "out")])
+    assert stop.value.code == 2 and not (tmp_path / "out").exists()
+    assert "random-0, random-1" in capsys.readouterr().err
+
+
+def test_a_random_shape_is_pressed_by_name(tmp_path, capsys):
+    main(["press", "random-17", "--force-n", "3", "--out", str(tmp_path / "out")])
+    assert "digit: 3.00 N" in capsys.readouterr().out
+    assert (tmp_path / "out" / "digit.png").is_file()
+
+
+def turned(surface_, x_mm, y_mm, turn):
+    """A surface moved and turned, on a grid of its own."""
+    axis = np.arange(-320, 321) * 0.1
+    x, y = np.meshgrid(axis, axis)
+    cos, sin = np.cos(turn), np.sin(turn)
+    heights = surface_.sample(x_mm + cos * x - sin * y, y_mm + sin * x + cos * y)
+    heights[heights < NOTHING_MM / 2] = NOTHING_MM
+    return HeightMap((heights - heights.max()).astype(np.float32), axis, axis)
+
+
+def test_a_surface_is_known_again_wherever_it_stands(shapes):
+    names = ("allen-key/long-arm", "wrench/shank")
+    known = KnownSurfaces({name: shapes(name).surface for name in names})
+    rng = np.random.default_rng(3)
+    for name in names:
+        assert known.same_as(shapes(name).surface) == name
+        moved = turned(shapes(name).surface, *rng.uniform(-4, 4, 2), rng.uniform(0, 2 * np.pi))
+        assert known.same_as(moved) == name
+    for other in ("square-4", "circle-2", "line-smooth-4", "random-3", "random-4"):
+        assert known.same_as(shapes(other).surface) is None
