@@ -296,6 +296,22 @@ CALIBRATION = Benchmark(
     shapes=False,
 )
 
+UNITS = Benchmark(
+    name="units",
+    measures="Where a real DIGIT lies among drawn ones, and what a drawn one costs.",
+    minutes=2,
+    figures=(
+        Figure("made_best_ms", "ms", most=6.0),
+        Figure("parameters.*.real.percentile", "%"),
+        Figure("pictures.*.*.mean", "grey levels"),
+        Figure("pictures.*.real.mean_percentile", "%", most=95.0),
+        Figure("pictures.*.real.nearest_percentile", "%", most=95.0),
+        Figure("pictures.*.shipped.mean_percentile", "%", most=95.0),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+    shapes=False,
+)
+
 PICTURES = Benchmark(
     name="pictures",
     measures="The README's picture of five presses.",
@@ -322,20 +338,7 @@ REGRESSION = Benchmark(
 )
 
 BENCHMARKS = (
-    PRESS,
-    DOME,
-    DIGIT_RENDER,
-    PHI,
-    GAIN,
-    LATENCY,
-    TRAINING,
-    KILLS,
-    BAD_INPUTS,
-    CALIBRATION,
-    PICTURES,
-    REGRESSION,
-    DATASET,
-    TRANSLATION,
-    PROBES,
-)
+    PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION, UNITS,
+    PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES,
+)  # fmt: skip
 """In the order in which they run."""

@@ -43,11 +43,12 @@ def _untimed(stage: str) -> AbstractContextManager[None]:
 @dataclass(frozen=True)
 class DigitTouch:
     """What a press did to the DIGIT. image: (320, 240, 3) uint8. calibration: the file with the
-    light that it is in, None for the one that ships."""
+    light that it is in, None for the one that ships. renderer: what made the image."""
 
     contact: Contact
     image: np.ndarray
     calibration: str | None
+    renderer: Renderer = "baked"
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ class Digit:
         with timed("press digit"):
             contact = self.press(shape, command)
         with timed("picture"):
-            return DigitTouch(contact, self.image(contact, rng), self.calibration)
+            return DigitTouch(contact, self.image(contact, rng), self.calibration, self.renderer)
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,8 @@ def _summary(digit: DigitTouch | None, cyskin: CySkinTouch | None) -> dict[str, 
     with_what: dict[str, dict[str, str]] = {}
     if digit is not None:
         contacts["digit"] = digit.contact
-        with_what["digit"] = {"calibration": digit.calibration or "the one that ships"}
+        light = digit.calibration or "the one that ships"
+        with_what["digit"] = {"calibration": light, "optics": digit.renderer}
     if cyskin is not None:
         contacts["cyskin"] = cyskin.contact
         with_what["cyskin"] = {"layout": cyskin.layout.name}

@@ -27,7 +27,7 @@ class Touch:
     command: where the shape stood, its turn and the force. image: (320, 240, 3) uint8, the DIGIT's,
     channels red, green, blue. counts: (n,) uint16, one for each taxel of the layout. digit, cyskin:
     both contacts, with depth_mm, force_n, surface_mm, pressure_kpa and more. calibration: the file
-    with the DIGIT's light, None for the one that ships.
+    with the DIGIT's light, None for the one that ships. optics: what made the image.
     """
 
     shape: Shape
@@ -38,6 +38,7 @@ class Touch:
     cyskin: Contact
     layout: Layout
     calibration: str | None = None
+    optics: Renderer = "baked"
 
     @cached_property
     def tactile_image(self) -> np.ndarray:
@@ -49,8 +50,9 @@ class Touch:
 
     def save(self, folder: str | Path) -> None:
         """Write the folder that `t2twin press` writes: pictures, counts, contacts, scenes."""
-        digit, cyskin = DigitTouch(self.digit, self.image, self.calibration), self.cyskin
-        write_press(Path(folder), digit, CySkinTouch(cyskin, self.counts, self.layout))
+        digit = DigitTouch(self.digit, self.image, self.calibration, self.optics)
+        cyskin = CySkinTouch(self.cyskin, self.counts, self.layout)
+        write_press(Path(folder), digit, cyskin)
 
 
 class Twin:
@@ -121,6 +123,7 @@ class Twin:
             sample.cyskin,
             self.layout,
             self.sensors.digit.calibration,
+            self.sensors.digit.renderer,
         )
 
 
