@@ -113,8 +113,8 @@ def test_a_unit_about_a_calibration_is_near_it(shipped):
         light = np.abs(near.background.astype(float) - shipped.background)
         assert 0 < light.mean() < 0.15 * shipped.background.mean()
         optics = DigitOptics(near)
-        changes = [o.render(BALL).astype(float) - o.background for o in (optics, own)]
-        assert np.corrcoef(*(change.ravel() for change in changes))[0, 1] > 0.8
+        changes = [(o.render(BALL).astype(float) - o.background).ravel() for o in (optics, own)]
+        assert np.corrcoef(changes)[0, 1] > 0.8
 
 
 def test_a_centre_at_the_edge_of_what_a_calibration_may_be_is_kept_inside(shipped):
