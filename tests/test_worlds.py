@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -12,13 +13,20 @@ from t2twin.sim.cyskin.field import SPACING_MM, field_counts, field_layout
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.png import decode_png
-from t2twin.sim.dataset.store import LOG, read_info, read_split, sha256_of, taxels
+from t2twin.sim.dataset.store import (
+    LOG,
+    read_info,
+    read_split,
+    sha256_of,
+    taxels,
+    write_info,
+)
 from t2twin.sim.dataset.verify import verify
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world.plan import plan
 from t2twin.sim.world.presses import draw_force, draw_press
-from t2twin.sim.world.recipe import ForceRange, load_recipe, shipped
+from t2twin.sim.world.recipe import ForceRange, Place, load_recipe, shipped
 
 MINE = """
 format = 1
@@ -165,14 +173,9 @@ def test_a_shard_of_more_shapes_is_what_a_smaller_world_begins_with(made, recipe
 def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):
     info = read_info(made)
     assert info.world is not None
-    part = structs.replace(info.world.parts[0], place=structs.replace(
-        info.world.parts[0].place, normal_mm=2.6))  # fmt: skip
+    part = structs.replace(info.world.parts[0], place=Place(normal_mm=2.6))
     other = structs.replace(info.world, parts=(part, *info.world.parts[1:]))
-    import shutil
-
     shutil.copytree(made, tmp_path / "moved")
-    from t2twin.sim.dataset.store import write_info
-
     write_info(tmp_path / "moved", replace(info, world=other))
     faults = [str(fault) for fault in verify(tmp_path / "moved")]
     assert any("is not what was planned for press" in fault for fault in faults)
@@ -216,7 +219,8 @@ def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
     ("changed", "said"),
     [
         ('shapes = "random"', "count belongs to random shapes"),
-        ('shapes = "random"\ncount = 3', "presses belongs to a place that is no grid"),
+        ('shapes = "primitives"\npresses = 3', "presses belongs to a place that is no grid"),
+        ('shapes = "random"\ncount = 3', "the grid is the protocol's"),
         ('shapes = "random"\ncount = 0\npresses = 2\nplace = {normal_mm=1.0}', "at least 1"),
         ('shapes = "random"\ncount = 2\npresses = 2\nplace = {}', "one of normal_mm"),
         ('shapes = "random"\ncont = 2', "cont"),
@@ -258,7 +262,7 @@ def test_a_wrong_world_is_one_sentence(arguments, said, tmp_path, capsys, monkey
 def test_a_misspelt_draw_is_refused(tmp_path):
     path = tmp_path / "wrong.toml"
     path.write_text(MINE + "[light.draw]\nled_sice_mm = [1.0, 2.0]\n")
-    with pytest.raises(T2TwinError, match="light.draw has no led_sice_mm"):
+    with pytest.raises(T2TwinError, match="draw has no led_sice_mm"):
         load_recipe(path)
 
 

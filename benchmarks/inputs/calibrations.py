@@ -59,6 +59,9 @@ def _spoiled() -> Iterator[tuple[str, bytes]]:
         _packed(good | {"background": good["background"].swapaxes(0, 1)}),
     )
     yield "one lamp inside out", _packed(good | {"sizes_mm": -good["sizes_mm"]})
+    yield "a camera out of sight", _packed(good | {"shift_x_px": np.array(1e6)})
+    yield "a gel on edge", _packed(good | {"tilt_y_deg": np.array(80.0)})
+    yield "a tilt that is no number", _packed(good | {"tilt_x_deg": np.array(np.nan)})
     yield "two lamps", _packed(good | {"lamps_mm": good["lamps_mm"][:2]})
     yield "a bomb", _zip_bomb()
 
@@ -86,6 +89,8 @@ def _odd() -> Iterator[tuple[str, bytes]]:
     yield "lamps half a metre off", _packed(good | {"lamps_mm": good["lamps_mm"] * 22.0})
     yield "lamps within the gel", _packed(good | {"lamps_mm": np.zeros((3, 3))})
     yield "the largest lamps", _packed(good | {"sizes_mm": np.full(3, 100.0)})
+    yield "a shifted camera", _packed(good | {"shift_y_px": np.array(-100.0)})
+    yield "a tilted gel", _packed(good | {"tilt_x_deg": np.array(5.0)})
     yield "a far camera", _packed(good | {"distance_mm": np.array(100.0)})
     yield "a near camera", _packed(good | {"distance_mm": np.array(5.0)})
     yield "a coarse camera", _packed(good | {"scale_px_per_mm": np.array(5.0)})

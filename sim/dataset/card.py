@@ -1,6 +1,8 @@
 """The dataset card: what each column is, for people and for the Hugging Face hub."""
 
+from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
 from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.world.recipe import PAPER
 
 COLUMNS = """\
 | column | type | unit | what |
@@ -42,9 +44,52 @@ def card(info: DatasetInfo) -> str:
     return HEAD.format(licence="unknown", tag="") + _imported(info)
 
 
-def _simulated(info: DatasetInfo) -> str:
+def _more_columns(info: DatasetInfo) -> str:
+    """Lines of the table for what the pairs of most worlds hold besides."""
+    world = info.world
+    if world is None or not world.has_more:
+        return ""
+    lines = ["| unit | int64 | | which DIGIT took the picture, counted in its part of the recipe |"]
+    if world.field:
+        lines.append(
+            f"| field | list of uint16 | counts | what a pad of {PAD_DIAMETER_MM:g} mm would "
+            f"count, without noise, at the {len(info.field_x_mm or ())} places in `info.json` |"
+        )
+    if world.untouched_frames:
+        lines.append(
+            "| untouched | PNG, 320 x 240 x 3 | grey levels | that DIGIT's picture while nothing "
+            "touches it |"
+        )
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _world(info: DatasetInfo) -> str:
+    """README.md of another world than the protocol's."""
+    assert info.world is not None
     pairs = info.pairs
-    return f"""# t2twin, scale {info.scale}
+    return f"""# t2twin, world {info.world.name}
+
+Simulated pairs of two tactile sensors touching the same shape in the same place with the same
+force: a DIGIT camera sensor's picture and a CySkin capacitive array's counts. Shapes, places,
+forces and light are drawn as the recipe in `info.json` says, under `world`; no hardware was used.
+
+{pairs["train"]} training, {pairs["val"]} validation and {pairs["test"]} test pairs. Seed {info.seed}.
+
+{COLUMNS}{_more_columns(info)}
+`image` is rendered from the surface and `taxels` computed from the pressure that the simulated
+contact leaves in each sensor; depths, carried forces and flags are that contact's own. A pair is
+one press, taken by both sensors; one of 0 N touches nothing.
+
+Made by t2twin {info.versions["t2twin"]} with MuJoCo {info.versions["mujoco"]}; all parameters
+stand in `info.json`. Licence: MIT.
+"""
+
+
+def _simulated(info: DatasetInfo) -> str:
+    if not info.is_protocol:
+        return _world(info)
+    pairs = info.pairs
+    return f"""# t2twin, scale {info.scale or PAPER}
 
 Simulated pairs of two tactile sensors touching the same shape in the same place with the same
 force: a DIGIT camera sensor's picture and a CySkin capacitive array's counts. Protocol of Grella et

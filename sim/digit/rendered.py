@@ -64,17 +64,29 @@ class RenderedOptics:
         """(320, 240, 3) uint8 picture of the deflected gel: see DigitOptics.render."""
         noise_grey = checked_noise(noise_grey)
         surface_mm = np.asarray(surface_mm)
+        x, y = optical_grid(self.gel)
+        if surface_mm.shape != (y.size, x.size):
+            raise T2TwinError(
+                f"surface_mm has shape {surface_mm.shape}; it must be {(y.size, x.size)}, "
+                "on t2twin.sim.digit.camera.optical_grid()"
+            )
         if not np.isfinite(surface_mm).all():
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
-        thread = _thread(os.getpid())
-        change = thread.submit(_change, self.leds, self.calibration.camera, self.gel, surface_mm)
-        gamma = self.calibration.gamma
-        light = picture.linear(self.background, gamma) + change.result()
-        grey = 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / gamma)
+        grey = self._grey(surface_mm)
         if rng is not None and noise_grey > 0:
             draws = np.frombuffer(rng.bytes(2 * grey.size), dtype=np.uint16)
             grey += noise_grey * picture.normal_quantiles()[draws].reshape(grey.shape)
         return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
+
+    def _grey(self, surface_mm: np.ndarray) -> np.ndarray:
+        """(320, 240, 3) float64 grey levels, without noise."""
+        if not surface_mm.any():
+            return self.background.astype(float)
+        thread = _thread(os.getpid())
+        change = thread.submit(_change, self.leds, self.calibration.camera, self.gel, surface_mm)
+        gamma = self.calibration.gamma
+        light = picture.linear(self.background, gamma) + change.result()
+        return 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / gamma)
 
 
 @cache

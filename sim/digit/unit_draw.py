@@ -49,7 +49,7 @@ class UnitDraw:
         led_elevation_deg: over the apex, one for the unit; led_elevation_off_deg: of an LED from it
             (assumed, from the lengths of shadows).
         led_size_mm: radius of the disc, at most 0.95 of its height (assumed: an LED behind a
-            diffuser, 1 to 8 mm).
+            diffuser, 1 to 9 mm).
     Of the light that each LED leaves in each colour:
         facing_grey: of the gel that faces its own LED (assumed).
         beam_along_part, beam_across_part: rise of an LED's light towards it, and of the two upper
@@ -90,8 +90,8 @@ class UnitDraw:
     led_distance_mm: tuple[FarLed, FarLed] = (16.0, 25.0)
     led_elevation_deg: tuple[Degrees, Degrees] = (11.0, 25.0)
     led_elevation_off_deg: tuple[Degrees, Degrees] = (-4.0, 4.0)
-    led_size_mm: tuple[Size, Size] = (1.0, 8.0)
-    facing_grey: tuple[Grey, Grey] = (130.0, 250.0)
+    led_size_mm: tuple[Size, Size] = (1.0, 9.0)
+    facing_grey: tuple[Grey, Grey] = (110.0, 250.0)
     beam_along_part: tuple[Part, Part] = (-1.8, 0.4)
     beam_across_part: tuple[Part, Part] = (-0.2, 2.0)
     beam_curve_part: tuple[Part, Part] = (-2.0, 0.4)
@@ -99,7 +99,7 @@ class UnitDraw:
     cosine_slope_part: tuple[Part, Part] = (-0.5, 0.8)
     cosine_bend_part: tuple[Part, Part] = (-2.0, 0.8)
     leak_amount: tuple[Amount, Amount] = (0.0, 1.0)
-    leak_part: tuple[Part, Part] = (-0.6, 0.8)
+    leak_part: tuple[Part, Part] = (-0.8, 0.8)
     irregular_amount: tuple[Amount, Amount] = (0.0, 1.0)
     linear_amount: Amount = 0.4
     linear_gamma: tuple[Gamma, Gamma] = (0.9, 1.1)

@@ -28,7 +28,7 @@ MIDDLE_COSINE = 0.4
 DEGREE = 2
 """Of the responses in the place, as of a fitted one (assumed: what a dozen presses determine)."""
 TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
-IRREGULAR = np.array([[0.0, 0.37, 0.37, 0.7, 0.7, 0.7], [0.2, 0.9, 0.9, 1.4, 1.4, 1.4]])
+IRREGULAR = np.array([[0.0, 0.5, 0.5, 1.0, 1.0, 1.0], [0.2, 1.2, 1.2, 2.0, 2.0, 2.0]])
 """Standard deviations, at amount 1, of an irregular light's coefficients in the place, and of their
 rise with the cosine (assumed: about those of one real unit's fit)."""
 CURVED = -1.5

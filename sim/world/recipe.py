@@ -109,10 +109,10 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"{named}: count belongs to random shapes, which need it")
         if (self.place == "grid") == (self.presses is not None):
             raise ValueError(f"{named}: presses belongs to a place that is no grid")
-        if self.place == "grid" and (self.untouched_share or self.val_share):
-            raise ValueError(f"{named}: a grid has no untouched_share and no val_share")
         if self.place == "grid" and self.shapes not in ("primitives", "tools"):
             raise ValueError(f"{named}: the grid is the protocol's, of primitives and tools")
+        if self.place == "grid" and (self.untouched_share or self.val_share):
+            raise ValueError(f"{named}: a grid has no untouched_share and no val_share")
         if self.split == "by-version" and self.shapes != "primitives":
             raise ValueError(f"{named}: only primitives are split by-version")
         if self.split == "by-version" and self.val_share:
