@@ -32,6 +32,7 @@ from t2twin.sim.dataset.store import (
     taxels,
 )
 from t2twin.translate.data.images import to_pixels
+from t2twin.translate.data.origin import world_of
 
 CACHE = "cache"
 IMAGES_AT_ONCE = 256
@@ -78,7 +79,8 @@ class DataInfo:
     """What info.json says of a data set, and its SHA-256.
 
     layout: the taxel layout's name. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
-    taxels saturate.
+    taxels saturate. world: what made the pairs (module origin), None of imported ones and where a
+    run of an older version does not know. train_pairs: how many there are to train on.
     """
 
     sha256: str
@@ -86,6 +88,13 @@ class DataInfo:
     x_mm: np.ndarray
     y_mm: np.ndarray
     full_scale_counts: float
+    world: str | None = None
+    train_pairs: int | None = None
+
+    @property
+    def world_shown(self) -> str:
+        """The world's name, or the first digits of the data set's where it has none."""
+        return self.world or f"data set {self.sha256[:8]}"
 
 
 def load_info(data_dir: Path) -> DataInfo:
@@ -97,6 +106,8 @@ def load_info(data_dir: Path) -> DataInfo:
         x_mm=np.array(info.layout_x_mm),
         y_mm=np.array(info.layout_y_mm),
         full_scale_counts=float(info.full_scale_counts),
+        world=world_of(info),
+        train_pairs=info.pairs["train"],
     )
 
 
