@@ -96,9 +96,7 @@ def _check_own(out_dir: Path) -> None:
     raise T2TwinError(f"{out_dir} is not empty and holds no run; choose another folder")
 
 
-def _check_limits(
-    epochs: int | None, minutes: float | None, steps: int | None, seed: int
-) -> None:
+def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
     if steps is not None and not 1 <= steps <= MOST_STEPS:
         raise T2TwinError(f"steps is {steps}; it must be from 1 to {MOST_STEPS:,}")
     if steps is not None and epochs is not None:
