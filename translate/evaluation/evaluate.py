@@ -77,14 +77,25 @@ def evaluate(
     Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, and
     where that split or training has no pairs.
     """
-    if not runs:
-        raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
     data_dir, out_dir = Path(data_dir), Path(out_dir)
-    _check_pairs(data_dir, (split, "train"))
-    info = load_info(data_dir)
-    loaded = [load_run(run) for run in runs]
+    info, loaded = check_asked(runs, data_dir, (split,))
     with locked(out_dir):
         return _evaluate(loaded, info, data_dir, split, out_dir)
+
+
+def check_asked(
+    runs: Sequence[str | Path], data_dir: Path, splits: Sequence[str]
+) -> tuple[DataInfo, list[TrainedTranslator]]:
+    """What `evaluate` needs of a dataset and of runs, read. Raises T2TwinError as it does."""
+    if not runs:
+        raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
+    _check_pairs(data_dir, (*splits, "train"))
+    info = load_info(data_dir)
+    loaded = [load_run(run) for run in runs]
+    for run in loaded:
+        run.at_layout(info.x_mm, info.y_mm, info.layout)
+    run_names(loaded)
+    return info, loaded
 
 
 def _evaluate(
