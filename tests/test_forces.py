@@ -33,15 +33,17 @@ def presses(force_n: np.ndarray, counts: np.ndarray | None = None, shapes: int =
     nothing = np.zeros(number)
     arrays = 1000.0 * np.tile(force_n[:, None], (1, 20)) if counts is None else counts
     return Pairs(
-        ImageFile(Path("none")), arrays.astype(np.float32), names, names, *([nothing] * 3), force_n
-    )
+        ImageFile(Path("none")), arrays.astype(np.float32), names, names,
+        nothing, nothing, nothing, force_n,
+    )  # fmt: skip
 
 
 def figures_of_pairs(predicted: np.ndarray, pairs: Pairs) -> PairFigures:
     """The errors alone; what needs an image is unknown."""
     unknown = np.full(len(pairs), np.nan)
     squares = np.square(predicted - pairs.counts.astype(float)).mean(axis=1)
-    return PairFigures(squares, *([unknown] * 4), unknown, pairs.counts.sum(axis=1, dtype=float))
+    totals = pairs.counts.sum(axis=1, dtype=float)
+    return PairFigures(squares, unknown, unknown, unknown, unknown, unknown, totals)
 
 
 def test_few_forces_are_a_bin_each() -> None:

@@ -43,14 +43,15 @@ def evaluate(
 
     if not runs:
         raise T2TwinError(
-            "there is no run to evaluate; give at least one run's folder, before --data"
+            "there is no run to evaluate; give one run's folder or more before --data"
         )
     if not data:
         raise T2TwinError("there is no dataset to evaluate on; give its folder with --data")
     whole = split == "both" or len(data) > 1
     folder = out or Path("runs/evaluate") / ("" if whole else split)
     use_all_cores()
-    if len(data) > 1:
+    first, *others = data
+    if others:
         worlds = evaluate_worlds(runs, data, split, folder)
         for name, evaluations in worlds.items():
             print(f"{name}\n")
@@ -58,11 +59,11 @@ def evaluate(
         print(worlds_markdown(worlds))
     else:
         if split == "both":
-            evaluations = evaluate_both(list(runs), data[0], folder)
+            evaluations = evaluate_both(list(runs), first, folder)
         else:
-            evaluations = {split: measure(list(runs), data[0], split, folder)}
+            evaluations = {split: measure(list(runs), first, split, folder)}
         _print(evaluations)
-        between = gap_between(evaluations, data[0])
+        between = gap_between(evaluations, first)
         if between:
             print(findings_text(between))
     print(f"written to {folder}")

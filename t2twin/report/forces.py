@@ -10,6 +10,7 @@ from matplotlib.ticker import MaxNLocator
 from t2twin.report import markup
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import figure
+from t2twin.report.force_axis import force_axis
 from t2twin.report.names import (
     SENSOR_COLOURS,
     SENSOR_NAMES,
@@ -96,7 +97,7 @@ def _numbers(dataset: Dataset) -> list[tuple[str, str]]:
                 SENSOR_NAMES[sensor],
                 f"carried within {_percent(100 * np.abs(off).max())} % of it at worst; "
                 f"{_of(unsettled, pairs)} not settled, {_of(bottomed, pairs)} on the base plate; "
-                f"depth {_range(dataset.column(f'{sensor}_depth_mm'), 'mm')}",
+                f"depth {_range(dataset.column(f'{sensor}_depth_mm')[touching], 'mm')}",
             )
         )
     return facts
@@ -161,7 +162,8 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
         own = commanded[touching & (splits == split)]
         if own.size:
             left.hist(own, edges.tolist(), histtype="step", color=colour, label=SPLIT_NAMES[split])
-    left.set(xlabel="force commanded, N", ylabel="pairs", xscale="log")
+    left.set(xlabel="force commanded, N", ylabel="pairs")
+    force_axis(left, low, high)
     left.legend()
     place = np.clip(np.searchsorted(edges, commanded, "right") - 1, 0, edges.size - 2)
     bins = [touching & (place == n) for n in range(edges.size - 1)]
@@ -174,7 +176,8 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
         colour = SENSOR_COLOURS[sensor]
         right.plot(middles, median, "o-", color=colour, markersize=3, label=SENSOR_NAMES[sensor])
         right.fill_between(middles, quarter, most, color=colour, alpha=0.2, linewidth=0)
-    right.set(xlabel="force commanded, N", ylabel="depth, mm", xscale="log", ylim=(0, None))
+    right.set(xlabel="force commanded, N", ylabel="depth, mm", ylim=(0, None))
+    force_axis(right, low, high)
     right.legend()
 
 
@@ -195,13 +198,14 @@ def _counts(axes: Axes, dataset: Dataset) -> None:
 
 
 def depths_in(page: Figure, dataset: Dataset) -> None:
-    families = dataset.families
+    touching = dataset.column("force_n") > 0
+    families = dataset.families[touching]
     names = list(dict.fromkeys(families.tolist()))
     if len(names) > MOST_FAMILIES:
         names = [name for name, _ in Counter(families.tolist()).most_common(MOST_FAMILIES)]
     axes = page.subplots()
     for place, sensor in enumerate(SENSORS):
-        depths = dataset.column(f"{sensor}_depth_mm")
+        depths = dataset.column(f"{sensor}_depth_mm")[touching]
         colour = SENSOR_COLOURS[sensor]
         boxes = axes.boxplot(
             [depths[families == name] for name in names],

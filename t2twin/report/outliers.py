@@ -37,8 +37,8 @@ def section(dataset: Dataset, scan: Scan) -> str:
     text = (
         f"The pairs farthest from the median of their {group}{at_force} in the sum of their "
         "counts, in depth, or in their picture, in robust standard deviations (from the median "
-        "absolute deviation). Rims and corners of a shape are far from its middle by right; a press that missed or a "
-        "picture that broke would stand here too."
+        "absolute deviation). Rims and corners of a shape are far from its middle by right; a "
+        "press that missed or a picture that broke would stand here too."
     )
     lines = -(-len(rows) // PANELS)
     content = figure(

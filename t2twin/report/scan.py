@@ -26,10 +26,10 @@ class Scan:
     """Of every pair, in the order of Dataset.column.
 
     nearest_grey: (P,) root mean square difference between its coarse picture and the nearest other
-    one of its shape in the same shard, grey levels; infinite where there is no other. alike_counts: (P,) least
-    root mean square difference of its taxels from those of another pair of its shape whose picture
-    is within the noise; infinite where there is none. off_grey: (P,) difference of its picture from
-    the shape's median picture.
+    one of its shape in the same shard, grey levels; infinite where there is no other.
+    alike_counts: (P,) least root mean square difference of its taxels from those of another such
+    pair whose picture is within the noise; infinite where there is none. off_grey: (P,) difference
+    of its picture from the shape's median picture.
     """
 
     nearest_grey: np.ndarray

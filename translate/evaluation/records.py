@@ -124,8 +124,8 @@ class ModelRow:
 
     by_shape, by_family: figures by the names of shapes and of families; by_shape is empty where
     there are more than rows.MOST_SHAPES. interval: of the overall figures. by_force: by rising
-    force; empty where no force is known, and in files of older versions. What follows is None where
-    the row is no run. run: its folder as it was given. weights_sha256: of its best.safetensors.
+    force; empty where no force is known, and in files of older versions. The rest is None where the
+    row is no run. run: its folder as it was given. weights_sha256: of its best.safetensors.
     same_data: whether it was trained on the dataset that it is evaluated on. trained_layout: the
     taxel layout that it was trained on. trained_data: the SHA-256 of that dataset's info.json;
     trained_world: what made it, trained_pairs: how many pairs it has to train on, trained_steps:
@@ -136,7 +136,6 @@ class ModelRow:
     by_shape: dict[str, Figures]
     by_family: dict[str, Figures]
     interval: Intervals
-    by_force: tuple[ForceFigures, ...] = ()
     run: str | None = None
     weights_sha256: str | None = None
     same_data: bool | None = None
@@ -145,6 +144,7 @@ class ModelRow:
     trained_world: str | None = None
     trained_pairs: int | None = None
     trained_steps: int | None = None
+    by_force: tuple[ForceFigures, ...] = ()
 
 
 @dataclass(frozen=True)

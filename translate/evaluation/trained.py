@@ -20,11 +20,13 @@ def trained_on(row: ModelRow, known: Mapping[str, str] | None = None) -> tuple[s
 
 
 def trained_lines(evaluation: Evaluation) -> list[str]:
-    """A line a run, as in "resnet18 was trained on paper: 14,112 pairs, 5,292 steps"."""
+    """A line a run, as in "resnet18 was trained on paper, 14,112 pairs, 5,292 steps."."""
     lines = []
     for name, row in evaluation.runs.items():
         world, pairs, steps = trained_on(row)
-        lines.append(f"{name} was trained on {world}: {pairs} pairs, {steps} steps.")
+        numbers = ((pairs, "pairs"), (steps, "steps"))
+        known = [f"{number} {what}" for number, what in numbers if number != UNKNOWN]
+        lines.append(f"{name} was trained on {', '.join((world, *known))}.")
     return lines
 
 
