@@ -101,15 +101,18 @@ def lookalikes(
     pairs: the split's, train: the training split's, images of both at FEATURE_SIZE in RGB.
     of_train: the pairs' NEIGHBOURS nearest of the training images. taxel_groups: (N,) bool by name,
     groups of the taxels that are looked at alone too. Of more than MOST_PRESSES presses so many are
-    compared with all others.
+    compared with all others; those that touch nothing, which look and feel alike, are not asked of.
     None for a dataset that does not name its pictures' noise.
     """
     noise = noise_distance_grey(data_dir, split)
     if noise is None:
         return None
-    asked = pairs
-    if len(pairs) > MOST_PRESSES:
-        some = np.sort(np.random.default_rng(SEED).permutation(len(pairs))[:MOST_PRESSES])
+    asked, some = pairs, np.flatnonzero(pairs.force_n != 0)
+    if not some.size:
+        return None
+    if some.size > MOST_PRESSES:
+        some = np.sort(np.random.default_rng(SEED).permutation(some)[:MOST_PRESSES])
+    if some.size < len(pairs):
         asked = pairs.some(some)
         of_train = Neighbours(of_train.index[some], of_train.distance_grey[some])
     shapes = (pairs.shapes, asked.shapes)
