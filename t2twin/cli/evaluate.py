@@ -50,7 +50,7 @@ def evaluate(
     whole = split == "both" or len(data) > 1
     folder = out or Path("runs/evaluate") / ("" if whole else split)
     use_all_cores()
-    first, *others = data
+    first, *others = list(data)
     if others:
         worlds = evaluate_worlds(runs, data, split, folder)
         for name, evaluations in worlds.items():
