@@ -4,6 +4,8 @@ A bright spot on the DIGIT image lies where the array is pressed, and its bright
 the array's response is a Gaussian about the same place. Written through the data set's own writer.
 """
 
+from collections.abc import Sequence
+from itertools import cycle, islice
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +26,7 @@ PX_PER_MM = 8.0
 SPOT_MM = 3.0
 RESPONSE_MM = 5.0
 PEAK_COUNTS = 30000.0
+FORCE_N = 8.0
 
 SHAPES = (
     ("train", "square-1", "square"),
@@ -32,15 +35,29 @@ SHAPES = (
 )
 
 
-def write_spots(folder: Path, train: int = 32, val: int = 12, test: int = 8, seed: int = 0) -> Path:
-    """A whole data set with so many pairs a split. Returns its folder."""
+def write_spots(
+    folder: Path,
+    train: int = 32,
+    val: int = 12,
+    test: int = 8,
+    seed: int = 0,
+    forces_n: Sequence[float] = (8.0,),
+    scale: str | None = "smoke",
+) -> Path:
+    """A whole data set with so many pairs a split, of these forces in turn. Returns its folder.
+
+    Light and counts grow with the force; at 0 N nothing is touched. scale: None of imported pairs.
+    """
     rng = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
     layout = load_layout()
     shards = {}
     for (split, shape, family), pairs in zip(SHAPES, (train, val, test), strict=True):
+        if not pairs:
+            continue
         path = shard_path(split, shape)
-        rows = [_spot(shape, family, split, index, rng) for index in range(pairs)]
+        forces = islice(cycle(forces_n), pairs)
+        rows = [_spot(shape, family, split, n, rng, force) for n, force in enumerate(forces)]
         shards[path] = Shard(write_shard(folder / path, rows), pairs)
     write_info(
         folder,
@@ -54,8 +71,8 @@ def write_spots(folder: Path, train: int = 32, val: int = 12, test: int = 8, see
             full_scale_counts=FULL_SCALE_COUNTS,
             versions=versions(),
             shards=shards,
-            scale="smoke",
-            seed=seed,
+            scale=scale,
+            seed=None if scale is None else seed,
         ),
     )
     return folder
@@ -69,11 +86,13 @@ def train_smoke(model: str, data_dir: Path, run_dir: Path, epochs: int) -> Path:
     return run_dir
 
 
-def _spot(shape: str, family: str, split: str, index: int, rng: np.random.Generator) -> dict:
+def _spot(
+    shape: str, family: str, split: str, index: int, rng: np.random.Generator, force_n: float
+) -> dict:
     """One row of the table; what a translator does not read is false or zero."""
     layout = load_layout()
     x_mm, y_mm = rng.uniform(-6, 6), rng.uniform(-12, 12)
-    strength = rng.uniform(0.5, 1.0)
+    strength = rng.uniform(0.5, 1.0) * force_n / FORCE_N
     across = (np.arange(COLUMNS) - COLUMNS / 2) / PX_PER_MM
     down = (np.arange(ROWS) - ROWS / 2) / PX_PER_MM
     squares = np.square(across[None, :] - x_mm) + np.square(down[:, None] - y_mm)
@@ -89,7 +108,7 @@ def _spot(shape: str, family: str, split: str, index: int, rng: np.random.Genera
         "index": index,
         "x_mm": x_mm,
         "y_mm": y_mm,
-        "force_n": 8.0,
+        "force_n": force_n,
         "image": {"bytes": encode_png(image), "path": f"{index}.png"},
         "taxels": np.rint(counts).astype(np.uint16),
     }

@@ -14,6 +14,7 @@ from spots import write_spots
 from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate.data.pairs import load_pairs
+from t2twin.translate.evaluation.as_json import as_json
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     mean_array,
@@ -40,7 +41,6 @@ from t2twin.translate.evaluation.records import (
     ShapeFloor,
     TaxelCounts,
     View,
-    as_json,
     read_evaluation,
     write_evaluation,
 )
@@ -137,14 +137,18 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     assert list(content) == [
         "format", "split", "pairs", "full_scale_counts", "contact_level", "info_sha256", "layout",
         "view", "models", "bootstrap", "paired", "lookalikes", "paper", "findings",
+        "world",
     ]  # fmt: skip
     assert content["format"] == 3
     figures = [
         "rmse_counts", "rmse_percent", "ssim", "ssim_contact", "contact_iou", "centroid_error_mm",
         "total_error_percent", "rmse_under_counts", "rmse_near_counts", "rmse_beyond_counts",
     ]  # fmt: skip
-    of_row = ["overall", "by_shape", "by_family", "interval"]
-    of_run = [*of_row, "run", "weights_sha256", "same_data", "trained_layout"]
+    of_row = ["overall", "by_shape", "by_family", "interval", "by_force"]
+    of_run = [
+        *of_row[:-1], "run", "weights_sha256", "same_data", "trained_layout", "trained_data",
+        "trained_world", "trained_pairs", "trained_steps", "by_force",
+    ]  # fmt: skip
     assert list(content["models"]["mean-array"]) == of_row
     assert list(content["models"]["resnet18"]) == of_run
     assert list(content["models"]["resnet18"]["overall"]) == ["pairs", *figures]
@@ -233,7 +237,7 @@ def test_evaluation_of_objects_is_per_tool(
     lines = table(evaluation).splitlines()
     assert lines[0] == "test, 8 pairs"
     assert lines[1].split()[:2] == ["RMSE,", "counts"]
-    assert len({len(line) for line in lines[1:-3]}) == 1
+    assert len({len(line) for line in lines[1:-4]}) == 1
     assert "real sensors" in lines[-1]
     assert any(line.startswith("resnet18 (paper, hardware)") and "4867" in line for line in lines)
 
@@ -253,7 +257,8 @@ def test_both_splits_at_once(
         assert gap["difference"] == pytest.approx(errors["test"] - errors["val"])
         assert gap["answer"] == "undecided"  # one shape a split has no interval
     lines = (tmp_path / "results.md").read_text().splitlines()
-    assert len({line.count("|") for line in lines}) == 1
+    assert len({line.count("|") for line in lines if line.startswith("|")}) == 1
+    assert lines[-1].startswith("resnet18 was trained on smoke, ")
     error = evaluations["test"].models["resnet18"].overall.rmse_counts
     assert any(line.startswith("| resnet18 |") and f"| {error:,.0f} |" in line for line in lines)
     said = capsys.readouterr().out

@@ -114,7 +114,7 @@ def test_card_says_what_the_run_is(run_dir: Path, data_dir: Path) -> None:
     for words in (
         config.data.sha256,
         "32 train, 12 val, 8 test",
-        "| scale | smoke |",
+        "| made by | the paper's protocol, scale smoke |",
         f"epoch {best['epoch']} of the 4",
         f"| learning_rate | {PRESETS[run_dir.name]['smoke'].learning_rate:g} |",  # pyright: ignore[reportArgumentType]
         "arXiv:2411.02187",

@@ -69,7 +69,7 @@ def test_flaws_for_good_cancel_between_readings(info: DatasetInfo) -> None:
 def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
     near = Neighbours(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
-    rows = _without_runs(data_dir, pairs, train, near)
+    rows = _without_runs(data_dir, pairs, train, near, ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
     # 8.6 counts a reading; where a taxel is at zero, half of the noise is cut off
     assert 0.6 * 8.6 * np.sqrt(2 / 5) < error < 1.1 * 8.6 * np.sqrt(2 / 5)

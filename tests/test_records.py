@@ -183,6 +183,17 @@ def test_an_older_config_names_no_format(tmp_path, config):
     assert load_config(tmp_path).preset == config.preset
 
 
+def test_an_older_config_knows_no_world_and_no_epochs_steps(tmp_path, config):
+    new = replace(config, steps=90, epoch_steps=9, data=replace(config.data, world="shelf"))
+    new.save(tmp_path)
+    again = load_config(tmp_path)
+    assert (again.steps, again.epoch_steps, again.data.world) == (90, 9, "shelf")
+    for place in (["steps"], ["epoch_steps"], ["data", "world"], ["data", "train_pairs"]):
+        change(tmp_path / CONFIG, place, GONE)
+    older = load_config(tmp_path)
+    assert older.steps is older.epoch_steps is older.data.world is older.data.train_pairs is None
+
+
 @pytest.mark.parametrize(
     ("place", "value", "said"),
     [
@@ -195,6 +206,10 @@ def test_an_older_config_names_no_format(tmp_path, config):
         (["minutes"], 0, "minutes must be a number above 0"),
         (["minutes"], float("nan"), "is not JSON"),
         (["planned_epochs"], 0, "planned_epochs must be a whole number at least 1"),
+        (["steps"], 0, "steps must be a whole number at least 1"),
+        (["epoch_steps"], 2**70, "epoch_steps must be a whole number at most"),
+        (["data", "world"], 5, r"data\.world is a whole number; it must be text or null"),
+        (["data", "train_pairs"], -1, r"data\.train_pairs must be a whole number at least 0"),
         (["bf16"], "yes", "bf16 is text; it must be true or false"),
         (["processes"], 1.5, "processes is a number; it must be a whole number"),
         (["preset", "size"], "large", "preset: size is text; it must be a whole number"),

@@ -37,6 +37,8 @@ from t2twin.translate.evaluation.records import (
     write_evaluation,
 )
 
+ONE_FORCE = np.array([8.0])
+
 
 @pytest.fixture(scope="module")
 def data_dir(small_dataset: Path) -> Path:
@@ -67,9 +69,10 @@ def read(page: Path) -> Reader:
 def test_page_holds_every_section_in_order(page: Path, read: Reader) -> None:
     assert page.name == PAGE
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
-    assert sections == ["summary", "about", *LINKS]
+    drawn = [name for name in LINKS if name != "by-force"]  # there is one force
+    assert sections == ["summary", "about", *drawn]
     anchors = [attrs["href"] for tag, attrs in read.tags if tag == "a"]
-    assert anchors == [f"#{name}" for name in LINKS]
+    assert anchors == [f"#{name}" for name in drawn]
 
 
 def test_page_needs_nothing_but_itself(page: Path, read: Reader) -> None:
@@ -185,12 +188,12 @@ def test_lookalikes_are_said_as_they_are(page: Path, evaluations: dict[str, Eval
 def test_limits_say_whose_digit_it_is(data_dir: Path, page: Path) -> None:
     parameters = read_info(data_dir).parameters
     assert parameters is not None
-    shipped = limits.limits(parameters)
+    shipped = limits.limits(parameters, ONE_FORCE)
     assert any("calibrated on a pyrender reference, not on your sensor" in one for one in shipped)
     text = page.read_text(encoding="utf-8")
     assert all(escape(sentence) in text for sentence in shipped)
     digit = replace(parameters.digit, calibration_sha256="0123456789ab" + 52 * "0")
-    own = limits.limits(replace(parameters, digit=digit))
+    own = limits.limits(replace(parameters, digit=digit), ONE_FORCE)
     assert not any("not on your sensor" in sentence for sentence in own)
     assert any("calibration of its own (SHA-256 0123456789ab)" in sentence for sentence in own)
 

@@ -287,6 +287,10 @@ def test_bad_asking_is_refused(data_dir: Path, tmp_path: Path) -> None:
         train("resnet18", data_dir, "huge", tmp_path)
     with pytest.raises(T2TwinError, match="at least 1"):
         train("resnet18", data_dir, "smoke", tmp_path, epochs=0)
+    with pytest.raises(T2TwinError, match="steps is 0; it must be from 1"):
+        train("resnet18", data_dir, "smoke", tmp_path, steps=0)
+    with pytest.raises(T2TwinError, match="epochs and steps are both given"):
+        train("resnet18", data_dir, "smoke", tmp_path, epochs=2, steps=9)
     with pytest.raises(T2TwinError, match="more than 0"):
         train("resnet18", data_dir, "smoke", tmp_path, minutes=0)
     with pytest.raises(T2TwinError, match="no dataset"):

@@ -1,284 +1,138 @@
-import json
-import shutil
-from dataclasses import replace
+"""Runs evaluated on datasets of several worlds, the table of them, what a run says of its own."""
 
-import numpy as np
+import json
+from pathlib import Path
+
 import pytest
-from msgspec import structs
+from spots import write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.cyskin.field import SPACING_MM, field_counts, field_layout
-from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.dataset.generate import generate
-from t2twin.sim.dataset.png import decode_png
-from t2twin.sim.dataset.store import (
-    LOG,
-    read_info,
-    read_split,
-    sha256_of,
-    taxels,
-    write_info,
-)
-from t2twin.sim.dataset.verify import verify
-from t2twin.sim.press.records import PressCommand
-from t2twin.sim.sensors import CySkin
-from t2twin.sim.world.plan import plan
-from t2twin.sim.world.presses import draw_force, draw_press
-from t2twin.sim.world.recipe import ForceRange, Place, load_recipe, shipped
+from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.store import read_info
+from t2twin.translate.data.pairs import load_info
+from t2twin.translate.evaluation.forces import MEAN_ARRAY_OF_FORCE
+from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.evaluation.worlds import TABLE, evaluate_worlds, worlds_markdown
+from t2twin.translate.runs.config import CONFIG, load_config
 
-MINE = """
-format = 1
-name = "mine"
-seed = 3
+FORCES_N = (0.0, 0.5, 2.0, 8.0)
 
-[[parts]]
-shapes = "random"
-count = 5
-presses = 4
-place = { normal_mm = 2.5 }
-force_n = { low = 0.5, high = 12.0, leave_out = [[2.7, 3.3]] }
-untouched_share = 0.25
-val_share = 0.2
 
-[[parts]]
-shapes = "tools"
-split = "test"
-scale = "smoke"
-force_n = [1.0, 4.0]
-
-[light]
-kind = "drawn"
-"""
-
-TOOL = ("allen-key/long-arm",)
+def cells(line: str) -> list[str]:
+    """Of a row of a table in Markdown."""
+    return [cell.strip() for cell in line.split("|")[1:-1]]
 
 
 @pytest.fixture(scope="module")
-def recipe_file(tmp_path_factory):
-    path = tmp_path_factory.mktemp("recipe") / "mine.toml"
-    path.write_text(MINE)
-    return path
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The dataset that the runs are trained on, of the paper's protocol."""
+    return write_spots(tmp_path_factory.mktemp("spots") / "protocol")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory, shape_cache, recipe_file):
-    folder = tmp_path_factory.mktemp("world") / "data"
-    generate(folder, world=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
-    return folder
+def elsewhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of no protocol, several forces and no test pairs."""
+    folder = tmp_path_factory.mktemp("elsewhere") / "random"
+    return write_spots(folder, 40, 16, 0, 5, FORCES_N, scale=None)
 
 
-def digests(folder):
-    return {
-        str(path.relative_to(folder)): sha256_of(path)
-        for path in sorted(folder.rglob("*"))
-        if path.is_file() and path.name != LOG
-    }
+def test_a_run_names_the_world_of_its_data(runs: list[Path], data_dir: Path) -> None:
+    info = read_info(data_dir)
+    assert info.is_protocol and info.world_name == "smoke"
+    data = load_config(runs[0]).data
+    assert (data.world, data.world_shown, data.train_pairs) == ("smoke", "smoke", 32)
 
 
-def test_what_ships_can_be_planned():
-    assert set(shipped()) == {"paper", "open", "open-8n"}
-    open_world = load_recipe("open")
-    batches = plan(open_world)
-    assert sum(batch.pairs for batch in batches) == 100_000
-    assert {batch.pairs for batch in batches} == {500}
-    assert {batch.split for batch in batches} == {"train", "val"}
-    assert open_world.light.kind == "drawn" and open_world.field and open_world.untouched_frames
-    paper = plan(load_recipe("paper"))
-    assert sum(batch.pairs for batch in paper) == 20_076
-    assert [batch.shapes[0] for batch in paper] == list(catalogue.NAMES)
+def test_a_datasets_own_world_name_comes_first(
+    data_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(DatasetInfo, "world_name", "shelf", raising=False)
+    assert load_info(data_dir).world == "shelf"
 
 
-def test_no_shape_is_in_two_splits_or_worlds():
-    recipe = load_recipe("open")
-    by_split: dict[str, set] = {}
-    for batch in plan(recipe):
-        by_split.setdefault(batch.split, set()).update(batch.shapes)
-    assert not by_split["train"] & by_split["val"]
-    assert len(by_split["train"] | by_split["val"]) == 25_000
-    other = plan(structs.replace(recipe, seed=1))
-    assert not by_split["train"] & {name for batch in other for name in batch.shapes}
+def test_data_without_a_name_is_called_by_its_digits(elsewhere: Path) -> None:
+    info = load_info(elsewhere)
+    assert info.world is None and not read_info(elsewhere).is_protocol
+    assert info.world_shown == f"data set {info.sha256[:8]}"
 
 
-def test_a_world_is_whole_and_says_what_it_is(made):
-    assert verify(made) == []
-    info = read_info(made)
-    assert info.world_name == "mine" and info.is_simulated and not info.is_protocol
-    assert info.world is not None and info.world.light.kind == "drawn"
-    assert info.pairs == {"train": 16, "val": 4, "test": 2} and info.complete
-    said = json.loads((made / "info.json").read_text())
-    assert said["world"]["parts"][0]["force_n"]["leave_out"] == [[2.7, 3.3]]
-    assert "mine" in (made / "README.md").read_text()
+def test_several_datasets_at_once_make_one_table(
+    runs: list[Path],
+    data_dir: Path,
+    elsewhere: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Each dataset has its own folder and the splits that it has; a cell is a row's error."""
+    given = ["evaluate", *map(str, runs), "--data", str(data_dir), str(elsewhere)]
+    main([*given, "--split", "both", "--out", str(tmp_path)])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["protocol", "random", TABLE]
+    assert not (tmp_path / "random" / "test").exists()
+    text = (tmp_path / TABLE).read_text()
+    assert text in capsys.readouterr().out
+    other = read_evaluation(tmp_path / "random" / "val")
+    heads, _, *rows = [cells(line) for line in text.split("\n\n")[1].splitlines()]
+    assert heads[1:] == [
+        "trained on", "pairs", "steps", "smoke, val", "smoke, test",
+        f"{other.world_shown}, val",
+    ]  # fmt: skip
+    by_name = {row[0]: row for row in rows}
+    assert list(by_name) == [
+        "mean-array", MEAN_ARRAY_OF_FORCE, "nearest-neighbour", "touch2touch", "resnet18",
+    ]  # fmt: skip
+    assert by_name["resnet18"][1:4] == ["smoke", "32", "12"]
+    error = other.models["resnet18"].overall.rmse_percent
+    assert by_name["resnet18"][-1] == f"{error:.2f}"
+    assert by_name[MEAN_ARRAY_OF_FORCE][-2] == "-"  # the protocol's data have one force
+    assert other.paper == {} and not other.runs["resnet18"].same_data
+    assert read_evaluation(tmp_path / "protocol" / "val").paper
 
 
-def test_pairs_hold_field_and_untouched_frame(made):
-    table = read_split(made, "train")
-    counts, field = taxels(table), np.array(table["field"].to_pylist())
-    info = read_info(made)
-    assert field.shape == (16, len(info.field_x_mm or ()))
-    places = np.hypot(
-        np.subtract.outer(info.layout_x_mm, info.field_x_mm or ()),
-        np.subtract.outer(info.layout_y_mm, info.field_y_mm or ()),
-    )
-    assert (places.min(axis=1) == 0.0).all()
-    # a reading differs from the noiseless field at the taxels by its noise alone
-    assert np.abs(counts - field[:, places.argmin(axis=1)]).max() < 40
-    units = table["unit"].to_pylist()
-    frames = [decode_png(row["bytes"]) for row in table["untouched"].to_pylist()]
-    images = [decode_png(row["bytes"]) for row in table["image"].to_pylist()]
-    for first, frame in zip(units, frames, strict=True):
-        assert np.array_equal(frame, frames[units.index(first)])
-    assert len(set(units)) == 4 and len({frame.tobytes() for frame in frames}) == 4
-    for frame, image, force in zip(frames, images, table["force_n"].to_pylist(), strict=True):
-        apart = np.abs(frame.astype(int) - image).mean()
-        assert apart < 2.0 if force == 0.0 else apart > 0.3
+def test_results_of_several_forces_say_so(
+    runs: list[Path], elsewhere: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["evaluate", str(runs[1]), "--data", str(elsewhere), "--split", "both"]
+    main([*given, "--out", str(tmp_path)])
+    said = capsys.readouterr().out
+    assert "untouched, 4 pairs" in said and "8 N, 4 pairs" in said
+    text = (tmp_path / "results.md").read_text()
+    assert "resnet18 was trained on smoke, 32 pairs, 12 steps." in text
+    assert "|  | untouched, 4 pairs | 0.5 N, 4 pairs | 2 N, 4 pairs | 8 N, 4 pairs |" in text
+    assert json.loads((tmp_path / "findings.json").read_text())["gap"] == {}
 
 
-def test_forces_and_untouched_presses(made):
-    table = read_split(made, "train")
-    force = table["force_n"].to_numpy()
-    touched = force > 0
-    assert 1 <= (~touched).sum() <= 8
-    assert ((force[touched] >= 0.5) & (force[touched] <= 12.0)).all()
-    for sensor in ("digit", "cyskin"):
-        carried = table[f"{sensor}_force_n"].to_numpy()
-        np.testing.assert_allclose(carried[touched], force[touched], rtol=0.005)
-        assert (carried[~touched] == 0).all()
-    assert taxels(table)[~touched].max() < 40
-    tools = read_split(made, "test")
-    assert tools["force_n"].to_pylist() == [1.0, 4.0]
-    assert taxels(tools).sum(axis=1)[1] > 2 * taxels(tools).sum(axis=1)[0]
+def test_an_older_runs_world_is_known_where_its_data_are_there(
+    runs: list[Path], data_dir: Path, elsewhere: Path, tmp_path: Path
+) -> None:
+    """It is asked beside its own dataset: the other one's row of it cannot know, the table does."""
+    older = tmp_path / "resnet18"
+    older.mkdir()
+    for path in runs[1].glob("*.*"):
+        if path.is_file():
+            (older / path.name).write_bytes(path.read_bytes())
+    content = json.loads((older / CONFIG).read_text())
+    del content["data"]["world"], content["data"]["train_pairs"], content["epoch_steps"]
+    del content["steps"]
+    (older / CONFIG).write_text(json.dumps(content))
+    worlds = evaluate_worlds([older], [elsewhere, data_dir], "val", tmp_path / "out")
+    alone = worlds["random"]["val"].runs["resnet18"]
+    assert (alone.trained_world, alone.trained_pairs, alone.trained_steps) == (None, None, None)
+    here = worlds["protocol"]["val"].runs["resnet18"]
+    assert (here.trained_world, here.trained_pairs, here.trained_steps) == ("smoke", 32, 12)
+    assert "| resnet18 | smoke |" in worlds_markdown(worlds)
 
 
-def test_same_seed_same_bytes_however_made(made, recipe_file, tmp_path, shape_cache):
-    generate(tmp_path / "two", world=recipe_file, workers=2, cache=shape_cache, shapes=TOOL)
-    assert digests(tmp_path / "two") == digests(made)
-    (tmp_path / "two" / "train" / "part-0-00000.parquet").unlink()
-    generate(tmp_path / "two", world=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
-    assert digests(tmp_path / "two") == digests(made)
-    recipe = structs.replace(load_recipe(recipe_file), name="other")
-    with pytest.raises(T2TwinError, match="another recipe"):
-        generate(tmp_path / "two", world=recipe, cache=shape_cache, shapes=TOOL)
-
-
-def test_a_shard_of_more_shapes_is_what_a_smaller_world_begins_with(made, recipe_file):
-    recipe = load_recipe(recipe_file)
-    part = structs.replace(recipe.parts[0], count=4, val_share=0.0)
-    first = plan(structs.replace(recipe, parts=(part,)))[0]
-    here = next(batch for batch in plan(recipe) if batch.path == first.path)
-    assert first.shapes == here.shapes and first.numbers == here.numbers
-
-
-def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):
-    info = read_info(made)
-    assert info.world is not None
-    part = structs.replace(info.world.parts[0], place=Place(normal_mm=2.6))
-    other = structs.replace(info.world, parts=(part, *info.world.parts[1:]))
-    shutil.copytree(made, tmp_path / "moved")
-    write_info(tmp_path / "moved", replace(info, world=other))
-    faults = [str(fault) for fault in verify(tmp_path / "moved")]
-    assert any("is not what was planned for press" in fault for fault in faults)
-
-
-def test_draws_keep_to_their_distributions():
-    part = load_recipe("open").parts[0]
-    drawn = [draw_press(part, "random-0", n, k, (0, 0), 0).command for n in range(500)
-             for k in range(4)]  # fmt: skip
-    forces = np.array([command.force_n for command in drawn])
-    assert 0.01 < (forces == 0).mean() < 0.035
-    logs = np.log(forces[forces > 0])
-    assert np.log(0.5) <= logs.min() and logs.max() <= np.log(12.0)
-    assert logs.mean() == pytest.approx((np.log(0.5) + np.log(12.0)) / 2, abs=0.08)
-    places = np.array([(command.x_mm, command.y_mm) for command in drawn])
-    assert places.std(axis=0) == pytest.approx([2.5, 2.5], rel=0.06)
-    left_out = ForceRange(0.5, 12.0, ((2.7, 3.3), (5.4, 6.6)))
-    rng = np.random.default_rng(0)
-    for _ in range(2000):
-        force = draw_force(rng, left_out)
-        assert not 2.7 <= force <= 3.3 and not 5.4 <= force <= 6.6
-
-
-def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
-    field, layout = field_layout(), load_layout()
-    apart = np.hypot(
-        np.subtract.outer(field.x_mm, field.x_mm), np.subtract.outer(field.y_mm, field.y_mm)
-    )
-    nearest = np.sort(apart, axis=1)[:, 1:]
-    assert np.abs(nearest[:, 0] - SPACING_MM).max() < 2e-4
-    assert (np.abs(nearest[:, :6] - SPACING_MM) < 2e-4).all(axis=1).sum() > field.size / 2
-    cyskin = CySkin()
-    contact = cyskin.press(shapes("circle-2"), PressCommand("circle-2", 1.0, -2.0, 0.3, 6.0))
-    counts = field_counts(contact)
-    for taxel, count in enumerate(cyskin.counts(contact)):
-        at = (field.x_mm == layout.x_mm[taxel]) & (field.y_mm == layout.y_mm[taxel])
-        assert counts[at] == [count]
-
-
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        ('shapes = "random"', "count belongs to random shapes"),
-        ('shapes = "primitives"\npresses = 3', "presses belongs to a place that is no grid"),
-        ('shapes = "random"\ncount = 3', "the grid is the protocol's"),
-        ('shapes = "random"\ncount = 0\npresses = 2\nplace = {normal_mm=1.0}', "at least 1"),
-        ('shapes = "random"\ncount = 2\npresses = 2\nplace = {}', "one of normal_mm"),
-        ('shapes = "random"\ncont = 2', "cont"),
-        ('shapes = "tools"', "their split is test"),
-        ('shapes = "primitives"\nforce_n = 200.0', "at most 100"),
-        ('shapes = "primitives"\nforce_n = { low = 5.0, high = 2.0 }', "low below its high"),
-        ('shapes = "primitives"\nforce_n = []', "empty list"),
-    ],
-)
-def test_a_wrong_part_is_one_sentence(changed, said, tmp_path, capsys):
-    path = tmp_path / "wrong.toml"
-    path.write_text(f'format = 1\nname = "wrong"\n[[parts]]\n{changed}\n')
-    with pytest.raises(SystemExit) as stop:
-        main(["simdata", "--world", str(path), "--out", str(tmp_path / "out")])
-    error = capsys.readouterr().err
-    assert stop.value.code == 2 and said in error and len(error.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["--world", "nowhere"], "there is no world"),
-        (["--world", "gone.toml"], "cannot be read"),
-        (["--world", "open", "--scale", "smoke"], "--scale does not go with --world"),
-        (["--world", "open", "--layout", "cyskin-63"], "--layout does not go with"),
-        (["--world", "open", "--seed", "9999999999"], "at most"),
-    ],
-)
-def test_a_wrong_world_is_one_sentence(arguments, said, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(SystemExit) as stop:
-        main(["simdata", *arguments, "--out", "out"])
-    error = capsys.readouterr().err
-    assert stop.value.code == 2 and said in error and len(error.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_misspelt_draw_is_refused(tmp_path):
-    path = tmp_path / "wrong.toml"
-    path.write_text(MINE + "[light.draw]\nled_sice_mm = [1.0, 2.0]\n")
-    with pytest.raises(T2TwinError, match="draw has no led_sice_mm"):
-        load_recipe(path)
-
-
-def test_a_folder_of_solids_is_a_world_but_not_of_tools(tmp_path, shape_cache, shapes):
-    solids = tmp_path / "solids"
-    solids.mkdir()
-    shapes("circle-2").mesh.export(solids / "mine.stl")
-    path = tmp_path / "own.toml"
-    path.write_text(
-        f'format = 1\nname = "own"\nfield = false\nuntouched_frames = false\n[[parts]]\n'
-        f'shapes = "{solids}"\npresses = 2\nplace = {{ uniform_mm = 2.0 }}\n'
-    )
-    info = generate(tmp_path / "data", world=path, workers=1, cache=shape_cache)
-    assert info.pairs["train"] == 2 and list(info.files or {}) == [str(solids / "mine.stl")]
-    assert verify(tmp_path / "data") == []
-    shapes("wrench/shank").mesh.export(solids / "innocent.stl")
-    with pytest.raises(T2TwinError, match="the same surface as wrench/shank"):
-        generate(tmp_path / "other", world=path, workers=1, cache=shape_cache)
-    assert not (tmp_path / "other").exists()
+def test_what_cannot_be_evaluated_is_refused_before_anything_is_written(
+    runs: list[Path], data_dir: Path, elsewhere: Path, tmp_path: Path
+) -> None:
+    twin = write_spots(tmp_path / "other" / "protocol", train=8, val=2, test=1)
+    out = tmp_path / "out"
+    with pytest.raises(T2TwinError, match="each must have its own"):
+        evaluate_worlds(runs, [data_dir, twin], "val", out)
+    with pytest.raises(T2TwinError, match="has no test pairs"):
+        evaluate_worlds(runs, [data_dir, elsewhere], "test", out)
+    alone = write_spots(tmp_path / "alone", 40, 0, 0)
+    with pytest.raises(T2TwinError, match="neither validation nor test pairs"):
+        evaluate_worlds(runs, [data_dir, alone], "both", out)
+    assert not out.exists()

@@ -2,6 +2,7 @@
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,6 +25,14 @@ from t2twin.translate.translator import Translator
 PREDICT_AT_ONCE = 64
 """Images in one batch where nothing is learnt; bounds memory."""
 
+EPOCHS_OF_STEPS = 12
+"""Epochs that a preset's steps make at least: where the data has more batches than that leaves an
+epoch, an epoch is cut short of the data, for the schedule and the choice of the best go by epochs
+(assumed: as many as ResNet18's steps make of the paper's dataset)."""
+
+FEWEST_STEPS = 100
+"""Steps that an epoch is not cut below (assumed: validation would cost more than they do)."""
+
 TIMED_STEPS = 3
 """Steps that the estimate of the time is taken from, after one that is not counted."""
 
@@ -41,16 +50,21 @@ class TrainingLoop:
         self.rank = rank
         most = min(config.preset.batch, len(pairs))
         self.batch = most - most % config.processes
-        self.steps = len(pairs) // self.batch  # a last, smaller batch would upset batch norm
+        self.batches = len(pairs) // self.batch  # a last, smaller one would upset batch norm
+        self.steps = steps_of_epoch(self.batches, config.budget)
         self.history: list[EpochRecord] = []
 
     def run(self) -> Outcome:
         resumed = (self.out_dir / LAST).is_file()
+        if resumed:  # older runs do not say, and went through all of the data
+            self.steps = self.config.epoch_steps or self.batches
         epoch_seconds = self._measure()
         if not resumed:
             planned = self._planned_epochs(epoch_seconds)
             pictures = familiar_with(self.pairs.images)
-            self.config = replace(self.config, planned_epochs=planned, pictures=pictures)
+            self.config = replace(
+                self.config, planned_epochs=planned, epoch_steps=self.steps, pictures=pictures
+            )
         self.translator = build(self.config)
         if resumed:
             self.history = load_state(self.out_dir / LAST, self.translator)
@@ -68,7 +82,9 @@ class TrainingLoop:
     def _planned_epochs(self, epoch_seconds: float) -> int:
         """As many as asked for, or as the preset allows; with a limit in minutes, what fits in."""
         config, planned = self.config, self.config.planned_epochs
-        if config.epochs is None and config.preset.steps:
+        if config.steps is not None:
+            planned = round(config.steps / self.steps)
+        elif config.epochs is None and config.preset.steps:
             planned = min(planned, round(config.preset.steps / self.steps))
         if config.minutes is not None:
             planned = min(planned, int(config.minutes * 60 / epoch_seconds))
@@ -105,14 +121,13 @@ class TrainingLoop:
         for optimizer in translator.optimizers.values():
             for group in optimizer.param_groups:
                 group["lr"] = share * optimizer.defaults["lr"]
-        order = np.random.default_rng([config.seed, epoch]).permutation(len(self.pairs))
+        batches = self._batches(epoch)
         rng = np.random.default_rng([config.seed, epoch, 1 + self.rank])
         torch.manual_seed(int(rng.integers(2**63)))  # dropout
         for network in translator.networks.values():
             network.train()
         sums: dict[str, float] = {}
-        for step in range(self.steps):
-            batch = order[step * self.batch : (step + 1) * self.batch]
+        for batch in batches:
             losses = self._step(translator, batch[self.rank :: config.processes], rng)
             for name, loss in losses.items():
                 sums[name] = sums.get(name, 0.0) + loss / self.steps
@@ -133,6 +148,20 @@ class TrainingLoop:
             val_rmse_percent=100.0 * rmse / config.data.full_scale_counts,
             seconds=distributed.largest(time.perf_counter() - started),
         )
+
+    def _batches(self, epoch: int) -> Iterator[np.ndarray]:
+        """Indices of the pairs of each of an epoch's steps, (b,).
+
+        All pairs are gone through in an order drawn from (seed, pass) before any comes again, over
+        as many epochs as that takes. An epoch as long as the data is one pass.
+        """
+        drawn, order = -1, np.empty(0, int)
+        for step in range(epoch * self.steps, (epoch + 1) * self.steps):
+            turn, place = divmod(step, self.batches)
+            if turn != drawn:
+                rng = np.random.default_rng([self.config.seed, turn])
+                drawn, order = turn, rng.permutation(len(self.pairs))
+            yield order[place * self.batch : (place + 1) * self.batch]
 
     def _step(
         self,
@@ -193,6 +222,15 @@ class TrainingLoop:
             f"minutes; it stops after {config.preset.patience} epochs without a better validation.",
             flush=True,
         )
+
+
+def steps_of_epoch(batches: int, budget: int) -> int:
+    """Steps after which is validated and saved: all batches of the data, or fewer of many.
+
+    batches: that the data has. budget: most steps of the training, 0 for any number; module
+    constants say into how many epochs at least it is divided.
+    """
+    return min(batches, max(budget // EPOCHS_OF_STEPS, FEWEST_STEPS)) if budget else batches
 
 
 class _Log:

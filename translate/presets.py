@@ -24,7 +24,8 @@ class Preset:
     l1_weight: lambda of the L1 loss beside the adversarial one; touch2touch only.
     discriminator_share: the discriminator's learning rate in parts of the generator's.
     epochs: most epochs. steps: most steps, rounded to whole epochs, which is what bounds a training
-        on many pairs; zero for any number.
+        on many pairs; zero for any number. An epoch is all pairs, or a part of very many
+        (loop.steps_of_epoch).
     patience: epochs without a better validation RMSE before it stops.
     bf16: compute in bfloat16 where the processor has it.
     brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: an offset and

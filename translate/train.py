@@ -25,7 +25,7 @@ from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
 from t2twin.translate.presets import Preset, find_preset
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import load_history
-from t2twin.translate.runs.config import CONFIG, LAST, RunConfig, load_config
+from t2twin.translate.runs.config import CONFIG, LAST, MOST_STEPS, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord
 
 FEWEST_PAIRS = 8
@@ -40,19 +40,22 @@ def train(
     seed: int = 0,
     epochs: int | None = None,
     minutes: float | None = None,
+    steps: int | None = None,
 ) -> Outcome:
     """Trains a translator on DIR's train split, watching its val split, into the folder out_dir.
 
     model: "touch2touch" or "resnet18". preset: a name of t2twin.translate.presets, or a Preset.
     epochs: most epochs; by default the preset's, and no more than its steps make. minutes: most
     minutes; as many epochs are planned as fit in, and the schedule of the learning rate follows
-    the plan.
+    the plan. steps: most steps, instead of the preset's steps and epochs, rounded to whole epochs.
+    An epoch goes through all pairs; of so many that the steps would make few epochs, through a part
+    of them, and the next goes on where it ended (loop.steps_of_epoch).
     Raises T2TwinError for an unknown model or preset, a data set that cannot be read, a folder that
     holds another run, and a loss that stops being a number.
     """
     data_dir, out_dir = Path(data_dir), Path(out_dir)
     settings = find_preset(model, preset)
-    _check_limits(epochs, minutes, seed)
+    _check_limits(epochs, minutes, steps, seed)
     info = load_info(data_dir)
     distributed.use_all_cores()
     with distributed.processes() as (rank, processes):
@@ -64,6 +67,7 @@ def train(
             data=info,
             epochs=epochs,
             minutes=minutes,
+            steps=steps,
             planned_epochs=epochs or settings.epochs,
             bf16=settings.bf16 and has_bf16(),
             processes=processes,
@@ -92,7 +96,11 @@ def _check_own(out_dir: Path) -> None:
     raise T2TwinError(f"{out_dir} is not empty and holds no run; choose another folder")
 
 
-def _check_limits(epochs: int | None, minutes: float | None, seed: int) -> None:
+def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
+    if steps is not None and not 1 <= steps <= MOST_STEPS:
+        raise T2TwinError(f"steps is {steps}; it must be from 1 to {MOST_STEPS:,}")
+    if steps is not None and epochs is not None:
+        raise T2TwinError("epochs and steps are both given; one of them bounds a training")
     if epochs is not None and epochs < 1:
         raise T2TwinError(f"epochs is {epochs}; it must be at least 1")
     if minutes is not None and not (minutes > 0 and math.isfinite(minutes)):
@@ -139,6 +147,7 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
         ("seed", earlier.seed, config.seed),
         ("data set", earlier.data.sha256, config.data.sha256),
         ("number of epochs", earlier.epochs, config.epochs),
+        ("number of steps", earlier.steps, config.steps),
         ("limit in minutes", earlier.minutes, config.minutes),
         ("number of processes", earlier.processes, config.processes),
     ):

@@ -73,7 +73,8 @@ Simulated pairs of two tactile sensors touching the same shape in the same place
 force: a DIGIT camera sensor's picture and a CySkin capacitive array's counts. Shapes, places,
 forces and light are drawn as the recipe in `info.json` says, under `world`; no hardware was used.
 
-{pairs["train"]} training, {pairs["val"]} validation and {pairs["test"]} test pairs. Seed {info.seed}.
+{pairs["train"]} training, {pairs["val"]} validation and {pairs["test"]} test pairs; seed
+{info.seed}.
 
 {COLUMNS}{_more_columns(info)}
 `image` is rendered from the surface and `taxels` computed from the pressure that the simulated

@@ -176,15 +176,19 @@ class DatasetInfo:
 
     @property
     def is_protocol(self) -> bool:
-        """Whether it is the protocol of Grella et al. 2023, whole or thinned."""
+        """Whether it was made by the protocol of Grella et al. 2023, whole or thinned.
+
+        Its training and validation hold versions of the paper's primitives, its test hand tools,
+        all pressed with one force. Only such a dataset is put beside the paper's figures.
+        """
         return self.is_simulated and (self.world is None or self.world.name == PAPER)
 
     @property
     def world_name(self) -> str | None:
-        """What the world is called; None of imported pairs."""
+        """The name of what made it: the protocol's scale, or a world's; None of imported pairs."""
         if not self.is_simulated:
             return None
-        return PAPER if self.world is None else self.world.name
+        return self.scale or (PAPER if self.world is None else self.world.name)
 
 
 def check_layout(x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> None:

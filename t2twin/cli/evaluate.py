@@ -1,9 +1,12 @@
 """t2twin evaluate"""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+
+if TYPE_CHECKING:
+    from t2twin.translate.evaluation.records import Evaluation
 
 
 def evaluate(
@@ -12,7 +15,9 @@ def evaluate(
             tuple[Path, ...], tyro.conf.arg(metavar="RUN", help_behavior_hint="(one or more)")
         ]
     ],
-    data: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    data: Annotated[
+        tuple[Path, ...], tyro.conf.arg(metavar="DIR", help_behavior_hint="(one or more)")
+    ],
     split: Literal["val", "test", "both"] = "val",
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
 ) -> None:
@@ -20,35 +25,60 @@ def evaluate(
 
     Args:
         runs: Folders of trained runs.
-        data: Folder of the dataset. touch2touch also takes one of another taxel layout, inside the
-            one that it was trained on.
-        split: val (versions of the primitives never trained on), test (the hand tools) or both,
-            which writes DIR/val, DIR/test, DIR/findings.json and DIR/results.md. Of imported pairs
-            both are the owner's, and one may be empty.
-        out: Folder to write into; runs/evaluate/SPLIT unless given, runs/evaluate for both.
+        data: Folder of the dataset, the one that a run was trained on or any other. touch2touch
+            also takes one of another taxel layout, inside the one that it was trained on. Of
+            several datasets each gets a folder of its name, and worlds.md is a table of all.
+        split: val (in the paper's protocol versions of the primitives never trained on), test (the
+            hand tools) or both, which writes DIR/val, DIR/test, DIR/findings.json and
+            DIR/results.md, of those of the two that the dataset has.
+        out: Folder to write into; runs/evaluate/SPLIT unless given, runs/evaluate for both and for
+            several datasets.
     """
     from t2twin.primitives_cad.errors import T2TwinError
     from t2twin.translate.distributed import use_all_cores
     from t2twin.translate.evaluation.evaluate import evaluate as measure
     from t2twin.translate.evaluation.evaluate import evaluate_both, gap_between
-    from t2twin.translate.evaluation.table import findings_text, lookalikes_text, table
+    from t2twin.translate.evaluation.table import findings_text
+    from t2twin.translate.evaluation.worlds import evaluate_worlds, worlds_markdown
 
     if not runs:
-        raise T2TwinError("there is no run to evaluate; give at least one run's folder")
-    folder = out or Path("runs/evaluate") / ("" if split == "both" else split)
+        raise T2TwinError(
+            "there is no run to evaluate; give one run's folder or more before --data"
+        )
+    if not data:
+        raise T2TwinError("there is no dataset to evaluate on; give its folder with --data")
+    whole = split == "both" or len(data) > 1
+    folder = out or Path("runs/evaluate") / ("" if whole else split)
     use_all_cores()
-    if split == "both":
-        evaluations = evaluate_both(list(runs), data, folder)
+    first, *others = list(data)
+    if others:
+        worlds = evaluate_worlds(runs, data, split, folder)
+        for name, evaluations in worlds.items():
+            print(f"{name}\n")
+            _print(evaluations)
+        print(worlds_markdown(worlds))
     else:
-        evaluations = {split: measure(list(runs), data, split, folder)}
+        if split == "both":
+            evaluations = evaluate_both(list(runs), first, folder)
+        else:
+            evaluations = {split: measure(list(runs), first, split, folder)}
+        _print(evaluations)
+        between = gap_between(evaluations, first)
+        if between:
+            print(findings_text(between))
+    print(f"written to {folder}")
+
+
+def _print(evaluations: "dict[str, Evaluation]") -> None:
+    from t2twin.translate.evaluation.force_table import by_force_text
+    from t2twin.translate.evaluation.table import findings_text, lookalikes_text, table
+
     for name, evaluation in evaluations.items():
         print(table(evaluation))
+        if evaluation.has_forces:
+            print(by_force_text(evaluation))
         if evaluation.findings:
             print(findings_text(evaluation.findings))
         if evaluation.lookalikes:
             print(lookalikes_text(evaluation.lookalikes, name))
         print()
-    between = gap_between(evaluations, data)
-    if between:
-        print(findings_text(between))
-    print(f"written to {folder}")

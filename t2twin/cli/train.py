@@ -14,6 +14,7 @@ def train(
     seed: int = 0,
     epochs: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
+    steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
 ) -> None:
     """Train a translator, or go on with a training that was stopped.
 
@@ -25,7 +26,9 @@ def train(
         seed: Seed of weights, order, dropout and augmentation.
         epochs: Most epochs; the preset's unless given.
         minutes: Most minutes; the epochs are planned to fit.
+        steps: Most steps, in whole epochs; the preset's unless given.
     """
     from t2twin.translate.train import train as run
 
-    run(model, data, preset, out or Path("runs") / model, seed=seed, epochs=epochs, minutes=minutes)
+    folder = out or Path("runs") / model
+    run(model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps)

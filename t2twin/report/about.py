@@ -4,13 +4,18 @@ from collections.abc import Mapping
 
 from t2twin.primitives_cad.machine import cores, processor
 from t2twin.report import markup
-from t2twin.report.names import SPLIT_NAMES, name_of
+from t2twin.report.names import SPLIT_NAMES, forces_in_words, name_of
 from t2twin.report.report_data import ReportData
+from t2twin.translate.evaluation.trained import trained_on
 from t2twin.translate.runs.log import best_epoch
 
 NETWORKS = (
     "Both networks are those of Grella, Albini, Cannata and Maiolino, Touch-to-Touch Translation "
     "(IROS 2023)"
+)
+WORLD = (
+    f"{NETWORKS}; the presses are not, but those of the world {{}}. Everything here is simulated: "
+    "no figure below was measured on a sensor."
 )
 SIMULATED = (
     f"{NETWORKS}, and so is the protocol. Everything here is simulated: no figure below was "
@@ -23,27 +28,36 @@ PRIMITIVES_AND_TOOLS = {
     "val": "{pairs:,} pairs of {shapes} primitives, versions that training never saw",
     "test": "{pairs:,} pairs of hand tools, at {shapes} keypoints",
 }
-OF_SHAPES = "{pairs:,} pairs of {shapes} shapes"
+OF_SHAPES = "{pairs:,} pairs of {shapes:,} shapes"
 
 
 def section(report: ReportData, left_out: Mapping[str, str]) -> str:
     """On which data, with which runs; left_out: titles of sections not drawn, what they lack."""
-    what = SIMULATED if report.info.is_simulated else IMPORTED
-    parts = [markup.paragraph(what), _dataset(report), *_runs(report)]
+    parts = [markup.paragraph(_origin(report)), _dataset(report), *_runs(report)]
     if left_out:
         named = ", ".join(f"{title} ({missing})" for title, missing in left_out.items())
         parts.append(markup.paragraph(f"Left out, each with what is lacking: {named}."))
     return markup.section("about", "Data and runs", parts)
 
 
+def _origin(report: ReportData) -> str:
+    if report.info.is_protocol:
+        return SIMULATED
+    return WORLD.format(report.info.world_name) if report.info.is_simulated else IMPORTED
+
+
 def _dataset(report: ReportData) -> str:
     info = report.info
     versions = ", ".join(f"{name} {version}" for name, version in info.versions.items())
-    scale = [("Scale", f"{info.scale}, seed {info.seed}")] if info.is_simulated else []
+    kind = "Scale" if info.is_protocol else "World"
+    scale = [(kind, f"{info.world_name}, seed {info.seed}")] if info.is_simulated else []
+    forces = report.forces_n
+    pressed = [("Forces", forces_in_words(forces))] if forces.size else []
     return markup.facts(
         [
             *scale,
             *((SPLIT_NAMES[split].capitalize(), _pairs(report, split)) for split in report.tables),
+            *pressed,
             (
                 "Taxels",
                 f"{report.layout.x_mm.size} (layout {report.layout.layout}), saturated at "
@@ -57,13 +71,16 @@ def _dataset(report: ReportData) -> str:
 
 def _pairs(report: ReportData, split: str) -> str:
     shapes = report.tables[split]["shape"].to_pylist()
-    words = PRIMITIVES_AND_TOOLS[split] if report.info.is_simulated else OF_SHAPES
+    words = PRIMITIVES_AND_TOOLS[split] if report.info.is_protocol else OF_SHAPES
     return words.format(pairs=len(shapes), shapes=len(set(shapes)))
 
 
 def _runs(report: ReportData) -> list[str]:
     """The table of runs, and what must be known of those trained on something else."""
-    titles = ("Run", "Preset", "Image, px", "Parameters", "Epochs", "Best epoch", "Minutes")
+    titles = (
+        "Run", "Trained on", "Pairs", "Steps", "Preset", "Image, px", "Parameters", "Epochs",
+        "Best epoch", "Minutes",
+    )  # fmt: skip
     rows = [_run(report, name) for name in report.runs]
     parts = [
         markup.table([[(title, 1) for title in titles]], [("", rows)]),
@@ -87,10 +104,17 @@ def _runs(report: ReportData) -> list[str]:
                 f"from the tactile images that the generator draws: {named}."
             )
         )
-    elsewhere = [name_of(name) for name, model in models.items() if not model.same_data]
+    elsewhere = [
+        f"{name_of(name)} ({trained_on(model)[0]})"
+        for name, model in models.items()
+        if not model.same_data
+    ]
     if elsewhere:
         parts.append(
-            markup.paragraph(f"Trained on another dataset than this one: {', '.join(elsewhere)}.")
+            markup.paragraph(
+                f"Trained on another dataset than this one: {', '.join(elsewhere)}. The rows of no "
+                "run, such as the nearest neighbour, know this one's training pairs."
+            )
         )
     return parts
 
@@ -102,6 +126,7 @@ def _run(report: ReportData, name: str) -> list[str]:
     parameters = sum(p.numel() for p in run.translator.predictor.parameters())
     return [
         name_of(name),
+        *trained_on(report.evaluation.runs[name]),
         preset.name,
         f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
         f"{parameters / 1e6:.2f} M",

@@ -1,5 +1,8 @@
 """What a dataset holds: pairs of every shape, pictures of every shape, how many taxels saturate."""
 
+from collections import Counter
+from collections.abc import Mapping
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -7,11 +10,15 @@ from matplotlib.figure import Figure
 from t2twin.report import markup
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import digit_picture, figure
-from t2twin.report.names import SPLIT_COLOURS, SPLIT_NAMES, shape_name
+from t2twin.report.names import SPLIT_COLOURS, SPLIT_NAMES, forces_in_words, shape_name
 from t2twin.report.picks import pairs_in_turn
+from t2twin.sim.dataset.info import DatasetInfo
 
 TOUCHED_COUNTS = 100
 """A pair whose largest taxel counts less has not been touched: over ten times the noise."""
+
+MOST_BARS = 100
+"""Shapes that are drawn as bars one by one (assumed: three pages of paper)."""
 
 GALLERY_COLUMNS, MOST_PICTURES = 10, 60
 GALLERY_SEED = 0
@@ -31,8 +38,7 @@ def about_section(dataset: Dataset) -> str:
     sizes = [(dataset.data / path).stat().st_size for path in info.shards]
     untouched = int((counts.max(axis=1) < TOUCHED_COUNTS).sum())
     facts = [
-        ("Made by", f"t2twin simdata, scale {info.scale}, seed {info.seed}"
-         if info.is_simulated else "pairs of the owner's, brought in with t2twin import-pairs"),
+        ("Made by", made_by(info)),
         *(
             (SPLIT_NAMES[split].capitalize(), f"{len(table):,} pairs of {shapes[split]} shapes")
             for split, table in dataset.tables.items()
@@ -41,6 +47,7 @@ def about_section(dataset: Dataset) -> str:
          f"{sum(sizes) / len(counts) / 1e3:.1f} kB a pair"),
         ("Taxels", f"{dataset.layout.x_mm.size} (layout {dataset.layout.layout}), saturated at "
          f"{dataset.layout.full_scale_counts:,.0f} counts"),
+        *([("Forces", forces_in_words(dataset.forces_n))] if dataset.forces_n.size else []),
         ("Pairs without contact", f"{untouched or 'none'} of {len(counts):,} (largest taxel below "
          f"{TOUCHED_COUNTS} counts)"),
         ("Versions", ", ".join(f"{k} {v}" for k, v in info.versions.items())),
@@ -48,21 +55,46 @@ def about_section(dataset: Dataset) -> str:
     return markup.section("about", "What it holds", [markup.facts(facts)])
 
 
+def made_by(info: DatasetInfo) -> str:
+    """As in "t2twin simdata, scale paper, seed 0"."""
+    if not info.is_simulated:
+        return "pairs of the owner's, brought in with t2twin import-pairs"
+    what = "scale" if info.is_protocol else "world"
+    return f"t2twin simdata, {what} {info.world_name}, seed {info.seed}"
+
+
 def shapes_section(dataset: Dataset) -> str:
-    """A bar a shape."""
-    names = _shapes(dataset)
-    content = figure(
-        "svg", BARS_WIDTH_IN, FURNITURE_IN + BAR_IN * len(names), lambda page: bars(page, dataset)
-    )
-    return markup.section(
-        "shapes",
-        "Pairs of every shape",
-        [
-            markup.picture(
-                content, "svg", f"Bar chart of the pairs of {len(names)} shapes", width="small"
-            )
-        ],
-    )
+    """A bar a shape; of more than MOST_BARS a bar a family, the largest ones."""
+    shapes = np.unique(dataset.shapes).size
+    names = dataset.shapes if shapes <= MOST_BARS else dataset.families
+    kind = "shape" if shapes <= MOST_BARS else "family"
+    counted = counted_by_split(dataset, names)
+    shown = dict(list(counted.items())[:MOST_BARS])
+    height = FURNITURE_IN + BAR_IN * len(shown)
+    content = figure("svg", BARS_WIDTH_IN, height, lambda page: bars(page, shown))
+    parts = [
+        markup.picture(content, "svg", f"Bar chart of the pairs of every {kind}", width="small")
+    ]
+    if kind == "family":
+        left = len(counted) - len(shown)
+        others = f" {left:,} families with fewer pairs are not drawn." if left else ""
+        parts.insert(
+            0,
+            markup.paragraph(
+                f"There are {shapes:,} shapes, too many for a bar each; they are drawn by "
+                f"family.{others}",
+                "note",
+            ),
+        )
+    return markup.section("shapes", f"Pairs of every {kind}", parts)
+
+
+def counted_by_split(dataset: Dataset, names: np.ndarray) -> dict[tuple[str, str], int]:
+    """Pairs by split and name; those of shapes in the order of the shards, of families that are
+    too many by number. names: (P,)."""
+    splits = np.repeat(list(dataset.tables), [len(table) for table in dataset.tables.values()])
+    counted = Counter(zip(splits.tolist(), names.tolist(), strict=True))
+    return dict(counted.most_common()) if len(counted) > MOST_BARS else dict(counted)
 
 
 def gallery_section(dataset: Dataset) -> str:
@@ -110,26 +142,15 @@ def saturation_section(dataset: Dataset) -> str:
     )
 
 
-def _shapes(dataset: Dataset) -> list[tuple[str, str]]:
-    """Splits and names, in the order of the shards."""
-    return list(dict.fromkeys((split, dataset.shape(split, row)) for split, row in dataset.places))
-
-
-def bars(page: Figure, dataset: Dataset) -> None:
+def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
+    """counted: pairs by split and name, in the order of the bars."""
     axes = page.subplots()
-    names = _shapes(dataset)
-    for split, table in dataset.tables.items():
-        shapes = table["shape"].to_pylist()
-        own = [(n, name) for n, (where, name) in enumerate(names) if where == split]
-        axes.barh(
-            [n for n, _ in own],
-            [shapes.count(name) for _, name in own],
-            0.8,
-            color=SPLIT_COLOURS[split],
-            label=SPLIT_NAMES[split],
-        )
-    axes.set_yticks(range(len(names)), [shape_name(name) for _, name in names], fontsize=7.5)
-    axes.set(xlabel="pairs", ylim=(len(names) - 0.4, -0.6))
+    for split in dict.fromkeys(split for split, _ in counted):
+        own = [n for n, (where, _) in enumerate(counted) if where == split]
+        pairs = [number for (where, _), number in counted.items() if where == split]
+        axes.barh(own, pairs, 0.8, color=SPLIT_COLOURS[split], label=SPLIT_NAMES[split])
+    axes.set_yticks(range(len(counted)), [shape_name(name) for _, name in counted], fontsize=7.5)
+    axes.set(xlabel="pairs", ylim=(len(counted) - 0.4, -0.6))
     axes.locator_params(axis="x", integer=True)
     axes.legend()
 

@@ -11,7 +11,7 @@ from t2twin.report.scan import scan
 
 TITLE = "The dataset in {}"
 LINKS = {
-    "shapes": "Pairs of every shape",
+    "shapes": "Pairs by shape",
     "gallery": "Pictures",
     "pairs": "Pairs",
     "forces": "Forces, depths, counts",

@@ -7,7 +7,7 @@ from t2twin.report.contents import TOUCHED_COUNTS
 from t2twin.report.dataset import Dataset
 from t2twin.report.duplicates import near_duplicates
 from t2twin.report.example import example
-from t2twin.report.names import SPLIT_NAMES, shape_name
+from t2twin.report.names import SPLIT_NAMES, forces_in_words, shape_name
 from t2twin.report.scan import Scan
 
 
@@ -36,7 +36,9 @@ def _numbers(dataset: Dataset) -> str:
         f"{len(table):,} for {SPLIT_NAMES[split]}" for split, table in dataset.tables.items()
     )
     shapes = len(set(dataset.shapes.tolist()))
-    return f"There are {len(dataset.places):,} pairs of {shapes} shapes: {splits}."
+    forces = dataset.forces_n
+    pressed = f", pressed with {forces_in_words(forces)}" if forces.size > 1 else ""
+    return f"There are {len(dataset.places):,} pairs of {shapes:,} shapes{pressed}: {splits}."
 
 
 def _state(dataset: Dataset, scan: Scan) -> str:
@@ -55,6 +57,8 @@ def _share(which: np.ndarray) -> str:
 
 
 def _origin(dataset: Dataset) -> str:
+    if dataset.info.is_simulated and not dataset.info.is_protocol:
+        return "All of it is simulated, and no real sensor had a part in it."
     if dataset.info.is_simulated:
         return (
             "All of it is simulated: validation holds versions of the shapes that training has "

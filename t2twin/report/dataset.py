@@ -14,8 +14,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.png import decode_png
-from t2twin.sim.dataset.store import read_info, read_split, taxels
-from t2twin.sim.world.plan import shard_path
+from t2twin.sim.dataset.store import read_info, read_split, split_shards, taxels
 from t2twin.translate.data.pairs import DataInfo, load_info
 from t2twin.translate.phi import Phi
 
@@ -59,9 +58,8 @@ class Dataset:
 
         (R, C, 3) uint8, of one size in the whole dataset; simulated ones are (320, 240, 3).
         """
-        index = self.tables[split]["index"][row].as_py()
-        with pq.ParquetFile(self.data / shard_path(split, self.shape(split, row))) as shard:
-            place = shard.read(columns=["index"])["index"].to_pylist().index(index)
+        path, place = self._shard(split, row)
+        with pq.ParquetFile(self.data / path) as shard:
             for group in range(shard.num_row_groups):
                 rows = shard.metadata.row_group(group).num_rows
                 if place < rows:
@@ -69,6 +67,15 @@ class Dataset:
                     return decode_png(images[place].as_py()["bytes"])
                 place -= rows
         raise AssertionError("a row lies in one of its file's groups")
+
+    def _shard(self, split: str, row: int) -> tuple[str, int]:
+        """The shard that a split's row lies in, and its row there."""
+        for path in split_shards(self.info, split):
+            pairs = self.info.shards[path].pairs
+            if row < pairs:
+                return path, row
+            row -= pairs
+        raise AssertionError("a split's rows are those of its shards")
 
     def shape(self, split: str, row: int) -> str:
         """The shape's name of a split's row."""
@@ -90,6 +97,13 @@ class Dataset:
 
     def _names(self, column: str) -> np.ndarray:
         return np.concatenate([table[column].to_pylist() for table in self.tables.values()])
+
+    @property
+    def forces_n(self) -> np.ndarray:
+        """The forces that were commanded, to a hundredth and each once, (k,) N, rising; without
+        those that are not known, and 0 for presses that touch nothing."""
+        force_n = self.column("force_n").astype(float)
+        return np.unique(force_n[np.isfinite(force_n)].round(2))
 
     @property
     def places(self) -> list[tuple[str, int]]:

@@ -1,5 +1,7 @@
 """What the presses came to: forces really carried, depths, counts, presses that went wrong."""
 
+from collections import Counter
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -8,11 +10,25 @@ from matplotlib.ticker import MaxNLocator
 from t2twin.report import markup
 from t2twin.report.dataset import Dataset
 from t2twin.report.figures import figure
-from t2twin.report.names import SENSOR_COLOURS, SENSOR_NAMES, SPLIT_COLOURS, SPLIT_NAMES
+from t2twin.report.force_axis import force_axis
+from t2twin.report.names import (
+    SENSOR_COLOURS,
+    SENSOR_NAMES,
+    SPLIT_COLOURS,
+    SPLIT_NAMES,
+    forces_in_words,
+)
 from t2twin.sim.dataset.store import taxels
 
 SENSORS = ("digit", "cyskin")
 BINS = 40
+FORCE_BINS = 12
+"""Bars of the commanded forces, as wide in the logarithm."""
+
+MOST_FAMILIES = 24
+"""Families whose depths are drawn (assumed: as many names as stand beside each other); of more,
+those with most pairs."""
+
 COUNTS_TICKS = 5
 WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
 
@@ -28,6 +44,7 @@ def section(dataset: Dataset) -> str:
         "Forces, depths, counts",
         [
             markup.facts(_numbers(dataset)),
+            *_commanded(dataset),
             markup.picture(
                 charts,
                 "svg",
@@ -41,18 +58,38 @@ def section(dataset: Dataset) -> str:
                 "svg",
                 "Depths of the presses by family for both sensors",
                 note="How far a shape went in after its first touch. Boxes: quartiles and median; "
-                "whiskers: all presses.",
+                f"whiskers: all presses.{_left_out(dataset)}",
             ),
         ],
     )
 
 
+def _commanded(dataset: Dataset) -> list[str]:
+    """Of several forces: how many pairs there are of each, and how deep they go."""
+    if dataset.forces_n.size < 2:
+        return []
+    content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: commanded_and_depths(page, dataset))
+    return [
+        markup.picture(
+            content,
+            "svg",
+            "Histogram of the forces commanded, and depths against force for both sensors",
+            note="Left: the forces that were commanded, without presses that touch nothing. Right: "
+            "how far a shape went in after its first touch: median, and half of the pairs about "
+            "it.",
+        )
+    ]
+
+
 def _numbers(dataset: Dataset) -> list[tuple[str, str]]:
     commanded = dataset.column("force_n")
     pairs = commanded.size
-    facts = [("Commanded", _range(commanded, "N"))]
+    touching = commanded > 0
+    facts = [("Commanded", _range(commanded[touching], "N"))]
+    if not touching.all():
+        facts[0] = ("Commanded", f"{facts[0][1]}; {_of(int((~touching).sum()), pairs)} untouched")
     for sensor in SENSORS:
-        off = dataset.column(f"{sensor}_force_n") / commanded - 1.0
+        off = dataset.column(f"{sensor}_force_n")[touching] / commanded[touching] - 1.0
         unsettled = int(pairs - dataset.column(f"{sensor}_settled").sum())
         bottomed = int(dataset.column(f"{sensor}_bottomed").sum())
         facts.append(
@@ -60,10 +97,17 @@ def _numbers(dataset: Dataset) -> list[tuple[str, str]]:
                 SENSOR_NAMES[sensor],
                 f"carried within {_percent(100 * np.abs(off).max())} % of it at worst; "
                 f"{_of(unsettled, pairs)} not settled, {_of(bottomed, pairs)} on the base plate; "
-                f"depth {_range(dataset.column(f'{sensor}_depth_mm'), 'mm')}",
+                f"depth {_range(dataset.column(f'{sensor}_depth_mm')[touching], 'mm')}",
             )
         )
     return facts
+
+
+def _left_out(dataset: Dataset) -> str:
+    families = np.unique(dataset.families).size
+    if families <= MOST_FAMILIES:
+        return ""
+    return f" Drawn: the {MOST_FAMILIES} families with most pairs, of {families:,}."
 
 
 def _of(number: int, pairs: int) -> str:
@@ -101,10 +145,40 @@ def forces_and_counts(page: Figure, dataset: Dataset) -> None:
             values, bins, color=SENSOR_COLOURS[sensor], alpha=0.65, label=SENSOR_NAMES[sensor]
         )
     left.axvline(0.0, color="#222222", linewidth=0.8)
-    at = ", ".join(f"{force:g}" for force in np.unique(commanded))
-    left.set(xlabel=f"force carried less commanded ({at} N), mN", ylabel="pairs")
+    at = forces_in_words(dataset.forces_n)
+    left.set(xlabel=f"force carried less commanded ({at}), mN", ylabel="pairs")
     left.legend()
     _counts(right, dataset)
+
+
+def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
+    left, right = page.subplots(1, 2)
+    commanded = dataset.column("force_n")
+    touching = commanded > 0
+    low, high = commanded[touching].min(), commanded[touching].max()
+    edges = np.geomspace(low, high, FORCE_BINS + 1) if high > low else np.array([low, 2 * low])
+    splits = np.repeat(list(dataset.tables), [len(table) for table in dataset.tables.values()])
+    for split, colour in SPLIT_COLOURS.items():
+        own = commanded[touching & (splits == split)]
+        if own.size:
+            left.hist(own, edges.tolist(), histtype="step", color=colour, label=SPLIT_NAMES[split])
+    left.set(xlabel="force commanded, N", ylabel="pairs")
+    force_axis(left, low, high)
+    left.legend()
+    place = np.clip(np.searchsorted(edges, commanded, "right") - 1, 0, edges.size - 2)
+    bins = [touching & (place == n) for n in range(edges.size - 1)]
+    kept = [mine for mine in bins if mine.any()]
+    middles = [float(np.median(commanded[mine])) for mine in kept]
+    for sensor in SENSORS:
+        depths = dataset.column(f"{sensor}_depth_mm")
+        spread = [np.quantile(depths[mine], (0.25, 0.5, 0.75)) for mine in kept]
+        quarter, median, most = np.array(spread).T
+        colour = SENSOR_COLOURS[sensor]
+        right.plot(middles, median, "o-", color=colour, markersize=3, label=SENSOR_NAMES[sensor])
+        right.fill_between(middles, quarter, most, color=colour, alpha=0.2, linewidth=0)
+    right.set(xlabel="force commanded, N", ylabel="depth, mm", ylim=(0, None))
+    force_axis(right, low, high)
+    right.legend()
 
 
 def _counts(axes: Axes, dataset: Dataset) -> None:
@@ -124,11 +198,14 @@ def _counts(axes: Axes, dataset: Dataset) -> None:
 
 
 def depths_in(page: Figure, dataset: Dataset) -> None:
-    families = dataset.families
+    touching = dataset.column("force_n") > 0
+    families = dataset.families[touching]
     names = list(dict.fromkeys(families.tolist()))
+    if len(names) > MOST_FAMILIES:
+        names = [name for name, _ in Counter(families.tolist()).most_common(MOST_FAMILIES)]
     axes = page.subplots()
     for place, sensor in enumerate(SENSORS):
-        depths = dataset.column(f"{sensor}_depth_mm")
+        depths = dataset.column(f"{sensor}_depth_mm")[touching]
         colour = SENSOR_COLOURS[sensor]
         boxes = axes.boxplot(
             [depths[families == name] for name in names],

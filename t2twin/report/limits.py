@@ -1,6 +1,9 @@
 """What is assumed, and what the page is not good for."""
 
+import numpy as np
+
 from t2twin.report import markup
+from t2twin.report.names import forces_in_words
 from t2twin.report.report_data import ReportData
 from t2twin.sim.cyskin.taxels import DIELECTRIC_MODULUS_MPA
 from t2twin.sim.dataset.info import Parameters
@@ -20,14 +23,17 @@ IMPORTED = [
 def section(report: ReportData) -> str:
     """A short list; figures of a simulated dataset are read from its info.json."""
     parameters = report.info.parameters
-    said = IMPORTED if parameters is None else limits(parameters)
+    said = IMPORTED if parameters is None else limits(parameters, report.forces_n)
     return markup.section(
         "limits", "What is assumed, and what this is not good for", [markup.items(said)]
     )
 
 
-def limits(parameters: Parameters) -> list[str]:
-    """One sentence or two each. parameters: what the dataset was simulated with."""
+def limits(parameters: Parameters, forces_n: np.ndarray) -> list[str]:
+    """One sentence or two each. parameters: what the dataset was simulated with. forces_n: (k,)
+    its different forces, N, 0 for presses that touch nothing."""
+    one_force = np.count_nonzero(forces_n) == 1
+    named = f"{'one commanded force' if one_force else 'forces'} ({forces_in_words(forces_n)})"
     gel, skin = parameters.digit, parameters.cyskin
     pads = sorted(set(skin.pad_diameter_mm))
     return [
@@ -42,8 +48,8 @@ def limits(parameters: Parameters) -> list[str]:
         "deflection then stiffens as that of a neo-Hookean solid, so that no press goes through. "
         "That is an effective law and was not fitted to the real materials.",
         calibration(gel.calibration_sha256),
-        "Every result is on simulated data, with one sensor of each kind and one commanded force. "
-        "It says which method copes with this problem, not how many counts either will be off on "
+        f"Every result is on simulated data, with one sensor of each kind and {named}. It "
+        "says which method copes with this problem, not how many counts either will be off on "
         "hardware.",
         "Validation and test pictures come from the same simulated sensor as the training "
         "pictures; two real sensors differ more than that.",

@@ -39,6 +39,8 @@ def section(report: ReportData) -> str:
         f"the nearest {100 * FITTED:.0f} % of the pairs of each shape, read at the distance that "
         "noise alone makes; with its interval over shapes. Level lines: what the models reach."
     )
+    if (report.forces_n == 0).any():
+        note += " Presses that touch nothing, which look and feel alike, are left out."
     bounds = (
         "It bounds what can be known from the picture at that size, on average over presses that "
         "something resembles, for a translator that has seen such presses. It does not bound a "

@@ -11,6 +11,13 @@ from t2twin.report.names import shape_name
 from t2twin.report.scan import Scan
 
 SHOWN = 12
+MOST_SHAPES = 200
+"""Shapes up to which a pair is compared with those of its own (assumed: of more, each has too few
+presses for a median)."""
+
+LEAST_N = 0.01
+"""The least force that is told from others, N: what a press may be commanded (sim.press)."""
+
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
@@ -24,11 +31,14 @@ PANELS, PANEL_IN, LINE_IN = 6, 1.5, 2.3
 def section(dataset: Dataset, scan: Scan) -> str:
     """The pairs that are farthest from the others of their shape."""
     rows = outliers(dataset, scan)
+    many = np.unique(dataset.shapes).size > MOST_SHAPES
+    group = "family" if many else "shape"
+    at_force = " and of forces within a doubling" if dataset.forces_n.size > 1 else ""
     text = (
-        "The pairs farthest from the median of their shape in the sum of their counts, in depth, "
-        "or in their picture, in robust standard deviations (from the median absolute deviation). "
-        "Rims and corners of a shape are far from its middle by right; a press that missed or a "
-        "picture that broke would stand here too."
+        f"The pairs farthest from the median of their {group}{at_force} in the sum of their "
+        "counts, in depth, or in their picture, in robust standard deviations (from the median "
+        "absolute deviation). Rims and corners of a shape are far from its middle by right; a "
+        "press that missed or a picture that broke would stand here too."
     )
     lines = -(-len(rows) // PANELS)
     content = figure(
@@ -52,12 +62,25 @@ def outliers(dataset: Dataset, scan: Scan) -> list[tuple[int, str, float]]:
             f"{sensor} depth": dataset.column(f"{sensor}_depth_mm")
             for sensor in ("digit", "cyskin")
         }
-    far = {name: deviations(values, dataset.shapes) for name, values in quantities.items()}
+    alike = _alike(dataset)
+    far = {name: deviations(values, alike) for name, values in quantities.items()}
     names = list(far)
     table = np.stack([far[name] for name in names])
     which, most = table.argmax(axis=0), table.max(axis=0)
     order = np.argsort(-most, kind="stable")[:SHOWN]
     return [(int(place), names[which[place]], float(most[place])) for place in order]
+
+
+def _alike(dataset: Dataset) -> np.ndarray:
+    """(P,) what each pair is compared with the others of: its shape, or of many shapes its family,
+    and where there are several forces those within a doubling of its own."""
+    few = np.unique(dataset.shapes).size <= MOST_SHAPES
+    groups = dataset.shapes if few else dataset.families
+    if dataset.forces_n.size < 2:
+        return groups
+    force_n = np.nan_to_num(dataset.column("force_n").astype(float))
+    doubling = np.where(force_n > 0, np.floor(np.log2(np.maximum(force_n, LEAST_N))), np.nan)
+    return np.char.add(np.char.add(groups, " "), doubling.astype(str))
 
 
 def deviations(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
@@ -66,8 +89,9 @@ def deviations(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
     The deviation is at least LEAST_SCALE of the median.
     """
     far = np.zeros(values.size)
-    for group in np.unique(groups):
-        mine = groups == group
+    in_order = np.argsort(groups, kind="stable")
+    begins = np.unique(groups[in_order], return_index=True)[1]
+    for mine in np.split(in_order, begins[1:]):
         off = np.abs(values[mine] - np.median(values[mine]))
         least = LEAST_SCALE * abs(np.median(values[mine]))
         scale = max(MAD_TO_SIGMA * float(np.median(off)), least)

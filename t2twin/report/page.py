@@ -9,6 +9,7 @@ from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.report import (
     about,
+    by_force,
     by_shape,
     by_view,
     curves,
@@ -28,11 +29,13 @@ from t2twin.report.report_data import ReportData, read_report_data
 from t2twin.report.style import STYLE
 
 TITLE = "Touch-to-touch translation on a simulated bench"
+WORLD_TITLE = TITLE + ", world {}"
 IMPORTED_TITLE = "Touch-to-touch translation of the pairs in {}"
 
 LINKS = {
     "results": "Results",
     "finding": "The paper's finding",
+    "by-force": "By force",
     "by-view": "By view",
     "lookalikes": "Look-alikes",
     "samples": "Samples",
@@ -74,6 +77,7 @@ def draw_report(out: Path, report: ReportData) -> Path:
         "about": lambda: about.section(report, about_titles),
         "results": lambda: results.section(report),
         "finding": lambda: finding.section(report),
+        "by-force": lambda: by_force.section(report),
         "by-view": lambda: by_view.section(report),
         "lookalikes": lambda: lookalikes.section(report),
         "samples": lambda: qualitative.section(report),
@@ -84,14 +88,23 @@ def draw_report(out: Path, report: ReportData) -> Path:
         "by-shape": lambda: by_shape.section(report),
         "limits": lambda: limits.section(report),
     }
-    title = TITLE if report.info.is_simulated else IMPORTED_TITLE.format(report.data)
+    if not any(one.has_forces for one in report.evaluations.values()):
+        del sections["by-force"]
     return write_page(
         out,
-        title,
+        _title(report),
         lambda: summary.section(report),
         {name: section for name, section in sections.items() if name not in missing},
         LINKS,
     )
+
+
+def _title(report: ReportData) -> str:
+    if report.info.is_protocol:
+        return TITLE
+    if report.info.is_simulated:
+        return WORLD_TITLE.format(report.info.world_name)
+    return IMPORTED_TITLE.format(report.data)
 
 
 def write_page(

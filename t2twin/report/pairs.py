@@ -70,6 +70,9 @@ def _pair(dataset: Dataset, split: str, row: int) -> str:
             f"; depth in the gel {table['digit_depth_mm'][row].as_py():.2f} mm, in the skin "
             f"{table['cyskin_depth_mm'][row].as_py():.2f} mm"
         )
+    force_n = table["force_n"][row].as_py()
+    if dataset.forces_n.size > 1 and force_n is not None:
+        note += f"; {force_n:.3g} N"
     alt = f"DIGIT picture, taxel counts and tactile image of {shape}"
     return markup.picture(content, "png", alt, shape, width="narrow", note=note)
 

@@ -66,11 +66,14 @@ def _sample(report: ReportData, split: str, row: int, quantile: float) -> str:
     shape = shape_name(report.shape(split, row))
     content = row_picture(report, split, row)
     said = "; ".join(f"{name_of(name)} {error:,.0f}" for name, error in errors.items())
-    x_mm, y_mm, yaw_rad = (table[name][row].as_py() for name in ("x_mm", "y_mm", "yaw_rad"))
+    pose = ("x_mm", "y_mm", "yaw_rad", "force_n")
+    x_mm, y_mm, yaw_rad, force_n = (table[name][row].as_py() for name in pose)
+    several = report.forces_n.size > 1
     where = [
         *([] if x_mm is None else [f"x {_tenths(x_mm)} mm"]),
         *([] if y_mm is None else [f"y {_tenths(y_mm)} mm"]),
         *([] if yaw_rad is None else [f"turned {np.degrees(yaw_rad):.0f}°"]),
+        *([f"{force_n:.3g} N"] if several and force_n is not None else []),
     ]
     note = f"{SPLIT_NAMES[split]}, quantile {quantile:g}"
     note += f"; {', '.join(where)}. " if where else ". "

@@ -10,6 +10,7 @@ from t2twin.report import markup
 from t2twin.report.names import SPLIT_NAMES, name_of
 from t2twin.report.report_data import ReportData
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.forces import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.layout_floor import LAYOUT_FLOOR
 from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR
 from t2twin.translate.evaluation.records import (
@@ -23,7 +24,7 @@ from t2twin.translate.evaluation.records import (
 
 PAPER = "Grella et al. 2023, on hardware"
 TITLES = {"val": "Validation, unseen versions", "test": "Test, objects"}
-"""Of simulated pairs, whose splits are the paper's."""
+"""Of the paper's protocol."""
 
 NONE = "–"
 
@@ -62,7 +63,7 @@ def section(report: ReportData) -> str:
     evaluations, first = report.evaluations, report.evaluation
     simulated = report.info.is_simulated
     titles = {
-        split: TITLES[split] if simulated else SPLIT_NAMES[split].capitalize()
+        split: TITLES[split] if report.info.is_protocol else SPLIT_NAMES[split].capitalize()
         for split in evaluations
     }
     return markup.section(
@@ -102,8 +103,10 @@ def sentences(models: Mapping[str, Mapping[str, ModelRow]]) -> list[str]:
 
 
 def _floors(evaluation: Evaluation) -> str:
-    """What the rows are that no predictor is expected to pass."""
+    """What the other rows are: one that knows the force, and those that nothing is to pass."""
     said = ""
+    if MEAN_ARRAY_OF_FORCE in evaluation.models:
+        said += " Mean array of the force: the same of the training presses of that force alone."
     if NOISE_FLOOR in evaluation.models:
         said += " Noise floor: the same press read twice by the CySkin."
     if LAYOUT_FLOOR in evaluation.models:
@@ -139,7 +142,7 @@ def _paper_table(
         [("", 1), *columns * len(evaluations)],
     ]
     here = []
-    for name in first.models:
+    for name in _in_all(evaluations):
         rows = [one.models[name] for one in each]
         here.append([name_of(name), *_cells([row.overall for row in rows])])
         here.append(["", *(_span(r.interval.value(key), how) for r in rows for key, how in SHORT)])
@@ -148,6 +151,12 @@ def _paper_table(
         for name in first.paper
     ]
     return markup.table(heads, [(group, here), *([(PAPER, paper)] if paper else [])])
+
+
+def _in_all(evaluations: Mapping[str, Evaluation]) -> list[str]:
+    """The rows that every split has: one of several forces has one more than one of a single."""
+    first, *others = evaluations.values()
+    return [name for name in first.models if all(name in one.models for one in others)]
 
 
 def _cells(rows: Sequence[Figures | PaperRow], ssim: str = "{:.3f}") -> list[str]:
@@ -166,7 +175,7 @@ def _further_table(evaluations: Mapping[str, Evaluation], titles: Mapping[str, s
         [("", 1), *[(title, 1) for _, title, _ in RATIOS] * len(evaluations)],
     ]
     lines = []
-    for name in next(iter(each)).models:
+    for name in _in_all(evaluations):
         rows = [one.models[name] for one in each]
         figures = [_figure(r.overall.value(key), how) for r in rows for key, _, how in RATIOS]
         spans = [_span(r.interval.value(key), how) for r in rows for key, _, how in RATIOS]

@@ -12,8 +12,7 @@ from t2twin.primitives_cad.machine import cores
 from t2twin.primitives_cad.progress import Progress
 from t2twin.report.dataset import Dataset
 from t2twin.sim.dataset.png import decode_png
-from t2twin.sim.dataset.store import iter_images
-from t2twin.sim.world.plan import shard_path
+from t2twin.sim.dataset.store import iter_images, split_shards
 
 BLOCK_PX = 8
 """Side of the squares that pictures are averaged over, pixels: noise falls to an eighth."""
@@ -27,10 +26,10 @@ class Scan:
     """Of every pair, in the order of Dataset.column.
 
     nearest_grey: (P,) root mean square difference between its coarse picture and the nearest other
-    one of its shape, grey levels; infinite where the shape has no other. alike_counts: (P,) least
-    root mean square difference of its taxels from those of another pair of its shape whose picture
-    is within the noise; infinite where there is none. off_grey: (P,) difference of its picture from
-    the shape's median picture.
+    one of its shape in the same shard, grey levels; infinite where there is no other.
+    alike_counts: (P,) least root mean square difference of its taxels from those of another such
+    pair whose picture is within the noise; infinite where there is none. off_grey: (P,) difference
+    of its picture from the shape's median picture.
     """
 
     nearest_grey: np.ndarray
@@ -40,28 +39,34 @@ class Scan:
 
 def scan(dataset: Dataset, noise_grey: float) -> Scan:
     """Decodes every picture once. noise_grey: standard deviation of a picture's noise."""
-    of_shape: dict[tuple[str, str], list[int]] = {}
-    for place, (split, row) in enumerate(dataset.places):
-        of_shape.setdefault((split, dataset.shape(split, row)), []).append(place)
-    pairs = len(dataset.places)
-    nearest_grey, alike_counts, off_grey = np.zeros((3, pairs))
+    shards = _places_of_shards(dataset)
+    shapes, counts = dataset.shapes, dataset.counts
+    nearest_grey, alike_counts, off_grey = np.zeros((3, len(shapes)))
 
-    def look(key: tuple[str, str]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        coarse = _coarse_pictures(dataset, *key)
-        median = np.median(coarse, axis=0)
-        coarse -= median  # nearer to zero, so that single precision does
-        counts = dataset.counts[of_shape[key]].astype(float)
-        return *nearest_others(coarse, counts, noise_grey), np.sqrt(np.square(coarse).mean(axis=1))
+    def look(path: str) -> None:
+        coarse = _coarse_pictures(dataset, path)
+        own = shapes[shards[path]]
+        for name in np.unique(own):
+            mine = own == name
+            here = shards[path][mine]
+            off = coarse[mine] - np.median(coarse[mine], axis=0)  # nearer to zero: single precision
+            near = nearest_others(off, counts[here].astype(float), noise_grey)
+            nearest_grey[here], alike_counts[here] = near
+            off_grey[here] = np.sqrt(np.square(off).mean(axis=1))
 
     with ThreadPoolExecutor(cores()) as pool:
-        looks = pool.map(look, of_shape)
-        for here, looked in zip(
-            of_shape.values(),
-            Progress(looks, total=len(of_shape), desc="pictures", unit="shape"),
-            strict=True,
-        ):
-            nearest_grey[here], alike_counts[here], off_grey[here] = looked
+        looks = pool.map(look, shards)
+        for _ in Progress(looks, total=len(shards), desc="pictures", unit="shard"):
+            pass
     return Scan(nearest_grey, alike_counts, off_grey)
+
+
+def _places_of_shards(dataset: Dataset) -> dict[str, np.ndarray]:
+    """The places of each shard's pairs in Dataset.column, in the order of its rows, by path."""
+    paths = [path for split in dataset.tables for path in split_shards(dataset.info, split)]
+    ends = np.cumsum([dataset.info.shards[path].pairs for path in paths])
+    places = np.split(np.arange(ends[-1]), ends[:-1])
+    return dict(zip(paths, places, strict=True))
 
 
 def nearest_others(
@@ -98,7 +103,7 @@ def coarse_picture(picture: np.ndarray) -> np.ndarray:
     return whole.reshape(rows, BLOCK_PX, columns, BLOCK_PX, 3).mean(axis=(1, 3)).ravel()
 
 
-def _coarse_pictures(dataset: Dataset, split: str, shape: str) -> np.ndarray:
-    """(n, B) float32, in the order of the shard's rows."""
-    pictures = iter_images(dataset.data, shard_path(split, shape))
+def _coarse_pictures(dataset: Dataset, path: str) -> np.ndarray:
+    """(n, B) float32, in the order of the shard's rows. path: the shard's."""
+    pictures = iter_images(dataset.data, path)
     return np.stack([coarse_picture(decode_png(png)) for png in pictures])

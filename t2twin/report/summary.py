@@ -4,7 +4,7 @@ import numpy as np
 
 from t2twin.report import markup
 from t2twin.report.example import example
-from t2twin.report.names import SPLIT_NAMES, name_of, shape_name
+from t2twin.report.names import SPLIT_NAMES, forces_in_words, name_of, shape_name
 from t2twin.report.report_data import ReportData
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
 from t2twin.translate.evaluation.records import Evaluation
@@ -14,7 +14,7 @@ NEVER_TRAINED_ON = {
     "test": "hand tools (new objects altogether)",
 }
 PARTS = {"val": "the new versions", "test": "the hand tools"}
-"""What the splits of simulated pairs hold, to a run trained on the same dataset and in short."""
+"""What the splits of the paper's protocol hold, to a run trained on the same dataset, in short."""
 
 
 def section(report: ReportData) -> str:
@@ -39,12 +39,14 @@ def _task(report: ReportData) -> str:
     learned = (
         f"the network {names[0]} has" if len(names) == 1 else f"the networks {_and(names)} have"
     )
+    several = report.forces_n.size > 1
+    forces = f" They press with {forces_in_words(report.forces_n)}." if several else ""
     if report.info.is_simulated:
         return (
             "A DIGIT (a camera that films a soft gel from behind) and a CySkin (an array of "
             f"{taxels} pressure pads, called taxels, under a soft cover) touch the same shapes in "
             f"simulation, and {learned} learned to translate the DIGIT's picture of a press into "
-            f"the {taxels} counts, each from 0 to {full_scale:,.0f}, that the CySkin gives."
+            f"the {taxels} counts, each from 0 to {full_scale:,.0f}, that the CySkin gives.{forces}"
         )
     return (
         "The pairs were brought in by their owner: the picture of a camera-based touch sensor "
@@ -88,7 +90,7 @@ def _comparison(report: ReportData) -> str:
 def _meaning(report: ReportData) -> str:
     below = [split for split, one in report.evaluations.items() if _ratio(one) < 1.0]
     if below:
-        parts = PARTS if report.info.is_simulated else SPLIT_NAMES
+        parts = PARTS if report.info.is_protocol else SPLIT_NAMES
         only = "" if len(below) == len(report.evaluations) else f" on {parts[below[0]]} only"
         verdict = f"So the {_best(report)} beats both rules{only}"
     else:
@@ -119,7 +121,7 @@ def _where(report: ReportData, split: str) -> str:
         return f"{pairs} (of shapes that were trained on)"
     if own & trained:
         return f"{pairs} (some of shapes that were trained on)"
-    if report.info.is_simulated:
+    if report.info.is_protocol:
         return NEVER_TRAINED_ON[split]
     return f"{pairs} (of shapes never trained on)"
 

@@ -9,7 +9,7 @@ Shape letters: P pairs, S image side, c channels, N taxels.
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import chain, islice
 from pathlib import Path
 
@@ -40,16 +40,22 @@ IMAGES_AT_ONCE = 256
 
 @dataclass(frozen=True)
 class ImageFile:
-    """Images in an .npy file, read as they are asked for."""
+    """Images in an .npy file, read as they are asked for.
+
+    places: of those images of the file that these are, None for all.
+    """
 
     path: Path
+    places: np.ndarray | None = None
 
     def __len__(self) -> int:
-        return np.load(self.path, mmap_mode="r").shape[0]
+        there = np.load(self.path, mmap_mode="r") if self.places is None else self.places
+        return there.shape[0]
 
     def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
         """(b, S, S, c) uint8. The map is closed again, so what was read does not stay resident."""
-        return np.array(np.load(self.path, mmap_mode="r")[index])
+        own = index if self.places is None else self.places[index]
+        return np.array(np.load(self.path, mmap_mode="r")[own])
 
 
 @dataclass(frozen=True)
@@ -72,13 +78,19 @@ class Pairs:
     def __len__(self) -> int:
         return self.counts.shape[0]
 
+    def some(self, places: np.ndarray) -> "Pairs":
+        """Those at these places, (b,), of a split whose images are whole."""
+        rest = {f.name: getattr(self, f.name)[places] for f in fields(self) if f.name != "images"}
+        return Pairs(images=ImageFile(self.images.path, places), **rest)
+
 
 @dataclass(frozen=True)
 class DataInfo:
     """What info.json says of a data set, and its SHA-256.
 
     layout: the taxel layout's name. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
-    taxels saturate.
+    taxels saturate. world: what made the pairs (module origin), None of imported ones and where a
+    run of an older version does not know. train_pairs: how many there are to train on.
     """
 
     sha256: str
@@ -86,6 +98,13 @@ class DataInfo:
     x_mm: np.ndarray
     y_mm: np.ndarray
     full_scale_counts: float
+    world: str | None = None
+    train_pairs: int | None = None
+
+    @property
+    def world_shown(self) -> str:
+        """The world's name, or the first digits of the data set's where it has none."""
+        return self.world or f"data set {self.sha256[:8]}"
 
 
 def load_info(data_dir: Path) -> DataInfo:
@@ -97,6 +116,8 @@ def load_info(data_dir: Path) -> DataInfo:
         x_mm=np.array(info.layout_x_mm),
         y_mm=np.array(info.layout_y_mm),
         full_scale_counts=float(info.full_scale_counts),
+        world=info.world_name,
+        train_pairs=info.pairs["train"],
     )
 
 

@@ -4,7 +4,6 @@ Shape letters: P pairs, N taxels.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.dataset.store import read_info, sha256_of
+from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.evaluation import bootstrap
 from t2twin.translate.evaluation.baselines import (
@@ -24,36 +23,34 @@ from t2twin.translate.evaluation.baselines import (
     neighbours,
 )
 from t2twin.translate.evaluation.field_of_view import FieldOfView, view_on
-from t2twin.translate.evaluation.findings import findings, gap, paired
+from t2twin.translate.evaluation.findings import findings, gap
+from t2twin.translate.evaluation.forces import (
+    MEAN_ARRAY_OF_FORCE,
+    ForceBin,
+    force_bins,
+    mean_array_of_force,
+)
 from t2twin.translate.evaluation.layout_floor import LAYOUT_FLOOR, seen_through
 from t2twin.translate.evaluation.lookalikes import NEIGHBOURS, lookalikes
-from t2twin.translate.evaluation.metrics import (
-    CONTACT_LEVEL,
-    GroupedFigures,
-    PairFigures,
-    compare,
-)
+from t2twin.translate.evaluation.metrics import CONTACT_LEVEL
 from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR, second_reading
 from t2twin.translate.evaluation.paper import PAPER
 from t2twin.translate.evaluation.predictions import Predictions, write_predictions
 from t2twin.translate.evaluation.records import (
     FORMAT,
     Bootstrap,
-    Difference,
     Evaluation,
     Finding,
-    ModelRow,
     PaperRow,
     TaxelCounts,
     View,
     write_evaluation,
     write_findings,
 )
+from t2twin.translate.evaluation.rows import row_of_run, rows_of
 from t2twin.translate.evaluation.table import markdown
 from t2twin.translate.layouts import same_layout
-from t2twin.translate.phi import Phi
 from t2twin.translate.predict import TrainedTranslator, load_run
-from t2twin.translate.runs.config import BEST
 
 TABLE = "results.md"
 VAL, TEST = "val", "test"
@@ -69,7 +66,8 @@ def evaluate(
     data set, which is then read from the images that they draw. split: "val" or "test" (or
     "train"). Returns what metrics.json holds (module records), whose rows are, in order:
 
-    - mean-array and nearest-neighbour (module baselines);
+    - mean-array and nearest-neighbour (module baselines), between them mean-array-of-force where
+      the presses are of several forces (module forces);
     - noise-floor, where the data set names its imperfections (module noise_floor);
     - layout-floor, for runs of another layout (module layout_floor);
     - the runs, by their models' names, with the folder's where two are of one model.
@@ -78,14 +76,25 @@ def evaluate(
     Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, and
     where that split or training has no pairs.
     """
-    if not runs:
-        raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
     data_dir, out_dir = Path(data_dir), Path(out_dir)
-    _check_pairs(data_dir, (split, "train"))
-    info = load_info(data_dir)
-    loaded = [load_run(run) for run in runs]
+    info, loaded = check_asked(runs, data_dir, (split,))
     with locked(out_dir):
         return _evaluate(loaded, info, data_dir, split, out_dir)
+
+
+def check_asked(
+    runs: Sequence[str | Path], data_dir: Path, splits: Sequence[str]
+) -> tuple[DataInfo, list[TrainedTranslator]]:
+    """What `evaluate` needs of a dataset and of runs, read. Raises T2TwinError as it does."""
+    if not runs:
+        raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
+    _check_pairs(data_dir, (*splits, "train"))
+    info = load_info(data_dir)
+    loaded = [load_run(run) for run in runs]
+    for run in loaded:
+        run.at_layout(info.x_mm, info.y_mm, info.layout)
+    run_names(loaded)
+    return info, loaded
 
 
 def _evaluate(
@@ -98,12 +107,13 @@ def _evaluate(
     cache = usable_cache(data_dir, out_dir)
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, False, cache) for s in (split, "train"))
     near = neighbours(train.images, pairs.images, NEIGHBOURS, progress=NEAREST_NEIGHBOUR)
-    predictions = _without_runs(data_dir, pairs, train, near)
+    bins = force_bins(pairs, train)
+    predictions = _without_runs(data_dir, pairs, train, near, bins)
     predictions |= _layout_floor(loaded, info, pairs)
     predictions |= _of_runs(applied, data_dir, split, cache)
     view = view_on(info.x_mm, info.y_mm)
-    models, differences = _rows(predictions, pairs, info, view)
-    models |= {name: _row_of_run(models[name], run, info) for name, run in trained.items()}
+    models, differences = rows_of(predictions, pairs, info, view, bins)
+    models |= {name: row_of_run(models[name], run, info) for name, run in trained.items()}
     # Of the training split every pair is its own nearest.
     compared = split != "train"
     alike = lookalikes(data_dir, split, pairs, train, near, view.groups) if compared else None
@@ -122,6 +132,7 @@ def _evaluate(
         lookalikes=alike,
         paper=_paper(data_dir, split),
         findings=findings(models, differences),
+        world=info.world,
     )
     write_predictions(out_dir, _predictions(predictions, pairs))
     write_evaluation(out_dir, evaluation)
@@ -152,8 +163,8 @@ def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
 def evaluate_both(runs: list[Path], data_dir: Path, out_dir: Path) -> dict[str, Evaluation]:
     """`evaluate` of validation and test, into out_dir/val and out_dir/test.
 
-    Beside them go findings.json and results.md, a table in Markdown. Of imported pairs one of the
-    two splits may be empty, and is left out.
+    Beside them go findings.json and results.md, a table in Markdown. Where a dataset has only one
+    of the two splits, the other is left out.
 
     Returns them by split. Raises T2TwinError as `evaluate` does, and where both are empty.
     """
@@ -182,10 +193,9 @@ def splits_there(data_dir: Path) -> tuple[str, ...]:
 def gap_between(evaluations: Mapping[str, Evaluation], data_dir: Path) -> dict[str, Finding]:
     """How much worse each run is on the tools than on validation (findings.gap).
 
-    evaluations: by split. Empty without both splits, and of imported pairs, whose splits are the
-    owner's.
+    evaluations: by split. Empty without both splits, and where they are not the paper's.
     """
-    if set(evaluations) != set(SPLITS) or not read_info(data_dir).is_simulated:
+    if set(evaluations) != set(SPLITS) or not read_info(data_dir).is_protocol:
         return {}
     return gap(evaluations[VAL].models, evaluations[TEST].models)
 
@@ -201,18 +211,18 @@ def _check_pairs(data_dir: Path, splits: Sequence[str]) -> None:
 
 
 def _paper(data_dir: Path, split: str) -> dict[str, PaperRow]:
-    """The paper's figures stand beside its own protocol, not beside imported pairs."""
-    return PAPER.get(split, {}) if read_info(data_dir).is_simulated else {}
+    """The paper's figures stand beside its own protocol alone."""
+    return PAPER.get(split, {}) if read_info(data_dir).is_protocol else {}
 
 
 def _without_runs(
-    data_dir: Path, pairs: Pairs, train: Pairs, near: Neighbours
+    data_dir: Path, pairs: Pairs, train: Pairs, near: Neighbours, bins: tuple[ForceBin, ...]
 ) -> dict[str, np.ndarray]:
     """(P, N) counts of the trivial predictors, and of the noise floor where it is known."""
-    rows = {
-        MEAN_ARRAY: np.tile(mean_array(train), (len(pairs), 1)),
-        NEAREST_NEIGHBOUR: train.counts[near.index[:, 0]],
-    }
+    rows = {MEAN_ARRAY: np.tile(mean_array(train), (len(pairs), 1))}
+    if len(bins) > 1:
+        rows[MEAN_ARRAY_OF_FORCE] = mean_array_of_force(bins, pairs, train)
+    rows[NEAREST_NEIGHBOUR] = train.counts[near.index[:, 0]]
     again = second_reading(pairs.counts, read_info(data_dir))
     return rows if again is None else rows | {NOISE_FLOOR: again}
 
@@ -238,49 +248,6 @@ def _of_runs(
         own = load_pairs(data_dir, split, preset.size, preset.grey, cache)
         predictions[name] = run.predict_pixels(own.images, progress=name)
     return predictions
-
-
-def _rows(
-    predictions: Mapping[str, np.ndarray], pairs: Pairs, info: DataInfo, view: FieldOfView
-) -> tuple[dict[str, ModelRow], dict[str, Difference]]:
-    """Each model's row, and how the two translators differ in the same resamples, by figure."""
-    phi = Phi(info.x_mm, info.y_mm)
-    full_scale = info.full_scale_counts
-    rows, resampled = {}, {}
-    for name, predicted in predictions.items():
-        progress = f"figures of {name}"
-        figures = compare(predicted, pairs.counts, phi, full_scale, progress, view.groups)
-        resampled[name] = bootstrap.replicates(figures, pairs.shapes, full_scale)
-        rows[name] = _row(figures, resampled[name], pairs, full_scale)
-    return rows, paired(rows, resampled)
-
-
-def _row(
-    figures: PairFigures, resampled: GroupedFigures, pairs: Pairs, full_scale: float
-) -> ModelRow:
-    return ModelRow(
-        overall=figures.summary(full_scale),
-        by_shape={
-            str(name): figures.summary(full_scale, pairs.shapes == name)
-            for name in np.unique(pairs.shapes)
-        },
-        by_family={
-            str(name): figures.summary(full_scale, pairs.families == name)
-            for name in np.unique(pairs.families)
-        },
-        interval=bootstrap.intervals(resampled),
-    )
-
-
-def _row_of_run(row: ModelRow, run: TrainedTranslator, info: DataInfo) -> ModelRow:
-    """A row that also says which run it is of."""
-    return replace(
-        row,
-        run=str(run.run_dir),
-        weights_sha256=sha256_of(run.run_dir / BEST),
-        same_data=run.config.data.sha256 == info.sha256,
-        trained_layout=run.config.data.layout,
-    )
 
 
 def _view(view: FieldOfView) -> View:

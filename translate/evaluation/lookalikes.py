@@ -49,11 +49,18 @@ FITTED = 0.5
 BINS = 12
 """Groups of as many pairs each, by distance, for the curve."""
 
+MOST_PRESSES = 5000
+"""Presses that look-alikes are looked up for (assumed: a median of so many is known to a
+hundredth)."""
+
+MOST_SHAPES = 200
+"""Shapes that are given one by one (assumed: nobody reads more)."""
+
 NOISE_PICTURES = 64
 """Pictures that the noise's distance is measured on."""
 
 SEED = 2
-"""Seed of that noise."""
+"""Seed of that noise, and of which presses are looked up where there are too many."""
 
 
 @dataclass(frozen=True)
@@ -93,19 +100,28 @@ def lookalikes(
 
     pairs: the split's, train: the training split's, images of both at FEATURE_SIZE in RGB.
     of_train: the pairs' NEIGHBOURS nearest of the training images. taxel_groups: (N,) bool by name,
-    groups of the taxels that are looked at alone too.
+    groups of the taxels that are looked at alone too. Of more than MOST_PRESSES presses so many are
+    compared with all others; those that touch nothing, which look and feel alike, are not asked of.
     None for a dataset that does not name its pictures' noise.
     """
     noise = noise_distance_grey(data_dir, split)
     if noise is None:
         return None
-    shapes = (pairs.shapes, pairs.shapes)
-    of_split = neighbours(pairs.images, pairs.images, NEIGHBOURS, shapes, "look-alikes")
+    asked, some = pairs, np.flatnonzero(pairs.force_n != 0)
+    if not some.size:
+        return None
+    if some.size > MOST_PRESSES:
+        some = np.sort(np.random.default_rng(SEED).permutation(some)[:MOST_PRESSES])
+    if some.size < len(pairs):
+        asked = pairs.some(some)
+        of_train = Neighbours(of_train.index[some], of_train.distance_grey[some])
+    shapes = (pairs.shapes, asked.shapes)
+    of_split = neighbours(pairs.images, asked.images, NEIGHBOURS, shapes, "look-alikes")
     return LookAlikes(
         noise_grey=noise,
         close_grey=CLOSE * noise,
-        split=floor_of(pairs, pairs, of_split, noise, taxel_groups),
-        training=floor_of(pairs, train, of_train, noise, taxel_groups),
+        split=floor_of(asked, pairs, of_split, noise, taxel_groups),
+        training=floor_of(asked, train, of_train, noise, taxel_groups),
     )
 
 
@@ -192,6 +208,7 @@ def floor_of(
                 ),
             )
             for place, name in enumerate(names)
+            if names.size <= MOST_SHAPES
         },
     )
 
@@ -234,16 +251,24 @@ def _at_noise(
     squares = compared.half_squares if taxels is None else compared.half_squares[:, :, taxels]
     half, distance = squares.mean(axis=2, dtype=float), compared.distance_grey
     presses, at_noise = np.zeros((2, names.size))
-    for place, name in enumerate(names):
-        mine = np.isfinite(distance) & (compared.shapes == name)[:, None]
-        fitted = mine & (distance <= np.quantile(distance[mine], FITTED))
-        x, y = np.square(distance[fitted]), half[fitted]
+    for place, members in enumerate(_members(compared.shapes, names)):
+        off, counted = distance[members], half[members]
+        mine = np.isfinite(off)
+        fitted = mine & (off <= np.quantile(off[mine], FITTED))
+        x, y = np.square(off[fitted]), counted[fitted]
         spread = np.square(x - x.mean()).sum()
         if spread > 0:
             slope = max(0.0, float(((x - x.mean()) * (y - y.mean())).sum() / spread))
             presses[place] = mine[:, 0].sum()
             at_noise[place] = y.mean() - slope * (x.mean() - noise_grey**2)
     return AtNoise(presses, at_noise)
+
+
+def _members(shapes: np.ndarray, names: np.ndarray) -> list[np.ndarray]:
+    """The places of each name's presses, in their order. names: (K,) in order, as in shapes."""
+    in_order = np.argsort(shapes, kind="stable")
+    ends = [np.searchsorted(shapes[in_order], names, side) for side in ("left", "right")]
+    return [in_order[start:end] for start, end in zip(*ends, strict=True)]
 
 
 def _root_of_mean(of_shapes: AtNoise) -> float | None:

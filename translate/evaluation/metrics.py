@@ -80,14 +80,24 @@ class PairFigures:
     def summary(self, full_scale: float, which: np.ndarray | None = None) -> Figures:
         """Over the pairs `which` ((P,) bool), by default all. full_scale: counts."""
         chosen = np.ones(self.total.size, bool) if which is None else which
-        sums = {
-            name: Sum(one.total[1:], one.pairs[1:])
-            for name, one in self.sums(chosen.astype(int), 2).items()
-        }
-        grouped = figures_of(sums, full_scale)
-        values = {each.name: float(getattr(grouped, each.name)[0]) for each in fields(grouped)}
-        known = {name: None if np.isnan(value) else value for name, value in values.items()}
-        return Figures(pairs=int(chosen.sum()), **known)  # pyright: ignore[reportArgumentType]
+        return self._summaries(full_scale, chosen.astype(int), 2)[1]
+
+    def by_name(self, full_scale: float, names: np.ndarray) -> dict[str, Figures]:
+        """Over the pairs of each name. full_scale: counts. names: (P,), as of shapes."""
+        unique, place = np.unique(names, return_inverse=True)
+        figures = self._summaries(full_scale, place, unique.size)
+        return dict(zip(map(str, unique), figures, strict=True))
+
+    def _summaries(self, full_scale: float, place: np.ndarray, groups: int) -> list[Figures]:
+        """place, groups: as for `sums`."""
+        grouped = figures_of(self.sums(place, groups), full_scale)
+        pairs = np.bincount(place, minlength=groups)
+        summaries = []
+        for group in range(groups):
+            values = {f.name: float(getattr(grouped, f.name)[group]) for f in fields(grouped)}
+            known = {name: None if np.isnan(value) else value for name, value in values.items()}
+            summaries.append(Figures(pairs=int(pairs[group]), **known))  # pyright: ignore[reportArgumentType]
+        return summaries
 
     def sums(self, place: np.ndarray, groups: int) -> dict[str, Sum]:
         """What the figures of any union of groups follow from: sums by group, (K,) by attribute.

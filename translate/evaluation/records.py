@@ -8,13 +8,14 @@ over pairs and taxels: the square root of the loss that Grella et al. 2023 call 
 """
 
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import write_json
 from t2twin.sim.typed_json import read_json
+from t2twin.translate.evaluation.as_json import as_json
 
 METRICS = "metrics.json"
 FINDINGS = "findings.json"
@@ -34,6 +35,7 @@ FigureName = Literal[
     "rmse_beyond_counts",
 ]
 Answer = Literal["yes", "no", "undecided"]
+MeanOf = Literal["training", "split"]
 
 
 class Interval(NamedTuple):
@@ -93,13 +95,41 @@ class Intervals:
 
 
 @dataclass(frozen=True)
+class ForceFigures:
+    """Figures over the pairs of about one force; module forces says how they are put together.
+
+    low_n, high_n: edges of the forces, N, the same where it is one force; both 0 of presses that
+    touch nothing. mean_n: mean force, N. rmse_counts, with its interval over shapes; rmse_percent:
+    its part of full scale. of_mean_array: the RMSE in parts of what the mean array of that force
+    comes to; mean_of: whether that is the mean of the training presses or, of too few, of the
+    split's own. Both None where nothing is touched: there phantom_counts is the mean of the summed
+    predicted counts, else None.
+    """
+
+    low_n: float
+    high_n: float
+    mean_n: float
+    pairs: int
+    rmse_counts: float
+    rmse_percent: float
+    interval: Interval | None
+    of_mean_array: float | None
+    mean_of: MeanOf | None
+    phantom_counts: float | None
+
+
+@dataclass(frozen=True)
 class ModelRow:
     """One row of the results: a trained run, a trivial predictor, or a floor.
 
-    by_shape, by_family: figures by the names of shapes and of families. interval: of the overall
-    figures. What follows is None where the row is no run. run: its folder as it was given.
-    weights_sha256: of its best.safetensors. same_data: whether it was trained on the dataset that
-    it is evaluated on. trained_layout: the taxel layout that it was trained on.
+    by_shape, by_family: figures by the names of shapes and of families; by_shape is empty where
+    there are more than rows.MOST_SHAPES. interval: of the overall figures. by_force: by rising
+    force; empty where no force is known, and in files of older versions. The rest is None where the
+    row is no run. run: its folder as it was given. weights_sha256: of its best.safetensors.
+    same_data: whether it was trained on the dataset that it is evaluated on. trained_layout: the
+    taxel layout that it was trained on. trained_data: the SHA-256 of that dataset's info.json;
+    trained_world: what made it, trained_pairs: how many pairs it has to train on, trained_steps:
+    how many steps were taken, each None where it is not known.
     """
 
     overall: Figures
@@ -110,6 +140,11 @@ class ModelRow:
     weights_sha256: str | None = None
     same_data: bool | None = None
     trained_layout: str | None = None
+    trained_data: str | None = None
+    trained_world: str | None = None
+    trained_pairs: int | None = None
+    trained_steps: int | None = None
+    by_force: tuple[ForceFigures, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -240,7 +275,8 @@ class Evaluation:
     pairs: how many. contact_level: a pixel is in contact above this part of its image's maximum.
     info_sha256: of the dataset's info.json. layout: its taxel layout's name. models: the rows by
     name. paired: touch2touch less ResNet18, by figure. lookalikes: None for the training split,
-    and for a dataset that does not name its pictures' noise. paper, findings: by name.
+    and for a dataset that does not name its pictures' noise. paper, findings: by name. world: what
+    made the dataset (data.origin), None of imported pairs.
     """
 
     format: int
@@ -257,6 +293,17 @@ class Evaluation:
     lookalikes: LookAlikes | None
     paper: dict[str, PaperRow]
     findings: dict[str, Finding]
+    world: str | None = None
+
+    @property
+    def has_forces(self) -> bool:
+        """Whether its pairs are of several forces."""
+        return any(len(row.by_force) > 1 for row in self.models.values())
+
+    @property
+    def world_shown(self) -> str:
+        """The world's name, or the first digits of the dataset's where it has none."""
+        return self.world or f"data set {self.info_sha256[:8]}"
 
     @property
     def runs(self) -> dict[str, ModelRow]:
@@ -290,23 +337,3 @@ def write_findings(
     """
     findings = {split: evaluation.findings for split, evaluation in evaluations.items()}
     write_json(folder / FINDINGS, as_json(findings | {"gap": gap}))
-
-
-def as_json(value: Any) -> Any:
-    """A record, or a dict of them, in dicts, lists and numbers, as its file holds it.
-
-    A field that may be left out, its default being None, is left out where it is None.
-    """
-    if is_dataclass(value):
-        content = {field.name: getattr(value, field.name) for field in fields(value)}
-        optional = {field.name for field in fields(value) if field.default is not MISSING}
-        return {
-            name: as_json(part)
-            for name, part in content.items()
-            if not (part is None and name in optional)
-        }
-    if isinstance(value, Mapping):
-        return {name: as_json(part) for name, part in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [as_json(part) for part in value]
-    return value

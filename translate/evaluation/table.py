@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from t2twin.translate.evaluation.force_table import by_force_markdown, in_columns
 from t2twin.translate.evaluation.records import (
     Evaluation,
     FigureName,
@@ -12,6 +13,7 @@ from t2twin.translate.evaluation.records import (
     ModelRow,
     PaperRow,
 )
+from t2twin.translate.evaluation.trained import trained_lines
 
 
 class Column(NamedTuple):
@@ -57,14 +59,7 @@ def table(evaluation: Evaluation) -> str:
         cells.append(
             [f"{name} (paper, hardware)", *(_cell(row.value(c.figure), c.how) for c in FIGURES)]
         )
-    widths = [max(len(row[i]) for row in cells) for i in range(len(cells[0]))]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if column == 0 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in cells
-    ]
+    lines = in_columns(cells)
     return "\n".join([f"{evaluation.split}, {evaluation.pairs} pairs", *lines, *_notes(evaluation)])
 
 
@@ -76,6 +71,7 @@ def _notes(evaluation: Evaluation) -> list[str]:
         f"Of the taxels {view.taxels.under} lie under the DIGIT's view, {view.taxels.near} within "
         f"one pitch of it ({view.pitch_mm:.1f} mm), {view.taxels.beyond} beyond.",
     ]
+    notes += trained_lines(evaluation)
     if evaluation.paper:
         notes.append("The paper's rows are from real sensors and not to be compared one to one.")
     return notes
@@ -85,7 +81,7 @@ def markdown(evaluations: Mapping[str, Evaluation]) -> str:
     """A table in Markdown: what `evaluate` found of each split, side by side.
 
     evaluations: by split. The interval of the RMSE stands in brackets; the paper's rows are in
-    italics.
+    italics. Below: what each run was trained on, and the errors of several forces.
     """
     heads = ["", *(f"{split}: {column.title}" for split in evaluations for column in SHORT)]
     lines = [heads, ["---"] * len(heads)]
@@ -97,7 +93,9 @@ def markdown(evaluations: Mapping[str, Evaluation]) -> str:
         rows = [evaluation.paper.get(name) for evaluation in evaluations.values()]
         cells = [cell for row in rows for cell in _paper_cells(row)]
         lines.append([f"*{name}, Grella et al. 2023, hardware*", *cells])
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    by_force = "".join(by_force_markdown(evaluation) for evaluation in evaluations.values())
+    return table + "".join(f"\n{line}\n" for line in trained_lines(first)) + by_force
 
 
 def _short_cells(row: ModelRow | None) -> list[str]:

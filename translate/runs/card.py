@@ -141,7 +141,7 @@ def _data(config: RunConfig, info: DatasetInfo) -> str:
         for split in SPLITS
     }
     rows = [
-        ("scale", info.scale or "none: pairs brought in by their owner"),
+        ("made by", _maker(info)),
         ("pairs", ", ".join(f"{count:,} {split}" for split, count in pairs.items())),
         ("SHA-256 of its info.json", f"`{data.sha256}`"),
         ("taxel layout", f"{data.layout}, {data.x_mm.size} taxels"),
@@ -150,11 +150,20 @@ def _data(config: RunConfig, info: DatasetInfo) -> str:
     return "## Trained on\n\n" + _table(("data set", ""), rows)
 
 
+def _maker(info: DatasetInfo) -> str:
+    if not info.is_simulated:
+        return "its owner, who brought the pairs in"
+    name = info.world_name
+    return f"the paper's protocol, scale {name}" if info.is_protocol else f"the world {name}"
+
+
 def _training(config: RunConfig, history: list[EpochRecord], best: EpochRecord) -> str:
     spent = sum(record.seconds for record in history) / 60
     rows = [(field.name, _said(getattr(config.preset, field.name))) for field in fields(Preset)]
     rows += [
+        *([] if config.steps is None else [("steps asked for", _said(config.steps))]),
         ("planned epochs", _said(config.planned_epochs)),
+        ("steps of an epoch", _said(config.epoch_steps or "all of the data")),
         ("seed", _said(config.seed)),
         ("computed in", "bf16" if config.bf16 else "fp32"),
         ("processes", _said(config.processes)),
@@ -186,8 +195,8 @@ def _limits(info: DatasetInfo) -> str:
 {first}
 - Shapes that reach beyond the DIGIT's view light taxels of which the picture says nothing.
 - Presses are straight down and at rest: no shear, no slip, no rolling.
-- The figure above is for validation shapes that are kin to the training shapes. New objects are
-  harder; `t2twin evaluate --split test` measures them.
+- The figure above is for validation shapes that are kin to the training shapes. Other objects are
+  harder; `t2twin evaluate` measures them, on any dataset.
 - Counts are not newtons. Nothing here is fit to guard people or machines from force.
 """
 

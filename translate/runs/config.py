@@ -32,6 +32,9 @@ MOST = {"size": 2048, "filters": 1024, "batch": 65_536, "epochs": 1_000_000}
 """Settings of a preset that are 1 or more, and the most that they may be (assumed: far beyond what
 any machine trains in a month), so that a damaged file cannot ask for all memory."""
 
+MOST_STEPS = 100_000_000
+"""The most steps of a training (assumed: as above)."""
+
 ZERO_OR_MORE = (
     "patience",
     "steps",
@@ -56,10 +59,10 @@ BEST = "best.safetensors"
 class RunConfig:
     """What a run was asked to do.
 
-    epochs, minutes: as asked for, None where the preset decides. planned_epochs: how many that
-    came to; with a limit in minutes it depends on the machine, so it is decided once. processes:
-    how many share each batch. pictures: what those look like that it was trained on; runs of older
-    versions do not know.
+    epochs, minutes, steps: as asked for, None where the preset decides. planned_epochs: how many
+    that came to; with a limit in minutes it depends on the machine, so it is decided once.
+    processes: how many share each batch. Runs of older versions do not know what follows.
+    pictures: what those look like that it was trained on. epoch_steps: steps of an epoch.
     """
 
     model: str
@@ -72,7 +75,14 @@ class RunConfig:
     bf16: bool
     processes: int
     pictures: Familiar | None = None
+    steps: int | None = None
+    epoch_steps: int | None = None
     format: int = FORMAT
+
+    @property
+    def budget(self) -> int:
+        """Most steps, asked for or the preset's; 0 for any number, as where epochs are given."""
+        return 0 if self.epochs is not None else self.steps or self.preset.steps
 
     def save(self, run_dir: Path) -> None:
         """Writes RUN/config.json."""
@@ -86,7 +96,9 @@ class RunConfig:
                 "seed": self.seed,
                 "epochs": self.epochs,
                 "minutes": self.minutes,
+                "steps": self.steps,
                 "planned_epochs": self.planned_epochs,
+                "epoch_steps": self.epoch_steps,
                 "bf16": self.bf16,
                 "processes": self.processes,
                 "data": {
@@ -95,6 +107,8 @@ class RunConfig:
                     "layout_x_mm": data.x_mm.tolist(),
                     "layout_y_mm": data.y_mm.tolist(),
                     "full_scale_counts": data.full_scale_counts,
+                    "world": data.world,
+                    "train_pairs": data.train_pairs,
                 },
                 "pictures": None
                 if self.pictures is None
@@ -117,6 +131,8 @@ class _DataPart:
     layout_x_mm: tuple[float, ...]
     layout_y_mm: tuple[float, ...]
     full_scale_counts: Annotated[float, Meta(ge=1, le=MOST_COUNTS)]
+    world: str | None = None
+    train_pairs: Annotated[int, Meta(ge=0)] | None = None
 
     def __post_init__(self) -> None:
         check_layout(self.layout_x_mm, self.layout_y_mm)
@@ -153,6 +169,8 @@ class _ConfigFile:
     processes: Annotated[int, Meta(ge=1, le=MOST["batch"])]
     data: _DataPart
     pictures: _PicturesPart | None = None
+    steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
+    epoch_steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
@@ -181,6 +199,8 @@ def load_config(run_dir: Path) -> RunConfig:
             x_mm=np.array(there.data.layout_x_mm),
             y_mm=np.array(there.data.layout_y_mm),
             full_scale_counts=there.data.full_scale_counts,
+            world=there.data.world,
+            train_pairs=there.data.train_pairs,
         ),
         epochs=there.epochs,
         minutes=there.minutes,
@@ -188,6 +208,8 @@ def load_config(run_dir: Path) -> RunConfig:
         bf16=there.bf16,
         processes=there.processes,
         pictures=None if pictures is None else pictures.familiar(channels, path),
+        steps=there.steps,
+        epoch_steps=there.epoch_steps,
     )
 
 

@@ -1,0 +1,97 @@
+"""Epochs of trainings on many pairs: shorter than the data, and as good to go on from."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+from spots import write_spots
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.data.pairs import load_info, load_pairs
+from t2twin.translate.loop import TrainingLoop, steps_of_epoch
+from t2twin.translate.presets import PRESETS
+from t2twin.translate.runs.config import RunConfig, load_config
+from t2twin.translate.runs.log import EpochRecord, read_log
+from t2twin.translate.train import train
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_spots(tmp_path_factory.mktemp("spots") / "data")
+
+
+@pytest.fixture(autouse=True)
+def one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+
+
+def without_times(run_dir: Path) -> list[tuple]:
+    return [(r.epoch, r.learning_rate, r.train, r.val_rmse_counts) for r in read_log(run_dir)]
+
+
+@pytest.mark.parametrize(
+    ("batches", "budget", "steps"),
+    [
+        (441, 10_500, 441),  # the paper's dataset: touch2touch's and ResNet18's preset cpu
+        (441, 5300, 441),
+        (441, 15_900, 441),
+        (3125, 5300, 441),  # 100,000 pairs
+        (3125, 10_500, 875),
+        (3125, 0, 3125),  # no bound: all of the data
+        (3125, 9, 100),
+        (38, 9, 38),
+    ],
+)
+def test_an_epoch_is_all_of_the_data_or_a_twelfth_of_the_steps(
+    batches: int, budget: int, steps: int
+) -> None:
+    assert steps_of_epoch(batches, budget) == steps
+
+
+def test_short_epochs_go_through_all_pairs_before_any_comes_again(data_dir: Path) -> None:
+    """Three steps of four an epoch: four epochs are three passes, each in the order of its number;
+    and an epoch as long as the data is the pass of its own number, as it was before."""
+    preset, info = PRESETS["resnet18"]["smoke"], load_info(data_dir)
+    pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
+    config = RunConfig("resnet18", preset, 5, info, None, None, 1, False, 1)
+    loop = TrainingLoop(config, data_dir, pairs, pairs, 0)
+    whole = [np.concatenate(list(loop._batches(epoch))) for epoch in range(3)]
+    for epoch, order in enumerate(whole):
+        drawn = np.random.default_rng([5, epoch]).permutation(32)
+        assert np.array_equal(order, drawn)
+    loop.steps = 3
+    short = [np.concatenate(list(loop._batches(epoch))) for epoch in range(4)]
+    assert [order.size for order in short] == [24] * 4
+    assert np.array_equal(np.concatenate(short), np.concatenate(whole))
+
+
+def test_steps_asked_for_go_into_the_config_and_bound_the_epochs(
+    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Short epochs resume as whole ones do, at the length that the run began with."""
+    monkeypatch.setattr("t2twin.translate.loop.FEWEST_STEPS", 2)
+    train("resnet18", data_dir, "smoke", tmp_path / "whole", steps=24)
+    config = load_config(tmp_path / "whole")
+    assert (config.steps, config.epoch_steps, config.planned_epochs) == (24, 2, 12)
+    assert config.data.world == "smoke" and config.data.train_pairs == 32
+
+    epoch = TrainingLoop._epoch
+
+    def killed(self: TrainingLoop, number: int, bar: object) -> EpochRecord:
+        if number == 5:
+            raise KeyboardInterrupt
+        return epoch(self, number, bar)  # pyright: ignore[reportArgumentType]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(TrainingLoop, "_epoch", killed)
+        with pytest.raises(KeyboardInterrupt):
+            train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=24)
+    monkeypatch.setattr("t2twin.translate.loop.FEWEST_STEPS", 100)
+    train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=24)
+    assert without_times(tmp_path / "killed") == without_times(tmp_path / "whole")
+    whole, resumed = (load_file(tmp_path / run / "last.safetensors") for run in ("whole", "killed"))
+    assert all(torch.equal(tensor, resumed[key]) for key, tensor in whole.items())
+    with pytest.raises(T2TwinError, match="another number of steps"):
+        train("resnet18", data_dir, "smoke", tmp_path / "whole", steps=25)

@@ -1,0 +1,196 @@
+"""Errors by force: the bins, the mean array of each, what is said of presses that touch nothing."""
+
+import json
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spots import write_spots
+
+from t2twin.translate.data.pairs import ImageFile, Pairs
+from t2twin.translate.evaluation import bootstrap
+from t2twin.translate.evaluation.bootstrap import draws, replicates, rmse_by_group
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.forces import (
+    FEWEST_PRESSES,
+    MEAN_ARRAY_OF_FORCE,
+    MOST_FORCES,
+    by_force,
+    force_bins,
+    mean_array_of_force,
+)
+from t2twin.translate.evaluation.metrics import PairFigures
+from t2twin.translate.evaluation.records import METRICS, read_evaluation
+
+FULL_SCALE = 40000.0
+
+
+def presses(force_n: np.ndarray, counts: np.ndarray | None = None, shapes: int = 4) -> Pairs:
+    """Presses of these forces, (P,), which count 1000 a newton in 20 taxels unless given."""
+    number = force_n.size
+    names = np.array([f"s{n % shapes}" for n in range(number)])
+    nothing = np.zeros(number)
+    arrays = 1000.0 * np.tile(force_n[:, None], (1, 20)) if counts is None else counts
+    return Pairs(
+        ImageFile(Path("none")), arrays.astype(np.float32), names, names,
+        nothing, nothing, nothing, force_n,
+    )  # fmt: skip
+
+
+def figures_of_pairs(predicted: np.ndarray, pairs: Pairs) -> PairFigures:
+    """The errors alone; what needs an image is unknown."""
+    unknown = np.full(len(pairs), np.nan)
+    squares = np.square(predicted - pairs.counts.astype(float)).mean(axis=1)
+    totals = pairs.counts.sum(axis=1, dtype=float)
+    return PairFigures(squares, unknown, unknown, unknown, unknown, unknown, totals)
+
+
+def test_few_forces_are_a_bin_each() -> None:
+    forces = np.array([0.5, 2.0, 2.004, 0.0, 8.0, 0.5])
+    bins = force_bins(presses(forces), presses(np.array([8.0])))
+    assert [(one.low_n, one.high_n) for one in bins] == [(0, 0), (0.5, 0.5), (2, 2), (8, 8)]
+    assert [one.members.tolist() for one in bins] == [[3], [0, 5], [1, 2], [4]]
+    assert [one.touches for one in bins] == [False, True, True, True]
+    assert bins[2].mean_n == pytest.approx(2.002)
+
+
+def test_many_forces_lie_in_bins_as_wide_in_the_logarithm() -> None:
+    """Two a doubling, edges at whole powers of two; empty ones are not there; 0 is its own."""
+    forces = np.concatenate([np.linspace(0.5, 0.7, MOST_FORCES), [1.0, 11.9, 0.0, np.nan]])
+    bins = force_bins(presses(forces), presses(np.array([4.0])))
+    edges = [(round(one.low_n, 2), round(one.high_n, 2)) for one in bins]
+    assert edges == [(0, 0), (0.5, 0.71), (1.0, 1.41), (11.31, 16.0)]
+    assert [one.members.size for one in bins] == [1, MOST_FORCES, 1, 1]  # an unknown one in none
+
+
+def test_presses_of_unknown_force_are_in_no_bin() -> None:
+    pairs = presses(np.full(5, np.nan))
+    assert force_bins(pairs, pairs) == ()
+    assert by_force(pairs.counts, figures_of_pairs(pairs.counts, pairs), pairs, (), 1.0) == ()
+
+
+def test_the_mean_array_of_a_force_is_its_training_presses() -> None:
+    """2 N are trained on often enough, 4 N once too seldom: there it is the split's own mean."""
+    trained = np.repeat([2.0, 4.0], [FEWEST_PRESSES, FEWEST_PRESSES - 1])
+    train = presses(trained, np.tile(500.0 * trained[:, None], (1, 20)))
+    pairs = presses(np.array([2.0, 4.0, 4.0, 2.0]))
+    bins = force_bins(pairs, train)
+    assert [one.mean_of for one in bins] == ["training", "split"]
+    said = mean_array_of_force(bins, pairs, train)
+    assert said[:, 0].tolist() == [1000.0, 4000.0, 4000.0, 1000.0]
+    rows = by_force(said, figures_of_pairs(said, pairs), pairs, bins, FULL_SCALE)
+    assert [row.rmse_counts for row in rows] == [1000.0, 0.0]
+    assert [row.of_mean_array for row in rows] == [1.0, None]  # there is no part of nothing
+
+
+def test_every_force_is_measured_by_its_own_mean_array() -> None:
+    """Off by a tenth of the count, and mean arrays off by a fifth: half of them at each force."""
+    rng = np.random.default_rng(0)
+    forces = np.repeat([1.0, 8.0], 60)
+    strong = np.where(rng.permutation(120) % 2, 1.2, 0.8)
+    pairs = presses(forces, np.tile((1000.0 * forces * strong)[:, None], (1, 20)))
+    even = presses(forces)
+    predicted = pairs.counts + 100.0 * forces[:, None]
+    bins = force_bins(pairs, even)
+    rows = by_force(predicted, figures_of_pairs(predicted, pairs), pairs, bins, FULL_SCALE)
+    assert [row.rmse_counts for row in rows] == pytest.approx([100.0, 800.0])
+    assert [row.rmse_percent for row in rows] == pytest.approx([0.25, 2.0])
+    assert [row.of_mean_array for row in rows] == pytest.approx([0.5, 0.5])
+
+
+def test_what_is_predicted_where_nothing_is_touched_is_a_phantom() -> None:
+    pairs = presses(np.array([0.0, 0.0, 8.0]))
+    predicted = np.full((3, 20), 50.0)
+    bins = force_bins(pairs, pairs)
+    nothing, touched = by_force(
+        predicted, figures_of_pairs(predicted, pairs), pairs, bins, FULL_SCALE
+    )
+    assert (nothing.phantom_counts, nothing.rmse_counts) == (1000.0, 50.0)
+    assert nothing.of_mean_array is nothing.mean_of is None
+    assert touched.phantom_counts is None
+
+
+def test_intervals_by_force_are_those_of_the_same_resamples(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One group of all pairs is the overall figure's; and drawn in parts they are the same."""
+    rng = np.random.default_rng(1)
+    pairs = presses(np.full(40, 8.0), shapes=7)
+    figures = figures_of_pairs(pairs.counts + rng.normal(0, 300, (40, 20)), pairs)
+    whole = replicates(figures, pairs.shapes, FULL_SCALE)
+    alone = rmse_by_group(figures.squared_error, pairs.shapes, np.zeros(40, int), 1)
+    np.testing.assert_allclose(alone[:, 0], whole.rmse_counts, rtol=1e-12)
+    drawn = draws(7)
+    monkeypatch.setattr(bootstrap, "NUMBERS_AT_ONCE", 70)
+    assert np.array_equal(draws(7), drawn)
+    in_parts = replicates(figures, pairs.shapes, FULL_SCALE)
+    for field in fields(whole):
+        one, other = getattr(whole, field.name), getattr(in_parts, field.name)
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of one force, as the paper's."""
+    return write_spots(tmp_path_factory.mktemp("spots") / "data")
+
+
+@pytest.fixture(scope="module")
+def forces_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of four forces and none."""
+    folder = tmp_path_factory.mktemp("forces") / "data"
+    return write_spots(folder, 300, 40, 0, 3, (0.0, 0.5, 1.0, 2.0, 8.0), scale=None)
+
+
+def test_one_force_has_one_entry_that_is_the_whole(
+    runs: list[Path], data_dir: Path, tmp_path: Path
+) -> None:
+    evaluation = evaluate(runs, data_dir, "val", tmp_path)
+    assert not evaluation.has_forces and MEAN_ARRAY_OF_FORCE not in evaluation.models
+    for row in evaluation.models.values():
+        (only,) = row.by_force
+        assert (only.low_n, only.high_n, only.mean_n) == (8.0, 8.0, 8.0)
+        assert only.pairs == row.overall.pairs
+        assert only.rmse_counts == row.overall.rmse_counts
+        assert only.rmse_percent == row.overall.rmse_percent
+
+
+def test_several_forces_have_an_entry_each_and_a_row_of_their_mean_arrays(
+    runs: list[Path], forces_dir: Path, tmp_path: Path
+) -> None:
+    evaluation = evaluate(runs, forces_dir, "val", tmp_path)
+    assert read_evaluation(tmp_path) == evaluation and evaluation.has_forces
+    assert list(evaluation.models)[:3] == ["mean-array", MEAN_ARRAY_OF_FORCE, "nearest-neighbour"]
+    for name, row in evaluation.models.items():
+        assert [one.low_n for one in row.by_force] == [0.0, 0.5, 1.0, 2.0, 8.0]
+        assert sum(one.pairs for one in row.by_force) == evaluation.pairs == 40
+        squares = [one.pairs * one.rmse_counts**2 for one in row.by_force]
+        assert np.sqrt(sum(squares) / 40) == pytest.approx(row.overall.rmse_counts)
+        for one in row.by_force[1:]:
+            assert one.mean_of == "training" and one.phantom_counts is None
+            if name == MEAN_ARRAY_OF_FORCE:
+                assert one.of_mean_array == pytest.approx(1.0, rel=1e-6)
+        assert row.by_force[0].phantom_counts is not None
+    known, blind = (evaluation.models[name] for name in (MEAN_ARRAY_OF_FORCE, "mean-array"))
+    assert known.overall.rmse_counts < blind.overall.rmse_counts
+    run = evaluation.models["resnet18"]
+    assert (run.same_data, run.trained_world, run.trained_pairs) == (False, "smoke", 32)
+    assert run.trained_steps == 3 * 4  # epochs of 32 pairs in batches of 8
+    assert evaluation.paper == {} and evaluation.world is None
+
+
+def test_an_older_file_without_forces_is_read(
+    runs: list[Path], data_dir: Path, tmp_path: Path
+) -> None:
+    evaluate(runs, data_dir, "val", tmp_path)
+    content = json.loads((tmp_path / METRICS).read_text())
+    del content["world"]
+    newer = ("by_force", "trained_data", "trained_world", "trained_pairs", "trained_steps")
+    for row in content["models"].values():
+        for key in newer:
+            row.pop(key, None)
+    (tmp_path / METRICS).write_text(json.dumps(content))
+    older = read_evaluation(tmp_path)
+    assert not older.has_forces and older.world is None
+    assert older.runs["resnet18"].trained_steps is None
