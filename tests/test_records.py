@@ -89,11 +89,17 @@ def test_info_comes_back_as_it_was_written(tmp_path, info):
 
 def test_what_an_older_dataset_lacks_is_none(tmp_path, info):
     write_info(tmp_path, info)
-    for key in ("shape_code", "parameters", "image_shape", "seed", "scale"):
+    for key in ("shape_code", "parameters", "image_shape", "seed", "scale", "world"):
         change(tmp_path / INFO, [key], GONE)
     older = read_info(tmp_path)
     assert older == replace(
-        info, shape_code=None, parameters=None, image_shape=None, seed=None, scale=None
+        info,
+        shape_code=None,
+        parameters=None,
+        image_shape=None,
+        seed=None,
+        scale=None,
+        world=None,
     )
     assert not older.is_simulated
 

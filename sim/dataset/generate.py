@@ -79,11 +79,15 @@ def generate(
     if workers is not None and workers < 1:
         raise T2TwinError(f"{workers} workers cannot work; allowed are 1 and more")
     check_seed(0 if seed is None else seed)
+    if world == PAPER and scale is None:
+        scale, world = PAPER, None
     recipe, sensors = _recipe(scale, world, seed, sensors)
     _check_layout(sensors.cyskin)
     if scheduler is not None:
         # Its import says where Dask is missing.
         importlib.import_module("t2twin.sim.dataset.cluster").check_address(scheduler)
+    for name in shapes:
+        catalogue.split(name)  # says which names there are
     batches = plan(recipe, shapes)
     check_held_out(recipe, cache)
     kept = catalogue.kept_in(cache)

@@ -51,15 +51,19 @@ def name_of(source: str) -> str:
 
 
 def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch]:
-    """All shards of a world. names: the only primitives and tools that are pressed.
+    """All shards of a world. names: the only primitives and tools that are pressed, in this order
+    on a grid.
 
     Raises T2TwinError for a folder that holds no solids' files.
     """
-    return [
+    batches = [
         batch
         for number, part in enumerate(recipe.parts)
         for batch in _of_part(recipe, number, part, names)
     ]
+    on_grid = [batch for batch in batches if batch.indices is not None]
+    others = [batch for batch in batches if batch.indices is None]
+    return sorted(on_grid, key=lambda batch: names.index(batch.shapes[0])) + others
 
 
 def solids_in(folder: str) -> tuple[str, ...]:
