@@ -322,6 +322,26 @@ PICTURES = Benchmark(
     ),
 )
 
+RANDOM_PRESSES = Benchmark(
+    name="random_presses",
+    measures="Random shapes pressed by the ten thousand, and whether the tools' presses lie among "
+    "them.",
+    minutes=10,
+    figures=(
+        Figure("presses"),
+        Figure("exceptions", most=0),
+        Figure("unsettled", most=0),
+        Figure("drawn_again_percent", "%"),
+        Figure("force_off_percent", "%", most=0.5),
+        Figure("shape_over_its_presses", most=0.1),
+        Figure("spread.*.tools_inside_percent", "%", least=95.0),
+    ),
+    arguments=(
+        Argument("--presses", "how many; keeps nothing unless 20,000", int, 20_000, thins=True),
+    ),
+    entries=("t2twin.sim.world.presses",),
+)
+
 REGRESSION = Benchmark(
     name="regression",
     measures="Both translators trained briefly on a small fixed dataset, held to a baseline.",

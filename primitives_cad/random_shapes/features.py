@@ -13,18 +13,18 @@ Outline = Literal["bar", "half-plane", "disc", "ring", "polygon"]
 Profile = Literal["flat", "rounded", "rod", "wedge"]
 Teeth = Literal["none", "pointed", "square"]
 
-NUMBERS, NUMBER_SHARES = (1, 2, 3, 4), (0.3, 0.32, 0.22, 0.16)
+NUMBERS, NUMBER_SHARES = (1, 2, 3, 4), (0.38, 0.34, 0.18, 0.1)
 """How many features a shape has, and how often."""
 
 KIND_SHARES = {
-    "bar": 0.32,
-    "bent-bar": 0.1,
-    "arc": 0.1,
+    "bar": 0.42,
+    "bent-bar": 0.08,
+    "arc": 0.07,
     "half-plane": 0.13,
-    "disc": 0.13,
-    "ring": 0.08,
-    "polygon": 0.08,
-    "hollow-polygon": 0.06,
+    "disc": 0.12,
+    "ring": 0.06,
+    "polygon": 0.07,
+    "hollow-polygon": 0.05,
 }
 """How often a feature is of each kind. An arc is a bar that is bent far round."""
 
@@ -41,8 +41,8 @@ PROFILE_SHARES: dict[str, dict[Profile, float]] = {
 """How often each kind is flat, rounded along its edges, round all over (a rod; a disc: a ball), or
 sharp (a roof; a disc: a cone; a polygon: a pyramid)."""
 
-HALF_WIDTH_MM = (0.25, 7.0)
-LENGTH_MM = (3.0, 90.0)
+HALF_WIDTH_MM = (0.4, 8.0)
+LENGTH_MM = (3.0, 200.0)
 DISC_RADIUS_MM = (0.4, 20.0)
 RING_RADIUS_MM = (1.0, 26.0)
 RING_HALF_WALL_MM = (0.25, 3.5)

@@ -1,0 +1,269 @@
+"""Presses of random shapes by the ten thousand, and whether the tools' lie among them.
+
+    python -m benchmarks.random_presses
+
+Shapes of seeds that no shipped world has, four presses each as the open world draws them. Counts
+what is refused, drawn again or does not settle; times a shape against its four presses; looks
+whether a shape presses with a tool's surface; and draws docs/pictures/random_shapes.png and
+docs/pictures/open_world.png, the distributions of force, depth, contact area and largest taxel
+beside the tools' on the protocol's grid with forces from the same range.
+"""
+
+import multiprocessing
+import time
+from argparse import Namespace
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image, ImageDraw
+from tqdm import tqdm
+
+from benchmarks import ROOT
+from benchmarks.declared import RANDOM_PRESSES
+from benchmarks.evidence.run import main
+from t2twin.primitives_cad import catalogue, sheet
+from t2twin.primitives_cad.machine import cores
+from t2twin.primitives_cad.random_shapes.shape import RandomShape
+from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.report.figures import figure
+from t2twin.sim.press.engine import BesidePadError
+from t2twin.sim.press.records import Contact, PressCommand
+from t2twin.sim.sensors import Sample, SensorPair
+from t2twin.sim.world import protocol
+from t2twin.sim.world.held_out import test_surfaces
+from t2twin.sim.world.presses import draw_force, draw_press, random_name
+from t2twin.sim.world.recipe import load_recipe
+
+SHAPES_PICTURE = ROOT / "docs" / "pictures" / "random_shapes.png"
+SPREAD_PICTURE = ROOT / "docs" / "pictures" / "open_world.png"
+
+SEED = 4_321
+"""A world's seed that no shipped recipe has."""
+
+A_SHAPE = 4
+CHUNK = 50
+"""Presses of a shape, and shapes that a process takes at once."""
+
+LOOKED_AT = 2_000
+"""Shapes that are compared with the tools' surfaces."""
+
+MOST_ATTEMPTS = 20
+
+QUANTITIES = ("force_n", "depth_mm", "area_mm2", "largest_taxel_counts")
+AXES = {
+    "force_n": "force, N",
+    "depth_mm": "depth in the DIGIT's gel, mm",
+    "area_mm2": "contact area on the CySkin, mm²",
+    "largest_taxel_counts": "largest taxel, counts",
+}
+"""What is compared with the tools', and how the picture calls it."""
+
+INNER_PERCENT = (0.5, 99.5)
+"""Percentiles of the random presses between which a tool's press counts as inside."""
+
+SHEET = (6, 10)
+TILE_PX = (170, 150)
+"""Rows and columns of shapes in their picture, and a shape's pixels."""
+
+BARS = 30
+"""Bars of a histogram, even in the logarithm."""
+
+
+@dataclass
+class Pressed:
+    """What came of some shapes. values: of each press, by QUANTITIES. again: presses that were
+    drawn again, by why. exceptions: what was raised that is no refusal. same: shapes that press
+    with a tool's surface, and whose."""
+
+    values: list[tuple[float, ...]] = field(default_factory=list)
+    again: Counter[str] = field(default_factory=Counter)
+    exceptions: list[str] = field(default_factory=list)
+    same: list[tuple[str, str]] = field(default_factory=list)
+    shape_ms: list[float] = field(default_factory=list)
+    press_ms: list[float] = field(default_factory=list)
+    force_off_percent: float = 0.0
+
+    def add(self, other: "Pressed") -> None:
+        self.values += other.values
+        self.again += other.again
+        self.exceptions += other.exceptions
+        self.same += other.same
+        self.shape_ms += other.shape_ms
+        self.press_ms += other.press_ms
+        self.force_off_percent = max(self.force_off_percent, other.force_off_percent)
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    shapes = options.presses // A_SHAPE
+    everything, starts = Pressed(), range(0, shapes, CHUNK)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(cores(), mp_context=context) as pool:
+        work = partial(press_some, last=shapes)
+        for some in tqdm(pool.map(work, starts), total=len(starts), unit="50 shapes"):
+            everything.add(some)
+        tools = np.array([row for rows in pool.map(press_tool, catalogue.OBJECTS) for row in rows])
+    values = np.array(everything.values)
+    if not options.keep_nothing:
+        draw_shapes()
+        draw_spread(values, tools)
+    a_shape, a_press = np.median(everything.shape_ms), np.median(everything.press_ms)
+    return {
+        "shapes": shapes,
+        "presses": len(values),
+        "exceptions": len(everything.exceptions),
+        "unsettled": everything.again["not settled"],
+        "drawn_again": dict(sorted(everything.again.items())),
+        "drawn_again_percent": 100.0 * sum(everything.again.values()) / len(values),
+        "force_off_percent": everything.force_off_percent,
+        "shape_ms": a_shape,
+        "press_ms": a_press,
+        "shape_over_its_presses": a_shape / (A_SHAPE * a_press),
+        "looked_at_for_tools": min(shapes, LOOKED_AT),
+        "like_a_tool": sorted(everything.same),
+        "spread": spread(values, tools),
+    }
+
+
+def press_some(first: int, last: int) -> Pressed:
+    """The shapes of a chunk that begins with the first, four presses each."""
+    sensors, made = SensorPair(), Pressed()
+    sensors.press(RandomShape(0), PressCommand("", 0.0, 0.0, 0.0, 8.0))  # compiled, laid out
+    for number in range(first, min(first + CHUNK, last)):
+        start = time.thread_time()
+        shape = catalogue.load(random_name(SEED, number))
+        made.shape_ms.append(1e3 * (time.thread_time() - start))
+        if number < LOOKED_AT:
+            same = test_surfaces().same_as(shape.surface)
+            made.same += [] if same is None else [(shape.name, same)]
+        for press in range(A_SHAPE):
+            _press(shape, number, press, sensors, made)
+    return made
+
+
+def _press(shape: Shape, number: int, press: int, sensors: SensorPair, made: Pressed) -> None:
+    """One press, drawn until it touches the features, as a dataset's."""
+    part = load_recipe("open").parts[0]
+    for attempt in range(MOST_ATTEMPTS):
+        drawn = draw_press(part, shape.name, number, press, (SEED, 0), attempt)
+        if drawn.is_untouched:
+            return
+        start = time.thread_time()
+        try:
+            sample = sensors.press(shape, drawn.command, drawn.rng)
+        except BesidePadError:
+            made.again["beside the pad"] += 1
+            continue
+        except Exception as error:
+            made.exceptions.append(f"{shape.name}: {type(error).__name__}: {error}")
+            return
+        contacts = (sample.digit, sample.cyskin)
+        if any(contact.bottomed for contact in contacts):
+            made.again["on the base plate"] += 1
+            continue
+        if not all(contact.settled for contact in contacts):
+            made.again["not settled"] += 1
+            continue
+        made.press_ms.append(1e3 * (time.thread_time() - start))
+        off = max(_force_off_percent(contact) for contact in contacts)
+        made.force_off_percent = max(made.force_off_percent, off)
+        made.values.append(_values(sample))
+        return
+
+
+def _force_off_percent(contact: Contact) -> float:
+    return 100.0 * abs(contact.force_n / contact.command.force_n - 1.0)
+
+
+def _values(sample: Sample) -> tuple[float, ...]:
+    """By QUANTITIES."""
+    return (
+        sample.command.force_n,
+        sample.digit.depth_mm,
+        sample.cyskin.contact_area_mm2,
+        float(sample.counts.max()),
+    )
+
+
+def press_tool(name: str) -> list[tuple[float, ...]]:
+    """A tool's presses on the protocol's grid at a keypoint, with forces of the open world."""
+    sensors, shape = SensorPair(), catalogue.load(name)
+    forces = load_recipe("open").parts[0].force_n
+    place, rows = catalogue.NAMES.index(name), []
+    for index in protocol.indices(name, protocol.scale_of("paper")):
+        rng = np.random.default_rng((SEED, place, index))
+        at = protocol.press_at(shape, index)
+        force_n = draw_force(rng, forces)
+        command = PressCommand(name, at.x_mm, at.y_mm, at.yaw_rad, force_n)
+        rows.append(_values(sensors.press(shape, command, rng)))
+    return rows
+
+
+def spread(values: np.ndarray, tools: np.ndarray) -> dict[str, dict[str, Any]]:
+    """Percentiles of both, and the share of the tools' presses that lie inside, by quantity."""
+    percents = (INNER_PERCENT[0], 50.0, INNER_PERCENT[1])
+    content = {}
+    for column, name in enumerate(QUANTITIES):
+        low, middle, high = np.percentile(values[:, column], percents)
+        inside = (tools[:, column] >= low) & (tools[:, column] <= high)
+        content[name] = {
+            "random": [float(low), float(middle), float(high)],
+            "tools": [float(each) for each in np.percentile(tools[:, column], percents)],
+            "tools_inside_percent": 100.0 * float(inside.mean()),
+        }
+    return content
+
+
+def draw_spread(values: np.ndarray, tools: np.ndarray) -> None:
+    """The distributions side by side, each as a share of its presses."""
+
+    def draw(page: Figure) -> None:
+        axes = page.subplots(1, len(QUANTITIES))
+        for column, (name, axis) in enumerate(zip(QUANTITIES, axes, strict=True)):
+            _histograms(axis, values[:, column], tools[:, column], AXES[name])
+        axes[0].set_ylabel("share of the presses, %")
+        axes[0].legend()
+
+    with whole_file(SPREAD_PICTURE) as temporary:
+        temporary.write_bytes(figure("png", 13.0, 3.2, draw))
+
+
+def _histograms(axis: Axes, values: np.ndarray, tools: np.ndarray, label: str) -> None:
+    low, high = np.percentile(values, (0.2, 99.9))
+    edges = np.geomspace(max(low, 1e-2), high, BARS + 1)
+    for of, name in ((values, "random shapes"), (tools, "tools")):
+        weights = np.full(of.size, 100.0 / of.size)
+        axis.hist(of, edges, weights=weights, histtype="step", label=name, linewidth=1.6)
+    axis.set_xscale("log")
+    axis.set_xlabel(label)
+
+
+def draw_shapes() -> None:
+    """The first random shapes of all, from above and aside."""
+    rows, columns = SHEET
+    page = Image.new("RGB", (columns * TILE_PX[0], rows * TILE_PX[1]), tuple(sheet.PAPER.tolist()))
+    pen = ImageDraw.Draw(page)
+    for seed, (left, top) in enumerate(_tiles(rows, columns)):
+        mesh = RandomShape(seed).mesh
+        tile, _ = sheet.draw(mesh, sheet.PRIMITIVE_VIEW, TILE_PX, sheet.RESIN)
+        page.paste(Image.fromarray(tile), (left, top))
+        pen.text((left + 6, top + TILE_PX[1] - 18), f"random-{seed}", fill=sheet.INK, font_size=11)
+    with whole_file(SHAPES_PICTURE) as temporary:
+        page.save(temporary, format="PNG", optimize=True)
+
+
+def _tiles(rows: int, columns: int) -> Iterator[tuple[int, int]]:
+    for row in range(rows):
+        for column in range(columns):
+            yield column * TILE_PX[0], row * TILE_PX[1]
+
+
+if __name__ == "__main__":
+    main(RANDOM_PRESSES)
