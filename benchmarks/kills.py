@@ -1,4 +1,5 @@
-"""A run of `t2twin simdata` killed again and again, against one left alone.
+"""Runs of `t2twin simdata` killed again and again, against runs left alone: the protocol's smallest
+scale, and a world of random shapes in drawn light.
 
     python -m benchmarks.kills [--kills 20] [--seed 0]
 
@@ -25,6 +26,9 @@ from t2twin.sim.dataset.store import INFO, read_info
 from t2twin.sim.dataset.verify import verify
 
 SCALE = "smoke"
+WORLD_PARTS, WORLD_SHAPES = 30, 3
+"""Parts of the world, a shard each, and shapes in each."""
+
 WORKERS = 2
 PATIENCE_SECONDS = 60
 """How long the workers of a killed run may take to end, s."""
@@ -32,14 +36,33 @@ PATIENCE_SECONDS = 60
 
 def measure(options: Namespace) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="t2twin-kills-") as folder:
-        return kill_again_and_again(options.kills, options.seed, Path(folder))
+        recipe = Path(folder) / "killed.toml"
+        recipe.write_text(world())
+        asked = {"protocol": ["--scale", SCALE], "world": ["--world", str(recipe)]}
+        of = {
+            name: kill_again_and_again(what, options.kills, options.seed, Path(folder) / name)
+            for name, what in asked.items()
+        }
+    totals = ("kills", "datasets", "datasets_unlike_undisturbed")
+    return {total: sum(each[total] for each in of.values()) for total in totals} | {"of": of}
 
 
-def kill_again_and_again(kills: int, seed: int, folder: Path) -> dict[str, Any]:
-    """Kills so many runs below folder; what happened, and whether the shards came out the same."""
+def world() -> str:
+    """A recipe of many small shards, with all that a world's pairs may hold."""
+    part = (
+        f'[[parts]]\nshapes = "random"\ncount = {WORLD_SHAPES}\npresses = 2\n'
+        "place = { normal_mm = 2.5 }\nforce_n = { low = 0.5, high = 12.0 }\n"
+        "untouched_share = 0.1\n"
+    )
+    return 'format = 1\nname = "killed"\n' + WORLD_PARTS * part + '[light]\nkind = "drawn"\n'
+
+
+def kill_again_and_again(asked: list[str], kills: int, seed: int, folder: Path) -> dict[str, Any]:
+    """Kills so many runs of what is asked for below folder; what happened, and whether the shards
+    came out the same."""
     rng = random.Random(seed)
     start = time.monotonic()
-    _finish(folder / "undisturbed")
+    _finish(asked, folder / "undisturbed")
     undisturbed_s = time.monotonic() - start
     wanted = _digests(folder / "undisturbed")
     records, same, number = [], [], 0
@@ -47,7 +70,7 @@ def kill_again_and_again(kills: int, seed: int, folder: Path) -> dict[str, Any]:
         data = folder / f"killed-{number}"
         # Up to half of the whole: a dataset then meets several kills before it is finished.
         moment_s = rng.uniform(0, undisturbed_s / 2)
-        process = _start(data)
+        process = _start(asked, data)
         try:
             _check_ended_well(process, process.wait(moment_s))
         except subprocess.TimeoutExpired:
@@ -56,10 +79,9 @@ def kill_again_and_again(kills: int, seed: int, folder: Path) -> dict[str, Any]:
             same.append(_is_same(data, wanted))
             number += 1
     last = folder / f"killed-{number}"
-    _finish(last)
+    _finish(asked, last)
     same.append(_is_same(last, wanted))
     return {
-        "scale": SCALE,
         "workers": WORKERS,
         "kills": len(records),
         "datasets": len(same),
@@ -89,8 +111,8 @@ def _kill(
     }
 
 
-def _start(data: Path) -> subprocess.Popen:
-    command = ["simdata", "--scale", SCALE, "--out", str(data), "--workers", str(WORKERS)]
+def _start(asked: list[str], data: Path) -> subprocess.Popen:
+    command = ["simdata", *asked, "--out", str(data), "--workers", str(WORKERS)]
     return subprocess.Popen(
         [sys.executable, "-m", "t2twin", *command],
         stdout=subprocess.DEVNULL,
@@ -99,8 +121,8 @@ def _start(data: Path) -> subprocess.Popen:
     )
 
 
-def _finish(data: Path) -> None:
-    process = _start(data)
+def _finish(asked: list[str], data: Path) -> None:
+    process = _start(asked, data)
     _check_ended_well(process, process.wait())
 
 

@@ -97,6 +97,10 @@ def test_no_shape_is_in_two_splits_or_worlds():
         by_split.setdefault(batch.split, set()).update(batch.shapes)
     assert not by_split["train"] & by_split["val"]
     assert len(by_split["train"] | by_split["val"]) == 25_000
+    few = structs.replace(recipe.parts[0], count=10, split="test", val_share=0.0)
+    held = [batch for batch in plan(structs.replace(recipe, parts=(*recipe.parts, few)))
+            if batch.split == "test"]  # fmt: skip
+    assert not by_split["train"] & {name for batch in held for name in batch.shapes}
     other = plan(structs.replace(recipe, seed=1))
     assert not by_split["train"] & {name for batch in other for name in batch.shapes}
 

@@ -80,7 +80,7 @@ def solids_in(folder: str) -> tuple[str, ...]:
 
 
 def _of_part(recipe: Recipe, number: int, part: Part, names: tuple[str, ...]) -> Iterator[Batch]:
-    shapes = _shapes(recipe, part, names)
+    shapes = _shapes(recipe, number, names)
     if part.place == "grid":
         for place, name in enumerate(shapes):
             indices, split = grid_indices(part, name), _split(part, name, place, len(shapes))
@@ -107,7 +107,9 @@ def _of_part(recipe: Recipe, number: int, part: Part, names: tuple[str, ...]) ->
             )
 
 
-def _shapes(recipe: Recipe, part: Part, names: tuple[str, ...]) -> tuple[str, ...]:
+def _shapes(recipe: Recipe, number: int, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Of a part, by its number."""
+    part = recipe.parts[number]
     if part.shapes == RANDOM:
         assert part.count is not None
         if recipe.seed > MOST_SEED:
@@ -115,7 +117,9 @@ def _shapes(recipe: Recipe, part: Part, names: tuple[str, ...]) -> tuple[str, ..
                 f"the seed of a world of random shapes is {recipe.seed}; it must be at most "
                 f"{MOST_SEED}"
             )
-        return tuple(random_name(recipe.seed, number) for number in range(part.count))
+        # No two parts have a shape in common, as they may be of different splits.
+        before = sum(earlier.count or 0 for earlier in recipe.parts[:number])
+        return tuple(random_name(recipe.seed, before + place) for place in range(part.count))
     if part.shapes in ("primitives", "tools"):
         of = PRIMITIVES if part.shapes == "primitives" else catalogue.OBJECTS
         return tuple(name for name in of if name in names)
