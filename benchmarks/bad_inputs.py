@@ -27,6 +27,7 @@ from benchmarks.inputs import (
     runs,
     shapes,
     tables,
+    worlds,
 )
 from benchmarks.inputs.case import REFUSED, Base, Case
 from benchmarks.inputs.tried import Tried, connections, guard_connections, try_case
@@ -43,6 +44,7 @@ KINDS: dict[str, Callable[[], Iterator[Case]]] = {
     "shapes": shapes.cases,
     "caches": caches.cases,
     "folders": folders.cases,
+    "worlds": worlds.cases,
 }
 """What is tried, by what is bad about it."""
 

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.report.figures import figure
+from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.press.engine import BesidePadError
 from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.sensors import Sample, SensorPair
@@ -72,6 +74,9 @@ INNER_PERCENT = (0.5, 99.5)
 SHEET = (6, 10)
 TILE_PX = (170, 150)
 """Rows and columns of shapes in their picture, and a shape's pixels."""
+
+FORCES_N = (0.5, 1.0, 2.0, 4.0, 8.0, 12.0)
+"""Edges of the forces for which saturation is stated, N."""
 
 BARS = 30
 """Bars of a histogram, even in the logarithm."""
@@ -129,6 +134,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "looked_at_for_tools": min(shapes, LOOKED_AT),
         "like_a_tool": sorted(everything.same),
         "spread": spread(values, tools),
+        "by_force": {"random": by_force(values), "tools": by_force(tools)},
     }
 
 
@@ -218,6 +224,25 @@ def spread(values: np.ndarray, tools: np.ndarray) -> dict[str, dict[str, Any]]:
             "tools": [float(each) for each in np.percentile(tools[:, column], percents)],
             "tools_inside_percent": 100.0 * float(inside.mean()),
         }
+    return content
+
+
+def by_force(values: np.ndarray) -> list[dict[str, float]]:
+    """What the largest taxel counts, and how many presses saturate one, by force."""
+    force, largest = values[:, QUANTITIES.index("force_n")], values[:, -1]
+    content = []
+    for low, high in pairwise(FORCES_N):
+        chosen = largest[(force >= low) & (force < high)]
+        content.append(
+            {
+                "low_n": low,
+                "high_n": high,
+                "presses": chosen.size,
+                "median_counts": float(np.median(chosen)),
+                "percentile_99_5_counts": float(np.percentile(chosen, 99.5)),
+                "saturated_percent": 100.0 * float((chosen >= FULL_SCALE_COUNTS - 1).mean()),
+            }
+        )
     return content
 
 
