@@ -140,7 +140,10 @@ def _unknown(name: str) -> str:
     if named:
         hint = f"near names are {', '.join(named)}"
     else:
-        hint = "names are like square-2 or pliers/jaw-tip, all listed by `t2twin primitives`"
+        hint = (
+            "names are like square-2, pliers/jaw-tip or random-17; `t2twin shapes` lists all but "
+            "the random ones"
+        )
     return f"there is no shape {name!r}; {hint}; {also}"
 
 

@@ -149,12 +149,14 @@ def _default_twin() -> Twin:
 
 
 def shapes() -> tuple[str, ...]:
-    """Names of all shapes that ship: the primitives, then the tools at their keypoints."""
+    """Names of all shapes that ship: the primitives, then the tools at their keypoints. Random
+    ones, `random-0` and so on, are without end."""
     return catalogue.NAMES
 
 
 def load_shape(shape: str | Path | Shape, scale: float | None = None) -> Shape:
-    """A shape by name (see `t2twin.shapes()`), or from a file; a Shape is given back as it is.
+    """A shape by name (see `t2twin.shapes()`), a random one (`random-17`), or from a file; a Shape
+    is given back as it is.
 
     A file is STL, STEP, OBJ, PLY, 3MF or GLB, its pressing side up. scale: mm in one of the file's
     units; None takes what the file says, or 1 where it says nothing. The Shape's `notes` say what

@@ -22,6 +22,7 @@ from t2twin.sim.dataset.store import (
     write_info,
 )
 from t2twin.sim.dataset.verify import verify
+from t2twin.sim.digit import rendered
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world.plan import plan
@@ -286,3 +287,21 @@ def test_a_folder_of_solids_is_a_world_but_not_of_tools(tmp_path, shape_cache, s
     with pytest.raises(T2TwinError, match="the same surface as wrench/shank"):
         generate(tmp_path / "other", world=path, workers=1, cache=shape_cache)
     assert not (tmp_path / "other").exists()
+
+
+def test_pyrender_itself_makes_a_worlds_pictures(tmp_path, shape_cache, monkeypatch, capsys):
+    monkeypatch.setattr(rendered, "LED_POINTS", 2)
+    part = structs.replace(load_recipe("open").parts[0], count=1, presses=1, untouched_share=0.0,
+                           val_share=0.0, force_n=4.0)  # fmt: skip
+    world = structs.replace(load_recipe("open-8n"), parts=(part,))
+    images = {}
+    for optics in ("baked", "pyrender"):
+        recipe = structs.replace(world, light=structs.replace(world.light, optics=optics))
+        generate(tmp_path / optics, world=recipe, workers=1, cache=shape_cache)
+        row = read_split(tmp_path / optics, "train").to_pylist()[0]
+        images[optics] = decode_png(row["image"]["bytes"]).astype(float)
+    assert "pyrender takes 1.1 s" in capsys.readouterr().out
+    apart = np.abs(images["baked"] - images["pyrender"])
+    assert 0.0 < apart.mean() < 2.0
+    changed = np.abs(images["baked"] - images["baked"][0, 0]).std()
+    assert apart.std() < 0.5 * changed

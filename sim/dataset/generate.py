@@ -239,8 +239,10 @@ def _make(
     start, watch, peaks, redrawn = time.monotonic(), Stopwatch(), {}, Counter()
     with Progress(total=pairs, unit="pair", desc="simdata") as bar:
         if scheduler is None:
-            minutes = _seconds(todo, making) / workers / 60
+            minutes = _seconds(todo, making, workers) / 60
             bar.write(f"{pairs} pairs to make with {workers} workers: about {minutes:.1f} minutes")
+            if making.recipe.light.optics == "pyrender":
+                bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each picture")
             results = pool.run(making, todo, workers, bar.update)
         else:
             from t2twin.sim.dataset import cluster
@@ -271,8 +273,8 @@ def _make(
     return info
 
 
-def _seconds(todo: list[Batch], making: Making) -> float:
-    """About how long one core takes, s."""
+def _seconds(todo: list[Batch], making: Making, workers: int) -> float:
+    """About how long so many workers take, s."""
     named = [
         name
         for batch in todo
@@ -280,10 +282,11 @@ def _seconds(todo: list[Batch], making: Making) -> float:
         for name in batch.shapes
     ]
     new = sum(not catalogue.is_kept(name, making.cache) for name in named)
-    a_pair = SECONDS_PER_PAIR
+    pairs = sum(batch.pairs for batch in todo)
+    seconds = (pairs * SECONDS_PER_PAIR + new * SECONDS_PER_SHAPE) / workers
     if making.recipe.light.optics == "pyrender":
-        a_pair += FRAME_SECONDS
-    return sum(batch.pairs for batch in todo) * a_pair + new * SECONDS_PER_SHAPE
+        seconds += pairs * FRAME_SECONDS
+    return seconds
 
 
 def _log(folder: Path, record: RunTiming) -> None:

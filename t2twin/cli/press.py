@@ -31,8 +31,8 @@ def press(
     """Press one shape into one sensor or both, and write what they see and feel.
 
     Args:
-        shape: A catalogue name (square-2, pliers/jaw-tip; all are listed by t2twin primitives) or
-            an STL, STEP, OBJ, PLY, 3MF or GLB file, its pressing side up (+z; +y in GLB).
+        shape: A catalogue name (square-2, pliers/jaw-tip; t2twin shapes lists all), a random shape
+            (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file, its pressing side up (+z; +y in GLB).
         sensor: Which sensor is touched.
         x_mm: Where the shape's middle stands, to the right in the picture, mm.
         y_mm: The same, down the picture, mm.

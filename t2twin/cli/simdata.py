@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -19,6 +19,7 @@ def simdata(
     layout: Annotated[str | None, tyro.conf.arg(metavar="LAYOUT")] = None,
     imperfections: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None,
     calibration: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
+    optics: Annotated[Literal["baked", "pyrender"] | None, tyro.conf.arg(metavar="NAME")] = None,
     primitives: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
     verify: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
@@ -38,6 +39,8 @@ def simdata(
             names its own.
         calibration: The DIGIT's optics, as t2twin calibrate writes them; the shipped ones unless
             given. A world names its own.
+        optics: What makes the pictures: baked, in milliseconds (unless given), or pyrender itself,
+            in seconds. A world names its own.
         primitives: Folder where prepared shapes are kept; one in the user's cache unless given.
         scheduler: Address of a Dask scheduler whose workers make the shards instead, as in
             tcp://10.0.0.1:8786. They must see the folders under the same paths.
@@ -49,7 +52,12 @@ def simdata(
 
     if verify is not None:
         sys.exit(_verify(verify))
-    own = {"--layout": layout, "--imperfections": imperfections, "--calibration": calibration}
+    own = {
+        "--layout": layout,
+        "--imperfections": imperfections,
+        "--calibration": calibration,
+        "--optics": optics,
+    }
     _check_asked(scale, world, own)
     if scheduler is not None and workers is not None:
         raise T2TwinError(
@@ -60,8 +68,12 @@ def simdata(
 
     sensors = None
     if scale is not None:
-        own_layout = layout or DEFAULT_LAYOUT
-        sensors = t2twin.Twin(calibration, own_layout, imperfections or "white").sensors
+        sensors = t2twin.Twin(
+            calibration,
+            DEFAULT_LAYOUT if layout is None else layout,
+            "white" if imperfections is None else imperfections,
+            optics=optics or "baked",
+        ).sensors
     folder = out or Path("data") / (scale or Path(world or "").stem)
     info = t2twin.make_dataset(
         folder,
