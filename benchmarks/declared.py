@@ -342,6 +342,20 @@ RANDOM_PRESSES = Benchmark(
     entries=("t2twin.sim.world.presses",),
 )
 
+WORLD_RATE = Benchmark(
+    name="world_rate",
+    measures="How fast the open world's pairs are made, beside the protocol's.",
+    minutes=3,
+    figures=(
+        Figure("open_over_protocol", least=0.85),
+        Figure("protocol_pairs_a_second", "pairs/s"),
+        Figure("open_pairs_a_second", "pairs/s"),
+        Figure("kb_a_pair.*", "kB"),
+    ),
+    arguments=(Argument("--rounds", "of both; keeps nothing unless 3", int, 3, thins=True),),
+    entries=("t2twin.sim.dataset.generate",),
+)
+
 REGRESSION = Benchmark(
     name="regression",
     measures="Both translators trained briefly on a small fixed dataset, held to a baseline.",

@@ -32,7 +32,8 @@ def press(
 
     Args:
         shape: A catalogue name (square-2, pliers/jaw-tip; t2twin shapes lists all), a random shape
-            (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file, its pressing side up (+z; +y in GLB).
+            (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file, its
+            pressing side up (+z; +y in GLB).
         sensor: Which sensor is touched.
         x_mm: Where the shape's middle stands, to the right in the picture, mm.
         y_mm: The same, down the picture, mm.
