@@ -1,14 +1,17 @@
 # Everything from a fresh clone: `make demo` shows it, `make test` checks it.
 
 SCALE ?= paper
+WORLD ?=
 PRESET ?= cpu
 PYTHON ?= python3
 WORKERS ?=
 PIP_ARGS ?=
 
 BIN := .venv/bin
-DATA := data/$(SCALE)
-RUNS := runs/$(SCALE)
+# A world's dataset and runs go by the name of its recipe.
+NAME = $(or $(basename $(notdir $(WORLD))),$(SCALE))
+DATA = data/$(NAME)
+RUNS = runs/$(NAME)
 WORKERS_FLAG := $(if $(WORKERS),--workers $(WORKERS))
 MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
 
@@ -20,7 +23,7 @@ help:
 	@echo "make test        install, then the whole test suite with the RMSE regression"
 	@echo "make setup       virtual environment and pinned packages"
 	@echo "make primitives  STEP, STL, mosaic plate and contact sheet of all shapes"
-	@echo "make simdata     the paired dataset         SCALE=smoke|small|paper (paper)"
+	@echo "make simdata     the paired dataset         SCALE=smoke|small|paper (paper), or WORLD=open|FILE.toml"
 	@echo "make train-all   both translators           SCALE=, PRESET=cpu|paper|smoke, MINUTES="
 	@echo "make evaluate    the results table          SCALE="
 	@echo "make report      the report                 SCALE="
@@ -66,7 +69,7 @@ primitives: setup
 	$(BIN)/t2twin primitives --out data/primitives
 
 simdata: setup
-	$(BIN)/t2twin simdata --scale $(SCALE) --out $(DATA) $(WORKERS_FLAG)
+	$(BIN)/t2twin simdata $(if $(WORLD),--world $(WORLD),--scale $(SCALE)) --out $(DATA) $(WORKERS_FLAG)
 
 train-all: setup
 	$(BIN)/t2twin train touch2touch --data $(DATA) --preset $(PRESET) --out $(RUNS)/touch2touch $(MINUTES_FLAG)
