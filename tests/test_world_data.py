@@ -79,13 +79,15 @@ def digests(folder):
 
 
 def test_what_ships_can_be_planned():
-    assert set(shipped()) == {"paper", "open", "open-8n"}
+    assert set(shipped()) == {"paper", "open", "open-8n", "forces"}
     open_world = load_recipe("open")
     batches = plan(open_world)
     assert sum(batch.pairs for batch in batches) == 100_000
     assert {batch.pairs for batch in batches} == {500}
     assert {batch.split for batch in batches} == {"train", "val"}
     assert open_world.light.kind == "drawn" and open_world.field and open_world.untouched_frames
+    forces = plan(load_recipe("forces"))
+    assert sum(batch.pairs for batch in forces if batch.split == "test") == 7 * 1_260
     paper = plan(load_recipe("paper"))
     assert sum(batch.pairs for batch in paper) == 20_076
     assert [batch.shapes[0] for batch in paper] == list(catalogue.NAMES)
