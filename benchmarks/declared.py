@@ -356,6 +356,18 @@ WORLD_RATE = Benchmark(
     entries=("t2twin.sim.dataset.generate",),
 )
 
+WORLD_RUNS = Benchmark(
+    name="world_runs",
+    measures="The errors of translators trained on one world and measured on others.",
+    minutes=1,
+    figures=(
+        Figure("on.*.val.*.overall.rmse_percent", "%"),
+        Figure("on.*.test.*.overall.rmse_percent", "%"),
+    ),
+    arguments=(Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+)
+
 REGRESSION = Benchmark(
     name="regression",
     measures="Both translators trained briefly on a small fixed dataset, held to a baseline.",

@@ -25,8 +25,10 @@ if TYPE_CHECKING:
     from t2twin.sim.digit.calibrate.calibrate import calibrate
     from t2twin.sim.press.elastomer import Elastomer
     from t2twin.sim.press.records import Contact, PressCommand
+    from t2twin.sim.world.recipe import Recipe, load_recipe
     from t2twin.translate.batch import translate_images
     from t2twin.translate.evaluation.evaluate import evaluate
+    from t2twin.translate.evaluation.worlds import evaluate_worlds
     from t2twin.translate.export import export_onnx
     from t2twin.translate.predict import TrainedTranslator
     from t2twin.translate.predict import load_run as load
@@ -55,6 +57,9 @@ _HOMES = {
     "import_pairs": "t2twin.sim.dataset.import_pairs:import_pairs",
     "train": "t2twin.translate.train:train",
     "evaluate": "t2twin.translate.evaluation.evaluate:evaluate",
+    "evaluate_worlds": "t2twin.translate.evaluation.worlds:evaluate_worlds",
+    "load_recipe": "t2twin.sim.world.recipe:load_recipe",
+    "Recipe": "t2twin.sim.world.recipe:Recipe",
     "translate_images": "t2twin.translate.batch:translate_images",
     "export_onnx": "t2twin.translate.export:export_onnx",
     "write_report": "t2twin.report.page:write_report",
@@ -67,6 +72,7 @@ __all__ = [
     "Elastomer",
     "Layout",
     "PressCommand",
+    "Recipe",
     "Shape",
     "T2TwinError",
     "Touch",
@@ -74,11 +80,13 @@ __all__ = [
     "Twin",
     "calibrate",
     "evaluate",
+    "evaluate_worlds",
     "export_onnx",
     "export_shapes",
     "import_pairs",
     "load",
     "load_layout",
+    "load_recipe",
     "load_shape",
     "make_dataset",
     "press",

@@ -29,8 +29,10 @@ MOST_STEPS = 80
 SMALL_STEP, MOST_SMALL_STEPS = 0.1, 400
 """Share of a step that is then taken, and steps after which a press is given up as not settled."""
 
-LEAST_SLOPE = 0.02
-"""Least share of a pin's compliance that stiffening leaves: keeps the springs finite."""
+LEAST_SLOPE, STIFFER_LEAST_SLOPE = 0.02, 0.002
+"""Least share of a pin's compliance that stiffening leaves: keeps the springs finite. The second is
+for presses that do not settle with the first: where the layer is pressed almost through, springs
+so much softer than it go past their place and back."""
 
 MISSED_MM = 1e-3
 """How far the shape may stand in a cell without a pin, mm: what a settled step still changes."""
@@ -52,6 +54,7 @@ class Solution:
         self.pins = pins
         self.force_n = force_n
         self.compiling_s = 0.0
+        self._least_slope = LEAST_SLOPE
         standing = np.isfinite(pins.gap_mm)
         if start is not None:
             finer = len(standing) // len(start.pressure_mpa)
@@ -89,11 +92,14 @@ class Solution:
         """Iterate until the press has settled; False where it had not after all steps.
 
         Where whole steps run in circles, as they may about a place that is pressed almost through,
-        it goes on in small ones.
+        it goes on in small ones, and then with stiffer springs.
         """
-        return self._solve(tolerance, 1.0, MOST_STEPS) or self._solve(
-            tolerance, SMALL_STEP, MOST_SMALL_STEPS
-        )
+        if self._solve(tolerance, 1.0, MOST_STEPS):
+            return True
+        if self._solve(tolerance, SMALL_STEP, MOST_SMALL_STEPS):
+            return True
+        self._least_slope = STIFFER_LEAST_SLOPE
+        return self._solve(tolerance, 1.0, MOST_STEPS)
 
     def _solve(self, tolerance: float, step: float, steps_left: int) -> bool:
         while True:
@@ -130,7 +136,7 @@ class Solution:
             linear = pins.layer.deflection_mm(self.fine_pressure_mpa(), pins.window)
             fine, fine_slope = by_law(pins.layer, linear, pins.window)
             # A stiffened place is stiffer in its pin's spring too.
-            slope = np.maximum(pins.mean_over_cover(fine_slope)[used], LEAST_SLOPE)
+            slope = np.maximum(pins.mean_over_cover(fine_slope)[used], self._least_slope)
             self.surface_mm = pins.mean_over_cover(fine)
             surface = self.surface_mm[used] + edge * slope * ahead
             local = (self.compliance + edge) * slope

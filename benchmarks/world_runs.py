@@ -1,0 +1,66 @@
+"""Translators trained on one world and measured on others, from folders of `t2twin evaluate`.
+
+    t2twin evaluate RUN... --data data/paper data/forces --split both --out runs/worlds
+    python -m benchmarks.world_runs runs/worlds/paper runs/worlds/forces
+
+What evaluation says of every row, overall with its interval and by force, and what each run was
+trained on.
+"""
+
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from benchmarks.declared import WORLD_RUNS
+from benchmarks.evidence.run import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.evaluation.records import ModelRow, read_evaluation
+
+SPLITS = ("val", "test")
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    content: dict[str, Any] = {"runs": {}, "on": {}}
+    for folder in options.evaluations:
+        world, splits, runs = figures(folder)
+        content["on"][world] = splits
+        content["runs"] |= runs
+    return content
+
+
+def figures(folder: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
+    """What the evaluated dataset is called, the figures of every row by split, and what each run
+    was trained on."""
+    splits, runs, world = {}, {}, folder.name
+    for split in SPLITS:
+        if not (folder / split).is_dir():
+            continue
+        evaluation = read_evaluation(folder / split)
+        world = evaluation.world or world
+        splits[split] = {name: _row(row) for name, row in evaluation.models.items()}
+        runs |= {name: _trained(row) for name, row in evaluation.runs.items()}
+    if not splits:
+        raise T2TwinError(f"{folder} holds no evaluation; give folders of `t2twin evaluate`")
+    return world, splits, runs
+
+
+def _row(row: ModelRow) -> dict[str, Any]:
+    return {
+        "overall": msgspec.to_builtins(row.overall),
+        "interval": msgspec.to_builtins(row.interval),
+        "by_force": [msgspec.to_builtins(each) for each in row.by_force],
+    }
+
+
+def _trained(row: ModelRow) -> dict[str, Any]:
+    return {
+        "world": row.trained_world,
+        "pairs": row.trained_pairs,
+        "steps": row.trained_steps,
+    }
+
+
+if __name__ == "__main__":
+    main(WORLD_RUNS)
