@@ -215,14 +215,11 @@ class _Survey:
     def expected_contact(self, force_n: float) -> np.ndarray:
         """Where independent springs as soft as the layer would touch, (rows, columns)."""
         touching = np.ones(self.gap_mm.shape, bool)
-        elastomer = self.layer.elastomer
-        # A stiffening layer is never pressed through, however soft its springs.
-        deepest = np.inf if elastomer.law == "linear" else float(self.layer.thickness_mm.max())
         for _ in range(GUESSES):
             pressed = scaled(window_around(touching), self.per_side)
             springs = spring_compliance(self.layer, pressed)
             force = force_n * springs / (self.per_side * self.layer.pitch_mm) ** 2
-            touching = self.gap_mm < min(winkler_depth_mm(self.gap_mm, force), deepest)
+            touching = self.gap_mm < winkler_depth_mm(self.gap_mm, force)
         return touching
 
 
