@@ -5,11 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from benchmarks.oracle import kernel, solve
 from benchmarks.solids import ball, block, formula, punch
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.shape import NOTHING_MM
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.press.anderson import Anderson
 from t2twin.sim.press.bed import Bed
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
@@ -224,3 +225,19 @@ def test_a_warning_of_mujoco_leaves_no_file(tmp_path, monkeypatch, capfd):
     bed.push(1.0, np.zeros(1), np.ones(1))
     assert "WARNING" in "".join(capfd.readouterr())
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("radius_mm", "force_n"), [(0.53, 8.0), (0.6, 12.0), (1.0, 30.0)])
+def test_a_tip_that_is_pressed_almost_through_settles(radius_mm, force_n):
+    """Where the cover is stiffened hundredfold, the pins' springs have to stiffen with it."""
+    axis = np.arange(-100, 101) * 0.1
+    inside = np.hypot(*np.meshgrid(axis, axis)) <= radius_mm
+    surface = HeightMap(np.where(inside, 0.0, -8.0).astype(np.float32), axis, axis)
+    tip = Shape("tip", trimesh.Trimesh(), surface, spacing_mm=(1.0, 1.0))
+    for elastomer, pitch_mm in ((DIGIT_GEL, DIGIT_PITCH_MM), (CYSKIN_COVER, CYSKIN_PITCH_MM)):
+        contact = solve_contact(
+            tip, PressCommand("tip", 0.2, 0.1, 0.4, force_n), elastomer, pitch_mm
+        )
+        assert contact.settled
+        assert contact.force_n == pytest.approx(force_n, rel=0.005)
+        assert 0.0 < contact.depth_mm < elastomer.thickness_mm

@@ -99,7 +99,7 @@ def test_what_cannot_be_pressed_is_refused_in_one_sentence(name, tmp_path):
         ("pliers", "pliers/jaw-tip"),
         ("Wrench/rings", "wrench/ring"),
         ("square", "square-4"),
-        ("xyzzy", "t2twin primitives"),
+        ("xyzzy", "t2twin shapes"),
     ],
 )
 def test_an_unknown_name_lists_the_near_ones(wrong, near, tmp_path):
