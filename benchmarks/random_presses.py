@@ -36,13 +36,14 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.report.figures import figure
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.dataset.shard import why_again
 from t2twin.sim.press.engine import BesidePadError
 from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import test_surfaces
-from t2twin.sim.world.presses import draw_force, draw_press, random_name
-from t2twin.sim.world.recipe import load_recipe
+from t2twin.sim.world.presses import MOST_ATTEMPTS, draw_force, draw_press, random_name
+from t2twin.sim.world.recipe import Part, load_recipe
 
 SHAPES_PICTURE = ROOT / "docs" / "pictures" / "random_shapes.png"
 SPREAD_PICTURE = ROOT / "docs" / "pictures" / "open_world.png"
@@ -56,8 +57,6 @@ CHUNK = 50
 
 LOOKED_AT = 2_000
 """Shapes that are compared with the tools' surfaces."""
-
-MOST_ATTEMPTS = 20
 
 QUANTITIES = ("force_n", "depth_mm", "area_mm2", "largest_taxel_counts")
 AXES = {
@@ -140,7 +139,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def press_some(first: int, last: int) -> Pressed:
     """The shapes of a chunk that begins with the first, four presses each."""
-    sensors, made = SensorPair(), Pressed()
+    sensors, made, part = SensorPair(), Pressed(), load_recipe("open").parts[0]
     sensors.press(RandomShape(0), PressCommand("", 0.0, 0.0, 0.0, 8.0))  # compiled, laid out
     for number in range(first, min(first + CHUNK, last)):
         start = time.thread_time()
@@ -150,13 +149,14 @@ def press_some(first: int, last: int) -> Pressed:
             same = test_surfaces().same_as(shape.surface)
             made.same += [] if same is None else [(shape.name, same)]
         for press in range(A_SHAPE):
-            _press(shape, number, press, sensors, made)
+            _press(part, shape, number, press, sensors, made)
     return made
 
 
-def _press(shape: Shape, number: int, press: int, sensors: SensorPair, made: Pressed) -> None:
+def _press(
+    part: Part, shape: Shape, number: int, press: int, sensors: SensorPair, made: Pressed
+) -> None:
     """One press, drawn until it touches the features, as a dataset's."""
-    part = load_recipe("open").parts[0]
     for attempt in range(MOST_ATTEMPTS):
         drawn = draw_press(part, shape.name, number, press, (SEED, 0), attempt)
         if drawn.is_untouched:
@@ -170,15 +170,12 @@ def _press(shape: Shape, number: int, press: int, sensors: SensorPair, made: Pre
         except Exception as error:
             made.exceptions.append(f"{shape.name}: {type(error).__name__}: {error}")
             return
-        contacts = (sample.digit, sample.cyskin)
-        if any(contact.bottomed for contact in contacts):
-            made.again["on the base plate"] += 1
-            continue
-        if not all(contact.settled for contact in contacts):
-            made.again["not settled"] += 1
+        why = why_again(sample)
+        if why is not None:
+            made.again[why] += 1
             continue
         made.press_ms.append(1e3 * (time.thread_time() - start))
-        off = max(_force_off_percent(contact) for contact in contacts)
+        off = max(_force_off_percent(contact) for contact in (sample.digit, sample.cyskin))
         made.force_off_percent = max(made.force_off_percent, off)
         made.values.append(_values(sample))
         return

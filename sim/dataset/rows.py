@@ -24,22 +24,8 @@ class More:
 
 
 def row(
-    sample: "Sample", picture: bytes, index: int, family: str, split: str, more: More | None
-) -> dict[str, Any]:
-    """A sample as a row of the table. picture: its image as PNG bytes."""
-    felt = {}
-    for sensor, contact in (("digit", sample.digit), ("cyskin", sample.cyskin)):
-        felt |= {
-            f"{sensor}_depth_mm": contact.depth_mm,
-            f"{sensor}_force_n": contact.force_n,
-            f"{sensor}_settled": contact.settled,
-            f"{sensor}_bottomed": contact.bottomed,
-        }
-    return _row(sample.command, sample.counts, picture, index, family, split, more) | felt
-
-
-def untouched_row(
     command: "PressCommand",
+    sample: "Sample | None",
     counts: np.ndarray,
     picture: bytes,
     index: int,
@@ -47,24 +33,8 @@ def untouched_row(
     split: str,
     more: More | None,
 ) -> dict[str, Any]:
-    """The row of a press in which nothing touched: at rest, without depth and force."""
-    felt = {}
-    for sensor in ("digit", "cyskin"):
-        felt |= {f"{sensor}_depth_mm": 0.0, f"{sensor}_force_n": 0.0}
-        felt |= {f"{sensor}_settled": True, f"{sensor}_bottomed": False}
-    return _row(command, counts, picture, index, family, split, more) | felt
-
-
-def _row(
-    command: "PressCommand",
-    counts: np.ndarray,
-    picture: bytes,
-    index: int,
-    family: str,
-    split: str,
-    more: More | None,
-) -> dict[str, Any]:
-    stem = file_stem(command.shape)
+    """A press as a row of the table. sample: None where nothing touched, at rest, without depth and
+    force. counts: (n,) uint16. picture: the image as PNG bytes."""
     there = {
         "shape": command.shape,
         "family": family,
@@ -74,9 +44,17 @@ def _row(
         "y_mm": command.y_mm,
         "yaw_rad": command.yaw_rad,
         "force_n": command.force_n,
-        "image": {"bytes": picture, "path": f"{stem}-{index}.png"},
+        "image": {"bytes": picture, "path": f"{file_stem(command.shape)}-{index}.png"},
         "taxels": counts,
     }
+    contacts = (None, None) if sample is None else (sample.digit, sample.cyskin)
+    for sensor, contact in zip(("digit", "cyskin"), contacts, strict=True):
+        there |= {
+            f"{sensor}_depth_mm": 0.0 if contact is None else contact.depth_mm,
+            f"{sensor}_force_n": 0.0 if contact is None else contact.force_n,
+            f"{sensor}_settled": contact is None or contact.settled,
+            f"{sensor}_bottomed": contact is not None and contact.bottomed,
+        }
     if more is not None:
         there[UNIT] = more.unit
         if more.field is not None:

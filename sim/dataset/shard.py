@@ -14,7 +14,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.field import field_counts, field_layout
 from t2twin.sim.dataset.columns import schema_of
 from t2twin.sim.dataset.png import encode_png
-from t2twin.sim.dataset.rows import More, row, untouched_row
+from t2twin.sim.dataset.rows import More, row
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
 from t2twin.sim.digit.calibration import Calibration
@@ -23,6 +23,7 @@ from t2twin.sim.press.engine import BesidePadError
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.presses import (
+    FRAME_STREAM,
     MOST_ATTEMPTS,
     UNIT_STREAM,
     Drawn,
@@ -75,6 +76,14 @@ def make_shard(batch: Batch, making: Making, progress: Callable[[], object]) -> 
 def family_of(shape: str) -> str:
     """The tool of `pliers/teeth`, the primitive family of `square-2`, `random` of `random-17`."""
     return shape.split("/")[0] if "/" in shape else shape.rpartition("-")[0] or shape
+
+
+def why_again(sample: Sample) -> str | None:
+    """Why a press that was drawn is drawn again, None where it is as it was meant."""
+    contacts = (sample.digit, sample.cyskin)
+    if any(contact.bottomed for contact in contacts):
+        return "on the base plate"
+    return None if all(contact.settled for contact in contacts) else "not settled"
 
 
 class _Shard:
@@ -130,13 +139,10 @@ class _Shard:
             except BesidePadError:
                 self._again("beside the pad")
                 continue
-            contacts = (sample.digit, sample.cyskin)
-            if any(contact.bottomed for contact in contacts):
-                self._again("on the base plate")
-            elif not all(contact.settled for contact in contacts):
-                self._again("not settled")
-            else:
+            why = why_again(sample)
+            if why is None:
                 return self._row(shape, drawn, number, sample)
+            self._again(why)
         raise T2TwinError(
             f"{shape.name} could not be touched in {MOST_ATTEMPTS} draws; take places nearer to "
             "the shapes' middles"
@@ -184,9 +190,7 @@ class _Shard:
         with self.watch.running("encoding"):
             picture = encode_png(image)
         more = self._more(sensors, drawn, number, sample)
-        if sample is None:
-            return untouched_row(drawn.command, counts, picture, drawn.index, family, split, more)
-        return row(sample, picture, drawn.index, family, split, more)
+        return row(drawn.command, sample, counts, picture, drawn.index, family, split, more)
 
     def _more(
         self, sensors: SensorPair, drawn: Drawn, number: int, sample: Sample | None
@@ -209,7 +213,7 @@ class _Shard:
     def _untouched_frame(self, sensors: SensorPair, unit: int) -> bytes:
         """The picture of a DIGIT untouched, one for all its presses, as PNG bytes."""
         if self._untouched is None or self._untouched[0] != unit:
-            seed = (self.recipe.seed, UNIT_STREAM + 1, self.batch.part, unit)
+            seed = (self.recipe.seed, FRAME_STREAM, self.batch.part, unit)
             with self.watch.running("encoding"):
                 frame = encode_png(sensors.digit.untouched(np.random.default_rng(seed)))
             self._untouched = (unit, frame)

@@ -11,8 +11,9 @@ from t2twin.sim.press.records import PressCommand
 from t2twin.sim.world import protocol
 from t2twin.sim.world.recipe import ForceRange, Part, Place
 
-PRESS_STREAM, FORCE_STREAM, UNIT_STREAM = 11, 12, 13
-"""Keep the draws of presses, of forces on a grid and of DIGITs apart, in one seed."""
+PRESS_STREAM, FORCE_STREAM, UNIT_STREAM, FRAME_STREAM = 11, 12, 13, 14
+"""Keep the draws of presses, of forces on a grid, of DIGITs and of the noise in their untouched
+frames apart, in one seed."""
 
 SEEDS_A_WORLD = 1_000_000_000
 """Random shapes of a world are called by numbers from its seed times this on."""
