@@ -11,6 +11,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.field import SPACING_MM, field_counts, field_layout
 from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
@@ -26,7 +27,13 @@ from t2twin.sim.digit import rendered
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world.plan import plan
-from t2twin.sim.world.presses import draw_force, draw_press
+from t2twin.sim.world.presses import (
+    MOST_ATTEMPTS,
+    draw_force,
+    draw_press,
+    name_at,
+    planned_name,
+)
 from t2twin.sim.world.recipe import ForceRange, Place, load_recipe, shipped
 
 MINE = """
@@ -175,6 +182,42 @@ def test_a_shard_of_more_shapes_is_what_a_smaller_world_begins_with(made, recipe
     first = plan(structs.replace(recipe, parts=(part,)))[0]
     here = next(batch for batch in plan(recipe) if batch.path == first.path)
     assert first.shapes == here.shapes and first.numbers == here.numbers
+
+
+def test_another_shape_stands_in_for_one_that_cannot_be_touched(
+    made, recipe_file, tmp_path, shape_cache, monkeypatch
+):
+    """The second shape and its first stand-in go to the base plate wherever they are pressed."""
+    slivers = [f"random-3{number:09d}" for number in (1, 500_000_001)]
+    stand_in = "random-3550000001"
+    ask = shard.why_again
+
+    def why(sample):
+        return "on the base plate" if sample.command.shape in slivers else ask(sample)
+
+    monkeypatch.setattr(shard, "why_again", why)
+    recipe, folder = load_recipe(recipe_file), tmp_path / "stood-in"
+    part = structs.replace(recipe.parts[0], untouched_share=0.0, force_n=2.0)
+    whole = structs.replace(recipe, parts=(part,))
+    generate(folder, world=whole, workers=1, cache=shape_cache)
+    rows = read_split(folder, "train")
+    names, poses = rows["shape"].to_pylist(), list(zip(rows["x_mm"].to_pylist(), strict=True))
+    assert names[4:8] == [stand_in] * 4
+    assert len(set(poses)) == 16 and not {*slivers} & {*names}
+    (said,) = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
+    assert said["redrawn"]["on the base plate"] >= 2 * MOST_ATTEMPTS
+    assert verify(folder) == []
+    with pytest.raises(T2TwinError, match="random-3000000001 could not be touched in 20 draws"):
+        monkeypatch.setattr(shard, "attempts_of", lambda part: MOST_ATTEMPTS)
+        generate(tmp_path / "none", world=whole, workers=1, cache=shape_cache)
+
+
+def test_only_a_shapes_own_stand_ins_pass_for_it():
+    names = [name_at("random-3000000007", 20 * which) for which in range(9)]
+    assert names[:2] == ["random-3000000007", "random-3500000007"]
+    assert len(set(names)) == 9
+    assert {planned_name(name) for name in names} == {names[0]}
+    assert planned_name("random-3500000008") == "random-3000000008"
 
 
 def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):

@@ -24,9 +24,9 @@ from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.presses import (
     FRAME_STREAM,
-    MOST_ATTEMPTS,
     UNIT_STREAM,
     Drawn,
+    attempts_of,
     draw_press,
     grid_presses,
 )
@@ -103,6 +103,8 @@ class _Shard:
         )
         self._lit: tuple[int, SensorPair] | None = None
         self._untouched: tuple[int, bytes] | None = None
+        self._refused: dict[int, int] = {}
+        """Attempts that a shape's presses need not make again, as none touched."""
 
     def rows(self) -> Iterator[dict[str, Any]]:
         batch = self.batch
@@ -129,11 +131,15 @@ class _Shard:
 
     def _drawn_row(self, shape: Shape, number: int, press: int) -> dict[str, Any]:
         """A press that is drawn, and again as long as it touches nothing that was meant."""
-        seed = (self.recipe.seed, self.batch.part)
-        for attempt in range(MOST_ATTEMPTS):
-            drawn = draw_press(self.part, shape.name, number, press, seed, attempt)
+        seed, planned = (self.recipe.seed, self.batch.part), shape.name
+        first = self._refused.get(number, 0)
+        for attempt in range(first, attempts_of(self.part)):
+            drawn = draw_press(self.part, planned, number, press, seed, attempt)
             if drawn.is_untouched:
                 return self._row(shape, drawn, number, None)
+            if drawn.command.shape != shape.name:
+                shape = catalogue.load(drawn.command.shape)
+                self._refused[number] = attempt
             try:
                 sample = self._press(shape, drawn, number)
             except BesidePadError:
@@ -144,8 +150,8 @@ class _Shard:
                 return self._row(shape, drawn, number, sample)
             self._again(why)
         raise T2TwinError(
-            f"{shape.name} could not be touched in {MOST_ATTEMPTS} draws; take places nearer to "
-            "the shapes' middles"
+            f"{planned} could not be touched in {attempts_of(self.part)} draws; take places nearer "
+            "to the shapes' middles"
         )
 
     def _again(self, why: str) -> None:

@@ -15,14 +15,15 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.machine import cores
 from t2twin.primitives_cad.progress import Progress
+from t2twin.primitives_cad.random_shapes.shape import seed_of
 from t2twin.sim.dataset.columns import FIELD, POSE, UNTOUCHED, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import INFO, ROWS_AT_ONCE, read_info, sha256_of
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.world.plan import Batch, name_of, plan, shard_path
-from t2twin.sim.world.presses import MOST_ATTEMPTS, draw_press, grid_presses
-from t2twin.sim.world.recipe import PAPER, load_recipe
+from t2twin.sim.world.presses import attempts_of, draw_press, grid_presses, planned_name
+from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
 
 ARRAYS = ("image", "taxels")
 """Columns of every pair that are more than one number or name."""
@@ -83,7 +84,7 @@ def _plan(info: DatasetInfo) -> dict[str, Batch]:
     """The shards that `t2twin simdata` was asked for, by path; none of a user's own pairs."""
     if info.parameters is None:
         return {}
-    recipe, on_grid = info.world or load_recipe(PAPER), info.parameters.shapes
+    recipe, on_grid = recipe_of(info), info.parameters.shapes
     batches = plan(recipe, tuple(name for name in catalogue.NAMES if name in on_grid))
     grid = {
         batch.path: replace(batch, indices=on_grid[batch.shapes[0]])
@@ -152,6 +153,8 @@ def _pairing(
             yield "its presses are not the protocol's"
         return
     wanted = planned_presses(info, batch)
+    if recipe_of(info).parts[batch.part].shapes == RANDOM:
+        presses = [(_planned(shape), index) for shape, index in presses]
     if set(presses) != set(wanted):
         yield "its presses are not those that were planned"
     for row, press in enumerate(presses):
@@ -159,12 +162,23 @@ def _pairing(
             yield from _pose(rows.slice(row, 1), row, press, wanted[press])
 
 
+def _planned(shape: str) -> str:
+    """The random shape that was planned where this one was pressed; any other name as it is."""
+    try:
+        return shape if seed_of(shape) is None else planned_name(shape)
+    except T2TwinError:
+        return shape
+
+
 def _pose(
     row: pa.Table, number: int, press: tuple[str, int], wanted: Callable[[], Iterator[PressCommand]]
 ) -> Iterator[str]:
-    """Whether a row's pose is one of those that its press may have: the first one that touched."""
+    """Whether a row's shape and pose are those of a draw of its press: the first that touched."""
     there = {name: row[name][0].as_py() for name in POSE}
+    worst = "shape"
     for command in wanted():
+        if command.shape != row["shape"][0].as_py():
+            continue
         off = {name: abs(there[name] - getattr(command, name)) for name in POSE}
         if all(each <= POSE_TOLERANCE for each in off.values()):
             return
@@ -172,11 +186,16 @@ def _pose(
     yield f"row {number}: its {worst} is not what was planned for press {press[1]} of {press[0]}"
 
 
+def recipe_of(info: DatasetInfo) -> Recipe:
+    """The recipe that a dataset says it was made by, or that of those which do not say."""
+    return info.world or load_recipe(PAPER)
+
+
 def planned_presses(
     info: DatasetInfo, batch: Batch
 ) -> dict[tuple[str, int], Callable[[], Iterator[PressCommand]]]:
     """The presses of a shard by shape and index, each with the commands that it may have had."""
-    recipe = info.world or load_recipe(PAPER)
+    recipe = recipe_of(info)
     part, seed = recipe.parts[batch.part], (info.seed or 0, batch.part)
     if batch.indices is not None:
         presses = grid_presses(part, batch.shapes[0], batch.indices, info.seed or 0)
@@ -185,7 +204,7 @@ def planned_presses(
         }
 
     def attempts(name: str, number: int, press: int) -> Iterator[PressCommand]:
-        for attempt in range(MOST_ATTEMPTS):
+        for attempt in range(attempts_of(part)):
             yield draw_press(part, name, number, press, seed, attempt).command
 
     return {

@@ -9,7 +9,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.shape import PREFIX
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.world import protocol
-from t2twin.sim.world.recipe import ForceRange, Part, Place
+from t2twin.sim.world.recipe import RANDOM, ForceRange, Part, Place
 
 PRESS_STREAM, FORCE_STREAM, UNIT_STREAM, FRAME_STREAM = 11, 12, 13, 14
 """Keep the draws of presses, of forces on a grid, of DIGITs and of the noise in their untouched
@@ -23,6 +23,13 @@ MOST_SEED = 9_000_000_000
 
 MOST_ATTEMPTS = 20
 """How often a press is drawn until it touches the shape's features and settles."""
+
+STAND_INS = 8
+"""Random shapes that are tried in the place of one that can't be touched: about one in ten thousand
+is such a sliver that a force of some newtons pushes it in to its base plate wherever it stands."""
+
+FIRST_STAND_IN, STAND_INS_APART = 500_000_000, 50_000_000
+"""Numbers that a shape's first stand-in, and each further one, is ahead of it in its world."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +49,29 @@ class Drawn:
 def random_name(seed: int, number: int) -> str:
     """What the number-th random shape of a world is called."""
     return f"{PREFIX}{seed * SEEDS_A_WORLD + number}"
+
+
+def attempts_of(part: Part) -> int:
+    """How many draws a press of a part has: random shapes have stand-ins."""
+    return MOST_ATTEMPTS * (1 + STAND_INS) if part.shapes == RANDOM else MOST_ATTEMPTS
+
+
+def name_at(name: str, attempt: int) -> str:
+    """What is pressed at an attempt: the shape, or one of its stand-ins."""
+    which = attempt // MOST_ATTEMPTS
+    if which == 0:
+        return name
+    number = int(name.removeprefix(PREFIX)) + FIRST_STAND_IN + (which - 1) * STAND_INS_APART
+    return f"{PREFIX}{number}"
+
+
+def planned_name(name: str) -> str:
+    """The random shape that was planned where one of this name was pressed: itself, or the one it
+    stands in for."""
+    world, number = divmod(int(name.removeprefix(PREFIX)), SEEDS_A_WORLD)
+    if number >= FIRST_STAND_IN:
+        number = (number - FIRST_STAND_IN) % STAND_INS_APART
+    return random_name(world, number)
 
 
 def grid_presses(part: Part, name: str, indices: tuple[int, ...], seed: int) -> Iterator[Drawn]:
@@ -74,8 +104,9 @@ def draw_press(
 ) -> Drawn:
     """A press that is no grid's.
 
-    name, number: the shape's, and its place in its part. press: its place among the shape's.
-    seed: the world's seed and the part's number. attempt: how many draws were refused before.
+    name, number: the planned shape's, and its place in its part. press: its place among the
+    shape's. seed: the world's seed and the part's number. attempt: how many draws were refused
+    before; after MOST_ATTEMPTS of a random shape a stand-in is pressed (name_at).
     """
     rng = np.random.default_rng((*seed, PRESS_STREAM, number, press, attempt))
     assert isinstance(part.place, Place)
@@ -88,7 +119,8 @@ def draw_press(
     force = draw_force(rng, part.force_n)
     if rng.random() < part.untouched_share:
         force = 0.0
-    return Drawn(press, PressCommand(name, float(x), float(y), float(yaw), force), rng)
+    command = PressCommand(name_at(name, attempt), float(x), float(y), float(yaw), force)
+    return Drawn(press, command, rng)
 
 
 def draw_force(rng: np.random.Generator, forces: float | tuple[float, ...] | ForceRange) -> float:
