@@ -75,7 +75,14 @@ def test_stopped_and_resumed_is_as_undisturbed(
     data_dir: Path, tmp_path: Path, model: Model
 ) -> None:
     """Killed in its second epoch's validation, it ends with the same weights and the same log."""
-    preset = replace(PRESETS[model]["smoke"], noise=0.05, brightness=0.05, contrast=0.1)
+    preset = replace(
+        PRESETS[model]["smoke"],
+        noise=0.05,
+        brightness=0.05,
+        contrast=0.1,
+        weight_decay=0.05,
+        averaged_steps=5,
+    )
     train(model, data_dir, preset, tmp_path / "whole", epochs=3)
 
     validate = TrainingLoop._validate

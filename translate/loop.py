@@ -137,7 +137,7 @@ class TrainingLoop:
                 f"the loss stopped being a number in epoch {epoch + 1}; train again with a preset "
                 "of a lower learning rate"
             )
-        for network in translator.networks.values():
+        for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
             distributed.average_statistics(network)
         rmse = self._validate()
         return EpochRecord(

@@ -19,7 +19,8 @@ class Preset:
 
     size: side of the square images, pixels. grey: whether the DIGIT image is turned to grey.
     filters: base width of the networks. batch: pairs a step, over all processes.
-    learning_rate, beta1, beta2: Adam's. schedule: "fixed", or "cosine" down to zero over the
+    learning_rate, beta1, beta2: Adam's. weight_decay: AdamW's (Loshchilov and Hutter 2019), in parts
+        of the learning rate a step; Adam without. schedule: "fixed", or "cosine" down to zero over the
         epochs.
     l1_weight: lambda of the L1 loss beside the adversarial one; touch2touch only.
     discriminator_share: the discriminator's learning rate in parts of the generator's.
@@ -27,6 +28,8 @@ class Preset:
         on many pairs; zero for any number. An epoch is all pairs, or a part of very many
         (loop.steps_of_epoch).
     patience: epochs without a better validation RMSE before it stops.
+    averaged_steps: steps that the running mean of the weights, which predicts, reaches back; 0 for
+        the last step's weights.
     bf16: compute in bfloat16 where the processor has it.
     brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: an offset and
         noise in parts of full scale, a relative gain. Geometry is never changed: it would break
@@ -47,6 +50,8 @@ class Preset:
     schedule: Literal["fixed", "cosine"] = "fixed"
     l1_weight: float = 0.0
     discriminator_share: float = 1.0
+    weight_decay: float = 0.0
+    averaged_steps: int = 0
     bf16: bool = False
     brightness: float = 0.0
     contrast: float = 0.0

@@ -12,6 +12,7 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.averaging import running_mean
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.distributed import average_gradients
@@ -30,17 +31,20 @@ class ResNet18Translator:
         self.full_scale = info.full_scale_counts
         self.device = device
         self.bf16 = bf16
-        self.predictor = ResNet18(info.x_mm.size, preset.filters)
-        self.predictor.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
-        self.networks: dict[str, nn.Module] = {"resnet18": self.predictor}
+        self.network = ResNet18(info.x_mm.size, preset.filters)
+        self.network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        self.networks: dict[str, nn.Module] = {"resnet18": self.network}
         self.optimizers: dict[str, torch.optim.Optimizer] = {
-            "resnet18": torch.optim.Adam(
-                self.predictor.parameters(),
+            "resnet18": torch.optim.AdamW(
+                self.network.parameters(),
                 preset.learning_rate,
                 (preset.beta1, preset.beta2),
+                weight_decay=preset.weight_decay,
                 fused=True,  # five times as fast on a CPU
             )
         }
+        self.running = running_mean(self.network, preset.averaged_steps)
+        self.predictor = self.network if self.running is None else self.running.module
 
     def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:
         """One step on L3, the mean squared error, of counts in parts of full scale.
@@ -50,11 +54,13 @@ class ResNet18Translator:
         optimizer = self.optimizers["resnet18"]
         optimizer.zero_grad()
         with self._precision():
-            predicted = self.predictor(images.to(self.device))
+            predicted = self.network(images.to(self.device))
         loss = functional.mse_loss(predicted.float(), counts.to(self.device) / self.full_scale)
         loss.backward()
-        average_gradients(self.predictor)
+        average_gradients(self.network)
         optimizer.step()
+        if self.running is not None:
+            self.running.update_parameters(self.network)
         return {"l3": float(loss.detach())}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:

@@ -15,6 +15,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from t2twin.translate.averaging import running_mean
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.distributed import average_gradients
 from t2twin.translate.layouts import reading_at
@@ -41,7 +42,6 @@ class Touch2Touch:
             "generator": self.generator,
             "discriminator": self.discriminator,
         }
-        self.predictor = self.generator
         rates = {
             "generator": preset.learning_rate,
             "discriminator": preset.learning_rate * preset.discriminator_share,
@@ -49,12 +49,15 @@ class Touch2Touch:
         self.optimizers: dict[str, torch.optim.Optimizer] = {}
         for name, network in self.networks.items():
             network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
-            self.optimizers[name] = torch.optim.Adam(
+            self.optimizers[name] = torch.optim.AdamW(
                 network.parameters(),
                 rates[name],
                 (preset.beta1, preset.beta2),
+                weight_decay=preset.weight_decay,
                 fused=True,  # five times as fast on a CPU
             )
+        self.running = running_mean(self.generator, preset.averaged_steps)
+        self.predictor = self.generator if self.running is None else self.running.module
 
     def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:
         """One step of the discriminator, then one of the generator.
@@ -67,6 +70,8 @@ class Touch2Touch:
             drawn = self.generator(images)
         discriminator_loss = self._discriminator_step(images, real, drawn.detach())
         adversarial, l1 = self._generator_step(images, real, drawn)
+        if self.running is not None:
+            self.running.update_parameters(self.generator)
         return {"discriminator": discriminator_loss, "adversarial": adversarial, "l1": l1}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
@@ -81,9 +86,9 @@ class Touch2Touch:
 
     def draw(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 1, S, S) -> the tactile images as drawn, in counts, (B, 1, S, S)."""
-        self.generator.eval()
+        self.predictor.eval()
         with torch.inference_mode(), self._precision():
-            drawn = self.generator(images.to(self.device))
+            drawn = self.predictor(images.to(self.device))
         return (drawn.float() + 1.0) * (self.full_scale / 2.0)
 
     def counts_of(self, tactile_images: torch.Tensor) -> torch.Tensor:
@@ -104,7 +109,7 @@ class Touch2Touch:
 
     def as_module(self) -> nn.Module:
         """See Translator."""
-        return _FromPixels(self.generator, self.phi, self.full_scale)
+        return _FromPixels(self.predictor, self.phi, self.full_scale)
 
     def _to_image(self, counts: torch.Tensor) -> torch.Tensor:
         return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0

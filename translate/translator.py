@@ -8,6 +8,7 @@ from typing import Protocol, Self
 
 import torch
 from torch import nn
+from torch.optim.swa_utils import AveragedModel
 
 from t2twin.translate.phi import Phi
 
@@ -31,7 +32,12 @@ class Translator(Protocol):
 
     @property
     def predictor(self) -> nn.Module:
-        """The network that is kept to predict with, one of `networks`."""
+        """The network that is kept to predict with: one of `networks`, or the mean's `module`."""
+        ...
+
+    @property
+    def running(self) -> AveragedModel | None:
+        """The running mean of one of `networks`, if the preset has one."""
         ...
 
     @property

@@ -18,6 +18,9 @@ from t2twin.translate.translator import Translator
 
 HISTORY = "history"
 
+MEAN = "mean"
+"""Name of the running mean of a network in the state."""
+
 
 def save_weights(path: Path, network: nn.Module) -> None:
     """One network's weights, by their own names."""
@@ -40,7 +43,7 @@ def load_weights(path: Path, network: nn.Module) -> None:
 def save_state(path: Path, translator: Translator, history: list[EpochRecord]) -> None:
     """Everything that the next epoch starts from. history: one record an epoch."""
     tensors: dict[str, torch.Tensor] = {}
-    for name, network in translator.networks.items():
+    for name, network in _networks(translator).items():
         for key, tensor in network.state_dict().items():
             tensors[f"network/{name}/{key}"] = tensor
     for name, optimizer in translator.optimizers.items():
@@ -78,7 +81,7 @@ def _check_finite(path: Path, tensors: dict[str, torch.Tensor]) -> None:
 
 
 def _put_back(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
-    for name, network in translator.networks.items():
+    for name, network in _networks(translator).items():
         start = f"network/{name}/"
         network.load_state_dict(
             {k.removeprefix(start): t for k, t in tensors.items() if k.startswith(start)}
@@ -97,6 +100,12 @@ def _put_back(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
                 if tensor.shape == parameter.shape:
                     # The fused Adam walks both in memory, so both must lie alike there.
                     state[field] = torch.empty_like(parameter).copy_(tensor)
+
+
+def _networks(translator: Translator) -> dict[str, nn.Module]:
+    """All that is trained, and the running mean."""
+    running = translator.running
+    return translator.networks | ({} if running is None else {MEAN: running})
 
 
 def load_history(path: Path) -> list[EpochRecord]:

@@ -42,6 +42,8 @@ ZERO_OR_MORE = (
     "beta2",
     "l1_weight",
     "discriminator_share",
+    "averaged_steps",
+    "weight_decay",
     "brightness",
     "contrast",
     "noise",

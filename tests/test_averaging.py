@@ -1,0 +1,75 @@
+"""The running mean of a network's weights, and how translators use it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.averaging import running_mean
+from t2twin.translate.build import TRANSLATORS
+from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.presets import MODELS, PRESETS, Model
+
+
+def numbers(steps: int, values: list[float]) -> float:
+    """The mean of a one-weight network that has had these weights."""
+    network = nn.Linear(1, 1, bias=False)
+    mean = running_mean(network, steps)
+    assert mean is not None
+    for value in values:
+        nn.init.constant_(network.weight, value)
+        mean.update_parameters(network)
+    return float(mean.module.weight.detach())
+
+
+def test_few_steps_are_their_plain_mean() -> None:
+    assert numbers(100, [3.0]) == 3.0
+    assert numbers(100, [1.0, 2.0, 6.0, 7.0]) == pytest.approx(4.0)
+
+
+def test_many_steps_fade_by_a_part_a_step() -> None:
+    """After a jump from 0 to 1 the mean lacks (1 - 1/n)^k of it."""
+    assert numbers(10, [0.0] * 50 + [1.0] * 7) == pytest.approx(1.0 - 0.9**7)
+
+
+def test_batch_norms_statistics_are_means_too() -> None:
+    network = nn.BatchNorm1d(1)
+    mean = running_mean(network, 100)
+    assert mean is not None
+    for value in (1.0, 3.0):
+        network.running_mean = torch.tensor([value])
+        network.num_batches_tracked = torch.tensor(int(value))
+        mean.update_parameters(network)
+    assert mean.module.running_mean.item() == pytest.approx(2.0)
+    assert mean.module.num_batches_tracked.item() == 3
+
+
+def test_no_steps_are_no_mean() -> None:
+    assert running_mean(nn.Linear(1, 1), 0) is None
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_a_translator_predicts_with_the_mean(model: Model) -> None:
+    layout = load_layout("cyskin-20")
+    info = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, 40_000.0)
+    preset = replace(PRESETS[model]["smoke"], averaged_steps=10)
+    torch.manual_seed(0)
+    translator = TRANSLATORS[model](preset, info, torch.device("cpu"), False)
+    channels = 1 if preset.grey else 3
+    images = torch.rand(8, channels, preset.size, preset.size)
+    counts = torch.from_numpy(np.random.default_rng(0).uniform(0, 4e4, (8, 20)).astype(np.float32))
+    weights = []
+    for _ in range(3):
+        translator.step(images, counts)
+        (trained,) = (
+            network for name, network in translator.networks.items() if name != "discriminator"
+        )
+        weights.append([p.detach().clone() for p in trained.parameters()])
+    for number, kept in enumerate(translator.predictor.parameters()):
+        assert not kept.requires_grad
+        expected = torch.stack([step[number] for step in weights]).mean(dim=0)
+        torch.testing.assert_close(kept, expected, rtol=1e-4, atol=1e-6)
+    assert trained is not translator.predictor
