@@ -14,10 +14,10 @@ from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.presets import MODELS, PRESETS, Model
 
 
-def numbers(steps: int, values: list[float]) -> float:
+def mean_of(part: float, values: list[float]) -> float:
     """The mean of a one-weight network that has had these weights."""
     network = nn.Linear(1, 1, bias=False)
-    mean = running_mean(network, steps)
+    mean = running_mean(network, part)
     assert mean is not None
     for value in values:
         nn.init.constant_(network.weight, value)
@@ -25,19 +25,22 @@ def numbers(steps: int, values: list[float]) -> float:
     return float(mean.module.weight.detach())
 
 
-def test_few_steps_are_their_plain_mean() -> None:
-    assert numbers(100, [3.0]) == 3.0
-    assert numbers(100, [1.0, 2.0, 6.0, 7.0]) == pytest.approx(4.0)
+def test_all_steps_are_their_plain_mean() -> None:
+    assert mean_of(1.0, [3.0]) == 3.0
+    assert mean_of(1.0, [1.0, 2.0, 6.0, 7.0]) == pytest.approx(4.0)
 
 
-def test_many_steps_fade_by_a_part_a_step() -> None:
-    """After a jump from 0 to 1 the mean lacks (1 - 1/n)^k of it."""
-    assert numbers(10, [0.0] * 50 + [1.0] * 7) == pytest.approx(1.0 - 0.9**7)
+@pytest.mark.parametrize("part", [0.1, 0.25, 0.5])
+def test_steps_weigh_by_a_power_of_their_number(part: float) -> None:
+    """After a jump half-way the mean lacks (1/2)^(1/part) of it."""
+    assert mean_of(part, [0.0] * 500 + [1.0] * 500) == pytest.approx(
+        1 - 0.5 ** (1 / part), abs=2e-3
+    )
 
 
 def test_batch_norms_statistics_are_means_too() -> None:
     network = nn.BatchNorm1d(1)
-    mean = running_mean(network, 100)
+    mean = running_mean(network, 1.0)
     assert mean is not None
     for value in (1.0, 3.0):
         network.running_mean = torch.tensor([value])
@@ -47,15 +50,15 @@ def test_batch_norms_statistics_are_means_too() -> None:
     assert mean.module.num_batches_tracked.item() == 3
 
 
-def test_no_steps_are_no_mean() -> None:
-    assert running_mean(nn.Linear(1, 1), 0) is None
+def test_no_part_is_no_mean() -> None:
+    assert running_mean(nn.Linear(1, 1), 0.0) is None
 
 
 @pytest.mark.parametrize("model", MODELS)
 def test_a_translator_predicts_with_the_mean(model: Model) -> None:
     layout = load_layout("cyskin-20")
     info = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, 40_000.0)
-    preset = replace(PRESETS[model]["smoke"], averaged_steps=10)
+    preset = replace(PRESETS[model]["smoke"], averaged_part=1.0)
     torch.manual_seed(0)
     translator = TRANSLATORS[model](preset, info, torch.device("cpu"), False)
     channels = 1 if preset.grey else 3

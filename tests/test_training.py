@@ -81,7 +81,7 @@ def test_stopped_and_resumed_is_as_undisturbed(
         brightness=0.05,
         contrast=0.1,
         weight_decay=0.05,
-        averaged_steps=5,
+        averaged_part=0.25,
     )
     train(model, data_dir, preset, tmp_path / "whole", epochs=3)
 

@@ -13,6 +13,7 @@ from t2twin.sim.cyskin.field import SPACING_MM, field_counts, field_layout
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset import shard
 from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
     LOG,
@@ -86,7 +87,7 @@ def digests(folder):
 
 
 def test_what_ships_can_be_planned():
-    assert set(shipped()) == {"paper", "open", "open-8n", "forces"}
+    assert set(shipped()) == {"paper", "open", "open-8n", "union", "unseen-forces", "forces"}
     open_world = load_recipe("open")
     batches = plan(open_world)
     assert sum(batch.pairs for batch in batches) == 100_000
@@ -95,6 +96,11 @@ def test_what_ships_can_be_planned():
     assert open_world.light.kind == "drawn" and open_world.field and open_world.untouched_frames
     forces = plan(load_recipe("forces"))
     assert sum(batch.pairs for batch in forces if batch.split == "test") == 7 * 1_260
+    union = plan(load_recipe("union"))
+    pairs = {split: sum(b.pairs for b in union if b.split == split) for split in SPLITS}
+    assert pairs == {"train": 45_000 + 14_112, "val": 4_704, "test": 1_260}
+    unseen = load_recipe("unseen-forces").parts[0].force_n
+    assert isinstance(unseen, ForceRange) and unseen.leave_out == ((2.7, 3.3), (5.4, 6.6))
     paper = plan(load_recipe("paper"))
     assert sum(batch.pairs for batch in paper) == 20_076
     assert [batch.shapes[0] for batch in paper] == list(catalogue.NAMES)

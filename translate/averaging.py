@@ -1,7 +1,7 @@
 """A running mean of a network's weights over its steps, which predicts better than the last ones.
 
 Polyak and Juditsky 1992 for the mean; Yazıcı et al. 2019 for generators, whose weights circle
-around what they are after.
+around what they are after; Karras et al. 2024 (section 3.1) for a reach that grows with the steps.
 """
 
 import torch
@@ -11,18 +11,18 @@ from torch.optim.swa_utils import AveragedModel
 Tensors = tuple[torch.Tensor, ...] | list[torch.Tensor]
 
 
-def running_mean(network: nn.Module, steps: int) -> AveragedModel | None:
-    """A mean that reaches back `steps` steps, exponentially, or none for 0 steps.
+def running_mean(network: nn.Module, part: float) -> AveragedModel | None:
+    """A mean that reaches back over a part of the steps so far: 1 is the plain mean of all, 0 none.
 
-    It follows with each `update_parameters(network)`; over fewer steps than that it is the plain
-    mean of all. Its `module` is a network like the one followed, batch norm's statistics being
-    means too.
+    It follows with each `update_parameters(network)`: step n weighs 1 / (n part) in it, so that in
+    the end steps weigh as n^(1 / part - 1). Its `module` is a network like the one followed, batch
+    norm's statistics being means too.
     """
-    if steps == 0:
+    if part == 0.0:
         return None
 
     def mix(means: Tensors, present: Tensors, followed: torch.Tensor | int) -> None:
-        share = 1.0 / min(int(followed) + 1, steps)
+        share = 1.0 / max(1.0, (int(followed) + 1) * part)
         for mean, now in zip(means, present, strict=True):
             if mean.is_floating_point():
                 mean.lerp_(now, share)

@@ -43,7 +43,7 @@ class ResNet18Translator:
                 fused=True,  # five times as fast on a CPU
             )
         }
-        self.running = running_mean(self.network, preset.averaged_steps)
+        self.running = running_mean(self.network, preset.averaged_part)
         self.predictor = self.network if self.running is None else self.running.module
 
     def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:

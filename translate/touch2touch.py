@@ -56,7 +56,7 @@ class Touch2Touch:
                 weight_decay=preset.weight_decay,
                 fused=True,  # five times as fast on a CPU
             )
-        self.running = running_mean(self.generator, preset.averaged_steps)
+        self.running = running_mean(self.generator, preset.averaged_part)
         self.predictor = self.generator if self.running is None else self.running.module
 
     def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:

@@ -120,6 +120,7 @@ class Bed:
 
 _log = mujoco.MjLogConfig.get()
 _log.logto_file = False  # else a warning leaves a MUJOCO_LOG.TXT in the working directory
+_log.logto_console = False  # a step that ran away is a press that has not settled yet
 _log.set()
 
 _idle: dict[int, list[Bed]] = {}

@@ -23,11 +23,12 @@ from t2twin.sim.press.records import PinState
 SPRING_SHARE = 0.6
 """A pin's compliance over the layer's largest. 0.3 to 0.85 settle equally fast."""
 
-MOST_STEPS = 80
-"""Steps after which whole ones are given up."""
+MOST_STEPS = 40
+"""Steps after which whole ones are given up; of a thousand contacts six need more than 25."""
 
-SMALL_STEP, MOST_SMALL_STEPS = 0.1, 400
-"""Share of a step that is then taken, and steps after which a press is given up as not settled."""
+SMALLER = ((0.3, 60), (0.1, 400))
+"""Shares of a step that are then taken one after the other, and the most steps of each: two in
+three that run in circles settle three times as fast with the larger one."""
 
 LEAST_SLOPE, STIFFER_LEAST_SLOPE = 0.02, 0.002
 """Least share of a pin's compliance that stiffening leaves: keeps the springs finite. The second is
@@ -92,11 +93,11 @@ class Solution:
         """Iterate until the press has settled; False where it had not after all steps.
 
         Where whole steps run in circles, as they may about a place that is pressed almost through,
-        it goes on in small ones, and then with stiffer springs.
+        it goes on in smaller ones, and then with stiffer springs.
         """
         if self._solve(tolerance, 1.0, MOST_STEPS):
             return True
-        if self._solve(tolerance, SMALL_STEP, MOST_SMALL_STEPS):
+        if any(self._solve(tolerance, step, most) for step, most in SMALLER):
             return True
         self._least_slope = STIFFER_LEAST_SLOPE
         return self._solve(tolerance, 1.0, MOST_STEPS)

@@ -42,7 +42,7 @@ ZERO_OR_MORE = (
     "beta2",
     "l1_weight",
     "discriminator_share",
-    "averaged_steps",
+    "averaged_part",
     "weight_decay",
     "brightness",
     "contrast",
@@ -229,6 +229,8 @@ def _preset(content: dict[str, Any], path: Path) -> Preset:
             raise T2TwinError(f"{path}, preset: {name} must be 0 or more")
     if not preset.learning_rate > 0:
         raise T2TwinError(f"{path}, preset: learning_rate must be above 0")
+    if preset.averaged_part > 1:
+        raise T2TwinError(f"{path}, preset: averaged_part must be at most 1")
     if preset.beta1 >= 1 or preset.beta2 >= 1:
         raise T2TwinError(f"{path}, preset: beta1 and beta2 must be below 1")
     return preset
