@@ -4,7 +4,7 @@
     python -m benchmarks.world_runs runs/worlds/paper runs/worlds/forces
 
 What evaluation says of every row, overall with its interval and by force, and what each run was
-trained on.
+trained on. Runs are called MODEL-of-WORLD, as no two may be of one model and one world.
 """
 
 from argparse import Namespace
@@ -39,11 +39,23 @@ def figures(folder: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
             continue
         evaluation = read_evaluation(folder / split)
         world = evaluation.world or world
-        splits[split] = {name: _row(row) for name, row in evaluation.models.items()}
-        runs |= {name: _trained(row) for name, row in evaluation.runs.items()}
+        called = {name: _called(name, row) for name, row in evaluation.runs.items()}
+        if len(set(called.values())) < len(called):
+            raise T2TwinError(
+                f"{folder} has two runs of one model and one world; evaluate one of them"
+            )
+        splits[split] = {
+            called.get(name, name): _row(row) for name, row in evaluation.models.items()
+        }
+        runs |= {called[name]: _trained(row) for name, row in evaluation.runs.items()}
     if not splits:
         raise T2TwinError(f"{folder} holds no evaluation; give folders of `t2twin evaluate`")
     return world, splits, runs
+
+
+def _called(name: str, row: ModelRow) -> str:
+    """Evaluation names runs by model, and by folder where two are of one model."""
+    return f"{name.split(' ')[0]}-of-{row.trained_world}"
 
 
 def _row(row: ModelRow) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """The twin as users have it: press a shape into both sensors, look at what they saw and felt."""
 
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
+from t2twin.sim.press.depth import force_at_depth
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.press.force import check_force
 from t2twin.sim.press.records import Contact, PressCommand
@@ -96,7 +97,8 @@ class Twin:
         self,
         shape: str | Path | Shape,
         *,
-        force_n: float = FORCE_N,
+        force_n: float | None = None,
+        depth_mm: float | None = None,
         x_mm: float = 0.0,
         y_mm: float = 0.0,
         yaw_deg: float = 0.0,
@@ -105,13 +107,15 @@ class Twin:
     ) -> Touch:
         """Press a shape into both sensors.
 
-        shape, scale: as for `load_shape`. force_n: 0.01 to 100. x_mm, y_mm: where its middle
-        stands, to the right and down in the image. yaw_deg: its turn, clockwise in the image. seed:
-        camera noise and the CySkin's imperfections are drawn from it; without one there are none.
+        shape, scale: as for `load_shape`. force_n: 0.01 to 100, 8 unless given; or depth_mm: how
+        far it travels into the DIGIT's gel from its first touch, the CySkin being touched with the
+        same force. x_mm, y_mm: where its middle stands, to the right and down in the image.
+        yaw_deg: its turn, clockwise in the image. seed: camera noise and the CySkin's imperfections
+        are drawn from it; without one there are none.
         Raises T2TwinError for a shape, a number or a place that cannot be pressed.
         """
         solid = load_shape(shape, scale)
-        command = press_command(solid, force_n, x_mm, y_mm, yaw_deg)
+        command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, self.sensors.digit)
         rng = None if seed is None else np.random.default_rng(seed)
         sample = self.sensors.press(solid, command, rng)
         return Touch(
@@ -130,7 +134,8 @@ class Twin:
 def press(
     shape: str | Path | Shape,
     *,
-    force_n: float = FORCE_N,
+    force_n: float | None = None,
+    depth_mm: float | None = None,
     x_mm: float = 0.0,
     y_mm: float = 0.0,
     yaw_deg: float = 0.0,
@@ -139,7 +144,14 @@ def press(
 ) -> Touch:
     """Press a shape into the twin as it comes: see `Twin.press`."""
     return _default_twin().press(
-        shape, force_n=force_n, x_mm=x_mm, y_mm=y_mm, yaw_deg=yaw_deg, seed=seed, scale=scale
+        shape,
+        force_n=force_n,
+        depth_mm=depth_mm,
+        x_mm=x_mm,
+        y_mm=y_mm,
+        yaw_deg=yaw_deg,
+        seed=seed,
+        scale=scale,
     )
 
 
@@ -171,14 +183,29 @@ def load_shape(shape: str | Path | Shape, scale: float | None = None) -> Shape:
 
 
 def press_command(
-    shape: Shape, force_n: float, x_mm: float, y_mm: float, yaw_deg: float
+    shape: Shape,
+    force_n: float | None,
+    x_mm: float,
+    y_mm: float,
+    yaw_deg: float,
+    depth_mm: float | None,
+    sensor: Digit | CySkin,
 ) -> PressCommand:
-    """A checked command. Raises T2TwinError for a force out of range and places not finite."""
+    """A checked command: of a force, FORCE_N where None, or of the one that gives a depth, mm, in
+    a sensor. Raises T2TwinError for a force or depth out of range, for both, and for places not
+    finite."""
     for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("yaw_deg", yaw_deg)):
         if not np.isfinite(value):
             raise T2TwinError(f"{name} is {value}; it must be a finite number")
-    check_force(force_n)
-    return PressCommand(shape.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force_n)
+    if force_n is not None and depth_mm is not None:
+        raise T2TwinError("force_n and depth_mm are both given; a press is of one of them")
+    force = FORCE_N if force_n is None else force_n
+    check_force(force)
+    command = PressCommand(shape.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force)
+    if depth_mm is None:
+        return command
+    found = force_at_depth(partial(sensor.press, shape), command, depth_mm)
+    return replace(command, force_n=found)
 
 
 def other_elastomer(

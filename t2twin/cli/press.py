@@ -16,7 +16,8 @@ def press(
     x_mm: float = 0.0,
     y_mm: float = 0.0,
     yaw_deg: float = 0.0,
-    force_n: float = 8.0,
+    force_n: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
+    depth_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     scale: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
     thickness_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
@@ -38,7 +39,9 @@ def press(
         x_mm: Where the shape's middle stands, to the right in the picture, mm.
         y_mm: The same, down the picture, mm.
         yaw_deg: Turn about the press axis, clockwise in the picture, degrees.
-        force_n: Commanded force, N.
+        force_n: Commanded force, N; 8 unless given.
+        depth_mm: Instead of a force: how far the shape travels from its first touch, mm, into the
+            DIGIT's gel, or into the CySkin's cover where that alone is touched.
         scale: mm in one of the file's units: 1000 for metres, 25.4 for inches. Unless given, what
             the file says (3MF, GLB, STEP), else 1.
         out: Folder to write into; runs/press/SHAPE unless given.
@@ -62,12 +65,13 @@ def press(
     solid = t2twin.load_shape(shape, scale)
     for note in solid.notes:
         print(f"t2twin: {note}", file=sys.stderr)
-    command = press_command(solid, force_n, x_mm, y_mm, yaw_deg)
     other = (thickness_mm, young_mpa, poisson, flat)
     gel, cover = (other_elastomer(own, *other) for own in (DIGIT_GEL, CYSKIN_COVER))
     sensors = t2twin.Twin(calibration, layout, gel=gel, cover=cover, optics=optics).sensors
     if optics == "pyrender" and sensor != "cyskin":
         print(f"t2twin: {slow_picture()}", file=sys.stderr)
+    deep = sensors.cyskin if sensor == "cyskin" else sensors.digit
+    command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, deep)
     digit = sensors.digit.touch(solid, command) if sensor != "cyskin" else None
     cyskin = sensors.cyskin.touch(solid, command) if sensor != "digit" else None
     folder = out or Path("runs/press") / solid.name.replace("/", "-")
