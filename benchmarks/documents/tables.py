@@ -84,6 +84,26 @@ def objects() -> str:
     return _markdown(lines)
 
 
+def worlds() -> str:
+    """The RMSE on the paper's sets of runs of several worlds, in percent of full scale."""
+    content = _content("world_runs")
+    on_paper = content["on"]["paper"]
+    lines = [["trained on", "pairs", "steps", "", *SPLITS.values()]]
+    for name, run in content["runs"].items():
+        model = name.partition("-of-")[0]
+        cells = [f"`{run['world']}`", f"{run['pairs']:,}", f"{run['steps']:,}", ROWS[model]]
+        lines.append([*cells, *(_percent(on_paper[split][name]) for split in SPLITS)])
+    for name in BY_SHAPE[:2]:
+        lines.append(["", "", "", ROWS[name], *(_percent(on_paper[s][name]) for s in SPLITS)])
+    return _markdown(lines)
+
+
+def _percent(row: dict[str, Any]) -> str:
+    """A row's RMSE and its interval, in percent of full scale."""
+    low, high = row["interval"]["rmse_percent"]
+    return f"{row['overall']['rmse_percent']:.2f} ({low:.2f}-{high:.2f})"
+
+
 def fidelity() -> str:
     """What the press is off by, at all forces and, in brackets, at the protocol's."""
     sensors = _content("press")["sensors"]
@@ -156,6 +176,7 @@ def many_pairs() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "results": results,
     "objects": objects,
+    "worlds": worlds,
     "fidelity": fidelity,
     "benchmarks": benchmarks,
     "many-pairs": many_pairs,

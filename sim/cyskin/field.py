@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from t2twin.primitives_cad.jit import compiled
 from t2twin.sim.cyskin import taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, PAD_DIAMETER_MM, Layout, load_layout
 from t2twin.sim.press.elastomer import CYSKIN_COVER, Elastomer
@@ -47,5 +48,24 @@ EDGE_MM = 0.25
 
 def field_counts(contact: Contact) -> np.ndarray:
     """Noiseless counts at the places of field_layout, (n,) uint16, of a contact with the cover."""
-    pressure = taxels.pad_pressure_mpa(contact, field_layout(contact.elastomer))
-    return np.rint(taxels.counts(pressure)).astype(np.uint16)
+    weights = _weights(contact.elastomer, contact.pitch_mm, contact.x_mm.size, contact.y_mm.size)
+    pressure_mpa = np.zeros(weights.shape[1])
+    _add_pressed(weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64), pressure_mpa)
+    return np.rint(taxels.counts(pressure_mpa)).astype(np.uint16)
+
+
+@lru_cache(maxsize=4)
+def _weights(cover: Elastomer, pitch_mm: float, columns: int, rows: int) -> np.ndarray:
+    """What a unit pressure on each cell of a grid about the middle does to each pad's mean stress,
+    (rows * columns, n): a cell's lie together, as few cells of many are pressed."""
+    x_mm, y_mm = ((np.arange(n) - (n - 1) / 2) * pitch_mm for n in (columns, rows))
+    return np.ascontiguousarray(taxels.pad_weights(cover, x_mm, y_mm, field_layout(cover)).T)
+
+
+@compiled("void(f8[:, ::1], f8[::1], f8[::1])", nogil=True)
+def _add_pressed(weights, on_top, on_pads):
+    """Add to the pads' mean stress, (n,), what a pressure on the cells, (cells,), does to them."""
+    for cell in range(on_top.size):
+        if on_top[cell] > 0.0:
+            for n in range(on_pads.size):
+                on_pads[n] += weights[cell, n] * on_top[cell]

@@ -11,6 +11,7 @@ from scipy import special
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import Layout
+from t2twin.sim.press.elastomer import Elastomer
 from t2twin.sim.press.layer import base_stress
 from t2twin.sim.press.records import Contact
 
@@ -33,18 +34,27 @@ def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
 
     Raises T2TwinError for a layout that reaches beyond the contact's grid.
     """
-    cover = contact.elastomer
-    weights = _weights(
+    weights = pad_weights(contact.elastomer, contact.x_mm, contact.y_mm, layout)
+    # einsum and not a BLAS product, whose last bits depend on the number of threads.
+    return np.einsum("ij,j->i", weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64))
+
+
+def pad_weights(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout) -> np.ndarray:
+    """What a unit pressure on each cell of a cover's grid does to each pad's mean stress,
+    (n, rows * columns).
+
+    x_mm, y_mm: the grid's axes. The last are kept. Raises T2TwinError for a layout that reaches
+    beyond the grid.
+    """
+    return _weights(
         cover.thickness_mm,
         cover.poisson,
-        tuple(contact.x_mm),
-        tuple(contact.y_mm),
+        tuple(x_mm),
+        tuple(y_mm),
         tuple(layout.x_mm),
         tuple(layout.y_mm),
         tuple(layout.pad_diameter_mm),
     )
-    # einsum and not a BLAS product, whose last bits depend on the number of threads.
-    return np.einsum("ij,j->i", weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64))
 
 
 def counts(pressure_mpa: np.ndarray, gain: float = GAIN_COUNTS) -> np.ndarray:
@@ -68,7 +78,6 @@ def _weights(
     taxel_y_mm: tuple[float, ...],
     diameter_mm: tuple[float, ...],
 ) -> np.ndarray:
-    """What a unit pressure on each cell does to each pad's mean, (n, rows * columns)."""
     taxel_x, taxel_y = np.array(taxel_x_mm), np.array(taxel_y_mm)
     reach_x, reach_y = max(x_mm), max(y_mm)
     if (np.abs(taxel_x) > reach_x).any() or (np.abs(taxel_y) > reach_y).any():
