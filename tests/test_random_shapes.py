@@ -65,6 +65,43 @@ def test_outlines_have_their_areas():
         assert area_mm2(heights_of(feature)) == pytest.approx(area, rel=0.02)
 
 
+def in_frame_of(feature):
+    """The axes' points in a feature's frame."""
+    x, y = np.meshgrid(AXIS - feature.x_mm, AXIS - feature.y_mm)
+    cos, sin = np.cos(feature.turn_rad), np.sin(feature.turn_rad)
+    return cos * x + sin * y, cos * y - sin * x
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, np.pi / 2, 2.3, np.pi, -1.2, 3 * np.pi / 2])
+@pytest.mark.parametrize("profile", ["flat", "rounded"])
+def test_a_half_plane_is_all_that_lies_beyond_its_edge(turn, profile):
+    feature = Feature("half-plane", profile, 1.03, -2.04, turn, np.inf, curve=1.5, lower_mm=0.4)
+    heights = heights_of(feature, tilt=(0.02, -0.01))
+    inner, _ = in_frame_of(feature)
+    rest = np.clip(1.5 - inner, 0.0, 1.5)
+    fallen = 1.5 - np.sqrt(1.5**2 - rest**2) if profile == "rounded" else 0.0
+    wanted = -0.4 - fallen + 0.02 * AXIS[None, :] - 0.01 * AXIS[:, None]
+    sure = np.abs(inner) > 1e-9
+    np.testing.assert_allclose(
+        heights[sure], np.where(inner >= 0.0, wanted, NOTHING_MM)[sure], atol=1e-5
+    )
+
+
+def test_irregular_polygons_keep_their_corners():
+    """Also where a side lies so far out that its neighbours meet before it."""
+    rng = np.random.default_rng(5)
+    for number in (3, 4, 5, 6, 8) * 4:
+        apart = 4.0 * np.exp(0.25 * rng.standard_normal(number))
+        apart[0] *= rng.choice([1.0, 2.5])
+        sides = tuple((2 * np.pi * k / number, float(d)) for k, d in enumerate(apart))
+        feature = Feature("polygon", "flat", 0.51, 0.27, 0.9, float(apart.min()), sides=sides)
+        u, v = in_frame_of(feature)
+        inner = np.min([d - np.cos(a) * u - np.sin(a) * v for a, d in sides], axis=0)
+        sure = np.abs(inner) > 1e-9
+        there = heights_of(feature) > NOTHING_MM / 2
+        np.testing.assert_array_equal(there[sure], (inner > 0)[sure])
+
+
 def test_profiles_are_what_they_are_called():
     rod = heights_of(Feature("bar", "rod", 0, 0, 0, 3.0, half_length_mm=50.0, curve=5.0))
     across = np.abs(AXIS) < 2.9
