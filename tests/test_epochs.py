@@ -1,5 +1,6 @@
 """Epochs of trainings on many pairs: shorter than the data, and as good to go on from."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +12,10 @@ from spots import write_spots
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.loop import TrainingLoop, steps_of_epoch
-from t2twin.translate.presets import PRESETS
+from t2twin.translate.presets import MODELS, PRESETS
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
-from t2twin.translate.train import train
+from t2twin.translate.train import for_steps, train
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +66,15 @@ def test_short_epochs_go_through_all_pairs_before_any_comes_again(data_dir: Path
     short = [np.concatenate(list(loop._batches(epoch))) for epoch in range(4)]
     assert [order.size for order in short] == [24] * 4
     assert np.array_equal(np.concatenate(short), np.concatenate(whole))
+
+
+def test_in_more_steps_the_discriminator_learns_as_much_in_all() -> None:
+    cpu, resnet18 = (PRESETS[model]["cpu"] for model in MODELS)
+    longer = for_steps(cpu, 3 * cpu.steps)
+    assert longer.discriminator_share == pytest.approx(cpu.discriminator_share / 3)
+    assert replace(longer, discriminator_share=cpu.discriminator_share) == cpu
+    assert for_steps(cpu, None) == for_steps(cpu, 100) == for_steps(cpu, cpu.steps) == cpu
+    assert for_steps(resnet18, 3 * resnet18.steps) == resnet18
 
 
 def test_steps_asked_for_go_into_the_config_and_bound_the_epochs(

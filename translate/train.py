@@ -12,6 +12,7 @@ batch, each on a GPU of its own where the machine has GPUs.
 import math
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 from t2twin.primitives_cad.errors import T2TwinError
@@ -49,13 +50,14 @@ def train(
     minutes; as many epochs are planned as fit in, and the schedule of the learning rate follows
     the plan. steps: most steps, instead of the preset's steps and epochs, rounded to whole epochs.
     An epoch goes through all pairs; of so many that the steps would make few epochs, through a part
-    of them, and the next goes on where it ended (loop.steps_of_epoch).
+    of them, and the next goes on where it ended (loop.steps_of_epoch). For steps beyond its own a
+    preset is changed by `for_steps`.
     Raises T2TwinError for an unknown model or preset, a data set that cannot be read, a folder that
     holds another run, and a loss that stops being a number.
     """
     data_dir, out_dir = Path(data_dir), Path(out_dir)
-    settings = find_preset(model, preset)
     _check_limits(epochs, minutes, steps, seed)
+    settings = for_steps(find_preset(model, preset), steps)
     info = load_info(data_dir)
     distributed.use_all_cores()
     with distributed.processes() as (rank, processes):
@@ -86,6 +88,18 @@ def train(
             if rank == 0:
                 write_card(out_dir, data_dir)
             return outcome
+
+
+def for_steps(preset: Preset, steps: int | None) -> Preset:
+    """The preset for a training of so many steps, None for its own.
+
+    In more steps than its own a discriminator learns as much in all as in those: at its own rate it
+    won in the second half of three times the steps, and L1 and validation grew worse again.
+    """
+    if preset.l1_weight == 0.0 or not preset.steps or steps is None or steps <= preset.steps:
+        return preset
+    share = preset.discriminator_share * preset.steps / steps
+    return replace(preset, discriminator_share=share)
 
 
 def _check_own(out_dir: Path) -> None:
