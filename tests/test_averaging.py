@@ -22,7 +22,8 @@ def mean_of(part: float, values: list[float]) -> float:
     for value in values:
         nn.init.constant_(network.weight, value)
         mean.update_parameters(network)
-    return float(mean.module.weight.detach())
+    (weight,) = mean.module.parameters()
+    return float(weight.detach())
 
 
 def test_all_steps_are_their_plain_mean() -> None:
@@ -46,8 +47,9 @@ def test_batch_norms_statistics_are_means_too() -> None:
         network.running_mean = torch.tensor([value])
         network.num_batches_tracked = torch.tensor(int(value))
         mean.update_parameters(network)
-    assert mean.module.running_mean.item() == pytest.approx(2.0)
-    assert mean.module.num_batches_tracked.item() == 3
+    statistics = dict(mean.module.named_buffers())
+    assert statistics["running_mean"].item() == pytest.approx(2.0)
+    assert statistics["num_batches_tracked"].item() == 3
 
 
 def test_no_part_is_no_mean() -> None:
