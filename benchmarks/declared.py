@@ -337,7 +337,7 @@ RANDOM_PRESSES = Benchmark(
         Figure("spread.*.tools_inside_percent", "%", least=95.0),
     ),
     arguments=(
-        Argument("--presses", "how many; keeps nothing unless 20,000", int, 20_000, thins=True),
+        Argument("--presses", "how many; keeps nothing unless 20,500", int, 20_500, thins=True),
     ),
     entries=("t2twin.sim.world.presses",),
 )

@@ -36,13 +36,12 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.report.figures import figure
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.dataset.shard import why_again
-from t2twin.sim.press.engine import BesidePadError
+from t2twin.sim.dataset.touching import draw_touch
 from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import test_surfaces
-from t2twin.sim.world.presses import MOST_ATTEMPTS, draw_force, draw_press, random_name
+from t2twin.sim.world.presses import Drawn, draw_force, random_name
 from t2twin.sim.world.recipe import Part, load_recipe
 
 SHAPES_PICTURE = ROOT / "docs" / "pictures" / "random_shapes.png"
@@ -84,11 +83,13 @@ BARS = 30
 @dataclass
 class Pressed:
     """What came of some shapes. values: of each press, by QUANTITIES. again: presses that were
-    drawn again, by why. exceptions: what was raised that is no refusal. same: shapes that press
-    with a tool's surface, and whose."""
+    drawn again, by why. stand_ins: presses of a shape in the place of one that can't be touched.
+    exceptions: what was raised that is no refusal. same: shapes that press with a tool's surface,
+    and whose."""
 
     values: list[tuple[float, ...]] = field(default_factory=list)
     again: Counter[str] = field(default_factory=Counter)
+    stand_ins: int = 0
     exceptions: list[str] = field(default_factory=list)
     same: list[tuple[str, str]] = field(default_factory=list)
     shape_ms: list[float] = field(default_factory=list)
@@ -98,6 +99,7 @@ class Pressed:
     def add(self, other: "Pressed") -> None:
         self.values += other.values
         self.again += other.again
+        self.stand_ins += other.stand_ins
         self.exceptions += other.exceptions
         self.same += other.same
         self.shape_ms += other.shape_ms
@@ -125,6 +127,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "exceptions": len(everything.exceptions),
         "unsettled": everything.again["not settled"],
         "drawn_again": dict(sorted(everything.again.items())),
+        "stand_ins": everything.stand_ins,
         "drawn_again_percent": 100.0 * sum(everything.again.values()) / len(values),
         "force_off_percent": everything.force_off_percent,
         "shape_ms": a_shape,
@@ -157,28 +160,31 @@ def _press(
     part: Part, shape: Shape, number: int, press: int, sensors: SensorPair, made: Pressed
 ) -> None:
     """One press, drawn until it touches the features, as a dataset's."""
-    for attempt in range(MOST_ATTEMPTS):
-        drawn = draw_press(part, shape.name, number, press, (SEED, 0), attempt)
-        if drawn.is_untouched:
-            return
+    took_ms = 0.0
+
+    def press_it(shape: Shape, drawn: Drawn) -> Sample:
+        nonlocal took_ms
         start = time.thread_time()
-        try:
-            sample = sensors.press(shape, drawn.command, drawn.rng)
-        except BesidePadError:
-            made.again["beside the pad"] += 1
-            continue
-        except Exception as error:
-            made.exceptions.append(f"{shape.name}: {type(error).__name__}: {error}")
-            return
-        why = why_again(sample)
-        if why is not None:
-            made.again[why] += 1
-            continue
-        made.press_ms.append(1e3 * (time.thread_time() - start))
-        off = max(_force_off_percent(contact) for contact in (sample.digit, sample.cyskin))
-        made.force_off_percent = max(made.force_off_percent, off)
-        made.values.append(_values(sample))
+        sample = sensors.press(shape, drawn.command, drawn.rng)
+        took_ms = 1e3 * (time.thread_time() - start)
+        return sample
+
+    def again(why: str) -> None:
+        made.again[why] += 1
+
+    try:
+        touch = draw_touch(part, shape, number, press, (SEED, 0), press_it, again)
+    except Exception as error:
+        made.exceptions.append(f"{shape.name}: {type(error).__name__}: {error}")
         return
+    if touch.sample is None:
+        return
+    made.stand_ins += touch.shape is not shape
+    made.press_ms.append(took_ms)
+    contacts = (touch.sample.digit, touch.sample.cyskin)
+    off = max(_force_off_percent(contact) for contact in contacts)
+    made.force_off_percent = max(made.force_off_percent, off)
+    made.values.append(_values(touch.sample))
 
 
 def _force_off_percent(contact: Contact) -> float:

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +18,16 @@ from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.rows import More, row
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
+from t2twin.sim.dataset.touching import draw_touch
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.units import draw_unit
-from t2twin.sim.press.engine import BesidePadError
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.presses import (
     FRAME_STREAM,
+    MOST_ATTEMPTS,
     UNIT_STREAM,
     Drawn,
-    attempts_of,
-    draw_press,
     grid_presses,
 )
 from t2twin.sim.world.recipe import Part, Recipe
@@ -78,14 +78,6 @@ def family_of(shape: str) -> str:
     return shape.split("/")[0] if "/" in shape else shape.rpartition("-")[0] or shape
 
 
-def why_again(sample: Sample) -> str | None:
-    """Why a press that was drawn is drawn again, None where it is as it was meant."""
-    contacts = (sample.digit, sample.cyskin)
-    if any(contact.bottomed for contact in contacts):
-        return "on the base plate"
-    return None if all(contact.settled for contact in contacts) else "not settled"
-
-
 class _Shard:
     """One shard in the making."""
 
@@ -131,28 +123,18 @@ class _Shard:
 
     def _drawn_row(self, shape: Shape, number: int, press: int) -> dict[str, Any]:
         """A press that is drawn, and again as long as it touches nothing that was meant."""
-        seed, planned = (self.recipe.seed, self.batch.part), shape.name
-        first = self._refused.get(number, 0)
-        for attempt in range(first, attempts_of(self.part)):
-            drawn = draw_press(self.part, planned, number, press, seed, attempt)
-            if drawn.is_untouched:
-                return self._row(shape, drawn, number, None)
-            if drawn.command.shape != shape.name:
-                shape = catalogue.load(drawn.command.shape)
-                self._refused[number] = attempt
-            try:
-                sample = self._press(shape, drawn, number)
-            except BesidePadError:
-                self._again("beside the pad")
-                continue
-            why = why_again(sample)
-            if why is None:
-                return self._row(shape, drawn, number, sample)
-            self._again(why)
-        raise T2TwinError(
-            f"{planned} could not be touched in {attempts_of(self.part)} draws; take places nearer "
-            "to the shapes' middles"
+        touch = draw_touch(
+            self.part,
+            shape,
+            number,
+            press,
+            (self.recipe.seed, self.batch.part),
+            partial(self._press, number=number),
+            self._again,
+            self._refused.get(number, 0),
         )
+        self._refused[number] = touch.attempt - touch.attempt % MOST_ATTEMPTS
+        return self._row(touch.shape, touch.drawn, number, touch.sample)
 
     def _again(self, why: str) -> None:
         self.redrawn[why] = self.redrawn.get(why, 0) + 1
