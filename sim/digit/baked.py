@@ -32,7 +32,8 @@ from t2twin.sim.digit.rays import Leds, Rays, Region
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 NO_DRAWS = np.frombuffer(b"", dtype=np.uint16)
-"""Stands for no noise."""
+NO_NOISE = np.zeros((0, 0, 0), dtype=np.float32)
+"""Stand for no noise."""
 
 
 class BakedModel:
@@ -75,16 +76,18 @@ class BakedModel:
         surface_mm: np.ndarray,
         draws: np.ndarray = NO_DRAWS,
         noise_grey: float = 0.0,
+        noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
         """(ROWS, COLUMNS, 3) uint8 picture.
 
         surface_mm: on optical_grid(), rows x columns, positive into the sensor.
         draws: (ROWS * COLUMNS * 3,) uint16, evenly distributed, each turned into normal noise of
             standard deviation noise_grey; or none.
+        noise: (ROWS, COLUMNS, 3) float32 that is added, noise_grey times; or none.
         Raises T2TwinError for another grid's shape or values that are not finite.
         """
         change, pixels = self._change(self._rays.coated(surface_mm))
-        return self._picture(change, pixels, draws, noise_grey)
+        return self._picture(change, pixels, draws, noise_grey, noise)
 
     def _picture(
         self,
@@ -92,12 +95,13 @@ class BakedModel:
         pixels: Region,
         draws: np.ndarray = NO_DRAWS,
         noise_grey: float = 0.0,
+        noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
         """The background and a change of its light (RGB, S) in a region, as grey levels."""
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
         picture.encode(
             change, self.background, self._linear_background, self._table, pixels, draws,
-            picture.normal_quantiles(), np.float32(noise_grey), out,
+            picture.normal_quantiles(), np.float32(noise_grey), noise, out,
         )  # fmt: skip
         return out
 

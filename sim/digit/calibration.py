@@ -11,6 +11,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.digit.camera import COLUMNS, MOST_OFF, ROWS, Camera
 from t2twin.sim.digit.illumination import COSINE_TERMS
+from t2twin.sim.digit.noise import Noise
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
 """The shipped calibration; written by t2twin.sim.digit.bake."""
@@ -30,6 +31,8 @@ MOST_RESPONSE = 1e4
 GAMMAS = (0.5, 4.0)
 """Exponents between light and grey levels that a calibration may have (assumed: a camera as it
 is has 1 to 2.4)."""
+NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
+"""Keys of the noise in the file, if it was measured."""
 SCALES_PX_PER_MM = (5.0, 100.0)
 DISTANCES_MM = (5.0, 100.0)
 """Picture scales and distances of the camera that a calibration may have (assumed: public ones of
@@ -46,14 +49,17 @@ def place_terms(x_mm: np.ndarray, y_mm: np.ndarray, degree: int = PLACE_DEGREE) 
     )
 
 
-def led_columns(
-    cosine: np.ndarray, weight: np.ndarray, places: np.ndarray, powers: int = COSINE_TERMS
-) -> np.ndarray:
-    """(..., places * powers): one LED's light per unit of each entry of its response table.
+def place_degrees(degree: int = PLACE_DEGREE) -> np.ndarray:
+    """(terms,) degree of each of place_terms."""
+    return np.repeat(np.arange(degree + 1), np.arange(1, degree + 2))
 
-    cosine, weight: (...) of that LED. places: (..., places) polynomials. powers: of the cosine.
+
+def led_columns(cosine: np.ndarray, weight: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(..., places * COSINE_TERMS): one LED's light per unit of each entry of its response table.
+
+    cosine, weight: (...) of that LED. places: (..., places) polynomials.
     """
-    entries = [weight[..., None] * cosine[..., None] ** j * places for j in range(powers)]
+    entries = [weight[..., None] * cosine[..., None] ** j * places for j in range(COSINE_TERMS)]
     return np.stack(entries, axis=-1).reshape(*cosine.shape, -1)
 
 
@@ -67,6 +73,7 @@ class Calibration:
     gamma: exponent between light and grey levels.
     scale_px_per_mm, distance_mm, shift_x_px, shift_y_px, tilt_x_deg, tilt_y_deg: the camera. A file
     may leave out the last four, which are 0 then, and save leaves them out where all are 0.
+    noise: one frame's, where it was measured; in the file noise_mix and noise_taps.
     Raises T2TwinError for arrays of other shapes or values that cannot be.
     """
 
@@ -81,6 +88,7 @@ class Calibration:
     shift_y_px: float = 0.0
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
+    noise: Noise | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -137,7 +145,9 @@ class Calibration:
         """What the file holds, by its keys."""
         values = {key: getattr(self, name) for name, key in _KEYS.items()}
         if not any(values[name] for name in MOST_OFF):
-            return {key: value for key, value in values.items() if key not in MOST_OFF}
+            values = {key: value for key, value in values.items() if key not in MOST_OFF}
+        if self.noise is not None:
+            values |= {NOISE_MIX: self.noise.mix, NOISE_TAPS: self.noise.taps}
         return values
 
     @classmethod
@@ -163,12 +173,19 @@ def _parts(path: Path | str) -> dict[str, Any]:
             if key not in file and key not in MOST_OFF:
                 raise T2TwinError(f"its {key} is missing")
         values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items() if key in file}
+        noise = [file[key] for key in (NOISE_MIX, NOISE_TAPS) if key in file]
+    if len(noise) == 1:
+        raise T2TwinError(f"of {NOISE_MIX} and {NOISE_TAPS} one is missing")
+    if noise:
+        values["noise"] = Noise(*noise)
     for name in ("gamma", "scale_px_per_mm", "distance_mm", *MOST_OFF):
         if name in values:
             values[name] = float(values[name])
     return values
 
 
-_KEYS = {name: name for name in Calibration.__dataclass_fields__} | {"leds_mm": "lamps_mm"}
+_KEYS = {name: name for name in Calibration.__dataclass_fields__ if name != "noise"} | {
+    "leds_mm": "lamps_mm"
+}
 """Key of each field in the file. The LEDs' places are called lamps_mm there, as in the first
 calibrations that were written."""

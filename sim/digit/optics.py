@@ -26,6 +26,7 @@ class DigitOptics:
         self, calibration: Calibration, shadows: bool = True, gel: Elastomer = DIGIT_GEL
     ) -> None:
         self._model = BakedModel(calibration, shadows, gel)
+        self._noise = calibration.noise
 
     @classmethod
     def load(
@@ -51,12 +52,16 @@ class DigitOptics:
         surface_mm: on t2twin.sim.digit.camera.optical_grid(), rows x columns, mm, positive into the
             sensor.
         rng: where the noise is drawn from; None gives none.
-        noise_grey: its standard deviation, grey levels, the same in every pixel and channel.
+        noise_grey: its standard deviation, grey levels, the same in every pixel and channel; where
+            the calibration has its own noise, that one is taken noise_grey / NOISE_GREY times.
         Raises T2TwinError for another grid's shape, values that are not finite, negative noise.
         """
         noise_grey = checked_noise(noise_grey)
         if rng is None or noise_grey == 0:
             return self._model.render(surface_mm)
+        if self._noise is not None:
+            times = noise_grey / NOISE_GREY
+            return self._model.render(surface_mm, noise_grey=times, noise=self._noise.draw(rng))
         count = self._model.background.size
         draws = np.frombuffer(rng.bytes(2 * count), dtype=np.uint16)
         return self._model.render(surface_mm, draws, noise_grey)

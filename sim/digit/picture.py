@@ -40,7 +40,7 @@ def encoding_table(gamma: float) -> np.ndarray:
 
 
 @jit_finite
-def encode(change, background, rest, table, region, draws, quantiles, sigma, out):
+def encode(change, background, rest, table, region, draws, quantiles, sigma, noise, out):
     """Fill out (P, RGB) uint8: the background's light and the change, encoded, noisy, rounded.
 
     P is the picture (rows, columns), S its lattice of samples as in t2twin.sim.digit.illumination.
@@ -49,6 +49,7 @@ def encode(change, background, rest, table, region, draws, quantiles, sigma, out
     rest: (P, RGB) the background's linear light.
     table: grey levels over the square root of linear light, 0 to 1.
     draws: (P * RGB,) uint16, each turned into noise by quantiles, sigma grey levels; or (0,).
+    noise: (P, RGB) float32 that is added, sigma times; or (0, 0, 0).
     """
     last = np.float32(table.size - 1)
     rows, columns = background.shape[0], background.shape[1]
@@ -71,6 +72,10 @@ def encode(change, background, rest, table, region, draws, quantiles, sigma, out
             drawn = draws[3 * columns * row : 3 * columns * (row + 1)]
             for n in range(3 * columns):
                 grey[n] += sigma * quantiles[drawn[n]]
+        if noise.size > 0:
+            added = noise[row].ravel()
+            for n in range(3 * columns):
+                grey[n] += sigma * added[n]
         for n in range(3 * columns):
             filled[n] = np.uint8(min(max(grey[n], _ZERO), _BRIGHTEST) + _HALF)
 

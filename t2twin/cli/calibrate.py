@@ -57,11 +57,11 @@ def _strip(report: "CalibrationReport") -> "tuple[np.ndarray, np.ndarray]":
     """The held-out frames, and the simulated ones with one frame's noise, (n, 320, 240, 3) each."""
     import numpy as np
 
-    from t2twin.sim.digit.optics import NOISE_GREY
-
-    noise = np.random.default_rng(0).normal(0.0, NOISE_GREY, report.simulated.shape)
-    noisy = np.clip(np.rint(report.simulated + noise), 0, 255).astype(np.uint8)
-    return report.real, noisy
+    noise, rng = report.calibration.noise, np.random.default_rng(0)
+    if noise is None:
+        return report.real, report.simulated
+    noisy = [picture + noise.draw(rng) for picture in report.simulated]
+    return report.real, np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
 def _in_words(report: "CalibrationReport") -> list[str]:
@@ -73,7 +73,8 @@ def _in_words(report: "CalibrationReport") -> list[str]:
         f"fitted to {report.trained[0]} to {report.trained[-1]}, {len(report.trained)} presses",
         f"scored on {report.held_out[0]} to {report.held_out[-1]}, {count} presses that the fit "
         "did not see; the place and depth",
-        "of each is found from its own frame, everything else is as fitted",
+        "of each is found from its own frame, everything else is as fitted; what is written was",
+        "then fitted to all of them",
         "",
         f"{'press':34s} {'x mm':>6s} {'y mm':>6s} {'deep mm':>7s} {'L1':>6s} {'SSIM':>6s} "
         f"{'PSNR dB':>8s}",

@@ -1,7 +1,7 @@
 """Calibrating the DIGIT's optics to a user's own sensor: fit on some presses, scored on others."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +9,7 @@ import numpy as np
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.fit import BallFit
 from t2twin.sim.digit.calibrate.frames import clean_background, read_frames, touched_patch
+from t2twin.sim.digit.calibrate.noise import measured_noise
 from t2twin.sim.digit.calibrate.scores import (
     Score,
     Scores,
@@ -35,6 +36,8 @@ class CalibrationReport:
     """A fitted calibration and how good it is. Arrays are over the held-out presses, but for
     training_poses.
 
+    calibration: fitted to all presses, with the noise of their frames. scored_by: fitted without
+    the held-out ones, which simulated and the scores are of.
     trained, held_out: names of the frames that were fitted to and scored on. repeated: of those
     that were left out as copies. training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each seen in
     its own frame. real, simulated: (n, ROWS, COLUMNS, 3) uint8. scores: means. each: the
@@ -42,6 +45,7 @@ class CalibrationReport:
     """
 
     calibration: Calibration
+    scored_by: Calibration
     trained: list[str]
     training_poses: np.ndarray
     held_out: list[str]
@@ -76,7 +80,7 @@ def calibrate(
     background: a frame of the untouched sensor. presses: a folder of frames of one ball pressed
     in, 240 wide, 320 high, PNG or JPEG. camera: its scale and distance. say: told how far it is.
     Frames that are equal to an earlier one, byte for byte, are left out. The held-out presses
-    have no part in anything but their own poses and the scores.
+    have no part in anything that is scored but their own poses; then a last fit takes them all.
     Raises T2TwinError for frames or numbers that cannot be used, and for a fit that explains
     nothing.
     """
@@ -95,17 +99,26 @@ def calibrate(
     clean = clean_background(untouched, frames[train])
     fitting = BallFit(clean, frames[train], patches[train], radius_mm, camera)
     state = fitting.fit()
-    calibration = fitting.calibration(state)
+    scored_by = fitting.calibration(state)
     unseen = BallFit(clean, frames[test], patches[test], radius_mm, camera)
     poses = np.array([unseen.pose(state, index) for index in range(len(test))])
-    optics = DigitOptics(calibration)
+    optics = DigitOptics(scored_by)
     simulated = np.array([optics.render(unseen.surface(state, pose)) for pose in poses])
     trained = _Presses(frames[train], patches[train], state.poses)
     scored = _Presses(frames[test], patches[test], poses)
     scores = _scores(untouched, trained, scored, simulated, camera)
     _check_explains(scores)
+    everything = [*train, *test]
+    say(f"fitting once more, to all {len(everything)}")
+    clean = clean_background(untouched, frames[everything])
+    last = BallFit(clean, frames[everything], patches[everything], radius_mm, camera)
+    calibration = replace(
+        last.calibration(last.fit(state)),
+        noise=measured_noise(clean, frames[everything], untouched),
+    )
     return CalibrationReport(
         calibration=calibration,
+        scored_by=scored_by,
         trained=[names[i] for i in train],
         training_poses=state.poses,
         held_out=[names[i] for i in test],

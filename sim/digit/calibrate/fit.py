@@ -3,7 +3,8 @@
 Unknown are every press's place and depth, the LEDs' places and sizes, how the gel leaves the
 ball, and the response of each LED in each colour. The response enters linearly, the rest does
 not. All are fitted together by Levenberg and Marquardt's method (Marquardt 1963) to the grey
-levels around the contacts, and the response is solved for again after every step.
+levels around the contacts, and the response is solved for again after every step. How many terms
+the response has is chosen between two such fits, by leaving presses out (response.chosen).
 
 Samples are blocks of 2 x 2 pixels, (ROWS / 2, COLUMNS / 2); a press's pose is (x_mm, y_mm,
 depth_mm).
@@ -15,6 +16,17 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from t2twin.sim.digit import deflections
+from t2twin.sim.digit.calibrate.geometry import NUDGE, SPREAD, START, leds_of
+from t2twin.sim.digit.calibrate.response import (
+    FIRST_TERMS,
+    LEDS,
+    MOST_TERMS,
+    Sums,
+    Terms,
+    chosen,
+    solved,
+)
+from t2twin.sim.digit.calibrate.samples import Square, inner, samples_of, square_about
 from t2twin.sim.digit.calibration import PLACE_TERMS, Calibration, led_columns, place_terms
 from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera
 from t2twin.sim.digit.illumination import COSINE_TERMS
@@ -24,15 +36,6 @@ from t2twin.sim.digit.rays import Leds, Rays
 GAMMA = 1.0
 """Exponent between light and grey levels of a real unit: shading goes with its grey levels
 better than with their power 2.2 (measured by leaving out training presses)."""
-PLACES = 6
-"""Place polynomials of the response: degree two. A few presses determine no more (assumed)."""
-POWERS = 3
-"""Powers of the cosine of incidence (assumed)."""
-RIDGE = 2e-4
-"""Weight of the response's size, as a part of the mean square of its columns (assumed)."""
-HALF_SAMPLES = 36
-"""Half side of the square around a press that is fitted, samples: 7.5 mm, so that the shadows'
-ends are in it."""
 STEPS = 8
 """Most steps of the joint fit."""
 GAIN = 2e-3
@@ -40,49 +43,21 @@ GAIN = 2e-3
 SHALLOWEST_MM, DEEPEST = 0.1, 0.93
 """Bounds of a press's depth: mm, and as a part of the ball's radius."""
 
-# name, start, step of the difference quotient, spread of the prior
-_GEOMETRY = (
-    ("azimuth_0_deg", 30.0, 0.7, 10.0),  # as TACTO's configuration and the maker's notes
-    ("azimuth_1_deg", 150.0, 0.7, 10.0),
-    ("azimuth_2_deg", 270.0, 0.7, 10.0),
-    ("elevation_0_deg", 19.0, 0.5, 6.0),  # assumed from the lengths of real shadows
-    ("elevation_1_deg", 19.0, 0.5, 6.0),
-    ("elevation_2_deg", 13.0, 0.5, 6.0),
-    ("radius_mm", 19.0, 0.5, 4.0),  # assumed: beside the gel
-    ("log_size_0", np.log(2.0), 0.05, 0.5),  # assumed: an LED behind a diffuser, mm
-    ("log_size_1", np.log(2.0), 0.05, 0.5),
-    ("log_size_2", np.log(3.0), 0.05, 0.5),
-    ("hold", 0.75, 0.01, 0.1),  # assumed; t2twin.sim.digit.deflections
-    ("skirt", 1.0, 0.03, 0.3),
-)
-_START = np.array([row[1] for row in _GEOMETRY])
-_NUDGE = np.array([row[2] for row in _GEOMETRY])
-_SPREAD = np.array([row[3] for row in _GEOMETRY])
 _POSE_NUDGE = np.array([0.02, 0.02, 0.02])  # mm
 _POSE_REACH = np.array([0.3, 0.3, 0.3])  # longest step of a pose, mm
 _PRIOR = 2e-5
 """Weight of the priors: a parameter one spread away from its start costs as much as this mean
 square error over one press, in (grey / 255)^2 (assumed)."""
 
-Square = tuple[slice, slice]
-
-
-def _leds_of(geometry: np.ndarray) -> Leds:
-    """The LEDs that parameters in the order of _GEOMETRY stand for."""
-    azimuth, elevation = np.radians(geometry[0:3]), np.radians(geometry[3:6])
-    radius = geometry[6]
-    places = np.stack(
-        [radius * np.cos(azimuth), -radius * np.sin(azimuth), -radius * np.tan(elevation)], axis=1
-    )
-    return Leds(places, np.exp(geometry[7:10]))
-
 
 @dataclass(frozen=True)
 class State:
-    """geometry: as in _GEOMETRY. poses: (n, 3). response: (RGB, 3 LEDs * PLACES * POWERS)."""
+    """geometry: as in geometry.GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms).
+    error: mean square, with the priors."""
 
     geometry: np.ndarray
     poses: np.ndarray
+    terms: Terms
     response: np.ndarray
     error: float
 
@@ -104,16 +79,24 @@ class BallFit:
     ) -> None:
         self.background, self.camera, self.radius_mm = background, camera, radius_mm
         self._rays = Rays(camera)
-        self._places = place_terms(*self._rays.places_mm)[..., :PLACES]
+        self._places = place_terms(*self._rays.places_mm)
         light = linear(background, GAMMA)
-        self._changes = [_samples(linear(frame, GAMMA) - light) for frame in frames]
-        self._squares = [_square(patch) for patch in patches]
+        self._changes = [samples_of(linear(frame, GAMMA) - light) for frame in frames]
+        self._squares = [square_about(patch) for patch in patches]
         self._start_poses = np.array([self._pose_at(patch) for patch in patches])
 
-    def fit(self) -> State:
-        """Everything, from frames alone."""
-        state = self._solved(_START, self._start_poses)
-        state = self.with_poses(state)
+    def fit(self, start: State | None = None) -> State:
+        """Everything, from frames alone; LEDs and terms are another fit's at first, if given."""
+        if start is None:
+            state = self._solved(START, self._start_poses, FIRST_TERMS)
+            state = self._refined(self.with_poses(state))
+            terms = chosen(self._sums(state.geometry, state.poses, MOST_TERMS))
+            return self._refined(self._solved(state.geometry, state.poses, terms))
+        poses = np.array([self.pose(start, index) for index in range(len(self._changes))])
+        return self._refined(self._solved(start.geometry, poses, start.terms))
+
+    def _refined(self, state: State) -> State:
+        """The joint fit from a state on."""
         damping = 1e-2
         for _ in range(STEPS):
             before = state.error
@@ -125,7 +108,7 @@ class BallFit:
     def with_poses(self, state: State) -> State:
         """The state with every press's pose fitted again, the model held."""
         poses = np.array([self.pose(state, index, pose) for index, pose in enumerate(state.poses)])
-        return self._solved(state.geometry, poses)
+        return self._solved(state.geometry, poses, state.terms)
 
     def pose(self, state: State, index: int, start: np.ndarray | None = None) -> np.ndarray:
         """The pose of one frame under a model, from that frame alone: (x_mm, y_mm, depth_mm).
@@ -140,14 +123,13 @@ class BallFit:
         )
         low = np.array([middle[0] - 1.5, middle[1] - 1.5, SHALLOWEST_MM])
         high = np.array([middle[0] + 1.5, middle[1] + 1.5, DEEPEST * self.radius_mm])
-        leds, shape = _leds_of(state.geometry), state.geometry[10:12]
+        leds, shape = leds_of(state.geometry), state.geometry[10:12]
         square = self._squares[index]
-        rest = self._columns(leds, None, shape, square)
-        wanted = self._changes[index][square]
+        gain = self._gain(state, square)
+        wanted = self._light(leds, None, shape, square, gain) + self._wanted(index)
 
         def residual(pose: np.ndarray) -> np.ndarray:
-            columns = self._columns(leds, pose, shape, square) - rest
-            return (self._shown(columns, state.response, square) - wanted).ravel()
+            return (self._light(leds, pose, shape, square, gain) - wanted).ravel()
 
         fits = [
             least_squares(
@@ -160,10 +142,10 @@ class BallFit:
 
     def calibration(self, state: State) -> Calibration:
         """The model as a file's content."""
-        leds = _leds_of(state.geometry)
+        leds = leds_of(state.geometry)
         response = np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS))
-        table = state.response.reshape(3, 3, PLACES, POWERS)
-        response[:, :, :PLACES, :POWERS] = table.transpose(1, 0, 2, 3)
+        table = state.response.reshape(3, LEDS, state.terms.places, COSINE_TERMS)
+        response[:, :, : state.terms.places] = table.transpose(1, 0, 2, 3)
         return Calibration(
             background=self.background,
             leds_mm=leds.places_mm,
@@ -189,55 +171,89 @@ class BallFit:
         y_mm = (patch[0] - (ROWS - 1) / 2) / self.camera.scale_px_per_mm
         return np.array([x_mm, y_mm, 0.45 * self.radius_mm])
 
-    def _columns(
+    def _wanted(self, index: int) -> np.ndarray:
+        """(samples, RGB) change of the light in a press's square."""
+        return self._changes[index][self._squares[index]].reshape(-1, 3)
+
+    def _incidence(
         self, leds: Leds, pose: np.ndarray | None, shape: np.ndarray, square: Square
-    ) -> np.ndarray:
-        """(samples, entries) light per unit of each of the response's entries; no pose: at rest."""
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Cosines and weights (samples, LEDs); no pose: at rest."""
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
             surface = self._surface(pose, shape)
-        rows, columns = square
-        inner = (slice(rows.start + 1, rows.stop + 1), slice(columns.start + 1, columns.stop + 1))
-        region = (inner[0].start, inner[0].stop, inner[1].start, inner[1].stop)
+        rows, columns = part = inner(square)
+        region = (rows.start, rows.stop, columns.start, columns.stop)
         cosine, weight = self._rays.incidence(self._rays.coated(surface), leds, region)
-        places = self._places[inner]
-        entries = [
-            led_columns(cosine[inner][..., k], weight[inner][..., k], places, POWERS)
-            for k in range(3)
-        ]
-        return np.concatenate(entries, axis=-1).reshape(-1, 3 * PLACES * POWERS)
+        return cosine[part].reshape(-1, LEDS), weight[part].reshape(-1, LEDS)
 
-    def _shown(self, columns: np.ndarray, response: np.ndarray, square: Square) -> np.ndarray:
-        """(rows, columns, RGB) change of the light."""
-        rows, across = square
-        return (columns @ response.T).reshape(rows.stop - rows.start, across.stop - across.start, 3)
+    def _columns(
+        self,
+        leds: Leds,
+        pose: np.ndarray | None,
+        shape: np.ndarray,
+        square: Square,
+        terms: Terms,
+    ) -> np.ndarray:
+        """(samples, entries) light per unit of each of the response's entries; no pose: at rest."""
+        cosine, weight = self._incidence(leds, pose, shape, square)
+        places = self._placed(square, terms)
+        entries = [led_columns(cosine[:, k], weight[:, k], places) for k in range(LEDS)]
+        return np.concatenate(entries, axis=-1)
 
-    def _solved(self, geometry: np.ndarray, poses: np.ndarray) -> State:
-        """The best response for a geometry and poses."""
-        leds, shape = _leds_of(geometry), geometry[10:12]
-        size = 3 * PLACES * POWERS
-        squares, products = np.zeros((size, size)), np.zeros((size, 3))
-        kept = []
-        for pose, change, square in zip(poses, self._changes, self._squares, strict=True):
-            columns = self._columns(leds, pose, shape, square)
-            columns = columns - self._columns(leds, None, shape, square)
-            kept.append(columns)
-            squares += columns.T @ columns
-            products += columns.T @ change[square].reshape(-1, 3)
-        response = np.linalg.solve(squares + _ridge(squares), products).T
-        error = float(
-            np.mean(
-                [
-                    np.mean((self._shown(columns, response, square) - change[square]) ** 2)
-                    for columns, change, square in zip(
-                        kept, self._changes, self._squares, strict=True
-                    )
-                ]
+    def _placed(self, square: Square, terms: Terms) -> np.ndarray:
+        """(samples, places) polynomials of the place."""
+        places = self._places[inner(square)]
+        return places.reshape(-1, places.shape[-1])[:, : terms.places]
+
+    def _changed(
+        self, leds: Leds, pose: np.ndarray, shape: np.ndarray, square: Square, terms: Terms
+    ) -> np.ndarray:
+        """(samples, entries) the columns of a pose less those at rest."""
+        at_rest = self._columns(leds, None, shape, square, terms)
+        return self._columns(leds, pose, shape, square, terms) - at_rest
+
+    def _gain(self, state: State, square: Square) -> np.ndarray:
+        """(samples, LEDs, COSINE_TERMS, RGB): the response in every place, for _light."""
+        terms = state.terms
+        table = state.response.reshape(3, LEDS, terms.places, COSINE_TERMS)
+        return np.einsum("sp,ckpj->skjc", self._placed(square, terms), table, optimize=True)
+
+    def _light(
+        self,
+        leds: Leds,
+        pose: np.ndarray | None,
+        shape: np.ndarray,
+        square: Square,
+        gain: np.ndarray,
+    ) -> np.ndarray:
+        """(samples, RGB) light of a pose, or at rest: columns times response, without columns."""
+        cosine, weight = self._incidence(leds, pose, shape, square)
+        powers = weight[..., None] * cosine[..., None] ** np.arange(COSINE_TERMS)
+        return np.einsum("skj,skjc->sc", powers, gain, optimize=True)
+
+    def _sums(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> list[Sums]:
+        """What the response's fit needs of each press."""
+        leds, shape = leds_of(geometry), geometry[10:12]
+        return [
+            Sums.of(
+                self._changed(leds, pose, shape, square, terms).astype(float), self._wanted(index)
             )
-        )
-        off = (geometry - _START) / _SPREAD
-        return State(geometry, poses, response, error + _PRIOR / len(poses) * float(off @ off))
+            for index, (pose, square) in enumerate(zip(poses, self._squares, strict=True))
+        ]
+
+    def _solved(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> State:
+        """The best response of these terms for a geometry and poses."""
+        sums = self._sums(geometry, poses, terms)
+        squares = np.sum([press.squares for press in sums], axis=0)
+        products = np.sum([press.products for press in sums], axis=0)
+        response = solved(squares, products, terms)
+        everything = np.arange(terms.entries)
+        error = float(np.mean([press.error(response, everything) for press in sums]))
+        off = (geometry - START) / SPREAD
+        error += _PRIOR / len(poses) * float(off @ off)
+        return State(geometry, poses, terms, response, error)
 
     def _step(self, state: State, damping: float) -> tuple[State, float]:
         """One step of the joint fit: the state, the same one if none is better, and the damping."""
@@ -251,8 +267,8 @@ class BallFit:
             by_pose = move[: state.poses.size].reshape(-1, 3)
             poses = state.poses + np.clip(by_pose, -_POSE_REACH, _POSE_REACH)
             poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radius_mm)
-            geometry = state.geometry + np.clip(move[state.poses.size :], -_SPREAD, _SPREAD)
-            moved = self._solved(geometry, poses)
+            geometry = state.geometry + np.clip(move[state.poses.size :], -SPREAD, SPREAD)
+            moved = self._solved(geometry, poses, state.terms)
             if moved.error < state.error:
                 return moved, damping / 5.0
             damping *= 8.0
@@ -261,10 +277,10 @@ class BallFit:
     def _normal_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Gauss and Newton's matrix and gradient over (response, poses, geometry)."""
         count, entries = len(state.poses), state.response.shape[1]
-        size = 3 * entries + 3 * count + len(_START)
+        size = 3 * entries + 3 * count + len(START)
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
-        nudged = [(_leds_of(geometry), geometry) for geometry in state.geometry + np.diag(_NUDGE)]
-        of_geometry = np.arange(size - len(_START), size)
+        nudged = [(leds_of(geometry), geometry) for geometry in state.geometry + np.diag(NUDGE)]
+        of_geometry = np.arange(size - len(START), size)
         samples = 0
         for index in range(count):
             columns, residual, derivatives = self._linearised(state, index, nudged)
@@ -283,12 +299,12 @@ class BallFit:
                 gradient[at] += by_parameter.T @ residual[:, c]
         for c in range(3):
             own = slice(c * entries, (c + 1) * entries)
-            ridge = _ridge(matrix[own, own])
+            ridge = state.terms.penalty(matrix[own, own])
             matrix[own, own] += ridge
             gradient[own] += ridge @ state.response[c]
-        prior = samples * _PRIOR / _SPREAD**2
+        prior = samples * _PRIOR / SPREAD**2
         matrix[of_geometry, of_geometry] += prior
-        gradient[of_geometry] += prior * (state.geometry - _START)
+        gradient[of_geometry] += prior * (state.geometry - START)
         return matrix, gradient
 
     def _linearised(
@@ -297,40 +313,21 @@ class BallFit:
         """One press about a state: columns (samples, entries), residual (samples, RGB), and the
         derivatives (3 of its pose and those of the geometry, samples, RGB) of what is shown.
 
-        nudged: the geometry with each of its parameters in turn moved by its _NUDGE.
+        nudged: the geometry with each of its parameters in turn moved by its NUDGE.
         """
-        leds, shape = _leds_of(state.geometry), state.geometry[10:12]
+        leds, shape = leds_of(state.geometry), state.geometry[10:12]
         pose, square = state.poses[index], self._squares[index]
-        rest = self._columns(leds, None, shape, square)
-        columns = self._columns(leds, pose, shape, square) - rest
-        shown = self._shown(columns, state.response, square)
-        residual = (shown - self._changes[index][square]).reshape(-1, 3)
+        columns = self._changed(leds, pose, shape, square, state.terms).astype(float)
+        shown = columns @ state.response.T
+        gain = self._gain(state, square)
+        lit = self._light(leds, pose, shape, square, gain)
         derivatives = []
         for axis in range(3):
             other = pose + _POSE_NUDGE * (np.arange(3) == axis)
-            beside = self._columns(leds, other, shape, square) - rest
-            difference = self._shown(beside, state.response, square) - shown
-            derivatives.append(difference / _POSE_NUDGE[axis])
-        for (other, geometry), nudge in zip(nudged, _NUDGE, strict=True):
-            beside = self._columns(other, pose, geometry[10:12], square)
-            beside = beside - self._columns(other, None, geometry[10:12], square)
-            derivatives.append((self._shown(beside, state.response, square) - shown) / nudge)
-        return columns, residual, np.array(derivatives).reshape(len(derivatives), -1, 3)
-
-
-def _ridge(squares: np.ndarray) -> np.ndarray:
-    return RIDGE * np.trace(squares) / len(squares) * np.eye(len(squares))
-
-
-def _samples(picture: np.ndarray) -> np.ndarray:
-    return picture.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3))
-
-
-def _square(patch: np.ndarray) -> Square:
-    """The square of samples around a patch, inside the picture."""
-    row = round(min(max(patch[0] / 2, HALF_SAMPLES), ROWS // 2 - HALF_SAMPLES))
-    column = round(min(max(patch[1] / 2, HALF_SAMPLES), COLUMNS // 2 - HALF_SAMPLES))
-    return (
-        slice(row - HALF_SAMPLES, row + HALF_SAMPLES),
-        slice(column - HALF_SAMPLES, column + HALF_SAMPLES),
-    )
+            beside = self._light(leds, other, shape, square, gain)
+            derivatives.append((beside - lit) / _POSE_NUDGE[axis])
+        for (other, geometry), nudge in zip(nudged, NUDGE, strict=True):
+            beside = self._light(other, pose, geometry[10:12], square, gain)
+            beside = beside - self._light(other, None, geometry[10:12], square, gain)
+            derivatives.append((beside - shown) / nudge)
+        return columns, shown - self._wanted(index), np.array(derivatives)

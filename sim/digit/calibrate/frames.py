@@ -33,6 +33,11 @@ TOUCHED_MARGIN_PX = 8
 PATTERN_BLUR_PX = 4.0
 """What varies over less than this is the background's fixed pattern, px; the rest is light
 (assumed)."""
+DRIFT_BLUR_PX = 7.0
+"""The drift of the light is taken as even over this, px (of 4, 7, 10 and 15 px the best for presses
+left out, by little)."""
+LEAST_NEAR = 1e-3
+"""Least frames, in parts, that a place's drift is a mean of (assumed)."""
 
 
 def read_frame(path: Path) -> np.ndarray:
@@ -106,20 +111,34 @@ def _blurred_change(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
     return gaussian_filter(change, (BLOB_BLUR_PX, BLOB_BLUR_PX, 0.0))
 
 
-def clean_background(background: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """The background with its noise averaged out and its specks kept, uint8.
+def untouched_pixels(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """(ROWS, COLUMNS) bool: where a frame shows the background, but for noise and drift."""
+    apart = np.abs(_blurred_change(frame, background)).max(axis=-1)
+    return maximum_filter(apart, 2 * TOUCHED_MARGIN_PX + 1) < TOUCHED_GREY
 
-    Its light is its own, blurred by PATTERN_BLUR_PX; the fixed pattern beside it is averaged over
-    the background and those frames that leave a pixel untouched.
+
+def clean_background(background: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """The untouched gel as it is when the frames are taken, its noise averaged out, uint8.
+
+    Its light is the background's own, blurred by PATTERN_BLUR_PX, and the frames' mean drift from
+    it: an LED grows warm, and light moves by some grey levels between one frame and the next
+    minutes. Where no frame leaves a place near untouched there is no drift. The fixed pattern
+    beside the light is averaged over the background and the untouched pixels of the frames.
     """
     light, pattern = _split(background.astype(float))
-    weight = np.ones(background.shape[:2])
+    weight, free = np.ones(background.shape[:2]), np.zeros(background.shape[:2])
+    change = np.zeros_like(light)
     for frame in frames:
-        change = np.abs(_blurred_change(frame, background)).max(axis=-1)
-        free = maximum_filter(change, 2 * TOUCHED_MARGIN_PX + 1) < TOUCHED_GREY
-        pattern += np.where(free[..., None], _split(frame.astype(float))[1], 0.0)
-        weight += free
-    clean = light + pattern / weight[..., None]
+        untouched = untouched_pixels(frame, background)
+        chosen = untouched[..., None]
+        pattern += np.where(chosen, _split(frame.astype(float))[1], 0.0)
+        weight += untouched
+        change += np.where(chosen, frame.astype(float) - background, 0.0)
+        free += untouched
+    blur = (DRIFT_BLUR_PX, DRIFT_BLUR_PX, 0.0)
+    near = gaussian_filter(free, DRIFT_BLUR_PX, mode="nearest")
+    drift = gaussian_filter(change, blur, mode="nearest") / np.maximum(near, LEAST_NEAR)[..., None]
+    clean = light + pattern / weight[..., None] + drift
     return np.clip(np.rint(clean), 0, 255).astype(np.uint8)
 
 
