@@ -16,17 +16,13 @@ from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera import optical_grid
 from t2twin.sim.digit.leds import DIGIT_LEDS
-from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.optics import FRAMES, NOISE_GREY, DigitOptics
 from t2twin.sim.digit.rendered import RenderedOptics
 from t2twin.sim.digit.units import Unit
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.press.surface import surface_on
-
-FRAMES = 30
-"""DIGIT frames averaged into a sample: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
-
 
 Renderer = Literal["baked", "pyrender"]
 """What makes the DIGIT's pictures: the baked model, in milliseconds, or pyrender itself, in about
@@ -99,8 +95,9 @@ class Digit:
         return RenderedOptics(self.unit.calibration, self.unit.leds, self.gel)
 
     def with_unit(self, unit: Unit) -> "Digit":
-        """The same gel, pitch and renderer under the light of a drawn unit, with its noise."""
-        noise_grey = unit.noise_grey / np.sqrt(FRAMES)
+        """The same gel, pitch and renderer under the light of a drawn unit, with its noise, of
+        which as much is averaged away as of this one's."""
+        noise_grey = unit.noise_grey * self.noise_grey / NOISE_GREY
         return replace(self, unit=unit, noise_grey=float(noise_grey))
 
     def untouched(self, rng: np.random.Generator | None = None) -> np.ndarray:

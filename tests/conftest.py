@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ball_frames import write_frames
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.cache_home import VARIABLE
@@ -47,6 +48,14 @@ def shape_cache(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv(VARIABLE, str(home))
         yield catalogue.kept_in(None)
+
+
+@pytest.fixture(scope="session")
+def unit(tmp_path_factory):
+    """Frames of a DIGIT whose light is known."""
+    folder = tmp_path_factory.mktemp("unit")
+    write_frames(folder)
+    return folder
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ball_frames import BALL_MM, HELD_OUT, POSES, save
 from PIL import Image
 
 from t2twin.cli import main
@@ -20,15 +21,6 @@ from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
-BALL_MM = 4.7
-POSES = np.array(
-    [
-        (1.1, -0.6, 1.1), (-2.2, 2.0, 0.8), (0.1, 2.4, 0.9), (-1.6, -1.8, 1.2), (2.2, -3.0, 1.0),
-        (-2.4, 0.0, 0.9), (2.4, 1.5, 1.2), (0.0, -3.4, 0.8), (-0.8, 0.5, 1.3),
-        (1.2, 0.9, 1.0), (-1.5, -0.5, 1.1), (0.6, -1.9, 0.9),
-    ]
-)  # fmt: skip
-HELD_OUT = 3
 ONE_PIXEL_MM = 1 / DIGIT_CAMERA.scale_px_per_mm
 
 
@@ -40,22 +32,6 @@ def run(*arguments, code=0):
     except SystemExit as stop:
         status = int(stop.code or 0)
     assert status == code
-
-
-def save(picture, path):
-    Image.fromarray(picture).save(path)
-
-
-@pytest.fixture(scope="session")
-def unit(tmp_path_factory):
-    """Frames of a unit whose light is known: the shipped one, rendered with a frame's noise."""
-    folder, optics = tmp_path_factory.mktemp("unit"), DigitOptics.load()
-    rng = np.random.default_rng(3)
-    save(optics.render(deflections.ball(0, 0, 1.0) * 0, rng, NOISE_GREY), folder / "background.png")
-    for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):
-        surface = deflections.ball(x_mm, y_mm, depth_mm, BALL_MM / 2)
-        save(optics.render(surface, rng, NOISE_GREY), folder / f"press_{index:02d}.png")
-    return folder
 
 
 @pytest.fixture(scope="session")

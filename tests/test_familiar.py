@@ -37,6 +37,27 @@ def test_distances_are_in_spreads_of_the_cells():
     assert known.is_like(pixels).all() and not known.is_like(off).any()
 
 
+def test_how_a_picture_is_wrong_is_told():
+    rng = np.random.default_rng(0)
+    down, across = np.mgrid[0:64, 0:64] / 63.0
+    scene = np.stack([200 * across, 200 * down * (1 - across), 60 + 80 * down], axis=-1)
+    pixels = np.clip(scene + rng.normal(0, 12, (120, 1, 1, 3)), 0, 255).astype(np.uint8)
+    known = familiar_with(pixels)
+    assert known is not None
+    wrong = {
+        "": pixels[0],
+        "upside down": pixels[0, ::-1, ::-1],
+        "mirrored": pixels[0, :, ::-1],
+        "upside down and mirrored": pixels[0, ::-1],
+        "on its side": np.rot90(pixels[0], -1),
+        "on its other side": np.rot90(pixels[0]),
+        "black": pixels[0] // 32,
+        "overexposed": np.clip(pixels[0].astype(int) + 170, 0, 255).astype(np.uint8),
+        "of another light or sensor": pixels[0][..., [1, 2, 0]],
+    }
+    assert known.looks(np.array(list(wrong.values()))) == list(wrong)
+
+
 def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
     data, folder = run
     rows = read_split(data, "test")["image"].to_pylist()
@@ -47,9 +68,13 @@ def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
     Image.new("RGB", (240, 320), "white").save(tmp_path / "white.png")
     main(["translate", str(folder), str(tmp_path), "--out", str(tmp_path / "out")])
     said = capsys.readouterr().err
-    assert "2 of 8 pictures are unlike all that" in said and "noise.png" in said
+    assert "2 of 8 pictures are unlike all that" in said and "noise.png (1 " in said
+    assert "1 overexposed" in said
     entries = json.loads((tmp_path / "out/counts.json").read_text())["images"]
     assert [entry["like_training"] for entry in entries] == [True] * 6 + [False] * 2
+    assert [entry.get("looks") for entry in entries[5:]] == [
+        None, "of another light or sensor", "overexposed",
+    ]  # fmt: skip
     main(["translate", str(folder), str(tmp_path / "1.png"), "--out", str(tmp_path / "out2")])
     assert "unlike" not in capsys.readouterr().err
 

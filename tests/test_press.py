@@ -12,6 +12,7 @@ from benchmarks.solids import ball, block, formula, punch
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
 from t2twin.primitives_cad.random_shapes.relief import heights_mm
+from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.press.anderson import Anderson
 from t2twin.sim.press.bed import Bed
@@ -244,3 +245,12 @@ def test_a_tip_that_is_pressed_almost_through_settles():
     assert contact.settled
     assert contact.force_n == pytest.approx(8.0, rel=0.005)
     assert 2.0 < contact.depth_mm < CYSKIN_COVER.thickness_mm
+
+
+def test_a_face_that_comes_down_behind_a_rim_is_pressed_whole():
+    """A rim touches first, of which many fine pins are expected, and then almost all the pad."""
+    command = PressCommand("random-1047", -2.900380, -3.448314, 5.413441, 0.652571)
+    contact = solve_contact(RandomShape(1047), command, CYSKIN_COVER, CYSKIN_PITCH_MM)
+    assert contact.settled
+    assert contact.force_n == pytest.approx(command.force_n, rel=0.005)
+    assert contact.contact_area_mm2 > 50.0

@@ -16,11 +16,11 @@ from t2twin.sim.digit import deflections
 from t2twin.sim.digit import rendered as rendered_optics
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import DIGIT_CAMERA, Camera, optical_grid
-from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.optics import FRAMES, DigitOptics
 from t2twin.sim.digit.rays import Rays
 from t2twin.sim.digit.units import UnitDraw, draw_unit
 from t2twin.sim.press.elastomer import DIGIT_GEL
-from t2twin.sim.sensors import FRAMES, Digit
+from t2twin.sim.sensors import Digit
 from t2twin.sim.typed_json import convert
 
 DRAW = UnitDraw()

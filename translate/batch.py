@@ -66,12 +66,12 @@ def find_images(paths: Sequence[str | Path]) -> list[Path]:
 class Translated:
     """What became of B images, in the order of `find_images`.
 
-    counts: (B, N) float32. like_training: (B,) bool, whether each is like the pictures that the run
-    was trained on.
+    counts: (B, N) float32. looks: (B,) in words how each is unlike the pictures that the run was
+    trained on, nothing where it is like them.
     """
 
     counts: np.ndarray
-    like_training: np.ndarray
+    looks: list[str]
 
 
 def translate_files(
@@ -143,7 +143,7 @@ def _translate(
 ) -> Translated:
     """Writes everything into a folder; names: the pictures', or none."""
     counts = np.empty((len(images), run.config.data.x_mm.size), np.float32)
-    familiar = np.empty(len(images), bool)
+    looks: list[str] = []
     with Progress(
         total=len(images), desc="translating", unit="image", disable=len(images) <= AT_ONCE
     ) as bar:
@@ -154,12 +154,12 @@ def _translate(
                 list(pool.map(save, tactile, names[part]))
             else:
                 counts[part] = run.predict_pixels(pixels)
-            familiar[part] = run.is_familiar(pixels)
+            looks += run.looks(pixels)
             bar.update(len(pixels))
     rounded = np.rint(counts).astype(int)
     _write_csv(folder / COUNTS_CSV, images, rounded)
-    _write_json(folder / COUNTS_JSON, run, images, names, rounded, familiar)
-    return Translated(counts, familiar)
+    _write_json(folder / COUNTS_JSON, run, images, names, rounded, looks)
+    return Translated(counts, looks)
 
 
 def _batches(
@@ -216,7 +216,7 @@ def _write_json(
     images: list[Path],
     names: list[str],
     counts: np.ndarray,
-    familiar: np.ndarray,
+    looks: list[str],
 ) -> None:
     """One line an image, so that ten thousand can still be read by eye and by line."""
     info = run.config.data
@@ -238,7 +238,9 @@ def _write_json(
             if names:
                 entry["tactile_image"] = names[number]
             entry["counts"] = row.tolist()
-            entry["like_training"] = bool(familiar[number])
+            entry["like_training"] = not looks[number]
+            if looks[number]:
+                entry["looks"] = looks[number]
             file.write(("," if number else "") + "\n    " + json.dumps(entry))
         file.write("\n  ]\n}\n")
 

@@ -7,6 +7,7 @@ of each, and how far the farthest of them lies from the mean.
 Shape letters: B images, S the run's image side, c channels, K = CELLS * CELLS * c values.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,20 @@ FAR = 1.5
 """How many times as far as the farthest training picture an unfamiliar one lies (assumed; measured
 at scale small: pictures of shapes that were never trained on within 0.9, those of a real DIGIT in
 its own light from 2.2, upside down or turned from 4)."""
+
+DARKEST_GREY, WHITEST_GREY, WHITE_SHARE = 12.0, 250, 0.3
+"""Mean grey level below which a picture is black, and the share of values this bright from which it
+is overexposed (assumed: a DIGIT's pictures have means of 70 to 135)."""
+
+LIKE, UNLIKE = "", "of another light or sensor"
+TURNED: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "upside down": lambda pixels: pixels[:, ::-1, ::-1],
+    "mirrored": lambda pixels: pixels[:, :, ::-1],
+    "upside down and mirrored": lambda pixels: pixels[:, ::-1],
+    "on its side": lambda pixels: np.rot90(pixels, 1, (1, 2)),
+    "on its other side": lambda pixels: np.rot90(pixels, -1, (1, 2)),
+}
+"""What is wrong with pictures that these put right."""
 
 FEWEST = 100
 """Training pictures that say enough (assumed)."""
@@ -51,6 +66,27 @@ class Familiar:
     def is_like(self, pixels: np.ndarray) -> np.ndarray:
         """(B,) bool: whether each lies within FAR of the farthest training picture."""
         return self.distances(pixels) <= FAR * self.farthest
+
+    def looks(self, pixels: np.ndarray) -> list[str]:
+        """(B,) what each picture looks like: LIKE those of the training, or in words why not.
+
+        pixels: (B, S, S, c) uint8. A picture that is like them once it is turned is called by that.
+        """
+        found = [LIKE if like else UNLIKE for like in self.is_like(pixels)]
+        for number in [number for number, said in enumerate(found) if said]:
+            picture = pixels[number : number + 1]
+            if picture.mean() < DARKEST_GREY:
+                found[number] = "black"
+            elif (picture >= WHITEST_GREY).mean() > WHITE_SHARE:
+                found[number] = "overexposed"
+            else:
+                off = {
+                    name: float(self.distances(turn(picture))[0]) for name, turn in TURNED.items()
+                }
+                nearest = min(off, key=lambda name: off[name])
+                if off[nearest] <= FAR * self.farthest:
+                    found[number] = nearest
+        return found
 
 
 def familiar_with(images: ImageFile | np.ndarray) -> Familiar | None:

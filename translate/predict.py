@@ -16,6 +16,7 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.build import build, has_bf16
 from t2twin.translate.data.images import to_input, to_pixels
 from t2twin.translate.data.pairs import ImageFile
+from t2twin.translate.familiar import LIKE
 from t2twin.translate.layouts import check_inside, same_layout
 from t2twin.translate.networks.fused import fuse
 from t2twin.translate.phi import Phi
@@ -81,13 +82,14 @@ class TrainedTranslator:
         counts, tactile = self.translator.counts_and_tactile_images(inputs)
         return counts.cpu().numpy(), tactile.cpu().numpy()
 
-    def is_familiar(self, pixels: np.ndarray) -> np.ndarray:
-        """(B,) bool: whether images, as for `predict_pixels`, are like those of the training.
+    def looks(self, pixels: np.ndarray) -> list[str]:
+        """(B,) what images, as for `predict_pixels`, look like: nothing where they are like those
+        of the training, or in words why not, as in "upside down".
 
-        True of all where the run does not know.
+        Nothing of all where the run does not know.
         """
         known = self.config.pictures
-        return np.ones(len(pixels), bool) if known is None else known.is_like(pixels)
+        return [LIKE] * len(pixels) if known is None else known.looks(pixels)
 
     def at_layout(self, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> "TrainedTranslator":
         """The same run, giving the counts of another taxel layout.

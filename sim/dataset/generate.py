@@ -25,6 +25,7 @@ from t2twin.sim.dataset.info import SPLITS, DatasetInfo, Shard
 from t2twin.sim.dataset.shard import Making
 from t2twin.sim.dataset.store import CARD, INFO, LOG, read_info, sha256_of, write_info, write_whole
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, in_words, peak_memory, process_name
+from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.digit.rendered import FRAME_SECONDS
 from t2twin.sim.press.layer import cached_layer
 from t2twin.sim.seeds import check_seed
@@ -128,8 +129,13 @@ def _recipe(
 
 def sensors_of(recipe: Recipe) -> SensorPair:
     """The sensors of a world; where its light is drawn, the DIGIT is but where the draws begin."""
+    noise_grey = float(NOISE_GREY / np.sqrt(recipe.light.frames))
     return SensorPair(
-        Digit(calibration=recipe.light.calibration, renderer=recipe.light.optics),
+        Digit(
+            calibration=recipe.light.calibration,
+            renderer=recipe.light.optics,
+            noise_grey=noise_grey,
+        ),
         CySkin(layout_source=recipe.layout, imperfections=recipe.imperfections),
     )
 

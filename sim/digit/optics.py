@@ -14,6 +14,9 @@ NOISE_GREY = 2.8
 absolute) away from the contact, which is 2.8 each, sqrt(pi) / 2 of it (measured on real frames);
 TACTO takes 7."""
 
+FRAMES = 30
+"""DIGIT frames averaged into a sample: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
+
 
 class DigitOptics:
     """Pictures as the maker's interface gives them, from one calibration and one gel.

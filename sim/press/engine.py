@@ -14,6 +14,7 @@ import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
+from t2twin.sim.press.bed import POOL_SIZES
 from t2twin.sim.press.elastomer import Elastomer
 from t2twin.sim.press.footprint import footprint, heights_at
 from t2twin.sim.press.force import check_force
@@ -133,6 +134,8 @@ def _equilibrium(survey: "_Survey") -> _Equilibrium:
     finer = _finer(float(survey.seen.shares[expected].sum()))
     while True:
         looked_at = grown(expected, MARGIN_CELLS)
+        while finer > 1 and np.count_nonzero(looked_at) * finer**2 > POOL_SIZES[-1]:
+            finer //= 2  # a rim was expected, and a face behind it came down too
         window = window_around(looked_at)
         solution, settled = None, False
         for pins, tolerance in _stages(survey, looked_at, window, finer):

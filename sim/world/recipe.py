@@ -26,6 +26,7 @@ from msgspec import Meta, Struct
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
+from t2twin.sim.digit.optics import FRAMES
 from t2twin.sim.digit.unit_draw import UnitDraw
 from t2twin.sim.press.force import FORCE_RANGE_N
 from t2twin.sim.seeds import MOST_SEED
@@ -43,6 +44,9 @@ FORMAT = 1
 
 MOST_SHAPES, MOST_PRESSES = 1_000_000, 10_000
 """Most random shapes of a part, and most presses of a shape (assumed: weeks of two cores)."""
+
+MOST_FRAMES = 10_000
+"""Most frames averaged for a picture (assumed: minutes of a camera)."""
 
 FARTHEST_MM = 25.0
 """Farthest that a press may be meant to lie from a shape's middle, mm (assumed: beyond it most
@@ -129,7 +133,8 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     kind: "fixed", one unit for all; "drawn", another unit for each shape or press.
     calibration: a file of `t2twin calibrate`, the fixed unit or the middle of the draw; without it
     the one that ships, or the shipped distribution. draw: the distribution's ranges. optics:
-    "baked", or "pyrender", seconds a picture.
+    "baked", or "pyrender", seconds a picture. frames: how many are averaged for a picture, which
+    lowers their noise: 30 in the protocol, 1 for who translates single frames.
     """
 
     kind: Literal["fixed", "drawn"] = "fixed"
@@ -137,6 +142,7 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     each: Literal["shape", "press"] = "shape"
     optics: Literal["baked", "pyrender"] = "baked"
     draw: UnitDraw = UnitDraw()
+    frames: Annotated[int, Meta(ge=1, le=MOST_FRAMES)] = FRAMES
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):

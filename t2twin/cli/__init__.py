@@ -7,6 +7,7 @@ import sys
 import tyro
 
 from t2twin.cli import (
+    adapt,
     calibrate,
     doctor,
     evaluate,
@@ -28,6 +29,7 @@ COMMANDS = {
     "shapes": shapes.shapes,
     "primitives": primitives.primitives,
     "calibrate": calibrate.calibrate,
+    "adapt": adapt.adapt,
     "press": press.press,
     "simdata": simdata.simdata,
     "import-pairs": import_pairs.import_pairs,

@@ -1,6 +1,7 @@
 """t2twin translate"""
 
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
@@ -52,11 +53,13 @@ def translate(
     if len(counts) > SHOWN:
         print(f"and {len(counts) - SHOWN:,} more")
     print(f"written to {out}")
-    strange = [file for file, like in zip(files, translated.like_training, strict=True) if not like]
+    strange = [(file, looks) for file, looks in zip(files, translated.looks, strict=True) if looks]
     if strange:
+        how = Counter(looks for _, looks in strange).most_common()
         print(
             f"t2twin: {len(strange)} of {len(files)} pictures are unlike all that {run} was "
-            f"trained on, such as {strange[0]}; counts are right of upright frames of the same "
-            "sensor in the same light only",
+            f"trained on, such as {strange[0][0]} "
+            f"({', '.join(f'{count} {looks}' for looks, count in how)}); do not believe their "
+            "counts, which are right of upright frames of the same sensor in the same light only",
             file=sys.stderr,
         )

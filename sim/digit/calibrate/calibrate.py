@@ -84,11 +84,7 @@ def calibrate(
     Raises T2TwinError for frames or numbers that cannot be used, and for a fit that explains
     nothing.
     """
-    if not BALL_MM[0] <= ball_diameter_mm <= BALL_MM[1]:
-        raise T2TwinError(
-            f"the ball's diameter is {ball_diameter_mm:g} mm; it must lie between "
-            f"{BALL_MM[0]:g} and {BALL_MM[1]:g}"
-        )
+    check_ball(ball_diameter_mm)
     background, presses = Path(background), Path(presses)
     untouched, frames, names = read_frames(background, presses)
     first_held_out = _first_held_out(len(frames), held_out, presses)
@@ -129,6 +125,15 @@ def calibrate(
         scores=scores,
         each=crop_scores(scored.frames, simulated, scored.patches),
     )
+
+
+def check_ball(diameter_mm: float) -> None:
+    """Raises T2TwinError for a ball that fits no picture."""
+    if not BALL_MM[0] <= diameter_mm <= BALL_MM[1]:
+        raise T2TwinError(
+            f"the ball's diameter is {diameter_mm:g} mm; it must lie between "
+            f"{BALL_MM[0]:g} and {BALL_MM[1]:g}"
+        )
 
 
 def _check_explains(scores: Scores) -> None:

@@ -1,0 +1,76 @@
+"""What trained translators make of frames of a real DIGIT, beside what the twin's CySkin feels.
+
+    python -m benchmarks.real FRAMES RUN [RUN ...]
+
+FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project. The
+light is fitted to the first presses; on the last ones every run is judged: from the real frame,
+from the twin's simulated frame of the same press, and on the untouched background. The truth is
+the twin's own at the place and depth that the calibration finds in the frame. Runs go by the world
+that they were trained in.
+"""
+
+import tempfile
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
+from benchmarks.declared import REAL
+from benchmarks.evidence.run import main
+from t2twin.adapt.ball import write_ball
+from t2twin.adapt.judged import Felt, felt_by_the_twin, judge
+from t2twin.adapt.record import Scores
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.frames import read_frame
+from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.sensors import Digit, SensorPair
+from t2twin.translate.predict import TrainedTranslator, load_run
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    runs = {}
+    for folder in options.runs:
+        run = load_run(folder)
+        name = f"{run.config.model}-of-{run.config.data.world_shown}"
+        if name in runs:
+            raise T2TwinError(f"two runs are a {name}; name one of them")
+        runs[name] = run
+    background = options.frames / "background.png"
+    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT)
+    with tempfile.TemporaryDirectory() as folder:
+        calibration = Path(folder) / "calibration.npz"
+        report.scored_by.save(calibration)
+        sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
+        ball = write_ball(Path(folder) / "ball.step", BALL_DIAMETER_MM)
+        felt = felt_by_the_twin(report.held_out, report.poses, report.real, ball, sensors)
+    truth, untouched = np.array([one.counts for one in felt]), read_frame(background)
+    return {
+        "presses": [{"name": one.name, "pose": one.pose, "force_n": one.force_n} for one in felt],
+        "nothing_rmse_percent": _percent(truth, runs),
+        "constant_rmse_percent": _percent(truth - truth.mean(axis=0), runs),
+        "runs": {name: _judged(run, felt, untouched) for name, run in runs.items()},
+    }
+
+
+def _percent(off: np.ndarray, runs: dict[str, TrainedTranslator]) -> float:
+    full_scale = next(iter(runs.values())).config.data.full_scale_counts
+    return 100.0 * float(np.sqrt(np.mean(off**2))) / full_scale
+
+
+def _judged(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarray) -> dict[str, Any]:
+    real = [judge(run, one.frame, one.counts) for one in felt]
+    simulated = [judge(run, one.simulated, one.counts) for one in felt]
+    return {
+        "real": asdict(Scores.of(real)),
+        "simulated": asdict(Scores.of(simulated)),
+        "untouched_counts": float(np.max(run.predict(untouched))),
+    }
+
+
+if __name__ == "__main__":
+    main(REAL)

@@ -1,0 +1,224 @@
+"""The road from ten minutes with a ball to a translator of one's own DIGIT: five road.
+
+Light: the unit's calibration. World: presses of random shapes and primitives, 0.5 to 12 N, some
+untouched, each shape under a light drawn about the calibration, single frames with the unit's own
+noise. Data, training, and a check on the presses that the light was not fitted to. Each step is a
+command of its own too, and one that is done is not done again.
+"""
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from t2twin.adapt.ball import write_ball
+from t2twin.adapt.fitted import CALIBRATION, Fitted, read_fitted, write_fitted
+from t2twin.adapt.judged import Felt, felt_by_the_twin
+from t2twin.adapt.page import write_adapt_page
+from t2twin.adapt.record import Adapted, record_of, write_record
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.folder_lock import is_empty, locked
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.dataset.generate import generate
+from t2twin.sim.digit.calibrate.calibrate import calibrate, check_ball
+from t2twin.sim.digit.calibrate.frames import read_frame, read_frames
+from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.sensors import Digit, SensorPair
+from t2twin.translate.predict import load_run
+from t2twin.translate.presets import find_preset
+from t2twin.translate.train import train
+
+STEPS = ("light", "data", "training", "check")
+BALL, WORLD, DATA = "ball.step", "world.toml", "data"
+MINUTES = (1.0, 6000.0)
+"""Least and most minutes of a road."""
+SHAPES_A_MINUTE = 80
+"""Random shapes in the world for each minute of the road: pressing them, four times each, takes
+some two fifths of it on two cores (measured)."""
+PRIMITIVE_PRESSES_A_MINUTE = 1.5
+"""Presses of each primitive for each minute of the road (assumed)."""
+TRAINING_PART = 0.5
+"""Part of the minutes that training takes (assumed)."""
+WORLD_TEXT = """# The world that {model} was adapted in: one unit's light, and what lies about it.
+format = 1
+name = "adapted"
+
+[[parts]]
+shapes = "random"
+count = {shapes}
+presses = 4
+place = {{ normal_mm = 2.5 }}
+force_n = {{ low = 0.5, high = 12.0 }}
+untouched_share = 0.05
+val_share = 0.04
+
+[[parts]]
+shapes = "primitives"
+presses = {presses}
+place = {{ normal_mm = 2.5 }}
+force_n = {{ low = 0.5, high = 12.0 }}
+
+[light]
+kind = "drawn"
+calibration = {calibration}
+frames = 1
+"""
+
+
+@dataclass(frozen=True)
+class Road:
+    """Where the road begins, and where it leads."""
+
+    background: Path
+    presses: Path
+    ball_diameter_mm: float
+    out: Path
+    held_out: int | None
+    minutes: float
+    camera: Camera
+    model: str
+    workers: int | None
+
+    @property
+    def asked(self) -> str:
+        """Digest of the frames and numbers that the calibration is fitted to."""
+        untouched, frames, names = read_frames(self.background, self.presses)
+        digest = hashlib.sha256(untouched.tobytes() + frames.tobytes())
+        numbers = (names, self.ball_diameter_mm, self.held_out, self.camera)
+        digest.update(repr(numbers).encode())
+        return digest.hexdigest()
+
+
+def adapt(
+    background: str | Path,
+    presses: str | Path,
+    ball_diameter_mm: float,
+    out: str | Path,
+    held_out: int | None = None,
+    minutes: float = 60.0,
+    camera: Camera | None = None,
+    model: str = "resnet18",
+    workers: int | None = None,
+    say: Callable[[str], object] = print,
+) -> Adapted:
+    """Walks the road into the folder out, or what is left of it.
+
+    background, presses, ball_diameter_mm, held_out, camera: as for `calibrate`. minutes: that all
+    steps take together, about, on two cores. model: what is trained, preset cpu. workers: processes
+    that press, as many as there are cores unless given. say: told which step begins.
+    out then holds calibration.npz, world.toml, data/, a run named like the model, adapted.json and
+    index.html. Raises T2TwinError for what `calibrate` refuses, minutes out of range, and a folder
+    that holds something else, before anything is written.
+    """
+    road = Road(
+        Path(background), Path(presses), ball_diameter_mm, Path(out), held_out, minutes,
+        camera or Camera(), model, workers,
+    )  # fmt: skip
+    find_preset(model, "cpu")
+    check_ball(ball_diameter_mm)
+    if not MINUTES[0] <= minutes <= MINUTES[1]:
+        raise T2TwinError(
+            f"minutes is {minutes:g}; it must be from {MINUTES[0]:g} to {MINUTES[1]:g}"
+        )
+    asked = road.asked
+    fitted = _kept(road, asked)
+    clock = _Clock(say)
+    with locked(road.out):
+        with clock.step("light"):
+            fitted = fitted or _fit(road, asked, say)
+        _write_world(road)
+    calibration = str(road.out / CALIBRATION)
+    with clock.step("data"):
+        generate(road.out / DATA, world=road.out / WORLD, workers=workers)
+    with clock.step("training"):
+        run_dir = road.out / model
+        train(model, road.out / DATA, "cpu", run_dir, minutes=TRAINING_PART * minutes)
+    with clock.step("check"):
+        run = load_run(run_dir)
+        felt = _felt(road, fitted, calibration)
+        adapted = record_of(run, felt, read_frame(road.background), fitted, clock.minutes)
+        write_adapt_page(road.out, run, felt, adapted)
+    write_record(road.out, adapted)
+    return adapted
+
+
+def _kept(road: Road, asked: str) -> Fitted | None:
+    """The calibration that an earlier start made. Raises T2TwinError where it was asked something
+    else, or the folder holds other things."""
+    if not road.out.is_dir() or is_empty(road.out):
+        return None
+    fitted = read_fitted(road.out)
+    if fitted is None and not (road.out / BALL).is_file():
+        raise T2TwinError(f"{road.out} is not empty and holds no adaptation; choose another folder")
+    if fitted is not None and fitted.asked != asked:
+        raise T2TwinError(
+            f"{road.out} holds an adaptation to other frames or numbers; choose another folder"
+        )
+    return fitted
+
+
+def _fit(road: Road, asked: str, say: Callable[[str], object]) -> Fitted:
+    report = calibrate(
+        road.background, road.presses, road.ball_diameter_mm, road.held_out, road.camera, say
+    )
+    write_ball(road.out / BALL, road.ball_diameter_mm)
+    return write_fitted(road.out, report, asked, road.ball_diameter_mm)
+
+
+def _write_world(road: Road) -> None:
+    """The recipe, unless an earlier start wrote it: what was begun is ended as it was."""
+    if (road.out / WORLD).is_file():
+        return
+    path = str((road.out / CALIBRATION).absolute())
+    text = WORLD_TEXT.format(
+        model=road.model,
+        shapes=max(round(SHAPES_A_MINUTE * road.minutes), 25),
+        presses=max(round(PRIMITIVE_PRESSES_A_MINUTE * road.minutes), 2),
+        calibration='"' + path.replace("\\", "\\\\").replace('"', '\\"') + '"',
+    )
+    with whole_file(road.out / WORLD) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _felt(road: Road, fitted: Fitted, calibration: str) -> list[Felt]:
+    """The held-out presses, as the twin makes them."""
+    ball = write_ball(road.out / BALL, fitted.ball_diameter_mm)
+    sensors = SensorPair(Digit(calibration=calibration, noise_grey=NOISE_GREY))
+    _, frames, names = read_frames(road.background, road.presses)
+    chosen = [names.index(one.name) for one in fitted.held_out]
+    return felt_by_the_twin(
+        [names[index] for index in chosen], fitted.poses, frames[chosen], ball, sensors
+    )
+
+
+class _Clock:
+    """Minutes that each step took."""
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self.minutes: dict[str, float] = {}
+        self._say = say
+
+    def step(self, name: str) -> "_Step":
+        return _Step(self, name)
+
+    def begin(self, name: str) -> float:
+        self._say(f"{name}: step {STEPS.index(name) + 1} of {len(STEPS)}")
+        return time.monotonic()
+
+    def end(self, name: str, start: float) -> None:
+        self.minutes[name] = (time.monotonic() - start) / 60.0
+        self._say(f"{name}: {self.minutes[name]:.1f} minutes")
+
+
+class _Step:
+    def __init__(self, clock: _Clock, name: str) -> None:
+        self._clock, self._name, self._start = clock, name, 0.0
+
+    def __enter__(self) -> None:
+        self._start = self._clock.begin(self._name)
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        if error is None:
+            self._clock.end(self._name, self._start)

@@ -1,0 +1,54 @@
+"""t2twin adapt"""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+def adapt(
+    background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
+    presses: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    ball_diameter_mm: float,
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/adapted"),
+    minutes: float = 60.0,
+    model: Annotated[str, tyro.conf.arg(metavar="MODEL")] = "resnet18",
+    held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    scale_px_per_mm: float = 19.2,
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+) -> None:
+    """Make a translator of your own DIGIT from its background and presses of one ball.
+
+    Fits the light, presses shapes into a twin of that unit, trains on them, and checks the result
+    on the presses that the light was not fitted to. Goes on where it was stopped.
+
+    Args:
+        background: A frame of the untouched sensor, 240 wide, 320 high.
+        presses: Folder of frames of the ball pressed in at different places and depths, which
+            need not be known.
+        ball_diameter_mm: The ball's diameter, mm.
+        out: Folder for the calibration, the data, the run and the page, index.html.
+        minutes: How long all of it may take, about, on two cores.
+        model: What is trained: resnet18 or touch2touch.
+        held_out: How many presses, the last by name, are kept out to check; a third unless given.
+        scale_px_per_mm: Picture scale in the middle of the gel, 17.2 to 19.6 from one unit to
+            another.
+        workers: Processes that press at once; as many as there are cores unless given.
+    """
+    from t2twin.adapt.road import adapt as walk
+    from t2twin.sim.digit.camera import Camera
+
+    camera = Camera(scale_px_per_mm)
+    adapted = walk(
+        background, presses, ball_diameter_mm, out, held_out, minutes, camera, model, workers
+    )
+    real, simulated = adapted.real, adapted.simulated
+    shares = ", ".join(f"{name} {spent:.1f}" for name, spent in adapted.minutes.items())
+    print(f"minutes: {shares}")
+    print(
+        f"{adapted.presses} real frames kept out: RMSE {real.rmse_percent:.2f} % of full scale "
+        f"(simulated {simulated.rmse_percent:.2f}, no counts {adapted.nothing_rmse_percent:.2f}), "
+        f"centroid {real.centroid_mm:.1f} mm off, force {100 * real.force_part:.0f} % off, "
+        f"{real.one_blob} felt as one; untouched {adapted.untouched_counts:.0f} counts at most"
+    )
+    print(f"written to {out}: {model}, for translate, calibration.npz, and index.html to look at")

@@ -1,0 +1,32 @@
+"""Frames of a unit whose light is known: the shipped one, pressed by a ball."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from t2twin.sim.digit import deflections
+from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+
+BALL_MM = 4.7
+POSES = np.array(
+    [
+        (1.1, -0.6, 1.1), (-2.2, 2.0, 0.8), (0.1, 2.4, 0.9), (-1.6, -1.8, 1.2), (2.2, -3.0, 1.0),
+        (-2.4, 0.0, 0.9), (2.4, 1.5, 1.2), (0.0, -3.4, 0.8), (-0.8, 0.5, 1.3),
+        (1.2, 0.9, 1.0), (-1.5, -0.5, 1.1), (0.6, -1.9, 0.9),
+    ]
+)  # fmt: skip
+HELD_OUT = 3
+
+
+def save(picture, path):
+    Image.fromarray(picture).save(path)
+
+
+def write_frames(folder: Path) -> None:
+    """background.png and press_*.png, with a frame's noise."""
+    optics, rng = DigitOptics.load(), np.random.default_rng(3)
+    save(optics.render(deflections.ball(0, 0, 1.0) * 0, rng, NOISE_GREY), folder / "background.png")
+    for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):
+        surface = deflections.ball(x_mm, y_mm, depth_mm, BALL_MM / 2)
+        save(optics.render(surface, rng, NOISE_GREY), folder / f"press_{index:02d}.png")

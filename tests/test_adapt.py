@@ -1,0 +1,159 @@
+"""The road from a ball's frames to a translator: walked, stopped, judged, refused."""
+
+import shutil
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from ball_frames import BALL_MM, HELD_OUT, POSES
+
+from t2twin.adapt import road
+from t2twin.adapt.ball import write_ball
+from t2twin.adapt.fitted import PRESSES, read_fitted
+from t2twin.adapt.judged import felt_by_the_twin, judge
+from t2twin.adapt.record import RECORD, Scores
+from t2twin.adapt.road import adapt
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.dataset.store import read_info
+from t2twin.sim.sensors import SensorPair
+from t2twin.translate.train import train
+
+FULL_SCALE = 40_000.0
+
+
+def fake_run(counts) -> Any:
+    layout = load_layout("cyskin-20")
+    data = SimpleNamespace(x_mm=layout.x_mm, y_mm=layout.y_mm, full_scale_counts=FULL_SCALE)
+    return cast(
+        Any, SimpleNamespace(config=SimpleNamespace(data=data), predict=lambda image: counts)
+    )
+
+
+def bump(x_mm, y_mm, most=9000.0):
+    layout = load_layout("cyskin-20")
+    return most * np.exp(-((layout.x_mm - x_mm) ** 2 + (layout.y_mm - y_mm) ** 2) / (2 * 5.0**2))
+
+
+def test_a_translator_that_is_right_is_judged_right():
+    truth = bump(0.0, 0.0)
+    one = judge(fake_run(truth), np.zeros((320, 240, 3), np.uint8), truth)
+    assert (one.rmse_percent, one.centroid_mm, one.blobs, one.force_part) == (0.0, 0.0, 1, 0.0)
+
+
+def test_each_figure_sees_its_own_fault():
+    truth, image = bump(0.0, 0.0), np.zeros((320, 240, 3), np.uint8)
+    harder = judge(fake_run(1.2 * truth), image, truth)
+    assert harder.force_part == pytest.approx(0.2) and harder.blobs == 1
+    assert harder.rmse_percent == pytest.approx(20.0 * np.sqrt(np.mean(truth**2)) / FULL_SCALE)
+    beside = judge(fake_run(bump(3.0, 0.0)), image, truth)
+    assert 1.5 < beside.centroid_mm < 4.0
+    apart = judge(fake_run(bump(0.0, -16.0) + bump(0.0, 16.0)), image, truth)
+    assert apart.blobs == 2
+    scores = Scores.of([harder, apart])
+    assert scores.one_blob == 1
+    assert scores.rmse_percent == pytest.approx(
+        np.sqrt((harder.rmse_percent**2 + apart.rmse_percent**2) / 2)
+    )
+
+
+def test_the_twin_goes_as_deep_as_the_frame_says(tmp_path):
+    ball = write_ball(tmp_path / "ball.step", BALL_MM)
+    frames = np.zeros((2, 320, 240, 3), np.uint8)
+    poses = np.array([[1.0, -0.5, 0.9], [-2.0, 1.0, 1.2]])
+    shallow, deep = felt_by_the_twin(["a", "b"], poses, frames, ball, SensorPair())
+    assert 0.5 < shallow.force_n < deep.force_n < 12.0
+    layout = load_layout("cyskin-20")
+    for one, pose in zip((shallow, deep), poses, strict=True):
+        middle = [np.average(axis, weights=one.counts) for axis in (layout.x_mm, layout.y_mm)]
+        np.testing.assert_allclose(middle, pose[:2], atol=2.0)
+
+
+def briefly(model, data_dir, preset, out_dir, minutes):
+    """As many steps on every machine."""
+    assert preset == "cpu" and minutes == 0.5
+    return train(model, data_dir, "smoke", out_dir, epochs=6)
+
+
+@pytest.fixture(scope="module")
+def walked(unit, tmp_path_factory):
+    out = tmp_path_factory.mktemp("adapted") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(road, "SHAPES_A_MINUTE", 25)
+        patch.setattr(road, "train", briefly)
+        said: list[str] = []
+        adapted = adapt(
+            unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0, say=said.append
+        )
+    assert [line for line in said if "step" in line] == [
+        f"{name}: step {number} of 4" for number, name in enumerate(road.STEPS, start=1)
+    ]
+    return out, adapted
+
+
+def test_the_road_leads_to_a_run_that_is_checked_on_the_frames_kept_out(walked):
+    out, adapted = walked
+    assert adapted.presses == HELD_OUT and list(adapted.minutes) == list(road.STEPS)
+    assert adapted.optics_psnr_db > 32
+    # the frames are the twin's own, so that only the fitted light lies between both
+    assert adapted.real.rmse_percent == pytest.approx(adapted.simulated.rmse_percent, rel=0.2)
+    assert 0.0 < adapted.constant_rmse_percent < adapted.nothing_rmse_percent < 15.0
+    fitted = read_fitted(out)
+    assert fitted is not None
+    np.testing.assert_allclose(fitted.poses[:, :2], POSES[-HELD_OUT:, :2], atol=0.15)
+    info = read_info(out / "data")
+    assert info.world is not None and info.world.light.frames == 1
+    assert info.parameters is not None
+    assert info.parameters.digit.noise_grey == pytest.approx(2.8)
+    for name in ("calibration.npz", "ball.step", "world.toml", "index.html", RECORD, "resnet18"):
+        assert (out / name).exists(), name
+    page = (out / "index.html").read_text()
+    assert page.count("data:image/png") == HELD_OUT
+    assert f"{adapted.real.rmse_percent:.2f} %" in page
+
+
+def test_what_is_done_is_not_done_again(walked, unit, monkeypatch):
+    out, adapted = walked
+    before = (out / "resnet18" / "best.safetensors").read_bytes()
+    monkeypatch.setattr(road, "calibrate", None)
+    monkeypatch.setattr(road, "train", briefly)
+    said: list[str] = []
+    again = adapt(
+        unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0, say=said.append
+    )
+    assert replace(again, minutes={}) == replace(adapted, minutes={})
+    assert (out / "resnet18" / "best.safetensors").read_bytes() == before
+
+
+def refused(capsys, *arguments):
+    with pytest.raises(SystemExit) as stop:
+        main(["adapt", *(str(argument) for argument in arguments)])
+    assert stop.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    return said
+
+
+def test_what_cannot_be_walked_is_refused(walked, unit, tmp_path, capsys):
+    out, _ = walked
+    given = ("--background", unit / "background.png", "--presses", unit)
+    other = ("--ball-diameter-mm", 5.0, "--held-out", HELD_OUT, "--out", out)
+    assert "other frames or numbers" in refused(capsys, *given, *other)
+    (tmp_path / "mine.txt").write_text("mine")
+    ball = ("--ball-diameter-mm", BALL_MM)
+    assert "holds no adaptation" in refused(capsys, *given, *ball, "--out", tmp_path)
+    fresh = tmp_path / "fresh"
+    assert "from 1 to 6000" in refused(capsys, *given, *ball, "--out", fresh, "--minutes", 0.1)
+    assert "there is no model" in refused(capsys, *given, *ball, "--out", fresh, "--model", "x")
+    assert "between 1 and 12" in refused(capsys, *given, "--ball-diameter-mm", 40, "--out", fresh)
+    assert not fresh.exists()
+
+
+def test_a_spoilt_file_of_an_earlier_start_is_one_sentence(walked, unit, tmp_path):
+    out = shutil.copytree(walked[0], tmp_path / "copy")
+    (out / PRESSES).write_text("{}")
+    with pytest.raises(T2TwinError, match=r"presses\.json"):
+        adapt(unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0)
