@@ -26,7 +26,7 @@ from t2twin.adapt.judged import Felt, felt_by_the_twin, judge
 from t2twin.adapt.record import Scores
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.frames import read_frame
+from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
 from t2twin.translate.predict import TrainedTranslator, load_run
@@ -48,7 +48,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
         ball = write_ball(Path(folder) / "ball.step", BALL_DIAMETER_MM)
         felt = felt_by_the_twin(report.held_out, report.poses, report.real, ball, sensors)
-    truth, untouched = np.array([one.counts for one in felt]), read_frame(background)
+    truth, untouched = np.array([one.counts for one in felt]), upright_frame(read_frame(background))
     return {
         "presses": [{"name": one.name, "pose": one.pose, "force_n": one.force_n} for one in felt],
         "nothing_rmse_percent": _percent(truth, runs),

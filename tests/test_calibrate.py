@@ -14,7 +14,12 @@ from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit import deflections
 from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate
-from t2twin.sim.digit.calibrate.frames import clean_background, crop, touched_patch
+from t2twin.sim.digit.calibrate.frames import (
+    clean_background,
+    crop,
+    touched_patch,
+    upright_frame,
+)
 from t2twin.sim.digit.calibrate.response import MOST_TERMS, Sums, chosen
 from t2twin.sim.digit.calibrate.scores import cut_and_paste, repeats_floor, score, untouched_floor
 from t2twin.sim.digit.calibration import Calibration
@@ -226,6 +231,20 @@ def test_a_frame_of_another_size_is_refused(copy, capsys):
     for path in copy.glob("*.png"):
         save(np.zeros((64, 48, 3), np.uint8), path)
     assert "must be 240 wide, 320 high" in refused(copy, capsys)
+
+
+def test_frames_as_the_camera_has_them_are_turned_upright():
+    upright = np.zeros((ROWS, COLUMNS, 3), np.uint8)
+    upright[:40, :30] = (200, 10, 10)  # upper left corner
+    np.testing.assert_array_equal(upright_frame(upright), upright)
+    on_its_side = np.rot90(upright, -1)
+    assert on_its_side.shape == (COLUMNS, ROWS, 3)
+    np.testing.assert_array_equal(upright_frame(on_its_side), upright)
+    large = on_its_side.repeat(2, axis=0).repeat(2, axis=1)
+    np.testing.assert_array_equal(upright_frame(large), upright)
+    for shape in ((ROWS, 239, 3), (160, 120, 3), (480, 480, 3)):
+        with pytest.raises(T2TwinError, match="in these proportions"):
+            upright_frame(np.zeros(shape, np.uint8))
 
 
 def test_a_press_without_a_contact_is_named(copy, capsys):

@@ -22,7 +22,7 @@ from t2twin.primitives_cad.folder_lock import is_empty, locked
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.digit.calibrate.calibrate import calibrate, check_ball
-from t2twin.sim.digit.calibrate.frames import read_frame, read_frames
+from t2twin.sim.digit.calibrate.frames import read_frame, read_frames, upright_frame
 from t2twin.sim.digit.camera import Camera
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
@@ -138,7 +138,9 @@ def adapt(
     with clock.step("check"):
         run = load_run(run_dir)
         felt = _felt(road, fitted, calibration)
-        adapted = record_of(run, felt, read_frame(road.background), fitted, clock.minutes)
+        adapted = record_of(
+            run, felt, upright_frame(read_frame(road.background)), fitted, clock.minutes
+        )
         write_adapt_page(road.out, run, felt, adapted)
     write_record(road.out, adapted)
     return adapted

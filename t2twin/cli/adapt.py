@@ -23,7 +23,7 @@ def adapt(
     on the presses that the light was not fitted to. Goes on where it was stopped.
 
     Args:
-        background: A frame of the untouched sensor, 240 wide, 320 high.
+        background: A frame of the untouched sensor, 240 wide, 320 high or larger, or on its side.
         presses: Folder of frames of the ball pressed in at different places and depths, which
             need not be known.
         ball_diameter_mm: The ball's diameter, mm.

@@ -22,7 +22,7 @@ def calibrate(
     """Fit the DIGIT's light to your own sensor, from its background and presses of one ball.
 
     Args:
-        background: A frame of the untouched sensor, 240 wide, 320 high.
+        background: A frame of the untouched sensor, 240 wide, 320 high or larger, or on its side.
         presses: Folder of frames of the ball pressed in at different places and depths, which
             need not be known.
         ball_diameter_mm: The ball's diameter, mm.

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from t2twin.primitives_cad.errors import T2TwinError
@@ -56,10 +57,11 @@ def read_frame(path: Path) -> np.ndarray:
 
 
 def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """The background, the presses in the order of their names, and those names.
+    """The background, the presses in the order of their names, all upright, and those names.
 
     The background's own file may lie among them. Raises T2TwinError for what is no picture, for
-    another size than the camera's, and where there are no pictures.
+    another size than the background's or one that upright_frame refuses, and where there are no
+    pictures.
     """
     untouched = read_frame(background)
     if not folder.is_dir():
@@ -80,12 +82,31 @@ def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray,
                 "all must be of one size"
             )
         frames.append(frame)
-    if untouched.shape[:2] != (ROWS, COLUMNS):
+    upright = np.array([upright_frame(frame) for frame in (untouched, *frames)])
+    return upright[0], upright[1:], [path.name for path in paths]
+
+
+def upright_frame(frame: np.ndarray) -> np.ndarray:
+    """(ROWS, COLUMNS, 3): a frame (rows, columns, 3) as the maker's interface gives it.
+
+    The camera's own frames lie on their side, 320 x 240 or 640 x 480; the interface turns them a
+    quarter against the clock. Larger ones are averaged down.
+    Raises T2TwinError for frames that are smaller or of other proportions.
+    """
+    size = _size(frame)
+    if frame.shape[0] < frame.shape[1]:
+        frame = np.rot90(frame)
+    rows, columns = frame.shape[:2]
+    if rows < ROWS or rows * COLUMNS != columns * ROWS:
         raise T2TwinError(
-            f"the frames are {_size(untouched)}; they must be {COLUMNS} wide, {ROWS} high, "
-            "as the maker's interface gives them"
+            f"the frames are {size}; they must be {COLUMNS} wide, {ROWS} high, as the maker's "
+            "interface gives them, or larger in these proportions, upright or on their side as the "
+            "camera has them"
         )
-    return untouched, np.array(frames), [path.name for path in paths]
+    if rows == ROWS:
+        return np.ascontiguousarray(frame)
+    image = Image.fromarray(np.ascontiguousarray(frame))
+    return np.array(image.resize((COLUMNS, ROWS), Image.Resampling.BOX))
 
 
 def _size(frame: np.ndarray) -> str:
