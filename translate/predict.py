@@ -82,6 +82,10 @@ class TrainedTranslator:
         counts, tactile = self.translator.counts_and_tactile_images(inputs)
         return counts.cpu().numpy(), tactile.cpu().numpy()
 
+    def is_familiar(self, pixels: np.ndarray) -> np.ndarray:
+        """(B,) bool: whether images, as for `predict_pixels`, look like those of the training."""
+        return np.array([looks == LIKE for looks in self.looks(pixels)], bool)
+
     def looks(self, pixels: np.ndarray) -> list[str]:
         """(B,) what images, as for `predict_pixels`, look like: nothing where they are like those
         of the training, or in words why not, as in "upside down".
