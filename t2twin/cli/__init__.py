@@ -17,6 +17,7 @@ from t2twin.cli import (
     report,
     shapes,
     simdata,
+    studio,
     train,
     translate,
 )
@@ -36,6 +37,7 @@ COMMANDS = {
     "translate": translate.translate,
     "export": export.export,
     "report": report.report,
+    "studio": studio.studio,
     "doctor": doctor.doctor,
 }
 

@@ -1,0 +1,245 @@
+"""What one client sees and does: its controls, its scene, its pictures, its own press."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Lock
+from typing import Any, get_args
+
+import viser
+
+from t2twin.primitives_cad import catalogue
+from t2twin.sim.press.force import FORCE_RANGE_N
+from t2twin.sim.sensors import SensorPair
+from t2twin.studio.cards import pictures_html, scales_of, welcome_html
+from t2twin.studio.controls import QUIET, Controls
+from t2twin.studio.notices import Notices
+from t2twin.studio.press_state import PressState, is_file
+from t2twin.studio.scene import Dragged, Scene, Sensors
+from t2twin.studio.session import Look, Session
+from t2twin.studio.solids import ShownAs
+from t2twin.studio.take_away import zipped
+from t2twin.studio.translate_tab import TranslateTab
+from t2twin.studio.translators import Translators
+from t2twin.studio.uploads import kept_file
+from t2twin.studio.worker import NewestFirst
+
+ACCENT = (11, 83, 148)
+"""The page's one colour, red, green, blue: that of links in the project's reports."""
+
+DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
+"""What a drag to the right with Shift turns, and one downwards with Ctrl presses (assumed)."""
+
+CONTROLS_PX, PICTURES_PX = 320, 420
+"""Widths of the panels, px."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What all clients of a studio have in common. folder: the temporary one for their files."""
+
+    translators: Translators
+    sensors: SensorPair
+    folder: Path
+
+
+class Page:
+    """One client's page. Whatever it changes asks the worker for a new look; the worker always
+    takes the newest state."""
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        shared: Shared,
+        state: PressState,
+        link: Callable[[PressState], str],
+    ) -> None:
+        self._client, self._shared, self._link = client, shared, link
+        self._folder = shared.folder / str(client.client_id)
+        self._folder.mkdir()
+        self._lock = Lock()
+        self._state, self._dragged_from = state, state
+        self._runs: tuple[str, ...] = ()
+        self._shown_as: ShownAs = "glass"
+        self._session = Session(shared.translators, shared.sensors)
+        self.look: Look | None = None
+        self._notices = Notices(client)
+        self._scene = Scene(client, self._drag)
+        self._build()
+        self._worker = NewestFirst(self._show_newest, self._scene.settle)
+        self.runs_changed()
+        self._worker.ask()
+
+    def close(self) -> None:
+        """The client is gone."""
+        self._worker.end()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Until the page shows its newest state; False where that took longer."""
+        return self._worker.wait(timeout_s)
+
+    @property
+    def state(self) -> PressState:
+        return self._state
+
+    def change(self, changes: dict[str, Any]) -> PressState:
+        """Takes fields of PressState with new values, and shows what comes of them."""
+        with self._lock:
+            self._state = state = replace(self._state, **changes)
+        self._worker.ask()
+        return state
+
+    def runs_changed(self) -> None:
+        """The runs that there are have been found."""
+        names, chosen = self._shared.translators.names, self._shared.translators.chosen
+        with self._runs_folder:
+            for name in names:
+                box = self._client.gui.add_checkbox(name, name in chosen)
+                self._run_boxes.append(box)
+                box.on_update(self._new_runs)
+        self._runs_folder.visible = bool(names)
+        self._take_runs(chosen)
+
+    async def _new_runs(self, event: viser.GuiEvent) -> None:
+        self._take_runs(tuple(box.label for box in self._run_boxes if box.value))
+
+    def _take_runs(self, runs: tuple[str, ...]) -> None:
+        self._runs = self._tab.runs = runs
+        self._worker.ask()
+
+    def _build(self) -> None:
+        gui = self._client.gui
+        gui.set_panel_label("t2twin studio")
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(CONTROLS_PX)
+        gui.add_html(welcome_html())
+        self._controls = Controls(self._client, self._state, self.change)
+        for button, kind, field in (
+            (self._controls.upload_shape, "shape", "shape"),
+            (self._controls.upload_layout, "layout", "layout"),
+            (self._controls.upload_light, "calibration", "calibration"),
+        ):
+            self._on_upload(button, kind, lambda path, f=field: self._controls.take({f: str(path)}))
+        self._add_view()
+        self._runs_folder = gui.add_folder("Translators", expand_by_default=False)
+        self._run_boxes: list[viser.GuiCheckboxHandle] = []
+        self._add_take_away()
+        pictures = gui.add_panel()
+        with pictures.add_tab("Pictures", viser.Icon.PHOTO):
+            self._pictures = gui.add_html("")
+        with pictures.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
+            self._tab = TranslateTab(self._client, self._shared.translators, self._notices)
+        self._on_upload(self._tab.upload, "frame", self._tab.show_file)
+        self._tab.on_current(lambda: self.look)
+        pictures.dock_right()
+        pictures.set_width(PICTURES_PX)
+        pictures.expand()
+
+    def _add_view(self) -> None:
+        gui = self._client.gui
+        with gui.add_folder("View", expand_by_default=False):
+            sensors = gui.add_dropdown("Sensors", get_args(Sensors))
+            shown_as = gui.add_dropdown("Shape as", get_args(ShownAs))
+            dark = gui.add_checkbox("Dark", False)
+
+        @sensors.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            if sensors.value in get_args(Sensors):
+                self._scene.arrange(sensors.value)
+
+        @shown_as.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            if shown_as.value in get_args(ShownAs):
+                self._shown_as = shown_as.value
+                self._worker.ask()
+
+        @dark.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            self._dress(dark.value)
+
+        self._dress(False)
+        self._scene.arrange("both")
+
+    def _dress(self, dark: bool) -> None:
+        self._client.gui.configure_theme(
+            dark_mode=dark,
+            brand_color=ACCENT,
+            control_width="large",
+            show_logo=False,
+            show_share_button=False,
+        )
+
+    def _add_take_away(self) -> None:
+        gui = self._client.gui
+        with gui.add_folder("Take it away", expand_by_default=False):
+            take = gui.add_button(
+                "This press as a zip file", icon=viser.Icon.DOWNLOAD, color=QUIET,
+                hint="The folder that t2twin press writes: pictures, counts, contacts, scenes",
+            )  # fmt: skip
+            gui.add_markdown("The line that makes it again:")
+            self._line = gui.add_markdown("")
+            gui.add_markdown("A link to this very press:")
+            self._address = gui.add_markdown("")
+
+        @take.on_click
+        def _(event: viser.GuiEvent) -> None:
+            self._notices.guarded(self._take_away)
+
+    def _take_away(self) -> None:
+        look = self.look
+        if look is None:
+            return
+        folder = self._folder / f"away-{sum(1 for _ in self._folder.iterdir())}"
+        folder.mkdir()
+        name, content = zipped(look, folder)
+        self._client.send_file_download(name, content, save_immediately=True)
+
+    def _on_upload(
+        self,
+        button: viser.GuiUploadButtonHandle,
+        kind: str,
+        then: Callable[[Path], object],
+    ) -> None:
+        @button.on_upload
+        def _(event: viser.GuiEvent) -> None:
+            file = button.value
+            self._notices.guarded(
+                lambda: then(kept_file(kind, file.name, file.content, self._folder))
+            )
+
+    def _drag(self, dragged: Dragged) -> None:
+        if dragged.begins:
+            self._dragged_from = self._state
+        start, (along_x, along_y, along_z) = self._dragged_from, dragged.by_mm
+        if dragged.keys is None:
+            changes = {"x_mm": start.x_mm + along_x, "y_mm": start.y_mm + along_y}
+        elif dragged.keys == "shift":
+            changes = {"yaw_deg": start.yaw_deg + DEGREES_A_MM * along_x}
+        else:
+            least, most = FORCE_RANGE_N
+            force = start.force_n - NEWTONS_A_MM * along_z
+            changes = {"force_n": min(max(force, least), most)}
+        # Tenths, as the sliders have them: what is dragged by hand needs no more.
+        self._controls.take({name: round(float(value), 1) for name, value in changes.items()})
+
+    def _show_newest(self) -> None:
+        if self._notices.guarded(self._make_look):
+            self._notices.well()
+
+    def _make_look(self) -> None:
+        state, runs = self._state, self._runs
+        if state.shape in catalogue.NAMES and not catalogue.is_kept(state.shape):
+            with self._notices.busy(f"Making {state.shape}", "Once; it is kept for the next time."):
+                self._session.shape(state)
+        look = self._session.look(state, runs)
+        scales = scales_of(look)
+        most_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
+        self._scene.draw(look, self._shown_as, most_kpa, scales.counts)
+        known = bool(self._shared.translators.names)
+        self._pictures.content = pictures_html(look, scales, known)
+        self._line.content = f"```\n{state.command_line()}\n```"
+        files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
+        self._address.content = (
+            "None, as a link holds no files." if files else f"```\n{self._link(state)}\n```"
+        )
+        self.look = look
