@@ -35,7 +35,7 @@ UNFAMILIAR = "This picture is unlike all that it was trained on: its counts mean
 """What is said of a translation that cannot be trusted."""
 
 STYLE = """<style>
-.t2 { font-size: 0.8rem; line-height: 1.4; padding: 0.5rem 0.7rem 0.3rem; }
+.t2 { font-size: 0.8rem; line-height: 1.4; padding: 0.5rem 1.1rem 0.3rem 0.7rem; }
 .t2 h4 { margin: 0.9rem 0 0.3rem; font-size: 0.85rem; font-weight: 600; }
 .t2 .row { display: grid; grid-template-columns: 1fr 1fr 1fr; gap: 0.7rem;
   margin-bottom: 0.7rem; }

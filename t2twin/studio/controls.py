@@ -47,8 +47,8 @@ class Controls:
     """The panel that says what is pressed. What a client changes goes to `change`, as fields of
     PressState; `show` sets the panel to a state without doing so.
 
-    A state may hold numbers that no slider stands at, as those of the protocol's presses: they stay
-    what they are until the slider is moved.
+    sliders: by their fields of PressState. A state may hold numbers that no slider stands at, as
+    those of the protocol's presses: they stay what they are until the slider is moved.
     """
 
     def __init__(self, client: viser.ClientHandle, state: PressState, change: Change) -> None:
@@ -81,7 +81,7 @@ class Controls:
             self._random.value = int(state.shape.removeprefix(PREFIX))
         if state.scale is not None:
             self._scale.value = state.scale
-        for name, slider in self._sliders.items():
+        for name, slider in self.sliders.items():
             slider.value = min(max(getattr(state, name), slider.min), slider.max)
         self._layout.options = (*layout_names(), *([OWN_FILE] if is_file(state.layout) else []))
         self._layout.value = OWN_FILE if is_file(state.layout) else state.layout
@@ -124,7 +124,7 @@ class Controls:
     def _add_press(self) -> None:
         across, along = CYSKIN_COVER.width_mm / 2, CYSKIN_COVER.length_mm / 2
         add = self._gui.add_slider
-        self._sliders = {
+        self.sliders = {
             "x_mm": add("x, mm", -across, across, STEP_MM, 0.0, hint="To the right in the picture"),
             "y_mm": add("y, mm", -along, along, STEP_MM, 0.0, hint="Down the picture"),
             "yaw_deg": add(
@@ -136,13 +136,13 @@ class Controls:
                 hint="How hard; 8 N in the paper's protocol",
             ),
         }  # fmt: skip
-        for name, slider in self._sliders.items():
+        for name, slider in self.sliders.items():
             self._on(slider, lambda value, name=name: self._set(**{name: value}))
         reset = self._gui.add_button(
             "Back to the middle, 8 N", icon=viser.Icon.REFRESH, color=QUIET
         )
         fresh = PressState()
-        self._on_click(reset, lambda: self.take({n: getattr(fresh, n) for n in self._sliders}))
+        self._on_click(reset, lambda: self.take({n: getattr(fresh, n) for n in self.sliders}))
 
     def _add_protocol(self) -> None:
         gui = self._gui
@@ -225,7 +225,7 @@ class Controls:
 
     def _new_number(self, number: int) -> None:
         state = protocol_press(self._state, self._scale_name.value, number)
-        self.take({name: getattr(state, name) for name in self._sliders})
+        self.take({name: getattr(state, name) for name in self.sliders})
 
 
 GROUPS = {

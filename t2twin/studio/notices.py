@@ -4,6 +4,7 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import RLock
 
 import viser
 
@@ -14,18 +15,21 @@ UNEXPECTED = "something went wrong that should not; what, is said where the stud
 
 
 class Notices:
-    """At most one error at a time, which stays until what it names is well again."""
+    """At most one error at a time, which stays until what it names is well again. Several threads
+    may use one."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
         self._client = client
         self._error: viser.NotificationHandle | None = None
         self._said = ""
+        self._lock = RLock()
 
     def well(self) -> None:
         """What was wrong is no more."""
-        if self._error is not None:
-            self._error.remove()
-        self._error, self._said = None, ""
+        with self._lock:
+            if self._error is not None:
+                self._error.remove()
+            self._error, self._said = None, ""
 
     def wrong(self, error: Exception) -> None:
         """Says why something cannot be done, in the words of the command line."""
@@ -36,11 +40,12 @@ class Notices:
         else:
             sentence = UNEXPECTED
             traceback.print_exception(error, file=sys.stderr)
-        if sentence == self._said:
-            return
-        self.well()
-        self._said = sentence
-        self._error = self._client.add_notification("Not possible", sentence, color="red")
+        with self._lock:
+            if sentence == self._said:
+                return
+            self.well()
+            self._said = sentence
+            self._error = self._client.add_notification("Not possible", sentence, color="red")
 
     def guarded(self, do: Callable[[], object]) -> bool:
         """Does something, and says so where it cannot be done; True where it could."""

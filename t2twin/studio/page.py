@@ -1,14 +1,19 @@
 """What one client sees and does: its controls, its scene, its pictures, its own press."""
 
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Lock
 from typing import Any, get_args
 
 import viser
 
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.press.force import FORCE_RANGE_N
 from t2twin.sim.sensors import SensorPair
 from t2twin.studio.cards import pictures_html, scales_of, welcome_html
@@ -21,11 +26,13 @@ from t2twin.studio.solids import ShownAs
 from t2twin.studio.take_away import zipped
 from t2twin.studio.translate_tab import TranslateTab
 from t2twin.studio.translators import Translators
-from t2twin.studio.uploads import kept_file
+from t2twin.studio.uploads import kept_file, limit_uploads
 from t2twin.studio.worker import NewestFirst
+from t2twin.twin import load_shape
 
-ACCENT = (11, 83, 148)
-"""The page's one colour, red, green, blue: that of links in the project's reports."""
+ACCENT, ACCENT_BY_NIGHT = (11, 83, 148), (138, 184, 240)
+"""The page's one colour, red, green, blue, by day and by night: that of links in the project's
+reports."""
 
 DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
 """What a drag to the right with Shift turns, and one downwards with Ctrl presses (assumed)."""
@@ -45,7 +52,7 @@ class Shared:
 
 class Page:
     """One client's page. Whatever it changes asks the worker for a new look; the worker always
-    takes the newest state."""
+    takes the newest state. controls: its panel. look: what it shows, None at first."""
 
     def __init__(
         self,
@@ -71,8 +78,9 @@ class Page:
         self._worker.ask()
 
     def close(self) -> None:
-        """The client is gone."""
+        """The client is gone, and its files with it."""
         self._worker.end()
+        shutil.rmtree(self._folder, ignore_errors=True)
 
     def wait(self, timeout_s: float) -> bool:
         """Until the page shows its newest state; False where that took longer."""
@@ -113,13 +121,14 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
         gui.add_html(welcome_html())
-        self._controls = Controls(self._client, self._state, self.change)
-        for button, kind, field in (
-            (self._controls.upload_shape, "shape", "shape"),
-            (self._controls.upload_layout, "layout", "layout"),
-            (self._controls.upload_light, "calibration", "calibration"),
+        self.controls = Controls(self._client, self._state, self.change)
+        limit_uploads(self._client, self._notices.wrong)
+        for button, kind, read in (
+            (self.controls.upload_shape, "shape", load_shape),
+            (self.controls.upload_layout, "layout", load_layout),
+            (self.controls.upload_light, "calibration", Calibration.load),
         ):
-            self._on_upload(button, kind, lambda path, f=field: self._controls.take({f: str(path)}))
+            self._on_upload(button, kind, partial(self._take_file, kind, read))
         self._add_view()
         self._runs_folder = gui.add_folder("Translators", expand_by_default=False)
         self._run_boxes: list[viser.GuiCheckboxHandle] = []
@@ -163,7 +172,7 @@ class Page:
     def _dress(self, dark: bool) -> None:
         self._client.gui.configure_theme(
             dark_mode=dark,
-            brand_color=ACCENT,
+            brand_color=ACCENT_BY_NIGHT if dark else ACCENT,
             control_width="large",
             show_logo=False,
             show_share_button=False,
@@ -189,10 +198,16 @@ class Page:
         look = self.look
         if look is None:
             return
-        folder = self._folder / f"away-{sum(1 for _ in self._folder.iterdir())}"
-        folder.mkdir()
-        name, content = zipped(look, folder)
+        with TemporaryDirectory(dir=self._folder) as folder:
+            name, content = zipped(look, Path(folder))
         self._client.send_file_download(name, content, save_immediately=True)
+
+    def _take_file(self, kind: str, read: Callable[[Path], object], path: Path) -> None:
+        """Presses with a file, if it can be read; else the press stays what it is."""
+        with self._notices.busy(f"Reading {path.name}", "This can take a while."):
+            read(path)
+        changes: dict[str, Any] = {kind: str(path)}
+        self.controls.take(changes | ({"scale": None} if kind == "shape" else {}))
 
     def _on_upload(
         self,
@@ -220,7 +235,7 @@ class Page:
             force = start.force_n - NEWTONS_A_MM * along_z
             changes = {"force_n": min(max(force, least), most)}
         # Tenths, as the sliders have them: what is dragged by hand needs no more.
-        self._controls.take({name: round(float(value), 1) for name, value in changes.items()})
+        self.controls.take({name: round(float(value), 1) for name, value in changes.items()})
 
     def _show_newest(self) -> None:
         if self._notices.guarded(self._make_look):

@@ -35,15 +35,21 @@ class Studio:
         self._server.on_client_connect(self._connected)
         self._server.on_client_disconnect(self._gone)
 
+    def link(self, state: PressState) -> str:
+        """A link that opens the page on a press. Raises T2TwinError for a press with a file."""
+        return _link(self.address, state)
+
     def runs_found(self) -> None:
         """Tells all pages."""
         for page in list(self.pages.values()):
             page.runs_changed()
 
     def close(self) -> None:
+        """No more pages; those that are open say that they have lost it."""
         for page in list(self.pages.values()):
             page.close()
-        self._server.stop()
+        with redirect_stdout(io.StringIO()):  # viser's farewell
+            self._server.stop()
 
     def _connected(self, client: viser.ClientHandle) -> None:
         address, query = self._asked(client)
