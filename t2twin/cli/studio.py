@@ -1,5 +1,6 @@
 """t2twin studio"""
 
+import os
 import time
 from pathlib import Path
 from typing import Annotated
@@ -20,9 +21,14 @@ def studio(
             can reach this machine.
         port: Port to listen at; the next free one where it is taken.
     """
+    from t2twin.stopping import Stopped, say_stopped
     from t2twin.studio.server import studio as serve
 
-    with serve(run, host, port) as served:
-        print(f"open {served.address} (Ctrl-C ends it)", flush=True)
-        while True:
-            time.sleep(3600)
+    try:
+        with serve(run, host, port) as served:
+            print(f"open {served.address} (Ctrl-C ends it)", flush=True)
+            while True:
+                time.sleep(3600)
+    except Stopped as stop:
+        # Its files are gone; threads that still press something are not waited for.
+        os._exit(say_stopped(stop.number))

@@ -106,10 +106,8 @@ def studio(runs: Sequence[Path] = (), host: str = HOST, port: int = PORT) -> Ite
         shared = Shared(translators, SensorPair(), folder)
         served = Studio(host, port, shared)
         threading.Thread(target=_get_ready, args=(shared, served, not runs), daemon=True).start()
-        try:
-            yield served
-        finally:
-            served.close()
+        yield served
+        served.close()  # not where it is ended by a signal: that would take seconds
 
 
 def _get_ready(shared: Shared, served: Studio, search: bool) -> None:
