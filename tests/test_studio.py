@@ -172,7 +172,7 @@ def test_runs_are_found_and_their_errors_are_known(untrained_runs):
         assert np.allclose(each.counts, run.predict(seen.touch.image), atol=0.5)
         off = each.counts - seen.touch.counts
         assert each.rmse_counts == pytest.approx(np.sqrt(np.mean(off**2)))
-        assert each.rmse_percent == pytest.approx(each.rmse_counts / 400)
+        assert each.rmse_percent == pytest.approx(np.sqrt(np.mean(off**2)) / 400)
     page = cards.pictures_html(seen, cards.scales_of(seen), runs_known=True)
     assert "ResNet18" in page and page.count("<img") == 2 + 2 * 2
 
