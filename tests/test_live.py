@@ -147,11 +147,19 @@ def test_without_opencv_it_says_what_brings_it(video, monkeypatch):
 def test_a_slow_taker_gets_the_newest_frame():
     newest = Newest(Listed(50, pause_s=0.002))
     taken = []
-    while (each := newest.take()) is not None:
+    while (each := newest.take(taken[-1] if taken else -1)) is not None:
         taken.append(each.number)
         time.sleep(0.02)
     assert taken == sorted(set(taken)) and taken[-1] == 49 and len(taken) < 25
     assert newest.read == 50 and newest.ended
+
+
+def test_several_take_from_one_source():
+    newest = Newest(Listed(3))
+    while not newest.ended:
+        time.sleep(0.001)
+    both = [newest.take(1), newest.take(1)]
+    assert [each and each.number for each in both] == [2, 2] and newest.take(2) is None
 
 
 def test_a_source_s_error_comes_through():
@@ -199,7 +207,9 @@ def test_the_command_writes_lines_and_says_its_pace(untrained_runs, video, capsy
         (("{run}", "{video}", "--layout", "none"), "layout"),
     ],
 )
-def test_bad_input_is_one_sentence(arguments: tuple[str, ...], words, untrained_runs, video, capsys):
+def test_bad_input_is_one_sentence(
+    arguments: tuple[str, ...], words, untrained_runs, video, capsys
+):
     places = {"{run}": str(untrained_runs[0]), "{video}": str(video)}
     with pytest.raises(SystemExit) as stop:
         main(["live", *[places.get(word, word) for word in arguments]])

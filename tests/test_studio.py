@@ -3,11 +3,11 @@
 import io
 import json
 import shutil
+import socket
 import threading
 import time
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +21,7 @@ from t2twin.sim.world.protocol import indices, press_at, scale_of
 from t2twin.studio import cards, solids, uploads
 from t2twin.studio.colours import colour_table, coloured
 from t2twin.studio.press_state import PressState, protocol_press, read_query
+from t2twin.studio.server import is_own
 from t2twin.studio.session import STEPS, Session
 from t2twin.studio.take_away import AGAIN, zipped
 from t2twin.studio.translators import Translators
@@ -270,7 +271,8 @@ def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
     assert path.resolve().is_relative_to(tmp_path)
     again = uploads.kept_file("shape", "..\\..\\$.stl", b"y", tmp_path)
     assert again.read_bytes() == b"y" and again.resolve().is_relative_to(tmp_path)
-    assert not path.exists()
+    uploads.forget("shape", tmp_path, all_but=again)
+    assert again.exists() and not path.exists()
 
 
 @pytest.mark.parametrize(
@@ -336,8 +338,33 @@ def test_only_the_newest_is_done():
     worker.end()
 
 
-def test_the_studio_refuses_a_folder_that_is_no_run(tmp_path, capsys):
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (("--run", "{folder}"), "config.json"),
+        (("--host", "nowhere.invalid"), "cannot be listened at"),
+        (("--host", "203.0.113.7"), "cannot be listened at"),
+        (("--port", "70000"), "0 to 65535"),
+        (("--port", "-1"), "0 to 65535"),
+        (("--source", "nowhere"), "no source"),
+    ],
+)
+def test_the_studio_refuses_in_one_sentence(arguments, words, tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
-        main(["studio", "--run", str(tmp_path)])
-    assert stop.value.code == 2 and "config.json" in capsys.readouterr().err
-    assert not list(Path.cwd().glob("*.part"))
+        main(["studio", *[word.format(folder=tmp_path) for word in arguments]])
+    said = capsys.readouterr()
+    assert stop.value.code == 2 and said.out == ""
+    assert words in said.err and said.err.count("\n") == 1
+
+
+def test_a_taken_port_is_refused(capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(SystemExit):
+        main(["studio", "--port", str(taken.getsockname()[1])])
+    assert "in use" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "host, own", [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False)]
+)
+def test_which_addresses_are_this_machine_s_alone(host, own):
+    assert is_own(host) is own

@@ -17,9 +17,10 @@ from browser import PATIENCE_MS, browser, canvas, chromium, free_port, picture
 from PIL import Image
 
 import t2twin
+from benchmarks.studio_events import act
 from t2twin.cli import main
 from t2twin.studio.press_state import PressState
-from t2twin.studio.server import studio
+from t2twin.studio.server import FOLDER, studio
 from t2twin.studio.uploads import MOST_BYTES
 
 SHAPE = "hemisphere-4"
@@ -272,6 +273,42 @@ def fits(tab, size):
     assert min(small) >= SMALLEST_PX
 
 
+def test_two_busy_clients_end_with_the_right_state(desk, opened, served, tmp_path):
+    """A tenth of what benchmarks/studio.py does; its figure for memory needs all of it."""
+    tab, page = desk
+    other_tab, other = opened(PressState("circle-1"))
+    done = act(served, [page, other], 100, tmp_path)
+    assert (done["exceptions"], done["states_wrong"]) == (0, 0)
+    for each_tab, each in ((tab, page), (other_tab, other)):
+        drawn(each_tab, each)
+        assert np.array_equal(picture(each_tab, "digit"), each.look.touch.image)
+    other_tab.close()
+
+
+def test_the_studio_s_own_source_is_shown(untrained_runs, chrome, tmp_path):
+    for number, grey in enumerate((50, 120, 200)):
+        Image.new("RGB", (240, 320), (grey,) * 3).save(tmp_path / f"{number}.png")
+    with studio(untrained_runs, port=0, source=str(tmp_path)) as own:
+        tab = chrome.new_page(viewport=WIDE)
+        tab.goto(own.address)
+        tab.get_by_text("Translate", exact=True).click(timeout=PATIENCE_MS)
+        tab.get_by_text(f"Live: {tmp_path.name}").click()
+        shown(tab, 200)
+        Image.new("RGB", (240, 320), (90, 90, 90)).save(tmp_path / "3.png")
+        shown(tab, 90)
+        tab.close()
+
+
+def shown(tab, grey):
+    """Waits until the frame that is shown is of one grey."""
+    until = time.monotonic() + 30
+    while (
+        not tab.locator('img[data-name="frame"]').count() or (picture(tab, "frame") != grey).any()
+    ):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
 def test_a_link_that_no_page_made_is_said_on_the_page(chrome, served):
     tab = chrome.new_page(viewport=WIDE)
     tab.goto(served.link(STATE).replace("hemisphere-4", "hemisphere-9"))
@@ -297,6 +334,6 @@ def test_ctrl_c_ends_it_at_once_and_leaves_nothing(tmp_path, chrome):
     assert time.monotonic() - sent < 1.0
     assert process.returncode == 128 + signal.SIGINT
     assert said == "t2twin: stopped; the same command begins again\n"
-    left = Path(tempfile.gettempdir()).glob(f".t2twin-studio.{process.pid}*")
+    left = Path(tempfile.gettempdir()).glob(f".{FOLDER}-*.{process.pid}.part")
     assert list(left) == [] and list(tmp_path.iterdir()) == []
     tab.close()

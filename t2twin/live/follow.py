@@ -60,10 +60,12 @@ def follow(
     run.predict_pixels(np.zeros((1, size, size, 1 if grey else 3), np.uint8))  # the first is slow
     newest, pace = Newest(source), Pace()
     said_s, warned = pace.began_s, False
+    last = -1
     while most_frames is None or pace.done < most_frames:
-        frame = newest.take()
+        frame = newest.take(last)
         if frame is None:
             break
+        last = frame.number
         pixels = to_pixels(Image.fromarray(frame.image), size, grey)[None]
         counts = np.rint(run.predict_pixels(pixels)[0]).astype(int)
         familiar = bool(run.is_familiar(pixels)[0])

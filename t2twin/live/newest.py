@@ -18,21 +18,23 @@ class Newest:
         # A daemon: nobody waits for a camera when the process is stopped.
         Thread(target=self._run, daemon=True).start()
 
-    def take(self, timeout_s: float | None = None) -> Frame | None:
-        """Waits for a frame that has not been taken yet, the newest; None where there will be
-        none, or none came in time. Raises what the source raised."""
+    def take(self, after: int = -1, timeout_s: float | None = None) -> Frame | None:
+        """Waits for a frame of a higher number than `after`, and gives the newest; None where
+        there will be none, or none came in time. Several may take. Raises what the source raised.
+        """
         with self._changed:
-            self._changed.wait_for(lambda: self._frame is not None or self._ended, timeout_s)
-            frame, self._frame = self._frame, None
-            if frame is None and self._error is not None:
+            self._changed.wait_for(lambda: self.read > after + 1 or self._ended, timeout_s)
+            if self._frame is not None and self._frame.number > after:
+                return self._frame
+            if self._error is not None:
                 raise self._error
-            return frame
+            return None
 
     @property
     def ended(self) -> bool:
-        """Whether there will be no more frames."""
+        """Whether the source has ended."""
         with self._changed:
-            return self._ended and self._frame is None
+            return self._ended
 
     def _run(self) -> None:
         try:

@@ -42,17 +42,23 @@ OWN_LIGHT = "the one that ships"
 Change = Callable[[dict[str, Any]], PressState]
 """Takes fields of PressState with their new values, and gives the state that comes of them."""
 
+Guarded = Callable[[Callable[[], object]], object]
+"""Does something, and tells the client where it cannot be done."""
+
 
 class Controls:
     """The panel that says what is pressed. What a client changes goes to `change`, as fields of
     PressState; `show` sets the panel to a state without doing so.
 
-    sliders: by their fields of PressState. A state may hold numbers that no slider stands at, as
-    those of the protocol's presses: they stay what they are until the slider is moved.
+    sliders: by their fields of PressState. number: of the protocol's press. noise: whether there is
+    any. guarded: does what may fail, and says so. A state may hold numbers that no slider stands
+    at, as those of the protocol's presses: they stay what they are until the slider is moved.
     """
 
-    def __init__(self, client: viser.ClientHandle, state: PressState, change: Change) -> None:
-        self._gui, self._change = client.gui, change
+    def __init__(
+        self, client: viser.ClientHandle, state: PressState, change: Change, guarded: Guarded
+    ) -> None:
+        self._gui, self._change, self._guarded = client.gui, change, guarded
         self._state = state
         with self._gui.add_folder("Shape"):
             self._add_shape()
@@ -86,14 +92,14 @@ class Controls:
         self._layout.options = (*layout_names(), *([OWN_FILE] if is_file(state.layout) else []))
         self._layout.value = OWN_FILE if is_file(state.layout) else state.layout
         self._light.content = f"Light: **{_plain(file_name(state.calibration or OWN_LIGHT))}**"
-        self._noise.value = state.seed is not None
+        self.noise.value = state.seed is not None
         self._imperfections.value = state.imperfections
         self._imperfections.visible = self._seed.visible = state.seed is not None
         if state.seed is not None:
             self._seed.value = state.seed
         presses = protocol_presses(state.shape, self._scale_name.value)
-        self._number.max = max(presses - 1, 1)
-        self._number.disabled = self._scale_name.disabled = presses == 0
+        self.number.max = max(presses - 1, 1)
+        self.number.disabled = self._scale_name.disabled = presses == 0
 
     def _add_shape(self) -> None:
         gui = self._gui
@@ -148,11 +154,11 @@ class Controls:
         gui = self._gui
         gui.add_markdown("The presses that datasets are made of, one by one.")
         self._scale_name = gui.add_dropdown("Scale", tuple(SCALES), initial_value="paper")
-        self._number = gui.add_slider(
+        self.number = gui.add_slider(
             "Press", 0, 1, 1, 0, hint="Its number among the shape's presses at this scale"
         )
         self._on(self._scale_name, lambda _: self.show(self._state))
-        self._on(self._number, self._new_number)
+        self._on(self.number, self._new_number)
 
     def _add_sensors(self) -> None:
         gui = self._gui
@@ -171,7 +177,7 @@ class Controls:
         own_light = gui.add_button(
             "Back to the light that ships", icon=viser.Icon.REFRESH, color=QUIET
         )
-        self._noise = gui.add_checkbox(
+        self.noise = gui.add_checkbox(
             "Noise", False, hint="The camera's noise, and the array's imperfections"
         )
         self._imperfections = gui.add_dropdown(
@@ -182,7 +188,7 @@ class Controls:
         # A page may send any text; only names that it was offered are taken.
         self._on(self._layout, lambda name: self._set(layout=name) if name in layout_names() else 0)
         self._on_click(own_light, lambda: self.take({"calibration": None}))
-        self._on(self._noise, lambda on: self.take({"seed": self._seed.value if on else None}))
+        self._on(self.noise, lambda on: self.take({"seed": self._seed.value if on else None}))
         self._on(self._seed, lambda seed: self._set(seed=seed))
         self._on(
             self._imperfections,
@@ -195,13 +201,13 @@ class Controls:
 
         async def changed(event: viser.GuiEvent) -> None:
             if event.client is not None:
-                then(event.target.value)
+                self._guarded(lambda: then(event.target.value))
 
         handle.on_update(changed)
 
     def _on_click(self, button: viser.GuiButtonHandle, then: Callable[[], None]) -> None:
         async def clicked(event: viser.GuiEvent) -> None:
-            then()
+            self._guarded(then)
 
         button.on_click(clicked)
 

@@ -13,11 +13,14 @@ import viser
 
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.cyskin.taxels import pad_weights
 from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.press.elastomer import CYSKIN_COVER
 from t2twin.sim.press.force import FORCE_RANGE_N
 from t2twin.sim.sensors import SensorPair
 from t2twin.studio.cards import pictures_html, scales_of, welcome_html
 from t2twin.studio.controls import QUIET, Controls
+from t2twin.studio.frames import Frames
 from t2twin.studio.notices import Notices
 from t2twin.studio.press_state import PressState, is_file
 from t2twin.studio.scene import Dragged, Scene, Sensors
@@ -26,7 +29,7 @@ from t2twin.studio.solids import ShownAs
 from t2twin.studio.take_away import zipped
 from t2twin.studio.translate_tab import TranslateTab
 from t2twin.studio.translators import Translators
-from t2twin.studio.uploads import kept_file, limit_uploads
+from t2twin.studio.uploads import forget, kept_file, limit_uploads
 from t2twin.studio.worker import NewestFirst
 from t2twin.twin import load_shape
 
@@ -43,11 +46,13 @@ CONTROLS_PX, PICTURES_PX = 320, 420
 
 @dataclass(frozen=True)
 class Shared:
-    """What all clients of a studio have in common. folder: the temporary one for their files."""
+    """What all clients of a studio have in common. folder: the temporary one for their files.
+    frames: the source that it was started with."""
 
     translators: Translators
     sensors: SensorPair
     folder: Path
+    frames: Frames | None = None
 
 
 class Page:
@@ -80,6 +85,7 @@ class Page:
     def close(self) -> None:
         """The client is gone, and its files with it."""
         self._worker.end()
+        self._tab.close()
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def wait(self, timeout_s: float) -> bool:
@@ -98,21 +104,25 @@ class Page:
         return state
 
     def runs_changed(self) -> None:
-        """The runs that there are have been found."""
+        """Offers the runs that are known by now."""
         names, chosen = self._shared.translators.names, self._shared.translators.chosen
-        with self._runs_folder:
-            for name in names:
-                box = self._client.gui.add_checkbox(name, name in chosen)
-                self._run_boxes.append(box)
-                box.on_update(self._new_runs)
-        self._runs_folder.visible = bool(names)
-        self._take_runs(chosen)
+        with self._lock:
+            new = [name for name in names if name not in self._run_boxes]
+            with self._runs_folder:
+                for name in new:
+                    box = self._client.gui.add_checkbox(name, name in chosen)
+                    box.on_update(self._new_runs)
+                    self._run_boxes[name] = box
+            self._runs_folder.visible = bool(names)
+        if new:
+            self._take_runs(chosen)
 
     async def _new_runs(self, event: viser.GuiEvent) -> None:
-        self._take_runs(tuple(box.label for box in self._run_boxes if box.value))
+        self._take_runs(tuple(name for name, box in self._run_boxes.items() if box.value))
 
     def _take_runs(self, runs: tuple[str, ...]) -> None:
-        self._runs = self._tab.runs = runs
+        self._runs = runs
+        self._tab.use(runs)
         self._worker.ask()
 
     def _build(self) -> None:
@@ -121,25 +131,30 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
         gui.add_html(welcome_html())
-        self.controls = Controls(self._client, self._state, self.change)
+        self.controls = Controls(self._client, self._state, self.change, self._notices.guarded)
         limit_uploads(self._client, self._notices.wrong)
         for button, kind, read in (
             (self.controls.upload_shape, "shape", load_shape),
-            (self.controls.upload_layout, "layout", load_layout),
+            (self.controls.upload_layout, "layout", self._fitting_layout),
             (self.controls.upload_light, "calibration", Calibration.load),
         ):
             self._on_upload(button, kind, partial(self._take_file, kind, read))
         self._add_view()
-        self._runs_folder = gui.add_folder("Translators", expand_by_default=False)
-        self._run_boxes: list[viser.GuiCheckboxHandle] = []
+        self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
+        self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
         self._add_take_away()
         pictures = gui.add_panel()
         with pictures.add_tab("Pictures", viser.Icon.PHOTO):
             self._pictures = gui.add_html("")
         with pictures.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
-            self._tab = TranslateTab(self._client, self._shared.translators, self._notices)
+            self._tab = TranslateTab(
+                self._client,
+                self._shared.translators,
+                self._notices,
+                self._shared.frames,
+                lambda: self.look,
+            )
         self._on_upload(self._tab.upload, "frame", self._tab.show_file)
-        self._tab.on_current(lambda: self.look)
         pictures.dock_right()
         pictures.set_width(PICTURES_PX)
         pictures.expand()
@@ -204,10 +219,21 @@ class Page:
 
     def _take_file(self, kind: str, read: Callable[[Path], object], path: Path) -> None:
         """Presses with a file, if it can be read; else the press stays what it is."""
-        with self._notices.busy(f"Reading {path.name}", "This can take a while."):
-            read(path)
+        try:
+            with self._notices.busy(f"Reading {path.name}", "This can take a while."):
+                read(path)
+        except Exception:
+            shutil.rmtree(path.parent, ignore_errors=True)
+            raise
         changes: dict[str, Any] = {kind: str(path)}
         self.controls.take(changes | ({"scale": None} if kind == "shape" else {}))
+        forget(kind, self._folder, all_but=path)
+
+    def _fitting_layout(self, path: Path) -> None:
+        """Raises T2TwinError for a file that is no layout, or one that reaches beyond the cover."""
+        layout, look = load_layout(path), self.look
+        if look is not None:
+            pad_weights(CYSKIN_COVER, look.touch.cyskin.x_mm, look.touch.cyskin.y_mm, layout)
 
     def _on_upload(
         self,

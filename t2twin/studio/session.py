@@ -6,11 +6,13 @@ image, N taxels.
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.sensors import CySkin, SensorPair
@@ -24,6 +26,10 @@ TRANSLATING = "translate"
 
 STEPS = ("press digit", "picture", "press cyskin", "taxels", "tactile image", TRANSLATING)
 """Steps of a look, in their order."""
+
+
+_making = Lock()
+"""Held while a shape of the catalogue is made, so that two sessions do not make the same one."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,8 @@ class Session:
         """The shape of a press. Raises T2TwinError where there is none."""
         source = (state.shape, state.scale)
         if self._shape is None or self._shape[0] != source:
-            self._shape = (source, load_shape(*source))
+            with _making if state.shape in catalogue.NAMES else nullcontext():
+                self._shape = (source, load_shape(*source))
         return self._shape[1]
 
     def look(self, state: PressState, runs: tuple[str, ...] = ()) -> Look:

@@ -57,8 +57,7 @@ def limit_uploads(client: viser.ClientHandle, refuse: Callable[[Exception], None
 
 
 def kept_file(kind: str, name: str, content: bytes, folder: Path) -> Path:
-    """A file as it was sent, in a new folder of its own below `folder`; those of its kind that came
-    before are removed.
+    """A file as it was sent, in a new folder of its own below `folder`.
 
     It keeps its name as far as that is made of letters, digits, dots, dashes and underscores.
     Raises T2TwinError for another kind and for one too large.
@@ -71,13 +70,18 @@ def kept_file(kind: str, name: str, content: bytes, folder: Path) -> Path:
         )
     check_size(name, len(content))
     stem = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(name.replace("\\", "/")).stem).strip("._-")
-    for earlier in folder.glob(f"{kind}-*"):
-        shutil.rmtree(earlier, ignore_errors=True)
     path = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=folder)) / (
         f"{stem[:LONGEST] or kind}{suffix}"
     )
     path.write_bytes(content)
     return path
+
+
+def forget(kind: str, folder: Path, all_but: Path | None = None) -> None:
+    """Removes the kept files of a kind, all but one."""
+    for place in folder.glob(f"{kind}-*"):
+        if all_but is None or place != all_but.parent:
+            shutil.rmtree(place, ignore_errors=True)
 
 
 def check_size(name: str, size: int) -> None:

@@ -13,7 +13,7 @@ class NewestFirst:
     """
 
     def __init__(
-        self, work: Callable[[], None], then: Callable[[], None], quiet_s: float = 0.1
+        self, work: Callable[[], object], then: Callable[[], object], quiet_s: float = 0.1
     ) -> None:
         self._work, self._then, self._quiet_s = work, then, quiet_s
         self._asked, self._ended, self._busy = False, False, False
