@@ -107,7 +107,6 @@ WORDS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("live", "{resnet18}", "nowhere"), "no source"),
     (("live", "{resnet18}", ""), "no source"),
     (("live", "{resnet18}", "/dev/null"), "no source"),
-    (("live", "{resnet18}", "{data}/info.json"), "as a video"),
     (("live", "{resnet18}", "http://127.0.0.1:9/x.mp4"), "no source"),
     (("live", "{resnet18}", "{data}", "--layout", "none"), "layout"),
 )
