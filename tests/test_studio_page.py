@@ -199,7 +199,7 @@ def test_a_file_is_pressed_and_a_bad_one_is_refused_as_by_the_command(desk, tmp_
     with pytest.raises(SystemExit):
         main(["press", str(tmp_path / "bad.stl")])
     sentence = capsys.readouterr().err.removeprefix("t2twin: ").strip()
-    sentence = sentence.replace(str(tmp_path / "bad.stl"), "")
+    sentence = sentence.replace(str(tmp_path / "bad.stl"), "bad.stl")
     assert sentence in tab.locator("body").inner_text()
     assert page.state == STATE
     trimesh.creation.icosphere(subdivisions=3, radius=6.0).export(tmp_path / "my ball.stl")

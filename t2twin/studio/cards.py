@@ -15,6 +15,7 @@ from t2twin.sim.press.records import Contact
 from t2twin.studio.colours import DIVERGING, SEQUENTIAL, coloured, data_address, gradient
 from t2twin.studio.session import TRANSLATING, Look
 from t2twin.studio.translators import MAKE_ONE, Translation
+from t2twin.twin import Touch
 
 NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 """First figures of a colour bar's upper end."""
@@ -113,7 +114,8 @@ def pictures_html(look: Look, scales: Scales, runs_known: bool) -> str:
         parts += [_translation_row(each, scales) for each in look.translations]
     elif not runs_known:
         parts.append(_none_yet())
-    return _page([*parts, _contacts(touch.digit, touch.cyskin), _steps(look), _counts(look)])
+    notes = "".join(_paragraph(note) for note in _notes(touch))
+    return _page([*parts, _contacts(touch.digit, touch.cyskin), notes, _steps(look), _counts(look)])
 
 
 def frame_html(image: np.ndarray, name: str, translations: Sequence[Translation]) -> str:
@@ -200,13 +202,21 @@ def _contacts(digit: Contact, cyskin: Contact) -> str:
         values = (np.max(getattr(contact, of)) for contact in (digit, cyskin))
         cells = "".join(f"<td>{how.format(value)}</td>" for value in values)
         body += f"<tr><th>{escape(name)}</th>{cells}</tr>"
-    notes = "".join(
-        _paragraph(f"{name} bottomed out: the base plate (the lowest flat face) touched.")
-        for name, contact in (("DIGIT:", digit), ("CySkin:", cyskin))
-        if contact.bottomed
-    )
     head = "<thead><tr><th></th><th>DIGIT</th><th>CySkin</th></tr></thead>"
-    return f"<h4>The contact</h4><table>{head}<tbody>{body}</tbody></table>{notes}"
+    return f"<h4>The contact</h4><table>{head}<tbody>{body}</tbody></table>"
+
+
+def _notes(touch: Touch) -> list[str]:
+    """What there is to know of a press, in sentences: what was mended, what did not go well."""
+    notes = list(touch.shape.notes)
+    for name, contact in (("DIGIT", touch.digit), ("CySkin", touch.cyskin)):
+        if not contact.settled:
+            notes.append(f"On the {name} it did not settle.")
+        if contact.bottomed:
+            notes.append(
+                f"On the {name} it bottomed out: the base plate (the lowest flat face) touched."
+            )
+    return notes
 
 
 def _steps(look: Look) -> str:

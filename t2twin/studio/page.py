@@ -12,14 +12,14 @@ from typing import Any, get_args
 import viser
 
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.taxels import pad_weights
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.press.elastomer import CYSKIN_COVER
-from t2twin.sim.press.force import FORCE_RANGE_N
 from t2twin.sim.sensors import SensorPair
 from t2twin.studio.cards import pictures_html, scales_of, welcome_html
-from t2twin.studio.controls import QUIET, Controls
+from t2twin.studio.controls import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
 from t2twin.studio.frames import Frames
 from t2twin.studio.notices import Notices
 from t2twin.studio.press_state import PressState, is_file
@@ -94,6 +94,7 @@ class Page:
 
     @property
     def state(self) -> PressState:
+        """What is to be shown; `look` follows."""
         return self._state
 
     def change(self, changes: dict[str, Any]) -> PressState:
@@ -219,12 +220,8 @@ class Page:
 
     def _take_file(self, kind: str, read: Callable[[Path], object], path: Path) -> None:
         """Presses with a file, if it can be read; else the press stays what it is."""
-        try:
-            with self._notices.busy(f"Reading {path.name}", "This can take a while."):
-                read(path)
-        except Exception:
-            shutil.rmtree(path.parent, ignore_errors=True)
-            raise
+        with self._notices.busy(f"Reading {path.name}", "This can take a while."):
+            read(path)
         changes: dict[str, Any] = {kind: str(path)}
         self.controls.take(changes | ({"scale": None} if kind == "shape" else {}))
         forget(kind, self._folder, all_but=path)
@@ -241,12 +238,17 @@ class Page:
         kind: str,
         then: Callable[[Path], object],
     ) -> None:
+        def take(file: viser.UploadedFile) -> None:
+            path = kept_file(kind, file.name, file.content, self._folder)
+            try:
+                then(path)
+            except T2TwinError as error:
+                shutil.rmtree(path.parent, ignore_errors=True)
+                raise T2TwinError(str(error).replace(str(path), path.name)) from None
+
         @button.on_upload
         def _(event: viser.GuiEvent) -> None:
-            file = button.value
-            self._notices.guarded(
-                lambda: then(kept_file(kind, file.name, file.content, self._folder))
-            )
+            self._notices.guarded(lambda: take(button.value))
 
     def _drag(self, dragged: Dragged) -> None:
         if dragged.begins:
@@ -257,9 +259,8 @@ class Page:
         elif dragged.keys == "shift":
             changes = {"yaw_deg": start.yaw_deg + DEGREES_A_MM * along_x}
         else:
-            least, most = FORCE_RANGE_N
             force = start.force_n - NEWTONS_A_MM * along_z
-            changes = {"force_n": min(max(force, least), most)}
+            changes = {"force_n": min(max(force, LEAST_SLIDER_N), MOST_SLIDER_N)}
         # Tenths, as the sliders have them: what is dragged by hand needs no more.
         self.controls.take({name: round(float(value), 1) for name, value in changes.items()})
 
