@@ -12,9 +12,17 @@ import numpy as np
 
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.press.records import Contact
-from t2twin.studio.colours import DIVERGING, SEQUENTIAL, coloured, data_address, gradient
+from t2twin.studio.colours import (
+    DIVERGING,
+    SEQUENTIAL,
+    coloured,
+    coloured_address,
+    data_address,
+    gradient,
+)
 from t2twin.studio.session import TRANSLATING, Look
 from t2twin.studio.translators import MAKE_ONE, Translation
+from t2twin.translate.phi import PX_PER_MM, TACTILE_SHAPE
 from t2twin.twin import Touch
 
 NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
@@ -42,7 +50,7 @@ STYLE = """<style>
   margin-bottom: 0.7rem; }
 .t2 .row > * { margin: 0; min-width: 0; overflow-wrap: anywhere; }
 .t2 b { display: block; font-weight: 600; }
-.t2 img { display: block; width: 100%; border-radius: 3px; }
+.t2 img, .t2 svg { display: block; width: 100%; border-radius: 3px; }
 .t2 .soft { opacity: 0.75; }
 .t2 .bar { margin-bottom: 0.55rem; }
 .t2 .bar i { display: block; height: 0.55rem; border-radius: 2px; margin: 0.15rem 0; }
@@ -106,7 +114,7 @@ def pictures_html(look: Look, scales: Scales, runs_known: bool) -> str:
     if look.tactile_image is None:
         felt = f"<figure><b>CySkin</b>{_paragraph(look.no_image)}</figure>"
     else:
-        address = data_address(coloured(look.tactile_image, scales.counts))
+        address = coloured_address(look.tactile_image, scales.counts)
         felt = _figure("CySkin", f"what {touch.layout.size} taxels felt", address, "cyskin")
     parts = [_row(seen, felt, _bars(scales))]
     if look.translations:
@@ -127,7 +135,7 @@ def frame_html(image: np.ndarray, name: str, translations: Sequence[Translation]
     bar = _bar("tactile images", SEQUENTIAL, "0", f"{most:,.0f} counts")
     parts = [_row(frame, f"<div>{bar}</div>")]
     for each in translations:
-        address = data_address(coloured(each.tactile_image, most))
+        address = coloured_address(each.tactile_image, most)
         figure = _figure(_model(each), each.name, address, "translated")
         words = "" if each.familiar else _paragraph(UNFAMILIAR)
         words += _paragraph(f"{each.milliseconds:.0f} ms")
@@ -139,10 +147,12 @@ def frame_html(image: np.ndarray, name: str, translations: Sequence[Translation]
 def _translation_row(translation: Translation, scales: Scales) -> str:
     """A run's tactile image, its difference from what the CySkin felt, and its error in words."""
     assert translation.truth is not None
-    drawn = data_address(coloured(translation.tactile_image, scales.counts))
+    drawn = coloured_address(translation.tactile_image, scales.counts)
     left = _figure(_model(translation), translation.name, drawn, "translated")
-    off = data_address(_discs(translation, scales.difference))
-    right = _figure("Difference", "translated less felt", off, "off")
+    discs = _discs(translation, scales.difference)
+    right = (
+        f'<figure><b>Difference</b>{discs}<span class="soft">translated less felt</span></figure>'
+    )
     bar = _bar("counts", DIVERGING, f"-{scales.difference:,.0f}", f"+{scales.difference:,.0f}")
     words = (
         f"<p><b>{translation.rmse_counts:,.0f} counts off</b>"
@@ -155,22 +165,24 @@ def _translation_row(translation: Translation, scales: Scales) -> str:
     )
 
 
-def _discs(translation: Translation, most: float) -> np.ndarray:
-    """(R, C, 3) uint8: each taxel's difference as a disc at its place, on the map's middle."""
-    from t2twin.translate.phi import PX_PER_MM, TACTILE_SHAPE
-
+def _discs(translation: Translation, most: float) -> str:
+    """Each taxel's difference as a disc at its place, drawn as large as a tactile image."""
     assert translation.truth is not None
     rows, columns = TACTILE_SHAPE
-    off = coloured(translation.counts - translation.truth, most, DIVERGING)
-    pixels = np.full((rows, columns, 3), coloured(np.zeros(1), most, DIVERGING)[0], np.uint8)
-    y, x = np.mgrid[:rows, :columns]
+    colours = coloured(translation.counts - translation.truth, most, DIVERGING)
     layout = translation.layout
-    for n, colour in enumerate(off):
-        column = columns / 2 + PX_PER_MM * layout.x_mm[n]
-        row = rows / 2 + PX_PER_MM * layout.y_mm[n]
-        radius = PX_PER_MM * layout.pad_diameter_mm[n] / 2
-        pixels[(x - column) ** 2 + (y - row) ** 2 <= radius**2] = colour
-    return pixels
+    discs = "".join(
+        f'<circle cx="{columns / 2 + PX_PER_MM * layout.x_mm[n]:.1f}"'
+        f' cy="{rows / 2 + PX_PER_MM * layout.y_mm[n]:.1f}"'
+        f' r="{PX_PER_MM * layout.pad_diameter_mm[n] / 2:.1f}"'
+        f' fill="rgb({red},{green},{blue})"/>'
+        for n, (red, green, blue) in enumerate(colours.tolist())
+    )
+    middle = ",".join(map(str, coloured(np.zeros(1), most, DIVERGING)[0].tolist()))
+    return (
+        f'<svg viewBox="0 0 {columns} {rows}" role="img" aria-label="Difference">'
+        f'<rect width="{columns}" height="{rows}" fill="rgb({middle})"/>{discs}</svg>'
+    )
 
 
 def _bars(scales: Scales) -> str:

@@ -34,16 +34,20 @@ def colour_table(name: str = SEQUENTIAL) -> np.ndarray:
 
 def coloured(values: np.ndarray, most: float, name: str = SEQUENTIAL) -> np.ndarray:
     """(..., 3) uint8: values from 0 to most (of the diverging map from -most) in colours."""
-    low = -most if name == DIVERGING else 0.0
-    places = (values - low) * ((LEVELS - 1) / max(most - low, 1e-9))
-    return colour_table(name)[np.clip(np.rint(places), 0, LEVELS - 1).astype(np.uint8)]
+    return colour_table(name)[_levels(values, most, name)]
+
+
+def coloured_address(values: np.ndarray, most: float) -> str:
+    """(h, w) values from 0 to most as the address of a page's picture in colours: a PNG with the
+    map as its palette, in a third of the time of one with all colours."""
+    picture = Image.fromarray(_levels(values, most, SEQUENTIAL))
+    picture.putpalette(colour_table().tobytes())
+    return _address(picture)
 
 
 def data_address(pixels: np.ndarray) -> str:
     """A PNG of (h, w, 3) or (h, w) uint8 as the address of a page's picture, pixel for pixel."""
-    buffer = io.BytesIO()
-    Image.fromarray(pixels).save(buffer, "PNG", compress_level=FAST)
-    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
+    return _address(Image.fromarray(pixels))
 
 
 @cache
@@ -55,3 +59,16 @@ def gradient(name: str = SEQUENTIAL, stops: int = 9) -> str:
         + ",".join("#" + "".join(f"{part:02x}" for part in colour_table(name)[n]) for n in places)
         + ")"
     )
+
+
+def _levels(values: np.ndarray, most: float, name: str) -> np.ndarray:
+    """Places in a map, (...) uint8."""
+    low = -most if name == DIVERGING else 0.0
+    places = (values - low) * ((LEVELS - 1) / max(most - low, 1e-9))
+    return np.clip(np.rint(places), 0, LEVELS - 1).astype(np.uint8)
+
+
+def _address(picture: Image.Image) -> str:
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG", compress_level=FAST)
+    return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
