@@ -6,6 +6,7 @@ PRESET ?= cpu
 PYTHON ?= python3
 WORKERS ?=
 PIP_ARGS ?=
+PORT ?= 8080
 
 BIN := .venv/bin
 # A world's dataset and runs go by the name of its recipe.
@@ -15,8 +16,8 @@ RUNS = runs/$(NAME)
 WORKERS_FLAG := $(if $(WORKERS),--workers $(WORKERS))
 MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
 
-.PHONY: help demo test setup system primitives simdata train-all evaluate report regression bench \
-	check clean
+.PHONY: help demo test setup system browser primitives simdata train-all evaluate report studio \
+	regression bench check clean
 
 help:
 	@echo "make demo        everything at scale small: data, both translators, report (minutes)"
@@ -27,6 +28,7 @@ help:
 	@echo "make train-all   both translators           SCALE=, PRESET=cpu|paper|smoke, MINUTES="
 	@echo "make evaluate    the results table          SCALE="
 	@echo "make report      the report                 SCALE="
+	@echo "make studio      press, look and translate in a browser          PORT="
 	@echo "make regression  RMSE on synthetic data held to its band"
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
 	@echo "make check       ruff, pyright, and which package may import which"
@@ -40,7 +42,7 @@ demo: setup
 	$(MAKE) evaluate SCALE=small
 	$(MAKE) report SCALE=small
 
-test: setup
+test: setup browser
 	$(BIN)/python -m pytest
 
 setup: .venv/installed
@@ -65,6 +67,15 @@ system:
 		echo "headless OpenGL is missing; install it with: sudo apt-get install $(LIBRARIES)"; exit 1; \
 	fi
 
+# A browser for the studio's tests, which are skipped without one.
+browser:
+	@if command -v chromium >/dev/null || [ "$$(uname)" != Linux ]; then exit 0; fi; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+		echo "installing chromium"; \
+		apt-get update -qq && apt-get install -y -qq chromium >/dev/null && exit 0; \
+	fi; \
+	echo "there is no browser for the studio's tests; install it with: sudo apt-get install chromium"
+
 primitives: setup
 	$(BIN)/t2twin primitives --out data/primitives
 
@@ -81,6 +92,9 @@ evaluate: setup
 
 report: setup
 	$(BIN)/t2twin report --data $(DATA) --runs $(RUNS)/touch2touch $(RUNS)/resnet18 --out $(RUNS)/report
+
+studio: setup
+	$(BIN)/t2twin studio --port $(PORT)
 
 regression: setup
 	$(BIN)/python -m pytest tests/test_regression.py

@@ -402,6 +402,25 @@ REGRESSION = Benchmark(
     baseline=True,
 )
 
+STUDIO = Benchmark(
+    name="studio",
+    measures="How soon the studio shows a press, how fast it follows, and what live frames cost.",
+    minutes=5,
+    figures=(
+        Figure("start_s.first", "s", most=15.0),
+        Figure("start_s.after", "s", most=5.0),
+        Figure("core_median_ms", "ms", most=60.0),
+        Figure("page_median_ms", "ms", most=100.0),
+        Figure("events.exceptions", most=0),
+        Figure("events.memory_grown_percent", "%", most=10.0),
+        Figure("events.states_wrong", most=0),
+        Figure("live.share_of_frames", least=0.98),
+        Figure("live.latency_median_ms", "ms", most=20.0),
+    ),
+    arguments=(Argument("runs", "folders of t2twin train, ResNet18 first", Path, nargs="+"),),
+    entries=("t2twin.cli.studio", "t2twin.cli.live"),
+)
+
 BENCHMARKS = (
     PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION, UNITS,
     PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES, WORLD_RUNS,

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from threading import get_ident
 from typing import Any
 
 from t2twin.primitives_cad.errors import T2TwinError
@@ -29,7 +30,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     Makes the folder. Raises T2TwinError where it cannot be written; then there is no file, and an
     earlier one of that name is as it was.
     """
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
+    # Of this thread alone, as several may prepare one shape at once.
+    writer = f"{get_ident()}.{os.getpid()}"
+    temporary = path.with_name(f".{path.stem}.{writer}.part{path.suffix}")
     in_hand.add(temporary)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

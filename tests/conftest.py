@@ -89,6 +89,29 @@ def runs(data_dir, tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def untrained_runs(tmp_path_factory):
+    """Runs of both translators with the weights that a training begins with: their folders, for
+    what does not ask how right they are."""
+    from t2twin.sim.cyskin.layout import load_layout
+    from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+    from t2twin.translate.build import build
+    from t2twin.translate.data.pairs import DataInfo
+    from t2twin.translate.presets import PRESETS
+    from t2twin.translate.runs.checkpoint import save_weights
+    from t2twin.translate.runs.config import BEST, RunConfig
+
+    layout = load_layout()
+    data = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE_COUNTS)
+    folders = [tmp_path_factory.mktemp("untrained") / model for model in PRESETS]
+    for folder in folders:
+        preset = PRESETS[folder.name]["smoke"]
+        config = RunConfig(folder.name, preset, 0, data, None, None, 1, False, 1)
+        config.save(folder)
+        save_weights(folder / BEST, build(config).predictor)
+    return folders
+
+
+@pytest.fixture(scope="session")
 def small_dataset(tmp_path_factory):
     """A simulated dataset of REPORT_SHAPES, 20 pairs; not to be written to."""
     from t2twin.sim.dataset.generate import generate

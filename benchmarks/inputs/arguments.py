@@ -36,6 +36,9 @@ FLOATS: tuple[tuple[tuple[str, ...], str, tuple[str, ...]], ...] = (
 
 BIG = str(2**70)
 INTEGERS: tuple[tuple[tuple[str, ...], str, tuple[str, ...]], ...] = (
+    (PRESS, "--seed", ("-1", BIG, str(2**63))),
+    (("studio",), "--port", ("-1", "65536", BIG)),
+    (("live", "{resnet18}", "{data}"), "--frames", ("0", "-1")),
     (SIMDATA, "--seed", ("-1", BIG, str(2**63))),
     (SIMDATA, "--workers", ("0", "-1")),
     (TRAIN, "--seed", ("-1", BIG, str(2**63))),
@@ -93,6 +96,19 @@ WORDS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("import-pairs", "", *OUT), "csv"),
     (("import-pairs", "/dev/null", *OUT), "csv"),
     ((*CALIBRATE, "--ball-diameter-mm", "4"), "background.png"),
+    ((*PRESS, "--seed", "1", "--imperfections", "some"), "imperfections"),
+    (("studio", "--run", "nowhere"), "nowhere"),
+    (("studio", "--run", "{data}"), "config.json"),
+    (("studio", "--host", "nowhere"), "cannot be listened at"),
+    (("studio", "--host", ""), "cannot be listened at"),
+    (("studio", "--source", "nowhere"), "no source"),
+    (("live", "nowhere", "{data}"), "nowhere"),
+    (("live", "{data}", "{data}"), "config.json"),
+    (("live", "{resnet18}", "nowhere"), "no source"),
+    (("live", "{resnet18}", ""), "no source"),
+    (("live", "{resnet18}", "/dev/null"), "no source"),
+    (("live", "{resnet18}", "http://127.0.0.1:9/x.mp4"), "no source"),
+    (("live", "{resnet18}", "{data}", "--layout", "none"), "layout"),
 )
 """Command lines, and what the sentence must hold."""
 
@@ -113,6 +129,9 @@ PARSED: tuple[tuple[str, ...], ...] = (
     ("calibrate",),
     ("import-pairs", "x.csv"),
     ("simdata", "--verify"),
+    ("live",),
+    ("live", "{resnet18}", "0", "--turn-deg", "45"),
+    ("studio", "--port"),
     ("report", "--runs"),
     ("--no-such-flag",),
 )
@@ -129,6 +148,7 @@ FINE: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("out below the folder itself", ("press", "circle-1", "--out", "./a/../out")),
     ("the largest seed", (*TRAIN, "--seed", str(2**63 - 1), "--epochs", "1")),
     ("a thousandth of a minute", (*TRAIN, "--minutes", "0.001")),
+    ("a press with noise", (*PRESS, "--seed", "0", "--imperfections", "all")),
     ("shapes", ("shapes",)),
     ("version", ("--version",)),
     ("help", ("--help",)),

@@ -13,11 +13,13 @@ from t2twin.cli import (
     evaluate,
     export,
     import_pairs,
+    live,
     press,
     primitives,
     report,
     shapes,
     simdata,
+    studio,
     train,
     translate,
 )
@@ -36,8 +38,10 @@ COMMANDS = {
     "train": train.train,
     "evaluate": evaluate.evaluate,
     "translate": translate.translate,
+    "live": live.live,
     "export": export.export,
     "report": report.report,
+    "studio": studio.studio,
     "doctor": doctor.doctor,
 }
 

@@ -27,6 +27,8 @@ def press(
     layout: str = "cyskin-20",
     calibration: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None,
     optics: Literal["baked", "pyrender"] = "baked",
+    seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    imperfections: Annotated[str, tyro.conf.arg(metavar="NAME")] = "white",
     view: bool = False,
 ) -> None:
     """Press one shape into one sensor or both, and write what they see and feel.
@@ -55,11 +57,16 @@ def press(
             given.
         optics: What makes the DIGIT's picture: the baked model, in milliseconds, or pyrender
             itself, in seconds, which knows the light that ships only.
+        seed: Of noise: the camera's, and what the CySkin adds. Without a seed there is none.
+        imperfections: What the CySkin adds where there is a seed: none, white, untouched or all.
         view: Then open the scene in MuJoCo's viewer (the DIGIT's, where both are touched).
     """
+    import numpy as np
+
     import t2twin
     from t2twin.press_folder import scene_path, write_press
     from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
+    from t2twin.sim.seeds import check_seed
     from t2twin.twin import other_elastomer, press_command
 
     solid = t2twin.load_shape(shape, scale)
@@ -67,13 +74,16 @@ def press(
         print(f"t2twin: {note}", file=sys.stderr)
     other = (thickness_mm, young_mpa, poisson, flat)
     gel, cover = (other_elastomer(own, *other) for own in (DIGIT_GEL, CYSKIN_COVER))
-    sensors = t2twin.Twin(calibration, layout, gel=gel, cover=cover, optics=optics).sensors
+    if seed is not None:
+        check_seed(seed)
+    rng = None if seed is None else np.random.default_rng(seed)
+    sensors = t2twin.Twin(calibration, layout, imperfections, gel, cover, optics).sensors
     if optics == "pyrender" and sensor != "cyskin":
         print(f"t2twin: {slow_picture()}", file=sys.stderr)
     deep = sensors.cyskin if sensor == "cyskin" else sensors.digit
     command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, deep)
-    digit = sensors.digit.touch(solid, command) if sensor != "cyskin" else None
-    cyskin = sensors.cyskin.touch(solid, command) if sensor != "digit" else None
+    digit = sensors.digit.touch(solid, command, rng) if sensor != "cyskin" else None
+    cyskin = sensors.cyskin.touch(solid, command, rng) if sensor != "digit" else None
     folder = out or Path("runs/press") / solid.name.replace("/", "-")
     write_press(folder, digit, cyskin)
     if digit is not None:

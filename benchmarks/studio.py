@@ -1,0 +1,202 @@
+"""The studio: how soon there is a picture, how fast it follows, whether it bears two busy clients;
+and the README's picture of it, docs/pictures/studio.png.
+
+    python -m benchmarks.studio RUN [RUN ...]
+
+Needs chromium. Times with the browser are those of a browser that draws without a GPU, on the same
+cores. The first of the runs is the one translator of the times.
+"""
+
+import json
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks import ROOT
+from benchmarks.declared import STUDIO
+from benchmarks.evidence.run import main
+from benchmarks.studio_events import act
+from t2twin.primitives_cad.cache_home import VARIABLE
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.studio.cards import pictures_html, scales_of
+from t2twin.studio.press_state import PressState
+from t2twin.studio.server import studio
+from t2twin.studio.session import Session
+from t2twin.studio.solids import as_glb, elastomer_part, taxels_part
+from t2twin.studio.translators import Translators
+
+PICTURE = ROOT / "docs" / "pictures" / "studio.png"
+SIZE = {"width": 1400, "height": 900}
+
+SHOWN = PressState("circle-empty-3", x_mm=1.0, y_mm=-1.0)
+"""What the README's picture shows."""
+
+FORCES_N = np.linspace(4.0, 12.0, 61)
+"""Where the slider is moved to, N."""
+
+STEPS = 40
+"""Steps of the slider in the browser."""
+
+EVENTS = 1000
+HZ, SECONDS = 60, 20
+"""Rate and length of the video."""
+
+ARGUMENTS = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader",
+             "--enable-unsafe-swiftshader")  # fmt: skip
+
+PATIENCE_MS = 120_000
+
+WATCH = """() => { window.shown = []; new MutationObserver(() => {
+  const at = document.querySelector('img[data-name="digit"]');
+  if (at && at.src !== window.last) { window.last = at.src; window.shown.push(performance.now()); }
+}).observe(document.body, {childList: true, subtree: true, attributes: true}); }"""
+"""Writes down when the DIGIT's picture changes, ms on the page's clock."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        content = {
+            "start_s": {"first": _start_s(folder / "cache"), "after": _start_s(folder / "cache")},
+            "core_median_ms": _core_ms(options.runs[0]),
+            "live": _live(options.runs[0], folder),
+        }
+        with _browser() as browser, studio(options.runs, port=0) as served:
+            tab, page = _opened(browser, served, SHOWN)
+            if not options.keep_nothing:
+                draw(tab)
+            other_tab, other = _opened(browser, served, PressState("circle-1"))
+            content["events"] = act(served, [page, other], EVENTS, folder)
+            other_tab.close()
+            tab.close()
+        with _browser() as browser, studio(options.runs[:1], port=0) as served:
+            content["page_median_ms"] = _page_ms(*_opened(browser, served, SHOWN))
+    return content
+
+
+def draw(tab: Any) -> None:
+    """Keeps what a page shows as the README's picture, without viser's word on a missing GPU."""
+    for close in tab.locator(".mantine-Notification-closeButton").all():
+        close.click()
+    time.sleep(1.0)
+    with whole_file(PICTURE) as temporary:
+        tab.screenshot(path=temporary)
+
+
+def _start_s(cache: Path) -> float:
+    """From the command to the DIGIT's picture on a page."""
+    started = time.perf_counter()
+    with _browser() as browser:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "t2twin", "studio", "--port", "0"],
+            cwd=ROOT, stdout=subprocess.PIPE, text=True,
+            env=os.environ | {VARIABLE: str(cache)},
+        )  # fmt: skip
+        try:
+            assert process.stdout is not None
+            tab = browser.new_page(viewport=SIZE)
+            tab.goto(process.stdout.readline().split()[1])
+            tab.wait_for_selector('img[data-name="digit"]', state="attached", timeout=PATIENCE_MS)
+            return time.perf_counter() - started
+        finally:
+            process.terminate()
+            process.wait()
+
+
+def _core_ms(run: Path) -> float:
+    """A new force to all that is sent to a page, without one."""
+    translators = Translators()
+    translators.search([run])
+    session, times = Session(translators), []
+    for force_n in FORCES_N:
+        started = time.perf_counter()
+        look = session.look(PressState(force_n=float(force_n)), translators.chosen)
+        scales = scales_of(look)
+        digit, cyskin = look.touch.digit, look.touch.cyskin
+        pads = taxels_part(cyskin, look.touch.layout, look.touch.counts, scales.counts)
+        as_glb([elastomer_part(digit, scales.digit_kpa)])
+        as_glb([elastomer_part(cyskin, scales.cyskin_kpa), pads])
+        pictures_html(look, scales, runs_known=True)
+        times.append(1e3 * (time.perf_counter() - started))
+    return statistics.median(times[1:])
+
+
+def _page_ms(tab: Any, page: Any) -> float:
+    """From a key on the force's slider to the DIGIT's picture on the page; the CySkin's and the
+    translator's come with it."""
+    slider = f'[id="{page.controls.sliders["force_n"]._impl.uuid}"] [role=slider]'
+    tab.evaluate(WATCH)
+    tab.locator(slider).focus()
+    times = []
+    for _ in range(STEPS):
+        known = tab.evaluate("window.shown.length")
+        pressed = tab.evaluate("performance.now()")
+        tab.keyboard.press("ArrowRight")
+        tab.wait_for_function(f"window.shown.length > {known}", timeout=PATIENCE_MS)
+        times.append(tab.evaluate("window.shown.at(-1)") - pressed)
+        time.sleep(0.3)
+    return statistics.median(times)
+
+
+def _live(run: Path, folder: Path) -> dict[str, float]:
+    """A video at 60 Hz on one core: the share of frames that get a line, and their latency."""
+    import cv2
+
+    path = folder / "video.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), HZ, (240, 320))
+    rng = np.random.default_rng(0)
+    for _ in range(HZ * SECONDS):
+        writer.write(rng.integers(0, 256, (320, 240, 3), dtype=np.uint8))
+    writer.release()
+    done = subprocess.run(
+        [sys.executable, "-m", "t2twin", "live", str(run), str(path)],
+        capture_output=True, text=True, check=True, cwd=ROOT,
+        preexec_fn=lambda: os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}),
+    )  # fmt: skip
+    records = [json.loads(line) for line in done.stdout.splitlines()]
+    return {
+        "share_of_frames": len(records) / (HZ * SECONDS),
+        "latency_median_ms": statistics.median(record["latency_ms"] for record in records),
+    }
+
+
+@contextmanager
+def _browser() -> Iterator[Any]:
+    """A headless browser. Raises T2TwinError where there is none."""
+    from playwright.sync_api import sync_playwright
+
+    path = shutil.which("chromium")
+    if path is None:
+        raise T2TwinError("there is no chromium; `make browser` installs it")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=list(ARGUMENTS))
+        yield browser
+        browser.close()
+
+
+def _opened(browser: Any, served: Any, state: PressState) -> tuple[Any, Any]:
+    """The browser's page and the studio's, when they show a press."""
+    known = set(served.pages)
+    tab = browser.new_page(viewport=SIZE)
+    tab.goto(served.link(state))
+    tab.wait_for_selector('img[data-name="translated"]', state="attached", timeout=PATIENCE_MS)
+    page = served.pages[next(iter(set(served.pages) - known))]
+    page.wait(60)
+    time.sleep(3.0)  # viser draws it finely once nothing moves
+    return tab, page
+
+
+if __name__ == "__main__":
+    main(STUDIO)

@@ -1,0 +1,49 @@
+"""t2twin studio"""
+
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+
+def studio(
+    run: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="RUN")] = (),
+    source: Annotated[str | None, tyro.conf.arg(metavar="SOURCE")] = None,
+    host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1",
+    port: Annotated[int, tyro.conf.arg(metavar="INT")] = 8080,
+) -> None:
+    """Press, look and translate in a browser, until Ctrl-C.
+
+    Args:
+        run: Folders of trained runs to translate by; those below runs/ unless given.
+        source: Frames to look at and to translate: a camera's number, a video file, or a folder.
+        host: Address to listen at; this machine alone unless given. 0.0.0.0 lets everyone in who
+            can reach this machine.
+        port: Port to listen at.
+    """
+    from importlib.util import find_spec
+
+    from t2twin.primitives_cad.errors import T2TwinError
+    from t2twin.stopping import Stopped, say_stopped
+
+    if find_spec("viser") is None:
+        raise T2TwinError(
+            "the studio needs viser, which is not installed; `pip install 't2twin[studio]'` brings "
+            "it"
+        )
+    from t2twin.studio.server import OPEN_TO_OTHERS, is_own
+    from t2twin.studio.server import studio as serve
+
+    try:
+        with serve(run, host, port, source) as served:
+            if not is_own(host):
+                print(OPEN_TO_OTHERS, file=sys.stderr, flush=True)
+            print(f"open {served.address} (Ctrl-C ends it)", flush=True)
+            while True:
+                time.sleep(3600)
+    except Stopped as stop:
+        # Its files are gone; threads that still press something are not waited for.
+        os._exit(say_stopped(stop.number))

@@ -1,0 +1,49 @@
+"""The newest frame of a source; those that nobody took in time are dropped."""
+
+from threading import Condition, Thread
+
+from t2twin.live.sources import Frame, Source
+
+
+class Newest:
+    """Reads a source in a thread of its own from now on. read: how many frames came so far."""
+
+    def __init__(self, source: Source) -> None:
+        self.read = 0
+        self._source = source
+        self._frame: Frame | None = None
+        self._ended = False
+        self._error: Exception | None = None
+        self._changed = Condition()
+        # A daemon: nobody waits for a camera when the process is stopped.
+        Thread(target=self._run, daemon=True).start()
+
+    def take(self, after: int = -1, timeout_s: float | None = None) -> Frame | None:
+        """Waits for a frame of a higher number than `after`, and gives the newest; None where
+        there will be none, or none came in time. Several may take. Raises what the source raised.
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self.read > after + 1 or self._ended, timeout_s)
+            if self._frame is not None and self._frame.number > after:
+                return self._frame
+            if self._error is not None:
+                raise self._error
+            return None
+
+    @property
+    def ended(self) -> bool:
+        """Whether the source has ended."""
+        with self._changed:
+            return self._ended
+
+    def _run(self) -> None:
+        try:
+            while (frame := self._source.read()) is not None:
+                with self._changed:
+                    self._frame, self.read = frame, frame.number + 1
+                    self._changed.notify_all()
+        except Exception as error:  # it is raised again where frames are taken
+            self._error = error
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()

@@ -1,0 +1,287 @@
+"""What one client sees and does: its controls, its scene, its pictures, its own press."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Lock
+from typing import Any, get_args
+
+import viser
+
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.cyskin.taxels import pad_weights
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.press.elastomer import CYSKIN_COVER
+from t2twin.sim.sensors import SensorPair
+from t2twin.studio.cards import pictures_html, scales_of, welcome_html
+from t2twin.studio.controls import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
+from t2twin.studio.frames import Frames
+from t2twin.studio.notices import Notices
+from t2twin.studio.press_state import PressState, is_file
+from t2twin.studio.scene import Dragged, Scene, Sensors
+from t2twin.studio.session import Look, Session
+from t2twin.studio.solids import ShownAs
+from t2twin.studio.take_away import zipped
+from t2twin.studio.translate_tab import TranslateTab
+from t2twin.studio.translators import Translators
+from t2twin.studio.uploads import forget, kept_file, limit_uploads
+from t2twin.studio.worker import NewestFirst
+from t2twin.twin import load_shape
+
+ACCENT, ACCENT_BY_NIGHT = (11, 83, 148), (138, 184, 240)
+"""The page's one colour, red, green, blue, by day and by night: that of links in the project's
+reports."""
+
+DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
+"""What a drag to the right with Shift turns, and one downwards with Ctrl presses (assumed)."""
+
+CONTROLS_PX, PICTURES_PX = 320, 420
+"""Widths of the panels, px."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What all clients of a studio have in common. folder: the temporary one for their files.
+    frames: the source that it was started with."""
+
+    translators: Translators
+    sensors: SensorPair
+    folder: Path
+    frames: Frames | None = None
+
+
+class Page:
+    """One client's page. Whatever it changes asks the worker for a new look; the worker always
+    takes the newest state. controls: its panel. look: what it shows, None at first."""
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        shared: Shared,
+        state: PressState,
+        link: Callable[[PressState], str],
+    ) -> None:
+        self._client, self._shared, self._link = client, shared, link
+        self._folder = shared.folder / str(client.client_id)
+        self._folder.mkdir()
+        self._lock = Lock()
+        self._state, self._dragged_from = state, state
+        self._runs: tuple[str, ...] = ()
+        self._shown_as: ShownAs = "glass"
+        self._session = Session(shared.translators, shared.sensors)
+        self.look: Look | None = None
+        self._notices = Notices(client)
+        self._scene = Scene(client, self._drag)
+        self._build()
+        self._worker = NewestFirst(self._show_newest, self._scene.settle)
+        self.runs_changed()
+        self._worker.ask()
+
+    def close(self) -> None:
+        """The client is gone, and its files with it."""
+        self._worker.end()
+        self._tab.close()
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def wait(self, timeout_s: float) -> bool:
+        """Until the page shows its newest state; False where that took longer."""
+        return self._worker.wait(timeout_s)
+
+    @property
+    def state(self) -> PressState:
+        """What is to be shown; `look` follows."""
+        return self._state
+
+    def change(self, changes: dict[str, Any]) -> PressState:
+        """Takes fields of PressState with new values, and shows what comes of them."""
+        with self._lock:
+            self._state = state = replace(self._state, **changes)
+        self._worker.ask()
+        return state
+
+    def runs_changed(self) -> None:
+        """Offers the runs that are known by now."""
+        names, chosen = self._shared.translators.names, self._shared.translators.chosen
+        with self._lock:
+            new = [name for name in names if name not in self._run_boxes]
+            with self._runs_folder:
+                for name in new:
+                    box = self._client.gui.add_checkbox(name, name in chosen)
+                    box.on_update(self._new_runs)
+                    self._run_boxes[name] = box
+            self._runs_folder.visible = bool(names)
+        if new:
+            self._take_runs(chosen)
+
+    async def _new_runs(self, event: viser.GuiEvent) -> None:
+        self._take_runs(tuple(name for name, box in self._run_boxes.items() if box.value))
+
+    def _take_runs(self, runs: tuple[str, ...]) -> None:
+        self._runs = runs
+        self._tab.use(runs)
+        self._worker.ask()
+
+    def _build(self) -> None:
+        gui = self._client.gui
+        gui.set_panel_label("t2twin studio")
+        gui.main_panel.dock_left()
+        gui.main_panel.set_width(CONTROLS_PX)
+        gui.add_html(welcome_html())
+        self.controls = Controls(self._client, self._state, self.change, self._notices.guarded)
+        limit_uploads(self._client, self._notices.wrong)
+        for button, kind, read in (
+            (self.controls.upload_shape, "shape", load_shape),
+            (self.controls.upload_layout, "layout", self._fitting_layout),
+            (self.controls.upload_light, "calibration", Calibration.load),
+        ):
+            self._on_upload(button, kind, partial(self._take_file, kind, read))
+        self._add_view()
+        self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
+        self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
+        self._add_take_away()
+        pictures = gui.add_panel()
+        with pictures.add_tab("Pictures", viser.Icon.PHOTO):
+            self._pictures = gui.add_html("")
+        with pictures.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
+            self._tab = TranslateTab(
+                self._client,
+                self._shared.translators,
+                self._notices,
+                self._shared.frames,
+                lambda: self.look,
+            )
+        self._on_upload(self._tab.upload, "frame", self._tab.show_file)
+        pictures.dock_right()
+        pictures.set_width(PICTURES_PX)
+        pictures.expand()
+
+    def _add_view(self) -> None:
+        gui = self._client.gui
+        with gui.add_folder("View", expand_by_default=False):
+            sensors = gui.add_dropdown("Sensors", get_args(Sensors))
+            shown_as = gui.add_dropdown("Shape as", get_args(ShownAs))
+            dark = gui.add_checkbox("Dark", False)
+
+        @sensors.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            if sensors.value in get_args(Sensors):
+                self._scene.arrange(sensors.value)
+
+        @shown_as.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            if shown_as.value in get_args(ShownAs):
+                self._shown_as = shown_as.value
+                self._worker.ask()
+
+        @dark.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            self._dress(dark.value)
+
+        self._dress(False)
+        self._scene.arrange("both")
+
+    def _dress(self, dark: bool) -> None:
+        self._client.gui.configure_theme(
+            dark_mode=dark,
+            brand_color=ACCENT_BY_NIGHT if dark else ACCENT,
+            control_width="large",
+            show_logo=False,
+            show_share_button=False,
+        )
+
+    def _add_take_away(self) -> None:
+        gui = self._client.gui
+        with gui.add_folder("Take it away", expand_by_default=False):
+            take = gui.add_button(
+                "This press as a zip file", icon=viser.Icon.DOWNLOAD, color=QUIET,
+                hint="The folder that t2twin press writes: pictures, counts, contacts, scenes",
+            )  # fmt: skip
+            gui.add_markdown("The line that makes it again:")
+            self._line = gui.add_markdown("")
+            gui.add_markdown("A link to this very press:")
+            self._address = gui.add_markdown("")
+
+        @take.on_click
+        def _(event: viser.GuiEvent) -> None:
+            self._notices.guarded(self._take_away)
+
+    def _take_away(self) -> None:
+        look = self.look
+        if look is None:
+            return
+        with TemporaryDirectory(dir=self._folder) as folder:
+            name, content = zipped(look, Path(folder))
+        self._client.send_file_download(name, content, save_immediately=True)
+
+    def _take_file(self, kind: str, read: Callable[[Path], object], path: Path) -> None:
+        """Presses with a file, if it can be read; else the press stays what it is."""
+        with self._notices.busy(f"Reading {path.name}", "This can take a while."):
+            read(path)
+        changes: dict[str, Any] = {kind: str(path)}
+        self.controls.take(changes | ({"scale": None} if kind == "shape" else {}))
+        forget(kind, self._folder, all_but=path)
+
+    def _fitting_layout(self, path: Path) -> None:
+        """Raises T2TwinError for a file that is no layout, or one that reaches beyond the cover."""
+        layout, look = load_layout(path), self.look
+        if look is not None:
+            pad_weights(CYSKIN_COVER, look.touch.cyskin.x_mm, look.touch.cyskin.y_mm, layout)
+
+    def _on_upload(
+        self,
+        button: viser.GuiUploadButtonHandle,
+        kind: str,
+        then: Callable[[Path], object],
+    ) -> None:
+        def take(file: viser.UploadedFile) -> None:
+            path = kept_file(kind, file.name, file.content, self._folder)
+            try:
+                then(path)
+            except T2TwinError as error:
+                shutil.rmtree(path.parent, ignore_errors=True)
+                raise T2TwinError(str(error).replace(str(path), path.name)) from None
+
+        @button.on_upload
+        def _(event: viser.GuiEvent) -> None:
+            self._notices.guarded(lambda: take(button.value))
+
+    def _drag(self, dragged: Dragged) -> None:
+        if dragged.begins:
+            self._dragged_from = self._state
+        start, (along_x, along_y, along_z) = self._dragged_from, dragged.by_mm
+        if dragged.keys is None:
+            changes = {"x_mm": start.x_mm + along_x, "y_mm": start.y_mm + along_y}
+        elif dragged.keys == "shift":
+            changes = {"yaw_deg": start.yaw_deg + DEGREES_A_MM * along_x}
+        else:
+            force = start.force_n - NEWTONS_A_MM * along_z
+            changes = {"force_n": min(max(force, LEAST_SLIDER_N), MOST_SLIDER_N)}
+        # Tenths, as the sliders have them: what is dragged by hand needs no more.
+        self.controls.take({name: round(float(value), 1) for name, value in changes.items()})
+
+    def _show_newest(self) -> None:
+        if self._notices.guarded(self._make_look):
+            self._notices.well()
+
+    def _make_look(self) -> None:
+        state, runs = self._state, self._runs
+        if state.shape in catalogue.NAMES and not catalogue.is_kept(state.shape):
+            with self._notices.busy(f"Making {state.shape}", "Once; it is kept for the next time."):
+                self._session.shape(state)
+        look = self._session.look(state, runs)
+        scales = scales_of(look)
+        most_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
+        self._scene.draw(look, self._shown_as, most_kpa, scales.counts)
+        known = bool(self._shared.translators.names)
+        self._pictures.content = pictures_html(look, scales, known)
+        self._line.content = f"```\n{state.command_line()}\n```"
+        files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
+        self._address.content = (
+            "None, as a link holds no files." if files else f"```\n{self._link(state)}\n```"
+        )
+        self.look = look

@@ -1,0 +1,185 @@
+"""The studio's server: a page for each client, until it is stopped."""
+
+import io
+import socket
+import tempfile
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout
+from ipaddress import ip_address
+from pathlib import Path
+from urllib.parse import quote, urlsplit
+from uuid import uuid4
+
+import viser
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import sweep, temporary_folder
+from t2twin.sim.sensors import SensorPair
+from t2twin.studio.frames import Frames
+from t2twin.studio.notices import Notices
+from t2twin.studio.page import Page, Shared
+from t2twin.studio.press_state import PressState, read_query
+from t2twin.studio.session import Session
+from t2twin.studio.translators import Translators
+
+HOST, PORT = "127.0.0.1", 8080
+"""Where the page is unless asked otherwise: on this machine alone."""
+
+MOST_PORT = 65_535
+"""The largest number of a port (RFC 9293)."""
+
+FOLDER = "t2twin-studio"
+"""What the names of the folders for clients' files begin with, among the temporary ones."""
+
+OPEN_TO_OTHERS = (
+    "t2twin: everyone who can reach this machine can open the page, press what they like and have "
+    "it compute; --host 127.0.0.1 keeps it to yourself"
+)
+"""What is said where the page is not for this machine alone."""
+
+
+class Studio:
+    """A running studio; `studio` makes one. pages: the clients', by their numbers."""
+
+    def __init__(self, host: str, port: int, shared: Shared) -> None:
+        self._shared = shared
+        self.pages: dict[int, Page] = {}
+        with redirect_stdout(io.StringIO()):  # viser's own greeting
+            self._server = _Server(host, port, verbose=False)
+        name = f"[{host}]" if ":" in host else host
+        self.address = f"http://{name}:{self._server.get_port()}"
+        self._server.on_client_connect(self._connected)
+        self._server.on_client_disconnect(self._gone)
+
+    def link(self, state: PressState) -> str:
+        """A link that opens the page on a press. Raises T2TwinError for a press with a file."""
+        return _link(self.address, state)
+
+    def runs_found(self) -> None:
+        """Tells all pages."""
+        for page in list(self.pages.values()):
+            page.runs_changed()
+
+    def close(self) -> None:
+        """No more pages; those that are open say that they have lost it."""
+        for page in list(self.pages.values()):
+            page.close()
+        with redirect_stdout(io.StringIO()):  # viser's farewell
+            self._server.stop()
+
+    def _connected(self, client: viser.ClientHandle) -> None:
+        address, query = self._asked(client)
+        state, error = PressState(), None
+        try:
+            state = read_query(query)
+        except T2TwinError as refused:
+            error = refused
+        page = Page(client, self._shared, state, lambda state: _link(address, state))
+        self.pages[client.client_id] = page
+        page.runs_changed()  # where they were found while the page was made
+        if error is not None:
+            Notices(client).wrong(error)
+        if client.client_id not in self._server.get_clients():
+            self._gone(client)
+
+    def _gone(self, client: viser.ClientHandle) -> None:
+        page = self.pages.pop(client.client_id, None)
+        if page is not None:
+            page.close()
+
+    def _asked(self, client: viser.ClientHandle) -> tuple[str, str]:
+        """Where a client has the page from, and the query of its link.
+
+        viser does not hand on a request's path and headers; they are looked up where it keeps the
+        connection, and where that has moved, links open a new page.
+        """
+        connections = getattr(self._server._websock_server, "_live_connections", {})
+        connection = connections.get(client.client_id)
+        if connection is None:
+            return self.address, ""
+        request = connection.request
+        return request.headers.get("Origin", self.address), urlsplit(request.path).query
+
+
+class _Server(viser.ViserServer):
+    """viser's, which never opens a way into this machine from elsewhere."""
+
+    def request_share_url(self, verbose: bool = True) -> str | None:
+        return None
+
+
+@contextmanager
+def studio(
+    runs: Sequence[Path] = (), host: str = HOST, port: int = PORT, source: str | None = None
+) -> Iterator[Studio]:
+    """A studio that serves its page within the block.
+
+    runs: folders of trained runs; without any, those below `runs` are found. source: frames to look
+    at, as for `t2twin live`. Raises T2TwinError for a folder that is no run, a source that gives no
+    frames, and a host and port that cannot be listened at.
+    """
+    _check_free(host, port)
+    translators = Translators()
+    if runs:
+        translators.search(runs)
+    frames = None if source is None else Frames(source)
+    place = Path(tempfile.gettempdir())
+    sweep(place, f".{FOLDER}-*.part")
+    with temporary_folder(place, f"{FOLDER}-{uuid4().hex}") as folder:
+        folder.chmod(0o700)
+        shared = Shared(translators, SensorPair(), folder, frames)
+        served = Studio(host, port, shared)
+        threading.Thread(target=_get_ready, args=(shared, served, not runs), daemon=True).start()
+        yield served
+        served.close()  # not where it is ended by a signal: that would take seconds
+
+
+def is_own(host: str) -> bool:
+    """Whether only this machine can reach an address. Raises T2TwinError where it is none."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:
+        raise T2TwinError(
+            f"{host[:40]!r} cannot be listened at; give an address of this machine, as 127.0.0.1 "
+            "or 0.0.0.0"
+        ) from None
+
+
+def _check_free(host: str, port: int) -> None:
+    """Raises T2TwinError where host and port cannot be listened at; viser would try for ever."""
+    is_own(host)
+    if not 0 <= port <= MOST_PORT:
+        raise T2TwinError(f"port {port} cannot be listened at; allowed are 0 to {MOST_PORT}")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        with socket.socket(family, socket.SOCK_STREAM) as tried:
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            tried.bind((host, port))
+    except OSError as error:
+        raise T2TwinError(
+            f"{host}, port {port} cannot be listened at ({(error.strerror or 'refused').lower()}); "
+            "name another with --host and --port"
+        ) from error
+
+
+def _get_ready(shared: Shared, served: Studio, search: bool) -> None:
+    """While the browser is being opened: the first press and the first translation take long."""
+    translators = shared.translators
+    Session(translators, shared.sensors).look(PressState())
+    if search:
+        translators.search()
+        served.runs_found()
+    Session(translators, shared.sensors).look(PressState(), translators.chosen)
+
+
+def _link(address: str, state: PressState) -> str:
+    """A link that opens the page on a press.
+
+    viser's page connects to the socket that its address names under `websocket`, and hands the
+    query of that on; a query of the page itself it leaves out.
+    """
+    parts = urlsplit(address)
+    scheme = "wss" if parts.scheme == "https" else "ws"
+    socket = f"{scheme}://{parts.netloc}/?{state.query()}"
+    return f"{address}/?websocket={quote(socket, safe='')}"

@@ -1,0 +1,310 @@
+"""The studio without a browser: its state, its session, its translators, its files."""
+
+import io
+import json
+import shutil
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+import t2twin
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.world.protocol import indices, press_at, scale_of
+from t2twin.studio import cards, solids, uploads
+from t2twin.studio.colours import colour_table, coloured
+from t2twin.studio.press_state import PressState, protocol_press, read_query
+from t2twin.studio.session import STEPS, Session
+from t2twin.studio.take_away import AGAIN, zipped
+from t2twin.studio.translators import Translators
+
+SHAPE = "hemisphere-4"
+
+
+@pytest.fixture(scope="module")
+def session(shape_cache):
+    return Session(Translators())
+
+
+@pytest.fixture(scope="module")
+def look(session):
+    return session.look(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0))
+
+
+# Presses as asked for
+
+
+@pytest.mark.parametrize(
+    "state, line",
+    [
+        (PressState(), "t2twin press square-2"),
+        (
+            PressState("pliers/teeth", x_mm=1.5, yaw_deg=-30.0, force_n=4.0),
+            "t2twin press pliers/teeth --x-mm 1.5 --yaw-deg -30 --force-n 4",
+        ),
+        (
+            PressState(seed=3, imperfections="all", layout="cyskin-63"),
+            "t2twin press square-2 --seed 3 --layout cyskin-63 --imperfections all",
+        ),
+        (
+            PressState("/tmp/a/my part.stl", scale=25.4),
+            "t2twin press 'my part.stl' --scale 25.4",
+        ),
+    ],
+)
+def test_a_press_has_a_line_that_makes_it_again(state, line):
+    assert state.command_line() == line
+
+
+@pytest.mark.parametrize("noise", [{}, {"seed": 7, "imperfections": "all"}])
+def test_the_line_makes_the_same_press(noise, session, tmp_path):
+    seen = session.look(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0, **noise))
+    line = seen.state.command_line().split()
+    main([*line[1:], "--out", str(tmp_path / "out")])
+    counts = json.loads((tmp_path / "out/cyskin.json").read_text())["counts"]
+    assert counts == seen.touch.counts.tolist()
+    with Image.open(tmp_path / "out/digit.png") as image:
+        assert np.array_equal(np.asarray(image), seen.touch.image)
+
+
+def test_a_link_holds_the_press_to_the_last_bit():
+    state = PressState(
+        "random-17", 1 / 3, -2.1, 123.45678901234567, 0.1 + 0.2, "cyskin-63", None, "all", 5
+    )
+    assert read_query(state.query()) == state
+    assert read_query("") == PressState()
+
+
+@pytest.mark.parametrize(
+    "query, words",
+    [
+        ("shape=/etc/passwd.stl", "no shape"),
+        ("shape=square-9", "no shape"),
+        ("shape=random-x", "random-x"),
+        ("layout=/etc/passwd.csv", "no taxel layout"),
+        ("imperfections=some", "imperfections"),
+        ("x_mm=nan", "finite"),
+        ("force_n=1e9", "0.01 to 100 N"),
+        ("seed=-1", "seed"),
+        ("shape=" + "x" * 5000, "longer"),
+    ],
+)
+def test_a_link_that_no_page_made_is_refused(query, words):
+    with pytest.raises(T2TwinError, match=words):
+        read_query(query)
+
+
+def test_a_link_holds_no_files():
+    with pytest.raises(T2TwinError, match=r"my.stl"):
+        PressState("/tmp/x/my.stl").query()
+
+
+def test_presses_of_the_protocol_are_found_by_their_number(shapes):
+    index = indices("square-2", scale_of("small"))[5]
+    command = press_at(shapes("square-2"), index)
+    state = protocol_press(PressState(force_n=3.0), "small", 5)
+    assert (state.x_mm, state.y_mm, state.force_n) == (command.x_mm, command.y_mm, 8.0)
+    assert np.deg2rad(state.yaw_deg) == pytest.approx(command.yaw_rad)
+    with pytest.raises(T2TwinError, match="0 to 31"):
+        protocol_press(PressState(), "small", 32)
+    with pytest.raises(T2TwinError, match="no shape of the protocol"):
+        protocol_press(PressState("random-3"), "small", 0)
+
+
+# Looks
+
+
+def test_a_look_is_what_the_twin_gives(look):
+    touch = t2twin.press(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0)
+    assert np.array_equal(look.touch.image, touch.image)
+    assert np.array_equal(look.touch.counts, touch.counts)
+    assert np.array_equal(look.tactile_image, touch.tactile_image)
+    assert set(look.steps_ms) == set(STEPS) and look.milliseconds > 0
+
+
+def test_noise_and_layout_are_those_of_the_twin(session):
+    state = PressState(SHAPE, seed=3, imperfections="all", layout="cyskin-63")
+    twin = t2twin.Twin(layout="cyskin-63", imperfections="all")
+    touch = twin.press(SHAPE, seed=3)
+    seen = session.look(state)
+    assert np.array_equal(seen.touch.counts, touch.counts)
+    assert np.array_equal(seen.touch.image, touch.image)
+    assert np.array_equal(session.look(replace(state, seed=None)).touch.counts,
+                          t2twin.Twin(layout="cyskin-63").press(SHAPE).counts)  # fmt: skip
+
+
+def test_what_cannot_be_pressed_says_what_the_command_says(session, capsys):
+    with pytest.raises(T2TwinError) as refused:
+        session.look(PressState(SHAPE, x_mm=60.0))
+    with pytest.raises(SystemExit):
+        main(["press", SHAPE, "--x-mm", "60"])
+    assert capsys.readouterr().err == f"t2twin: {refused.value}\n"
+
+
+def test_a_layout_on_a_line_has_counts_and_no_tactile_image(session, tmp_path):
+    file = tmp_path / "line.csv"
+    file.write_text("x_mm,y_mm\n0,-5\n0,0\n0,5\n")
+    seen = session.look(PressState(SHAPE, layout=str(file)))
+    assert seen.tactile_image is None and "line" in seen.no_image
+    assert seen.no_image in cards.pictures_html(seen, cards.scales_of(seen), runs_known=True)
+
+
+# Translators
+
+
+def test_runs_are_found_and_their_errors_are_known(untrained_runs):
+    translators = Translators()
+    folders = {folder.name: folder for folder in untrained_runs}
+    translators.search(untrained_runs)
+    assert len(translators.names) == 2 and translators.chosen == translators.names
+    own = Session(translators)
+    seen = own.look(PressState(SHAPE), translators.chosen)
+    for each in seen.translations:
+        run = t2twin.load(folders[each.model])
+        assert np.allclose(each.counts, run.predict(seen.touch.image), atol=0.5)
+        off = each.counts - seen.touch.counts
+        assert each.rmse_counts == pytest.approx(np.sqrt(np.mean(off**2)))
+        assert each.rmse_percent == pytest.approx(np.sqrt(np.mean(off**2)) / 400)
+    page = cards.pictures_html(seen, cards.scales_of(seen), runs_known=True)
+    assert "ResNet18" in page and (page.count("<img"), page.count("<svg")) == (4, 2)
+
+
+def test_the_truth_of_another_layout_is_that_at_the_runs_own_taxels(untrained_runs):
+    translators = Translators()
+    translators.search([untrained_runs[1]])
+    seen = Session(translators).look(PressState(SHAPE, layout="cyskin-63"), translators.chosen)
+    truth = seen.translations[0].truth
+    assert truth is not None
+    assert np.rint(truth).astype(int).tolist() == t2twin.press(SHAPE).counts.tolist()
+
+
+def test_runs_are_found_below_a_folder(untrained_runs, tmp_path):
+    for model, folder in zip(("resnet18", "touch2touch"), sorted(untrained_runs), strict=True):
+        shutil.copytree(folder, tmp_path / "a" / model)
+    shutil.copytree(tmp_path / "a/resnet18", tmp_path / "b/newer")
+    (tmp_path / "b/damaged").mkdir()
+    (tmp_path / "b/damaged/config.json").write_text("{")
+    translators = Translators()
+    translators.search(below=tmp_path)
+    assert set(translators.names) == {"a/resnet18", "a/touch2touch", "b/newer"}
+    assert len(translators.chosen) == 2 and "a/touch2touch" in translators.chosen
+
+
+def test_a_folder_that_is_no_run_is_refused(tmp_path):
+    with pytest.raises(T2TwinError, match=r"config\.json"):
+        Translators().search([tmp_path])
+    translators = Translators()
+    translators.search(below=tmp_path)
+    assert translators.names == ()
+    with pytest.raises(T2TwinError, match="no run"):
+        translators.of_image(np.zeros((320, 240, 3), np.uint8), ["x"])
+
+
+# What is drawn
+
+
+def test_colours_go_from_one_end_of_the_map_to_the_other():
+    table = colour_table()
+    assert np.array_equal(coloured(np.array([0.0, 5.0, 9.0]), 5.0), table[[0, 255, 255]])
+
+
+@pytest.mark.parametrize(
+    "largest, end", [(0.0, 100.0), (101.0, 120.0), (8_001, 10_000), (346, 400)]
+)
+def test_a_bar_ends_at_a_number_that_can_be_read(largest, end):
+    assert cards.nice_end(largest, 100.0) == pytest.approx(end)
+
+
+def test_the_drawn_surface_is_the_contact_s(look):
+    part = solids.elastomer_part(look.touch.digit, 400.0)
+    contact = look.touch.digit
+    x, y = np.meshgrid(contact.x_mm, contact.y_mm)
+    top = part.corners[: x.size]
+    assert np.allclose(
+        top[:, 2], (contact.elastomer.rest_surface_mm(x, y) - contact.surface_mm).ravel()
+    )
+    scene = trimesh.load(io.BytesIO(solids.as_glb([part])), file_type="glb")
+    assert isinstance(scene, trimesh.Scene)
+    mesh = scene.to_mesh()
+    assert np.allclose(mesh.bounds, [part.corners.min(axis=0), part.corners.max(axis=0)], atol=1e-4)
+
+
+def test_the_drawn_shape_touches_the_surface(look):
+    """In its pose the solid's lowest point is where the contact says."""
+    turn, place = solids.shape_pose(look.touch.digit)
+    mesh = solids.near_mesh(look.touch.shape).copy()
+    mesh.apply_transform(trimesh.transformations.quaternion_matrix(turn))
+    assert (mesh.vertices[:, 2] + place[2]).min() == pytest.approx(
+        -look.touch.digit.shape_depth_mm, abs=1e-3
+    )
+
+
+def test_a_cut_leaves_the_half_behind(look):
+    yaw = look.touch.command.yaw_rad
+    half = solids.cut_open(solids.near_mesh(look.touch.shape), yaw).copy()
+    turn, _ = solids.shape_pose(look.touch.digit)
+    half.apply_transform(trimesh.transformations.quaternion_matrix(turn))
+    assert half.bounds[0][1] == pytest.approx(0.0, abs=1e-6) and half.bounds[1][1] > 1.0
+
+
+def test_what_a_user_names_is_escaped(look):
+    state = replace(look.state, shape="/tmp/<img src=x onerror=alert(1)>.stl")
+    page = cards.pictures_html(replace(look, state=state), cards.scales_of(look), runs_known=False)
+    assert "onerror" not in page
+
+
+# Files
+
+
+def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
+    path = uploads.kept_file("shape", "../../e vil$.STL", b"x", tmp_path)
+    assert path.read_bytes() == b"x" and path.name == "e_vil.stl"
+    assert path.resolve().is_relative_to(tmp_path)
+    again = uploads.kept_file("shape", "..\\..\\$.stl", b"y", tmp_path)
+    assert again.read_bytes() == b"y" and again.resolve().is_relative_to(tmp_path)
+    uploads.forget("shape", tmp_path, all_but=again)
+    assert again.exists() and not path.exists()
+
+
+@pytest.mark.parametrize(
+    "kind, name, size, words",
+    [
+        ("shape", "a.exe", 3, r"\.stl"),
+        ("frame", "a.npz", 3, r"\.png"),
+        ("calibration", "a.pkl", 3, r"\.npz"),
+        ("layout", "", 3, r"\.csv"),
+        ("shape", "a.stl", uploads.MOST_BYTES + 1, "64 MB"),
+    ],
+)
+def test_a_file_of_another_kind_or_too_large_is_refused(kind, name, size, words, tmp_path):
+    with pytest.raises(T2TwinError, match=words):
+        uploads.kept_file(kind, name, bytes(size), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_taken_away_it_is_the_folder_that_press_writes(look, tmp_path):
+    (tmp_path / "zip").mkdir()
+    name, content = zipped(look, tmp_path / "zip")
+    assert name == f"{SHAPE}.zip"
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        archive.extractall(tmp_path / "out")
+    main([*look.state.command_line().split()[1:], "--out", str(tmp_path / "press")])
+    taken = {path.name: path for path in (tmp_path / "out" / SHAPE).iterdir()}
+    assert taken.pop(AGAIN).read_text().strip() == look.state.command_line()
+    made = {path.name: path for path in (tmp_path / "press").iterdir()}
+    assert set(taken) == set(made)
+    for file in ("digit.png", "cyskin.json", "tactile_image.png", "tactile_picture.png"):
+        assert taken[file].read_bytes() == made[file].read_bytes()
+
+
+def test_no_path_of_this_machine_is_taken_away(look, tmp_path):
+    state = replace(look.state, calibration=str(tmp_path / "mine.npz"))
+    _, content = zipped(replace(look, state=state), tmp_path)
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        summary = archive.read(f"{SHAPE}/press.json").decode()
+    assert json.loads(summary)["digit"]["calibration"] == "mine.npz"
+    assert str(tmp_path) not in summary

@@ -1,0 +1,65 @@
+"""The studio's worker, and where it listens: refusals in one sentence."""
+
+import socket
+import threading
+import time
+
+import pytest
+
+from t2twin.cli import main
+from t2twin.studio.server import is_own
+from t2twin.studio.worker import NewestFirst
+
+# The newest first
+
+
+def test_only_the_newest_is_done():
+    done, asked, settled = [], [0], []
+    go = threading.Event()
+
+    def work():
+        done.append(asked[0])
+        go.wait(5)
+
+    worker = NewestFirst(work, lambda: settled.append(1), quiet_s=0.01)
+    worker.ask()
+    while not done:
+        time.sleep(0.001)
+    for asked[0] in range(1, 101):
+        worker.ask()
+    go.set()
+    assert worker.wait(5)
+    assert done == [0, 100] and settled
+    worker.end()
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        (("--run", "{folder}"), "config.json"),
+        (("--host", "nowhere.invalid"), "cannot be listened at"),
+        (("--host", "203.0.113.7"), "cannot be listened at"),
+        (("--port", "70000"), "0 to 65535"),
+        (("--port", "-1"), "0 to 65535"),
+        (("--source", "nowhere"), "no source"),
+    ],
+)
+def test_the_studio_refuses_in_one_sentence(arguments, words, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["studio", *[word.format(folder=tmp_path) for word in arguments]])
+    said = capsys.readouterr()
+    assert stop.value.code == 2 and said.out == ""
+    assert words in said.err and said.err.count("\n") == 1
+
+
+def test_a_taken_port_is_refused(capsys):
+    with socket.create_server(("127.0.0.1", 0)) as taken, pytest.raises(SystemExit):
+        main(["studio", "--port", str(taken.getsockname()[1])])
+    assert "in use" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "host, own", [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False)]
+)
+def test_which_addresses_are_this_machine_s_alone(host, own):
+    assert is_own(host) is own
