@@ -51,8 +51,8 @@ def test_what_is_drawn_is_measured_again(noise):
     # what is slow is taken off as drift, and with it a part of noise as smooth as this
     assert found.grey == pytest.approx(noise.grey, rel=0.05)
     np.testing.assert_allclose(found.mix @ found.mix.T, MIX @ MIX.T, atol=0.6)
-    likeness = [np.correlate(of.taps, of.taps, "full") for of in (found, noise)]
-    np.testing.assert_allclose(*likeness, atol=0.07)
+    again, truth = (np.correlate(of.taps, of.taps, "full") for of in (found, noise))
+    np.testing.assert_allclose(again, truth, atol=0.07)
 
 
 def test_white_noise_is_found_white():

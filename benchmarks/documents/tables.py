@@ -7,6 +7,7 @@ from benchmarks.declared import BENCHMARKS
 from benchmarks.documents.formats import formatted
 from benchmarks.evidence.record import RESULTS
 from benchmarks.evidence.results import read_results
+from t2twin.translate.evaluation.forces import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.paper import PAPER
 
 ROWS = {
@@ -90,11 +91,56 @@ def worlds() -> str:
     on_paper = content["on"]["paper"]
     lines = [["trained on", "pairs", "steps", "", *SPLITS.values()]]
     for name, run in content["runs"].items():
+        if name not in on_paper["val"]:
+            continue
         model = name.partition("-of-")[0]
         cells = [f"`{run['world']}`", f"{run['pairs']:,}", f"{run['steps']:,}", ROWS[model]]
         lines.append([*cells, *(_percent(on_paper[split][name]) for split in SPLITS)])
     for name in BY_SHAPE[:2]:
         lines.append(["", "", "", ROWS[name], *(_percent(on_paper[s][name]) for s in SPLITS)])
+    return _markdown(lines)
+
+
+def forces() -> str:
+    """The RMSE by force on the hand tools, in percent of full scale, and beside that of the mean
+    array of the same force."""
+    rows = _content("world_runs")["on"]["forces"]["test"]
+    runs = [name for name in rows if name.partition("-of-")[0] in HARDWARE]
+    lines = [["force, N", "mean array of that force"]]
+    for name in runs:
+        lines[0] += [ROWS[name.partition("-of-")[0]], "of the mean array's"]
+    for number, trivial in enumerate(rows[MEAN_ARRAY_OF_FORCE]["by_force"]):
+        cells = [f"{trivial['mean_n']:g}", f"{trivial['rmse_percent']:.2f}"]
+        for name in runs:
+            error = rows[name]["by_force"][number]["rmse_percent"]
+            cells += [f"{error:.2f}", f"{100 * error / trivial['rmse_percent']:.0f} %"]
+        lines.append(cells)
+    return _markdown(lines)
+
+
+def real() -> str:
+    """What translators make of a real DIGIT's frames."""
+    content = _content("real")
+    lines = [
+        ["", "real frames", "simulated", "centroid, mm", "one blob", "counts off", "untouched"]
+    ]
+    for name, run in content["runs"].items():
+        model, _, world = name.partition("-of-")
+        scores = run["real"]
+        lines.append(
+            [
+                f"{ROWS[model]}, trained on `{world}`",
+                f"{scores['rmse_percent']:.2f}",
+                f"{run['simulated']['rmse_percent']:.2f}",
+                f"{scores['centroid_mm']:.1f}",
+                f"{scores['one_blob']} of {len(content['presses'])}",
+                f"{100 * scores['force_part']:.0f} %",
+                f"{run['untouched_counts']:,.0f}",
+            ]
+        )
+    for name, row in (("no counts at all", "nothing"), ("their mean array", "constant")):
+        error = content[f"{row}_rmse_percent"]
+        lines.append([name, f"{error:.2f}", f"{error:.2f}", "", "", "", ""])
     return _markdown(lines)
 
 
@@ -177,6 +223,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "results": results,
     "objects": objects,
     "worlds": worlds,
+    "forces": forces,
+    "real": real,
     "fidelity": fidelity,
     "benchmarks": benchmarks,
     "many-pairs": many_pairs,
