@@ -22,8 +22,8 @@ from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import REAL
 from benchmarks.evidence.run import main
 from t2twin.adapt.ball import write_ball
-from t2twin.adapt.judged import Felt, felt_by_the_twin, judge
-from t2twin.adapt.record import Scores
+from t2twin.adapt.judged import Felt, felt_by_the_twin, judge_each
+from t2twin.adapt.record import Scores, trivial_percent
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
@@ -48,26 +48,21 @@ def measure(options: Namespace) -> dict[str, Any]:
         sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
         ball = write_ball(Path(folder) / "ball.step", BALL_DIAMETER_MM)
         felt = felt_by_the_twin(report.held_out, report.poses, report.real, ball, sensors)
-    truth, untouched = np.array([one.counts for one in felt]), upright_frame(read_frame(background))
+    untouched = upright_frame(read_frame(background))
+    nothing, constant = trivial_percent(felt, next(iter(runs.values())))
     return {
         "presses": [{"name": one.name, "pose": one.pose, "force_n": one.force_n} for one in felt],
-        "nothing_rmse_percent": _percent(truth, runs),
-        "constant_rmse_percent": _percent(truth - truth.mean(axis=0), runs),
-        "runs": {name: _judged(run, felt, untouched) for name, run in runs.items()},
+        "nothing_rmse_percent": nothing,
+        "constant_rmse_percent": constant,
+        "runs": {name: _scores(run, felt, untouched) for name, run in runs.items()},
     }
 
 
-def _percent(off: np.ndarray, runs: dict[str, TrainedTranslator]) -> float:
-    full_scale = next(iter(runs.values())).config.data.full_scale_counts
-    return 100.0 * float(np.sqrt(np.mean(off**2))) / full_scale
-
-
-def _judged(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarray) -> dict[str, Any]:
-    real = [judge(run, one.frame, one.counts) for one in felt]
-    simulated = [judge(run, one.simulated, one.counts) for one in felt]
+def _scores(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarray) -> dict[str, Any]:
+    judged = judge_each(run, felt)
     return {
-        "real": asdict(Scores.of(real)),
-        "simulated": asdict(Scores.of(simulated)),
+        "real": asdict(Scores.of([one.real for one in judged])),
+        "simulated": asdict(Scores.of([one.simulated for one in judged])),
         "untouched_counts": float(np.max(run.predict(untouched))),
     }
 

@@ -83,8 +83,12 @@ class TrainedTranslator:
         return counts.cpu().numpy(), tactile.cpu().numpy()
 
     def is_familiar(self, pixels: np.ndarray) -> np.ndarray:
-        """(B,) bool: whether images, as for `predict_pixels`, look like those of the training."""
-        return np.array([looks == LIKE for looks in self.looks(pixels)], bool)
+        """(B,) bool: whether images, as for `predict_pixels`, are like those of the training.
+
+        True of all where the run does not know.
+        """
+        known = self.config.pictures
+        return np.ones(len(pixels), bool) if known is None else known.is_like(pixels)
 
     def looks(self, pixels: np.ndarray) -> list[str]:
         """(B,) what images, as for `predict_pixels`, look like: nothing where they are like those

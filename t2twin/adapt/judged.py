@@ -57,6 +57,15 @@ class Judgement:
     force_part: float
 
 
+@dataclass(frozen=True)
+class Judged:
+    """A press, and a translator on both of its pictures."""
+
+    felt: Felt
+    real: Judgement
+    simulated: Judgement
+
+
 def felt_by_the_twin(
     names: Sequence[str],
     poses: np.ndarray,
@@ -90,6 +99,14 @@ def _felt(
     sample = sensors.press(ball, command)
     noisy = sensors.digit.image(sample.digit, rng)
     return Felt(name, (x_mm, y_mm, depth_mm), force_n, frame, noisy, sample.counts.astype(float))
+
+
+def judge_each(run: TrainedTranslator, felt: Sequence[Felt]) -> list[Judged]:
+    """A translator on the real and the simulated picture of every press."""
+    return [
+        Judged(one, judge(run, one.frame, one.counts), judge(run, one.simulated, one.counts))
+        for one in felt
+    ]
 
 
 def judge(run: TrainedTranslator, image: np.ndarray, truth: np.ndarray) -> Judgement:

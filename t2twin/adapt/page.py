@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from t2twin.adapt.judged import FAINT_COUNTS, Felt, Judgement, judge
+from t2twin.adapt.judged import FAINT_COUNTS, Judged
 from t2twin.adapt.record import Adapted, Scores
 from t2twin.report import markup
 from t2twin.report.figures import (
@@ -18,25 +18,24 @@ from t2twin.report.figures import (
     tactile_image,
 )
 from t2twin.report.page import write_page
+from t2twin.report.qualitative import BAR_WIDTH, PANEL_IN, ROW_IN
 from t2twin.translate.phi import Phi
 from t2twin.translate.predict import TrainedTranslator
 
 TITLE = "A translator of this DIGIT"
-PANEL_IN, ROW_IN, BARS_IN = 1.25, 2.5, 0.6
-"""Width of a tactile image, height of a row, width of the colour bar, inches."""
-BAR_WIDTH = 0.12
-"""Room for a colour bar, in parts of a tactile image's width."""
+BAR_IN = 0.6
+"""Width of the colour bar, inches."""
 
 
 def write_adapt_page(
-    out: Path, run: TrainedTranslator, felt: Sequence[Felt], adapted: Adapted
+    out: Path, run: TrainedTranslator, judged: Sequence[Judged], adapted: Adapted
 ) -> Path:
     """Writes out/index.html and returns its path."""
     return write_page(
         out,
         TITLE,
         lambda: _opening(adapted),
-        {"presses": lambda: _presses(run, felt), "steps": lambda: _steps(adapted)},
+        {"presses": lambda: _presses(run, judged), "steps": lambda: _steps(adapted)},
         {"presses": "Presses", "steps": "Steps"},
     )
 
@@ -74,21 +73,20 @@ def _cells(scores: Scores) -> tuple[str, ...]:
     )
 
 
-def _presses(run: TrainedTranslator, felt: Sequence[Felt]) -> str:
+def _presses(run: TrainedTranslator, judged: Sequence[Judged]) -> str:
     text = (
         "For each press: the real frame and what the translator makes of it, the twin's frame of "
         "the same press and what it makes of that, and what the twin's CySkin feels. Rings mark "
         "the taxels; colours are the same along a row."
     )
-    figures = [_press(run, one) for one in felt]
+    figures = [_press(run, one) for one in judged]
     return markup.section("presses", "Presses", [markup.paragraph(text, "note"), *figures])
 
 
-def _press(run: TrainedTranslator, felt: Felt) -> str:
-    real = judge(run, felt.frame, felt.counts)
-    simulated = judge(run, felt.simulated, felt.counts)
-    width = PANEL_IN * (3 + 2 * digit_width(felt.frame)) + BARS_IN
-    content = figure("png", width, ROW_IN, lambda page: _draw(page, run, felt, real, simulated))
+def _press(run: TrainedTranslator, judged: Judged) -> str:
+    felt, real, simulated = judged.felt, judged.real, judged.simulated
+    width = PANEL_IN * (3 + 2 * digit_width(felt.frame)) + BAR_IN
+    content = figure("png", width, ROW_IN, lambda page: _draw(page, run, judged))
     x_mm, y_mm, depth_mm = felt.pose
     note = (
         f"x {x_mm:.1f} mm, y {y_mm:.1f} mm, {depth_mm:.2f} mm deep, {felt.force_n:.1f} N. From "
@@ -99,9 +97,8 @@ def _press(run: TrainedTranslator, felt: Felt) -> str:
     return markup.picture(content, "png", alt, felt.name, note=note)
 
 
-def _draw(
-    page: Figure, run: TrainedTranslator, felt: Felt, real: Judgement, simulated: Judgement
-) -> None:
+def _draw(page: Figure, run: TrainedTranslator, judged: Judged) -> None:
+    felt, real, simulated = judged.felt, judged.real, judged.simulated
     layout = run.config.data
     phi = Phi(layout.x_mm, layout.y_mm)
     wide = digit_width(felt.frame)

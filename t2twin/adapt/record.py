@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from t2twin.adapt.fitted import Fitted
-from t2twin.adapt.judged import Felt, Judgement, judge
+from t2twin.adapt.judged import Felt, Judged, Judgement
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.translate.predict import TrainedTranslator
 
@@ -59,30 +59,35 @@ class Adapted:
 
 def record_of(
     run: TrainedTranslator,
-    felt: Sequence[Felt],
+    judged: Sequence[Judged],
     background: np.ndarray,
     fitted: Fitted,
     minutes: dict[str, float],
 ) -> Adapted:
     """background: (320, 240, 3) uint8, the real unit untouched."""
-    truth = np.array([one.counts for one in felt])
-    full_scale = run.config.data.full_scale_counts
-
-    def rmse_percent(off: np.ndarray) -> float:
-        return 100.0 * float(np.sqrt(np.mean(off**2))) / full_scale
-
+    nothing, constant = trivial_percent([one.felt for one in judged], run)
     return Adapted(
         model=run.config.model,
-        presses=len(felt),
+        presses=len(judged),
         optics_psnr_db=fitted.psnr_db,
         optics_ssim=fitted.ssim,
-        real=Scores.of([judge(run, one.frame, one.counts) for one in felt]),
-        simulated=Scores.of([judge(run, one.simulated, one.counts) for one in felt]),
-        nothing_rmse_percent=rmse_percent(truth),
-        constant_rmse_percent=rmse_percent(truth - truth.mean(axis=0)),
+        real=Scores.of([one.real for one in judged]),
+        simulated=Scores.of([one.simulated for one in judged]),
+        nothing_rmse_percent=nothing,
+        constant_rmse_percent=constant,
         untouched_counts=float(np.max(run.predict(background))),
         minutes=minutes,
     )
+
+
+def trivial_percent(felt: Sequence[Felt], run: TrainedTranslator) -> tuple[float, float]:
+    """RMSE, percent of full scale, of no counts at all and of the presses' own mean array."""
+    truth = np.array([one.counts for one in felt])
+    nothing, constant = (
+        100.0 * float(np.sqrt(np.mean(off**2))) / run.config.data.full_scale_counts
+        for off in (truth, truth - truth.mean(axis=0))
+    )
+    return nothing, constant
 
 
 def write_record(folder: Path, adapted: Adapted) -> None:

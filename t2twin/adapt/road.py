@@ -8,15 +8,17 @@ command of its own too, and one that is done is not done again.
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from t2twin.adapt.ball import write_ball
 from t2twin.adapt.fitted import CALIBRATION, Fitted, read_fitted, write_fitted
-from t2twin.adapt.judged import Felt, felt_by_the_twin
+from t2twin.adapt.judged import Felt, felt_by_the_twin, judge_each
 from t2twin.adapt.page import write_adapt_page
 from t2twin.adapt.record import Adapted, record_of, write_record
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import is_empty, locked
 from t2twin.primitives_cad.writing import whole_file
@@ -137,11 +139,10 @@ def adapt(
         train(model, road.out / DATA, "cpu", run_dir, minutes=TRAINING_PART * minutes)
     with clock.step("check"):
         run = load_run(run_dir)
-        felt = _felt(road, fitted, calibration)
-        adapted = record_of(
-            run, felt, upright_frame(read_frame(road.background)), fitted, clock.minutes
-        )
-        write_adapt_page(road.out, run, felt, adapted)
+        judged = judge_each(run, _felt(road, fitted, calibration))
+        untouched = upright_frame(read_frame(road.background))
+        adapted = record_of(run, judged, untouched, fitted, clock.minutes)
+        write_adapt_page(road.out, run, judged, adapted)
     write_record(road.out, adapted)
     return adapted
 
@@ -186,7 +187,7 @@ def _write_world(road: Road) -> None:
 
 def _felt(road: Road, fitted: Fitted, calibration: str) -> list[Felt]:
     """The held-out presses, as the twin makes them."""
-    ball = write_ball(road.out / BALL, fitted.ball_diameter_mm)
+    ball = catalogue.load(road.out / BALL)
     sensors = SensorPair(Digit(calibration=calibration, noise_grey=NOISE_GREY))
     _, frames, names = read_frames(road.background, road.presses)
     chosen = [names.index(one.name) for one in fitted.held_out]
@@ -202,25 +203,10 @@ class _Clock:
         self.minutes: dict[str, float] = {}
         self._say = say
 
-    def step(self, name: str) -> "_Step":
-        return _Step(self, name)
-
-    def begin(self, name: str) -> float:
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
         self._say(f"{name}: step {STEPS.index(name) + 1} of {len(STEPS)}")
-        return time.monotonic()
-
-    def end(self, name: str, start: float) -> None:
+        start = time.monotonic()
+        yield
         self.minutes[name] = (time.monotonic() - start) / 60.0
         self._say(f"{name}: {self.minutes[name]:.1f} minutes")
-
-
-class _Step:
-    def __init__(self, clock: _Clock, name: str) -> None:
-        self._clock, self._name, self._start = clock, name, 0.0
-
-    def __enter__(self) -> None:
-        self._start = self._clock.begin(self._name)
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        if error is None:
-            self._clock.end(self._name, self._start)
