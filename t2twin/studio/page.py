@@ -67,8 +67,7 @@ class Page:
         link: Callable[[PressState], str],
     ) -> None:
         self._client, self._shared, self._link = client, shared, link
-        self._folder = shared.folder / str(client.client_id)
-        self._folder.mkdir()
+        self._own_folder = shared.folder / str(client.client_id)
         self._lock = Lock()
         self._state, self._dragged_from = state, state
         self._runs: tuple[str, ...] = ()
@@ -86,7 +85,7 @@ class Page:
         """The client is gone, and its files with it."""
         self._worker.end()
         self._tab.close()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        shutil.rmtree(self._own_folder, ignore_errors=True)
 
     def wait(self, timeout_s: float) -> bool:
         """Until the page shows its newest state; False where that took longer."""
@@ -96,6 +95,12 @@ class Page:
     def state(self) -> PressState:
         """What is to be shown; `look` follows."""
         return self._state
+
+    @property
+    def folder(self) -> Path:
+        """For this client's files alone; made with the first of them."""
+        self._own_folder.mkdir(exist_ok=True)
+        return self._own_folder
 
     def change(self, changes: dict[str, Any]) -> PressState:
         """Takes fields of PressState with new values, and shows what comes of them."""
@@ -214,7 +219,7 @@ class Page:
         look = self.look
         if look is None:
             return
-        with TemporaryDirectory(dir=self._folder) as folder:
+        with TemporaryDirectory(dir=self.folder) as folder:
             name, content = zipped(look, Path(folder))
         self._client.send_file_download(name, content, save_immediately=True)
 
@@ -224,7 +229,7 @@ class Page:
             read(path)
         changes: dict[str, Any] = {kind: str(path)}
         self.controls.take(changes | ({"scale": None} if kind == "shape" else {}))
-        forget(kind, self._folder, all_but=path)
+        forget(kind, self.folder, all_but=path)
 
     def _fitting_layout(self, path: Path) -> None:
         """Raises T2TwinError for a file that is no layout, or one that reaches beyond the cover."""
@@ -239,7 +244,7 @@ class Page:
         then: Callable[[Path], object],
     ) -> None:
         def take(file: viser.UploadedFile) -> None:
-            path = kept_file(kind, file.name, file.content, self._folder)
+            path = kept_file(kind, file.name, file.content, self.folder)
             try:
                 then(path)
             except T2TwinError as error:
