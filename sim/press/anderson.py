@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from t2twin.primitives_cad.jit import compiled
+
 MEMORY = 4
 """Earlier steps that are kept; more does not save steps here."""
 
@@ -10,6 +12,56 @@ RIDGE = 1e-8
 
 GROWN = 2.0
 """Growth of the residual in a step beyond which the earlier steps are forgotten."""
+
+
+@compiled("b1(f8[:, ::1])", nogil=True)
+def _eliminate(system):
+    """Solves (k, k + 1) equations into their last column; False where they have no one solution."""
+    size = len(system)
+    for k in range(size):
+        pivot = k + np.argmax(np.abs(system[k:, k]))
+        if not abs(system[pivot, k]) > 0.0:
+            return False
+        for m in range(size + 1):
+            system[k, m], system[pivot, m] = system[pivot, m], system[k, m]
+        for i in range(size):
+            if i != k:
+                part = system[i, k] / system[k, k]
+                for m in range(k, size + 1):
+                    system[i, m] -= part * system[k, m]
+    for k in range(size):
+        system[k, size] /= system[k, k]
+    return True
+
+
+@compiled(
+    "b1(f8[:, ::1], f8[:, ::1], f8[:, ::1], i8, i8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])",
+    nogil=True,
+)
+def _mix(images, changes, normal, row, kept, last_image, last_residual, image, residual, mixed):
+    """Takes a step into row of the kept ones, and mixes them; False where they are dependent."""
+    size = image.size
+    for n in range(size):
+        images[row, n] = image[n] - last_image[n]
+        changes[row, n] = residual[n] - last_residual[n]
+    system = np.empty((kept, kept + 1))
+    for k in range(kept):
+        product, side = 0.0, 0.0
+        for n in range(size):
+            product += changes[k, n] * changes[row, n]
+            side += changes[k, n] * residual[n]
+        normal[row, k] = normal[k, row] = product
+        system[k, kept] = side
+    for k in range(kept):
+        for m in range(kept):
+            system[k, m] = normal[k, m] * (1 + RIDGE if k == m else 1.0)
+    if not _eliminate(system):
+        return False
+    mixed[:] = image
+    for k in range(kept):
+        for n in range(size):
+            mixed[n] -= system[k, kept] * images[k, n]
+    return True
 
 
 class Anderson:
@@ -36,20 +88,11 @@ class Anderson:
         if np.abs(residual).sum() > GROWN * np.abs(last[1]).sum():
             self._kept = self._next = 0
             return image
-        row = self._next
-        self._images[row] = image - last[0]
-        self._changes[row] = residual - last[1]
-        self._kept = min(self._kept + 1, MEMORY)
+        row, self._kept = self._next, min(self._kept + 1, MEMORY)
         self._next = (row + 1) % MEMORY
-        changes = self._changes[: self._kept]
-        # einsum and not a BLAS product, whose last bits depend on the number of threads.
-        products = np.einsum("in,n->i", changes, changes[row])
-        self._normal[row, : self._kept] = self._normal[: self._kept, row] = products
-        normal = self._normal[: self._kept, : self._kept].copy()
-        normal[np.diag_indices(self._kept)] *= 1 + RIDGE
-        try:
-            weights = np.linalg.solve(normal, np.einsum("in,n->i", changes, residual))
-        except np.linalg.LinAlgError:  # a step that changed nothing, or the same as an earlier one
-            self._kept = self._next = 0
-            return image
-        return image - np.einsum("i,in->n", weights, self._images[: self._kept])
+        mixed = np.empty_like(image)
+        kept = self._images, self._changes, self._normal
+        if _mix(*kept, row, self._kept, *last, image, residual, mixed):
+            return mixed
+        self._kept = self._next = 0  # a step that changed nothing, or the same as an earlier one
+        return image

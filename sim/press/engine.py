@@ -1,10 +1,12 @@
 """The press: a shape pushed into an elastomer until pressure and surface have settled.
 
-Contact is normal and frictionless, the layer's answer is that of `t2twin.sim.press.layer`, and
-MuJoCo (`t2twin.sim.press.bed`) finds which pins touch and how they share the force. A pin's own
-spring D is local; the layer is not. So each step the springs' rest points take what the springs
-leave out, w(p) - D p, from the last pressure p. Anderson's acceleration lets that settle in
-about eight steps. The pins are the finer the smaller the contact.
+Contact is normal and frictionless, and the layer's answer is that of `t2twin.sim.press.layer`. Pins
+on springs stand for it: a pin's own spring D is local, the layer is not, so each step the springs'
+rest points take what the springs leave out, w(p) - D p, from the last pressure p. Which of the
+springs touch and how they share the force is exact at each step (`t2twin.sim.press.step`), and
+Anderson's acceleration lets the steps settle in about five. Then MuJoCo (`t2twin.sim.press.bed`)
+judges: its contacts have to find the same pins and the same shares. The pins are the finer the
+smaller the contact.
 """
 
 import time
@@ -139,7 +141,8 @@ def _equilibrium(survey: "_Survey") -> _Equilibrium:
         window = window_around(looked_at)
         solution, settled = None, False
         for pins, tolerance in _stages(survey, looked_at, window, finer):
-            solution = Solution(pins, force_n, solution)
+            judged = tolerance == STAGES[-1][1]
+            solution = Solution(pins, force_n, solution, judged)
             settled = solution.solve(tolerance)
             survey.preparing_s += solution.compiling_s
         assert solution is not None

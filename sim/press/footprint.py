@@ -102,10 +102,14 @@ _LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8, f8"
 
 
 @compiled(inline="always")
-def _height(heights, x0, y0, pitch, press_x, press_y, cos, sin, x, y):
+def _column_and_row(x0, y0, pitch, press_x, press_y, cos, sin, x, y):
+    """Where a place lies on the shape's map, in its cells."""
     dx, dy = x - press_x, y - press_y
-    column = (cos * dx + sin * dy - x0) / pitch
-    row = (sin * dx - cos * dy - y0) / pitch
+    return (cos * dx + sin * dy - x0) / pitch, (sin * dx - cos * dy - y0) / pitch
+
+
+@compiled(inline="always")
+def _height(heights, column, row):
     if not (0.0 <= column < heights.shape[1] - 1 and 0.0 <= row < heights.shape[0] - 1):
         return np.float32(NOTHING_MM)
     j, i = int(column), int(row)
@@ -118,9 +122,10 @@ def _height(heights, x0, y0, pitch, press_x, press_y, cos, sin, x, y):
 def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, out):
     for i in range(y_mm.size):
         for j in range(x_mm.size):
-            out[i, j] = _height(
-                heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
+            column, row = _column_and_row(
+                x0, y0, pitch, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
             )
+            out[i, j] = _height(heights, column, row)
 
 
 @compiled(
@@ -131,58 +136,51 @@ def _footprint(
     heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, wanted, mean, share, peak
 ):
     cell = x_mm[1] - x_mm[0]
-    offsets = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * cell / SAMPLES
-    middle, last = SAMPLES // 2, SAMPLES - 1
+    # A cell's samples, as steps on the shape's map; row by row of the cell.
+    offsets = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * cell / (SAMPLES * pitch)
+    aside, ahead = np.empty((2, SAMPLES * SAMPLES))
+    for a in range(SAMPLES):
+        for b in range(SAMPLES):
+            aside[SAMPLES * a + b] = cos * offsets[b] + sin * offsets[a]
+            ahead[SAMPLES * a + b] = sin * offsets[b] - cos * offsets[a]
+    last = SAMPLES * SAMPLES - 1
     samples = np.empty(SAMPLES * SAMPLES)
     mean[:] = NOTHING_MM
     share[:] = 0.0
     peak[:] = NOTHING_MM
-    # Only cells within the turned map's bounding box can have something over them.
-    corner_x = max(abs(x0), abs(x0 + pitch * (heights.shape[1] - 1)))
-    corner_y = max(abs(y0), abs(y0 + pitch * (heights.shape[0] - 1)))
-    reach_x = abs(cos) * corner_x + abs(sin) * corner_y + cell
-    reach_y = abs(sin) * corner_x + abs(cos) * corner_y + cell
+    reach = cell / pitch  # beyond the map by more than this no sample of a cell is on it
+    most_column, most_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
     down, across = y_mm.size // wanted.shape[0], x_mm.size // wanted.shape[1]
     for i in range(y_mm.size):
-        if abs(y_mm[i] - press_y) > reach_y:
-            continue
         for j in range(x_mm.size):
-            if abs(x_mm[j] - press_x) > reach_x or not wanted[i // down, j // across]:
+            if not wanted[i // down, j // across]:
+                continue
+            column, row = _column_and_row(
+                x0, y0, pitch, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
+            )
+            if not (-reach < column < most_column and -reach < row < most_row):
                 continue
             # Where middle and corners lie near each other, five points say it all.
-            low, high, total, centre = np.inf, -np.inf, 0.0, 0.0
-            for a, b in ((middle, middle), (0, 0), (0, last), (last, 0), (last, last)):
-                height = _height(
-                    heights, x0, y0, pitch, press_x, press_y, cos, sin,
-                    x_mm[j] + offsets[b], y_mm[i] + offsets[a],
-                )  # fmt: skip
+            centre = _height(heights, column, row)
+            low, high, total = centre, centre, 0.0
+            for n in (0, SAMPLES - 1, last - SAMPLES + 1, last):
+                height = _height(heights, column + aside[n], row + ahead[n])
                 low, high, total = min(low, height), max(high, height), total + height
-                if a == middle:
-                    centre = height
             if high - low <= STEEPEST * cell:
-                weighted = MIDDLE_WEIGHT * centre + (1 - MIDDLE_WEIGHT) * (total - centre) / 4
-                mean[i, j] = weighted if low > NOTHING_MM / 2 else NOTHING_MM
-                share[i, j] = 1.0 if low > NOTHING_MM / 2 else 0.0
+                if low > NOTHING_MM / 2:
+                    mean[i, j] = MIDDLE_WEIGHT * centre + (1 - MIDDLE_WEIGHT) * total / 4
+                    share[i, j] = 1.0
                 peak[i, j] = high
                 continue
-            n = 0
-            for a in range(SAMPLES):
-                for b in range(SAMPLES):
-                    samples[n] = _height(
-                        heights, x0, y0, pitch, press_x, press_y, cos, sin,
-                        x_mm[j] + offsets[b], y_mm[i] + offsets[a],
-                    )  # fmt: skip
-                    n += 1
+            for n in range(samples.size):
+                samples[n] = _height(heights, column + aside[n], row + ahead[n])
             lowest = samples.max() - STEEPEST * cell
             covered, total = 0, 0.0
             for n in range(samples.size):
                 if samples[n] >= lowest and samples[n] > NOTHING_MM / 2:
                     covered += 1
                     total += samples[n]
-            share[i, j] = covered / samples.size
-            if share[i, j] < LEAST_COVER:
-                share[i, j] = 0.0
-                mean[i, j] = NOTHING_MM
-            else:
+            if covered >= LEAST_COVER * samples.size:
+                share[i, j] = covered / samples.size
                 mean[i, j] = total / covered
                 peak[i, j] = samples.max()

@@ -3,6 +3,8 @@
 import numpy as np
 from scipy import ndimage
 
+from t2twin.primitives_cad.jit import compiled
+
 Window = tuple[slice, slice]
 """Rows and columns of a part of a grid."""
 
@@ -16,14 +18,28 @@ cubics."""
 
 def window_around(mask: np.ndarray) -> Window:
     """The window that holds the mask, (rows, columns) bool, within its grid."""
-    spans = []
-    for axis in (1, 0):
-        inside = np.flatnonzero(mask.any(axis=axis))
-        length = mask.shape[1 - axis]
-        size = min(-(-(inside[-1] + 1 - inside[0]) // WINDOW_STEP) * WINDOW_STEP, length)
-        start = min(int(inside[0]), length - size)
-        spans.append(slice(start, start + size))
-    return spans[0], spans[1]
+    first_row, last_row, first_column, last_column = _bounds(np.ascontiguousarray(mask))
+    rows, columns = mask.shape
+    return _side(first_row, last_row, rows), _side(first_column, last_column, columns)
+
+
+def _side(first: int, last: int, length: int) -> slice:
+    size = min(-(-(last + 1 - first) // WINDOW_STEP) * WINDOW_STEP, length)
+    start = min(first, length - size)
+    return slice(start, start + size)
+
+
+@compiled("UniTuple(i8, 4)(b1[:, ::1])", nogil=True)
+def _bounds(mask):
+    """First and last row and column with something in it."""
+    rows, columns = mask.shape
+    first_row, last_row, first_column, last_column = rows, -1, columns, -1
+    for i in range(rows):
+        for j in range(columns):
+            if mask[i, j]:
+                first_row, last_row = min(first_row, i), i
+                first_column, last_column = min(first_column, j), max(last_column, j)
+    return first_row, last_row, first_column, last_column
 
 
 def span(window: Window) -> tuple[int, int]:
@@ -56,10 +72,27 @@ def within(inner: Window, outer: Window) -> Window:
     return rows, columns
 
 
+def places(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of what is true in a mask, (n,) each, row by row."""
+    rows, columns = np.nonzero(mask)
+    return np.ascontiguousarray(rows), np.ascontiguousarray(columns)
+
+
 def grown(mask: np.ndarray, cells: int) -> np.ndarray:
-    """The mask and so many cells around it."""
-    square = np.ones((2 * cells + 1, 2 * cells + 1), bool)
-    return np.asarray(ndimage.binary_dilation(mask, square), dtype=bool)
+    """The mask and so many cells around it, corners too."""
+    more = np.zeros(mask.shape, bool)
+    _grow(np.ascontiguousarray(mask), cells, more)
+    return more
+
+
+@compiled("void(b1[:, ::1], i8, b1[:, ::1])", nogil=True)
+def _grow(mask, cells, more):
+    rows, columns = mask.shape
+    for i in range(rows):
+        for j in range(columns):
+            if mask[i, j]:
+                for k in range(max(i - cells, 0), min(i + cells + 1, rows)):
+                    more[k, max(j - cells, 0) : min(j + cells + 1, columns)] = True
 
 
 def repeated(coarse: np.ndarray, per_side: int) -> np.ndarray:

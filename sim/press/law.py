@@ -29,19 +29,22 @@ def neo_hookean_mm(
     return deflection, slope
 
 
+@compiled(inline="always")
+def stiffened(u, h):
+    """Deflection and slope at one place; `neo_hookean_mm` has the formula."""
+    if u <= 0.0:
+        return u, 1.0
+    # Newton's method on l^3 + 3 (u / h) l^2 = 1, from above the root, where it is convex.
+    strain = u / h
+    stretch = 1.0 if 3.0 * strain < 1.0 else 1.0 / np.sqrt(3.0 * strain)
+    for _ in range(NEWTON_STEPS):
+        excess = stretch * stretch * (stretch + 3.0 * strain) - 1.0
+        stretch -= excess / (3.0 * stretch * (stretch + 2.0 * strain))
+    return h * (1.0 - stretch), stretch / (stretch + 2.0 * strain)
+
+
 @compiled("void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])", nogil=True)
 def _neo_hookean(linear, thickness, deflection, slope):
     for i in range(linear.shape[0]):
         for j in range(linear.shape[1]):
-            u, h = linear[i, j], thickness[i, j]
-            if u <= 0.0:
-                deflection[i, j], slope[i, j] = u, 1.0
-                continue
-            # Newton's method on l^3 + 3 (u / h) l^2 = 1, from above the root, where it is convex.
-            strain = u / h
-            stretch = 1.0 if 3.0 * strain < 1.0 else 1.0 / np.sqrt(3.0 * strain)
-            for _ in range(NEWTON_STEPS):
-                excess = stretch * stretch * (stretch + 3.0 * strain) - 1.0
-                stretch -= excess / (3.0 * stretch * (stretch + 2.0 * strain))
-            deflection[i, j] = h * (1.0 - stretch)
-            slope[i, j] = stretch / (stretch + 2.0 * strain)
+            deflection[i, j], slope[i, j] = stiffened(linear[i, j], thickness[i, j])

@@ -84,6 +84,7 @@ class Layer:
     Cells of pitch_mm, each cut into per_side x per_side finer ones.
     rows, columns: the fine grid. pitch_mm: its cell. x_mm (columns,), y_mm (rows,): cell centres.
     softest_mm_per_mpa: the largest deflection per pressure over all wavelengths, mm/MPa.
+    weights: (n, rows, columns) float32, how much of each kernel's answer a place gives.
     """
 
     def __init__(self, elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> None:
@@ -99,7 +100,7 @@ class Layer:
         self.rest_mm = elastomer.rest_surface_mm(x, y)
         self.thickness_mm = elastomer.thickness_at_mm(x, y)
 
-        self._weights, self._kernels, self._softest = _answers(self, elastomer)
+        self.weights, self._kernels, self._softest = _answers(self, elastomer)
         self._lock = Lock()  # threads share a layer
         self._transforms: OrderedDict[tuple[int, int], np.ndarray] = OrderedDict()
         thickest = float(self.thickness_mm.max())
@@ -129,19 +130,25 @@ class Layer:
         Both are the part of the grid in the window (rows, columns); pressure outside it is taken
         as zero. Where the layer is domed, each place answers as a layer of its own thickness would.
         """
-        rows, columns = pressure_mpa.shape
-        padded = (
-            _fast(2 * rows - 1),
-            _fast(2 * columns - 1),
-        )
-        # Single precision: 1e-6 of the deflection, and twice as fast.
-        spectrum = self._transform(rows, columns, padded) * np.asarray(
-            fft.rfft2(pressure_mpa.astype(np.float32), padded)
-        )
-        answers = np.asarray(fft.irfft2(spectrum, padded))[:, :rows, :columns]
+        answers = self.answers(pressure_mpa.astype(np.float32))
         if len(answers) == 1:
             return answers[0].astype(np.float64)
-        return np.einsum("lyx,lyx->yx", self._weights[:, *window], answers).astype(np.float64)
+        weights = self.weights[:, *window]
+        return np.einsum("lyx,lyx->yx", weights, answers).astype(np.float64)
+
+    def answers(self, pressure_mpa: np.ndarray) -> np.ndarray:
+        """What each kernel gives for a pressure on a window, (n, rows, columns) float32, mm, of
+        which `weights` make the deflection. pressure_mpa: (rows, columns) float32.
+
+        Single precision: 1e-6 of the deflection, and twice as fast. Rows that are zero, or that
+        nobody looks at, are not transformed.
+        """
+        rows, columns = pressure_mpa.shape
+        down, across = _fast(2 * rows - 1), _fast(2 * columns - 1)
+        along = fft.fft(fft.rfft(pressure_mpa, across), down, axis=0, overwrite_x=True)
+        spectrum = self._transform(rows, columns, (down, across)) * along
+        upright = np.asarray(fft.ifft(spectrum, axis=1, overwrite_x=True))[:, :rows]
+        return np.asarray(fft.irfft(upright, across))[:, :, :columns]
 
     def _transform(self, rows: int, columns: int, padded: tuple[int, int]) -> np.ndarray:
         """Transforms of the kernels cut to what a window of this size needs; the last are kept."""

@@ -9,8 +9,8 @@ the shape ends.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
+from t2twin.primitives_cad.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.sim.press.footprint import LEAST_COVER, STEEPEST, Footprint
 from t2twin.sim.press.grid import Window, blocks, repeated, sums
@@ -49,6 +49,21 @@ class PinGrid:
     edge_mm_per_mpa: np.ndarray
     heights_mm: np.ndarray
     first_touch_mm: float
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Of the layer's answers in the window, (n, rows parts, columns parts)."""
+        return self.layer.weights[:, *self.window]
+
+    @property
+    def thickness_mm(self) -> np.ndarray:
+        """The layer's in the window, (rows parts, columns parts), mm."""
+        return self.layer.thickness_mm[self.window]
+
+    @property
+    def stiffens(self) -> bool:
+        """Whether the elastomer's law is not linear."""
+        return self.layer.elastomer.law != "linear"
 
     @property
     def pitch_mm(self) -> float:
@@ -112,7 +127,27 @@ def _edge_compliance(layer: Layer, cover: np.ndarray) -> np.ndarray:
     half_space = SQUARE_MEAN * (1 - elastomer.poisson**2) / elastomer.young_mpa * layer.pitch_mm
     # A layer thinner than a cell gives way less than a half-space.
     own = min(half_space, layer.softest_mm_per_mpa)
-    covered = cover > 0
-    inner = np.asarray(ndimage.binary_erosion(covered, border_value=1), dtype=bool)
-    edge = covered & ~(inner & (cover >= 1.0))
-    return np.where(edge, own * (EDGE_SHARE / np.maximum(cover, LEAST_COVER) - EDGE_RISE), 0.0)
+    more = np.zeros(cover.shape)
+    _at_edges(cover, own, more)
+    return more
+
+
+@compiled("void(f8[:, ::1], f8, f8[:, ::1])", nogil=True)
+def _at_edges(cover, own, more):
+    rows, columns = cover.shape
+    for i in range(rows):
+        for j in range(columns):
+            share = cover[i, j]
+            if share == 0.0:
+                continue
+            inner = share >= 1.0
+            if inner and i > 0:
+                inner = cover[i - 1, j] > 0.0
+            if inner and i + 1 < rows:
+                inner = cover[i + 1, j] > 0.0
+            if inner and j > 0:
+                inner = cover[i, j - 1] > 0.0
+            if inner and j + 1 < columns:
+                inner = cover[i, j + 1] > 0.0
+            if not inner:
+                more[i, j] = own * (EDGE_SHARE / max(share, LEAST_COVER) - EDGE_RISE)

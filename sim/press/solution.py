@@ -1,24 +1,33 @@
 """One press on its pins, until it has settled.
 
 Each step the pins' springs get rest points that take what the springs leave out of the layer's
-answer, w(p) - D p, MuJoCo finds which pins touch and how they share the force, and Anderson's
-acceleration mixes the steps.
+answer, w(p) - D p. Which of these springs then touch, and how they share the force, has an exact
+solution, and Anderson's acceleration mixes the steps. Where nothing changes any more, MuJoCo
+(`t2twin.sim.press.bed`) judges: its contacts have to give the same, or the steps go on from there.
 """
 
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.press.anderson import Anderson
-from t2twin.sim.press.bed import POOL_SIZES, Bed, borrowed_bed
-from t2twin.sim.press.grid import Window, grown, repeated, scaled, span, window_around, within
+from t2twin.sim.press.bed import POOL_SIZES, borrowed_bed
+from t2twin.sim.press.grid import (
+    Window,
+    grown,
+    places,
+    repeated,
+    scaled,
+    span,
+    window_around,
+    within,
+)
 from t2twin.sim.press.law import neo_hookean_mm
 from t2twin.sim.press.layer import Layer
 from t2twin.sim.press.pins import PinGrid
 from t2twin.sim.press.records import PinState
+from t2twin.sim.press.step import carried, depth_carrying, means_over_cover, spread, springs
 
 SPRING_SHARE = 0.6
 """A pin's compliance over the layer's largest. 0.3 to 0.85 settle equally fast."""
@@ -49,14 +58,18 @@ class Solution:
     """The state of one press while it settles.
 
     pressure_mpa: (rows, columns) of the pins, on the covered part of each one's cell.
+    judged: whether MuJoCo has the last word; a rough start does without.
     """
 
-    def __init__(self, pins: PinGrid, force_n: float, start: "Solution | None") -> None:
+    def __init__(
+        self, pins: PinGrid, force_n: float, start: "Solution | None", judged: bool
+    ) -> None:
         self.pins = pins
         self.force_n = force_n
         self.compiling_s = 0.0
+        self._judged = judged
         self._least_slope = LEAST_SLOPE
-        standing = np.isfinite(pins.gap_mm)
+        self._standing = standing = np.isfinite(pins.gap_mm)
         if start is not None:
             finer = len(standing) // len(start.pressure_mpa)
             self.pressure_mpa = np.where(standing, repeated(start.pressure_mpa, finer), 0.0)
@@ -106,12 +119,12 @@ class Solution:
         while True:
             settled, steps = self._settle(steps_left, tolerance, step)
             steps_left -= steps
-            missed = (self.depth_mm - self.pins.gap_mm > self.surface_mm + MISSED_MM) & ~self.used
+            missed = self._missed()
             if not missed.any():
                 return settled
             if steps_left <= 0:
                 return False
-            self.used |= grown(missed, MARGIN_PINS) & np.isfinite(self.pins.gap_mm)
+            self.used |= grown(missed, MARGIN_PINS) & self._standing
             self.pressure_mpa[~self.used] = 0.0
             self._soften()
 
@@ -120,58 +133,75 @@ class Solution:
 
         step: how much of each step is taken; whole ones are accelerated.
         """
-        with self._bed() as bed:
-            return self._iterate(bed, most_steps, tolerance, step)
-
-    def _iterate(
-        self, bed: Bed, most_steps: int, tolerance: float, step: float
-    ) -> tuple[bool, int]:
         pins, used = self.pins, self.used
-        area, edge = pins.share[used], pins.edge_mm_per_mpa[used]
-        acceleration = Anderson(int(area.size))
+        rows, columns = places(used)
+        gap, area, edge = pins.gap_mm[used], pins.share[used], pins.edge_mm_per_mpa[used]
+        surface, slope, local, rest = np.empty((4, gap.size))
+        fine = np.empty(span(pins.window), np.float32)
+        acceleration = Anderson(gap.size)
         ahead = self.pressure_mpa[used]
         steps = 0
         while True:
             steps += 1
-            self.pressure_mpa[used] = ahead
-            linear = pins.layer.deflection_mm(self.fine_pressure_mpa(), pins.window)
-            fine, fine_slope = by_law(pins.layer, linear, pins.window)
-            # A stiffened place is stiffer in its pin's spring too.
-            slope = np.maximum(pins.mean_over_cover(fine_slope)[used], self._least_slope)
-            self.surface_mm = pins.mean_over_cover(fine)
-            surface = self.surface_mm[used] + edge * slope * ahead
-            local = (self.compliance + edge) * slope
-            rest = surface - local * ahead
-            self.depth_mm, deflection = bed.push(self.force, rest, area * self.compliance / local)
-            pressure = np.maximum(deflection - rest, 0.0) / local
-            carried = float((pressure * area).sum())
-            moved = float((np.abs(pressure - ahead) * area).sum())
-            # The shape may have lost all its pins for a step; then it goes on.
-            change = moved / carried if carried > 0 else np.inf
+            spread(ahead, rows, columns, pins.per_side, pins.cover, fine)
+            self._answers = pins.layer.answers(fine)
+            self._feel(rows, columns, area, surface, slope)
+            self.depth_mm = springs(
+                self.force, self.compliance, self._least_slope,
+                gap, edge, area, surface, slope, ahead, local, rest,
+            )  # fmt: skip
+            deflection, pressure = self.depth_mm - gap, np.empty(gap.size)
+            change = carried(deflection, rest, local, area, ahead, pressure)
+            last = change < tolerance or steps == most_steps
+            if last and self._judged:
+                deflection = self._judge(gap, rest, area * self.compliance / local)
+                change = carried(deflection, rest, local, area, ahead, pressure)
             if change < tolerance or steps == most_steps:
                 break
             if step < 1.0:
-                ahead += step * (pressure - ahead)
+                ahead = ahead + step * (pressure - ahead)
             else:
                 ahead = np.maximum(acceleration.next(ahead, pressure), 0.0)
         self.pressure_mpa[used] = pressure
         self._rest, self._deflection, self._local = rest, deflection, local
         return change < tolerance, steps
 
-    @contextmanager
-    def _bed(self) -> Iterator[Bed]:
-        """A bed of MuJoCo's with the pins in use laid out."""
-        used = self.used
-        count = int(np.count_nonzero(used))
-        if count > POOL_SIZES[-1]:
+    def _feel(
+        self,
+        rows: np.ndarray,
+        columns: np.ndarray,
+        area: np.ndarray,
+        surface: np.ndarray,
+        slope: np.ndarray,
+    ) -> None:
+        """Where the surface lies at some pins, (n,), mm, and the law's slope there."""
+        pins = self.pins
+        means_over_cover(
+            self._answers, pins.weights, pins.thickness_mm, pins.stiffens,
+            rows, columns, pins.per_side, pins.cover, area, surface, slope,
+        )  # fmt: skip
+
+    def _judge(self, gap: np.ndarray, rest: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+        """MuJoCo's word on which pins touch and how far each is pressed, (n,), mm."""
+        if gap.size > POOL_SIZES[-1]:
             raise T2TwinError(
                 f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
             )
         asked = time.perf_counter()
-        with borrowed_bed(count) as bed:
+        with borrowed_bed(gap.size) as bed:
             self.compiling_s += time.perf_counter() - asked
-            bed.lay(self.pins.gap_mm[used], self.depth_mm)
-            yield bed
+            bed.lay(gap, self.depth_mm)
+            self.depth_mm, deflection = bed.push(self.force, rest, stiffness)
+        return deflection
+
+    def _missed(self) -> np.ndarray:
+        """Where the shape stands in the surface and no pin is in use, (rows, columns)."""
+        missed = self._standing & ~self.used
+        rows, columns = places(missed)
+        surface, slope = np.empty((2, rows.size))
+        self._feel(rows, columns, self.pins.share[missed], surface, slope)
+        missed[missed] = self.depth_mm - self.pins.gap_mm[missed] > surface + MISSED_MM
+        return missed
 
     def pin_state(self) -> PinState:
         """The pins in use, as the press left them."""
@@ -212,6 +242,5 @@ def spring_compliance(layer: Layer, pressed: Window) -> float:
 
 def winkler_depth_mm(gap_mm: np.ndarray, force: float) -> float:
     """Depth at which independent unit springs under the gaps carry the force (springs x mm)."""
-    gaps = np.sort(gap_mm.ravel())
-    depths = (force + np.cumsum(gaps)) / np.arange(1, gaps.size + 1)
-    return float(depths[np.argmax(depths <= np.append(gaps[1:], np.inf))])
+    gaps = np.ascontiguousarray(gap_mm, np.float64).ravel()
+    return depth_carrying(force, gaps, np.ones(gaps.size))

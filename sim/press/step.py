@@ -1,0 +1,111 @@
+"""The loops of a press's step, compiled.
+
+Pins are listed by their rows and columns in the window (n,); the layer's cells are per_side x
+per_side a pin. All are of one thread and one order of sums, so that no bit depends on the machine's
+load.
+"""
+
+import numpy as np
+
+from t2twin.primitives_cad.jit import compiled
+from t2twin.sim.press.law import stiffened
+
+MOST_NEWTON_STEPS = 200
+"""Steps of Newton's method on a convex, piecewise linear function: it ends far sooner, as each step
+leaves out pins that the next one does not take up again."""
+
+
+@compiled("void(f8[::1], i8[::1], i8[::1], i8, f8[:, ::1], f4[:, ::1])", nogil=True)
+def spread(pressure, rows, columns, per_side, cover, fine):
+    """Each pin's pressure on the covered part of its cells, into fine, zero elsewhere."""
+    fine[:] = 0.0
+    for n in range(pressure.size):
+        for i in range(rows[n] * per_side, (rows[n] + 1) * per_side):
+            for j in range(columns[n] * per_side, (columns[n] + 1) * per_side):
+                fine[i, j] = pressure[n] * cover[i, j]
+
+
+@compiled(
+    "void(f4[:, :, :], f4[:, :, :], f8[:, :], b1, i8[::1], i8[::1], i8, f8[:, ::1], f8[::1],"
+    " f8[::1], f8[::1])",
+    nogil=True,
+)
+def means_over_cover(
+    answers, weights, thickness, stiffens, rows, columns, per_side, cover, share, deflection, slope
+):
+    """Mean deflection by the elastomer's law, and its slope, over the covered part of each pin's
+    cell, from the layer's answers; 0 where nothing is covered."""
+    for n in range(rows.size):
+        total, total_slope = 0.0, 0.0
+        for i in range(rows[n] * per_side, (rows[n] + 1) * per_side):
+            for j in range(columns[n] * per_side, (columns[n] + 1) * per_side):
+                if cover[i, j] == 0.0:
+                    continue
+                linear = answers[0, i, j] * weights[0, i, j]
+                for k in range(1, answers.shape[0]):
+                    linear += answers[k, i, j] * weights[k, i, j]
+                if stiffens:
+                    sunk, steep = stiffened(np.float64(linear), thickness[i, j])
+                else:
+                    sunk, steep = np.float64(linear), 1.0
+                total += sunk * cover[i, j]
+                total_slope += steep * cover[i, j]
+        covered = share[n] * per_side**2
+        deflection[n] = total / covered if covered > 0.0 else 0.0
+        slope[n] = total_slope / covered if covered > 0.0 else 0.0
+
+
+@compiled("f8(f8, f8[::1], f8[::1])", nogil=True)
+def depth_carrying(force, tops, stiffness):
+    """The depth at which independent springs under a rigid shape carry a force.
+
+    tops: (n,) depths at which each is met. stiffness: (n,), > 0. Newton's method from above, where
+    the force is convex in the depth: exact after a finite number of steps.
+    """
+    depth = np.inf
+    for _ in range(MOST_NEWTON_STEPS):
+        total, moment = 0.0, 0.0
+        for n in range(tops.size):
+            if tops[n] < depth:
+                total += stiffness[n]
+                moment += stiffness[n] * tops[n]
+        after = (force + moment) / total
+        if not after < depth:
+            break
+        depth = after
+    return depth
+
+
+@compiled(
+    "f8(f8, f8, f8, f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])",
+    nogil=True,
+)
+def springs(force, compliance, least_slope, gap, edge, area, surface, slope, ahead, local, rest):
+    """What the pins' springs are while the surface lies where the pressure `ahead` has brought it,
+    into local and rest; returns the depth at which they carry the force.
+
+    surface, slope: means over the pins' cells. local: compliance of a pin on its own, mm/MPa. rest:
+    where its spring carries nothing, mm: what the springs leave out of the layer's answer.
+    """
+    tops, stiffness = np.empty(gap.size), np.empty(gap.size)
+    for n in range(gap.size):
+        # A stiffened place is stiffer in its pin's spring too. Where the surface settles does not
+        # depend on the springs, so that only they are kept from getting all too stiff.
+        steep = max(slope[n], least_slope)
+        local[n] = (compliance + edge[n]) * steep
+        rest[n] = surface[n] + (edge[n] * slope[n] - local[n]) * ahead[n]
+        tops[n] = gap[n] + rest[n]
+        stiffness[n] = area[n] * compliance / local[n]
+    return depth_carrying(force, tops, stiffness)
+
+
+@compiled("f8(f8[::1], f8[::1], f8[::1], f8[::1], f8[::1], f8[::1])", nogil=True)
+def carried(deflection, rest, local, area, ahead, pressure):
+    """The pressure that springs give when they are pressed so far, into pressure; returns how much
+    of the force has moved since `ahead`, as a share, inf where nothing carries any."""
+    total, moved = 0.0, 0.0
+    for n in range(rest.size):
+        pressure[n] = max(deflection[n] - rest[n], 0.0) / local[n]
+        total += pressure[n] * area[n]
+        moved += abs(pressure[n] - ahead[n]) * area[n]
+    return moved / total if total > 0.0 else np.inf
