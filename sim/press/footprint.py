@@ -7,7 +7,7 @@ import numpy as np
 
 from t2twin.primitives_cad.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
-from t2twin.sim.press.grid import blocks, sums
+from t2twin.sim.press.grid import highest, sums
 from t2twin.sim.press.records import PressCommand
 
 SAMPLES = 5
@@ -59,11 +59,11 @@ class Footprint:
         """The same on cells of per_side x per_side of these."""
         if per_side == 1:
             return self
-        highest = blocks(self.peaks_mm, per_side).max(axis=(1, 3))
+        peaks = highest(self.peaks_mm, per_side)
         covered = sums(self.shares, per_side)
         heights = np.where(self.shares > 0, self.heights_mm, 0.0)
         mean = sums(self.shares * heights, per_side) / np.maximum(covered, LEAST_COVER)
-        return Footprint(np.where(covered > 0, mean, NOTHING_MM), covered / per_side**2, highest)
+        return Footprint(np.where(covered > 0, mean, NOTHING_MM), covered / per_side**2, peaks)
 
 
 def footprint(

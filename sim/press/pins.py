@@ -13,7 +13,7 @@ import numpy as np
 from t2twin.primitives_cad.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.sim.press.footprint import LEAST_COVER, STEEPEST, Footprint
-from t2twin.sim.press.grid import Window, blocks, repeated, sums
+from t2twin.sim.press.grid import Window, repeated, sums
 from t2twin.sim.press.layer import Layer
 
 SQUARE_MEAN = 0.946
@@ -92,28 +92,62 @@ def pins_under(
 ) -> PinGrid:
     """The pins under a shape's footprint on the window's fine cells."""
     # In a cell that a wall crosses, only its upper part is the pressing surface.
-    highest = repeated(blocks(seen.heights_mm, per_side).max(axis=(1, 3)), per_side)
     wall = STEEPEST * per_side * layer.pitch_mm
-    pressing = (seen.heights_mm >= highest - wall) & (seen.heights_mm > NOTHING_MM / 2)
-    cover = np.where(pressing, seen.shares, 0.0)
-    cover *= repeated(sums(cover, per_side), per_side) >= LEAST_COVER * per_side**2
-    covered = sums(cover, per_side)
-
-    distance = np.where(cover > 0, -layer.rest_mm[window] - seen.heights_mm - first_touch_mm, 0.0)
-    some = np.maximum(covered, LEAST_COVER)
-    gap = np.where(covered > 0, sums(cover * distance, per_side) / some, np.inf)
-    edge = sums(_edge_compliance(layer, cover) * cover**2, per_side) / some
+    cover = np.zeros(seen.shares.shape)
+    of_pins = tuple(side // per_side for side in seen.shares.shape)
+    gap, edge, share = np.empty(of_pins), np.empty(of_pins), np.empty(of_pins)
+    _cover(seen.heights_mm, seen.shares, wall, per_side, cover)
+    _gather(
+        seen.heights_mm, cover, layer.rest_mm[window], _edge_compliance(layer, cover),
+        first_touch_mm, per_side, gap, edge, share,
+    )  # fmt: skip
     return PinGrid(
-        layer,
-        window,
-        per_side,
-        gap,
-        covered / per_side**2,
-        cover,
-        edge,
-        seen.heights_mm,
-        first_touch_mm,
+        layer, window, per_side, gap, share, cover, edge, seen.heights_mm, first_touch_mm
     )
+
+
+@compiled("void(f8[:, ::1], f8[:, ::1], f8, i8, f8[:, ::1])", nogil=True)
+def _cover(heights, shares, wall, per_side, cover):
+    """The covered part of each fine cell, for pins that are covered enough; zero elsewhere."""
+    for row in range(0, heights.shape[0], per_side):
+        for column in range(0, heights.shape[1], per_side):
+            highest, covered = NOTHING_MM, 0.0
+            for i in range(row, row + per_side):
+                for j in range(column, column + per_side):
+                    highest = max(highest, heights[i, j])
+            lowest = max(highest - wall, NOTHING_MM / 2)
+            for i in range(row, row + per_side):
+                for j in range(column, column + per_side):
+                    if heights[i, j] >= lowest:
+                        covered += shares[i, j]
+            if covered < LEAST_COVER * per_side**2:
+                continue
+            for i in range(row, row + per_side):
+                for j in range(column, column + per_side):
+                    if heights[i, j] >= lowest:
+                        cover[i, j] = shares[i, j]
+
+
+@compiled(
+    "void(f8[:, ::1], f8[:, ::1], f8[:, :], f8[:, ::1], f8, i8, f8[:, ::1], f8[:, ::1],"
+    " f8[:, ::1])",
+    nogil=True,
+)
+def _gather(heights, cover, surface, edges, first_touch, per_side, gap, edge, share):
+    """Each pin's mean gap over the covered part of its cell, its edge's compliance, its share."""
+    for m in range(gap.shape[0]):
+        for n in range(gap.shape[1]):
+            covered, distance, giving = 0.0, 0.0, 0.0
+            for i in range(m * per_side, (m + 1) * per_side):
+                for j in range(n * per_side, (n + 1) * per_side):
+                    part = cover[i, j]
+                    if part > 0.0:
+                        covered += part
+                        distance += part * (-surface[i, j] - heights[i, j] - first_touch)
+                        giving += part**2 * edges[i, j]
+            gap[m, n] = distance / covered if covered > 0.0 else np.inf
+            edge[m, n] = giving / max(covered, LEAST_COVER)
+            share[m, n] = covered / per_side**2
 
 
 def _edge_compliance(layer: Layer, cover: np.ndarray) -> np.ndarray:
