@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from scipy.interpolate import RectBivariateSpline
 
 from benchmarks.oracle import kernel, solve
 from benchmarks.solids import ball, block, formula, punch
@@ -21,6 +22,8 @@ from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_conta
 from t2twin.sim.press.footprint import footprint
 from t2twin.sim.press.layer import cached_layer
 from t2twin.sim.press.records import PressCommand
+from t2twin.sim.press.spline import on_lines
+from t2twin.sim.press.step import depth_carrying
 from t2twin.sim.press.surface import surface_on
 from t2twin.sim.world import protocol
 
@@ -254,3 +257,36 @@ def test_a_face_that_comes_down_behind_a_rim_is_pressed_whole():
     assert contact.settled
     assert contact.force_n == pytest.approx(command.force_n, rel=0.005)
     assert contact.contact_area_mm2 > 50.0
+
+
+def test_the_spline_between_grid_points_is_scipy_s():
+    rng = np.random.default_rng(3)
+    y, x = 0.25 * np.arange(40) - 5.0, 0.25 * np.arange(30) - 3.0
+    values = rng.normal(size=(40, 30)).astype(np.float32)
+    lines_y, lines_x = np.linspace(-6.0, 6.0, 91), np.linspace(-3.5, 5.0, 57)
+    spline = RectBivariateSpline(y, x, values)
+    expected = spline(np.clip(lines_y, y[0], y[-1]), np.clip(lines_x, x[0], x[-1]))
+    assert on_lines(values, y, x, lines_y, lines_x) == pytest.approx(expected, abs=1e-5)
+
+
+def test_springs_carry_the_force_by_those_they_meet():
+    """Three springs, of which the third is met only at 3 mm."""
+    tops, stiffness = np.array([0.0, 1.0, 3.0]), np.array([1.0, 2.0, 5.0])
+    assert depth_carrying(0.5, tops, stiffness) == pytest.approx(0.5)
+    assert depth_carrying(4.0, tops, stiffness) == pytest.approx(2.0)
+    assert depth_carrying(15.0, tops, stiffness) == pytest.approx(4.0)
+
+
+def test_mujoco_has_the_last_word(monkeypatch):
+    """Were its contacts to find other springs pressed, nothing would have settled."""
+    shape, command = ball(4.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0)
+    assert solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM).settled
+    push = Bed.push
+
+    def every_other(bed, force, rest, stiffness):
+        depth, deflection = push(bed, force, rest, stiffness)
+        deflection[::2] = 0.0
+        return depth, deflection
+
+    monkeypatch.setattr(Bed, "push", every_other)
+    assert not solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM).settled

@@ -3,12 +3,12 @@
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
 
 from t2twin.sim.press.elastomer import Elastomer
 from t2twin.sim.press.footprint import heights_at
 from t2twin.sim.press.grid import grown
 from t2twin.sim.press.records import Contact
+from t2twin.sim.press.spline import on_lines
 
 NEAR_CELLS = 3
 """Cells of the contact's grid around the touched ones in which the shape is looked up."""
@@ -21,10 +21,7 @@ def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarr
     the shape exactly, so that edges finer than the grid stay sharp: no surface may reach into the
     solid, hence the larger of the two.
     """
-    spline = RectBivariateSpline(contact.y_mm, contact.x_mm, contact.surface_mm)
-    inside_y = np.clip(y_mm, contact.y_mm[0], contact.y_mm[-1])
-    inside_x = np.clip(x_mm, contact.x_mm[0], contact.x_mm[-1])
-    surface = spline(inside_y, inside_x).astype(np.float32)
+    surface = on_lines(contact.surface_mm, contact.y_mm, contact.x_mm, y_mm, x_mm)
     touched = grown(contact.pressure_kpa > 0, NEAR_CELLS)
     near = (
         _between(y_mm, contact.y_mm[touched.any(axis=1)]),

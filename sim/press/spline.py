@@ -1,0 +1,90 @@
+"""A bicubic spline through values on a grid, read on the lines of another.
+
+What it gives is linear in the values, and the grids are the same from press to press: along each
+axis the values become coefficients of B-splines, by a band of weights, and these the lines between,
+by four weights each.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import BSpline, make_interp_spline
+
+from t2twin.primitives_cad.jit import compiled
+
+DEGREE = 3
+LEAST_WEIGHT = 1e-7
+"""Weights of values on coefficients that are left out: they fall to a quarter with each place, and
+single precision has no more."""
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Sums of neighbouring rows. first: (m,) int64, the first row of each sum. weights: (m, k)
+    float32, of it and of those after it."""
+
+    first: np.ndarray
+    weights: np.ndarray
+
+    def of(self, values: np.ndarray) -> np.ndarray:
+        """(m, columns) float32 of (n, columns) float32."""
+        sums = np.zeros((self.first.size, values.shape[1]), np.float32)
+        _add_rows(values, self.first, self.weights, sums)
+        return sums
+
+
+def on_lines(
+    values: np.ndarray,
+    y: np.ndarray,
+    x: np.ndarray,
+    lines_y: np.ndarray,
+    lines_x: np.ndarray,
+) -> np.ndarray:
+    """The spline through values (y.size, x.size) at lines_y and lines_x, float32.
+
+    All axes rise. The spline's third derivative goes on through the second and the last but one
+    place of each axis (not-a-knot). Beyond the values it stays what it is at their edge.
+    """
+    down = _axis(y.tobytes(), lines_y.tobytes())
+    along = _axis(x.tobytes(), lines_x.tobytes())
+    spread = np.array(values, np.float32)  # a copy, as what is given may be read-only
+    for rows in down:
+        spread = rows.of(spread)
+    spread = np.ascontiguousarray(spread.T)
+    for rows in along:
+        spread = rows.of(spread)
+    return np.ascontiguousarray(spread.T)
+
+
+@lru_cache(maxsize=32)
+def _axis(places: bytes, lines: bytes) -> tuple[_Rows, _Rows]:
+    """Values at places to coefficients, and these to what is at lines. Both float64."""
+    at = np.frombuffer(places)
+    between = np.clip(np.frombuffer(lines), at[0], at[-1])
+    knots = make_interp_spline(at, np.zeros(at.size), DEGREE).t
+    through = BSpline.design_matrix(at, knots, DEGREE).toarray()
+    return (
+        _banded(np.linalg.inv(through)),
+        _banded(BSpline.design_matrix(between, knots, DEGREE).toarray()),
+    )
+
+
+def _banded(matrix: np.ndarray) -> _Rows:
+    """The rows of a matrix (m, n) without what is next to nothing at their ends."""
+    there = np.abs(matrix) > LEAST_WEIGHT
+    first = there.argmax(axis=1)
+    width = int((matrix.shape[1] - there[:, ::-1].argmax(axis=1) - first).max())
+    first = np.minimum(first, matrix.shape[1] - width)
+    weights = np.take_along_axis(matrix, first[:, None] + np.arange(width), axis=1)
+    return _Rows(first, np.ascontiguousarray(weights, np.float32))
+
+
+@compiled("void(f4[:, ::1], i8[::1], f4[:, ::1], f4[:, ::1])", nogil=True)
+def _add_rows(values, first, weights, sums):
+    for i in range(first.size):
+        row = sums[i]
+        for k in range(weights.shape[1]):
+            weight, added = weights[i, k], values[first[i] + k]
+            for j in range(row.size):
+                row[j] += weight * added[j]
