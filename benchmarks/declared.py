@@ -375,6 +375,26 @@ WORLD_RATE = Benchmark(
     entries=("t2twin.sim.dataset.generate",),
 )
 
+SPEED = Benchmark(
+    name="speed",
+    measures="How much faster a press, a picture and a dataset are than at another commit.",
+    minutes=20,
+    figures=(
+        Figure("times_as_fast.pairs", "times", least=2.0),
+        Figure("times_as_fast.press_digit", "times", least=2.0),
+        Figure("times_as_fast.press_cyskin", "times", least=2.2),
+        Figure("times_as_fast.picture", "times", least=2.0),
+        Figure("two_workers_over_one", "times", least=1.9),
+        Figure("ms.*", "ms"),
+        Figure("pairs_a_second", "pairs/s"),
+    ),
+    arguments=(
+        Argument("checkout", "folder of another checkout of this project", Path),
+        Argument("--turns", "of both; keeps nothing unless 5", int, 5, thins=True),
+    ),
+    entries=("t2twin.sim.dataset.generate",),
+)
+
 WORLD_RUNS = Benchmark(
     name="world_runs",
     measures="The errors of translators trained on one world and measured on others.",

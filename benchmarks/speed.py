@@ -1,0 +1,119 @@
+"""What a press, a picture and a dataset cost, against another commit of this project, turn by turn.
+
+    git worktree add --detach ../older 1b5051b
+    python -m benchmarks.speed ../older
+
+Each turn measures both checkouts, one after the other, in processes of their own on one core
+(`benchmarks/speed_turn.py`); a ratio is the median of the turns', since absolute times differ
+twofold from machine to machine. Pairs a second are those of `t2twin simdata --scale small`. The
+other checkout is taken as it is, with the packages that are installed here.
+"""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks import ROOT
+from benchmarks.declared import SPEED
+from benchmarks.evidence.run import main
+from t2twin.primitives_cad.errors import T2TwinError
+
+TURN = ROOT / "benchmarks" / "speed_turn.py"
+SCALE = "small"
+STAGES = ("press_digit", "press_cyskin", "picture")
+
+RATE = re.compile(r"([\d.]+) pairs/s")
+"""What `t2twin simdata` says at its end."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    other = options.checkout.resolve()
+    if not (other / "primitives_cad").is_dir():
+        raise T2TwinError(f"{options.checkout} is no checkout of this project")
+    with tempfile.TemporaryDirectory(prefix="t2twin-speed-") as folder:
+        for checkout in (ROOT, other):  # shapes and compiled code are at hand from here on
+            _stages(checkout)
+        turns = [
+            {
+                "stages_ms": {"now": _stages(ROOT), "before": _stages(other)},
+                "pairs_a_second": {
+                    "now": _rate(ROOT, Path(folder), 1),
+                    "now_two_workers": _rate(ROOT, Path(folder), 2),
+                    "before": _rate(other, Path(folder), 1),
+                },
+            }
+            for _ in tqdm(range(options.turns), unit="turn")
+        ]
+    rates = [turn["pairs_a_second"] for turn in turns]
+    return {
+        "before": _commit(other),
+        "times_as_fast": {
+            stage: _median(
+                turn["stages_ms"]["before"][stage] / turn["stages_ms"]["now"][stage]
+                for turn in turns
+            )
+            for stage in STAGES
+        }
+        | {"pairs": _median(rate["now"] / rate["before"] for rate in rates)},
+        "two_workers_over_one": _median(rate["now_two_workers"] / rate["now"] for rate in rates),
+        "ms": {
+            stage: _median(turn["stages_ms"]["now"][stage] for turn in turns) for stage in STAGES
+        },
+        "pairs_a_second": _median(rate["now"] for rate in rates),
+        "turns": turns,
+    }
+
+
+def _median(values: Any) -> float:
+    return float(np.median(list(values)))
+
+
+def _stages(checkout: Path) -> dict[str, float]:
+    """Median milliseconds of each stage over the protocol of scale smoke."""
+    return json.loads(_run(checkout, [str(TURN)]).splitlines()[-1])
+
+
+def _rate(checkout: Path, folder: Path, workers: int) -> float:
+    """Pairs a second of a whole dataset."""
+    package = "t2twin" if (checkout / "t2twin").is_dir() else "translate.cli"
+    with tempfile.TemporaryDirectory(dir=folder) as out:
+        place = str(Path(out) / "data")
+        said = _run(
+            checkout,
+            ["-m", package, "simdata", "--scale", SCALE, "--workers", str(workers), "--out", place],
+        )
+    (rate,) = RATE.findall(said)
+    return float(rate)
+
+
+def _run(checkout: Path, arguments: list[str]) -> str:
+    """What a Python process prints that has a checkout's packages, and one thread."""
+    done = subprocess.run(
+        [sys.executable, *arguments],
+        cwd=checkout,
+        env=os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    if done.returncode:
+        raise T2TwinError(f"{checkout} cannot be measured: {done.stdout.strip()[-500:]}")
+    return done.stdout
+
+
+def _commit(checkout: Path) -> str:
+    asked = ["git", "-C", str(checkout), "rev-parse", "--short=12", "HEAD"]
+    return subprocess.run(asked, capture_output=True, text=True, check=True).stdout.strip()
+
+
+if __name__ == "__main__":
+    main(SPEED)

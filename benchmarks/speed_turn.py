@@ -1,0 +1,62 @@
+"""Times of this directory's own engine, printed as JSON: run by benchmarks/speed.py in a checkout.
+
+It has to run with older layouts of the project too, which had no package `t2twin`.
+"""
+
+# pyright: reportMissingImports=false, reportAttributeAccessIssue=false
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+if Path("t2twin").is_dir():
+    from t2twin.primitives_cad import catalogue
+    from t2twin.sim.sensors import SensorPair
+    from t2twin.sim.world import protocol
+
+    PAIR = SensorPair()
+    press_digit, press_cyskin = PAIR.digit.press, PAIR.cyskin.press
+
+    def picture(contact, shape, command, rng):
+        return PAIR.digit.image(contact, rng)
+
+else:
+    from sim.bench import Bench
+
+    from primitives_cad import catalogue
+    from sim import protocol
+
+    PAIR = Bench()
+    press_digit, press_cyskin, picture = PAIR.digit.touch, PAIR.cyskin.touch, PAIR.digit.see
+
+SCALE = "smoke"
+ROUNDS = 3
+"""Rounds over the presses, of which each one's best time counts."""
+
+
+def main() -> None:
+    presses = [
+        (shape, protocol.press_at(shape, index))
+        for shape in map(catalogue.load, catalogue.NAMES)
+        for index in protocol.indices(shape.name, protocol.SCALES[SCALE])
+    ]
+    rng = np.random.default_rng(0)
+    best = np.full((len(presses), 3), np.inf)
+    for _ in range(ROUNDS):
+        for row, (shape, command) in enumerate(presses):
+            times = [time.perf_counter()]
+            contact = press_digit(shape, command)
+            times.append(time.perf_counter())
+            press_cyskin(shape, command)
+            times.append(time.perf_counter())
+            picture(contact, shape, command, rng)
+            times.append(time.perf_counter())
+            best[row] = np.minimum(best[row], 1e3 * np.diff(times))
+    digit, cyskin, seen = np.median(best, axis=0)
+    print(json.dumps({"press_digit": digit, "press_cyskin": cyskin, "picture": seen}))
+
+
+if __name__ == "__main__":
+    main()
