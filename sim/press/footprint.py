@@ -1,9 +1,11 @@
 """What a shape's surface is over each cell of a grid: how high, and over how much of the cell."""
 
+import weakref
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from t2twin.primitives_cad.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
@@ -22,6 +24,13 @@ height is quadratic, the corner samples lying 0.4 cells off the middle both ways
 
 LEAST_COVER = 0.1
 """Cells of which the shape covers less than this share count as free."""
+
+
+BLOCK = 8
+"""Points a side of the blocks in which a shape is known to be flat, and needs no samples."""
+
+UNEVEN = np.float32(np.inf)
+"""Stands for a block that is not flat, with all blocks around it."""
 
 
 def to_shape_frame(
@@ -80,8 +89,29 @@ def footprint(
     """
     heights, shares, peaks = np.empty((3, y_mm.size, x_mm.size))
     wanted = np.ones((1, 1), bool) if looked_at is None else np.ascontiguousarray(looked_at)
-    _footprint(*_lookup(surface, command), x_mm, y_mm, wanted, heights, shares, peaks)
+    lookup = _lookup(surface, command)
+    _footprint(*lookup, _even_blocks(surface), x_mm, y_mm, wanted, heights, shares, peaks)
     return Footprint(heights, shares, peaks)
+
+
+_even: dict[int, tuple[weakref.ref, np.ndarray]] = {}
+"""What `_even_blocks` has found of surfaces that are still there, by their identity."""
+
+
+def _even_blocks(surface: HeightMap) -> np.ndarray:
+    """Blocks of BLOCK x BLOCK points: the height of those that are flat as all about them are, mm;
+    else UNEVEN. Worked out once a surface: a base plate and a punch's face are most of a map."""
+    known = _even.get(id(surface))
+    if known is not None and known[0]() is surface:
+        return known[1]
+    heights = np.ascontiguousarray(surface.heights_mm, np.float32)
+    low, high = np.empty((2, *(-(-side // BLOCK) for side in heights.shape)), np.float32)
+    _ranges(heights, low, high)
+    low, high = ndimage.minimum_filter(low, 3), ndimage.maximum_filter(high, 3)
+    blocks = np.where(low == high, low, UNEVEN).astype(np.float32)
+    place = id(surface)
+    _even[place] = weakref.ref(surface, lambda _: _even.pop(place, None)), blocks
+    return blocks
 
 
 def _lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
@@ -101,6 +131,17 @@ _LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8, f8"
 """Types of what `_lookup` gives, so that compiling happens at import and not within a press."""
 
 
+@compiled("void(f4[:, ::1], f4[:, ::1], f4[:, ::1])", nogil=True)
+def _ranges(heights, low, high):
+    """The lowest and the highest point of each block."""
+    low[:], high[:] = np.inf, -np.inf
+    for i in range(heights.shape[0]):
+        lows, highs, row = low[i // BLOCK], high[i // BLOCK], heights[i]
+        for j in range(row.size):
+            lows[j // BLOCK] = min(lows[j // BLOCK], row[j])
+            highs[j // BLOCK] = max(highs[j // BLOCK], row[j])
+
+
 @compiled(inline="always")
 def _column_and_row(x0, y0, pitch, press_x, press_y, cos, sin, x, y):
     """Where a place lies on the shape's map, in its cells."""
@@ -112,10 +153,13 @@ def _column_and_row(x0, y0, pitch, press_x, press_y, cos, sin, x, y):
 def _height(heights, column, row):
     if not (0.0 <= column < heights.shape[1] - 1 and 0.0 <= row < heights.shape[0] - 1):
         return np.float32(NOTHING_MM)
-    j, i = int(column), int(row)
-    across, down = column - j, row - i
-    a, b, c, d = heights[i, j], heights[i, j + 1], heights[i + 1, j], heights[i + 1, j + 1]
-    return (a * (1 - across) + b * across) * (1 - down) + (c * (1 - across) + d * across) * down
+    # Unsigned, as what could count from an axis' end would be looked at each time.
+    j, i, one = np.uintp(column), np.uintp(row), np.uintp(1)
+    across, down = np.float32(column - j), np.float32(row - i)
+    upper, lower = heights[i], heights[i + one]
+    left = upper[j] + down * (lower[j] - upper[j])
+    right = upper[j + one] + down * (lower[j + one] - upper[j + one])
+    return left + across * (right - left)
 
 
 @compiled(f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1])", nogil=True)
@@ -129,11 +173,12 @@ def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, out
 
 
 @compiled(
-    f"void({_LOOKUP}, f8[::1], f8[::1], b1[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])",
+    f"void({_LOOKUP}, f4[:, ::1], f8[::1], f8[::1], b1[:, ::1], f8[:, ::1], f8[:, ::1],"
+    " f8[:, ::1])",
     nogil=True,
 )
 def _footprint(
-    heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, wanted, mean, share, peak
+    heights, x0, y0, pitch, press_x, press_y, cos, sin, even, x_mm, y_mm, wanted, mean, share, peak
 ):
     cell = x_mm[1] - x_mm[0]
     # A cell's samples, as steps on the shape's map; row by row of the cell.
@@ -150,6 +195,9 @@ def _footprint(
     peak[:] = NOTHING_MM
     reach = cell / pitch  # beyond the map by more than this no sample of a cell is on it
     most_column, most_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
+    # A cell's samples lie within its middle four fifths, whichever way it is turned.
+    nearby = 0.4 * np.sqrt(2.0) * reach + 1.0 < BLOCK
+    inner_column, inner_row = heights.shape[1] - 1 - reach, heights.shape[0] - 1 - reach
     down, across = y_mm.size // wanted.shape[0], x_mm.size // wanted.shape[1]
     for i in range(y_mm.size):
         for j in range(x_mm.size):
@@ -160,6 +208,12 @@ def _footprint(
             )
             if not (-reach < column < most_column and -reach < row < most_row):
                 continue
+            if nearby and reach < column < inner_column and reach < row < inner_row:
+                height = even[int(row) // BLOCK, int(column) // BLOCK]
+                if height != UNEVEN:
+                    mean[i, j] = peak[i, j] = height
+                    share[i, j] = 1.0 if height > NOTHING_MM / 2 else 0.0
+                    continue
             # Where middle and corners lie near each other, five points say it all.
             centre = _height(heights, column, row)
             low, high, total = centre, centre, 0.0

@@ -13,6 +13,7 @@ from scipy import fft, special
 from scipy.fft import next_fast_len
 from scipy.interpolate import CubicSpline
 
+from t2twin.primitives_cad.jit import compiled
 from t2twin.sim.press.elastomer import Elastomer
 
 THICKNESSES = 17
@@ -101,6 +102,7 @@ class Layer:
         self.thickness_mm = elastomer.thickness_at_mm(x, y)
 
         self.weights, self._kernels, self._softest = _answers(self, elastomer)
+        self._largest: dict[tuple[int, ...], float] = {}
         self._lock = Lock()  # threads share a layer
         self._transforms: OrderedDict[tuple[int, int], np.ndarray] = OrderedDict()
         thickest = float(self.thickness_mm.max())
@@ -115,12 +117,14 @@ class Layer:
 
         The lesser of the largest over all wavelengths and the largest row sum of the operator.
         """
-        rows, columns = min(span[0], self.rows) // 2 + 1, min(span[1], self.columns) // 2 + 1
-        near = self._softest[
-            self.rows - rows : self.rows + rows - 1,
-            self.columns - columns : self.columns + columns - 1,
-        ]
-        return min(self.softest_mm_per_mpa, float(np.abs(near).sum()))
+        if span not in self._largest:
+            rows, columns = min(span[0], self.rows) // 2 + 1, min(span[1], self.columns) // 2 + 1
+            near = self._softest[
+                self.rows - rows : self.rows + rows - 1,
+                self.columns - columns : self.columns + columns - 1,
+            ]
+            self._largest[span] = min(self.softest_mm_per_mpa, float(np.abs(near).sum()))
+        return self._largest[span]
 
     def deflection_mm(
         self, pressure_mpa: np.ndarray, window: tuple[slice, slice] = WHOLE
@@ -145,9 +149,11 @@ class Layer:
         """
         rows, columns = pressure_mpa.shape
         down, across = _fast(2 * rows - 1), _fast(2 * columns - 1)
-        along = fft.fft(fft.rfft(pressure_mpa, across), down, axis=0, overwrite_x=True)
-        spectrum = self._transform(rows, columns, (down, across)) * along
-        upright = np.asarray(fft.ifft(spectrum, axis=1, overwrite_x=True))[:, :rows]
+        spectrum = fft.fft(fft.rfft(pressure_mpa, across), down, axis=0, overwrite_x=True)
+        kernels = self._transform(rows, columns, (down, across))
+        spectra = np.empty(kernels.shape, np.complex64)
+        _multiply(kernels, spectrum, spectra)
+        upright = np.asarray(fft.ifft(spectra, axis=1, overwrite_x=True))[:, :rows]
         return np.asarray(fft.irfft(upright, across))[:, :, :columns]
 
     def _transform(self, rows: int, columns: int, padded: tuple[int, int]) -> np.ndarray:
@@ -171,7 +177,16 @@ class Layer:
         cut[:, *np.ix_(offset_rows % padded[0], offset_columns % padded[1])] = self._kernels[
             :, *np.ix_(offset_rows + middle_row, offset_columns + middle_column)
         ]
-        return np.asarray(fft.rfft2(cut))
+        # Kernels are even along both axes, and so their transforms are real.
+        return np.ascontiguousarray(np.real(np.asarray(fft.rfft2(cut))))
+
+
+@compiled("void(f4[:, :, ::1], c8[:, ::1], c8[:, :, ::1])", nogil=True)
+def _multiply(kernels, spectrum, spectra):
+    for k in range(len(kernels)):
+        for i in range(kernels.shape[1]):
+            for j in range(kernels.shape[2]):
+                spectra[k, i, j] = kernels[k, i, j] * spectrum[i, j]
 
 
 @lru_cache(maxsize=16)
