@@ -126,6 +126,15 @@ def pictures_html(look: Look, scales: Scales, runs_known: bool) -> str:
     return _page([*parts, _contacts(touch.digit, touch.cyskin), notes, _steps(look), _counts(look)])
 
 
+def again_html(line: str, link: str | None) -> str:
+    """How a press is made again: by a command line, and by a link, None where it can have none."""
+    address = _paragraph("None, as a link holds no files.") if link is None else _code(link)
+    return _page([
+        "<h4>The line that makes it again</h4>", _code(line),
+        "<h4>A link to this very press</h4>", address,
+    ])  # fmt: skip
+
+
 def frame_html(image: np.ndarray, name: str, translations: Sequence[Translation]) -> str:
     """A frame of one's own, of which no truth is known, and what each run makes of it."""
     most = nice_end(max((t.counts.max() for t in translations), default=0.0), LEAST_COUNTS)
@@ -259,7 +268,7 @@ def _none_yet() -> str:
     return (
         "<h4>Translated</h4>"
         + _paragraph("There is no trained translator here yet. This makes both, in minutes:")
-        + f"<p><code>{escape(MAKE_ONE)}</code></p>"
+        + _code(MAKE_ONE)
     )
 
 
@@ -273,6 +282,10 @@ def _figure(title: str, note: str, address: str, name: str) -> str:
 
 def _paragraph(text: str) -> str:
     return f'<p class="soft">{escape(text)}</p>'
+
+
+def _code(text: str) -> str:
+    return f"<p><code>{escape(text)}</code></p>"
 
 
 def _page(parts: Sequence[str]) -> str:

@@ -1,6 +1,7 @@
 """What one client sees and does: its controls, its scene, its pictures, its own press."""
 
 import shutil
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,7 +19,7 @@ from t2twin.sim.cyskin.taxels import pad_weights
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.press.elastomer import CYSKIN_COVER
 from t2twin.sim.sensors import SensorPair
-from t2twin.studio.cards import pictures_html, scales_of, welcome_html
+from t2twin.studio.cards import Scales, again_html, pictures_html, scales_of, welcome_html
 from t2twin.studio.controls import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
 from t2twin.studio.frames import Frames
 from t2twin.studio.notices import Notices
@@ -39,6 +40,9 @@ reports."""
 
 DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
 """What a drag to the right with Shift turns, and one downwards with Ctrl presses (assumed)."""
+
+SENDING_S = 0.003
+"""What viser's own thread needs to send what is flushed, s (assumed; a GIL is 5 ms in coming)."""
 
 CONTROLS_PX, PICTURES_PX = 320, 420
 """Widths of the panels, px."""
@@ -201,10 +205,7 @@ class Page:
                 "This press as a zip file", icon=viser.Icon.DOWNLOAD, color=QUIET,
                 hint="The folder that t2twin press writes: pictures, counts, contacts, scenes",
             )  # fmt: skip
-            gui.add_markdown("The line that makes it again:")
-            self._line = gui.add_markdown("")
-            gui.add_markdown("A link to this very press:")
-            self._address = gui.add_markdown("")
+            self._again = gui.add_html("")
 
         @take.on_click
         def _(event: viser.GuiEvent) -> None:
@@ -275,13 +276,21 @@ class Page:
                 self._session.shape(state)
         look = self._session.look(state, runs)
         scales = scales_of(look)
+        self._put_cards(look, scales)
+        self.look = look
         most_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
         self._scene.draw(look, self._shown_as, most_kpa, scales.counts)
-        known = bool(self._shared.translators.names)
-        self._pictures.content = pictures_html(look, scales, known)
-        self._line.content = f"```\n{state.command_line()}\n```"
+
+    def _put_cards(self, look: Look, scales: Scales) -> None:
+        """Sends what stands beside the scene, on its own: a browser shows at once what is no part
+        of the scene, and the rest when it has drawn the scene, which takes long without a GPU."""
+        state = look.state
+        pictures = pictures_html(look, scales, bool(self._shared.translators.names))
         files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
-        self._address.content = (
-            "None, as a link holds no files." if files else f"```\n{self._link(state)}\n```"
-        )
-        self.look = look
+        with self._client.atomic():
+            self._pictures.content = pictures
+            self._again.content = again_html(
+                state.command_line(), None if files else self._link(state)
+            )
+        self._client.flush()
+        time.sleep(SENDING_S)

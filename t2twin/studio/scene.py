@@ -122,10 +122,11 @@ class Scene:
         parts["cyskin"].append(
             taxels_part(look.touch.cyskin, look.touch.layout, look.touch.counts, most)
         )
-        with self._client.atomic():
+        surfaces = {name: as_glb(parts[name]) for name in contacts}
+        with self._client.atomic():  # nothing of this client's is sent within, so it is short
             self._draw_shape(look.touch.shape, shown_as, look.touch.command.yaw_rad, contacts)
             for name in contacts:
-                self._draw_surface(name, as_glb(parts[name]))
+                self._draw_surface(name, surfaces[name])
         self._client.flush()
 
     def settle(self) -> None:
