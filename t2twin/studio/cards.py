@@ -40,6 +40,9 @@ WELCOME = (
 )
 """What a new page says first."""
 
+RUNS_COME = "The translators are being loaded."
+"""What stands in their place until then."""
+
 UNFAMILIAR = "This picture is unlike all that it was trained on: its counts mean little."
 """What is said of a translation that cannot be trusted."""
 
@@ -107,8 +110,9 @@ def welcome_html() -> str:
     return STYLE + _page([f"<p>{escape(WELCOME)}</p>"])
 
 
-def pictures_html(look: Look, scales: Scales, runs_known: bool) -> str:
-    """All that is said of a look. runs_known: whether there is any run to translate by."""
+def pictures_html(look: Look, scales: Scales, runs_known: bool, runs_come: bool = False) -> str:
+    """All that is said of a look. runs_known: whether there is any run to translate by. runs_come:
+    whether some are still being looked for or loaded."""
     touch = look.touch
     seen = _figure("DIGIT", "what its camera saw, from below", data_address(touch.image), "digit")
     if look.tactile_image is None:
@@ -120,6 +124,8 @@ def pictures_html(look: Look, scales: Scales, runs_known: bool) -> str:
     if look.translations:
         parts.append("<h4>The CySkin, translated from the DIGIT's picture alone</h4>")
         parts += [_translation_row(each, scales) for each in look.translations]
+    elif runs_come:
+        parts.append(f"<h4>Translated</h4>{_paragraph(RUNS_COME)}")
     elif not runs_known:
         parts.append(_none_yet())
     notes = "".join(_paragraph(note) for note in _notes(touch))

@@ -3,11 +3,11 @@
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Lock
+from threading import Lock, Thread
 from typing import Any, get_args
 
 import viser
@@ -18,18 +18,16 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.taxels import pad_weights
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.press.elastomer import CYSKIN_COVER
-from t2twin.sim.sensors import SensorPair
 from t2twin.studio.cards import Scales, again_html, pictures_html, scales_of, welcome_html
 from t2twin.studio.controls import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
-from t2twin.studio.frames import Frames
 from t2twin.studio.notices import Notices
 from t2twin.studio.press_state import PressState, is_file
+from t2twin.studio.ready import Shared
 from t2twin.studio.scene import Dragged, Scene, Sensors
 from t2twin.studio.session import Look, Session
 from t2twin.studio.solids import ShownAs
 from t2twin.studio.take_away import zipped
 from t2twin.studio.translate_tab import TranslateTab
-from t2twin.studio.translators import Translators
 from t2twin.studio.uploads import forget, kept_file, limit_uploads
 from t2twin.studio.worker import NewestFirst
 from t2twin.twin import load_shape
@@ -41,22 +39,14 @@ reports."""
 DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
 """What a drag to the right with Shift turns, and one downwards with Ctrl presses (assumed)."""
 
+FIRST_START = "The first start on a machine takes some seconds more: what is made then is kept."
+"""What is said until the first press is done."""
+
 SENDING_S = 0.003
 """What viser's own thread needs to send what is flushed, s (assumed; a GIL is 5 ms in coming)."""
 
 CONTROLS_PX, PICTURES_PX = 320, 420
 """Widths of the panels, px."""
-
-
-@dataclass(frozen=True)
-class Shared:
-    """What all clients of a studio have in common. folder: the temporary one for their files.
-    frames: the source that it was started with."""
-
-    translators: Translators
-    sensors: SensorPair
-    folder: Path
-    frames: Frames | None = None
 
 
 class Page:
@@ -77,7 +67,8 @@ class Page:
         self._state, self._dragged_from = state, state
         self._runs: tuple[str, ...] = ()
         self._shown_as: ShownAs = "glass"
-        self._session = Session(shared.translators, shared.sensors)
+        self._session: Session | None = None
+        self._loading: Thread | None = None
         self.look: Look | None = None
         self._notices = Notices(client)
         self._scene = Scene(client, self._drag)
@@ -93,8 +84,13 @@ class Page:
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def wait(self, timeout_s: float) -> bool:
-        """Until the page shows its newest state; False where that took longer."""
-        return self._worker.wait(timeout_s)
+        """Until the page shows its newest state, translators and all; False where that took
+        longer."""
+        until_s = time.monotonic() + timeout_s
+        done = self._worker.wait(timeout_s)
+        if self._loading is not None:
+            self._loading.join(max(until_s - time.monotonic(), 0.0))
+        return done and self._worker.wait(max(until_s - time.monotonic(), 0.0))
 
     @property
     def state(self) -> PressState:
@@ -270,22 +266,49 @@ class Page:
             self._notices.well()
 
     def _make_look(self) -> None:
+        session = self._ready_session()
         state, runs = self._state, self._runs
         if state.shape in catalogue.NAMES and not catalogue.is_kept(state.shape):
             with self._notices.busy(f"Making {state.shape}", "Once; it is kept for the next time."):
-                self._session.shape(state)
-        look = self._session.look(state, runs)
+                session.shape(state)
+        loaded = self._shared.translators.are_loaded(runs)
+        look = session.look(state, runs if loaded else ())
         scales = scales_of(look)
-        self._put_cards(look, scales)
+        self._put_cards(look, scales, runs_come=not loaded)
         self.look = look
         most_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
         self._scene.draw(look, self._shown_as, most_kpa, scales.counts)
+        self._shared.is_seen.set()
+        if not loaded:
+            self._load(runs)
 
-    def _put_cards(self, look: Look, scales: Scales) -> None:
+    def _ready_session(self) -> Session:
+        """This client's session, when the studio can press."""
+        if self._session is None:
+            if not self._shared.can_press.is_set():
+                with self._notices.busy("Getting ready", FIRST_START):
+                    self._shared.can_press.wait()
+            self._session = Session(self._shared.translators, self._shared.sensors)
+        return self._session
+
+    def _load(self, runs: tuple[str, ...]) -> None:
+        """In a thread of its own, so that the page follows its slider meanwhile."""
+        if self._loading is not None and self._loading.is_alive():
+            return  # it asks for a new look in the end, and that for these
+
+        def load() -> None:
+            if self._notices.guarded(lambda: self._shared.translators.load(runs)):
+                self._worker.ask()
+
+        self._loading = Thread(target=load, daemon=True)
+        self._loading.start()
+
+    def _put_cards(self, look: Look, scales: Scales, runs_come: bool) -> None:
         """Sends what stands beside the scene, on its own: a browser shows at once what is no part
         of the scene, and the rest when it has drawn the scene, which takes long without a GPU."""
-        state = look.state
-        pictures = pictures_html(look, scales, bool(self._shared.translators.names))
+        state, translators = look.state, self._shared.translators
+        runs_come = runs_come or not translators.are_known
+        pictures = pictures_html(look, scales, bool(translators.names), runs_come)
         files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
         with self._client.atomic():
             self._pictures.content = pictures
