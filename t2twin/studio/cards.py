@@ -36,7 +36,8 @@ MODELS = {"resnet18": "ResNet18", "touch2touch": "touch2touch"}
 
 WELCOME = (
     "Press a shape into two touch sensors at once. Move a slider, or drag the shape itself: "
-    "with Shift it turns, with Ctrl it is pressed harder."
+    "with Shift it turns, with Ctrl it is pressed harder. Drop a file of yours anywhere to press "
+    "that."
 )
 """What a new page says first."""
 
@@ -65,6 +66,9 @@ STYLE = """<style>
 .t2 tbody tr { border-top: 1px solid rgba(128, 128, 128, 0.25); }
 .t2 p { margin: 0.3rem 0; }
 .t2 code { font-size: 0.75rem; overflow-wrap: anywhere; }
+.t2-drop::after { content: "Drop it to press it"; position: fixed; inset: 0.6rem; z-index: 9999;
+  display: grid; place-items: center; border: 3px dashed currentColor; border-radius: 8px;
+  background: rgba(128, 128, 128, 0.35); font: 600 1.4rem sans-serif; pointer-events: none; }
 @media (max-width: 36em) {
   .mantine-Paper-root:has(.t2) { left: 0 !important; width: 100% !important; }
   .mantine-Paper-root:has(.t2) .mantine-ScrollArea-content > div { width: 100% !important; }

@@ -3,12 +3,11 @@
 import shutil
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
-from typing import Any, get_args
+from typing import Any
 
 import viser
 
@@ -20,21 +19,18 @@ from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.press.elastomer import CYSKIN_COVER
 from t2twin.studio.cards import Scales, again_html, pictures_html, scales_of, welcome_html
 from t2twin.studio.controls import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
+from t2twin.studio.drop import take_dropped
 from t2twin.studio.notices import Notices
 from t2twin.studio.press_state import PressState, is_file
 from t2twin.studio.ready import Shared
-from t2twin.studio.scene import Dragged, Scene, Sensors
+from t2twin.studio.scene import Dragged, Scene
 from t2twin.studio.session import Look, Session
-from t2twin.studio.solids import ShownAs
 from t2twin.studio.take_away import zipped
 from t2twin.studio.translate_tab import TranslateTab
 from t2twin.studio.uploads import forget, kept_file, limit_uploads
+from t2twin.studio.view import View
 from t2twin.studio.worker import NewestFirst
 from t2twin.twin import load_shape
-
-ACCENT, ACCENT_BY_NIGHT = (11, 83, 148), (138, 184, 240)
-"""The page's one colour, red, green, blue, by day and by night: that of links in the project's
-reports."""
 
 DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
 """What a drag to the right with Shift turns, and one downwards with Ctrl presses (assumed)."""
@@ -64,9 +60,8 @@ class Page:
         self._folder = shared.folder / str(client.client_id)
         self._folder.mkdir()
         self._lock = Lock()
-        self._state, self._dragged_from = state, state
+        self._state, self._dragged_from, self._force_from = state, state, state.force_n
         self._runs: tuple[str, ...] = ()
-        self._shown_as: ShownAs = "glass"
         self._session: Session | None = None
         self._loading: Thread | None = None
         self.look: Look | None = None
@@ -100,7 +95,7 @@ class Page:
     def change(self, changes: dict[str, Any]) -> PressState:
         """Takes fields of PressState with new values, and shows what comes of them."""
         with self._lock:
-            self._state = state = replace(self._state, **changes)
+            self._state = state = self._state.changed(changes)
         self._worker.ask()
         return state
 
@@ -134,13 +129,7 @@ class Page:
         gui.add_html(welcome_html())
         self.controls = Controls(self._client, self._state, self.change, self._notices.guarded)
         limit_uploads(self._client, self._notices.wrong)
-        for button, kind, read in (
-            (self.controls.upload_shape, "shape", load_shape),
-            (self.controls.upload_layout, "layout", self._fitting_layout),
-            (self.controls.upload_light, "calibration", Calibration.load),
-        ):
-            self._on_upload(button, kind, partial(self._take_file, kind, read))
-        self._add_view()
+        self._view = View(self._client, self._scene.arrange, lambda: self._worker.ask())
         self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
         self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
         self._add_take_away()
@@ -155,44 +144,29 @@ class Page:
                 self._shared.frames,
                 lambda: self.look,
             )
-        self._on_upload(self._tab.upload, "frame", self._tab.show_file)
+        self._heed_files()
         pictures.dock_right()
         pictures.set_width(PICTURES_PX)
         pictures.expand()
 
-    def _add_view(self) -> None:
-        gui = self._client.gui
-        with gui.add_folder("View", expand_by_default=False):
-            sensors = gui.add_dropdown("Sensors", get_args(Sensors))
-            shown_as = gui.add_dropdown("Shape as", get_args(ShownAs))
-            dark = gui.add_checkbox("Dark", False)
-
-        @sensors.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if sensors.value in get_args(Sensors):
-                self._scene.arrange(sensors.value)
-
-        @shown_as.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if shown_as.value in get_args(ShownAs):
-                self._shown_as = shown_as.value
-                self._worker.ask()
-
-        @dark.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            self._dress(dark.value)
-
-        self._dress(False)
-        self._scene.arrange("both")
-
-    def _dress(self, dark: bool) -> None:
-        self._client.gui.configure_theme(
-            dark_mode=dark,
-            brand_color=ACCENT_BY_NIGHT if dark else ACCENT,
-            control_width="large",
-            show_logo=False,
-            show_share_button=False,
-        )
+    def _heed_files(self) -> None:
+        """Takes what comes by the buttons, or is dropped on the page."""
+        controls = self.controls
+        takers: dict[str, tuple[viser.GuiUploadButtonHandle, Callable[[Path], object]]] = {
+            "shape": (controls.upload_shape, partial(self._take_file, "shape", load_shape)),
+            "layout": (
+                controls.upload_layout,
+                partial(self._take_file, "layout", self._fitting_layout),
+            ),
+            "calibration": (
+                controls.upload_light,
+                partial(self._take_file, "calibration", Calibration.load),
+            ),
+            "frame": (self._tab.upload, self._tab.show_file),
+        }
+        for kind, (button, then) in takers.items():
+            self._on_upload(button, kind, then)
+        take_dropped(self._client, {kind: button for kind, (button, _) in takers.items()})
 
     def _add_take_away(self) -> None:
         gui = self._client.gui
@@ -250,13 +224,17 @@ class Page:
     def _drag(self, dragged: Dragged) -> None:
         if dragged.begins:
             self._dragged_from = self._state
+            look = self.look  # knows the force that gives a depth
+            self._force_from = self._state.force_n
+            if look is not None and look.state == self._state:
+                self._force_from = look.touch.command.force_n
         start, (along_x, along_y, along_z) = self._dragged_from, dragged.by_mm
         if dragged.keys is None:
             changes = {"x_mm": start.x_mm + along_x, "y_mm": start.y_mm + along_y}
         elif dragged.keys == "shift":
             changes = {"yaw_deg": start.yaw_deg + DEGREES_A_MM * along_x}
         else:
-            force = start.force_n - NEWTONS_A_MM * along_z
+            force = self._force_from - NEWTONS_A_MM * along_z
             changes = {"force_n": min(max(force, LEAST_SLIDER_N), MOST_SLIDER_N)}
         # Tenths, as the sliders have them: what is dragged by hand needs no more.
         self.controls.take({name: round(float(value), 1) for name, value in changes.items()})
@@ -277,7 +255,7 @@ class Page:
         self._put_cards(look, scales, runs_come=not loaded)
         self.look = look
         most_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
-        self._scene.draw(look, self._shown_as, most_kpa, scales.counts)
+        self._scene.draw(look, self._view.shown_as, most_kpa, scales.counts)
         self._shared.is_seen.set()
         if not loaded:
             self._load(runs)
@@ -311,6 +289,7 @@ class Page:
         pictures = pictures_html(look, scales, bool(translators.names), runs_come)
         files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
         with self._client.atomic():
+            self.controls.show_found(look)
             self._pictures.content = pictures
             self._again.content = again_html(
                 state.command_line(), None if files else self._link(state)
