@@ -175,7 +175,7 @@ def _translation_row(translation: Translation, scales: Scales) -> str:
     bar = _bar("counts", DIVERGING, f"-{scales.difference:,.0f}", f"+{scales.difference:,.0f}")
     words = (
         f"<p><b>{translation.rmse_counts:,.0f} counts off</b>"
-        f'<span class="soft">root mean square, {translation.rmse_percent:.2f} % of full scale '
+        f'<span class="soft">root mean square, {translation.rmse_percent:.2f}&nbsp;% of full scale '
         f"({FULL_SCALE_COUNTS:,.0f})</span></p>"
     )
     words += "" if translation.familiar else _paragraph(UNFAMILIAR)

@@ -1,8 +1,11 @@
 """What one client sees and does: its controls, its scene, its pictures, its own press."""
 
+import asyncio
 import shutil
 import time
 from collections.abc import Callable
+from concurrent.futures import CancelledError
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,8 +41,8 @@ DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
 FIRST_START = "The first start on a machine takes some seconds more: what is made then is kept."
 """What is said until the first press is done."""
 
-SENDING_S = 0.003
-"""What viser's own thread needs to send what is flushed, s (assumed; a GIL is 5 ms in coming)."""
+TURNS = 20
+"""Turns of viser's loop within which it sends what is flushed: three times those that it needs."""
 
 CONTROLS_PX, PICTURES_PX = 320, 420
 """Widths of the panels, px."""
@@ -57,6 +60,7 @@ class Page:
         link: Callable[[PressState], str],
     ) -> None:
         self._client, self._shared, self._link = client, shared, link
+        self._loop = client.gui._event_loop
         self._folder = shared.folder / str(client.client_id)
         self._folder.mkdir()
         self._lock = Lock()
@@ -295,4 +299,12 @@ class Page:
                 state.command_line(), None if files else self._link(state)
             )
         self._client.flush()
-        time.sleep(SENDING_S)
+        turning = asyncio.run_coroutine_threadsafe(_turns(), self._loop)
+        with suppress(TimeoutError, CancelledError):  # the studio is being closed
+            turning.result(1.0)
+
+
+async def _turns() -> None:
+    """Takes TURNS turns of the loop that it runs in, whatever else there is to do in each."""
+    for _ in range(TURNS):
+        await asyncio.sleep(0)

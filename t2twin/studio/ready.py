@@ -84,6 +84,8 @@ def _press(shared: Shared, compiling: subprocess.Popen | None) -> None:
     load_shape(PressState().shape)
     if compiling is not None:
         compiling.wait()
+        assert compiling.stdin is not None
+        compiling.stdin.close()
     Session(shared.translators, shared.sensors).look(PressState())
 
 
@@ -91,7 +93,11 @@ def _compiling_optics() -> subprocess.Popen | None:
     """A second process that compiles half of what there is, on a machine where nothing has been;
     numba compiles one loop at a time in each."""
     home = cache_home()
-    if home is None or (home / "numba").exists() or (os.cpu_count() or 1) < 2:
+    if home is None or (os.cpu_count() or 1) < 2:
+        return None
+    # A folder that the user has given to numba is taken instead: t2twin.primitives_cad.jit.
+    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or home / "numba")
+    if any(kept.glob("digit-*")):
         return None
     return subprocess.Popen(
         [sys.executable, "-c", COMPILE_OPTICS],
