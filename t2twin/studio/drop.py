@@ -15,6 +15,9 @@ from t2twin.studio.uploads import KINDS
 DROPPED = "t2-drop"
 """Class of the page while a file is held over it."""
 
+CLOSED = "The panel of controls is closed; open it to drop a file."
+"""What is said where there is no button, as viser's closed panels have none."""
+
 SCRIPT = """
 window.t2twinDrop?.abort();  // of the connection before this one, whose buttons are gone
 window.t2twinDrop = new AbortController();
@@ -34,7 +37,8 @@ listen("drop", (event) => {
   const takes = (kind) => buttons[kind].ends.some((end) => name.endsWith(end));
   const kind = Object.keys(buttons).find(takes);
   const button = there(kind) ?? there("shape");
-  if (!files.length || button === null) return;
+  if (!files.length) return;
+  if (button === null) return alert("CLOSED");
   button.files = files;
   button.dispatchEvent(new Event("change", {bubbles: true}));
 });
@@ -53,7 +57,8 @@ def take_dropped(
     known = {
         kind: {"id": button._impl.uuid, "ends": KINDS[kind]} for kind, button in buttons.items()
     }
-    script = SCRIPT.replace("BUTTONS", json.dumps(known)).replace("DROPPED", DROPPED)
+    script = SCRIPT.replace("BUTTONS", json.dumps(known)).replace("CLOSED", CLOSED)
+    script = script.replace("DROPPED", DROPPED)
     run_script(client, script)
 
 

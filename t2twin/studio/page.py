@@ -1,15 +1,13 @@
 """What one client sees and does: its controls, its scene, its pictures, its own press."""
 
-import asyncio
 import shutil
 import time
 from collections.abc import Callable
-from concurrent.futures import CancelledError
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Lock, Thread
+from threading import Event, Lock, Thread
 from typing import Any
 
 import viser
@@ -43,6 +41,9 @@ FIRST_START = "The first start on a machine takes some seconds more: what is mad
 
 TURNS = 20
 """Turns of viser's loop within which it sends what is flushed: three times those that it needs."""
+
+SENT_S = 1.0
+"""How long they are waited for, s: they take a millisecond unless the studio is being closed."""
 
 CONTROLS_PX, PICTURES_PX = 320, 420
 """Widths of the panels, px."""
@@ -116,6 +117,8 @@ class Page:
             self._runs_folder.visible = bool(names)
         if new:
             self._take_runs(chosen)
+        else:
+            self._worker.ask()  # that there are none is said, too
 
     async def _new_runs(self, event: viser.GuiEvent) -> None:
         self._take_runs(tuple(name for name, box in self._run_boxes.items() if box.value))
@@ -299,12 +302,18 @@ class Page:
                 state.command_line(), None if files else self._link(state)
             )
         self._client.flush()
-        turning = asyncio.run_coroutine_threadsafe(_turns(), self._loop)
-        with suppress(TimeoutError, CancelledError):  # the studio is being closed
-            turning.result(1.0)
+        self._await_sent()
 
+    def _await_sent(self) -> None:
+        """Until viser's loop has sent what is flushed, so that it goes without what comes next."""
+        sent = Event()
 
-async def _turns() -> None:
-    """Takes TURNS turns of the loop that it runs in, whatever else there is to do in each."""
-    for _ in range(TURNS):
-        await asyncio.sleep(0)
+        def turn(left: int) -> None:
+            if left:
+                self._loop.call_soon(turn, left - 1)
+            else:
+                sent.set()
+
+        with suppress(RuntimeError):  # the loop is closed, and the studio with it
+            self._loop.call_soon_threadsafe(turn, TURNS)
+            sent.wait(SENT_S)
