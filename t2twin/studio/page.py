@@ -61,7 +61,6 @@ class Page:
         link: Callable[[PressState], str],
     ) -> None:
         self._client, self._shared, self._link = client, shared, link
-        self._loop = client.gui._event_loop
         self._folder = shared.folder / str(client.client_id)
         self._folder.mkdir()
         self._lock = Lock()
@@ -71,6 +70,7 @@ class Page:
         self._loading: Thread | None = None
         self.look: Look | None = None
         self._notices = Notices(client)
+        self._loop = client.gui._event_loop
         self._scene = Scene(client, self._drag)
         self._build()
         self._worker = NewestFirst(self._show_newest, self._scene.settle)
