@@ -47,7 +47,7 @@ SEEN_FROM_MM, LOOKING_AT_MM = np.array([2.0, -55.0, 54.0]), np.array([2.0, -4.0,
 ONE_SENSOR = 0.62
 """How much nearer it stands with one sensor, in parts."""
 
-NARROW, HIDDEN_MM = 0.62, 52.0
+NARROW, HIDDEN_MM = 0.62, 64.0
 """Width over height of a view below which it stands farther away, so that all is seen, and looks
 that much nearer to itself, mm: on a phone the controls hide the lower half."""
 
