@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 from browser import PATIENCE_MS, browser, canvas, chromium
+from trimesh.exchange.stl import export_stl
 
 import t2twin
 from t2twin.sim.press.depth import TOLERANCE_MM
@@ -98,9 +99,7 @@ def counts_on(tab):
 def test_a_dropped_file_is_pressed_and_another_is_refused(opened):
     tab, page = opened(PressState(SHAPE))
     ball = trimesh.creation.icosphere(subdivisions=3, radius=6.0)
-    left, shown, _ = tab.evaluate(
-        DROP, ["ball.STL", base64.b64encode(ball.export(file_type="stl")).decode()]
-    )
+    left, shown, _ = tab.evaluate(DROP, ["ball.STL", base64.b64encode(export_stl(ball)).decode()])
     assert not left and "t2-drop" in shown
     await_that(lambda: page.state.shape.endswith("ball.stl"))
     assert page.wait(60)

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from threading import Event
 
 from t2twin.primitives_cad.cache_home import VARIABLE
 from t2twin.studio import ready
@@ -66,9 +67,10 @@ def test_it_compiles_only_where_nothing_is_kept(tmp_path, monkeypatch):
 def test_translators_are_loaded_after_a_page_has_its_picture(untrained_runs, tmp_path, monkeypatch):
     order = []
 
-    class Seen:
-        def wait(self, timeout_s):
+    class Seen(Event):
+        def wait(self, timeout=None):
             order.append("seen")
+            return True
 
     class Watched(Translators):
         def load(self, runs):
