@@ -247,8 +247,7 @@ class Page:
         self.controls.take({name: round(float(value), 1) for name, value in changes.items()})
 
     def _show_newest(self) -> None:
-        if self._notices.guarded(self._make_look):
-            self._notices.well()
+        self._notices.guarded(self._make_look)
 
     def _make_look(self) -> None:
         session = self._ready_session()
@@ -296,6 +295,7 @@ class Page:
         pictures = pictures_html(look, scales, bool(translators.names), runs_come)
         files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
         with self._client.atomic():
+            self._notices.well()
             self.controls.show_found(look)
             self._pictures.content = pictures
             self._again.content = again_html(
