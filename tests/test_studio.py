@@ -14,13 +14,14 @@ from PIL import Image
 import t2twin
 from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.press.depth import TOLERANCE_MM
 from t2twin.sim.world.protocol import indices, press_at, scale_of
 from t2twin.studio import cards, solids, uploads
 from t2twin.studio.colours import colour_table, coloured
 from t2twin.studio.press_state import PressState, protocol_press, read_query
 from t2twin.studio.session import STEPS, Session
 from t2twin.studio.take_away import AGAIN, zipped
-from t2twin.studio.translators import Translators
+from t2twin.studio.translators import MAKE_ONE, Translators
 
 SHAPE = "hemisphere-4"
 
@@ -54,15 +55,18 @@ def look(session):
             PressState("/tmp/a/my part.stl", scale=25.4),
             "t2twin press 'my part.stl' --scale 25.4",
         ),
+        (PressState(depth_mm=0.25), "t2twin press square-2 --depth-mm 0.25"),
     ],
 )
 def test_a_press_has_a_line_that_makes_it_again(state, line):
     assert state.command_line() == line
 
 
-@pytest.mark.parametrize("noise", [{}, {"seed": 7, "imperfections": "all"}])
-def test_the_line_makes_the_same_press(noise, session, tmp_path):
-    seen = session.look(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0, **noise))
+@pytest.mark.parametrize(
+    "asked", [{"force_n": 5.0}, {"seed": 7, "imperfections": "all"}, {"depth_mm": 0.5}]
+)
+def test_the_line_makes_the_same_press(asked, session, tmp_path):
+    seen = session.look(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, **asked))
     line = seen.state.command_line().split()
     main([*line[1:], "--out", str(tmp_path / "out")])
     counts = json.loads((tmp_path / "out/cyskin.json").read_text())["counts"]
@@ -71,9 +75,21 @@ def test_the_line_makes_the_same_press(noise, session, tmp_path):
         assert np.array_equal(np.asarray(image), seen.touch.image)
 
 
+def test_of_force_and_depth_the_last_counts(session):
+    deep = PressState(SHAPE, force_n=3.0).changed({"depth_mm": 0.5})
+    assert (deep.depth_mm, deep.force_n) == (0.5, PressState().force_n)
+    assert deep.changed({"x_mm": 1.0}).depth_mm == 0.5
+    hard = deep.changed({"force_n": 3.0})
+    assert hard == PressState(SHAPE, force_n=3.0)
+    assert read_query(deep.query()) == deep and read_query(hard.query()) == hard
+    touch = session.look(deep).touch
+    assert touch.digit.depth_mm == pytest.approx(0.5, abs=TOLERANCE_MM)
+    assert np.array_equal(touch.image, t2twin.press(SHAPE, depth_mm=0.5).image)
+
+
 def test_a_link_holds_the_press_to_the_last_bit():
     state = PressState(
-        "random-17", 1 / 3, -2.1, 123.45678901234567, 0.1 + 0.2, "cyskin-63", None, "all", 5
+        "random-17", 1 / 3, -2.1, 123.45678901234567, 0.1 + 0.2, None, "cyskin-63", None, "all", 5
     )
     assert read_query(state.query()) == state
     assert read_query("") == PressState()
@@ -89,6 +105,7 @@ def test_a_link_holds_the_press_to_the_last_bit():
         ("imperfections=some", "imperfections"),
         ("x_mm=nan", "finite"),
         ("force_n=1e9", "0.01 to 100 N"),
+        ("depth_mm=deep", "finite"),
         ("seed=-1", "seed"),
         ("shape=" + "x" * 5000, "longer"),
     ],
@@ -180,6 +197,26 @@ def test_the_truth_of_another_layout_is_that_at_the_runs_own_taxels(untrained_ru
     truth = seen.translations[0].truth
     assert truth is not None
     assert np.rint(truth).astype(int).tolist() == t2twin.press(SHAPE).counts.tolist()
+
+
+def test_a_run_is_loaded_apart_from_its_first_use(untrained_runs):
+    translators = Translators()
+    assert not translators.are_known
+    translators.search([untrained_runs[0]])
+    assert translators.are_known and not translators.are_loaded(translators.chosen)
+    translators.load(translators.chosen)
+    assert translators.are_loaded(translators.chosen)
+    with pytest.raises(T2TwinError, match="no run"):
+        translators.load(["x"])
+
+
+def test_what_is_to_come_is_said_until_it_has(look):
+    said = {
+        (known, come): cards.pictures_html(look, cards.scales_of(look), known, come)
+        for known in (False, True) for come in (False, True)
+    }  # fmt: skip
+    assert all((cards.RUNS_COME in page) == come for (_, come), page in said.items())
+    assert [key for key, page in said.items() if MAKE_ONE in page] == [(False, False)]
 
 
 def test_runs_are_found_below_a_folder(untrained_runs, tmp_path):

@@ -51,7 +51,9 @@ def coated(surface):
     out = np.zeros_like(surface)
     for i in range(ny):
         padded[:reach] = surface[i, 0]
-        padded[reach : reach + nx] = surface[i]
+        row = surface[i]
+        for j in range(nx):  # an array set to another compiles words for its errors
+            padded[reach + j] = row[j]
         padded[reach + nx :] = surface[i, nx - 1]
         row = across[i]
         for k in range(taps):

@@ -146,8 +146,9 @@ def light(cosine, weight, gain, rest, region, seen):
     first, end = region[2], region[3]
     for row in range(region[0], region[1]):
         for c in range(seen.shape[0]):
-            filled = seen[c, row, first:end]
-            filled[:] = -rest[c, row, first:end]
+            filled, less = seen[c, row, first:end], rest[c, row, first:end]
+            for n in range(filled.size):  # an array set to another compiles words for its errors
+                filled[n] = -less[n]
             for k in range(cosine.shape[0]):
                 cosines, weights = cosine[k, row, first:end], weight[k, row, first:end]
                 g0, g1 = gain[row, k, c, 0, first:end], gain[row, k, c, 1, first:end]

@@ -36,9 +36,13 @@ MODELS = {"resnet18": "ResNet18", "touch2touch": "touch2touch"}
 
 WELCOME = (
     "Press a shape into two touch sensors at once. Move a slider, or drag the shape itself: "
-    "with Shift it turns, with Ctrl it is pressed harder."
+    "with Shift it turns, with Ctrl it is pressed harder. Drop a file of yours anywhere to press "
+    "that."
 )
 """What a new page says first."""
+
+RUNS_COME = "The translators are being loaded."
+"""What stands in their place until then."""
 
 UNFAMILIAR = "This picture is unlike all that it was trained on: its counts mean little."
 """What is said of a translation that cannot be trusted."""
@@ -62,6 +66,9 @@ STYLE = """<style>
 .t2 tbody tr { border-top: 1px solid rgba(128, 128, 128, 0.25); }
 .t2 p { margin: 0.3rem 0; }
 .t2 code { font-size: 0.75rem; overflow-wrap: anywhere; }
+.t2-drop::after { content: "Drop it to press it"; position: fixed; inset: 0.6rem; z-index: 9999;
+  display: grid; place-items: center; border: 3px dashed currentColor; border-radius: 8px;
+  background: rgba(128, 128, 128, 0.35); font: 600 1.4rem sans-serif; pointer-events: none; }
 @media (max-width: 36em) {
   .mantine-Paper-root:has(.t2) { left: 0 !important; width: 100% !important; }
   .mantine-Paper-root:has(.t2) .mantine-ScrollArea-content > div { width: 100% !important; }
@@ -107,8 +114,9 @@ def welcome_html() -> str:
     return STYLE + _page([f"<p>{escape(WELCOME)}</p>"])
 
 
-def pictures_html(look: Look, scales: Scales, runs_known: bool) -> str:
-    """All that is said of a look. runs_known: whether there is any run to translate by."""
+def pictures_html(look: Look, scales: Scales, runs_known: bool, runs_come: bool = False) -> str:
+    """All that is said of a look. runs_known: whether there is any run to translate by. runs_come:
+    whether some are still being looked for or loaded."""
     touch = look.touch
     seen = _figure("DIGIT", "what its camera saw, from below", data_address(touch.image), "digit")
     if look.tactile_image is None:
@@ -120,10 +128,21 @@ def pictures_html(look: Look, scales: Scales, runs_known: bool) -> str:
     if look.translations:
         parts.append("<h4>The CySkin, translated from the DIGIT's picture alone</h4>")
         parts += [_translation_row(each, scales) for each in look.translations]
+    elif runs_come:
+        parts.append(f"<h4>Translated</h4>{_paragraph(RUNS_COME)}")
     elif not runs_known:
         parts.append(_none_yet())
     notes = "".join(_paragraph(note) for note in _notes(touch))
     return _page([*parts, _contacts(touch.digit, touch.cyskin), notes, _steps(look), _counts(look)])
+
+
+def again_html(line: str, link: str | None) -> str:
+    """How a press is made again: by a command line, and by a link, None where it can have none."""
+    address = _paragraph("None, as a link holds no files.") if link is None else _code(link)
+    return _page([
+        "<h4>The line that makes it again</h4>", _code(line),
+        "<h4>A link to this very press</h4>", address,
+    ])  # fmt: skip
 
 
 def frame_html(image: np.ndarray, name: str, translations: Sequence[Translation]) -> str:
@@ -156,7 +175,7 @@ def _translation_row(translation: Translation, scales: Scales) -> str:
     bar = _bar("counts", DIVERGING, f"-{scales.difference:,.0f}", f"+{scales.difference:,.0f}")
     words = (
         f"<p><b>{translation.rmse_counts:,.0f} counts off</b>"
-        f'<span class="soft">root mean square, {translation.rmse_percent:.2f} % of full scale '
+        f'<span class="soft">root mean square, {translation.rmse_percent:.2f}&nbsp;% of full scale '
         f"({FULL_SCALE_COUNTS:,.0f})</span></p>"
     )
     words += "" if translation.familiar else _paragraph(UNFAMILIAR)
@@ -259,7 +278,7 @@ def _none_yet() -> str:
     return (
         "<h4>Translated</h4>"
         + _paragraph("There is no trained translator here yet. This makes both, in minutes:")
-        + f"<p><code>{escape(MAKE_ONE)}</code></p>"
+        + _code(MAKE_ONE)
     )
 
 
@@ -273,6 +292,10 @@ def _figure(title: str, note: str, address: str, name: str) -> str:
 
 def _paragraph(text: str) -> str:
     return f'<p class="soft">{escape(text)}</p>'
+
+
+def _code(text: str) -> str:
+    return f"<p><code>{escape(text)}</code></p>"
 
 
 def _page(parts: Sequence[str]) -> str:

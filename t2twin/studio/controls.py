@@ -19,6 +19,7 @@ from t2twin.studio.press_state import (
     protocol_press,
     protocol_presses,
 )
+from t2twin.studio.session import Look
 
 RANDOM, OWN_FILE = "random shapes", "my file"
 """Groups of shapes beside the families and the tools."""
@@ -27,7 +28,11 @@ MOST_SLIDER_N, LEAST_SLIDER_N = 20.0, 0.1
 """Ends of the force's slider, N (assumed: where fingers and grippers press; a link may name any
 force that can be pressed)."""
 
-STEP_MM, STEP_DEG, STEP_N = 0.1, 1.0, 0.1
+MOST_SLIDER_MM, LEAST_SLIDER_MM = 2.0, 0.01
+"""Ends of the depth's slider, mm: half the gel's thickness, which few shapes reach with 100 N; a
+link may name any depth that can be pressed."""
+
+STEP_MM, STEP_DEG, STEP_N, STEP_DEPTH_MM = 0.1, 1.0, 0.1, 0.01
 """Steps of the sliders."""
 
 MOST_YAW_DEG = 180.0
@@ -48,7 +53,7 @@ Guarded = Callable[[Callable[[], object]], object]
 
 class Controls:
     """The panel that says what is pressed. What a client changes goes to `change`, as fields of
-    PressState; `show` sets the panel to a state without doing so.
+    PressState; `show` sets the panel to a state without doing so, `show_found` to what came of it.
 
     sliders: by their fields of PressState. number: of the protocol's press. noise: whether there is
     any. guarded: does what may fail, and says so. A state may hold numbers that no slider stands
@@ -88,7 +93,8 @@ class Controls:
         if state.scale is not None:
             self._scale.value = state.scale
         for name, slider in self.sliders.items():
-            slider.value = min(max(getattr(state, name), slider.min), slider.max)
+            if getattr(state, name) is not None:
+                _put(slider, getattr(state, name))
         self._layout.options = (*layout_names(), *([OWN_FILE] if is_file(state.layout) else []))
         self._layout.value = OWN_FILE if is_file(state.layout) else state.layout
         self._light.content = f"Light: **{_plain(file_name(state.calibration or OWN_LIGHT))}**"
@@ -100,6 +106,15 @@ class Controls:
         presses = protocol_presses(state.shape, self._scale_name.value)
         self.number.max = max(presses - 1, 1)
         self.number.disabled = self._scale_name.disabled = presses == 0
+
+    def show_found(self, look: Look) -> None:
+        """Sets force and depth to what a press came to, unless another is asked for by now."""
+        if look.state != self._state:
+            return
+        if look.state.depth_mm is None:
+            _put(self.sliders["depth_mm"], look.touch.digit.depth_mm)
+        else:
+            _put(self.sliders["force_n"], look.touch.command.force_n)
 
     def _add_shape(self) -> None:
         gui = self._gui
@@ -140,6 +155,10 @@ class Controls:
             "force_n": add(
                 "force, N", LEAST_SLIDER_N, MOST_SLIDER_N, STEP_N, 8.0,
                 hint="How hard; 8 N in the paper's protocol",
+            ),
+            "depth_mm": add(
+                "depth, mm", LEAST_SLIDER_MM, MOST_SLIDER_MM, STEP_DEPTH_MM, LEAST_SLIDER_MM,
+                hint="Or how deep into the DIGIT's gel; the force that gives it is found",
             ),
         }  # fmt: skip
         for name, slider in self.sliders.items():
@@ -263,6 +282,11 @@ def group_of(shape: str) -> str:
 def shapes_of(group: str) -> tuple[str, ...]:
     """Shapes of a kind, none of random ones and files."""
     return GROUPS.get(group, ())
+
+
+def _put(slider: viser.GuiSliderHandle, value: float) -> None:
+    """Sets a slider as far as it goes."""
+    slider.value = min(max(value, slider.min), slider.max)
 
 
 def _plain(text: str) -> str:

@@ -1,13 +1,14 @@
 """What one client sees and does: its controls, its scene, its pictures, its own press."""
 
 import shutil
+import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Lock
-from typing import Any, get_args
+from threading import Event, Lock, Thread
+from typing import Any
 
 import viser
 
@@ -17,42 +18,35 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.taxels import pad_weights
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.press.elastomer import CYSKIN_COVER
-from t2twin.sim.sensors import SensorPair
-from t2twin.studio.cards import pictures_html, scales_of, welcome_html
+from t2twin.studio.cards import Scales, again_html, pictures_html, scales_of, welcome_html
 from t2twin.studio.controls import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
-from t2twin.studio.frames import Frames
+from t2twin.studio.drop import take_dropped
 from t2twin.studio.notices import Notices
 from t2twin.studio.press_state import PressState, is_file
-from t2twin.studio.scene import Dragged, Scene, Sensors
+from t2twin.studio.ready import Shared
+from t2twin.studio.scene import Dragged, Scene
 from t2twin.studio.session import Look, Session
-from t2twin.studio.solids import ShownAs
 from t2twin.studio.take_away import zipped
 from t2twin.studio.translate_tab import TranslateTab
-from t2twin.studio.translators import Translators
 from t2twin.studio.uploads import forget, kept_file, limit_uploads
+from t2twin.studio.view import View
 from t2twin.studio.worker import NewestFirst
 from t2twin.twin import load_shape
-
-ACCENT, ACCENT_BY_NIGHT = (11, 83, 148), (138, 184, 240)
-"""The page's one colour, red, green, blue, by day and by night: that of links in the project's
-reports."""
 
 DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
 """What a drag to the right with Shift turns, and one downwards with Ctrl presses (assumed)."""
 
+FIRST_START = "The first start on a machine takes some seconds more: what is made then is kept."
+"""What is said until the first press is done."""
+
+TURNS = 20
+"""Turns of viser's loop within which it sends what is flushed: three times those that it needs."""
+
+SENT_S = 1.0
+"""How long they are waited for, s: they take a millisecond unless the studio is being closed."""
+
 CONTROLS_PX, PICTURES_PX = 320, 420
 """Widths of the panels, px."""
-
-
-@dataclass(frozen=True)
-class Shared:
-    """What all clients of a studio have in common. folder: the temporary one for their files.
-    frames: the source that it was started with."""
-
-    translators: Translators
-    sensors: SensorPair
-    folder: Path
-    frames: Frames | None = None
 
 
 class Page:
@@ -69,12 +63,13 @@ class Page:
         self._client, self._shared, self._link = client, shared, link
         self._own_folder = shared.folder / str(client.client_id)
         self._lock = Lock()
-        self._state, self._dragged_from = state, state
+        self._state, self._dragged_from, self._force_from = state, state, state.force_n
         self._runs: tuple[str, ...] = ()
-        self._shown_as: ShownAs = "glass"
-        self._session = Session(shared.translators, shared.sensors)
+        self._session: Session | None = None
+        self._loading: Thread | None = None
         self.look: Look | None = None
         self._notices = Notices(client)
+        self._loop = client.gui._event_loop
         self._scene = Scene(client, self._drag)
         self._build()
         self._worker = NewestFirst(self._show_newest, self._scene.settle)
@@ -88,8 +83,13 @@ class Page:
         shutil.rmtree(self._own_folder, ignore_errors=True)
 
     def wait(self, timeout_s: float) -> bool:
-        """Until the page shows its newest state; False where that took longer."""
-        return self._worker.wait(timeout_s)
+        """Until the page shows its newest state, translators and all; False where that took
+        longer."""
+        until_s = time.monotonic() + timeout_s
+        done = self._worker.wait(timeout_s)
+        if self._loading is not None:
+            self._loading.join(max(until_s - time.monotonic(), 0.0))
+        return done and self._worker.wait(max(until_s - time.monotonic(), 0.0))
 
     @property
     def state(self) -> PressState:
@@ -105,7 +105,7 @@ class Page:
     def change(self, changes: dict[str, Any]) -> PressState:
         """Takes fields of PressState with new values, and shows what comes of them."""
         with self._lock:
-            self._state = state = replace(self._state, **changes)
+            self._state = state = self._state.changed(changes)
         self._worker.ask()
         return state
 
@@ -122,6 +122,8 @@ class Page:
             self._runs_folder.visible = bool(names)
         if new:
             self._take_runs(chosen)
+        else:
+            self._worker.ask()  # that there are none is said, too
 
     async def _new_runs(self, event: viser.GuiEvent) -> None:
         self._take_runs(tuple(name for name, box in self._run_boxes.items() if box.value))
@@ -139,13 +141,7 @@ class Page:
         gui.add_html(welcome_html())
         self.controls = Controls(self._client, self._state, self.change, self._notices.guarded)
         limit_uploads(self._client, self._notices.wrong)
-        for button, kind, read in (
-            (self.controls.upload_shape, "shape", load_shape),
-            (self.controls.upload_layout, "layout", self._fitting_layout),
-            (self.controls.upload_light, "calibration", Calibration.load),
-        ):
-            self._on_upload(button, kind, partial(self._take_file, kind, read))
-        self._add_view()
+        self._view = View(self._client, self._scene.arrange, lambda: self._worker.ask())
         self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
         self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
         self._add_take_away()
@@ -160,44 +156,29 @@ class Page:
                 self._shared.frames,
                 lambda: self.look,
             )
-        self._on_upload(self._tab.upload, "frame", self._tab.show_file)
+        self._heed_files()
         pictures.dock_right()
         pictures.set_width(PICTURES_PX)
         pictures.expand()
 
-    def _add_view(self) -> None:
-        gui = self._client.gui
-        with gui.add_folder("View", expand_by_default=False):
-            sensors = gui.add_dropdown("Sensors", get_args(Sensors))
-            shown_as = gui.add_dropdown("Shape as", get_args(ShownAs))
-            dark = gui.add_checkbox("Dark", False)
-
-        @sensors.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if sensors.value in get_args(Sensors):
-                self._scene.arrange(sensors.value)
-
-        @shown_as.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if shown_as.value in get_args(ShownAs):
-                self._shown_as = shown_as.value
-                self._worker.ask()
-
-        @dark.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            self._dress(dark.value)
-
-        self._dress(False)
-        self._scene.arrange("both")
-
-    def _dress(self, dark: bool) -> None:
-        self._client.gui.configure_theme(
-            dark_mode=dark,
-            brand_color=ACCENT_BY_NIGHT if dark else ACCENT,
-            control_width="large",
-            show_logo=False,
-            show_share_button=False,
-        )
+    def _heed_files(self) -> None:
+        """Takes what comes by the buttons, or is dropped on the page."""
+        controls = self.controls
+        takers: dict[str, tuple[viser.GuiUploadButtonHandle, Callable[[Path], object]]] = {
+            "shape": (controls.upload_shape, partial(self._take_file, "shape", load_shape)),
+            "layout": (
+                controls.upload_layout,
+                partial(self._take_file, "layout", self._fitting_layout),
+            ),
+            "calibration": (
+                controls.upload_light,
+                partial(self._take_file, "calibration", Calibration.load),
+            ),
+            "frame": (self._tab.upload, self._tab.show_file),
+        }
+        for kind, (button, then) in takers.items():
+            self._on_upload(button, kind, then)
+        take_dropped(self._client, {kind: button for kind, (button, _) in takers.items()})
 
     def _add_take_away(self) -> None:
         gui = self._client.gui
@@ -206,10 +187,7 @@ class Page:
                 "This press as a zip file", icon=viser.Icon.DOWNLOAD, color=QUIET,
                 hint="The folder that t2twin press writes: pictures, counts, contacts, scenes",
             )  # fmt: skip
-            gui.add_markdown("The line that makes it again:")
-            self._line = gui.add_markdown("")
-            gui.add_markdown("A link to this very press:")
-            self._address = gui.add_markdown("")
+            self._again = gui.add_html("")
 
         @take.on_click
         def _(event: viser.GuiEvent) -> None:
@@ -258,35 +236,89 @@ class Page:
     def _drag(self, dragged: Dragged) -> None:
         if dragged.begins:
             self._dragged_from = self._state
+            look = self.look  # knows the force that gives a depth
+            self._force_from = self._state.force_n
+            if look is not None and look.state == self._state:
+                self._force_from = look.touch.command.force_n
         start, (along_x, along_y, along_z) = self._dragged_from, dragged.by_mm
         if dragged.keys is None:
             changes = {"x_mm": start.x_mm + along_x, "y_mm": start.y_mm + along_y}
         elif dragged.keys == "shift":
             changes = {"yaw_deg": start.yaw_deg + DEGREES_A_MM * along_x}
         else:
-            force = start.force_n - NEWTONS_A_MM * along_z
+            force = self._force_from - NEWTONS_A_MM * along_z
             changes = {"force_n": min(max(force, LEAST_SLIDER_N), MOST_SLIDER_N)}
         # Tenths, as the sliders have them: what is dragged by hand needs no more.
         self.controls.take({name: round(float(value), 1) for name, value in changes.items()})
 
     def _show_newest(self) -> None:
-        if self._notices.guarded(self._make_look):
-            self._notices.well()
+        self._notices.guarded(self._make_look)
 
     def _make_look(self) -> None:
+        session = self._ready_session()
         state, runs = self._state, self._runs
         if state.shape in catalogue.NAMES and not catalogue.is_kept(state.shape):
             with self._notices.busy(f"Making {state.shape}", "Once; it is kept for the next time."):
-                self._session.shape(state)
-        look = self._session.look(state, runs)
+                session.shape(state)
+        loaded = self._shared.translators.are_loaded(runs)
+        look = session.look(state, runs if loaded else ())
         scales = scales_of(look)
-        most_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
-        self._scene.draw(look, self._shown_as, most_kpa, scales.counts)
-        known = bool(self._shared.translators.names)
-        self._pictures.content = pictures_html(look, scales, known)
-        self._line.content = f"```\n{state.command_line()}\n```"
-        files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
-        self._address.content = (
-            "None, as a link holds no files." if files else f"```\n{self._link(state)}\n```"
-        )
+        self._put_cards(look, scales, runs_come=not loaded)
         self.look = look
+        most_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
+        self._scene.draw(look, self._view.shown_as, most_kpa, scales.counts)
+        self._shared.is_seen.set()
+        if not loaded:
+            self._load(runs)
+
+    def _ready_session(self) -> Session:
+        """This client's session, when the studio can press."""
+        if self._session is None:
+            if not self._shared.can_press.is_set():
+                with self._notices.busy("Getting ready", FIRST_START):
+                    self._shared.can_press.wait()
+            self._session = Session(self._shared.translators, self._shared.sensors)
+        return self._session
+
+    def _load(self, runs: tuple[str, ...]) -> None:
+        """In a thread of its own, so that the page follows its slider meanwhile."""
+        if self._loading is not None and self._loading.is_alive():
+            return  # it asks for a new look in the end, and that for these
+
+        def load() -> None:
+            if self._notices.guarded(lambda: self._shared.translators.load(runs)):
+                self._worker.ask()
+
+        self._loading = Thread(target=load, daemon=True)
+        self._loading.start()
+
+    def _put_cards(self, look: Look, scales: Scales, runs_come: bool) -> None:
+        """Sends what stands beside the scene, on its own: a browser shows at once what is no part
+        of the scene, and the rest when it has drawn the scene, which takes long without a GPU."""
+        state, translators = look.state, self._shared.translators
+        runs_come = runs_come or not translators.are_known
+        pictures = pictures_html(look, scales, bool(translators.names), runs_come)
+        files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
+        with self._client.atomic():
+            self._notices.well()
+            self.controls.show_found(look)
+            self._pictures.content = pictures
+            self._again.content = again_html(
+                state.command_line(), None if files else self._link(state)
+            )
+        self._client.flush()
+        self._await_sent()
+
+    def _await_sent(self) -> None:
+        """Until viser's loop has sent what is flushed, so that it goes without what comes next."""
+        sent = Event()
+
+        def turn(left: int) -> None:
+            if left:
+                self._loop.call_soon(turn, left - 1)
+            else:
+                sent.set()
+
+        with suppress(RuntimeError):  # the loop is closed, and the studio with it
+            self._loop.call_soon_threadsafe(turn, TURNS)
+            sent.wait(SENT_S)

@@ -4,6 +4,7 @@ press of the protocol."""
 import shlex
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
@@ -29,9 +30,10 @@ class PressState:
     """One press as asked for.
 
     shape: a name of the catalogue, `random-17`, or a file. x_mm, y_mm, yaw_deg, force_n: as for
-    `t2twin press`. layout: a name or a file. calibration: a file, None for the light that ships.
-    imperfections: what the CySkin adds where there is a seed. seed: of the camera's noise and the
-    imperfections; None for neither. scale: mm in one of a file's units, None for what it says.
+    `t2twin press`. depth_mm: as there, in place of the force, which then stays at its default.
+    layout: a name or a file. calibration: a file, None for the light that ships. imperfections:
+    what the CySkin adds where there is a seed. seed: of the camera's noise and the imperfections;
+    None for neither. scale: mm in one of a file's units, None for what it says.
     """
 
     shape: str = FIRST_SHAPE
@@ -39,16 +41,25 @@ class PressState:
     y_mm: float = 0.0
     yaw_deg: float = 0.0
     force_n: float = FORCE_N
+    depth_mm: float | None = None
     layout: str = DEFAULT_LAYOUT
     calibration: str | None = None
     imperfections: str = "white"
     seed: int | None = None
     scale: float | None = None
 
+    def changed(self, changes: dict[str, Any]) -> "PressState":
+        """The press with other fields. Of force and depth the one that is named counts."""
+        if changes.get("depth_mm") is not None:
+            changes = changes | {"force_n": FORCE_N}
+        elif "force_n" in changes:
+            changes = changes | {"depth_mm": None}
+        return replace(self, **changes)
+
     def command_line(self) -> str:
         """The line that makes this press again; a file goes by its name."""
         words = ["t2twin", "press", file_name(self.shape)]
-        for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "scale", "seed"):
+        for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "scale", "seed"):
             value = getattr(self, name)
             if value != getattr(_DEFAULT, name):
                 words += [f"--{name.replace('_', '-')}", _number(value)]
@@ -87,16 +98,16 @@ def read_query(query: str) -> PressState:
     if len(query) > MOST_QUERY:
         raise T2TwinError(f"the link is longer than the {MOST_QUERY:,} characters that one can be")
     given = dict(parse_qsl(query))
-    values: dict[str, str | float | int] = {}
+    values: dict[str, Any] = {}
     for name in ("shape", "layout", "imperfections"):
         if name in given:
             values[name] = given[name]
-    for name in ("x_mm", "y_mm", "yaw_deg", "force_n"):
+    for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm"):
         if name in given:
             values[name] = _finite(name, given[name])
     if "seed" in given:
         values["seed"] = _seed(given["seed"])
-    state = replace(_DEFAULT, **values)
+    state = _DEFAULT.changed(values)
     check_named(state)
     check_force(state.force_n)
     return state
@@ -140,6 +151,7 @@ def protocol_press(state: PressState, scale: str, number: int) -> PressState:
         y_mm=command.y_mm,
         yaw_deg=float(np.rad2deg(command.yaw_rad)),
         force_n=command.force_n,
+        depth_mm=None,
     )
 
 

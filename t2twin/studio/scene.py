@@ -47,7 +47,7 @@ SEEN_FROM_MM, LOOKING_AT_MM = np.array([2.0, -55.0, 54.0]), np.array([2.0, -4.0,
 ONE_SENSOR = 0.62
 """How much nearer it stands with one sensor, in parts."""
 
-NARROW, HIDDEN_MM = 0.62, 46.0
+NARROW, HIDDEN_MM = 0.62, 64.0
 """Width over height of a view below which it stands farther away, so that all is seen, and looks
 that much nearer to itself, mm: on a phone the controls hide the lower half."""
 
@@ -122,10 +122,11 @@ class Scene:
         parts["cyskin"].append(
             taxels_part(look.touch.cyskin, look.touch.layout, look.touch.counts, most)
         )
-        with self._client.atomic():
+        surfaces = {name: as_glb(parts[name]) for name in contacts}
+        with self._client.atomic():  # nothing of this client's is sent within, so it is short
             self._draw_shape(look.touch.shape, shown_as, look.touch.command.yaw_rad, contacts)
             for name in contacts:
-                self._draw_surface(name, as_glb(parts[name]))
+                self._draw_surface(name, surfaces[name])
         self._client.flush()
 
     def settle(self) -> None:

@@ -1,4 +1,8 @@
-"""The studio's server: a page for each client, until it is stopped."""
+"""The studio's server: a page for each client, until it is stopped.
+
+It listens before the twin is imported, which takes seconds, so that a browser can load the page
+meanwhile.
+"""
 
 import io
 import socket
@@ -8,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from ipaddress import ip_address
 from pathlib import Path
+from typing import TYPE_CHECKING
 from urllib.parse import quote, urlsplit
 from uuid import uuid4
 
@@ -15,13 +20,14 @@ import viser
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import sweep, temporary_folder
-from t2twin.sim.sensors import SensorPair
 from t2twin.studio.frames import Frames
 from t2twin.studio.notices import Notices
-from t2twin.studio.page import Page, Shared
-from t2twin.studio.press_state import PressState, read_query
-from t2twin.studio.session import Session
+from t2twin.studio.ready import Shared, get_ready
 from t2twin.studio.translators import Translators
+
+if TYPE_CHECKING:
+    from t2twin.studio.page import Page
+    from t2twin.studio.press_state import PressState
 
 HOST, PORT = "127.0.0.1", 8080
 """Where the page is unless asked otherwise: on this machine alone."""
@@ -52,7 +58,7 @@ class Studio:
         self._server.on_client_connect(self._connected)
         self._server.on_client_disconnect(self._gone)
 
-    def link(self, state: PressState) -> str:
+    def link(self, state: "PressState") -> str:
         """A link that opens the page on a press. Raises T2TwinError for a press with a file."""
         return _link(self.address, state)
 
@@ -69,6 +75,9 @@ class Studio:
             self._server.stop()
 
     def _connected(self, client: viser.ClientHandle) -> None:
+        from t2twin.studio.page import Page
+        from t2twin.studio.press_state import PressState, read_query
+
         address, query = self._asked(client)
         state, error = PressState(), None
         try:
@@ -128,7 +137,7 @@ def studio(
     sweep(place, f".{FOLDER}-*.part")
     with temporary_folder(place, f"{FOLDER}-{uuid4().hex}") as folder:
         folder.chmod(0o700)
-        shared = Shared(translators, SensorPair(), folder, frames)
+        shared = Shared(translators, folder, frames)
         served = Studio(host, port, shared)
         threading.Thread(target=_get_ready, args=(shared, served, not runs), daemon=True).start()
         yield served
@@ -164,16 +173,11 @@ def _check_free(host: str, port: int) -> None:
 
 
 def _get_ready(shared: Shared, served: Studio, search: bool) -> None:
-    """While the browser is being opened: the first press and the first translation take long."""
-    translators = shared.translators
-    Session(translators, shared.sensors).look(PressState())
-    if search:
-        translators.search()
-        served.runs_found()
-    Session(translators, shared.sensors).look(PressState(), translators.chosen)
+    get_ready(shared, search)
+    served.runs_found()
 
 
-def _link(address: str, state: PressState) -> str:
+def _link(address: str, state: "PressState") -> str:
     """A link that opens the page on a press.
 
     viser's page connects to the socket that its address names under `websocket`, and hands the

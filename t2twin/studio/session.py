@@ -80,8 +80,9 @@ class Session:
         """
         steps: dict[str, float] = dict.fromkeys(STEPS, 0.0)
         shape, sensors = self.shape(state), self._sensors_for(state)
+        force_n = state.force_n if state.depth_mm is None else None
         command = press_command(
-            shape, state.force_n, state.x_mm, state.y_mm, state.yaw_deg, None, sensors.digit
+            shape, force_n, state.x_mm, state.y_mm, state.yaw_deg, state.depth_mm, sensors.digit
         )
         rng = None if state.seed is None else np.random.default_rng(state.seed)
 

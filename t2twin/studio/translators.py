@@ -1,6 +1,6 @@
 """Trained runs by name: found in folders, loaded when first asked for, shared by all clients.
 
-What needs torch is imported when it is first used: the first picture need not wait for it. Shape
+What needs torch, or the twin, is imported when it is first used: a page need not wait for it. Shape
 letters: R rows and C columns of a tactile image, N taxels of a run.
 """
 
@@ -15,12 +15,11 @@ import numpy as np
 from PIL import Image
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.cyskin import taxels
-from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
-from t2twin.twin import Touch
 
 if TYPE_CHECKING:
+    from t2twin.sim.cyskin.layout import Layout
     from t2twin.translate.predict import TrainedTranslator
+    from t2twin.twin import Touch
 
 RUNS = Path("runs")
 """Where trainings are by default."""
@@ -42,7 +41,7 @@ class Translation:
     name: str
     model: str
     counts: np.ndarray
-    layout: Layout
+    layout: "Layout"
     tactile_image: np.ndarray
     familiar: bool
     milliseconds: float
@@ -58,14 +57,20 @@ class Translation:
     @property
     def rmse_percent(self) -> float | None:
         """The same, percent of full scale."""
+        from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+
         rmse = self.rmse_counts
-        return None if rmse is None else 100.0 * rmse / taxels.FULL_SCALE_COUNTS
+        return None if rmse is None else 100.0 * rmse / FULL_SCALE_COUNTS
 
 
 class Translators:
-    """Runs by name, none before `search`. Several threads may use one."""
+    """Runs by name, none before `search`. Several threads may use one.
+
+    are_known: whether there will be no others without another search.
+    """
 
     def __init__(self) -> None:
+        self.are_known = False
         self._folders: dict[str, Path] = {}
         self._models: dict[str, str] = {}
         self._given: tuple[str, ...] = ()
@@ -93,6 +98,7 @@ class Translators:
             if folders.setdefault(_name(path.parent), path.parent) == path.parent:
                 models[_name(path.parent)] = model
         self._folders, self._models = folders, models
+        self.are_known = True
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -109,7 +115,16 @@ class Translators:
             newest.setdefault(model, name)
         return tuple(newest.values())
 
-    def of_touch(self, touch: Touch, runs: Sequence[str]) -> tuple[Translation, ...]:
+    def are_loaded(self, runs: Sequence[str]) -> bool:
+        """Whether these translate at once."""
+        return all(name in self._loaded for name in runs)
+
+    def load(self, runs: Sequence[str]) -> None:
+        """Loads these. Raises T2TwinError for a run that cannot be loaded."""
+        for name in runs:
+            self._run(name)
+
+    def of_touch(self, touch: "Touch", runs: Sequence[str]) -> tuple[Translation, ...]:
         """What these runs make of a touch's picture, with the truth at each run's taxels.
 
         Raises T2TwinError for a run that cannot be loaded.
@@ -123,7 +138,8 @@ class Translators:
         """
         return tuple(self._translated(name, image, None) for name in runs)
 
-    def _translated(self, name: str, image: np.ndarray, touch: Touch | None) -> Translation:
+    def _translated(self, name: str, image: np.ndarray, touch: "Touch | None") -> Translation:
+        from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
         from t2twin.translate.data.images import to_pixels
 
         run = self._run(name)
@@ -152,7 +168,11 @@ class Translators:
             if name not in self._folders:
                 raise T2TwinError(f"there is no run {name!r} any more; load the page again")
             if name not in self._loaded:
-                self._loaded[name] = load_run(self._folders[name])
+                run = load_run(self._folders[name])
+                size, grey = run.config.preset.size, run.config.preset.grey
+                # The first is slow.
+                run.predict_pixels(np.zeros((1, size, size, 1 if grey else 3), np.uint8))
+                self._loaded[name] = run
             return self._loaded[name]
 
 
@@ -161,9 +181,11 @@ def _name(folder: Path) -> str:
     return "/".join(folder.absolute().parts[-2:])
 
 
-def _truth(touch: Touch, layout: Layout) -> np.ndarray:
+def _truth(touch: "Touch", layout: "Layout") -> np.ndarray:
     """What the CySkin counts at a layout's taxels: as read where it is the touch's own, else
     without noise."""
+    from t2twin.sim.cyskin import taxels
+
     own = np.stack([touch.layout.x_mm, touch.layout.y_mm])
     asked = np.stack([layout.x_mm, layout.y_mm])
     if own.shape == asked.shape and np.allclose(own, asked):

@@ -1,0 +1,88 @@
+"""What the studio does before its first page: listen early, compile in two processes, press."""
+
+import os
+import subprocess
+import sys
+import time
+from threading import Event
+
+from t2twin.primitives_cad.cache_home import VARIABLE
+from t2twin.studio import ready
+from t2twin.studio.translators import Translators
+
+SLOW = ("torch", "cadquery", "numba", "mujoco", "trimesh")
+"""What takes long to import."""
+
+
+def test_it_listens_before_anything_slow_is_imported():
+    script = (
+        "import sys\n"
+        "from t2twin.studio.server import studio\n"
+        f"assert not set({SLOW}) & set(sys.modules), set({SLOW}) & set(sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_second_process_compiles_all_that_a_picture_needs(tmp_path):
+    """After it a picture leaves nothing new in the cache."""
+    environment = os.environ | {VARIABLE: str(tmp_path), "NUMBA_CACHE_DIR": ""}
+
+    def run(script):
+        subprocess.run(
+            [sys.executable, "-c", script], env=environment, check=True, stdin=subprocess.PIPE
+        )
+        return {path.name for path in tmp_path.rglob("*.nbc") if "digit-" in str(path)}
+
+    made = run(ready.COMPILE_OPTICS.replace(WATCHING, ""))
+    press = "import t2twin; t2twin.press('random-17')"
+    assert len(made) >= 8 and run(press) == made
+
+
+def test_the_second_process_ends_with_the_first(tmp_path):
+    script = ready.COMPILE_OPTICS.replace(
+        "import numpy", "import time; time.sleep(60)\nimport numpy"
+    )
+    process = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE)
+    assert process.stdin is not None
+    time.sleep(0.5)
+    assert process.poll() is None
+    process.stdin.close()
+    assert process.wait(10) == 0
+
+
+def test_it_compiles_only_where_nothing_is_kept(tmp_path, monkeypatch):
+    started = []
+    monkeypatch.setattr(ready.subprocess, "Popen", lambda *given, **_: started.append(given))
+    monkeypatch.setattr(ready.os, "cpu_count", lambda: 2)
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    ready._compiling_optics()
+    assert len(started) == 1
+    (tmp_path / "numba/digit-0").mkdir(parents=True)
+    ready._compiling_optics()
+    assert len(started) == 1
+
+
+def test_translators_are_loaded_after_a_page_has_its_picture(untrained_runs, tmp_path, monkeypatch):
+    order = []
+
+    class Seen(Event):
+        def wait(self, timeout=None):
+            order.append("seen")
+            return True
+
+    class Watched(Translators):
+        def load(self, runs):
+            order.append(runs)
+
+    translators = Watched()
+    translators.search(untrained_runs)
+    shared = ready.Shared(translators, tmp_path, is_seen=Seen())
+    monkeypatch.setattr(ready, "_press", lambda *_: order.append(shared.can_press.is_set()))
+    ready.get_ready(shared, search=False)
+    assert order == [False, "seen", translators.chosen] and shared.can_press.is_set()
+
+
+WATCHING = next(line + "\n" for line in ready.COMPILE_OPTICS.splitlines() if "Thread" in line)
+"""The line that ends the second process with the first."""
