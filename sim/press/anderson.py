@@ -57,7 +57,8 @@ def _mix(images, changes, normal, row, kept, last_image, last_residual, image, r
             system[k, m] = normal[k, m] * (1 + RIDGE if k == m else 1.0)
     if not _eliminate(system):
         return False
-    mixed[:] = image
+    for n in range(size):  # an array set to another compiles words for its errors
+        mixed[n] = image[n]
     for k in range(kept):
         for n in range(size):
             mixed[n] -= system[k, kept] * images[k, n]

@@ -149,7 +149,7 @@ def _column_and_row(x0, y0, pitch, press_x, press_y, cos, sin, x, y):
     return (cos * dx + sin * dy - x0) / pitch, (sin * dx - cos * dy - y0) / pitch
 
 
-@compiled(inline="always")
+@compiled("f4(f4[:, ::1], f8, f8)", nogil=True)
 def _height(heights, column, row):
     if not (0.0 <= column < heights.shape[1] - 1 and 0.0 <= row < heights.shape[0] - 1):
         return np.float32(NOTHING_MM)
@@ -182,12 +182,13 @@ def _footprint(
 ):
     cell = x_mm[1] - x_mm[0]
     # A cell's samples, as steps on the shape's map; row by row of the cell.
-    offsets = (np.arange(SAMPLES) - (SAMPLES - 1) / 2) * cell / (SAMPLES * pitch)
-    aside, ahead = np.empty((2, SAMPLES * SAMPLES))
+    apart, first = cell / (SAMPLES * pitch), -(SAMPLES - 1) / 2
+    aside, ahead = np.empty(SAMPLES * SAMPLES), np.empty(SAMPLES * SAMPLES)
     for a in range(SAMPLES):
         for b in range(SAMPLES):
-            aside[SAMPLES * a + b] = cos * offsets[b] + sin * offsets[a]
-            ahead[SAMPLES * a + b] = sin * offsets[b] - cos * offsets[a]
+            x, y = (first + b) * apart, (first + a) * apart
+            aside[SAMPLES * a + b] = cos * x + sin * y
+            ahead[SAMPLES * a + b] = sin * x - cos * y
     last = SAMPLES * SAMPLES - 1
     samples = np.empty(SAMPLES * SAMPLES)
     mean[:] = NOTHING_MM
@@ -228,7 +229,8 @@ def _footprint(
                 continue
             for n in range(samples.size):
                 samples[n] = _height(heights, column + aside[n], row + ahead[n])
-            lowest = samples.max() - STEEPEST * cell
+                high = max(high, samples[n])
+            lowest = high - STEEPEST * cell
             covered, total = 0, 0.0
             for n in range(samples.size):
                 if samples[n] >= lowest and samples[n] > NOTHING_MM / 2:
@@ -237,4 +239,4 @@ def _footprint(
             if covered >= LEAST_COVER * samples.size:
                 share[i, j] = covered / samples.size
                 mean[i, j] = total / covered
-                peak[i, j] = samples.max()
+                peak[i, j] = high
