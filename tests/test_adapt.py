@@ -10,7 +10,7 @@ import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES
 
 from t2twin.adapt import road
-from t2twin.adapt.ball import write_ball
+from t2twin.primitives_cad.ball import write_ball
 from t2twin.adapt.fitted import PRESSES, read_fitted
 from t2twin.adapt.judged import felt_by_the_twin, judge
 from t2twin.adapt.record import RECORD, Scores

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from t2twin.adapt.ball import write_ball
+from t2twin.primitives_cad.ball import write_ball
 from t2twin.adapt.fitted import CALIBRATION, Fitted, read_fitted, write_fitted
 from t2twin.adapt.judged import Felt, felt_by_the_twin, judge_each
 from t2twin.adapt.page import write_adapt_page
