@@ -1,4 +1,4 @@
-"""CSV read into frozen dataclasses, a row each; whatever does not fit becomes one plain sentence."""
+"""CSV read into frozen dataclasses, a row each; whatever does not fit becomes one sentence."""
 
 from dataclasses import MISSING, fields
 from pathlib import Path

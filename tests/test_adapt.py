@@ -10,12 +10,12 @@ import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES
 
 from t2twin.adapt import road
-from t2twin.primitives_cad.ball import write_ball
 from t2twin.adapt.fitted import PRESSES, read_fitted
 from t2twin.adapt.judged import felt_by_the_twin, judge
 from t2twin.adapt.record import RECORD, Scores
 from t2twin.adapt.road import adapt
 from t2twin.cli import main
+from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.store import read_info
@@ -64,7 +64,7 @@ def test_the_twin_goes_as_deep_as_the_frame_says(tmp_path):
     ball = write_ball(tmp_path / "ball.step", BALL_MM)
     frames = np.zeros((2, 320, 240, 3), np.uint8)
     poses = np.array([[1.0, -0.5, 0.9], [-2.0, 1.0, 1.2]])
-    shallow, deep = felt_by_the_twin(["a", "b"], poses, frames, ball, SensorPair())
+    shallow, deep = felt_by_the_twin(["a", "b"], poses, frames, [ball, ball], SensorPair())
     assert 0.5 < shallow.force_n < deep.force_n < 12.0
     layout = load_layout("cyskin-20")
     for one, pose in zip((shallow, deep), poses, strict=True):

@@ -128,8 +128,8 @@ class Calibration:
         ):
             if not low <= value <= high:
                 raise T2TwinError(
-                    f"the calibration's {_KEYS.get(name, name)} reaches {value:g}; it must lie between "
-                    f"{low:g} and {high:g}"
+                    f"the calibration's {_KEYS.get(name, name)} reaches {value:g}; it must lie "
+                    f"between {low:g} and {high:g}"
                 )
 
     @property

@@ -11,6 +11,7 @@ from t2twin.sim.digit.calibrate.certainty import Certainty, certainty_of, check_
 from t2twin.sim.digit.calibrate.frames import clean_background, read_frames, touched_patch
 from t2twin.sim.digit.calibrate.known import FORCES, Tolerance, read_known
 from t2twin.sim.digit.calibrate.noise import measured_noise
+from t2twin.sim.digit.calibrate.scale import Presses, fitted
 from t2twin.sim.digit.calibrate.scores import (
     Score,
     Scores,
@@ -20,7 +21,6 @@ from t2twin.sim.digit.calibrate.scores import (
     repeats_floor,
     untouched_floor,
 )
-from t2twin.sim.digit.calibrate.scale import Presses, fitted
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import Camera
 from t2twin.sim.digit.optics import DigitOptics

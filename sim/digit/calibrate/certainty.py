@@ -34,12 +34,12 @@ class Span:
 @dataclass(frozen=True)
 class PressSpans:
     """A press, as found in its frame, in the fit to all. Forces are the twin's for the depth, in a
-    gel of the fitted modulus, or of the assumed one; NaN where the twin goes not so deep."""
+    gel of the fitted modulus, or of the assumed one; None where the twin goes not so deep."""
 
     name: str
     ball_diameter_mm: float
     depth_mm: Span
-    force_n: Span
+    force_n: Span | None
 
 
 @dataclass(frozen=True)
@@ -64,16 +64,16 @@ class Certainty:
 
 @dataclass(frozen=True)
 class _End:
-    """One end of the ranges. forces_n: (n,). young_mpa: None unless forces are known."""
+    """One end of the ranges. depths_mm, forces_n: (n,), the latter NaN where there is none."""
 
     depths_mm: np.ndarray
     forces_n: np.ndarray
     scale_px_per_mm: float
-    young_mpa: float | None
+    young_mpa: float
 
 
 def check_tolerance(known: Known, camera: Camera, tolerance: Tolerance) -> None:
-    """Raises T2TwinError where a ball or a scale within its tolerance could not be."""
+    """Raises T2TwinError where a ball, a scale or a modulus within its tolerance could not be."""
     for diameter_mm in known.diameters_mm:
         check_ball(float(diameter_mm) - tolerance.ball_mm)
         check_ball(float(diameter_mm) + tolerance.ball_mm)
@@ -82,6 +82,11 @@ def check_tolerance(known: Known, camera: Camera, tolerance: Tolerance) -> None:
         raise T2TwinError(
             f"a scale of {scale:g} px/mm, {off:g} either way, reaches beyond "
             f"{SCALES_PX_PER_MM[0]:g} to {SCALES_PX_PER_MM[1]:g} px/mm"
+        )
+    if not tolerance.young_mpa < DIGIT_GEL.young_mpa:
+        raise T2TwinError(
+            f"the modulus is {DIGIT_GEL.young_mpa:g} MPa as assumed; its tolerance, "
+            f"{tolerance.young_mpa:g} MPa, must be less"
         )
 
 
@@ -94,30 +99,32 @@ def certainty_of(
 ) -> Certainty:
     """Of a fit to all presses, (n,) names. say: told how far it is."""
     forces = BallForces()
-    middle = _end(presses.known, fit, forces)
+    middle = _end(presses.known, fit, forces, DIGIT_GEL.young_mpa)
     ends = [middle]
     for sign, word in ((DEEPEST, "deepest"), (SHALLOWEST, "shallowest")):
         say(f"fitting within the tolerances, {word}")
         off, camera = _off(presses, fit.model.camera, tolerance, sign)
-        ends.append(_end(off.known, fitted(off, camera, fit.state), forces))
+        young_mpa = DIGIT_GEL.young_mpa - sign * tolerance.young_mpa
+        ends.append(_end(off.known, fitted(off, camera, fit.state), forces, young_mpa))
     known = presses.known
     return Certainty(
         tolerance=tolerance,
         presses=tuple(
-            PressSpans(name, float(known.diameters_mm[i]),
-                       _span([end.depths_mm[i] for end in ends]),
-                       _span([end.forces_n[i] for end in ends]))
+            PressSpans(
+                name,
+                float(known.diameters_mm[i]),
+                _span([end.depths_mm[i] for end in ends]),
+                _force_span([end.forces_n[i] for end in ends]),
+            )
             for i, name in enumerate(names)
         ),
         scale_px_per_mm=_span([end.scale_px_per_mm for end in ends]),
         depths_known=int(np.isfinite(known.depths_mm).sum()),
         depth_off_mm=_off_by(middle.depths_mm, known.depths_mm),
-        young_mpa=_span([end.young_mpa for end in ends if end.young_mpa is not None])
-        if known.has_forces
-        else None,
+        young_mpa=_span([end.young_mpa for end in ends]) if known.has_forces else None,
         forces_known=int(np.isfinite(known.forces_n).sum()),
         force_off_n=_off_by(middle.forces_n, known.forces_n),
-    )  # fmt: skip
+    )
 
 
 def _off(
@@ -136,17 +143,22 @@ def _off(
     return replace(presses, known=off), camera
 
 
-def _end(known: Known, fit: Fit, forces: BallForces) -> _End:
-    forces_n, young_mpa = forces.of(fit.state.poses, known.diameters_mm), None
+def _end(known: Known, fit: Fit, forces: BallForces, young_mpa: float) -> _End:
+    """young_mpa: taken where no force is known."""
+    forces_n = forces.of(fit.state.poses, known.diameters_mm)
     if known.has_forces:
         young_mpa = fitted_young_mpa(known.forces_n, forces_n)
-        forces_n = forces_n * young_mpa / DIGIT_GEL.young_mpa
+    forces_n = forces_n * young_mpa / DIGIT_GEL.young_mpa
     return _End(fit.depths_mm, forces_n, fit.model.camera.scale_px_per_mm, young_mpa)
 
 
 def _span(values: list[float]) -> Span:
-    """The first of these values, and the least and the greatest, NaN where one is."""
-    return Span(float(values[0]), float(np.min(values)), float(np.max(values)))
+    """The first of these values, and the least and the greatest."""
+    return Span(float(values[0]), float(min(values)), float(max(values)))
+
+
+def _force_span(values: list[float]) -> Span | None:
+    return _span(values) if np.isfinite(values).all() else None
 
 
 def _off_by(found: np.ndarray, known: np.ndarray) -> float | None:

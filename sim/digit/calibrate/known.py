@@ -34,9 +34,11 @@ class Tolerance:
 
     ball_mm: the balls' diameters. scale_px_per_mm: the picture's scale; where displacements are
     known it is not asked for. depth_mm: those displacements, their zero at the first touch
-    foremost. force_n: known forces. Defaults are assumed: a slide gauge's for the ball; of the
+    foremost. force_n: known forces. young_mpa: the gel's modulus as the twin assumes it; where
+    forces are known it is not asked for. Defaults are assumed: a slide gauge's for the ball; of the
     scale what reaches from 19.2 px/mm to the least of public units, 17.2; a stage's that is set to
-    zero by eye; a kitchen scale's.
+    zero by eye; a kitchen scale's; and of the modulus what spans Gent's 0.41 to 0.57 MPa of Shore
+    10A to 15A.
     Raises T2TwinError for one that is negative or not finite.
     """
 
@@ -44,6 +46,7 @@ class Tolerance:
     scale_px_per_mm: float = 2.0
     depth_mm: float = 0.03
     force_n: float = 0.05
+    young_mpa: float = 0.1
 
     def __post_init__(self) -> None:
         for field in fields(self):
