@@ -296,6 +296,19 @@ CALIBRATION = Benchmark(
     shapes=False,
 )
 
+UNTOUCHED = Benchmark(
+    name="untouched",
+    measures="How near a light guessed from a real DIGIT's background comes, and one that ships.",
+    minutes=2,
+    figures=(
+        Figure("scores.*.psnr_db", "dB"),
+        Figure("scores.*.ssim"),
+        Figure("nearest_singly_psnr_db.mean", "dB"),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+    shapes=False,
+)
+
 REAL = Benchmark(
     name="real",
     measures="What trained translators make of frames of a real DIGIT.",
@@ -422,7 +435,7 @@ STUDIO = Benchmark(
 )
 
 BENCHMARKS = (
-    PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION, REAL,
-    UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES, WORLD_RATE, WORLD_RUNS, STUDIO,
+    PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION,
+    UNTOUCHED, REAL, UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES, WORLD_RATE, WORLD_RUNS, STUDIO,
 )  # fmt: skip
 """In the order in which they run."""

@@ -9,12 +9,13 @@ if TYPE_CHECKING:
     import numpy as np
 
     from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
+    from t2twin.sim.digit.camera import Camera
 
 
 def calibrate(
     background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
-    presses: Annotated[Path, tyro.conf.arg(metavar="DIR")],
-    ball_diameter_mm: float,
+    presses: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    ball_diameter_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     scale_px_per_mm: float = 19.2,
     ball_tolerance_mm: float = 0.1,
@@ -25,6 +26,8 @@ def calibrate(
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/calibration"),
 ) -> None:
     """Fit the DIGIT's light to your own sensor, from its background and presses of one ball.
+
+    From the background alone, without presses, a light is guessed that is far from a fitted one.
 
     Args:
         background: A frame of the untouched sensor, 240 wide, 320 high or larger, or on its side.
@@ -42,20 +45,26 @@ def calibrate(
         force_tolerance_n: How far known forces may be off, N.
         young_tolerance_mpa: How far the gel's modulus, 0.5 MPa as assumed, may be off, where no
             forces are known.
-        out: Folder for calibration.npz, calibration.json and calibration_strip.png.
+        out: Folder for calibration.npz and, where there are presses, calibration.json and
+            calibration_strip.png.
     """
-    import numpy as np
-    from PIL import Image
-
+    from t2twin.primitives_cad.errors import T2TwinError
     from t2twin.primitives_cad.folder_lock import locked
-    from t2twin.primitives_cad.writing import whole_file
     from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
     from t2twin.sim.digit.calibrate.known import Tolerance
-    from t2twin.sim.digit.calibrate.record import write_record
-    from t2twin.sim.digit.calibrate.words import lines_of
     from t2twin.sim.digit.camera import Camera
 
     camera = Camera(scale_px_per_mm)
+    if presses is None:
+        if ball_diameter_mm is not None or held_out is not None:
+            raise T2TwinError(
+                "--presses is missing, the folder of frames of the ball; the background alone "
+                "takes neither --ball-diameter-mm nor --held-out"
+            )
+        _guess(background, camera, out)
+        return
+    if ball_diameter_mm is None:
+        raise T2TwinError("--ball-diameter-mm is missing: that of the ball of --presses")
     tolerance = Tolerance(
         ball_tolerance_mm,
         scale_tolerance_px_per_mm,
@@ -65,17 +74,39 @@ def calibrate(
     )
     with locked(out):
         report = fit(background, presses, ball_diameter_mm, held_out, camera, print, tolerance)
-        strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
-        with whole_file(out / "calibration_strip.png") as temporary:
-            Image.fromarray(strip).save(temporary)
-        write_record(out / "calibration.json", report)
-        report.calibration.save(out / "calibration.npz")
-    sure = [] if report.certainty is None else lines_of(report.certainty)
-    for line in (*_in_words(report), *sure):
-        print(line)
+        _write(report, out)
     print(f"written to {out}: calibration.npz, for press and simdata as --calibration,")
     print("calibration.json, all that is printed here, and calibration_strip.png, the held-out")
     print("presses: real above, simulated below")
+
+
+def _guess(background: Path, camera: "Camera", out: Path) -> None:
+    from t2twin.primitives_cad.folder_lock import locked
+    from t2twin.sim.digit.calibrate.untouched import guess_light
+
+    with locked(out):
+        guess_light(background, camera, print).save(out / "calibration.npz")
+    print(f"written to {out}: calibration.npz, for press and simdata as --calibration. It is the")
+    print("mean light of drawn DIGITs on your background, a guess: presses of a ball make it a fit")
+
+
+def _write(report: "CalibrationReport", out: Path) -> None:
+    """Writes the files, and prints what they hold."""
+    import numpy as np
+    from PIL import Image
+
+    from t2twin.primitives_cad.writing import whole_file
+    from t2twin.sim.digit.calibrate.record import write_record
+    from t2twin.sim.digit.calibrate.words import lines_of
+
+    strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
+    with whole_file(out / "calibration_strip.png") as temporary:
+        Image.fromarray(strip).save(temporary)
+    write_record(out / "calibration.json", report)
+    report.calibration.save(out / "calibration.npz")
+    sure = [] if report.certainty is None else lines_of(report.certainty)
+    for line in (*_in_words(report), *sure):
+        print(line)
 
 
 def _strip(report: "CalibrationReport") -> "tuple[np.ndarray, np.ndarray]":

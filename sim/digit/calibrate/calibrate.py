@@ -41,7 +41,8 @@ class CalibrationReport:
     the held-out ones, which simulated and the scores are of.
     trained, held_out: names of the frames that were fitted to and scored on. repeated: of those
     that were left out as copies. training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each seen in
-    its own frame. real, simulated: (n, ROWS, COLUMNS, 3) uint8. scores: means. each: the
+    its own frame. surfaces_mm: (n, grid) the deflections that the poses stand for, on
+    optical_grid(). real, simulated: (n, ROWS, COLUMNS, 3) uint8. scores: means. each: the
     calibration's score press by press. certainty: how sure the presses' depths and forces are.
     """
 
@@ -52,6 +53,7 @@ class CalibrationReport:
     held_out: list[str]
     repeated: list[str]
     poses: np.ndarray
+    surfaces_mm: np.ndarray
     real: np.ndarray
     simulated: np.ndarray
     scores: Scores
@@ -115,9 +117,10 @@ def calibrate(
     poses = np.array([unseen.pose(fit.state, index) for index in range(len(test))])
     scored_by = fit.model.calibration(fit.state)
     optics = DigitOptics(scored_by)
-    simulated = np.array(
-        [optics.render(unseen.surface(fit.state, index, pose)) for index, pose in enumerate(poses)]
+    surfaces_mm = np.array(
+        [unseen.surface(fit.state, index, pose) for index, pose in enumerate(poses)]
     )
+    simulated = np.array([optics.render(surface_mm) for surface_mm in surfaces_mm])
     trained = _Placed(frames[train], patches[train], fit.state.poses)
     scored = _Placed(frames[test], patches[test], poses)
     scores = _scores(untouched, trained, scored, simulated, fit.model.camera)
@@ -145,6 +148,7 @@ def calibrate(
         held_out=[names[i] for i in test],
         repeated=[name for i, name in enumerate(names) if i not in (*train, *test)],
         poses=poses,
+        surfaces_mm=surfaces_mm,
         real=scored.frames,
         simulated=simulated,
         scores=scores,
