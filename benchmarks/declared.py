@@ -293,7 +293,24 @@ CALIBRATION = Benchmark(
         Figure("scores.do_nothing.psnr_db", "dB"),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+    apart_from=("t2twin.sim.digit.calibrate.certainty",),
     shapes=False,
+)
+
+ANCHORS = Benchmark(
+    name="anchors",
+    measures="What known displacements, forces and a second ball settle, on twins that are known.",
+    minutes=6,
+    figures=(
+        Figure("*.lost_db.*", "dB"),
+        Figure("*.stated.depth_range"),
+        Figure("*.stated.depths_inside", least=12),
+        Figure("*.stated.forces_inside", least=12),
+        Figure("*.anchored.scale_off_percent", "%", most=2.0),
+        Figure("*.anchored.young_off_percent", "%", most=5.0),
+        Figure("*.anchored.depth_off_percent", "%", most=3.0),
+        Figure("*.anchored.depths_inside", least=12),
+    ),
 )
 
 UNTOUCHED = Benchmark(
@@ -308,6 +325,7 @@ UNTOUCHED = Benchmark(
         Figure("drawn_singly_psnr_db", "dB"),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+    apart_from=("t2twin.sim.digit.calibrate.certainty",),
     shapes=False,
 )
 
@@ -343,6 +361,7 @@ UNITS = Benchmark(
         Figure("pictures.*.shipped.mean_percentile", "%", most=95.0),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+    apart_from=("t2twin.sim.digit.calibrate.certainty",),
     shapes=False,
 )
 
@@ -438,7 +457,7 @@ STUDIO = Benchmark(
 
 BENCHMARKS = (
     PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION,
-    UNTOUCHED, REAL, UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES, WORLD_RATE,
+    ANCHORS, UNTOUCHED, REAL, UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES, WORLD_RATE,
     WORLD_RUNS, STUDIO,
 )  # fmt: skip
 """In the order in which they run."""

@@ -7,7 +7,7 @@ light shows the presses at the places and depths that the fitted one finds in th
 ships, it on the unit's own background, the drawn unit whose LEDs explain that background best, the
 same with each colour bent to explain it, the mean of the best, the mean of all drawn units (what
 `t2twin calibrate --background` gives), and the light fitted to the first presses. Scored are the
-last presses, and the first ones too, which no light but the fitted one has seen.
+last presses, and the first ones too, which no light but the fitted one has seen, as plain balls.
 """
 
 from argparse import Namespace
@@ -22,7 +22,7 @@ from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import UNTOUCHED
 from benchmarks.evidence.run import main
 from t2twin.sim.digit import deflections
-from t2twin.sim.digit.calibrate.calibrate import CalibrationReport, calibrate
+from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frames, touched_patch
 from t2twin.sim.digit.calibrate.scores import Score, crop_scores, mean_score
 from t2twin.sim.digit.calibrate.untouched import drawn_lights, mean_light
@@ -73,7 +73,13 @@ def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
     untouched, frames, names = read_frames(background, options.frames)
-    first, last = _shown(untouched, frames, names, report)
+    last = _shown(untouched, report.real, report.surfaces_mm)
+    balls = [
+        deflections.ball(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
+        for x_mm, y_mm, depth_mm in report.training_poses
+    ]
+    trained = frames[[names.index(name) for name in report.trained]]
+    first = _shown(untouched, trained, np.array(balls))
     explained = sorted(_explained(untouched), key=lambda one: one.off_grey)
     shipped, best = Calibration.load(), [one.light for one in explained[:NEAREST]]
     lights = {
@@ -99,16 +105,9 @@ def measure(options: Namespace) -> dict[str, Any]:
     }
 
 
-def _shown(
-    untouched: np.ndarray, frames: np.ndarray, names: list[str], report: CalibrationReport
-) -> tuple[Shown, Shown]:
-    """The fitted presses and the held-out ones; the deflections of the first are a plain ball's."""
-    trained = frames[[names.index(name) for name in report.trained]]
-    balls = [deflections.ball(*pose, BALL_DIAMETER_MM / 2) for pose in report.training_poses]
-    return tuple(
-        Shown(of, surfaces_mm, np.array([touched_patch(frame, untouched) for frame in of]))
-        for of, surfaces_mm in ((trained, np.array(balls)), (report.real, report.surfaces_mm))
-    )  # pyright: ignore[reportReturnType]
+def _shown(untouched: np.ndarray, frames: np.ndarray, surfaces_mm: np.ndarray) -> Shown:
+    patches = [touched_patch(frame, untouched) for frame in frames]
+    return Shown(frames, surfaces_mm, np.array(patches))
 
 
 def _mean_psnr_db(shown: Shown, lights: Iterable[Calibration]) -> float:

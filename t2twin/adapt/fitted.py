@@ -16,7 +16,7 @@ from t2twin.sim.digit.calibrate.certainty import Certainty
 from t2twin.sim.typed_json import read_json
 
 CALIBRATION, PRESSES = "calibration.npz", "presses.json"
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class HeldOut:
 class Fitted:
     """asked: digest of the frames and numbers that were given. trained: how many presses the
     scored fit took. psnr_db, ssim: means over the held-out presses' contact crops. certainty: how
-    sure depths and forces are; None in files of before."""
+    sure depths and forces are."""
 
     format: int
     asked: str
@@ -44,7 +44,7 @@ class Fitted:
     psnr_db: float
     ssim: float
     held_out: tuple[HeldOut, ...]
-    certainty: Certainty | None = None
+    certainty: Certainty
 
     @property
     def poses(self) -> np.ndarray:
@@ -54,15 +54,16 @@ class Fitted:
     @property
     def diameters_mm(self) -> list[float]:
         """Of the balls of the held-out presses."""
-        presses = () if self.certainty is None else self.certainty.presses
-        own = {press.name: press.ball_diameter_mm for press in presses}
-        return [own.get(one.name, self.ball_diameter_mm) for one in self.held_out]
+        own = {press.name: press.ball_diameter_mm for press in self.certainty.presses}
+        return [own[one.name] for one in self.held_out]
 
 
 def write_fitted(
     folder: Path, report: CalibrationReport, asked: str, ball_diameter_mm: float
 ) -> Fitted:
-    """Writes both files, the calibration first, and gives what the second holds."""
+    """Writes both files, the calibration first, and gives what the second holds. report: of a
+    calibration with tolerances."""
+    assert report.certainty is not None
     fitted = Fitted(
         format=FORMAT,
         asked=asked,

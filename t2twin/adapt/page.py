@@ -129,10 +129,6 @@ def _draw(page: Figure, run: TrainedTranslator, judged: Judged) -> None:
 
 def _certainty(adapted: Adapted) -> str:
     certainty = adapted.certainty
-    if certainty is None:
-        return markup.section(
-            "certainty", "How sure", [markup.items(["Not worked out when this was begun."])]
-        )
     text = " ".join(sentences_of(certainty))
     heads = [[("press", 1), ("depth mm", 1), ("from", 1), ("to", 1), ("force N", 1), ("from", 1),
               ("to", 1)]]  # fmt: skip

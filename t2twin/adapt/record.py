@@ -57,7 +57,7 @@ class Adapted:
     constant_rmse_percent: float
     untouched_counts: float
     minutes: dict[str, float]
-    certainty: Certainty | None
+    certainty: Certainty
 
 
 def record_of(

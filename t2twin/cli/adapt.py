@@ -64,7 +64,7 @@ def adapt(
         background, presses, ball_diameter_mm, out, held_out, minutes, camera, model, workers,
         tolerance=tolerance,
     )  # fmt: skip
-    for line in [] if adapted.certainty is None else lines_of(adapted.certainty):
+    for line in lines_of(adapted.certainty):
         print(line)
     real, simulated = adapted.real, adapted.simulated
     shares = ", ".join(f"{name} {spent:.1f}" for name, spent in adapted.minutes.items())

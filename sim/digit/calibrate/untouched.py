@@ -19,7 +19,7 @@ from t2twin.sim.digit.camera import Camera
 from t2twin.sim.digit.unit_draw import UnitDraw
 from t2twin.sim.digit.units import draw_unit
 
-DRAWN = 500
+DRAWN = 300
 """Units that are averaged (assumed: twice as many change the mean by little)."""
 DRAW = UnitDraw(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
 """Units whose grey levels go with the light, as a fit takes a real unit's to do: only responses of
@@ -38,7 +38,7 @@ def guess_light(
     frame that cannot be used.
     """
     untouched = upright_frame(read_frame(Path(background)))
-    say(f"drawing {DRAWN} DIGITs, some ten seconds")
+    say(f"drawing {DRAWN} DIGITs, some seconds")
     return mean_light(drawn_lights(untouched, camera or Camera()))
 
 
