@@ -304,12 +304,12 @@ ANCHORS = Benchmark(
     figures=(
         Figure("*.lost_db.*", "dB"),
         Figure("*.stated.depth_range"),
-        Figure("*.stated.depths_inside", least=12),
-        Figure("*.stated.forces_inside", least=12),
+        Figure("*.stated.depths_inside", least=8),
+        Figure("*.stated.forces_inside", least=8),
         Figure("*.anchored.scale_off_percent", "%", most=2.0),
         Figure("*.anchored.young_off_percent", "%", most=5.0),
         Figure("*.anchored.depth_off_percent", "%", most=3.0),
-        Figure("*.anchored.depths_inside", least=12),
+        Figure("*.anchored.depths_inside", least=8),
     ),
 )
 

@@ -177,7 +177,7 @@ def anchors() -> str:
     for name, balls in (("one_ball", "one ball"), ("two_balls", "two balls")):
         for part, words in (
             ("stated", "as stated"),
-            ("anchored", "3 displacements, 12 forces"),
+            ("anchored", "3 displacements, 8 forces"),
         ):
             row = content[name][part]
             young = row["young_off_percent"]

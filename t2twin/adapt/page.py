@@ -129,7 +129,6 @@ def _draw(page: Figure, run: TrainedTranslator, judged: Judged) -> None:
 
 def _certainty(adapted: Adapted) -> str:
     certainty = adapted.certainty
-    text = " ".join(sentences_of(certainty))
     heads = [[("press", 1), ("depth mm", 1), ("from", 1), ("to", 1), ("force N", 1), ("from", 1),
               ("to", 1)]]  # fmt: skip
     rows = [
@@ -137,7 +136,9 @@ def _certainty(adapted: Adapted) -> str:
         for press in certainty.presses
     ]
     return markup.section(
-        "certainty", "How sure", [markup.items([text]), markup.table(heads, [("", rows)])]
+        "certainty",
+        "How sure",
+        [markup.items(sentences_of(certainty)), markup.table(heads, [("", rows)])],
     )
 
 
