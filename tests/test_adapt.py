@@ -110,7 +110,13 @@ def test_the_road_leads_to_a_run_that_is_checked_on_the_frames_kept_out(walked):
     assert info.parameters.digit.noise_grey == pytest.approx(2.8)
     for name in ("calibration.npz", "ball.step", "world.toml", "index.html", RECORD, "resnet18"):
         assert (out / name).exists(), name
+    sure = fitted.certainty
+    assert len(sure.presses) == len(POSES) and adapted.certainty == sure
+    for press, pose in zip(sure.presses, POSES, strict=True):
+        assert press.depth_mm.low < pose[2] < press.depth_mm.high
+        assert press.force_n is not None and press.force_n.low < press.force_n.high
     page = (out / "index.html").read_text()
+    assert "How sure" in page and all(press.name in page for press in sure.presses)
     assert page.count("data:image/png") == HELD_OUT
     assert f"{adapted.real.rmse_percent:.2f} %" in page
 
@@ -149,6 +155,8 @@ def test_what_cannot_be_walked_is_refused(walked, unit, tmp_path, capsys):
     assert "from 1 to 6000" in refused(capsys, *given, *ball, "--out", fresh, "--minutes", 0.1)
     assert "there is no model" in refused(capsys, *given, *ball, "--out", fresh, "--model", "x")
     assert "between 1 and 12" in refused(capsys, *given, "--ball-diameter-mm", 40, "--out", fresh)
+    off = ("--scale-tolerance-px-per-mm", 18)
+    assert "reaches beyond" in refused(capsys, *given, *ball, *off, "--out", fresh)
     assert not fresh.exists()
 
 

@@ -17,6 +17,7 @@ from t2twin.sim.digit.calibrate.known import FORCES, Tolerance, read_known
 from t2twin.sim.digit.calibrate.words import lines_of
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.units import UnitDraw, draw_unit
 from t2twin.sim.press.elastomer import DIGIT_GEL
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import Digit
@@ -125,7 +126,8 @@ def test_a_fitted_modulus_is_pressed_into(anchored, shapes):
         for of in (digit, assumed)
     )
     assert soft.depth_mm > 1.05 * hard.depth_mm
-    # what is asked for by name is pressed into, and a drawn unit about the calibration is as soft
+    unit = draw_unit(np.random.default_rng(0), UnitDraw(), calibration)
+    assert assumed.with_unit(unit).elastomer == digit.elastomer
     linear = replace(DIGIT_GEL, young_mpa=0.5, law="linear")
     assert Digit(gel=linear, calibration=digit.calibration).elastomer == linear
     assert replace(digit, calibration=None).elastomer == DIGIT_GEL
