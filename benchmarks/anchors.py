@@ -141,7 +141,7 @@ def _off_percent(spans: list[Span], truth: np.ndarray) -> float:
 
 
 def _inside(spans: list[Span], truth: np.ndarray) -> int:
-    return sum(of.low <= one <= of.high for of, one in zip(spans, truth, strict=True))
+    return sum(bool(of.low <= one <= of.high) for of, one in zip(spans, truth, strict=True))
 
 
 if __name__ == "__main__":

@@ -194,7 +194,7 @@ def test_the_table_is_checked(content, says, tmp_path):
 def refused(folder, **numbers):
     with pytest.raises(T2TwinError) as error:
         tolerance = Tolerance(**numbers)
-        calibrate(folder / "background.png", folder, 4.7, 2, tolerance=tolerance)
+        calibrate(folder / "background.png", folder, 4.7, 1, tolerance=tolerance)
     return str(error.value)
 
 
