@@ -301,15 +301,19 @@ ANCHORS = Benchmark(
     name="anchors",
     measures="What known displacements, forces and a second ball settle, on twins that are known.",
     minutes=6,
-    figures=(
-        Figure("*.lost_db.*", "dB"),
-        Figure("*.stated.depth_range"),
-        Figure("*.stated.depths_inside", least=8),
-        Figure("*.stated.forces_inside", least=8),
-        Figure("*.anchored.scale_off_percent", "%", most=2.0),
-        Figure("*.anchored.young_off_percent", "%", most=5.0),
-        Figure("*.anchored.depth_off_percent", "%", most=3.0),
-        Figure("*.anchored.depths_inside", least=8),
+    figures=tuple(
+        figure
+        for balls in ("one_ball", "two_balls")
+        for figure in (
+            Figure(f"{balls}.lost_db.*", "dB"),
+            Figure(f"{balls}.stated.depth_range"),
+            Figure(f"{balls}.stated.depths_inside", least=8),
+            Figure(f"{balls}.stated.forces_inside", least=8),
+            Figure(f"{balls}.anchored.scale_off_percent", "%", most=2.0),
+            Figure(f"{balls}.anchored.young_off_percent", "%", most=5.0),
+            Figure(f"{balls}.anchored.depth_off_percent", "%", most=3.0),
+            Figure(f"{balls}.anchored.depths_inside", least=8),
+        )
     ),
 )
 
