@@ -21,7 +21,7 @@ HELD_OUT = 7
 
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
-    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT)
+    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
     scores = asdict(report.scores)
     ours, pasted = report.scores.calibrated, report.scores.cut_and_paste
     return {

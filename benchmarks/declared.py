@@ -293,6 +293,43 @@ CALIBRATION = Benchmark(
         Figure("scores.do_nothing.psnr_db", "dB"),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+    apart_from=("t2twin.sim.digit.calibrate.certainty",),
+    shapes=False,
+)
+
+ANCHORS = Benchmark(
+    name="anchors",
+    measures="What known displacements, forces and a second ball settle, on twins that are known.",
+    minutes=6,
+    figures=tuple(
+        figure
+        for balls in ("one_ball", "two_balls")
+        for figure in (
+            Figure(f"{balls}.lost_db.*", "dB"),
+            Figure(f"{balls}.stated.depth_range"),
+            Figure(f"{balls}.stated.depths_inside", least=8),
+            Figure(f"{balls}.stated.forces_inside", least=8),
+            Figure(f"{balls}.anchored.scale_off_percent", "%", most=2.0),
+            Figure(f"{balls}.anchored.young_off_percent", "%", most=5.0),
+            Figure(f"{balls}.anchored.depth_off_percent", "%", most=3.0),
+            Figure(f"{balls}.anchored.depths_inside", least=8),
+        )
+    ),
+)
+
+UNTOUCHED = Benchmark(
+    name="untouched",
+    measures="How near a light guessed from a real DIGIT's background comes, and one that ships.",
+    minutes=2,
+    figures=(
+        Figure("held_out_presses.*.psnr_db", "dB"),
+        Figure("held_out_presses.*.ssim"),
+        Figure("first_presses.*.psnr_db", "dB"),
+        Figure("nearest_singly_psnr_db", "dB"),
+        Figure("drawn_singly_psnr_db", "dB"),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+    apart_from=("t2twin.sim.digit.calibrate.certainty",),
     shapes=False,
 )
 
@@ -328,6 +365,7 @@ UNITS = Benchmark(
         Figure("pictures.*.shipped.mean_percentile", "%", most=95.0),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+    apart_from=("t2twin.sim.digit.calibrate.certainty",),
     shapes=False,
 )
 
@@ -442,7 +480,8 @@ STUDIO = Benchmark(
 )
 
 BENCHMARKS = (
-    PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION, REAL,
-    UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES, WORLD_RATE, WORLD_RUNS, STUDIO,
+    PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION,
+    ANCHORS, UNTOUCHED, REAL, UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES, WORLD_RATE,
+    WORLD_RUNS, STUDIO,
 )  # fmt: skip
 """In the order in which they run."""

@@ -21,9 +21,9 @@ import numpy as np
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import REAL
 from benchmarks.evidence.run import main
-from t2twin.adapt.ball import write_ball
 from t2twin.adapt.judged import Felt, felt_by_the_twin, judge_each
 from t2twin.adapt.record import Scores, trivial_percent
+from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
@@ -41,13 +41,14 @@ def measure(options: Namespace) -> dict[str, Any]:
             raise T2TwinError(f"two runs are a {name}; name one of them")
         runs[name] = run
     background = options.frames / "background.png"
-    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT)
+    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
     with tempfile.TemporaryDirectory() as folder:
         calibration = Path(folder) / "calibration.npz"
         report.scored_by.save(calibration)
         sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
         ball = write_ball(Path(folder) / "ball.step", BALL_DIAMETER_MM)
-        felt = felt_by_the_twin(report.held_out, report.poses, report.real, ball, sensors)
+        balls = [ball] * len(report.held_out)
+        felt = felt_by_the_twin(report.held_out, report.poses, report.real, balls, sensors)
     untouched = upright_frame(read_frame(background))
     nothing, constant = trivial_percent(felt, next(iter(runs.values())))
     return {

@@ -42,7 +42,8 @@ TILE_PX = (150, 200)
 
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
-    real = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT).calibration
+    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
+    real = report.calibration
     known = {"real": Unit(real, NOISE_GREY), "shipped": Unit(Calibration.load(), NOISE_GREY)}
     units = [drawn(number) for number in range(DRAWN)]
     if not options.keep_nothing:

@@ -61,6 +61,8 @@ class Digit:
     """A DIGIT: its gel, its optics' calibration file (None: the one that ships), its noise.
 
     renderer: what makes its pictures. unit: a drawn light, which is taken instead of the file's.
+    elastomer: what is pressed into: the gel, of the modulus that the calibration was fitted, where
+    it was and the gel is not one of another modulus or law than the DIGIT's.
     Raises T2TwinError for a file that is no calibration, and for pyrender where it has no LEDs to
     render: a calibration's are known by their response only.
     """
@@ -72,27 +74,34 @@ class Digit:
     renderer: Renderer = "baked"
     unit: Unit | None = field(default=None, repr=False)
     optics: DigitOptics | RenderedOptics = field(init=False, repr=False, compare=False)
+    elastomer: Elastomer = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if self.renderer not in get_args(Renderer):
             raise T2TwinError(
                 f"the renderer is {self.renderer!r}; it must be one of {get_args(Renderer)}"
             )
-        object.__setattr__(self, "optics", self._optics())
+        light = self.unit.calibration if self.unit else Calibration.load(self._file)
+        object.__setattr__(self, "optics", self._optics(light))
+        object.__setattr__(self, "elastomer", self._elastomer(light))
 
-    def _optics(self) -> DigitOptics | RenderedOptics:
+    def _optics(self, light: Calibration) -> DigitOptics | RenderedOptics:
         if self.renderer == "baked":
-            if self.unit is not None:
-                return DigitOptics(self.unit.calibration, gel=self.gel)
-            return DigitOptics.load(self.calibration, self.gel)
+            return DigitOptics(light, gel=self.gel)
         if self.unit is None and self.calibration is None:
-            return RenderedOptics(Calibration.load(), DIGIT_LEDS, self.gel)
+            return RenderedOptics(light, DIGIT_LEDS, self.gel)
         if self.unit is None or self.unit.leds is None:
             raise T2TwinError(
                 "pyrender cannot render a calibration file's light, which is not known LED by LED; "
                 "it renders the light that ships and units drawn without a calibration"
             )
-        return RenderedOptics(self.unit.calibration, self.unit.leds, self.gel)
+        return RenderedOptics(light, self.unit.leds, self.gel)
+
+    def _elastomer(self, light: Calibration) -> Elastomer:
+        assumed = (DIGIT_GEL.young_mpa, DIGIT_GEL.law)
+        if light.young_mpa is None or (self.gel.young_mpa, self.gel.law) != assumed:
+            return self.gel
+        return replace(self.gel, young_mpa=light.young_mpa)
 
     def with_unit(self, unit: Unit) -> "Digit":
         """The same gel, pitch and renderer under the light of a drawn unit, with its noise, of
@@ -108,12 +117,16 @@ class Digit:
         return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
 
     @property
+    def _file(self) -> Path:
+        return DEFAULT_PATH if self.calibration is None else Path(self.calibration)
+
+    @property
     def calibration_sha256(self) -> str:
-        return hashlib.sha256(Path(self.calibration or DEFAULT_PATH).read_bytes()).hexdigest()
+        return hashlib.sha256(self._file.read_bytes()).hexdigest()
 
     def press(self, shape: Shape, command: PressCommand) -> Contact:
         """The contact of a shape with the gel. Raises T2TwinError as solve_contact does."""
-        return solve_contact(shape, command, self.gel, self.pitch_mm)
+        return solve_contact(shape, command, self.elastomer, self.pitch_mm)
 
     def image(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
         """The image of a contact, (320, 240, 3) uint8; with camera noise where rng is given."""

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from t2twin.sim.dataset.import_pairs import import_pairs
     from t2twin.sim.dataset.verify import verify as verify_dataset
     from t2twin.sim.digit.calibrate.calibrate import calibrate
+    from t2twin.sim.digit.calibrate.untouched import guess_light
     from t2twin.sim.press.elastomer import Elastomer
     from t2twin.sim.press.records import Contact, PressCommand
     from t2twin.sim.world.recipe import Recipe, load_recipe
@@ -54,6 +55,7 @@ _HOMES = {
     "export_shapes": "t2twin.primitives_cad.export:export",
     "adapt": "t2twin.adapt.road:adapt",
     "calibrate": "t2twin.sim.digit.calibrate.calibrate:calibrate",
+    "guess_light": "t2twin.sim.digit.calibrate.untouched:guess_light",
     "make_dataset": "t2twin.sim.dataset.generate:generate",
     "verify_dataset": "t2twin.sim.dataset.verify:verify",
     "import_pairs": "t2twin.sim.dataset.import_pairs:import_pairs",
@@ -86,6 +88,7 @@ __all__ = [
     "evaluate_worlds",
     "export_onnx",
     "export_shapes",
+    "guess_light",
     "import_pairs",
     "load",
     "load_layout",

@@ -59,7 +59,8 @@ class Touch:
 class Twin:
     """Both simulated sensors, ready to be pressed.
 
-    calibration: the DIGIT's light, a file of `t2twin calibrate`; None takes the one that ships.
+    calibration: the DIGIT's light, a file of `t2twin calibrate`, and its gel's modulus where that
+    was fitted; None takes the one that ships.
     layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
     imperfections: what the CySkin adds to a press that is given a seed: "none", "white",
     "untouched" or "all". gel, cover: the sensors' elastomers. optics: what makes the DIGIT's

@@ -10,12 +10,12 @@ import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES
 
 from t2twin.adapt import road
-from t2twin.adapt.ball import write_ball
 from t2twin.adapt.fitted import PRESSES, read_fitted
 from t2twin.adapt.judged import felt_by_the_twin, judge
 from t2twin.adapt.record import RECORD, Scores
 from t2twin.adapt.road import adapt
 from t2twin.cli import main
+from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.store import read_info
@@ -64,7 +64,7 @@ def test_the_twin_goes_as_deep_as_the_frame_says(tmp_path):
     ball = write_ball(tmp_path / "ball.step", BALL_MM)
     frames = np.zeros((2, 320, 240, 3), np.uint8)
     poses = np.array([[1.0, -0.5, 0.9], [-2.0, 1.0, 1.2]])
-    shallow, deep = felt_by_the_twin(["a", "b"], poses, frames, ball, SensorPair())
+    shallow, deep = felt_by_the_twin(["a", "b"], poses, frames, [ball, ball], SensorPair())
     assert 0.5 < shallow.force_n < deep.force_n < 12.0
     layout = load_layout("cyskin-20")
     for one, pose in zip((shallow, deep), poses, strict=True):
@@ -110,7 +110,13 @@ def test_the_road_leads_to_a_run_that_is_checked_on_the_frames_kept_out(walked):
     assert info.parameters.digit.noise_grey == pytest.approx(2.8)
     for name in ("calibration.npz", "ball.step", "world.toml", "index.html", RECORD, "resnet18"):
         assert (out / name).exists(), name
+    sure = fitted.certainty
+    assert len(sure.presses) == len(POSES) and adapted.certainty == sure
+    for press, pose in zip(sure.presses, POSES, strict=True):
+        assert press.depth_mm.low < pose[2] < press.depth_mm.high
+        assert press.force_n is not None and press.force_n.low < press.force_n.high
     page = (out / "index.html").read_text()
+    assert "How sure" in page and all(press.name in page for press in sure.presses)
     assert page.count("data:image/png") == HELD_OUT
     assert f"{adapted.real.rmse_percent:.2f} %" in page
 
@@ -149,6 +155,8 @@ def test_what_cannot_be_walked_is_refused(walked, unit, tmp_path, capsys):
     assert "from 1 to 6000" in refused(capsys, *given, *ball, "--out", fresh, "--minutes", 0.1)
     assert "there is no model" in refused(capsys, *given, *ball, "--out", fresh, "--model", "x")
     assert "between 1 and 12" in refused(capsys, *given, "--ball-diameter-mm", 40, "--out", fresh)
+    off = ("--scale-tolerance-px-per-mm", 18)
+    assert "reaches beyond" in refused(capsys, *given, *ball, *off, "--out", fresh)
     assert not fresh.exists()
 
 

@@ -144,6 +144,60 @@ def real() -> str:
     return _markdown(lines)
 
 
+LIGHTS = {
+    "shipped": "the light that ships, its own background",
+    "shipped_on_own_background": "the light that ships, the unit's background",
+    "nearest": "the drawn unit whose LEDs explain the background best",
+    "nearest_bent": "the same, each colour bent to it",
+    "mean_of_nearest": "the mean of the {averaged} best",
+    "mean_of_all": "the mean of all drawn units: `--background` alone",
+    "fitted": "fitted to the first presses",
+}
+"""Lights of the benchmark untouched, and what they are called."""
+
+
+def lights() -> str:
+    """How near lights that were not fitted come to a real DIGIT's frames, beside one that was."""
+    content = _content("untouched")
+    held_out, first = content["held_out_presses"], content["first_presses"]
+    lines = [["on the unit's background but for the first", "PSNR dB", "SSIM", "first presses, dB"]]
+    for name, words in LIGHTS.items():
+        cells = [words.format(**content), f"{held_out[name]['psnr_db']:.1f}"]
+        cells.append(f"{held_out[name]['ssim']:.2f}")
+        lines.append([*cells, f"{first[name]['psnr_db']:.1f}" if name in first else ""])
+    nothing = content["do_nothing"]
+    lines.append(["do nothing", f"{nothing['psnr_db']:.1f}", f"{nothing['ssim']:.2f}", ""])
+    return _markdown(lines)
+
+
+def anchors() -> str:
+    """What is known of depth, force, scale and modulus with and without anchors, on twins."""
+    content = _content("anchors")
+    lines = [["", "scale off", "modulus off", "depths off", "range of a depth", "truths in range",
+              "5 % too small", "5 % too large"]]  # fmt: skip
+    for name, balls in (("one_ball", "one ball"), ("two_balls", "two balls")):
+        lost_db = content[name]["lost_db"].values()
+        for part, words in (
+            ("stated", "as stated"),
+            ("anchored", "3 displacements, 8 forces"),
+        ):
+            row = content[name][part]
+            young = row["young_off_percent"]
+            inside = row["depths_inside"] + row["forces_inside"]
+            lines.append(
+                [
+                    f"{balls}, {words}",
+                    f"{row['scale_off_percent']:.1f} %",
+                    "" if young is None else f"{young:.1f} %",
+                    f"{row['depth_off_percent']:.1f} %",
+                    f"{row['depth_range']:.2f} times",
+                    f"{inside} of {2 * row['presses']}",
+                    *(f"{lost:.2f} dB" if part == "stated" else "" for lost in lost_db),
+                ]
+            )
+    return _markdown(lines)
+
+
 def _percent(row: dict[str, Any]) -> str:
     """A row's RMSE and its interval, in percent of full scale."""
     low, high = row["interval"]["rmse_percent"]
@@ -225,6 +279,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "worlds": worlds,
     "forces": forces,
     "real": real,
+    "lights": lights,
+    "anchors": anchors,
     "fidelity": fidelity,
     "benchmarks": benchmarks,
     "many-pairs": many_pairs,

@@ -31,6 +31,15 @@ FLOATS: tuple[tuple[tuple[str, ...], str, tuple[str, ...]], ...] = (
     (TRAIN, "--minutes", (*NOT_FINITE, "0", "-1")),
     ((*CALIBRATE,), "--ball-diameter-mm", (*NOT_FINITE, "0", "-4", "1e9")),
     ((*CALIBRATE, "--ball-diameter-mm", "4"), "--scale-px-per-mm", (*NOT_FINITE, "0", "-1", "1e9")),
+    ((*CALIBRATE, "--ball-diameter-mm", "4"), "--ball-tolerance-mm", (*NOT_FINITE, "-1", "4")),
+    (
+        (*CALIBRATE, "--ball-diameter-mm", "4"),
+        "--scale-tolerance-px-per-mm",
+        (*NOT_FINITE, "-1", "15"),
+    ),
+    ((*CALIBRATE, "--ball-diameter-mm", "4"), "--depth-tolerance-mm", (*NOT_FINITE, "-1")),
+    ((*CALIBRATE, "--ball-diameter-mm", "4"), "--force-tolerance-n", (*NOT_FINITE, "-1")),
+    ((*CALIBRATE, "--ball-diameter-mm", "4"), "--young-tolerance-mpa", (*NOT_FINITE, "-1", "0.5")),
 )
 """Command, flag, and numbers that it must refuse."""
 
@@ -96,6 +105,10 @@ WORDS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("import-pairs", "", *OUT), "csv"),
     (("import-pairs", "/dev/null", *OUT), "csv"),
     ((*CALIBRATE, "--ball-diameter-mm", "4"), "background.png"),
+    (("calibrate", "--background", "none.png", *OUT), "none.png"),
+    (("calibrate", "--background", "none.png", "--ball-diameter-mm", "4", *OUT), "--presses"),
+    (("calibrate", "--background", "none.png", "--held-out", "3", *OUT), "--presses"),
+    (CALIBRATE, "--ball-diameter-mm is missing"),
     ((*PRESS, "--seed", "1", "--imperfections", "some"), "imperfections"),
     (("studio", "--run", "nowhere"), "nowhere"),
     (("studio", "--run", "{data}"), "config.json"),

@@ -62,6 +62,10 @@ def _spoiled() -> Iterator[tuple[str, bytes]]:
     yield "a camera out of sight", _packed(good | {"shift_x_px": np.array(1e6)})
     yield "a gel on edge", _packed(good | {"tilt_y_deg": np.array(80.0)})
     yield "a tilt that is no number", _packed(good | {"tilt_x_deg": np.array(np.nan)})
+    for young in (np.nan, np.inf, 0.0, -0.5, 1e9):
+        yield f"a gel of {young} MPa", _packed(good | {"young_mpa": np.array(young)})
+    yield "a gel of text", _packed(good | {"young_mpa": np.array("soft")})
+    yield "two gels", _packed(good | {"young_mpa": np.array([0.4, 0.5])})
     yield "two lamps", _packed(good | {"lamps_mm": good["lamps_mm"][:2]})
     yield "a bomb", _zip_bomb()
 
@@ -82,6 +86,7 @@ def _zip_bomb() -> bytes:
 
 def _odd() -> Iterator[tuple[str, bytes]]:
     good = _arrays()
+    yield "a soft gel", _packed(good | {"young_mpa": np.array(0.05)})
     yield "with one array more", _packed(good | {"note": np.array("mine")})
     yield "in single precision", _packed({**good, "response": good["response"].astype(np.float32)})
     yield "no light at all", _packed(good | {"response": np.zeros_like(good["response"])})
@@ -163,6 +168,31 @@ BAD_FRAMES: tuple[tuple[str, Make, str], ...] = (
 )  # fmt: skip
 
 
+BAD_TABLES: tuple[tuple[str, bytes], ...] = (
+    ("empty", b""),
+    ("a picture", PNG),
+    ("no file column", b"force_n\n1.0\n"),
+    ("another file", b"file,force_n\nnone.png,1.0\n"),
+    ("a file twice", b"file,force_n\npress_0.png,1\npress_0.png,1\n"),
+    ("a file above", b"file,force_n\n../background.png,1\n"),
+    ("no file's name", b"file,force_n\n,1\n"),
+    ("a force of text", b"file,force_n\npress_0.png,soft\n"),
+    ("a force of 0", b"file,force_n\npress_0.png,0\n"),
+    ("a force below 0", b"file,force_n\npress_0.png,-1\n"),
+    ("a force without end", b"file,force_n\npress_0.png,inf\n"),
+    ("a force of 1e9", b"file,force_n\npress_0.png,1e9\n"),
+    ("a depth in micrometres", b"file,depth_mm\npress_0.png,900\n"),
+    ("a depth of 0", b"file,depth_mm\npress_0.png,0\n"),
+    ("a ball of 40 mm", b"file,ball_diameter_mm\npress_0.png,40\n"),
+    ("not UTF-8", b"file,force_n\npress_\xff.png,1\n"),
+)
+"""forces.csv beside frames, which are as they should be."""
+
+
+def _with_table(content: bytes) -> Make:
+    return frames(UNTOUCHED, *FRAMES, ("forces.csv", content))
+
+
 def _no_folder(box: Path, base: Base) -> None:
     (box / "background.png").write_bytes(UNTOUCHED)
     (box / "presses").write_bytes(JPEG)
@@ -175,6 +205,12 @@ def cases() -> Iterator[Case]:
         yield Case(f"calibration: {name}", PRESS, holding("c.npz", content), fine=True)
     for name, make, says in BAD_FRAMES:
         yield Case(f"frames: {name}", CALIBRATE, make, says)
+    for name, content in BAD_TABLES:
+        yield Case(f"forces.csv: {name}", CALIBRATE, _with_table(content), "forces.csv")
+    alone = ("calibrate", "--background", "background.png", "--out", "out")
+    yield Case("frames: the background alone", alone, frames(UNTOUCHED), fine=True)
+    for name, content in (("text", b"grey"), ("cut", UNTOUCHED[:200]), ("a bomb", bomb())):
+        yield Case(f"the background alone: {name}", alone, frames(content), "background.png")
     yield Case("frames: as they should be", (*CALIBRATE, "--held-out", "2"), ball_frames, fine=True)
     yield Case("frames: presses are a file", CALIBRATE, _no_folder, "presses")
     for held in ("0", "3", "8", "9"):

@@ -8,8 +8,8 @@ import numpy as np
 from msgspec import Meta
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.csv_table import ERRORS, read_csv
-from t2twin.sim.typed_json import convert, read_json
+from t2twin.sim.typed_csv import read_rows
+from t2twin.sim.typed_json import read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
 DEFAULT_LAYOUT = "cyskin-20"
@@ -94,29 +94,11 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
         raise T2TwinError(
             f"no taxel layout {source}; known are {known}, or a path to .json or .csv"
         )
-    rows = _read_csv(path) if path.suffix.lower() == ".csv" else read_json(path, _File, 1).taxels
+    is_table = path.suffix.lower() == ".csv"
+    rows = read_rows(path, _Taxel, "a layout") if is_table else read_json(path, _File, 1).taxels
     return Layout(
         path.stem,
         np.array([row.x_mm for row in rows], dtype=float),
         np.array([row.y_mm for row in rows], dtype=float),
         np.array([row.pad_diameter_mm for row in rows], dtype=float),
     )
-
-
-def _read_csv(path: Path) -> tuple[_Taxel, ...]:
-    try:
-        table, places = read_csv(path.read_bytes())
-    except (*ERRORS, OSError) as error:
-        raise T2TwinError(f"{path} cannot be read as a layout's CSV ({error})") from error
-    missing = [name for name in ("x_mm", "y_mm") if name not in table.column_names]
-    if missing:
-        raise T2TwinError(
-            f"{path} has no column {missing[0]}; its columns are {', '.join(table.column_names)}"
-        )
-    # A row's empty cells are left out, as a key of JSON may be.
-    rows = [
-        {name: value for name, value in row.items() if value is not None}
-        for row in table.to_pylist()
-    ]
-    sources = (f"{path}, {place}" for place in places)
-    return tuple(convert(row, _Taxel, at) for row, at in zip(rows, sources, strict=True))

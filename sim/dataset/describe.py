@@ -64,7 +64,7 @@ def _parameters(sensors: SensorPair, shapes: dict[str, tuple[int, ...]]) -> Para
     digit, cyskin = sensors.digit, sensors.cyskin
     return Parameters(
         digit=DigitParameters(
-            **elastomer_json(digit.gel),
+            **elastomer_json(digit.elastomer),
             pitch_mm=digit.pitch_mm,
             noise_grey=float(digit.noise_grey),
             calibration_sha256=digit.calibration_sha256,

@@ -31,6 +31,10 @@ MOST_RESPONSE = 1e4
 GAMMAS = (0.5, 4.0)
 """Exponents between light and grey levels that a calibration may have (assumed: a camera as it
 is has 1 to 2.4)."""
+YOUNG = "young_mpa"
+"""Key of the gel's modulus in the file, if it was fitted to forces."""
+YOUNGS_MPA = (0.01, 10.0)
+"""Moduli that it may be (assumed: soft silicones have 0.05 to 2 MPa)."""
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
 """Keys of the noise in the file, if it was measured."""
 SCALES_PX_PER_MM = (5.0, 100.0)
@@ -74,6 +78,7 @@ class Calibration:
     scale_px_per_mm, distance_mm, shift_x_px, shift_y_px, tilt_x_deg, tilt_y_deg: the camera. A file
     may leave out the last four, which are 0 then, and save leaves them out where all are 0.
     noise: one frame's, where it was measured; in the file noise_mix and noise_taps.
+    young_mpa: the gel's modulus, where it was fitted to forces.
     Raises T2TwinError for arrays of other shapes or values that cannot be.
     """
 
@@ -89,6 +94,7 @@ class Calibration:
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
     noise: Noise | None = None
+    young_mpa: float | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -118,11 +124,12 @@ class Calibration:
             ("scale_px_per_mm", self.scale_px_per_mm, *SCALES_PX_PER_MM),
             ("distance_mm", self.distance_mm, *DISTANCES_MM),
             *((name, getattr(self, name), -most, most) for name, most in MOST_OFF.items()),
+            *(() if self.young_mpa is None else ((YOUNG, self.young_mpa, *YOUNGS_MPA),)),
         ):
             if not low <= value <= high:
                 raise T2TwinError(
-                    f"the calibration's {_KEYS[name]} reaches {value:g}; it must lie between "
-                    f"{low:g} and {high:g}"
+                    f"the calibration's {_KEYS.get(name, name)} reaches {value:g}; it must lie "
+                    f"between {low:g} and {high:g}"
                 )
 
     @property
@@ -148,6 +155,8 @@ class Calibration:
             values = {key: value for key, value in values.items() if key not in MOST_OFF}
         if self.noise is not None:
             values |= {NOISE_MIX: self.noise.mix, NOISE_TAPS: self.noise.taps}
+        if self.young_mpa is not None:
+            values[YOUNG] = self.young_mpa
         return values
 
     @classmethod
@@ -173,19 +182,21 @@ def _parts(path: Path | str) -> dict[str, Any]:
             if key not in file and key not in MOST_OFF:
                 raise T2TwinError(f"its {key} is missing")
         values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items() if key in file}
+        if YOUNG in file:
+            values[YOUNG] = file[YOUNG]
         noise = [file[key] for key in (NOISE_MIX, NOISE_TAPS) if key in file]
     if len(noise) == 1:
         raise T2TwinError(f"of {NOISE_MIX} and {NOISE_TAPS} one is missing")
     if noise:
         values["noise"] = Noise(*noise)
-    for name in ("gamma", "scale_px_per_mm", "distance_mm", *MOST_OFF):
+    for name in ("gamma", "scale_px_per_mm", "distance_mm", *MOST_OFF, YOUNG):
         if name in values:
             values[name] = float(values[name])
     return values
 
 
-_KEYS = {name: name for name in Calibration.__dataclass_fields__ if name != "noise"} | {
-    "leds_mm": "lamps_mm"
-}
+_KEYS = {
+    name: name for name in Calibration.__dataclass_fields__ if name not in ("noise", YOUNG)
+} | {"leds_mm": "lamps_mm"}
 """Key of each field in the file. The LEDs' places are called lamps_mm there, as in the first
 calibrations that were written."""

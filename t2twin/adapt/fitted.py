@@ -12,10 +12,11 @@ import numpy as np
 
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
+from t2twin.sim.digit.calibrate.certainty import Certainty
 from t2twin.sim.typed_json import read_json
 
 CALIBRATION, PRESSES = "calibration.npz", "presses.json"
-FORMAT = 1
+FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,8 @@ class HeldOut:
 @dataclass(frozen=True)
 class Fitted:
     """asked: digest of the frames and numbers that were given. trained: how many presses the
-    scored fit took. psnr_db, ssim: means over the held-out presses' contact crops."""
+    scored fit took. psnr_db, ssim: means over the held-out presses' contact crops. certainty: how
+    sure depths and forces are."""
 
     format: int
     asked: str
@@ -42,17 +44,26 @@ class Fitted:
     psnr_db: float
     ssim: float
     held_out: tuple[HeldOut, ...]
+    certainty: Certainty
 
     @property
     def poses(self) -> np.ndarray:
         """(n, 3) x_mm, y_mm, depth_mm."""
         return np.array([(one.x_mm, one.y_mm, one.depth_mm) for one in self.held_out])
 
+    @property
+    def diameters_mm(self) -> list[float]:
+        """Of the balls of the held-out presses."""
+        own = {press.name: press.ball_diameter_mm for press in self.certainty.presses}
+        return [own[one.name] for one in self.held_out]
+
 
 def write_fitted(
     folder: Path, report: CalibrationReport, asked: str, ball_diameter_mm: float
 ) -> Fitted:
-    """Writes both files, the calibration first, and gives what the second holds."""
+    """Writes both files, the calibration first, and gives what the second holds. report: of a
+    calibration with tolerances."""
+    assert report.certainty is not None
     fitted = Fitted(
         format=FORMAT,
         asked=asked,
@@ -64,6 +75,7 @@ def write_fitted(
             HeldOut(name, float(pose[0]), float(pose[1]), float(pose[2]), score.psnr_db, score.ssim)
             for name, pose, score in zip(report.held_out, report.poses, report.each, strict=True)
         ),
+        certainty=report.certainty,
     )
     report.calibration.save(folder / CALIBRATION)
     with whole_file(folder / PRESSES) as temporary:

@@ -70,17 +70,20 @@ def felt_by_the_twin(
     names: Sequence[str],
     poses: np.ndarray,
     frames: np.ndarray,
-    ball: Shape,
+    balls: Sequence[Shape],
     sensors: SensorPair,
     seed: int = 0,
 ) -> list[Felt]:
     """The twin's press of each frame. poses: (n, 3) x_mm, y_mm, depth_mm. frames: (n, 320, 240, 3).
+    balls: what is pressed in each.
 
     Raises T2TwinError for a depth that no force gives.
     """
     return [
         _felt(name, pose, frame, ball, sensors, np.random.default_rng((seed, number)))
-        for number, (name, pose, frame) in enumerate(zip(names, poses, frames, strict=True))
+        for number, (name, pose, frame, ball) in enumerate(
+            zip(names, poses, frames, balls, strict=True)
+        )
     ]
 
 

@@ -19,6 +19,8 @@ from t2twin.report.figures import (
 )
 from t2twin.report.page import write_page
 from t2twin.report.qualitative import BAR_WIDTH, PANEL_IN, ROW_IN
+from t2twin.sim.digit.calibrate.certainty import Span
+from t2twin.sim.digit.calibrate.words import sentences_of
 from t2twin.translate.phi import Phi
 from t2twin.translate.predict import TrainedTranslator
 
@@ -35,8 +37,12 @@ def write_adapt_page(
         out,
         TITLE,
         lambda: _opening(adapted),
-        {"presses": lambda: _presses(run, judged), "steps": lambda: _steps(adapted)},
-        {"presses": "Presses", "steps": "Steps"},
+        {
+            "presses": lambda: _presses(run, judged),
+            "certainty": lambda: _certainty(adapted),
+            "steps": lambda: _steps(adapted),
+        },
+        {"presses": "Presses", "certainty": "How sure", "steps": "Steps"},
     )
 
 
@@ -56,8 +62,8 @@ def _opening(adapted: Adapted) -> str:
         f"is {adapted.untouched_counts:.0f}"
         + (", which is nothing." if adapted.untouched_counts < FAINT_COUNTS else "."),
         "The truth is the twin's own CySkin under the ball at the place and depth found in each "
-        "frame: nobody measured a real CySkin here, and depth is only as sure as the ball's "
-        "diameter and the picture's scale.",
+        "frame: nobody measured a real CySkin here, and depth and force are only as sure as "
+        "what was stated says (see How sure).",
     )
     rows = [("real frames", *_cells(real)), ("simulated frames", *_cells(simulated))]
     heads = [[("", 1), ("RMSE %", 1), ("centroid mm", 1), ("force off %", 1), ("one blob", 1)]]
@@ -119,6 +125,27 @@ def _draw(page: Figure, run: TrainedTranslator, judged: Judged) -> None:
         drawn = tactile_image(place, phi(counts), phi, (0.0, most))
         rings(place, layout.x_mm, layout.y_mm)
     colour_bar(page, drawn, axes[4], BAR_WIDTH, "counts")
+
+
+def _certainty(adapted: Adapted) -> str:
+    certainty = adapted.certainty
+    heads = [[("press", 1), ("depth mm", 1), ("from", 1), ("to", 1), ("force N", 1), ("from", 1),
+              ("to", 1)]]  # fmt: skip
+    rows = [
+        (press.name, *_cells_of(press.depth_mm), *_cells_of(press.force_n))
+        for press in certainty.presses
+    ]
+    return markup.section(
+        "certainty",
+        "How sure",
+        [markup.items(sentences_of(certainty)), markup.table(heads, [("", rows)])],
+    )
+
+
+def _cells_of(span: Span | None) -> tuple[str, str, str]:
+    if span is None:
+        return "", "", ""
+    return f"{span.at:.2f}", f"{span.low:.2f}", f"{span.high:.2f}"
 
 
 def _steps(adapted: Adapted) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from t2twin.adapt.fitted import Fitted
 from t2twin.adapt.judged import Felt, Judged, Judgement
 from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.digit.calibrate.certainty import Certainty
 from t2twin.translate.predict import TrainedTranslator
 
 RECORD = "adapted.json"
@@ -43,7 +44,8 @@ class Adapted:
     """model: what was trained. presses: how many were held out. optics_psnr_db, optics_ssim: of
     the light on them. real, simulated: of their frames, and of the twin's pictures of the same
     presses. nothing, constant: of no counts at all, and of the presses' own mean array.
-    untouched_counts: the largest of any taxel on the real background. minutes: by step."""
+    untouched_counts: the largest of any taxel on the real background. minutes: by step. certainty:
+    how sure the presses' depths and forces are."""
 
     model: str
     presses: int
@@ -55,6 +57,7 @@ class Adapted:
     constant_rmse_percent: float
     untouched_counts: float
     minutes: dict[str, float]
+    certainty: Certainty
 
 
 def record_of(
@@ -77,6 +80,7 @@ def record_of(
         constant_rmse_percent=constant,
         untouched_counts=float(np.max(run.predict(background))),
         minutes=minutes,
+        certainty=fitted.certainty,
     )
 
 

@@ -13,18 +13,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from t2twin.adapt.ball import write_ball
 from t2twin.adapt.fitted import CALIBRATION, Fitted, read_fitted, write_fitted
 from t2twin.adapt.judged import Felt, felt_by_the_twin, judge_each
 from t2twin.adapt.page import write_adapt_page
 from t2twin.adapt.record import Adapted, record_of, write_record
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import is_empty, locked
+from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.generate import generate
-from t2twin.sim.digit.calibrate.calibrate import calibrate, check_ball
+from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE, calibrate
+from t2twin.sim.digit.calibrate.certainty import check_tolerance
 from t2twin.sim.digit.calibrate.frames import read_frame, read_frames, upright_frame
+from t2twin.sim.digit.calibrate.known import Tolerance, read_known
 from t2twin.sim.digit.camera import Camera
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
@@ -82,14 +85,20 @@ class Road:
     camera: Camera
     model: str
     workers: int | None
+    tolerance: Tolerance
 
     @property
     def asked(self) -> str:
-        """Digest of the frames and numbers that the calibration is fitted to."""
+        """Digest of the frames and numbers that the calibration is fitted to. Raises T2TwinError
+        for numbers that cannot be."""
         untouched, frames, names = read_frames(self.background, self.presses)
+        known = read_known(self.presses, names, self.ball_diameter_mm)
+        check_tolerance(known, self.camera, self.tolerance)
         digest = hashlib.sha256(untouched.tobytes() + frames.tobytes())
-        numbers = (names, self.ball_diameter_mm, self.held_out, self.camera)
+        numbers = (names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance)
         digest.update(repr(numbers).encode())
+        for values in (known.diameters_mm, known.depths_mm, known.forces_n):
+            digest.update(values.tobytes())
         return digest.hexdigest()
 
 
@@ -104,22 +113,22 @@ def adapt(
     model: str = "resnet18",
     workers: int | None = None,
     say: Callable[[str], object] = print,
+    tolerance: Tolerance = DEFAULT_TOLERANCE,
 ) -> Adapted:
     """Walks the road into the folder out, or what is left of it.
 
-    background, presses, ball_diameter_mm, held_out, camera: as for `calibrate`. minutes: that all
-    steps take together, about, on two cores. model: what is trained, preset cpu. workers: processes
-    that press, as many as there are cores unless given. say: told which step begins.
+    background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. minutes:
+    that all steps take together, about, on two cores. model: what is trained, preset cpu. workers:
+    processes that press, as many as there are cores unless given. say: told which step begins.
     out then holds calibration.npz, world.toml, data/, a run named like the model, adapted.json and
     index.html. Raises T2TwinError for what `calibrate` refuses, minutes out of range, and a folder
     that holds something else, before anything is written.
     """
     road = Road(
         Path(background), Path(presses), ball_diameter_mm, Path(out), held_out, minutes,
-        camera or Camera(), model, workers,
+        camera or Camera(), model, workers, tolerance,
     )  # fmt: skip
     find_preset(model, "cpu")
-    check_ball(ball_diameter_mm)
     if not MINUTES[0] <= minutes <= MINUTES[1]:
         raise T2TwinError(
             f"minutes is {minutes:g}; it must be from {MINUTES[0]:g} to {MINUTES[1]:g}"
@@ -164,8 +173,9 @@ def _kept(road: Road, asked: str) -> Fitted | None:
 
 def _fit(road: Road, asked: str, say: Callable[[str], object]) -> Fitted:
     report = calibrate(
-        road.background, road.presses, road.ball_diameter_mm, road.held_out, road.camera, say
-    )
+        road.background, road.presses, road.ball_diameter_mm, road.held_out, road.camera, say,
+        road.tolerance,
+    )  # fmt: skip
     write_ball(road.out / BALL, road.ball_diameter_mm)
     return write_fitted(road.out, report, asked, road.ball_diameter_mm)
 
@@ -187,13 +197,20 @@ def _write_world(road: Road) -> None:
 
 def _felt(road: Road, fitted: Fitted, calibration: str) -> list[Felt]:
     """The held-out presses, as the twin makes them."""
-    ball = catalogue.load(road.out / BALL)
+    balls = [_ball(road, diameter_mm) for diameter_mm in fitted.diameters_mm]
     sensors = SensorPair(Digit(calibration=calibration, noise_grey=NOISE_GREY))
     _, frames, names = read_frames(road.background, road.presses)
     chosen = [names.index(one.name) for one in fitted.held_out]
     return felt_by_the_twin(
-        [names[index] for index in chosen], fitted.poses, frames[chosen], ball, sensors
+        [names[index] for index in chosen], fitted.poses, frames[chosen], balls, sensors
     )
+
+
+def _ball(road: Road, diameter_mm: float) -> Shape:
+    """As a shape; others than the one that was asked for have a file of their own."""
+    own = diameter_mm == road.ball_diameter_mm
+    path = road.out / (BALL if own else f"ball-{diameter_mm:g}.step")
+    return catalogue.load(path) if path.is_file() else write_ball(path, diameter_mm)
 
 
 class _Clock:

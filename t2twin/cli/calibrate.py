@@ -9,48 +9,104 @@ if TYPE_CHECKING:
     import numpy as np
 
     from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
+    from t2twin.sim.digit.camera import Camera
 
 
 def calibrate(
     background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
-    presses: Annotated[Path, tyro.conf.arg(metavar="DIR")],
-    ball_diameter_mm: float,
+    presses: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    ball_diameter_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     scale_px_per_mm: float = 19.2,
+    ball_tolerance_mm: float = 0.1,
+    scale_tolerance_px_per_mm: float = 2.0,
+    depth_tolerance_mm: float = 0.03,
+    force_tolerance_n: float = 0.05,
+    young_tolerance_mpa: float = 0.1,
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/calibration"),
 ) -> None:
     """Fit the DIGIT's light to your own sensor, from its background and presses of one ball.
 
+    From the background alone, without presses, a light is guessed that is far from a fitted one.
+
     Args:
         background: A frame of the untouched sensor, 240 wide, 320 high or larger, or on its side.
         presses: Folder of frames of the ball pressed in at different places and depths, which
-            need not be known.
+            need not be known. What is known stands in a table in it, forces.csv: a column file, and
+            any of force_n, depth_mm (from the first touch) and ball_diameter_mm.
         ball_diameter_mm: The ball's diameter, mm.
         held_out: How many presses, the last by name, are kept out of the fit to score it; a third
             unless given.
         scale_px_per_mm: Picture scale in the middle of the gel, 17.2 to 19.6 from one unit to
-            another.
-        out: Folder for calibration.npz and calibration_strip.png.
+            another; found, where displacements are known.
+        ball_tolerance_mm: How far the diameters may be off, mm.
+        scale_tolerance_px_per_mm: How far the scale may be off, where no displacements are known.
+        depth_tolerance_mm: How far known displacements may be off, mm.
+        force_tolerance_n: How far known forces may be off, N.
+        young_tolerance_mpa: How far the gel's modulus, 0.5 MPa as assumed, may be off, where no
+            forces are known.
+        out: Folder for calibration.npz and, where there are presses, calibration.json and
+            calibration_strip.png.
     """
-    import numpy as np
-    from PIL import Image
-
+    from t2twin.primitives_cad.errors import T2TwinError
     from t2twin.primitives_cad.folder_lock import locked
-    from t2twin.primitives_cad.writing import whole_file
     from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
+    from t2twin.sim.digit.calibrate.known import Tolerance
     from t2twin.sim.digit.camera import Camera
 
     camera = Camera(scale_px_per_mm)
+    if presses is None:
+        if ball_diameter_mm is not None or held_out is not None:
+            raise T2TwinError(
+                "--presses is missing, the folder of frames of the ball; the background alone "
+                "takes neither --ball-diameter-mm nor --held-out"
+            )
+        _guess(background, camera, out)
+        return
+    if ball_diameter_mm is None:
+        raise T2TwinError("--ball-diameter-mm is missing: that of the ball of --presses")
+    tolerance = Tolerance(
+        ball_tolerance_mm,
+        scale_tolerance_px_per_mm,
+        depth_tolerance_mm,
+        force_tolerance_n,
+        young_tolerance_mpa,
+    )
     with locked(out):
-        report = fit(background, presses, ball_diameter_mm, held_out, camera, print)
-        strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
-        with whole_file(out / "calibration_strip.png") as temporary:
-            Image.fromarray(strip).save(temporary)
-        report.calibration.save(out / "calibration.npz")
-    for line in _in_words(report):
+        report = fit(background, presses, ball_diameter_mm, held_out, camera, print, tolerance)
+        _write(report, out)
+    print(f"written to {out}: calibration.npz, for press and simdata as --calibration,")
+    print("calibration.json, all that is printed here, and calibration_strip.png, the held-out")
+    print("presses: real above, simulated below")
+
+
+def _guess(background: Path, camera: "Camera", out: Path) -> None:
+    from t2twin.primitives_cad.folder_lock import locked
+    from t2twin.sim.digit.calibrate.untouched import guess_light
+
+    with locked(out):
+        guess_light(background, camera, print).save(out / "calibration.npz")
+    print(f"written to {out}: calibration.npz, for press and simdata as --calibration. It is the")
+    print("mean light of drawn DIGITs on your background, a guess: presses of a ball make it a fit")
+
+
+def _write(report: "CalibrationReport", out: Path) -> None:
+    """Writes the files, and prints what they hold."""
+    import numpy as np
+    from PIL import Image
+
+    from t2twin.primitives_cad.writing import whole_file
+    from t2twin.sim.digit.calibrate.record import write_record
+    from t2twin.sim.digit.calibrate.words import lines_of
+
+    strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
+    with whole_file(out / "calibration_strip.png") as temporary:
+        Image.fromarray(strip).save(temporary)
+    write_record(out / "calibration.json", report)
+    report.calibration.save(out / "calibration.npz")
+    sure = [] if report.certainty is None else lines_of(report.certainty)
+    for line in (*_in_words(report), *sure):
         print(line)
-    print(f"written to {out}: calibration.npz, for press and simdata as --calibration, and")
-    print("calibration_strip.png, the held-out presses: real above, simulated below")
 
 
 def _strip(report: "CalibrationReport") -> "tuple[np.ndarray, np.ndarray]":

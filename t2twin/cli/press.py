@@ -53,8 +53,8 @@ def press(
         poisson: Another elastomer's Poisson's ratio.
         flat: Take the dome off the gel.
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm.
-        calibration: The DIGIT's light, as t2twin calibrate writes it; the one that ships unless
-            given.
+        calibration: The DIGIT's light, and its gel's modulus where that was fitted, as t2twin
+            calibrate writes them; the light that ships unless given.
         optics: What makes the DIGIT's picture: the baked model, in milliseconds, or pyrender
             itself, in seconds, which knows the light that ships only.
         seed: Of noise: the camera's, and what the CySkin adds. Without a seed there is none.

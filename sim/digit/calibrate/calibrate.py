@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit.calibrate.fit import BallFit
+from t2twin.sim.digit.calibrate.certainty import Certainty, certainty_of, check_tolerance
 from t2twin.sim.digit.calibrate.frames import clean_background, read_frames, touched_patch
+from t2twin.sim.digit.calibrate.known import FORCES, Tolerance, read_known
 from t2twin.sim.digit.calibrate.noise import measured_noise
+from t2twin.sim.digit.calibrate.scale import Presses, fitted
 from t2twin.sim.digit.calibrate.scores import (
     Score,
     Scores,
@@ -27,8 +29,7 @@ LEAST_TRAINING = 6
 """Fewest presses that a fit takes: each LED's light needs several places to vary over."""
 HELD_OUT_SHARE = 3
 """One in so many presses, the last ones, is held out unless the user says how many."""
-BALL_MM = (1.0, 12.0)
-"""Diameters of balls that press a DIGIT's gel and fit its picture, mm."""
+DEFAULT_TOLERANCE = Tolerance()
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,9 @@ class CalibrationReport:
     the held-out ones, which simulated and the scores are of.
     trained, held_out: names of the frames that were fitted to and scored on. repeated: of those
     that were left out as copies. training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each seen in
-    its own frame. real, simulated: (n, ROWS, COLUMNS, 3) uint8. scores: means. each: the
-    calibration's score press by press.
+    its own frame. surfaces_mm: (n, grid) the deflections that the poses stand for, on
+    optical_grid(). real, simulated: (n, ROWS, COLUMNS, 3) uint8. scores: means. each: the
+    calibration's score press by press. certainty: how sure the presses' depths and forces are.
     """
 
     calibration: Calibration
@@ -51,14 +53,16 @@ class CalibrationReport:
     held_out: list[str]
     repeated: list[str]
     poses: np.ndarray
+    surfaces_mm: np.ndarray
     real: np.ndarray
     simulated: np.ndarray
     scores: Scores
     each: list[Score]
+    certainty: Certainty | None
 
 
 @dataclass(frozen=True)
-class _Presses:
+class _Placed:
     """Frames (n, ROWS, COLUMNS, 3) uint8, where they are touched (n, 2) rows and columns, px, and
     their poses (n, 3)."""
 
@@ -74,66 +78,83 @@ def calibrate(
     held_out: int | None = None,
     camera: Camera | None = None,
     say: Callable[[str], object] = lambda line: None,
+    tolerance: Tolerance | None = DEFAULT_TOLERANCE,
 ) -> CalibrationReport:
     """Fit to the presses, in the order of their names, but for the last held_out of them.
 
-    background: a frame of the untouched sensor. presses: a folder of frames of one ball pressed
-    in, 240 wide, 320 high, PNG or JPEG. camera: its scale and distance. say: told how far it is.
+    background: a frame of the untouched sensor. presses: a folder of frames of a ball pressed
+    in, 240 wide, 320 high, PNG or JPEG, and, if some of it is known, `forces.csv` (see
+    t2twin.sim.digit.calibrate.known). camera: its scale and distance; known displacements settle
+    the scale, those of the fitted presses for the scores. say: told how far it is. tolerance: of
+    what is stated; None leaves the ranges that follow from it out, which take most of the time, and
+    with them the gel's modulus.
     Frames that are equal to an earlier one, byte for byte, are left out. The held-out presses
     have no part in anything that is scored but their own poses; then a last fit takes them all.
     Raises T2TwinError for frames or numbers that cannot be used, and for a fit that explains
     nothing.
     """
-    check_ball(ball_diameter_mm)
-    background, presses = Path(background), Path(presses)
+    background, presses, camera = Path(background), Path(presses), camera or Camera()
     untouched, frames, names = read_frames(background, presses)
+    known = read_known(presses, names, ball_diameter_mm)
+    if tolerance is not None:
+        check_tolerance(known, camera, tolerance)
     first_held_out = _first_held_out(len(frames), held_out, presses)
     patches = _patches(frames, untouched, names)
     train, test = _different(frames, first_held_out, presses)
-    camera, radius_mm = camera or Camera(), ball_diameter_mm / 2
+    if known.has_depths and not known.of(train).has_depths:
+        raise T2TwinError(
+            f"{presses / FORCES} gives displacements of presses that are held out only; give some "
+            "of earlier ones"
+        )
+
+    def chosen(presses: list[int], clean: np.ndarray) -> Presses:
+        return Presses(clean, frames[presses], patches[presses], known.of(presses))
+
     say(f"fitting to {len(train)} presses")
     clean = clean_background(untouched, frames[train])
-    fitting = BallFit(clean, frames[train], patches[train], radius_mm, camera)
-    state = fitting.fit()
-    scored_by = fitting.calibration(state)
-    unseen = BallFit(clean, frames[test], patches[test], radius_mm, camera)
-    poses = np.array([unseen.pose(state, index) for index in range(len(test))])
+    fit = fitted(chosen(train, clean), camera)
+    unseen = chosen(test, clean).model(fit.model.camera)
+    poses = np.array([unseen.pose(fit.state, index) for index in range(len(test))])
+    scored_by = fit.model.calibration(fit.state)
     optics = DigitOptics(scored_by)
-    simulated = np.array([optics.render(unseen.surface(state, pose)) for pose in poses])
-    trained = _Presses(frames[train], patches[train], state.poses)
-    scored = _Presses(frames[test], patches[test], poses)
-    scores = _scores(untouched, trained, scored, simulated, camera)
+    surfaces_mm = np.array(
+        [unseen.surface(fit.state, index, pose) for index, pose in enumerate(poses)]
+    )
+    simulated = np.array([optics.render(surface_mm) for surface_mm in surfaces_mm])
+    trained = _Placed(frames[train], patches[train], fit.state.poses)
+    scored = _Placed(frames[test], patches[test], poses)
+    scores = _scores(untouched, trained, scored, simulated, fit.model.camera)
     _check_explains(scores)
     everything = [*train, *test]
     say(f"fitting once more, to all {len(everything)}")
     clean = clean_background(untouched, frames[everything])
-    last = BallFit(clean, frames[everything], patches[everything], radius_mm, camera)
+    all_presses = chosen(everything, clean)
+    last = fitted(all_presses, fit.model.camera, fit.state)
+    all_names = [names[i] for i in everything]
+    certainty = (
+        None if tolerance is None else certainty_of(all_presses, all_names, last, tolerance, say)
+    )
+    young = None if certainty is None else certainty.young_mpa
     calibration = replace(
-        last.calibration(last.fit(state)),
+        last.model.calibration(last.state),
         noise=measured_noise(clean, frames[everything], untouched),
+        young_mpa=None if young is None else young.at,
     )
     return CalibrationReport(
         calibration=calibration,
         scored_by=scored_by,
         trained=[names[i] for i in train],
-        training_poses=state.poses,
+        training_poses=fit.state.poses,
         held_out=[names[i] for i in test],
         repeated=[name for i, name in enumerate(names) if i not in (*train, *test)],
         poses=poses,
+        surfaces_mm=surfaces_mm,
         real=scored.frames,
         simulated=simulated,
         scores=scores,
         each=crop_scores(scored.frames, simulated, scored.patches),
+        certainty=certainty,
     )
-
-
-def check_ball(diameter_mm: float) -> None:
-    """Raises T2TwinError for a ball that fits no picture."""
-    if not BALL_MM[0] <= diameter_mm <= BALL_MM[1]:
-        raise T2TwinError(
-            f"the ball's diameter is {diameter_mm:g} mm; it must lie between "
-            f"{BALL_MM[0]:g} and {BALL_MM[1]:g}"
-        )
 
 
 def _check_explains(scores: Scores) -> None:
@@ -192,8 +213,8 @@ def _patches(frames: np.ndarray, background: np.ndarray, names: list[str]) -> np
 
 def _scores(
     untouched: np.ndarray,
-    trained: _Presses,
-    held_out: _Presses,
+    trained: _Placed,
+    held_out: _Placed,
     simulated: np.ndarray,
     camera: Camera,
 ) -> Scores:

@@ -43,6 +43,9 @@ GAIN = 2e-3
 SHALLOWEST_MM, DEEPEST = 0.1, 0.93
 """Bounds of a press's depth: mm, and as a part of the ball's radius."""
 
+Shape = tuple[float, float, float]
+"""Radius of a ball, mm, and how the gel leaves it: hold and skirt of deflections.ball."""
+
 _POSE_NUDGE = np.array([0.02, 0.02, 0.02])  # mm
 _POSE_REACH = np.array([0.3, 0.3, 0.3])  # longest step of a pose, mm
 _PRIOR = 2e-5
@@ -63,10 +66,11 @@ class State:
 
 
 class BallFit:
-    """Frames of one ball, and the model that is fitted to them.
+    """Frames of balls, and the model that is fitted to them.
 
     background: (ROWS, COLUMNS, 3) uint8, cleaned. frames: (n, ROWS, COLUMNS, 3) uint8.
-    patches: (n, 2) rows and columns, px, where the frames are touched.
+    patches: (n, 2) rows and columns, px, where the frames are touched. radii_mm: (n,) of the ball
+    in each.
     """
 
     def __init__(
@@ -74,16 +78,21 @@ class BallFit:
         background: np.ndarray,
         frames: np.ndarray,
         patches: np.ndarray,
-        radius_mm: float,
+        radii_mm: np.ndarray,
         camera: Camera,
     ) -> None:
-        self.background, self.camera, self.radius_mm = background, camera, radius_mm
+        self.background, self.camera, self.radii_mm = background, camera, radii_mm
         self._rays = Rays(camera)
         self._places = place_terms(*self._rays.places_mm)
         light = linear(background, GAMMA)
         self._changes = [samples_of(linear(frame, GAMMA) - light) for frame in frames]
         self._squares = [square_about(patch) for patch in patches]
-        self._start_poses = np.array([self._pose_at(patch) for patch in patches])
+        self._start_poses = np.array(
+            [
+                self._pose_at(patch, radius_mm)
+                for patch, radius_mm in zip(patches, radii_mm, strict=True)
+            ]
+        )
 
     def fit(self, start: State | None = None) -> State:
         """Everything, from frames alone; LEDs and terms are another fit's at first, if given."""
@@ -115,15 +124,15 @@ class BallFit:
 
         Without a start it is looked for from several depths.
         """
-        middle = self._start_poses[index]
+        middle, radius_mm = self._start_poses[index], self.radii_mm[index]
         starts = (
             [start]
             if start is not None
-            else [np.array([*middle[:2], share * self.radius_mm]) for share in (0.25, 0.45, 0.65)]
+            else [np.array([*middle[:2], share * radius_mm]) for share in (0.25, 0.45, 0.65)]
         )
         low = np.array([middle[0] - 1.5, middle[1] - 1.5, SHALLOWEST_MM])
-        high = np.array([middle[0] + 1.5, middle[1] + 1.5, DEEPEST * self.radius_mm])
-        leds, shape = leds_of(state.geometry), state.geometry[10:12]
+        high = np.array([middle[0] + 1.5, middle[1] + 1.5, DEEPEST * radius_mm])
+        leds, shape = leds_of(state.geometry), self._shape(state.geometry, index)
         square = self._squares[index]
         gain = self._gain(state, square)
         wanted = self._light(leds, None, shape, square, gain) + self._wanted(index)
@@ -156,27 +165,31 @@ class BallFit:
             distance_mm=self.camera.distance_mm,
         )
 
-    def surface(self, state: State, pose: np.ndarray) -> np.ndarray:
-        """The deflection, mm, that a pose stands for, on optical_grid()."""
-        return self._surface(pose, state.geometry[10:12])
+    def surface(self, state: State, index: int, pose: np.ndarray) -> np.ndarray:
+        """The deflection, mm, that a pose of one frame's ball stands for, on optical_grid()."""
+        return self._surface(pose, self._shape(state.geometry, index))
 
-    def _surface(self, pose: np.ndarray, shape: np.ndarray) -> np.ndarray:
-        depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * self.radius_mm)
-        hold, skirt = min(max(shape[0], 0.3), 0.97), min(max(shape[1], 0.3), 4.0)
-        return deflections.ball(pose[0], pose[1], depth, self.radius_mm, hold, skirt)
+    def _shape(self, geometry: np.ndarray, index: int) -> Shape:
+        return self.radii_mm[index], geometry[10], geometry[11]
 
-    def _pose_at(self, patch: np.ndarray) -> np.ndarray:
+    def _surface(self, pose: np.ndarray, shape: Shape) -> np.ndarray:
+        radius_mm, hold, skirt = shape
+        depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
+        hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
+        return deflections.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
+
+    def _pose_at(self, patch: np.ndarray, radius_mm: float) -> np.ndarray:
         """Where a patch's middle is: the first guess of a pose."""
         x_mm = (patch[1] - (COLUMNS - 1) / 2) / self.camera.scale_px_per_mm
         y_mm = (patch[0] - (ROWS - 1) / 2) / self.camera.scale_px_per_mm
-        return np.array([x_mm, y_mm, 0.45 * self.radius_mm])
+        return np.array([x_mm, y_mm, 0.45 * radius_mm])
 
     def _wanted(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""
         return self._changes[index][self._squares[index]].reshape(-1, 3)
 
     def _incidence(
-        self, leds: Leds, pose: np.ndarray | None, shape: np.ndarray, square: Square
+        self, leds: Leds, pose: np.ndarray | None, shape: Shape, square: Square
     ) -> tuple[np.ndarray, np.ndarray]:
         """Cosines and weights (samples, LEDs); no pose: at rest."""
         if pose is None:
@@ -192,7 +205,7 @@ class BallFit:
         self,
         leds: Leds,
         pose: np.ndarray | None,
-        shape: np.ndarray,
+        shape: Shape,
         square: Square,
         terms: Terms,
     ) -> np.ndarray:
@@ -208,7 +221,7 @@ class BallFit:
         return places.reshape(-1, places.shape[-1])[:, : terms.places]
 
     def _changed(
-        self, leds: Leds, pose: np.ndarray, shape: np.ndarray, square: Square, terms: Terms
+        self, leds: Leds, pose: np.ndarray, shape: Shape, square: Square, terms: Terms
     ) -> np.ndarray:
         """(samples, entries) the columns of a pose less those at rest."""
         at_rest = self._columns(leds, None, shape, square, terms)
@@ -224,7 +237,7 @@ class BallFit:
         self,
         leds: Leds,
         pose: np.ndarray | None,
-        shape: np.ndarray,
+        shape: Shape,
         square: Square,
         gain: np.ndarray,
     ) -> np.ndarray:
@@ -235,13 +248,12 @@ class BallFit:
 
     def _sums(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> list[Sums]:
         """What the response's fit needs of each press."""
-        leds, shape = leds_of(geometry), geometry[10:12]
-        return [
-            Sums.of(
-                self._changed(leds, pose, shape, square, terms).astype(float), self._wanted(index)
-            )
-            for index, (pose, square) in enumerate(zip(poses, self._squares, strict=True))
-        ]
+        leds = leds_of(geometry)
+        sums = []
+        for index, (pose, square) in enumerate(zip(poses, self._squares, strict=True)):
+            changed = self._changed(leds, pose, self._shape(geometry, index), square, terms)
+            sums.append(Sums.of(changed.astype(float), self._wanted(index)))
+        return sums
 
     def _solved(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> State:
         """The best response of these terms for a geometry and poses."""
@@ -266,7 +278,7 @@ class BallFit:
             move = -np.linalg.solve(damped, gradient)[linear_part:]
             by_pose = move[: state.poses.size].reshape(-1, 3)
             poses = state.poses + np.clip(by_pose, -_POSE_REACH, _POSE_REACH)
-            poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radius_mm)
+            poses[:, 2] = np.clip(poses[:, 2], SHALLOWEST_MM, DEEPEST * self.radii_mm)
             geometry = state.geometry + np.clip(move[state.poses.size :], -SPREAD, SPREAD)
             moved = self._solved(geometry, poses, state.terms)
             if moved.error < state.error:
@@ -315,7 +327,7 @@ class BallFit:
 
         nudged: the geometry with each of its parameters in turn moved by its NUDGE.
         """
-        leds, shape = leds_of(state.geometry), state.geometry[10:12]
+        leds, shape = leds_of(state.geometry), self._shape(state.geometry, index)
         pose, square = state.poses[index], self._squares[index]
         columns = self._changed(leds, pose, shape, square, state.terms).astype(float)
         shown = columns @ state.response.T
@@ -327,7 +339,8 @@ class BallFit:
             beside = self._light(leds, other, shape, square, gain)
             derivatives.append((beside - lit) / _POSE_NUDGE[axis])
         for (other, geometry), nudge in zip(nudged, NUDGE, strict=True):
-            beside = self._light(other, pose, geometry[10:12], square, gain)
-            beside = beside - self._light(other, None, geometry[10:12], square, gain)
+            shape = self._shape(geometry, index)
+            beside = self._light(other, pose, shape, square, gain)
+            beside = beside - self._light(other, None, shape, square, gain)
             derivatives.append((beside - shown) / nudge)
         return columns, shown - self._wanted(index), np.array(derivatives)

@@ -1,0 +1,136 @@
+"""How near lights that were not fitted come to frames of a real DIGIT, beside one that was.
+
+    python -m benchmarks.untouched FRAMES
+
+FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project. Every
+light shows the presses at the places and depths that the fitted one finds in them: the light that
+ships, it on the unit's own background, the drawn unit whose LEDs explain that background best, the
+same with each colour bent to explain it, the mean of the best, the mean of all drawn units (what
+`t2twin calibrate --background` gives), and the light fitted to the first presses. Scored are the
+last presses, and the first ones too, which no light but the fitted one has seen, as plain balls.
+"""
+
+from argparse import Namespace
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
+from benchmarks.declared import UNTOUCHED
+from benchmarks.evidence.run import main
+from t2twin.sim.digit import deflections
+from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.frames import read_frames, touched_patch
+from t2twin.sim.digit.calibrate.scores import Score, crop_scores, mean_score
+from t2twin.sim.digit.calibrate.untouched import drawn_lights, mean_light
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.picture import linear
+from t2twin.sim.digit.unit_light import DrawnLight, untouched_light
+
+DRAWN = 1000
+"""Units that one is chosen among."""
+NEAREST = 30
+"""How many of the best are averaged."""
+BLOCK_PX = 10
+"""Side of the blocks of pixels that are compared, px."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A drawn unit and how its LEDs explain the untouched frame: gains (RGB) and an even light in
+    each colour, and by how much it is missed then, root mean square, grey levels."""
+
+    light: Calibration
+    gains: np.ndarray
+    off_grey: float
+
+    @property
+    def bent(self) -> Calibration:
+        """Each colour as bright as the frame asks for."""
+        return replace(self.light, response=self.light.response * self.gains[None, :, None, None])
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Presses: frames and deflections, mm, (n, ...) each, and where they are touched, (n, 2)."""
+
+    frames: np.ndarray
+    surfaces_mm: np.ndarray
+    patches: np.ndarray
+
+    def score(self, light: Calibration) -> Score:
+        optics = DigitOptics(light)
+        shown = np.array([optics.render(surface_mm) for surface_mm in self.surfaces_mm])
+        return mean_score(crop_scores(self.frames, shown, self.patches))
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    background = options.frames / "background.png"
+    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
+    untouched, frames, names = read_frames(background, options.frames)
+    last = _shown(untouched, report.real, report.surfaces_mm)
+    balls = [
+        deflections.ball(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
+        for x_mm, y_mm, depth_mm in report.training_poses
+    ]
+    trained = frames[[names.index(name) for name in report.trained]]
+    first = _shown(untouched, trained, np.array(balls))
+    explained = sorted(_explained(untouched), key=lambda one: one.off_grey)
+    shipped, best = Calibration.load(), [one.light for one in explained[:NEAREST]]
+    lights = {
+        "shipped": shipped,
+        "shipped_on_own_background": replace(shipped, background=untouched),
+        "nearest": best[0],
+        "nearest_bent": explained[0].bent,
+        "mean_of_nearest": mean_light(best),
+        "mean_of_all": mean_light(drawn_lights(untouched, DIGIT_CAMERA)),
+        "fitted": report.scored_by,
+    }
+    return {
+        "held_out": report.held_out,
+        "drawn": DRAWN,
+        "averaged": NEAREST,
+        "do_nothing": asdict(report.scores.do_nothing),
+        "held_out_presses": {name: asdict(last.score(light)) for name, light in lights.items()},
+        "first_presses": {
+            name: asdict(first.score(light)) for name, light in lights.items() if name != "fitted"
+        },
+        "nearest_singly_psnr_db": _mean_psnr_db(last, best),
+        "drawn_singly_psnr_db": _mean_psnr_db(last, [one.light for one in explained[::10]]),
+    }
+
+
+def _shown(untouched: np.ndarray, frames: np.ndarray, surfaces_mm: np.ndarray) -> Shown:
+    patches = [touched_patch(frame, untouched) for frame in frames]
+    return Shown(frames, surfaces_mm, np.array(patches))
+
+
+def _mean_psnr_db(shown: Shown, lights: Iterable[Calibration]) -> float:
+    """Of each light alone."""
+    return float(np.mean([shown.score(light).psnr_db for light in lights]))
+
+
+def _explained(untouched: np.ndarray) -> list[Explained]:
+    blocks = untouched.reshape(ROWS // BLOCK_PX, BLOCK_PX, COLUMNS // BLOCK_PX, BLOCK_PX, 3)
+    grey = blocks.mean(axis=(1, 3))
+    rows, columns = (BLOCK_PX * np.arange(n) + (BLOCK_PX - 1) / 2 for n in grey.shape[:2])
+    explained = []
+    for unit in drawn_lights(untouched, DIGIT_CAMERA, DRAWN):
+        light = DrawnLight(unit.leds_mm, unit.sizes_mm, unit.response)
+        lit = untouched_light(light, DIGIT_CAMERA, columns, rows).reshape(-1, 3)
+        wanted = linear(grey, unit.gamma).reshape(-1, 3)
+        fits = [
+            nnls(np.stack([lit[:, c], np.ones(len(lit))], axis=1), wanted[:, c]) for c in range(3)
+        ]
+        off = 255.0 * np.sqrt(np.sum([error**2 for _, error in fits]) / wanted.size)
+        explained.append(Explained(unit, np.array([gain for (gain, _), _ in fits]), float(off)))
+    return explained
+
+
+if __name__ == "__main__":
+    main(UNTOUCHED)

@@ -1,0 +1,218 @@
+"""What a ball's frames leave open, and what settles it: twins of known scale, balls and modulus."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ball_frames import POSES, save
+
+from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit import deflections
+from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.forces import BallForces, fitted_young_mpa
+from t2twin.sim.digit.calibrate.known import FORCES, Tolerance, read_known
+from t2twin.sim.digit.calibrate.words import lines_of
+from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
+from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.units import UnitDraw, draw_unit
+from t2twin.sim.press.elastomer import DIGIT_GEL
+from t2twin.sim.press.records import PressCommand
+from t2twin.sim.sensors import Digit
+
+SCALE, YOUNG_MPA = 18.0, 0.42
+"""The twin's; stated are 19.2 px/mm and assumed 0.5 MPa."""
+PRESSES = 7
+TRUE_POSES = POSES[:PRESSES]
+BALLS_MM = np.resize([4.0, 6.0], PRESSES)
+OFF_MM = 0.05
+"""How far off the balls' diameters are stated."""
+NAMES = [f"press_{index:02d}.png" for index in range(PRESSES)]
+
+
+@pytest.fixture(scope="module")
+def twin_frames(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("twin")
+    optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE))
+    rng = np.random.default_rng(5)
+    still = optics.render(deflections.ball(0, 0, 1.0) * 0, rng, NOISE_GREY)
+    save(still, folder / "background.png")
+    for name, (x_mm, y_mm, depth_mm), ball_mm in zip(NAMES, TRUE_POSES, BALLS_MM, strict=True):
+        surface = deflections.ball(x_mm, y_mm, depth_mm, ball_mm / 2)
+        save(optics.render(surface, rng, NOISE_GREY), folder / name)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def true_forces_n():
+    return BallForces().of(TRUE_POSES, BALLS_MM) * YOUNG_MPA / DIGIT_GEL.young_mpa
+
+
+def table(folder, *columns, rows=PRESSES):
+    """forces.csv of named columns, each (name, values), empty where a value is None."""
+    lines = [",".join(["file", *(name for name, _ in columns)])]
+    for index in range(rows):
+        cells = ["" if values[index] is None else f"{values[index]:.3f}" for _, values in columns]
+        lines.append(",".join([NAMES[index], *cells]))
+    (folder / FORCES).write_text("\n".join(lines) + "\n")
+
+
+def copy_of(twin_frames, tmp_path_factory):
+    return shutil.copytree(twin_frames, tmp_path_factory.mktemp("copy") / "frames")
+
+
+@pytest.fixture(scope="module")
+def stated(twin_frames, tmp_path_factory):
+    """Fitted as one fits who knows no more than two balls' diameters, and these not quite."""
+    folder = copy_of(twin_frames, tmp_path_factory)
+    table(folder, ("ball_diameter_mm", BALLS_MM + OFF_MM))
+    return calibrate(folder / "background.png", folder, 5.0, 1).certainty
+
+
+@pytest.fixture(scope="module")
+def anchored(twin_frames, true_forces_n, tmp_path_factory):
+    """Fitted with three displacements and the forces of the others: the folder of the command."""
+    folder = copy_of(twin_frames, tmp_path_factory)
+    depths = [float(pose[2]) if index < 3 else None for index, pose in enumerate(TRUE_POSES)]
+    forces = [None if index < 3 else force for index, force in enumerate(true_forces_n)]
+    table(folder, ("force_n", forces), ("depth_mm", depths), ("ball_diameter_mm", BALLS_MM))
+    out = folder / "out"
+    main(["calibrate", "--background", str(folder / "background.png"), "--presses", str(folder),
+          "--ball-diameter-mm", "5", "--held-out", "1", "--ball-tolerance-mm", "0.02",
+          "--out", str(out)])  # fmt: skip
+    return out
+
+
+def test_the_truth_lies_within_the_stated_ranges(stated, true_forces_n):
+    assert (stated.depths_known, stated.forces_known, stated.young_mpa) == (0, 0, None)
+    assert stated.scale_px_per_mm.low <= SCALE <= stated.scale_px_per_mm.high
+    for press, pose, ball_mm, force_n in zip(
+        stated.presses, TRUE_POSES, BALLS_MM, true_forces_n, strict=True
+    ):
+        assert press.ball_diameter_mm == pytest.approx(ball_mm + OFF_MM)
+        assert press.depth_mm.low < pose[2] < press.depth_mm.high
+        assert press.force_n.low < force_n < press.force_n.high
+        assert press.depth_mm.low < press.depth_mm.at < press.depth_mm.high
+        # with the square of the scale, and a little with the ball
+        assert press.depth_mm.high / press.depth_mm.low == pytest.approx(
+            (21.2 / 17.2) ** 2, rel=0.15
+        )
+
+
+def test_anchors_find_scale_and_modulus(anchored, true_forces_n):
+    sure = json.loads((anchored / "calibration.json").read_text())["certainty"]
+    assert (sure["depths_known"], sure["forces_known"]) == (3, PRESSES - 3)
+    assert sure["scale_px_per_mm"]["at"] == pytest.approx(SCALE, rel=0.01)
+    assert sure["young_mpa"]["at"] == pytest.approx(YOUNG_MPA, rel=0.04)
+    for name, truth in (("scale_px_per_mm", SCALE), ("young_mpa", YOUNG_MPA)):
+        assert sure[name]["low"] < truth < sure[name]["high"]
+    assert sure["depth_off_mm"] < 0.02 and sure["force_off_n"] < 0.06
+    for press, pose, force_n in zip(sure["presses"], TRUE_POSES, true_forces_n, strict=True):
+        assert press["depth_mm"]["at"] == pytest.approx(pose[2], rel=0.03)
+        assert press["force_n"]["at"] == pytest.approx(force_n, rel=0.05)
+        assert press["depth_mm"]["high"] < 1.15 * press["depth_mm"]["low"]
+
+
+def test_a_fitted_modulus_is_pressed_into(anchored, shapes):
+    calibration = Calibration.load(anchored / "calibration.npz")
+    assert calibration.young_mpa == pytest.approx(YOUNG_MPA, rel=0.04)
+    digit, assumed = Digit(calibration=str(anchored / "calibration.npz")), Digit()
+    assert digit.elastomer == replace(DIGIT_GEL, young_mpa=calibration.young_mpa)
+    assert assumed.elastomer == DIGIT_GEL
+    soft, hard = (
+        of.press(shapes("circle-1"), PressCommand("circle-1", 0.0, 0.0, 0.0, 4.0))
+        for of in (digit, assumed)
+    )
+    assert soft.depth_mm > 1.05 * hard.depth_mm
+    unit = draw_unit(np.random.default_rng(0), UnitDraw(), calibration)
+    assert assumed.with_unit(unit).elastomer == digit.elastomer
+    linear = replace(DIGIT_GEL, young_mpa=0.5, law="linear")
+    assert Digit(gel=linear, calibration=digit.calibration).elastomer == linear
+    assert replace(digit, calibration=None).elastomer == DIGIT_GEL
+
+
+def test_a_file_without_a_modulus_stays_as_it_was(tmp_path):
+    shipped = Calibration.load()
+    assert shipped.young_mpa is None
+    replace(shipped, young_mpa=0.31).save(tmp_path / "soft.npz")
+    assert Calibration.load(tmp_path / "soft.npz").young_mpa == 0.31
+    with np.load(DEFAULT_PATH) as before, np.load(tmp_path / "soft.npz") as after:
+        assert set(after.files) - set(before.files) == {"young_mpa"}
+    with pytest.raises(T2TwinError, match="young_mpa reaches 50"):
+        replace(shipped, young_mpa=50.0)
+
+
+def test_force_goes_with_the_modulus(shapes):
+    """What the modulus is fitted by: at one depth, all pressures are as many times as large."""
+    command = PressCommand("hemisphere-1", 0.5, -1.0, 0.0, 3.0)
+    hard = Digit().press(shapes("hemisphere-1"), command)
+    soft_gel = replace(DIGIT_GEL, young_mpa=0.6 * DIGIT_GEL.young_mpa)
+    soft = Digit(gel=soft_gel).press(shapes("hemisphere-1"), replace(command, force_n=1.8))
+    assert soft.depth_mm == pytest.approx(hard.depth_mm, rel=1e-3)
+    known, assumed = np.array([1.8, np.nan, 2.0]), np.array([3.0, 1.0, np.nan])
+    assert fitted_young_mpa(known, assumed) == pytest.approx(soft_gel.young_mpa)
+    with pytest.raises(T2TwinError, match="no press of a known force"):
+        fitted_young_mpa(known, np.full(3, np.nan))
+
+
+def test_it_is_said(stated):
+    said = "\n".join(lines_of(stated))
+    assert "The scale is 19.2 px/mm, within 2, as stated" in said
+    assert "0.5 MPa, within 0.1, as assumed" in said
+    assert all(name in said for name in NAMES)
+
+
+@pytest.mark.parametrize(
+    "content, says",
+    [
+        ("file\n", None),
+        ("file;force_n\npress_00.png;1,5\n", None),
+        ("", "cannot be read"),
+        ("force_n\n1.5\n", "has no column file"),
+        ("file,force_n\nnone.png,1.5\n", "names none.png, which is no frame"),
+        ("file,force_n\npress_00.png,1.5\npress_00.png,1.6\n", "names press_00.png twice"),
+        ("file,force_n\npress_00.png,0\n", r"line 2: force_n must be a number at least 0.01"),
+        ("file,force_n\npress_00.png,soft\n", r"line 2: force_n is text; it must be a number"),
+        ("file,force_n\npress_00.png,inf\n", r"line 2: force_n must be a number at most 100"),
+        ("file,depth_mm\npress_00.png,7\n", r"line 2: depth_mm must be a number at most 4"),
+        ("file,ball_diameter_mm\npress_00.png,40\n", r"line 2: ball_diameter_mm must be a number"),
+    ],
+)
+def test_the_table_is_checked(content, says, tmp_path):
+    (tmp_path / FORCES).write_text(content)
+    if says is None:
+        known = read_known(tmp_path, NAMES, 4.7)
+        assert (known.diameters_mm == 4.7).all() and not known.has_depths
+        assert known.has_forces == ("1,5" in content)
+        return
+    with pytest.raises(T2TwinError, match=says):
+        read_known(tmp_path, NAMES, 4.7)
+
+
+def refused(folder, **numbers):
+    with pytest.raises(T2TwinError) as error:
+        tolerance = Tolerance(**numbers)
+        calibrate(folder / "background.png", folder, 4.7, 1, tolerance=tolerance)
+    return str(error.value)
+
+
+def test_tolerances_that_cannot_be_are_refused(twin_frames):
+    assert "ball_mm is -1" in refused(twin_frames, ball_mm=-1.0)
+    assert "scale_px_per_mm is nan" in refused(twin_frames, scale_px_per_mm=float("nan"))
+    assert "the ball's diameter is 0.7" in refused(twin_frames, ball_mm=4.0)
+    assert "beyond 10 to 40 px/mm" in refused(twin_frames, scale_px_per_mm=15.0)
+    assert "must be less" in refused(twin_frames, young_mpa=0.5)
+
+
+def test_displacements_of_held_out_presses_alone_are_refused(twin_frames, tmp_path_factory):
+    folder = copy_of(twin_frames, tmp_path_factory)
+    table(folder, ("depth_mm", [None] * (PRESSES - 1) + [1.0]))
+    assert "held out only" in refused(folder)
+
+
+def test_displacements_in_another_unit_are_refused(twin_frames, tmp_path_factory):
+    folder = copy_of(twin_frames, tmp_path_factory)
+    table(folder, ("depth_mm", TRUE_POSES[:, 2] / 10))
+    assert "do not fit the frames at any scale" in refused(folder)

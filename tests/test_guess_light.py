@@ -1,0 +1,86 @@
+"""A light from the background alone: whose background, whose camera, and that it is a middle."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import t2twin
+from t2twin.cli import main
+from t2twin.sim.digit import deflections
+from t2twin.sim.digit.calibrate.scores import crop_scores, mean_score
+from t2twin.sim.digit.calibrate.untouched import DRAW, drawn_lights, mean_light
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.units import draw_unit
+
+FEW = 60
+
+
+@pytest.fixture(scope="module")
+def background():
+    return draw_unit(np.random.default_rng((9, 0)), DRAW).calibration.background
+
+
+@pytest.fixture(scope="module")
+def lights(background):
+    return drawn_lights(background, Camera(18.0, 21.0), FEW)
+
+
+def test_camera_and_background_are_the_users_own(lights, background):
+    light = mean_light(lights)
+    np.testing.assert_array_equal(light.background, background)
+    assert light.camera == Camera(18.0, 21.0) and light.noise is None
+    np.testing.assert_array_equal(DigitOptics(light).background, background)
+    np.testing.assert_allclose(light.response, np.mean([of.response for of in lights], axis=0))
+    for name in ("leds_mm", "sizes_mm"):
+        each = np.array([getattr(of, name) for of in lights])
+        assert (each.min(axis=0) < getattr(light, name)).all()
+        assert (getattr(light, name) < each.max(axis=0)).all()
+
+
+def test_the_mean_errs_less_than_the_drawn_ones(lights):
+    """On a unit that is none of them, which is why it is the mean."""
+    surface = deflections.ball(0.5, 0.2, 1.0)
+    places = np.array([(163.0, 129.0)])
+    mean, singly = [], []
+    for number in range(1, 7):
+        unit = draw_unit(np.random.default_rng((9, number)), DRAW).calibration
+        own = drawn_lights(unit.background, unit.camera, FEW)
+        wanted = DigitOptics(unit).render(surface)[None]
+
+        def psnr_db(light: Calibration, wanted: np.ndarray = wanted) -> float:
+            shown = DigitOptics(light).render(surface)[None]
+            return mean_score(crop_scores(wanted, shown, places)).psnr_db
+
+        mean.append(psnr_db(mean_light(own)))
+        singly.append(np.mean([psnr_db(light) for light in own[:10]]))
+    assert np.mean(mean) > np.mean(singly) + 2.0
+
+
+def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys):
+    path = tmp_path / "mine.png"
+    Image.fromarray(background).save(path)
+    main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])
+    said = capsys.readouterr().out
+    assert "a guess" in said
+    written = Calibration.load(tmp_path / "out" / "calibration.npz")
+    given = t2twin.guess_light(path)
+    for name in ("background", "leds_mm", "sizes_mm", "response"):
+        np.testing.assert_array_equal(getattr(written, name), getattr(given, name))
+    assert not (tmp_path / "out" / "calibration.json").exists()
+
+
+@pytest.mark.parametrize(
+    "more, says",
+    [
+        (("--ball-diameter-mm", "4.7"), "--presses is missing"),
+        (("--held-out", "3"), "--presses is missing"),
+        (("--presses", "."), "--ball-diameter-mm is missing"),
+    ],
+)
+def test_half_of_the_presses_is_refused(more, says, tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(["calibrate", "--background", "b.png", *more, "--out", str(tmp_path / "out")])
+    assert stop.value.code == 2 and says in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
