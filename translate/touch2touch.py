@@ -16,7 +16,8 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.translate.averaging import running_mean
-from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.data.examples import Examples
+from t2twin.translate.data.pairs import DataInfo, Pairs
 from t2twin.translate.distributed import average_gradients
 from t2twin.translate.layouts import reading_at
 from t2twin.translate.networks.patchgan import PatchGAN
@@ -29,6 +30,7 @@ class Touch2Touch:
     """The Translator of a generator and a discriminator; it predicts with the generator."""
 
     draws = True
+    learns_field = False
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         self.phi = Phi(info.x_mm, info.y_mm).resized((preset.size, preset.size))
@@ -59,13 +61,19 @@ class Touch2Touch:
         self.running = running_mean(self.generator, preset.averaged_part)
         self.predictor = self.generator if self.running is None else self.running.module
 
-    def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:
+    def prepare(self, pairs: Pairs) -> None:
+        """See Translator: it needs to know nothing of them."""
+
+    def calibrate(self, pairs: Pairs) -> None:
+        """See Translator: it says nothing of how sure it is."""
+
+    def step(self, examples: Examples) -> dict[str, float]:
         """One step of the discriminator, then one of the generator.
 
-        images: (B, 1, S, S) in [-1, 1]. counts: (B, N). Returns the losses by name.
+        images: (B, 1, S, S) in [-1, 1]. Returns the losses by name.
         """
-        images = images.to(self.device)
-        real = self._to_image(counts.to(self.device))
+        images = examples.images.to(self.device)
+        real = self._to_image(examples.counts.to(self.device))
         with self._precision():
             drawn = self.generator(images)
         discriminator_loss = self._discriminator_step(images, real, drawn.detach())

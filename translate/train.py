@@ -19,7 +19,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import LOCK, is_empty, locked
 from t2twin.sim.seeds import check_seed
 from t2twin.translate import distributed
-from t2twin.translate.build import has_bf16
+from t2twin.translate.build import TRANSLATORS, has_bf16
 from t2twin.translate.data.pairs import CACHE, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.loop import TrainingLoop
 from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
@@ -83,7 +83,8 @@ def train(
             return outcome
         with locked(out_dir) if rank == 0 else nullcontext():
             _check_own(out_dir)
-            pairs, validation = _load_in_turn(data_dir, out_dir, settings, rank)
+            learns_field = TRANSLATORS[model].learns_field
+            pairs, validation = _load_in_turn(data_dir, out_dir, settings, learns_field, rank)
             outcome = TrainingLoop(config, out_dir, pairs, validation, rank).run()
             if rank == 0:
                 write_card(out_dir, data_dir)
@@ -130,18 +131,23 @@ def _check_shares(preset: Preset, processes: int) -> None:
         )
 
 
-def _load_in_turn(data_dir: Path, out_dir: Path, preset: Preset, rank: int) -> tuple[Pairs, Pairs]:
+def _load_in_turn(
+    data_dir: Path, out_dir: Path, preset: Preset, with_field: bool, rank: int
+) -> tuple[Pairs, Pairs]:
     """Both splits: the first process decodes them, the others read what it wrote."""
     cache = usable_cache(data_dir, out_dir)
     if rank == 0:
-        _load_both(data_dir, preset, cache)
+        _load_both(data_dir, preset, with_field, cache)
     distributed.wait()
-    return _load_both(data_dir, preset, cache)
+    return _load_both(data_dir, preset, with_field, cache)
 
 
-def _load_both(data_dir: Path, preset: Preset, cache: Path) -> tuple[Pairs, Pairs]:
+def _load_both(
+    data_dir: Path, preset: Preset, with_field: bool, cache: Path
+) -> tuple[Pairs, Pairs]:
     pairs, validation = (
-        load_pairs(data_dir, split, preset.size, preset.grey, cache) for split in ("train", "val")
+        load_pairs(data_dir, split, preset.size, preset.grey, cache, with_field)
+        for split in ("train", "val")
     )
     if len(pairs) < FEWEST_PAIRS:
         raise T2TwinError(

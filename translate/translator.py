@@ -10,6 +10,8 @@ import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
+from t2twin.translate.data.examples import Examples
+from t2twin.translate.data.pairs import Pairs
 from t2twin.translate.phi import Phi
 
 
@@ -50,8 +52,22 @@ class Translator(Protocol):
         """Whether it draws tactile images, which can be read at another taxel layout."""
         ...
 
-    def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:
+    @property
+    def learns_field(self) -> bool:
+        """Whether it is trained on the field, which not every data set holds."""
+        ...
+
+    def prepare(self, pairs: Pairs) -> None:
+        """Takes from the training's pairs what it must know before the first step."""
+        ...
+
+    def step(self, examples: Examples) -> dict[str, float]:
         """One step of training on a batch of pairs. Returns the losses by name."""
+        ...
+
+    def calibrate(self, pairs: Pairs) -> None:
+        """Takes from pairs that are not trained on what the predictor's spreads are to be
+        multiplied by, and keeps it with its weights."""
         ...
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:

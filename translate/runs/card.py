@@ -15,7 +15,7 @@ from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
 
 CARD = "README.md"
 
-TITLES = {"touch2touch": "touch2touch", "resnet18": "ResNet18"}
+TITLES = {"touch2touch": "touch2touch", "resnet18": "ResNet18", "field": "Field"}
 
 WHAT = {
     "touch2touch": """\
@@ -25,6 +25,10 @@ read from the same image.""",
     "resnet18": """\
 It is a ResNet18 with one output a taxel, trained on the mean squared error of the counts. It gives
 the layout below and no other.""",
+    "field": """\
+It is a ResNet18 with a small decoder, which tells the field under the whole cover: what a taxel
+would count at each of many places, and how sure that is. The layout below is read from it, and so
+is any other on the cover.""",
 }
 
 CITATION = """\

@@ -111,6 +111,8 @@ class RunConfig:
                     "full_scale_counts": data.full_scale_counts,
                     "world": data.world,
                     "train_pairs": data.train_pairs,
+                    "field_x_mm": None if data.field_x_mm is None else data.field_x_mm.tolist(),
+                    "field_y_mm": None if data.field_y_mm is None else data.field_y_mm.tolist(),
                 },
                 "pictures": None
                 if self.pictures is None
@@ -135,11 +137,15 @@ class _DataPart:
     full_scale_counts: Annotated[float, Meta(ge=1, le=MOST_COUNTS)]
     world: str | None = None
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
+    field_x_mm: tuple[float, ...] | None = None
+    field_y_mm: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         check_layout(self.layout_x_mm, self.layout_y_mm)
         if not is_sha256(self.info_sha256):
             raise ValueError("info_sha256 must be 64 hexadecimal digits")
+        if self.field_x_mm is not None or self.field_y_mm is not None:
+            check_layout(self.field_x_mm or (), self.field_y_mm or ())
 
 
 @dataclass(frozen=True)
@@ -203,6 +209,8 @@ def load_config(run_dir: Path) -> RunConfig:
             full_scale_counts=there.data.full_scale_counts,
             world=there.data.world,
             train_pairs=there.data.train_pairs,
+            field_x_mm=_array(there.data.field_x_mm),
+            field_y_mm=_array(there.data.field_y_mm),
         ),
         epochs=there.epochs,
         minutes=there.minutes,
@@ -213,6 +221,10 @@ def load_config(run_dir: Path) -> RunConfig:
         steps=there.steps,
         epoch_steps=there.epoch_steps,
     )
+
+
+def _array(values: tuple[float, ...] | None) -> np.ndarray | None:
+    return None if values is None else np.array(values)
 
 
 def _preset(content: dict[str, Any], path: Path) -> Preset:
