@@ -177,7 +177,7 @@ class TrainingLoop:
         preset = self.config.preset
         batch = np.sort(batch)  # the order on disk
         pairs, field = self.pairs, self.pairs.field
-        pixels = pairs.pixels(batch).astype(np.float32) / 255.0
+        pixels = pairs.pictures[batch].astype(np.float32) / 255.0
         if preset.brightness or preset.contrast or preset.noise:
             pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
         examples = Examples(
@@ -194,7 +194,7 @@ class TrainingLoop:
         squares = 0.0
         for start in range(0, mine.size, PREDICT_AT_ONCE):
             index = mine[start : start + PREDICT_AT_ONCE]
-            pixels = self.validation.pixels(index).astype(np.float32) / 255.0
+            pixels = self.validation.pictures[index].astype(np.float32) / 255.0
             predicted = self.translator.predict(to_input(pixels)).cpu().numpy()
             squares += float(np.square(predicted - self.validation.counts[index]).sum(dtype=float))
         return math.sqrt(distributed.total(squares) / self.validation.counts.size)
@@ -209,7 +209,7 @@ class TrainingLoop:
         for _ in range(TIMED_STEPS):
             self._step(translator, mine, rng)
         step_seconds = (time.perf_counter() - started) / TIMED_STEPS
-        few = self.validation.pixels(slice(min(PREDICT_AT_ONCE, len(self.validation))))
+        few = self.validation.pictures[: min(PREDICT_AT_ONCE, len(self.validation))]
         inputs = to_input(few.astype(np.float32) / 255.0)
         started = time.perf_counter()
         translator.predict(inputs)

@@ -12,6 +12,7 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import Layout
 from t2twin.translate.averaging import running_mean
 from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
@@ -89,7 +90,7 @@ class ResNet18Translator:
         counts = self.predict(images)
         return counts, torch.from_numpy(self.phi(counts.cpu().numpy()))
 
-    def read_by(self, phi: Phi) -> Self:
+    def read_at(self, layout: Layout) -> Self:
         """See Translator: it draws no images."""
         raise T2TwinError("a ResNet18 draws no tactile image that another layout could read")
 

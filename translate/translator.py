@@ -10,9 +10,9 @@ import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
+from t2twin.sim.cyskin.layout import Layout
 from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.pairs import Pairs
-from t2twin.translate.phi import Phi
 
 
 class Translator(Protocol):
@@ -78,11 +78,11 @@ class Translator(Protocol):
         """What `predict` gives, and tactile images, (B, R, C) float32, counts."""
         ...
 
-    def read_by(self, phi: Phi) -> Self:
-        """The same networks, what they draw being read at the taxels of another phi.
+    def read_at(self, layout: Layout) -> Self:
+        """The same networks, what they draw being read at the taxels of another layout.
 
-        phi: at the full size of a tactile image. Raises T2TwinError where it draws no images, and
-        where its images do not tell those taxels apart.
+        Raises T2TwinError where it draws no images, for a layout that phi cannot interpolate, and
+        for one that what it draws does not reach or does not tell apart.
         """
         ...
 

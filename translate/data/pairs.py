@@ -20,6 +20,7 @@ from PIL import Image
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.dataset.columns import FIELD, POSE
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
@@ -61,6 +62,24 @@ class ImageFile:
 
 
 @dataclass(frozen=True)
+class Pictures:
+    """DIGIT images, each with its DIGIT's untouched frame after it where there are frames."""
+
+    images: ImageFile
+    untouched: Untouched | None = None
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
+        """(b, S, S, c) uint8, c being 6 with the frames."""
+        pictures = self.images[index]
+        if self.untouched is None:
+            return pictures
+        return np.concatenate([pictures, self.untouched[index]], axis=-1)
+
+
+@dataclass(frozen=True)
 class Pairs:
     """One split of a data set.
 
@@ -83,12 +102,10 @@ class Pairs:
     def __len__(self) -> int:
         return self.counts.shape[0]
 
-    def pixels(self, index: np.ndarray | slice) -> np.ndarray:
-        """(b, S, S, c) uint8: these pictures, each with its DIGIT's frame after it if there are."""
-        pictures = self.images[index]
-        if self.untouched is None:
-            return pictures
-        return np.concatenate([pictures, self.untouched[index]], axis=-1)
+    @property
+    def pictures(self) -> Pictures:
+        """What a translator looks at."""
+        return Pictures(self.images, self.untouched)
 
     def some(self, places: np.ndarray) -> "Pairs":
         """Those at these places, (b,), of a split whose images are whole."""
@@ -109,7 +126,8 @@ class DataInfo:
     layout: the taxel layout's name. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
     taxels saturate. world: what made the pairs (module origin), None of imported ones and where a
     run of an older version does not know. train_pairs: how many there are to train on. field_x_mm,
-    field_y_mm: (F,) places of the field, None where the pairs hold none.
+    field_y_mm: (F,) places of the field, None where the pairs hold none. pad_diameter_mm: (N,) of
+    the taxels, None where it is not known.
     """
 
     sha256: str
@@ -121,6 +139,14 @@ class DataInfo:
     train_pairs: int | None = None
     field_x_mm: np.ndarray | None = None
     field_y_mm: np.ndarray | None = None
+    pad_diameter_mm: np.ndarray | None = None
+
+    @property
+    def taxels(self) -> Layout:
+        """The layout itself, its pads of the usual size where that is not known."""
+        pads = self.pad_diameter_mm
+        usual = np.full(self.x_mm.size, PAD_DIAMETER_MM)
+        return Layout(self.layout, self.x_mm, self.y_mm, usual if pads is None else pads)
 
     @property
     def world_shown(self) -> str:
@@ -131,6 +157,7 @@ class DataInfo:
 def load_info(data_dir: Path) -> DataInfo:
     """Reads DIR/info.json. Raises T2TwinError where it is missing or wrong."""
     info = read_info(data_dir)
+    pads = info.parameters.cyskin.pad_diameter_mm if info.parameters else info.pad_diameter_mm
     return DataInfo(
         sha256=sha256_of(data_dir / INFO),
         layout=info.layout,
@@ -139,9 +166,15 @@ def load_info(data_dir: Path) -> DataInfo:
         full_scale_counts=float(info.full_scale_counts),
         world=info.world_name,
         train_pairs=info.pairs["train"],
-        field_x_mm=None if info.field_x_mm is None else np.array(info.field_x_mm),
-        field_y_mm=None if info.field_y_mm is None else np.array(info.field_y_mm),
+        field_x_mm=known(info.field_x_mm),
+        field_y_mm=known(info.field_y_mm),
+        pad_diameter_mm=known(pads),
     )
+
+
+def known(values: tuple[float, ...] | None) -> np.ndarray | None:
+    """An array, or None of None."""
+    return None if values is None else np.array(values)
 
 
 def load_pairs(

@@ -92,7 +92,7 @@ def check_asked(
     info = load_info(data_dir)
     loaded = [load_run(run) for run in runs]
     for run in loaded:
-        run.at_layout(info.x_mm, info.y_mm, info.layout)
+        _at(run, info)
     run_names(loaded)
     return info, loaded
 
@@ -101,9 +101,7 @@ def _evaluate(
     loaded: list[TrainedTranslator], info: DataInfo, data_dir: Path, split: str, out_dir: Path
 ) -> Evaluation:
     trained = dict(zip(run_names(loaded), loaded, strict=True))
-    applied = {
-        name: run.at_layout(info.x_mm, info.y_mm, info.layout) for name, run in trained.items()
-    }
+    applied = {name: _at(run, info) for name, run in trained.items()}
     cache = usable_cache(data_dir, out_dir)
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, False, cache) for s in (split, "train"))
     near = neighbours(train.images, pairs.images, NEIGHBOURS, progress=NEAREST_NEIGHBOUR)
@@ -137,6 +135,11 @@ def _evaluate(
     write_predictions(out_dir, _predictions(predictions, pairs))
     write_evaluation(out_dir, evaluation)
     return evaluation
+
+
+def _at(run: TrainedTranslator, info: DataInfo) -> TrainedTranslator:
+    """A run at a dataset's layout."""
+    return run.at_layout(info.x_mm, info.y_mm, info.layout, info.pad_diameter_mm)
 
 
 def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:

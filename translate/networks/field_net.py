@@ -41,8 +41,9 @@ LEAST_FORCE_SPREAD = 0.01
 
 class FieldParts(NamedTuple):
     """What the network says. mean, log_spread: (B, F), of the field in parts of full scale, and the
-    logarithm of its standard deviation. force, force_log_spread: (B,), the same of the force's
-    logarithm, in parts of what that spreads over in the training."""
+    logarithm of what a standard deviation is proportional to (module calibrated). force,
+    force_log_spread: (B,), the same of the force's logarithm, in parts of what that spreads over in
+    the training."""
 
     mean: torch.Tensor
     log_spread: torch.Tensor
