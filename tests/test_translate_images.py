@@ -161,7 +161,7 @@ def test_folded_batch_norms_change_nothing(run_dir: Path, digit: Image.Image) ->
     trained = build(run.config)
     load_weights(run_dir / "best.safetensors", trained.predictor)
     pixels = np.stack([np.asarray(digit), np.asarray(digit)[::-1]])
-    pixels = run._pixels(pixels).astype(np.float32) / 255.0
+    pixels = run.pixels_of(pixels).astype(np.float32) / 255.0
     expected = trained.predict(to_input(pixels)).numpy()
     np.testing.assert_allclose(run.translator.predict(to_input(pixels)), expected, atol=0.5)
     assert expected.std() > 10

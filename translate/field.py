@@ -32,8 +32,8 @@ from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD, to_input
 from t2twin.translate.data.pairs import DataInfo, Pairs
 from t2twin.translate.distributed import average_gradients
+from t2twin.translate.field_drawing import FieldDrawing
 from t2twin.translate.networks.field_net import FieldNet, FieldParts
-from t2twin.translate.phi import Phi
 from t2twin.translate.presets import Preset
 from t2twin.translate.teller import LEAST_FORCE_SCALE, Teller, Told, knows_force, log_force
 
@@ -91,7 +91,7 @@ class FieldTranslator:
         """See Translator: the mean frame, and what field and force spread over."""
         assert pairs.field is not None
         field = pairs.field / np.float32(self.full_scale)
-        forces = log_force(torch.from_numpy(pairs.force_n))
+        forces = log_force(torch.tensor(pairs.force_n))
         frame = (
             pairs.images[:LOOKED_AT].mean(axis=0, dtype=np.float32)
             if pairs.untouched is None
@@ -143,7 +143,7 @@ class FieldTranslator:
     def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Counts, (B, N), and the field as a tactile image, (B, R, C), counts."""
         told = self.tell(images)
-        return told.counts, torch.from_numpy(self.phi(told.field.cpu().numpy()))
+        return told.counts, self.drawing(told.field)
 
     def calibrate(self, pairs: Pairs) -> None:
         """See Translator: the temperatures, and how the errors hang together."""
@@ -169,9 +169,9 @@ class FieldTranslator:
         return Teller(self.predictor, reading_of(self.layout), self.full_scale)
 
     @cached_property
-    def phi(self) -> Phi:
-        """phi of the field's places at the full size of a tactile image."""
-        return Phi(*self.places_mm)
+    def drawing(self) -> FieldDrawing:
+        """What draws the field as a tactile image."""
+        return FieldDrawing(*self.places_mm).to(self.device)
 
     def read_at(self, layout: Layout) -> Self:
         """See Translator. Any layout on the cover; the pads' sizes count."""
@@ -191,7 +191,7 @@ class FieldTranslator:
         """See Translator. Beside the pixels it takes the untouched frame, (1, 3, S, S), and beside
         counts and tactile images it gives the counts' standard deviations, and force and its own
         where they are known."""
-        return FromPixels(self.predictor, self.teller, self.phi)
+        return FromPixels(self.predictor, self.teller, self.drawing)
 
     def _say(self, images: torch.Tensor) -> FieldParts:
         self.predictor.eval()
@@ -227,11 +227,11 @@ class FromPixels(nn.Module):
     mean: torch.Tensor
     std: torch.Tensor
 
-    def __init__(self, network: FieldNet, teller: Teller, phi: Phi) -> None:
+    def __init__(self, network: FieldNet, teller: Teller, drawing: FieldDrawing) -> None:
         super().__init__()
         self.network = deepcopy(network).cpu()
         self.teller = deepcopy(teller).cpu()
-        self.phi = phi
+        self.drawing = deepcopy(drawing).cpu()
         self.register_buffer("mean", torch.from_numpy(RGB_MEAN).view(3, 1, 1))
         self.register_buffer("std", torch.from_numpy(RGB_STD).view(3, 1, 1))
 
@@ -244,8 +244,7 @@ class FromPixels(nn.Module):
         both = [(each - self.mean) / self.std for each in (pixels, untouched.expand_as(pixels))]
         told = self.teller(self.network(torch.cat(both, dim=1)))
         force = () if told.force_n is None else (told.force_n, told.force_std_n)
-        drawn = self.phi.to_torch(told.field)[:, 0]
-        return told.counts, drawn, told.counts_std, *force
+        return told.counts, self.drawing(told.field), told.counts_std, *force
 
 
 def _likelihood(off: torch.Tensor, log_spread: torch.Tensor) -> torch.Tensor:

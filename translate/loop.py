@@ -1,4 +1,4 @@
-"""A training in progress: its epochs, one loop for both translators."""
+"""A training in progress: its epochs, one loop for all translators."""
 
 import math
 import time

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import torch
 from PIL import Image
 
 from t2twin.primitives_cad.errors import T2TwinError
@@ -94,6 +95,16 @@ class TrainedTranslator:
             known = (None if each is None else each.cpu().numpy() for each in told)
             parts.append(Estimate(*known, full_scale_counts=field.full_scale))  # pyright: ignore
         return joined(parts)
+
+    def drawn(self, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+        """Tactile images of an estimate's field and of its standard deviations, of several images:
+        (B, R, C) float32 each, counts."""
+        draw = self._field().drawing.cpu()
+        field, std = (
+            draw(torch.from_numpy(of_all)).numpy()
+            for of_all in (estimate.field, estimate.field_std)
+        )
+        return field, std
 
     def predict_pixels(
         self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None
@@ -203,9 +214,15 @@ class TrainedTranslator:
         pixels = self._resized(images)
         if untouched is None:
             return pixels
+        return self.with_untouched(pixels, self._resized([untouched])[0])
+
+    def with_untouched(self, pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
+        """(B, S, S, 6) uint8: pixels, (B, S, S, 3), with a frame, (S, S, 3), after each.
+
+        Raises T2TwinError for a run that does not look at one.
+        """
         self._field()
-        frame = np.broadcast_to(self._resized([untouched]), pixels.shape)
-        return np.concatenate([pixels, frame], axis=-1)
+        return np.concatenate([pixels, np.broadcast_to(frame, pixels.shape)], axis=-1)
 
     def _resized(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
         """(B, S, S, c) uint8. Raises T2TwinError for arrays that are no 8-bit images."""

@@ -12,6 +12,9 @@ from t2twin.primitives_cad.errors import T2TwinError
 Model = Literal["touch2touch", "resnet18", "field"]
 MODELS: tuple[Model, ...] = ("touch2touch", "resnet18", "field")
 
+PAPER_MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
+"""Those of Grella et al. 2023, which learn from any pairs; the field is not in all data sets."""
+
 
 @dataclass(frozen=True)
 class Preset:

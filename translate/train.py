@@ -1,4 +1,4 @@
-"""Training, one loop for both translators.
+"""Training, one loop for all translators.
 
     t2twin train resnet18 --data data/small --preset cpu --out runs/resnet18
     torchrun --nproc-per-node 2 -m t2twin.translate.train resnet18 data/small cpu runs/resnet18
@@ -45,13 +45,13 @@ def train(
 ) -> Outcome:
     """Trains a translator on DIR's train split, watching its val split, into the folder out_dir.
 
-    model: "touch2touch" or "resnet18". preset: a name of t2twin.translate.presets, or a Preset.
-    epochs: most epochs; by default the preset's, and no more than its steps make. minutes: most
-    minutes; as many epochs are planned as fit in, and the schedule of the learning rate follows
-    the plan. steps: most steps, instead of the preset's steps and epochs, rounded to whole epochs.
-    An epoch goes through all pairs; of so many that the steps would make few epochs, through a part
-    of them, and the next goes on where it ended (loop.steps_of_epoch). For steps beyond its own a
-    preset is changed by `for_steps`.
+    model: "touch2touch", "resnet18" or "field". preset: a name of t2twin.translate.presets, or a
+    Preset. epochs: most epochs; by default the preset's, and no more than its steps make. minutes:
+    most minutes; as many epochs are planned as fit in, and the schedule of the learning rate
+    follows the plan. steps: most steps, instead of the preset's steps and epochs, rounded to whole
+    epochs. An epoch goes through all pairs; of so many that the steps would make few epochs,
+    through a part of them, and the next goes on where it ended (loop.steps_of_epoch). For steps
+    beyond its own a preset is changed by `for_steps`.
     Raises T2TwinError for an unknown model or preset, a data set that cannot be read, a folder that
     holds another run, and a loss that stops being a number.
     """
