@@ -7,8 +7,10 @@ from typing import cast
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.report.page import write_report
 from t2twin.sim.cyskin import taxels
 from t2twin.sim.cyskin.field import field_counts, field_layout
 from t2twin.sim.cyskin.field_reading import reading_of
@@ -164,7 +166,7 @@ def test_the_spread_takes_nothing_from_the_mean(data_dir: Path) -> None:
 
 
 def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> None:
-    """Eight pairs seen again and again: the field to 2 % of full scale, the force to 10 %."""
+    """Eight pairs seen again and again: the field to 2 % of full scale, the force to 15 %."""
     info, preset = load_info(data_dir), replace(PRESETS["field"]["smoke"], learning_rate=2e-3)
     pairs = load_pairs(data_dir, "train", preset.size, False, with_field=True)
     torch.manual_seed(0)
@@ -185,10 +187,11 @@ def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> N
         last = translator.step(examples)
     assert last["field"] < first["field"] / 20 and last["spread"] < first["spread"] - 1
     told = translator.tell(examples.images)
+    assert examples.field is not None
     rmse = (told.field - examples.field).square().mean().sqrt().item()
     assert rmse < 0.02 * info.full_scale_counts
     assert told.force_n is not None and examples.force_n is not None
-    assert (told.force_n - examples.force_n).abs().max() < 0.1 * examples.force_n.max() + 0.2
+    assert (told.force_n - examples.force_n).abs().max() < 0.15 * examples.force_n.max()
 
 
 def test_temperature_makes_intervals_hold_what_they_say() -> None:
@@ -311,6 +314,18 @@ def test_an_untouched_frame_counts(run: TrainedTranslator, data_dir: Path, frame
     )
 
 
+def test_the_card_says_what_is_told_and_how_sure(run_dir: Path, run: TrainedTranslator) -> None:
+    card = (run_dir / "README.md").read_text()
+    temperature = translator_of(run).predictor.temperature.tolist()
+    assert ".estimate(frame)" in card and "| counts_std | (20,) float32 |" in card
+    assert f"times {temperature[0]:.2f}, those of the force by {temperature[1]:.2f}" in card
+
+
+def test_the_report_draws_how_sure_it_is(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
+    page = write_report(tmp_path / "report", data_dir, [run_dir]).read_text()
+    assert '<section id="sureness"' in page and "its 90 % intervals hold" in page
+
+
 def test_a_training_that_was_stopped_ends_as_one_that_was_not(
     run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -329,7 +344,9 @@ def test_a_training_that_was_stopped_ends_as_one_that_was_not(
     monkeypatch.setattr(loop, "save_state", saved)
     train("field", data_dir, "smoke", tmp_path / "run", epochs=2)
     for name in ("best.safetensors", "last.safetensors"):
-        assert (tmp_path / "run" / name).read_bytes() == (run_dir / name).read_bytes()
+        own, other = (load_file(folder / name) for folder in (tmp_path / "run", run_dir))
+        assert own.keys() == other.keys()
+        assert all(torch.equal(tensor, other[key]) for key, tensor in own.items())
 
 
 def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp_path) -> None:
@@ -386,6 +403,7 @@ def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) ->
         said = dict(zip(names, session.run(None, {"images": images, **given}), strict=True))
         for name in ("counts", "counts_std"):
             np.testing.assert_allclose(said[name], getattr(told, name), atol=1.0)
+        assert told.force_n is not None
         np.testing.assert_allclose(said["force_n"], told.force_n, rtol=1e-3)
         np.testing.assert_allclose(said["tactile_images"], run.drawn(told)[0], atol=1.0)
 

@@ -35,9 +35,8 @@ class FieldDrawing(nn.Module):
         self.register_buffer("weights", torch.from_numpy(np.ascontiguousarray(weights.T)))
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        drawn = sum(
-            field.index_select(1, corner) * weight
-            for corner, weight in zip(self.corners, self.weights, strict=True)
+        # By number, for a traced module must not go through a tensor.
+        first, second, third = (
+            field.index_select(1, self.corners[n]) * self.weights[n] for n in range(3)
         )
-        assert isinstance(drawn, torch.Tensor)
-        return drawn.unflatten(1, TACTILE_SHAPE)
+        return (first + second + third).unflatten(1, TACTILE_SHAPE)

@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from torch import nn
-from torch.nn import functional
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
@@ -65,6 +64,8 @@ class FieldNet(nn.Module):
     Raises T2TwinError for places that are no such columns, and for too few filters.
     """
 
+    fine_places: torch.Tensor
+    coarse_places: torch.Tensor
     mean_frame: torch.Tensor
     field_mean: torch.Tensor
     field_variance: torch.Tensor
@@ -85,6 +86,7 @@ class FieldNet(nn.Module):
         self.encoder = ResNet18(0, filters, channels=6)
         cells = -(-size // 32)
         self.pooled = max(n for n in range(1, MOST_POOLED + 1) if cells % n == 0)
+        self.pool = nn.AvgPool2d(cells // self.pooled) if cells > self.pooled else nn.Identity()
         width, vector = 2 * filters, 8 * filters
         self.gather = nn.Linear(8 * filters * self.pooled**2, vector)
         self.canvas = nn.Linear(vector, CANVAS * x_mm.size)
@@ -103,9 +105,9 @@ class FieldNet(nn.Module):
         self.spread_of_all = nn.Linear(vector, x_mm.size)
         self.force = nn.Linear(vector, 1)
         self.force_spread = nn.Linear(vector, 1)
-        for side in {-(-size // 8), -(-size // 16)}:
-            reading = torch.from_numpy(laid_at(x_mm, y_mm, view_mm, side))
-            self.register_buffer(f"laid_{side}", reading, persistent=False)
+        for name, part in (("fine", 8), ("coarse", 16)):
+            laid = torch.from_numpy(laid_at(x_mm, y_mm, view_mm, -(-size // part)))
+            self.register_buffer(f"{name}_places", laid, persistent=False)
         self.register_buffer("mean_frame", torch.zeros(3, size, size))
         self.register_buffer("field_mean", torch.zeros(x_mm.size))
         self.register_buffer("field_variance", torch.ones(()))
@@ -118,11 +120,11 @@ class FieldNet(nn.Module):
         picture, frame = images.split(3, dim=1)
         seen = torch.cat([picture, DIFFERENCE_SCALE * (picture - frame)], dim=1)
         fine, coarse, last = self.encoder.maps(seen)
-        pooled = last if self.pooled == last.shape[-1] else self._pool(last)
-        vector = self.gather(pooled.flatten(1)).relu()
+        vector = self.gather(self.pool(last).flatten(1)).relu()
         canvas = self.canvas(vector).unflatten(1, (CANVAS, *self.grid))
-        laid = [canvas, self._lay(fine), self._lay(self.coarse(coarse))]
-        decoded = self.decode(torch.cat(laid, dim=1))
+        fine = self._lay(fine, self.fine_places)
+        coarse = self._lay(self.coarse(coarse), self.coarse_places)
+        decoded = self.decode(torch.cat([canvas, fine, coarse], dim=1))
         mean = (self.mean(decoded).flatten(1) + self.mean_of_all(vector)).float()
         # The spread reads what the mean is made of and does not change it.
         decoded, still = decoded.detach(), vector.detach()
@@ -135,18 +137,14 @@ class FieldNet(nn.Module):
             _at_least(LEAST_FORCE_SPREAD, self.force_spread(still).float()[:, 0]),
         )
 
-    def _pool(self, last: torch.Tensor) -> torch.Tensor:
-        return functional.avg_pool2d(last, last.shape[-1] // self.pooled)
-
-    def _lay(self, seen: torch.Tensor) -> torch.Tensor:
+    def _lay(self, seen: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
         """A map of the view as the field's places have it, (B, C, D, E), zero beyond the view."""
-        reading = getattr(self, f"laid_{seen.shape[-1]}").to(seen.dtype)
-        return (seen.flatten(2) @ reading).unflatten(2, self.grid)
+        return (seen.flatten(2) @ places.to(seen.dtype)).unflatten(2, self.grid)
 
 
 def _at_least(least: float, log_spread: torch.Tensor) -> torch.Tensor:
     """The logarithm of a spread and a least one added up: a bound would leave no gradient."""
-    return torch.logaddexp(log_spread, torch.full_like(log_spread, float(np.log(least))))
+    return torch.log(torch.exp(log_spread) + least)  # ONNX has no logaddexp
 
 
 def grid_of(x_mm: np.ndarray) -> tuple[int, int]:
