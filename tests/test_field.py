@@ -391,7 +391,9 @@ def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) ->
     dense = load_layout("cyskin-63")
     run = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm).in_float32()
     assert export_onnx(run, tmp_path / "field.onnx") < 1.0
-    session = onnxruntime.InferenceSession(tmp_path / "field.onnx")
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    session = onnxruntime.InferenceSession(tmp_path / "field.onnx", options)
     pixels = run.pixels_of([frame, frame[::-1]])
     images = pixels.astype(np.float32).transpose(0, 3, 1, 2) / 255.0
     names = [output.name for output in session.get_outputs()]
@@ -402,7 +404,7 @@ def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) ->
     ):
         said = dict(zip(names, session.run(None, {"images": images, **given}), strict=True))
         for name in ("counts", "counts_std"):
-            np.testing.assert_allclose(said[name], getattr(told, name), atol=1.0)
+            np.testing.assert_allclose(said[name], getattr(told, name), rtol=1e-3, atol=1.0)
         assert told.force_n is not None
         np.testing.assert_allclose(said["force_n"], told.force_n, rtol=1e-3)
         np.testing.assert_allclose(said["tactile_images"], run.drawn(told)[0], atol=1.0)
