@@ -1,5 +1,6 @@
 """The translator that tells the field: trained on a small world, read at any layout, calibrated."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -7,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file
+from safetensors.torch import load_file, save_file
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.report.page import write_report
@@ -33,6 +34,7 @@ from t2twin.translate.field import FieldTranslator
 from t2twin.translate.networks.field_net import FieldNet, grid_of, laid_at
 from t2twin.translate.predict import TrainedTranslator, load_run
 from t2twin.translate.presets import PRESETS
+from t2twin.translate.temper import temper
 from t2twin.translate.train import train
 
 WORLD = """
@@ -324,6 +326,28 @@ def test_the_card_says_what_is_told_and_how_sure(run_dir: Path, run: TrainedTran
 def test_the_report_draws_how_sure_it_is(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
     page = write_report(tmp_path / "report", data_dir, [run_dir]).read_text()
     assert '<section id="sureness"' in page and "its 90 % intervals hold" in page
+
+
+def test_tempered_on_several_worlds(
+    run_dir: Path, data_dir: Path, small_dataset: Path, tmp_path: Path
+) -> None:
+    """Of one world it finds what the training found, as of the same world twice; the mean stays."""
+    own = tmp_path / "run"
+    shutil.copytree(run_dir, own)
+    before = load_file(own / "best.safetensors")
+    spoilt = before | {"temperature": torch.tensor([7.0, 7.0])}
+    save_file(spoilt, own / "best.safetensors")
+    field, force = temper(own, [data_dir, data_dir])
+    after = load_file(own / "best.safetensors")
+    torch.testing.assert_close(after["temperature"], before["temperature"], rtol=0.02, atol=0)
+    assert [field, force] == after["temperature"].tolist()
+    changed = {"temperature", "correlation"}
+    assert all(torch.equal(after[key], before[key]) for key in before.keys() - changed)
+    assert f"times {field:.2f}" in (own / "README.md").read_text()
+    with pytest.raises(T2TwinError, match="was trained on is not given"):
+        temper(own, [small_dataset])
+    with pytest.raises(T2TwinError, match="hold no field"):
+        temper(own, [data_dir, small_dataset])
 
 
 def test_a_training_that_was_stopped_ends_as_one_that_was_not(

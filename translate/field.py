@@ -14,6 +14,7 @@ Shape letters: B batch, S image side, N taxels, F places of the field, R rows an
 tactile image.
 """
 
+from collections.abc import Iterator
 from copy import copy, deepcopy
 from functools import cached_property
 from typing import Self, cast
@@ -145,23 +146,26 @@ class FieldTranslator:
         told = self.tell(images)
         return told.counts, self.drawing(told.field)
 
-    def calibrate(self, pairs: Pairs) -> None:
+    def calibrate(self, *sets: Pairs) -> None:
         """See Translator: the temperatures, and how the errors hang together."""
+        errors = [part for pairs in sets for part in self._errors(pairs)]
+        found = calibration_of(*(torch.cat(parts).cpu() for parts in zip(*errors, strict=True)))
+        self.predictor.temperature.copy_(found.temperature)
+        self.predictor.correlation.copy_(found.correlation)
+        self.__dict__.pop("teller", None)
+
+    def _errors(self, pairs: Pairs) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
+        """Of batches of pairs, the errors in parts of what is said: (b, F) of the field, (b,) of
+        the force."""
         assert pairs.field is not None
-        field_off, force_off = [], []
         for start in range(0, len(pairs), AT_ONCE):
             part = slice(start, start + AT_ONCE)
             said = self._say(to_input(pairs.pictures[part].astype(np.float32) / 255.0))
             field = torch.from_numpy(pairs.field[part].astype(np.float32)).to(self.device)
-            off = field / self.full_scale - said.mean.clamp(0.0, 1.0)
-            field_off.append(off / said.log_spread.exp())
             force = torch.from_numpy(pairs.force_n[part].astype(np.float32)).to(self.device)
-            off = self._force_wanted(force) - said.force
-            force_off.append(off / said.force_log_spread.exp())
-        found = calibration_of(torch.cat(field_off).cpu(), torch.cat(force_off).cpu())
-        self.predictor.temperature.copy_(found.temperature)
-        self.predictor.correlation.copy_(found.correlation)
-        self.__dict__.pop("teller", None)
+            off = field / self.full_scale - said.mean.clamp(0.0, 1.0)
+            force_off = self._force_wanted(force) - said.force
+            yield off / said.log_spread.exp(), force_off / said.force_log_spread.exp()
 
     @cached_property
     def teller(self) -> Teller:

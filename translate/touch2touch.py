@@ -66,7 +66,7 @@ class Touch2Touch:
     def prepare(self, pairs: Pairs) -> None:
         """See Translator: it needs to know nothing of them."""
 
-    def calibrate(self, pairs: Pairs) -> None:
+    def calibrate(self, *sets: Pairs) -> None:
         """See Translator: it says nothing of how sure it is."""
 
     def step(self, examples: Examples) -> dict[str, float]:

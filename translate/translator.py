@@ -65,7 +65,7 @@ class Translator(Protocol):
         """One step of training on a batch of pairs. Returns the losses by name."""
         ...
 
-    def calibrate(self, pairs: Pairs) -> None:
+    def calibrate(self, *sets: Pairs) -> None:
         """Takes from pairs that are not trained on what the predictor's spreads are to be
         multiplied by, and keeps it with its weights."""
         ...

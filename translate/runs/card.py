@@ -173,8 +173,8 @@ def _sureness(run_dir: Path, config: RunConfig) -> str:
     return f"""## How sure it is
 
 Standard deviations are the network's own times {field:.2f}{of_force}: then intervals of 90 % held
-90 % of the field on the validation split. On shapes of another kin they may hold less;
-`t2twin evaluate` says how much.
+90 % of the field on validation presses. On shapes of another kin they may hold less; `t2twin
+evaluate` says how much.
 """
 
 
