@@ -151,6 +151,8 @@ class FieldTranslator:
         errors = [part for pairs in sets for part in self._errors(pairs)]
         found = calibration_of(*(torch.cat(parts).cpu() for parts in zip(*errors, strict=True)))
         self.predictor.temperature.copy_(found.temperature)
+        if not knows_force(self.predictor):
+            self.predictor.temperature[1] = 1.0  # of nothing
         self.predictor.correlation.copy_(found.correlation)
         self.__dict__.pop("teller", None)
 
