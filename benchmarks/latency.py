@@ -29,7 +29,7 @@ from t2twin.translate.data.images import to_input, to_pixels
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.export import COUNTS, INPUT, export_onnx
 from t2twin.translate.predict import TrainedTranslator, load_run
-from t2twin.translate.presets import MODELS, PRESETS, Model, Preset
+from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model, Preset
 from t2twin.translate.runs.checkpoint import load_weights, save_weights
 from t2twin.translate.runs.config import BEST, RunConfig
 from t2twin.translate.touch2touch import Touch2Touch
@@ -55,7 +55,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "rounds": ROUNDS,
         "presets": {
             f"{model}-{name}": _measure(model, PRESETS[model][name], frames)
-            for model in MODELS
+            for model in PAPER_MODELS
             for name in MEASURED
         },
     }

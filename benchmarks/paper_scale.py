@@ -7,7 +7,7 @@ from typing import Any
 from benchmarks.evidence.small_case import rounded, sha256_of
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.world import protocol
-from t2twin.translate.presets import MODELS, PRESETS
+from t2twin.translate.presets import PAPER_MODELS, PRESETS
 
 SCALE, PRESET = "paper", "cpu"
 
@@ -25,4 +25,4 @@ def presses_sha256() -> str:
 
 def settings() -> dict[str, dict[str, Any]]:
     """The preset by model."""
-    return {model: asdict(PRESETS[model][PRESET]) for model in MODELS}
+    return {model: asdict(PRESETS[model][PRESET]) for model in PAPER_MODELS}

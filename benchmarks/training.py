@@ -32,6 +32,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.world import protocol
 from t2twin.translate.build import TRANSLATORS, has_bf16
+from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo, load_info
 from t2twin.translate.distributed import use_all_cores
@@ -39,7 +40,7 @@ from t2twin.translate.networks.patchgan import PatchGAN
 from t2twin.translate.networks.resnet18 import ResNet18
 from t2twin.translate.networks.unet import UNet
 from t2twin.translate.phi import Phi
-from t2twin.translate.presets import MODELS, PRESETS, Model, Preset
+from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model, Preset
 from t2twin.translate.runs.log import read_log
 from t2twin.translate.train import train
 
@@ -148,7 +149,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         models = {
             model: _measure(model, data_dir, folder)
             | {"paper_preset_hours": _paper_hours(model, load_info(data_dir))}
-            for model in MODELS
+            for model in PAPER_MODELS
         }
     return {
         "threads": torch.get_num_threads(),
@@ -194,10 +195,10 @@ def _paper_hours(model: Model, info: DataInfo) -> float:
     translator = TRANSLATORS[model](preset, info, torch.device("cpu"), bf16)
     images = torch.zeros(preset.batch, 1 if preset.grey else 3, preset.size, preset.size)
     counts = torch.zeros(preset.batch, info.x_mm.size)
-    translator.step(images, counts)
+    translator.step(Examples(images, counts))
     started = time.perf_counter()
     for _ in range(PAPER_STEPS):
-        translator.step(images, counts)
+        translator.step(Examples(images, counts))
     step_seconds = (time.perf_counter() - started) / PAPER_STEPS
     return preset.epochs * (pairs // preset.batch) * step_seconds / 3600
 

@@ -96,13 +96,13 @@ def untrained_runs(tmp_path_factory):
     from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
     from t2twin.translate.build import build
     from t2twin.translate.data.pairs import DataInfo
-    from t2twin.translate.presets import PRESETS
+    from t2twin.translate.presets import PAPER_MODELS, PRESETS
     from t2twin.translate.runs.checkpoint import save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
     layout = load_layout()
     data = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE_COUNTS)
-    folders = [tmp_path_factory.mktemp("untrained") / model for model in PRESETS]
+    folders = [tmp_path_factory.mktemp("untrained") / model for model in PAPER_MODELS]
     for folder in folders:
         preset = PRESETS[folder.name]["smoke"]
         config = RunConfig(folder.name, preset, 0, data, None, None, 1, False, 1)

@@ -10,8 +10,9 @@ from torch import nn
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.averaging import running_mean
 from t2twin.translate.build import TRANSLATORS
+from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.presets import MODELS, PRESETS, Model
+from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model
 
 
 def mean_of(part: float, values: list[float]) -> float:
@@ -56,7 +57,7 @@ def test_no_part_is_no_mean() -> None:
     assert running_mean(nn.Linear(1, 1), 0.0) is None
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", PAPER_MODELS)
 def test_a_translator_predicts_with_the_mean(model: Model) -> None:
     layout = load_layout("cyskin-20")
     info = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, 40_000.0)
@@ -68,7 +69,7 @@ def test_a_translator_predicts_with_the_mean(model: Model) -> None:
     counts = torch.from_numpy(np.random.default_rng(0).uniform(0, 4e4, (8, 20)).astype(np.float32))
     weights = []
     for _ in range(3):
-        translator.step(images, counts)
+        translator.step(Examples(images, counts))
         (trained,) = (
             network for name, network in translator.networks.items() if name != "discriminator"
         )

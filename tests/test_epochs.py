@@ -12,7 +12,7 @@ from spots import write_spots
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.loop import TrainingLoop, steps_of_epoch
-from t2twin.translate.presets import MODELS, PRESETS
+from t2twin.translate.presets import PAPER_MODELS, PRESETS
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
 from t2twin.translate.train import for_steps, train
@@ -69,7 +69,7 @@ def test_short_epochs_go_through_all_pairs_before_any_comes_again(data_dir: Path
 
 
 def test_in_more_steps_the_discriminator_learns_as_much_in_all() -> None:
-    cpu, resnet18 = (PRESETS[model]["cpu"] for model in MODELS)
+    cpu, resnet18 = (PRESETS[model]["cpu"] for model in PAPER_MODELS)
     longer = for_steps(cpu, 3 * cpu.steps)
     assert longer.discriminator_share == pytest.approx(cpu.discriminator_share / 3)
     assert replace(longer, discriminator_share=cpu.discriminator_share) == cpu

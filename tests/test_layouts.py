@@ -79,7 +79,7 @@ def test_own_layout_changes_nothing(runs: dict[str, TrainedTranslator]) -> None:
 def test_layouts_that_cannot_be_read_are_refused(
     runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray]
 ) -> None:
-    with pytest.raises(T2TwinError, match="needs a touch2touch run"):
+    with pytest.raises(T2TwinError, match="needs a touch2touch or a field run"):
         runs["resnet18"].at_layout(*dense, "dense")
     x_mm, y_mm = dense[0].copy(), dense[1].copy()
     x_mm[3] += 12.0

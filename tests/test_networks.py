@@ -8,6 +8,7 @@ from torch import nn
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.build import TRANSLATORS
+from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.networks.fused import fuse
 from t2twin.translate.networks.patchgan import PatchGAN
@@ -140,7 +141,7 @@ def test_generator_minimises_the_adversarial_loss_and_100_times_l1() -> None:
     real = translator.phi.to_torch(counts) / FULL_SCALE * 2 - 1
     before = deepcopy(translator)
 
-    losses = translator.step(images, counts)
+    losses = translator.step(Examples(images, counts))
 
     drawn = before.generator(images)
     likely_real = torch.sigmoid(before.discriminator(images, real))
@@ -172,7 +173,7 @@ def test_resnet18_minimises_l3() -> None:
     with torch.no_grad():
         predicted = deepcopy(translator.predictor)(images) * FULL_SCALE
     l3 = ((predicted - counts) ** 2).sum() / (3 * 20)
-    loss = translator.step(images, counts)["l3"]
+    loss = translator.step(Examples(images, counts))["l3"]
     assert loss * FULL_SCALE**2 == pytest.approx(l3.item(), rel=1e-4)
 
 

@@ -204,7 +204,7 @@ def test_an_older_config_knows_no_world_and_no_epochs_steps(tmp_path, config):
     ("place", "value", "said"),
     [
         (["format"], 7, "of format 7; this version of t2twin reads format 1"),
-        (["model"], "unet", "model is 'unet'; it must be one of touch2touch, resnet18"),
+        (["model"], "unet", "model is 'unet'; it must be one of touch2touch, resnet18, field"),
         (["model"], GONE, "model is missing"),
         (["seed"], -1, "seed must be a whole number at least 0"),
         (["seed"], 2**70, "seed must be a whole number at most"),

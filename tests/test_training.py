@@ -19,10 +19,11 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate import distributed
 from t2twin.translate import train as training
 from t2twin.translate.build import build
+from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.loop import TrainingLoop
-from t2twin.translate.presets import MODELS, PRESETS, Model, find_preset
+from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model, find_preset
 from t2twin.translate.runs.checkpoint import load_state
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.train import train
@@ -46,7 +47,7 @@ def without_times(run_dir: Path) -> list[dict]:
     return [{k: v for k, v in record.items() if k != "seconds"} for record in records(run_dir)]
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", PAPER_MODELS)
 def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
     """Eight pairs seen again and again are known by heart, to 2 % of full scale."""
     preset = replace(PRESETS[model]["smoke"], learning_rate=2e-3)
@@ -57,20 +58,20 @@ def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
     pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
     images = to_input(pairs.images[:8].astype(np.float32) / 255.0)
     counts = torch.from_numpy(pairs.counts[:8])
-    first = translator.step(images, counts)
+    first = translator.step(Examples(images, counts))
     for _ in range(150):
-        last = translator.step(images, counts)
+        last = translator.step(Examples(images, counts))
     for optimizer in translator.optimizers.values():  # so that batch norm's averages settle
         optimizer.param_groups[0]["lr"] = 1e-4
     for _ in range(30):
-        last = translator.step(images, counts)
+        last = translator.step(Examples(images, counts))
     watched = "l3" if model == "resnet18" else "l1"
     assert last[watched] < first[watched] / 4
     rmse = (translator.predict(images) - counts).square().mean().sqrt().item()
     assert rmse < 0.02 * info.full_scale_counts
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", PAPER_MODELS)
 def test_stopped_and_resumed_is_as_undisturbed(
     data_dir: Path, tmp_path: Path, model: Model
 ) -> None:
@@ -242,7 +243,7 @@ def test_each_process_takes_its_own_gpu(monkeypatch: pytest.MonkeyPatch) -> None
     assert distributed.device() == torch.device("cuda", 3)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("model", PAPER_MODELS)
 def test_weights_follow_the_seed_and_leave_torchs_numbers_alone(
     data_dir: Path, model: Model
 ) -> None:

@@ -161,7 +161,7 @@ def test_folded_batch_norms_change_nothing(run_dir: Path, digit: Image.Image) ->
     trained = build(run.config)
     load_weights(run_dir / "best.safetensors", trained.predictor)
     pixels = np.stack([np.asarray(digit), np.asarray(digit)[::-1]])
-    pixels = run._pixels(pixels).astype(np.float32) / 255.0
+    pixels = run.pixels_of(pixels).astype(np.float32) / 255.0
     expected = trained.predict(to_input(pixels)).numpy()
     np.testing.assert_allclose(run.translator.predict(to_input(pixels)), expected, atol=0.5)
     assert expected.std() > 10
@@ -242,7 +242,7 @@ def test_only_touch2touch_is_read_at_another_layout(
     (tmp_path / "mine.json").write_text(json.dumps({"taxels": taxels}))
     arguments = (run_dir, [tmp_path / "press.png"], tmp_path / "out", tmp_path / "mine.json")
     if run_dir.name == "resnet18":
-        with pytest.raises(T2TwinError, match="another layout needs a touch2touch run"):
+        with pytest.raises(T2TwinError, match="another layout needs a touch2touch or a field run"):
             translate_images(*arguments)
         assert not (tmp_path / "out").exists()
         return

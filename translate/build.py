@@ -1,21 +1,20 @@
 """Translators by the name of their model, on the device and in the precision of this machine."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import torch
 
-from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.distributed import device
-from t2twin.translate.presets import Preset
+from t2twin.translate.field import FieldTranslator
 from t2twin.translate.resnet18 import ResNet18Translator
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.touch2touch import Touch2Touch
 from t2twin.translate.translator import Translator
 
-TRANSLATORS: dict[str, Callable[[Preset, DataInfo, torch.device, bool], Translator]] = {
+TRANSLATORS: dict[str, type[Touch2Touch | ResNet18Translator | FieldTranslator]] = {
     "touch2touch": Touch2Touch,
     "resnet18": ResNet18Translator,
+    "field": FieldTranslator,
 }
 """What makes a translator of each model: from preset, data set, device, and whether in bf16."""
 

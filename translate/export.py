@@ -7,6 +7,13 @@ norms folded in, phi^-1 for touch2touch, the clipping to full scale.
     outputs  counts          (B, N) float32, within zero and full scale
              tactile_images  (B, R, C) float32, counts, R x C = 396 x 240
 
+and of a field run
+
+    input    untouched       (1, 3, S, S), the same DIGIT's frame while nothing touches it; where it
+                             is not given, the mean frame of the run's world
+    outputs  counts_std      (B, N) float32, counts, the standard deviation of each
+             force_n, force_std_n    (B,) float32, N, of a run that was trained on several forces
+
 B is free. The file's metadata name the model, its preset, the layout with its positions and full
 scale. Shape letters: c channels, S the run's image side, N taxels, R rows and C columns.
 """
@@ -21,9 +28,13 @@ import torch
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
+from t2twin.translate.field import FromPixels
 from t2twin.translate.predict import TrainedTranslator
 
-INPUT, COUNTS, TACTILE_IMAGES = "images", "counts", "tactile_images"
+INPUT, UNTOUCHED = "images", "untouched"
+COUNTS, TACTILE_IMAGES = "counts", "tactile_images"
+OUTPUTS = (COUNTS, TACTILE_IMAGES, "counts_std", "force_n", "force_std_n")
+"""In this order; what a run does not tell is left out from the end."""
 
 OPSET = 17
 """Version of ONNX's operators: not the newest, so that older runtimes read the file too."""
@@ -32,7 +43,8 @@ PARITY_IMAGES = 5
 """Random pictures that the file is compared with the run on before it is kept."""
 
 PARITY_COUNTS = 1.0
-"""Largest difference that is let through, counts."""
+"""Largest difference that is let through, counts; of standard deviations above 1,000 in parts of a
+thousandth."""
 
 
 def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
@@ -52,29 +64,45 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     run = run.in_float32()  # as the file computes
     pixels = _random_pixels(run)
     images = torch.from_numpy(pixels.astype(np.float32) / 255.0).permute(0, 3, 1, 2).contiguous()
+    module = run.translator.as_module().eval()
+    frame = [module.mean_frame] if isinstance(module, FromPixels) else []
+    with torch.inference_mode():
+        outputs = OUTPUTS[: len(module(images, *frame))]
     with whole_file(Path(path)) as temporary:
         with warnings.catch_warnings():
             # The tracing exporter is deprecated, but its successor needs onnxscript as well.
             warnings.simplefilter("ignore", DeprecationWarning)
             warnings.filterwarnings("ignore", "torch.from_numpy results are registered")  # as meant
             torch.onnx.export(
-                run.translator.as_module().eval(),
-                (images,),
+                module,
+                (images, *frame),
                 str(temporary),
-                input_names=[INPUT],
-                output_names=[COUNTS, TACTILE_IMAGES],
-                dynamic_axes={name: {0: "batch"} for name in (INPUT, COUNTS, TACTILE_IMAGES)},
+                input_names=[INPUT, UNTOUCHED][: 1 + len(frame)],
+                output_names=list(outputs),
+                dynamic_axes={name: {0: "batch"} for name in (INPUT, *outputs)},
                 opset_version=OPSET,
                 dynamo=False,
             )
         model = onnx.load(temporary)
-        model.doc_string = _about(run)
+        for each in frame:  # an input that is also a constant has that for its default
+            default = onnx.numpy_helper.from_array(each.numpy(), UNTOUCHED)
+            model.graph.initializer.append(default)
+        model.doc_string = _about(run, outputs)
         onnx.helper.set_model_props(model, _metadata(run))
         onnx.checker.check_model(model, full_check=True)
         onnx.save(model, temporary)
-        session = onnxruntime.InferenceSession(temporary, providers=["CPUExecutionProvider"])
+        options = onnxruntime.SessionOptions()
+        options.log_severity_level = 3  # errors; it warns of an input that has a default, as meant
+        session = onnxruntime.InferenceSession(
+            temporary, options, providers=["CPUExecutionProvider"]
+        )
         (theirs,) = session.run([COUNTS], {INPUT: images.numpy()})
         apart = float(np.abs(theirs - run.predict_pixels(pixels)).max())
+        if frame:
+            (theirs,) = session.run([OUTPUTS[2]], {INPUT: images.numpy()})
+            own = run.estimate_pixels(pixels).counts_std
+            # Exponentials: rounding is a part of them.
+            apart = max(apart, float((np.abs(theirs - own) / np.maximum(1.0, own / 1e3)).max()))
         if apart > PARITY_COUNTS:
             raise T2TwinError(
                 f"the ONNX file's counts differ from the run's by {apart:.1f}, more than "
@@ -90,14 +118,14 @@ def _random_pixels(run: TrainedTranslator) -> np.ndarray:
     return np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
 
 
-def _about(run: TrainedTranslator) -> str:
+def _about(run: TrainedTranslator, outputs: tuple[str, ...]) -> str:
     preset, info = run.config.preset, run.config.data
     colour = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
     return (
         f"{run.config.model} of t2twin: DIGIT images to the counts of {info.x_mm.size} taxels. "
         f"Input {INPUT}: {preset.size} x {preset.size} pixels, {colour}, float32 in [0, 1], "
-        f"upright, resized bilinearly with antialiasing. Outputs {COUNTS} and {TACTILE_IMAGES}: "
-        f"float32, counts, from 0 to {info.full_scale_counts:g}."
+        f"upright, resized bilinearly with antialiasing. Outputs {', '.join(outputs)}: float32, "
+        f"counts from 0 to {info.full_scale_counts:g}, forces in newtons."
     )
 
 

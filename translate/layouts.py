@@ -1,7 +1,7 @@
 """A trained translator applied to a taxel layout that it was not trained on.
 
-touch2touch draws a tactile image, and any layout's phi^-1 can read one. ResNet18 has one output a
-taxel, so it cannot.
+touch2touch draws a tactile image, and any layout's phi^-1 can read one. A field is read by
+sim.cyskin.field_reading. ResNet18 has one output a taxel, so it cannot be read elsewhere.
 
 Shape letters: S the run's image side, N taxels of the new layout.
 """
@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import Layout
 from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.phi import Phi
 
@@ -28,6 +29,11 @@ def same_layout(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> bool:
     """Whether these are the trained layout's positions, in its order. x_mm, y_mm: (N,), mm."""
     own, other = np.stack([trained.x_mm, trained.y_mm]), np.stack([x_mm, y_mm])
     return own.shape == other.shape and bool(np.abs(own - other).max() < SAME_MM)
+
+
+def same_pads(one: Layout, other: Layout) -> bool:
+    """Whether two layouts of the same positions have pads of the same sizes."""
+    return bool(np.abs(one.pad_diameter_mm - other.pad_diameter_mm).max() < SAME_MM)
 
 
 def check_inside(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> None:

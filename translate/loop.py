@@ -1,4 +1,4 @@
-"""A training in progress: its epochs, one loop for both translators."""
+"""A training in progress: its epochs, one loop for all translators."""
 
 import math
 import time
@@ -13,6 +13,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.progress import Progress
 from t2twin.translate import distributed
 from t2twin.translate.build import build
+from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import augment, to_input
 from t2twin.translate.data.pairs import Pairs
 from t2twin.translate.familiar import familiar_with
@@ -68,8 +69,10 @@ class TrainingLoop:
         self.translator = build(self.config)
         if resumed:
             self.history = load_state(self.out_dir / LAST, self.translator)
-        elif self.rank == 0:
-            self.config.save(self.out_dir)
+        else:
+            self.translator.prepare(self.pairs)
+            if self.rank == 0:
+                self.config.save(self.out_dir)
         self._announce(epoch_seconds)
         self._train()
         reason = reason_to_stop(self.config, self.history)
@@ -106,6 +109,7 @@ class TrainingLoop:
                 if log is not None:
                     # The best weights first: killed in between, the epoch is simply done again.
                     if best:
+                        self.translator.calibrate(self.validation)
                         save_weights(self.out_dir / BEST, self.translator.predictor)
                     save_state(self.out_dir / LAST, self.translator, self.history)
                     log.write(self.history)
@@ -172,11 +176,17 @@ class TrainingLoop:
         """One step on the pairs with these indices."""
         preset = self.config.preset
         batch = np.sort(batch)  # the order on disk
-        pixels = self.pairs.images[batch].astype(np.float32) / 255.0
+        pairs, field = self.pairs, self.pairs.field
+        pixels = pairs.pictures[batch].astype(np.float32) / 255.0
         if preset.brightness or preset.contrast or preset.noise:
             pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
-        counts = torch.from_numpy(self.pairs.counts[batch])
-        return translator.step(to_input(pixels), counts)
+        examples = Examples(
+            to_input(pixels),
+            torch.from_numpy(pairs.counts[batch]),
+            None if field is None else torch.from_numpy(field[batch].astype(np.float32)),
+            torch.from_numpy(pairs.force_n[batch].astype(np.float32)),
+        )
+        return translator.step(examples)
 
     def _validate(self) -> float:
         """RMSE on the validation split, counts; the processes share it."""
@@ -184,7 +194,7 @@ class TrainingLoop:
         squares = 0.0
         for start in range(0, mine.size, PREDICT_AT_ONCE):
             index = mine[start : start + PREDICT_AT_ONCE]
-            pixels = self.validation.images[index].astype(np.float32) / 255.0
+            pixels = self.validation.pictures[index].astype(np.float32) / 255.0
             predicted = self.translator.predict(to_input(pixels)).cpu().numpy()
             squares += float(np.square(predicted - self.validation.counts[index]).sum(dtype=float))
         return math.sqrt(distributed.total(squares) / self.validation.counts.size)
@@ -199,7 +209,7 @@ class TrainingLoop:
         for _ in range(TIMED_STEPS):
             self._step(translator, mine, rng)
         step_seconds = (time.perf_counter() - started) / TIMED_STEPS
-        few = self.validation.images[: min(PREDICT_AT_ONCE, len(self.validation))]
+        few = self.validation.pictures[: min(PREDICT_AT_ONCE, len(self.validation))]
         inputs = to_input(few.astype(np.float32) / 255.0)
         started = time.perf_counter()
         translator.predict(inputs)

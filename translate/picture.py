@@ -17,24 +17,35 @@ FONT_SIZE = 20
 UNIT_SIZE = 18
 """Sizes of the picture's furniture, picture pixels."""
 
+HALF_FADED_PART = 0.05
+"""Standard deviation at which a colour is half white, parts of full scale (assumed: the errors of
+what lies beyond the view)."""
+
 STEPS = 5
 """Labels on the colour bar."""
 
 
 def tactile_picture(
-    image: np.ndarray, x_mm: np.ndarray, y_mm: np.ndarray, full_scale: float
+    image: np.ndarray,
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    full_scale: float,
+    std: np.ndarray | None = None,
 ) -> Image.Image:
     """RGB picture of a tactile image with a colour bar.
 
     image: (R, C), counts. x_mm, y_mm: (N,) taxel positions, mm, marked with rings. The colours go
-    from zero to full_scale (counts), so that pictures can be compared.
+    from zero to full_scale (counts), so that pictures can be compared. std: (R, C), counts, its
+    standard deviations; the colours fade to white where the image is not sure: half way at
+    HALF_FADED_PART of full scale.
     """
     rows, columns = image.shape[0] * SCALE, image.shape[1] * SCALE
     picture = Image.new("RGB", (columns + 3 * MARGIN + BAR_WIDTH + LABELS_WIDTH, rows + 2 * MARGIN))
     picture.paste("white", (0, 0, *picture.size))
-    large = Image.fromarray(_colours(image / full_scale)).resize(
-        (columns, rows), Image.Resampling.BILINEAR
-    )
+    colours = _colours(image / full_scale)
+    if std is not None:
+        colours = _faded(colours, std / full_scale)
+    large = Image.fromarray(colours).resize((columns, rows), Image.Resampling.BILINEAR)
     picture.paste(large, (MARGIN, MARGIN))
     draw = ImageDraw.Draw(picture)
     for x, y in zip(x_mm, y_mm, strict=True):
@@ -52,6 +63,13 @@ def tactile_picture(
         label = f"{part * full_scale:,.0f}"
         draw.text(at, label, "black", anchor=anchor, font_size=FONT_SIZE)
     return picture
+
+
+def _faded(colours: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """(R, C, 3) uint8, the colours drawn to white by standard deviations, (R, C), parts of full
+    scale."""
+    kept = (HALF_FADED_PART / (HALF_FADED_PART + std))[..., None]
+    return np.rint(kept * colours + (1.0 - kept) * 255.0).astype(np.uint8)
 
 
 def _colours(values: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import torch
 from PIL import Image
 
 from t2twin.primitives_cad.errors import T2TwinError
@@ -15,11 +16,12 @@ from t2twin.primitives_cad.progress import Progress
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.build import build, has_bf16
 from t2twin.translate.data.images import to_input, to_pixels
-from t2twin.translate.data.pairs import ImageFile
+from t2twin.translate.data.pairs import ImageFile, Pictures
+from t2twin.translate.estimate import Estimate, joined
 from t2twin.translate.familiar import LIKE
-from t2twin.translate.layouts import check_inside, same_layout
+from t2twin.translate.field import FieldTranslator
+from t2twin.translate.layouts import same_layout, same_pads
 from t2twin.translate.networks.fused import fuse
-from t2twin.translate.phi import Phi
 from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.translator import Translator
@@ -41,21 +43,74 @@ class TrainedTranslator:
         """Whether it draws tactile images, as touch2touch does, and gives what it reads in them."""
         return self.translator.draws
 
-    def predict(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
+    def predict(
+        self, images: np.ndarray | Sequence[np.ndarray], untouched: np.ndarray | None = None
+    ) -> np.ndarray:
         """Counts of one DIGIT frame, or of several.
 
         images: a frame, (h, w, 3) or (h, w) uint8, any h and w, colours in the order red, green,
         blue; or several, (B, h, w, 3) or (B, h, w), or a list of frames. An array of three axes
-        whose last has length 3 is one frame in colour.
+        whose last has length 3 is one frame in colour. untouched: a frame of the same DIGIT with
+        nothing touching it, for a field run, which takes its world's mean frame without one.
         Returns (N,) float32 of one frame, (B, N) of several, within zero and full scale.
         """
-        counts = self.predict_pixels(self._pixels(images))
+        counts = self.predict_pixels(self.pixels_of(images, untouched))
         return counts[0] if _is_frame(images) else counts
 
-    def predict_pixels(
-        self, pixels: np.ndarray | ImageFile, progress: str | None = None
+    def estimate(
+        self, images: np.ndarray | Sequence[np.ndarray], untouched: np.ndarray | None = None
+    ) -> Estimate:
+        """Counts, their standard deviations, and the force; of a field run.
+
+        images, untouched: as for `predict`. Raises T2TwinError for the other translators, which
+        do not say how sure they are.
+        """
+        told = self.estimate_pixels(self.pixels_of(images, untouched))
+        return told.first() if _is_frame(images) else told
+
+    def draw_fields(
+        self,
+        images: np.ndarray | Sequence[np.ndarray],
+        number: int,
+        seed: int = 0,
+        untouched: np.ndarray | None = None,
     ) -> np.ndarray:
-        """The same for images already at the run's size and colour, (B, S, S, c) uint8.
+        """Fields as they may be, drawn from what a field run says: (number, F) float32, counts.
+
+        images, untouched: as for `predict`; of several images (B, number, F). The F places are
+        `config.data.field_x_mm` and `field_y_mm`. Raises T2TwinError for the other translators.
+        """
+        field = self._field()
+        inputs = to_input(self.pixels_of(images, untouched).astype(np.float32) / 255.0)
+        drawn = field.teller.drawn(field.tell(inputs), number, seed).cpu().numpy()
+        return drawn[0] if _is_frame(images) else drawn
+
+    def estimate_pixels(
+        self, pixels: np.ndarray | Pictures, progress: str | None = None
+    ) -> Estimate:
+        """As `estimate`, of one or more images as for `predict_pixels`."""
+        field, parts = self._field(), []
+        for part in _parts(len(pixels), progress):
+            told = field.tell(to_input(pixels[part].astype(np.float32) / 255.0))
+            known = (None if each is None else each.cpu().numpy() for each in told)
+            parts.append(Estimate(*known, full_scale_counts=field.full_scale))  # pyright: ignore
+        return joined(parts)
+
+    def drawn(self, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+        """Tactile images of an estimate's field and of its standard deviations, of several images:
+        (B, R, C) float32 each, counts."""
+        draw = self._field().drawing.cpu()
+        field, std = (
+            draw(torch.from_numpy(of_all)).numpy()
+            for of_all in (estimate.field, estimate.field_std)
+        )
+        return field, std
+
+    def predict_pixels(
+        self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None
+    ) -> np.ndarray:
+        """The same for images already at the run's size and colour, (B, S, S, c) uint8; of a field
+        run also with their DIGITs' untouched frames after them, c = 6.
 
         progress: a name to show a bar under, or None.
         """
@@ -70,7 +125,7 @@ class TrainedTranslator:
 
         touch2touch's are what its generator drew, resized; ResNet18's are phi of its counts.
         """
-        tactile = self.counts_and_tactile_images(self._pixels(images))[1]
+        tactile = self.counts_and_tactile_images(self.pixels_of(images))[1]
         return tactile[0] if _is_frame(images) else tactile
 
     def counts_and_tactile_images(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -88,7 +143,7 @@ class TrainedTranslator:
         True of all where the run does not know.
         """
         known = self.config.pictures
-        return np.ones(len(pixels), bool) if known is None else known.is_like(pixels)
+        return np.ones(len(pixels), bool) if known is None else known.is_like(pixels[..., :3])
 
     def looks(self, pixels: np.ndarray) -> list[str]:
         """(B,) what images, as for `predict_pixels`, look like: nothing where they are like those
@@ -97,38 +152,79 @@ class TrainedTranslator:
         Nothing of all where the run does not know.
         """
         known = self.config.pictures
-        return [LIKE] * len(pixels) if known is None else known.looks(pixels)
+        return [LIKE] * len(pixels) if known is None else known.looks(pixels[..., :3])
 
-    def at_layout(self, x_mm: np.ndarray, y_mm: np.ndarray, name: str) -> "TrainedTranslator":
+    def at_layout(
+        self,
+        x_mm: np.ndarray,
+        y_mm: np.ndarray,
+        name: str,
+        pad_diameter_mm: np.ndarray | None = None,
+    ) -> "TrainedTranslator":
         """The same run, giving the counts of another taxel layout.
 
-        x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: the layout's.
-        The generator's tactile image stays what it is; the new layout's phi^-1 reads it, at the
-        generator's size. For its own layout the run is given back as it is.
-        Raises T2TwinError for a ResNet18 run, a layout that phi cannot interpolate, taxels outside
-        the trained layout's convex hull (the image says nothing there), and taxels too close
-        together for the generator's pixels.
+        x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: the layout's. pad_diameter_mm:
+        (N,) of its pads, 4 unless given; a field run reads them by their size.
+        touch2touch's tactile image stays what it is; the new layout's phi^-1 reads it, at the
+        generator's size. A field is read as the pads would (sim.cyskin.field_reading). For its own
+        layout the run is given back as it is.
+        Raises T2TwinError for a ResNet18 run; of touch2touch for a layout that phi cannot
+        interpolate, taxels outside the trained layout's convex hull (the image says nothing there),
+        and taxels too close together for the generator's pixels; of field for taxels off the cover.
         """
         trained = self.config.data
-        if same_layout(trained, x_mm, y_mm):
+        asked = replace(
+            trained, layout=name, x_mm=np.asarray(x_mm, dtype=float),
+            y_mm=np.asarray(y_mm, dtype=float), pad_diameter_mm=pad_diameter_mm,
+        )  # fmt: skip
+        if same_layout(trained, x_mm, y_mm) and (
+            not self.translator.learns_field or same_pads(trained.taxels, asked.taxels)
+        ):
             return self
         if not self.draws:
             raise T2TwinError(
                 f"{self.run_dir} is a ResNet18, which gives the {trained.x_mm.size} taxels of "
                 f"{trained.layout} that it was trained on and no others; another layout needs a "
-                "touch2touch run"
+                "touch2touch or a field run"
             )
-        x_mm, y_mm = np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float)
-        phi = Phi(x_mm, y_mm)
-        check_inside(trained, x_mm, y_mm, name)
-        config = replace(self.config, data=replace(trained, layout=name, x_mm=x_mm, y_mm=y_mm))
-        return replace(self, config=config, translator=self.translator.read_by(phi))
+        translator = self.translator.read_at(asked.taxels)
+        return replace(self, config=replace(self.config, data=asked), translator=translator)
 
     def in_float32(self) -> "TrainedTranslator":
         """The same run, computing in float32 also where the processor has bfloat16."""
         return replace(self, translator=self.translator.in_float32())
 
-    def _pixels(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
+    def _field(self) -> FieldTranslator:
+        """Its translator, of a field run. Raises T2TwinError for the others."""
+        if not isinstance(self.translator, FieldTranslator):
+            raise T2TwinError(
+                f"{self.run_dir} is a {self.config.model} run, which gives counts and does not say "
+                "how sure it is of them; a field run does"
+            )
+        return self.translator
+
+    def pixels_of(
+        self, images: np.ndarray | Sequence[np.ndarray], untouched: np.ndarray | None = None
+    ) -> np.ndarray:
+        """What `predict_pixels` takes, of images as for `predict`.
+
+        Raises T2TwinError for arrays that are no 8-bit images, and for an untouched frame for a run
+        that does not look at one.
+        """
+        pixels = self._resized(images)
+        if untouched is None:
+            return pixels
+        return self.with_untouched(pixels, self._resized([untouched])[0])
+
+    def with_untouched(self, pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
+        """(B, S, S, 6) uint8: pixels, (B, S, S, 3), with a frame, (S, S, 3), after each.
+
+        Raises T2TwinError for a run that does not look at one.
+        """
+        self._field()
+        return np.concatenate([pixels, np.broadcast_to(frame, pixels.shape)], axis=-1)
+
+    def _resized(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
         """(B, S, S, c) uint8. Raises T2TwinError for arrays that are no 8-bit images."""
         preset = self.config.preset
         pixels = [np.empty((0, preset.size, preset.size, 1 if preset.grey else 3), np.uint8)]
@@ -164,7 +260,7 @@ def load_run(
     if layout is None:
         return run
     places = load_layout(layout)
-    return run.at_layout(places.x_mm, places.y_mm, places.name)
+    return run.at_layout(places.x_mm, places.y_mm, places.name, places.pad_diameter_mm)
 
 
 def _is_frame(images: np.ndarray | Sequence[np.ndarray]) -> bool:

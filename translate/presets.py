@@ -1,4 +1,4 @@
-"""Sizes and settings of the two translators: the paper's, one for a CPU, one for tests.
+"""Sizes and settings of the translators: the paper's, one for a CPU, one for tests.
 
 Settings that Grella et al. 2023 give are theirs; pix2pix's own are Isola et al. 2017's; the rest
 says "assumed" or "measured".
@@ -9,8 +9,11 @@ from typing import Literal
 
 from t2twin.primitives_cad.errors import T2TwinError
 
-Model = Literal["touch2touch", "resnet18"]
-MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
+Model = Literal["touch2touch", "resnet18", "field"]
+MODELS: tuple[Model, ...] = ("touch2touch", "resnet18", "field")
+
+PAPER_MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
+"""Those of Grella et al. 2023, which learn from any pairs; the field is not in all data sets."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +143,56 @@ PRESETS: dict[Model, dict[str, Preset]] = {
         "smoke": Preset(
             name="smoke",
             size=64,  # at 32 the last stage has one pixel, too few for batch norm's statistics
+            grey=False,
+            filters=16,
+            batch=8,
+            learning_rate=2e-3,
+            beta1=0.9,
+            epochs=10,
+            patience=10,
+        ),
+    },
+    "field": {
+        "paper": Preset(
+            name="paper",
+            size=256,
+            grey=False,
+            filters=64,  # He et al. 2016
+            batch=32,  # assumed
+            learning_rate=1e-3,
+            beta1=0.9,
+            schedule="cosine",
+            weight_decay=0.5,
+            averaged_part=0.1,
+            epochs=200,
+            patience=20,
+            bf16=True,
+            brightness=0.02,
+            contrast=0.05,
+            noise=0.01,
+        ),
+        "cpu": Preset(
+            name="cpu",
+            size=96,
+            grey=False,
+            filters=32,
+            batch=32,
+            learning_rate=1e-3,
+            beta1=0.9,
+            schedule="cosine",
+            weight_decay=0.5,
+            averaged_part=0.1,
+            epochs=40,
+            steps=15_900,
+            patience=15,
+            bf16=True,
+            brightness=0.02,
+            contrast=0.05,
+            noise=0.01,
+        ),
+        "smoke": Preset(
+            name="smoke",
+            size=64,
             grey=False,
             filters=16,
             batch=8,

@@ -12,9 +12,11 @@ from torch import nn
 from torch.nn import functional
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.cyskin.layout import Layout
 from t2twin.translate.averaging import running_mean
+from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
-from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.data.pairs import DataInfo, Pairs
 from t2twin.translate.distributed import average_gradients
 from t2twin.translate.networks.resnet18 import ResNet18
 from t2twin.translate.phi import Phi
@@ -25,6 +27,7 @@ class ResNet18Translator:
     """The Translator of one network, which gives the counts of the layout of its training."""
 
     draws = False
+    learns_field = False
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         self.info = info
@@ -46,16 +49,23 @@ class ResNet18Translator:
         self.running = running_mean(self.network, preset.averaged_part)
         self.predictor = self.network if self.running is None else self.running.module
 
-    def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:
+    def prepare(self, pairs: Pairs) -> None:
+        """See Translator: it needs to know nothing of them."""
+
+    def calibrate(self, *sets: Pairs) -> None:
+        """See Translator: it says nothing of how sure it is."""
+
+    def step(self, examples: Examples) -> dict[str, float]:
         """One step on L3, the mean squared error, of counts in parts of full scale.
 
-        images: (B, 3, S, S) normalised. counts: (B, N). Returns the loss by name.
+        images: (B, 3, S, S) normalised. Returns the loss by name.
         """
         optimizer = self.optimizers["resnet18"]
         optimizer.zero_grad()
         with self._precision():
-            predicted = self.network(images.to(self.device))
-        loss = functional.mse_loss(predicted.float(), counts.to(self.device) / self.full_scale)
+            predicted = self.network(examples.images.to(self.device))
+        wanted = examples.counts.to(self.device) / self.full_scale
+        loss = functional.mse_loss(predicted.float(), wanted)
         loss.backward()
         average_gradients(self.network)
         optimizer.step()
@@ -80,7 +90,7 @@ class ResNet18Translator:
         counts = self.predict(images)
         return counts, torch.from_numpy(self.phi(counts.cpu().numpy()))
 
-    def read_by(self, phi: Phi) -> Self:
+    def read_at(self, layout: Layout) -> Self:
         """See Translator: it draws no images."""
         raise T2TwinError("a ResNet18 draws no tactile image that another layout could read")
 

@@ -15,10 +15,12 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from t2twin.sim.cyskin.layout import Layout
 from t2twin.translate.averaging import running_mean
-from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.data.examples import Examples
+from t2twin.translate.data.pairs import DataInfo, Pairs
 from t2twin.translate.distributed import average_gradients
-from t2twin.translate.layouts import reading_at
+from t2twin.translate.layouts import check_inside, reading_at
 from t2twin.translate.networks.patchgan import PatchGAN
 from t2twin.translate.networks.unet import UNet
 from t2twin.translate.phi import TACTILE_SHAPE, Phi
@@ -29,8 +31,10 @@ class Touch2Touch:
     """The Translator of a generator and a discriminator; it predicts with the generator."""
 
     draws = True
+    learns_field = False
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
+        self.info = info
         self.phi = Phi(info.x_mm, info.y_mm).resized((preset.size, preset.size))
         self.full_scale = info.full_scale_counts
         self.l1_weight = preset.l1_weight
@@ -59,13 +63,19 @@ class Touch2Touch:
         self.running = running_mean(self.generator, preset.averaged_part)
         self.predictor = self.generator if self.running is None else self.running.module
 
-    def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:
+    def prepare(self, pairs: Pairs) -> None:
+        """See Translator: it needs to know nothing of them."""
+
+    def calibrate(self, *sets: Pairs) -> None:
+        """See Translator: it says nothing of how sure it is."""
+
+    def step(self, examples: Examples) -> dict[str, float]:
         """One step of the discriminator, then one of the generator.
 
-        images: (B, 1, S, S) in [-1, 1]. counts: (B, N). Returns the losses by name.
+        images: (B, 1, S, S) in [-1, 1]. Returns the losses by name.
         """
-        images = images.to(self.device)
-        real = self._to_image(counts.to(self.device))
+        images = examples.images.to(self.device)
+        real = self._to_image(examples.counts.to(self.device))
         with self._precision():
             drawn = self.generator(images)
         discriminator_loss = self._discriminator_step(images, real, drawn.detach())
@@ -95,8 +105,10 @@ class Touch2Touch:
         """phi^-1 of drawn images, clipped to what taxels can say. (B, 1, S, S) -> (B, N)."""
         return self.phi.from_torch(tactile_images).clamp(0.0, self.full_scale)
 
-    def read_by(self, phi: Phi) -> Self:
+    def read_at(self, layout: Layout) -> Self:
         """See Translator. The images stay what they are: phi's inverse reads them at their size."""
+        phi = Phi(layout.x_mm, layout.y_mm)
+        check_inside(self.info, layout.x_mm, layout.y_mm, layout.name)
         other = copy(self)
         other.phi = reading_at(phi.resized(self.phi.shape), self.phi)
         return other

@@ -1,4 +1,4 @@
-"""Training, one loop for both translators.
+"""Training, one loop for all translators.
 
     t2twin train resnet18 --data data/small --preset cpu --out runs/resnet18
     torchrun --nproc-per-node 2 -m t2twin.translate.train resnet18 data/small cpu runs/resnet18
@@ -19,7 +19,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import LOCK, is_empty, locked
 from t2twin.sim.seeds import check_seed
 from t2twin.translate import distributed
-from t2twin.translate.build import has_bf16
+from t2twin.translate.build import TRANSLATORS, has_bf16
 from t2twin.translate.data.pairs import CACHE, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.loop import TrainingLoop
 from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
@@ -45,13 +45,13 @@ def train(
 ) -> Outcome:
     """Trains a translator on DIR's train split, watching its val split, into the folder out_dir.
 
-    model: "touch2touch" or "resnet18". preset: a name of t2twin.translate.presets, or a Preset.
-    epochs: most epochs; by default the preset's, and no more than its steps make. minutes: most
-    minutes; as many epochs are planned as fit in, and the schedule of the learning rate follows
-    the plan. steps: most steps, instead of the preset's steps and epochs, rounded to whole epochs.
-    An epoch goes through all pairs; of so many that the steps would make few epochs, through a part
-    of them, and the next goes on where it ended (loop.steps_of_epoch). For steps beyond its own a
-    preset is changed by `for_steps`.
+    model: "touch2touch", "resnet18" or "field". preset: a name of t2twin.translate.presets, or a
+    Preset. epochs: most epochs; by default the preset's, and no more than its steps make. minutes:
+    most minutes; as many epochs are planned as fit in, and the schedule of the learning rate
+    follows the plan. steps: most steps, instead of the preset's steps and epochs, rounded to whole
+    epochs. An epoch goes through all pairs; of so many that the steps would make few epochs,
+    through a part of them, and the next goes on where it ended (loop.steps_of_epoch). For steps
+    beyond its own a preset is changed by `for_steps`.
     Raises T2TwinError for an unknown model or preset, a data set that cannot be read, a folder that
     holds another run, and a loss that stops being a number.
     """
@@ -83,7 +83,8 @@ def train(
             return outcome
         with locked(out_dir) if rank == 0 else nullcontext():
             _check_own(out_dir)
-            pairs, validation = _load_in_turn(data_dir, out_dir, settings, rank)
+            learns_field = TRANSLATORS[model].learns_field
+            pairs, validation = _load_in_turn(data_dir, out_dir, settings, learns_field, rank)
             outcome = TrainingLoop(config, out_dir, pairs, validation, rank).run()
             if rank == 0:
                 write_card(out_dir, data_dir)
@@ -130,18 +131,23 @@ def _check_shares(preset: Preset, processes: int) -> None:
         )
 
 
-def _load_in_turn(data_dir: Path, out_dir: Path, preset: Preset, rank: int) -> tuple[Pairs, Pairs]:
+def _load_in_turn(
+    data_dir: Path, out_dir: Path, preset: Preset, with_field: bool, rank: int
+) -> tuple[Pairs, Pairs]:
     """Both splits: the first process decodes them, the others read what it wrote."""
     cache = usable_cache(data_dir, out_dir)
     if rank == 0:
-        _load_both(data_dir, preset, cache)
+        _load_both(data_dir, preset, with_field, cache)
     distributed.wait()
-    return _load_both(data_dir, preset, cache)
+    return _load_both(data_dir, preset, with_field, cache)
 
 
-def _load_both(data_dir: Path, preset: Preset, cache: Path) -> tuple[Pairs, Pairs]:
+def _load_both(
+    data_dir: Path, preset: Preset, with_field: bool, cache: Path
+) -> tuple[Pairs, Pairs]:
     pairs, validation = (
-        load_pairs(data_dir, split, preset.size, preset.grey, cache) for split in ("train", "val")
+        load_pairs(data_dir, split, preset.size, preset.grey, cache, with_field)
+        for split in ("train", "val")
     )
     if len(pairs) < FEWEST_PAIRS:
         raise T2TwinError(

@@ -10,7 +10,9 @@ import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
-from t2twin.translate.phi import Phi
+from t2twin.sim.cyskin.layout import Layout
+from t2twin.translate.data.examples import Examples
+from t2twin.translate.data.pairs import Pairs
 
 
 class Translator(Protocol):
@@ -50,8 +52,22 @@ class Translator(Protocol):
         """Whether it draws tactile images, which can be read at another taxel layout."""
         ...
 
-    def step(self, images: torch.Tensor, counts: torch.Tensor) -> dict[str, float]:
+    @property
+    def learns_field(self) -> bool:
+        """Whether it is trained on the field, which not every data set holds."""
+        ...
+
+    def prepare(self, pairs: Pairs) -> None:
+        """Takes from the training's pairs what it must know before the first step."""
+        ...
+
+    def step(self, examples: Examples) -> dict[str, float]:
         """One step of training on a batch of pairs. Returns the losses by name."""
+        ...
+
+    def calibrate(self, *sets: Pairs) -> None:
+        """Takes from pairs that are not trained on what the predictor's spreads are to be
+        multiplied by, and keeps it with its weights."""
         ...
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
@@ -62,11 +78,11 @@ class Translator(Protocol):
         """What `predict` gives, and tactile images, (B, R, C) float32, counts."""
         ...
 
-    def read_by(self, phi: Phi) -> Self:
-        """The same networks, what they draw being read at the taxels of another phi.
+    def read_at(self, layout: Layout) -> Self:
+        """The same networks, what they draw being read at the taxels of another layout.
 
-        phi: at the full size of a tactile image. Raises T2TwinError where it draws no images, and
-        where its images do not tell those taxels apart.
+        Raises T2TwinError where it draws no images, for a layout that phi cannot interpolate, and
+        for one that what it draws does not reach or does not tell apart.
         """
         ...
 

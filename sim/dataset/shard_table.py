@@ -4,6 +4,7 @@ something else."""
 import numpy as np
 import pyarrow as pa
 
+from t2twin.sim.dataset.columns import FIELD
 from t2twin.sim.dataset.info import DatasetInfo, Shard
 
 ALWAYS = ("shape", "family", "split", "index", "taxels")
@@ -30,18 +31,20 @@ def check_table(
             raise ValueError(f"its column {name} has values that are not finite")
     if table.num_rows != shard.pairs:
         raise ValueError(f"it has {table.num_rows} rows instead of {shard.pairs}")
-    if "taxels" in columns:
-        _check_taxels(table["taxels"], len(info.layout_x_mm), info.full_scale_counts)
+    for name, places in (("taxels", info.layout_x_mm), (FIELD, info.field_x_mm or ())):
+        if name in columns:
+            _check_counts(table[name], name, len(places), info.full_scale_counts)
 
 
-def _check_taxels(column: pa.ChunkedArray, taxels: int, full_scale: int) -> None:
+def _check_counts(column: pa.ChunkedArray, name: str, places: int, full_scale: int) -> None:
     rows = column.combine_chunks()
     lengths = set(rows.value_lengths().to_pylist())
-    if lengths - {taxels}:
-        raise ValueError(f"it has rows of {min(lengths - {taxels})} taxels instead of {taxels}")
+    if lengths - {places}:
+        named = name if name == "taxels" else f"places of its {name}"
+        raise ValueError(f"it has rows of {min(lengths - {places})} {named} instead of {places}")
     counts = rows.flatten()
     if counts.null_count:
-        raise ValueError("it has taxels without a count")
+        raise ValueError(f"it has {name} without a count")
     most = counts.to_numpy().max(initial=0)
     if most > full_scale:
         raise ValueError(f"it has a count of {most}, over the full scale of {full_scale}")

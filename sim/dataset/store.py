@@ -26,7 +26,7 @@ import pyarrow.parquet as pq
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.dataset.columns import IMAGE_TYPE, SCHEMA, UNTOUCHED, hugging_face, schema_of
+from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, SCHEMA, UNTOUCHED, hugging_face, schema_of
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo
 from t2twin.sim.dataset.shard_table import check_table
 from t2twin.sim.typed_json import read_json
@@ -155,17 +155,18 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
     return pa.concat_tables(tables)
 
 
-def iter_images(folder: str | Path, shard: str) -> Iterator[bytes]:
+def iter_images(folder: str | Path, shard: str, column: str = "image") -> Iterator[bytes]:
     """A shard's pictures as PNG bytes, in the order of its rows; few are in memory at once.
 
-    Raises T2TwinError where the shard cannot be read.
+    column: UNTOUCHED for those of the DIGITs untouched. Raises T2TwinError where the shard cannot
+    be read.
     """
     with _opened(folder, shard) as file:
-        if "image" not in file.schema_arrow.names or (
-            file.schema_arrow.field("image").type != IMAGE_TYPE
+        if column not in file.schema_arrow.names or (
+            file.schema_arrow.field(column).type != IMAGE_TYPE
         ):
             raise T2TwinError(f"{Path(folder) / shard} is damaged: it holds no column of pictures")
-        for batch in file.iter_batches(ROWS_AT_ONCE, columns=["image"]):
+        for batch in file.iter_batches(ROWS_AT_ONCE, columns=[column]):
             for image in batch.column(0).to_pylist():
                 yield image["bytes"] if image else b""
 
@@ -184,5 +185,14 @@ def _opened(folder: str | Path, shard: str) -> Iterator[pq.ParquetFile]:
 
 def taxels(table: pa.Table) -> np.ndarray:
     """The taxel counts of a table that read_split gave, (n, taxels) float32."""
-    column = table.column("taxels").combine_chunks()
-    return column.flatten().to_numpy().reshape(len(column), -1).astype(np.float32)
+    return _lists(table, "taxels").astype(np.float32)
+
+
+def field(table: pa.Table) -> np.ndarray:
+    """The field's counts of a table that read_split gave, (n, places) uint16."""
+    return _lists(table, FIELD)
+
+
+def _lists(table: pa.Table, name: str) -> np.ndarray:
+    column = table.column(name).combine_chunks()
+    return column.flatten().to_numpy().reshape(len(column), -1)

@@ -20,6 +20,7 @@ from t2twin.cli import (
     shapes,
     simdata,
     studio,
+    temper,
     train,
     translate,
 )
@@ -36,6 +37,7 @@ COMMANDS = {
     "simdata": simdata.simdata,
     "import-pairs": import_pairs.import_pairs,
     "train": train.train,
+    "temper": temper.temper,
     "evaluate": evaluate.evaluate,
     "translate": translate.translate,
     "live": live.live,

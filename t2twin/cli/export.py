@@ -16,8 +16,8 @@ def export(
     Args:
         run: Folder of a trained run.
         out: File to write; RUN/MODEL.onnx unless given.
-        layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch run at; the run's
-            own unless given.
+        layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch or field run
+            at; the run's own unless given.
     """
     from t2twin.translate.distributed import use_all_cores
     from t2twin.translate.export import export_onnx

@@ -19,7 +19,7 @@ def train(
     """Train a translator, or go on with a training that was stopped.
 
     Args:
-        model: touch2touch or resnet18.
+        model: touch2touch, resnet18 or field, which needs pairs that hold the field.
         data: Folder of the dataset.
         preset: cpu (two cores), paper (as published; wants a GPU) or smoke (seconds).
         out: Folder of the run; runs/MODEL unless given.

@@ -24,20 +24,26 @@ def translate(
         bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")
     ] = True,
     bf16: bool = False,
+    untouched: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
 ) -> None:
     """Translate DIGIT images into CySkin counts; writes counts.csv, counts.json and pictures.
+
+    A field run also writes counts_std.csv, the standard deviation of each count, and says the force
+    where it was trained on several; its pictures fade to white where it is not sure.
 
     Args:
         run: Folder of a trained run.
         images: PNG or JPEG files of any size, grey or colour, upright as the DIGIT gives them, or
             folders of such files.
         out: Folder to write into.
-        layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch run at; the run's
-            own unless given.
+        layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch or field run
+            at; the run's own unless given.
         pictures: Leave the pictures of the tactile images out and write the counts only, which is
             faster.
         bf16: Compute in bfloat16 where the processor has it: faster, and up to some hundred counts
             off what float32 gives.
+        untouched: Image of the same DIGIT with nothing touching it, which a field run compares the
+            images with; the mean of those of its training unless given.
     """
     import numpy as np
 
@@ -46,7 +52,7 @@ def translate(
 
     use_all_cores()
     files = find_images(images)
-    translated = translate_files(run, files, out, layout, pictures, bf16)
+    translated = translate_files(run, files, out, layout, pictures, bf16, untouched)
     counts = translated.counts
     for image, row in zip(files[:SHOWN], np.rint(counts[:SHOWN]).astype(int), strict=True):
         print(f"{image}: " + " ".join(str(count) for count in row))

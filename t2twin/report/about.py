@@ -92,7 +92,7 @@ def _runs(report: ReportData) -> list[str]:
     ]
     models = report.evaluation.runs
     other = {
-        name_of(name): model.trained_layout
+        name_of(name): f"{model.trained_layout}, read from {_read_from(report, name)}"
         for name, model in models.items()
         if model.trained_layout != report.layout.layout
     }
@@ -100,8 +100,7 @@ def _runs(report: ReportData) -> list[str]:
         named = ", ".join(f"{name} ({layout})" for name, layout in other.items())
         parts.append(
             markup.paragraph(
-                f"Trained on another taxel layout than {report.layout.layout}, which is read "
-                f"from the tactile images that the generator draws: {named}."
+                f"Trained on another taxel layout than {report.layout.layout}: {named}."
             )
         )
     elsewhere = [
@@ -117,6 +116,12 @@ def _runs(report: ReportData) -> list[str]:
             )
         )
     return parts
+
+
+def _read_from(report: ReportData, name: str) -> str:
+    """What another layout is read from."""
+    told = report.runs[name].translator.learns_field
+    return "the field that it tells" if told else "the tactile images that the generator draws"
 
 
 def _run(report: ReportData, name: str) -> list[str]:

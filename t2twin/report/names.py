@@ -15,6 +15,7 @@ NAMES = {
     LAYOUT_FLOOR: "layout floor",
     "resnet18": "ResNet18",
     "touch2touch": "touch2touch",
+    "field": "field",
 }
 BASELINE_COLOURS = {
     MEAN_ARRAY: "#222222",

@@ -22,6 +22,7 @@ from t2twin.report import (
     results,
     shapes,
     summary,
+    sureness,
 )
 from t2twin.report.left_out import left_out
 from t2twin.report.out_folder import PAGE
@@ -37,6 +38,7 @@ LINKS = {
     "finding": "The paper's finding",
     "by-force": "By force",
     "by-view": "By view",
+    "sureness": "How sure",
     "lookalikes": "Look-alikes",
     "samples": "Samples",
     "pairs": "Pairs",
@@ -79,6 +81,7 @@ def draw_report(out: Path, report: ReportData) -> Path:
         "finding": lambda: finding.section(report),
         "by-force": lambda: by_force.section(report),
         "by-view": lambda: by_view.section(report),
+        "sureness": lambda: sureness.section(report),
         "lookalikes": lambda: lookalikes.section(report),
         "samples": lambda: qualitative.section(report),
         "pairs": lambda: pairs.section(report),
@@ -90,6 +93,8 @@ def draw_report(out: Path, report: ReportData) -> Path:
     }
     if not any(one.has_forces for one in report.evaluations.values()):
         del sections["by-force"]
+    if not sureness.is_said(report.evaluations):
+        del sections["sureness"]
     return write_page(
         out,
         _title(report),

@@ -31,7 +31,7 @@ NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 LEAST_COUNTS, LEAST_KPA = 100.0, 1.0
 """Least upper ends of the colours of counts and of kPa, so that nothing is not drawn as much."""
 
-MODELS = {"resnet18": "ResNet18", "touch2touch": "touch2touch"}
+MODELS = {"resnet18": "ResNet18", "touch2touch": "touch2touch", "field": "field"}
 """How the models are written."""
 
 WELCOME = (

@@ -57,21 +57,29 @@ def augment(
 ) -> np.ndarray:
     """Jitters a batch as a camera and its lights would: gain, offset, pixel noise.
 
-    pixels: (B, S, S, c) float32 in [0, 1]. The rest as in Preset. Returns the same shape, clipped.
+    pixels: (B, S, S, c) float32 in [0, 1]. The rest as in Preset. An untouched frame after the
+    picture, c = 6, has its gain and offset and no noise. Returns the same shape, clipped.
     """
     each = (pixels.shape[0], 1, 1, 1)
     gain = 1.0 + contrast * rng.standard_normal(each, dtype=np.float32)
     offset = brightness * rng.standard_normal(each, dtype=np.float32)
     jittered = (pixels - 0.5) * gain + (0.5 + offset)
     if noise > 0:
-        jittered += noise * rng.standard_normal(pixels.shape, dtype=np.float32)
+        picture = jittered[..., : len(RGB_MEAN)]
+        picture += noise * rng.standard_normal(picture.shape, dtype=np.float32)
     return jittered.clip(0.0, 1.0)
 
 
 def to_input(pixels: np.ndarray) -> torch.Tensor:
-    """What the networks take. pixels: (B, S, S, c) float32 in [0, 1].
+    """What the networks take. pixels: (B, S, S, c) float32 in [0, 1]: grey, RGB, or RGB with
+    the DIGIT's untouched frame after the picture (c = 6).
 
     Returns (B, c, S, S) float32, channels last in memory: grey in [-1, 1], RGB normalised.
     """
-    scaled = 2.0 * pixels - 1.0 if pixels.shape[-1] == 1 else (pixels - RGB_MEAN) / RGB_STD
+    colours = pixels.shape[-1] // len(RGB_MEAN)
+    scaled = (
+        (pixels - np.tile(RGB_MEAN, colours)) / np.tile(RGB_STD, colours)
+        if colours
+        else 2.0 * pixels - 1.0
+    )
     return torch.from_numpy(scaled).permute(0, 3, 1, 2)

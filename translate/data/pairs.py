@@ -20,10 +20,12 @@ from PIL import Image
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.dataset.columns import POSE
+from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
+from t2twin.sim.dataset.columns import FIELD, POSE
 from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
     INFO,
+    field,
     iter_images,
     read_info,
     read_split,
@@ -32,6 +34,7 @@ from t2twin.sim.dataset.store import (
     taxels,
 )
 from t2twin.translate.data.images import to_pixels
+from t2twin.translate.data.untouched import Untouched, has_untouched, load_untouched
 
 CACHE = "cache"
 IMAGES_AT_ONCE = 256
@@ -59,11 +62,30 @@ class ImageFile:
 
 
 @dataclass(frozen=True)
+class Pictures:
+    """DIGIT images, each with its DIGIT's untouched frame after it where there are frames."""
+
+    images: ImageFile
+    untouched: Untouched | None = None
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
+        """(b, S, S, c) uint8, c being 6 with the frames."""
+        pictures = self.images[index]
+        if self.untouched is None:
+            return pictures
+        return np.concatenate([pictures, self.untouched[index]], axis=-1)
+
+
+@dataclass(frozen=True)
 class Pairs:
     """One split of a data set.
 
     images: the P DIGIT images, (S, S, c) each. counts: (P, N) float32.
     shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
+    field: (P, F) uint16, counts, and untouched, the DIGITs' frames, where they were asked for.
     """
 
     images: ImageFile
@@ -74,14 +96,27 @@ class Pairs:
     y_mm: np.ndarray
     yaw_rad: np.ndarray
     force_n: np.ndarray
+    field: np.ndarray | None = None
+    untouched: Untouched | None = None
 
     def __len__(self) -> int:
         return self.counts.shape[0]
 
+    @property
+    def pictures(self) -> Pictures:
+        """What a translator looks at."""
+        return Pictures(self.images, self.untouched)
+
     def some(self, places: np.ndarray) -> "Pairs":
         """Those at these places, (b,), of a split whose images are whole."""
-        rest = {f.name: getattr(self, f.name)[places] for f in fields(self) if f.name != "images"}
-        return Pairs(images=ImageFile(self.images.path, places), **rest)
+        apart = ("images", "field", "untouched")
+        rest = {f.name: getattr(self, f.name)[places] for f in fields(self) if f.name not in apart}
+        return Pairs(
+            images=ImageFile(self.images.path, places),
+            field=None if self.field is None else self.field[places],
+            untouched=None if self.untouched is None else self.untouched.some(places),
+            **rest,
+        )
 
 
 @dataclass(frozen=True)
@@ -90,7 +125,9 @@ class DataInfo:
 
     layout: the taxel layout's name. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
     taxels saturate. world: what made the pairs (module origin), None of imported ones and where a
-    run of an older version does not know. train_pairs: how many there are to train on.
+    run of an older version does not know. train_pairs: how many there are to train on. field_x_mm,
+    field_y_mm: (F,) places of the field, None where the pairs hold none. pad_diameter_mm: (N,) of
+    the taxels, None where it is not known.
     """
 
     sha256: str
@@ -100,6 +137,16 @@ class DataInfo:
     full_scale_counts: float
     world: str | None = None
     train_pairs: int | None = None
+    field_x_mm: np.ndarray | None = None
+    field_y_mm: np.ndarray | None = None
+    pad_diameter_mm: np.ndarray | None = None
+
+    @property
+    def taxels(self) -> Layout:
+        """The layout itself, its pads of the usual size where that is not known."""
+        pads = self.pad_diameter_mm
+        usual = np.full(self.x_mm.size, PAD_DIAMETER_MM)
+        return Layout(self.layout, self.x_mm, self.y_mm, usual if pads is None else pads)
 
     @property
     def world_shown(self) -> str:
@@ -110,6 +157,7 @@ class DataInfo:
 def load_info(data_dir: Path) -> DataInfo:
     """Reads DIR/info.json. Raises T2TwinError where it is missing or wrong."""
     info = read_info(data_dir)
+    pads = info.parameters.cyskin.pad_diameter_mm if info.parameters else info.pad_diameter_mm
     return DataInfo(
         sha256=sha256_of(data_dir / INFO),
         layout=info.layout,
@@ -118,25 +166,46 @@ def load_info(data_dir: Path) -> DataInfo:
         full_scale_counts=float(info.full_scale_counts),
         world=info.world_name,
         train_pairs=info.pairs["train"],
+        field_x_mm=known(info.field_x_mm),
+        field_y_mm=known(info.field_y_mm),
+        pad_diameter_mm=known(pads),
     )
 
 
+def known(values: tuple[float, ...] | None) -> np.ndarray | None:
+    """An array, or None of None."""
+    return None if values is None else np.array(values)
+
+
 def load_pairs(
-    data_dir: Path, split: str, size: int, grey: bool, cache_dir: Path | None = None
+    data_dir: Path,
+    split: str,
+    size: int,
+    grey: bool,
+    cache_dir: Path | None = None,
+    with_field: bool = False,
 ) -> Pairs:
     """One split with its images at size x size, grey or RGB.
 
-    cache_dir: where decoded images are kept, by default the data set's `cache`.
-    Raises T2TwinError for an unknown, missing or unfinished split.
+    cache_dir: where decoded images are kept, by default the data set's `cache`. with_field: also
+    the field's counts, and the DIGITs' untouched frames where the pairs hold them.
+    Raises T2TwinError for an unknown, missing or unfinished split, and for pairs without a field
+    where it is asked for.
     """
-    info = load_info(data_dir)
-    table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels"])
+    info, stored = load_info(data_dir), read_info(data_dir)
+    if with_field and info.field_x_mm is None:
+        raise T2TwinError(
+            f"the pairs in {data_dir} hold no field; make a world that has it, such as "
+            "`t2twin simdata --world union`"
+        )
+    more = [FIELD] if with_field else []
+    table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels", *more])
     counts = taxels(table)
-    colour = "grey" if grey else "rgb"
-    cache = (cache_dir or data_dir / CACHE) / f"{split}-{size}-{colour}-{info.sha256[:12]}.npy"
+    colour, name = "grey" if grey else "rgb", info.sha256[:12]
+    folder = cache_dir or data_dir / CACHE
+    cache = folder / f"{split}-{size}-{colour}-{name}.npy"
     shape = (table.num_rows, size, size, 1 if grey else 3)
     if not _is_whole(cache, shape):
-        stored = read_info(data_dir)
         shards = split_shards(stored, split)
         images = chain.from_iterable(iter_images(data_dir, shard) for shard in shards)
         _write_cache(cache, images, shape, stored.image_shape)
@@ -145,6 +214,10 @@ def load_pairs(
         counts=counts,
         shapes=np.array(table["shape"].to_pylist()),
         families=np.array(table["family"].to_pylist()),
+        field=field(table) if with_field else None,
+        untouched=load_untouched(data_dir, split, size, folder, name)
+        if with_field and has_untouched(stored)
+        else None,
         **{name: table[name].to_numpy() for name in POSE},
     )
 

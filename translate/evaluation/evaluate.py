@@ -13,6 +13,7 @@ from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_info, load_pairs, usable_cache
+from t2twin.translate.estimate import Estimate
 from t2twin.translate.evaluation import bootstrap
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
@@ -22,6 +23,7 @@ from t2twin.translate.evaluation.baselines import (
     mean_array,
     neighbours,
 )
+from t2twin.translate.evaluation.certainty import with_certainty
 from t2twin.translate.evaluation.field_of_view import FieldOfView, view_on
 from t2twin.translate.evaluation.findings import findings, gap
 from t2twin.translate.evaluation.forces import (
@@ -92,7 +94,7 @@ def check_asked(
     info = load_info(data_dir)
     loaded = [load_run(run) for run in runs]
     for run in loaded:
-        run.at_layout(info.x_mm, info.y_mm, info.layout)
+        _at(run, info)
     run_names(loaded)
     return info, loaded
 
@@ -101,19 +103,19 @@ def _evaluate(
     loaded: list[TrainedTranslator], info: DataInfo, data_dir: Path, split: str, out_dir: Path
 ) -> Evaluation:
     trained = dict(zip(run_names(loaded), loaded, strict=True))
-    applied = {
-        name: run.at_layout(info.x_mm, info.y_mm, info.layout) for name, run in trained.items()
-    }
+    applied = {name: _at(run, info) for name, run in trained.items()}
     cache = usable_cache(data_dir, out_dir)
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, False, cache) for s in (split, "train"))
     near = neighbours(train.images, pairs.images, NEIGHBOURS, progress=NEAREST_NEIGHBOUR)
     bins = force_bins(pairs, train)
     predictions = _without_runs(data_dir, pairs, train, near, bins)
     predictions |= _layout_floor(loaded, info, pairs)
-    predictions |= _of_runs(applied, data_dir, split, cache)
+    of_runs, estimates = _of_runs(applied, data_dir, split, cache)
+    predictions |= of_runs
     view = view_on(info.x_mm, info.y_mm)
     models, differences = rows_of(predictions, pairs, info, view, bins)
     models |= {name: row_of_run(models[name], run, info) for name, run in trained.items()}
+    models = with_certainty(models, estimates, pairs.counts, pairs.force_n)
     # Of the training split every pair is its own nearest.
     compared = split != "train"
     alike = lookalikes(data_dir, split, pairs, train, near, view.groups) if compared else None
@@ -134,9 +136,14 @@ def _evaluate(
         findings=findings(models, differences),
         world=info.world,
     )
-    write_predictions(out_dir, _predictions(predictions, pairs))
+    write_predictions(out_dir, _predictions(predictions, estimates, pairs))
     write_evaluation(out_dir, evaluation)
     return evaluation
+
+
+def _at(run: TrainedTranslator, info: DataInfo) -> TrainedTranslator:
+    """A run at a dataset's layout."""
+    return run.at_layout(info.x_mm, info.y_mm, info.layout, info.pad_diameter_mm)
 
 
 def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
@@ -230,9 +237,10 @@ def _without_runs(
 def _layout_floor(
     trained: list[TrainedTranslator], info: DataInfo, pairs: Pairs
 ) -> dict[str, np.ndarray]:
-    """(P, N) counts, of the first run that was trained on another layout, if any was."""
+    """(P, N) counts, of the first run that was trained on another layout's counts, if any was."""
     for run in trained:
-        if not same_layout(run.config.data, info.x_mm, info.y_mm):
+        own = same_layout(run.config.data, info.x_mm, info.y_mm)
+        if not own and not run.translator.learns_field:
             kept = seen_through(run.config.data, info.x_mm, info.y_mm)
             return {LAYOUT_FLOOR: (pairs.counts @ kept.T).astype(np.float32)}
     return {}
@@ -240,14 +248,20 @@ def _layout_floor(
 
 def _of_runs(
     runs: Mapping[str, TrainedTranslator], data_dir: Path, split: str, cache: Path
-) -> dict[str, np.ndarray]:
-    """(P, N) counts that each run predicts."""
-    predictions = {}
+) -> tuple[dict[str, np.ndarray], dict[str, Estimate]]:
+    """(P, N) counts that each run predicts, and what those say that say how sure they are."""
+    has_field = load_info(data_dir).field_x_mm is not None
+    predictions, estimates = {}, {}
     for name, run in runs.items():
-        preset = run.config.preset
-        own = load_pairs(data_dir, split, preset.size, preset.grey, cache)
-        predictions[name] = run.predict_pixels(own.images, progress=name)
-    return predictions
+        preset, tells = run.config.preset, run.translator.learns_field
+        # Pairs with a field mostly hold their DIGITs' untouched frames too.
+        own = load_pairs(data_dir, split, preset.size, preset.grey, cache, tells and has_field)
+        if tells:
+            estimates[name] = run.estimate_pixels(own.pictures, progress=name)
+            predictions[name] = estimates[name].counts
+        else:
+            predictions[name] = run.predict_pixels(own.images, progress=name)
+    return predictions, estimates
 
 
 def _view(view: FieldOfView) -> View:
@@ -269,7 +283,9 @@ def _bootstrap(pairs: Pairs) -> Bootstrap:
     )
 
 
-def _predictions(predictions: dict[str, np.ndarray], pairs: Pairs) -> Predictions:
+def _predictions(
+    predictions: dict[str, np.ndarray], estimates: Mapping[str, Estimate], pairs: Pairs
+) -> Predictions:
     return Predictions(
         truth=pairs.counts,
         by_model=predictions,
@@ -279,4 +295,5 @@ def _predictions(predictions: dict[str, np.ndarray], pairs: Pairs) -> Prediction
         y_mm=pairs.y_mm,
         yaw_rad=pairs.yaw_rad,
         force_n=pairs.force_n,
+        std_by_model={name: each.counts_std for name, each in estimates.items()},
     )

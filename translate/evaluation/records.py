@@ -119,6 +119,35 @@ class ForceFigures:
 
 
 @dataclass(frozen=True)
+class Certainty:
+    """How sure a run is, and how right it is in that (module certainty).
+
+    levels: shares of the counts that its intervals are said to hold; held: those that they do.
+    kept: shares of the presses, the surest; kept_rmse_counts: the RMSE over them. said_rmse_counts:
+    what the RMSE over all would be if its standard deviations were right.
+    force_median_error_percent, force_held_percent: of the presses that touch, in parts of the true
+    force, and how many the 90 % interval holds; None of a run that tells no force.
+    """
+
+    levels: tuple[float, ...]
+    held: tuple[float, ...]
+    kept: tuple[float, ...]
+    kept_rmse_counts: tuple[float, ...]
+    said_rmse_counts: float
+    force_median_error_percent: float | None
+    force_held_percent: float | None
+
+    def held_at(self, level: float) -> float:
+        """What the intervals of one of the levels hold."""
+        return self.held[self.levels.index(level)]
+
+    def falls_by(self, kept: float) -> float:
+        """The part by which the RMSE is lower where one of the shares is kept."""
+        whole = self.kept_rmse_counts[self.kept.index(1.0)]
+        return 1.0 - self.kept_rmse_counts[self.kept.index(kept)] / whole if whole else 0.0
+
+
+@dataclass(frozen=True)
 class ModelRow:
     """One row of the results: a trained run, a trivial predictor, or a floor.
 
@@ -129,7 +158,8 @@ class ModelRow:
     same_data: whether it was trained on the dataset that it is evaluated on. trained_layout: the
     taxel layout that it was trained on. trained_data: the SHA-256 of that dataset's info.json;
     trained_world: what made it, trained_pairs: how many pairs it has to train on, trained_steps:
-    how many steps were taken, each None where it is not known.
+    how many steps were taken, each None where it is not known. certainty: of a run that says how
+    sure it is.
     """
 
     overall: Figures
@@ -145,6 +175,7 @@ class ModelRow:
     trained_pairs: int | None = None
     trained_steps: int | None = None
     by_force: tuple[ForceFigures, ...] = ()
+    certainty: Certainty | None = None
 
 
 @dataclass(frozen=True)

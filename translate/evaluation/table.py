@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from t2twin.translate.evaluation.certainty import certainty_text
 from t2twin.translate.evaluation.force_table import by_force_markdown, in_columns
 from t2twin.translate.evaluation.records import (
     Evaluation,
@@ -71,6 +72,7 @@ def _notes(evaluation: Evaluation) -> list[str]:
         f"Of the taxels {view.taxels.under} lie under the DIGIT's view, {view.taxels.near} within "
         f"one pitch of it ({view.pitch_mm:.1f} mm), {view.taxels.beyond} beyond.",
     ]
+    notes += certainty_text(evaluation.models)
     notes += trained_lines(evaluation)
     if evaluation.paper:
         notes.append("The paper's rows are from real sensors and not to be compared one to one.")
@@ -81,7 +83,7 @@ def markdown(evaluations: Mapping[str, Evaluation]) -> str:
     """A table in Markdown: what `evaluate` found of each split, side by side.
 
     evaluations: by split. The interval of the RMSE stands in brackets; the paper's rows are in
-    italics. Below: what each run was trained on, and the errors of several forces.
+    italics. Below: how sure runs are, what each was trained on, and the errors of several forces.
     """
     heads = ["", *(f"{split}: {column.title}" for split in evaluations for column in SHORT)]
     lines = [heads, ["---"] * len(heads)]
@@ -95,7 +97,12 @@ def markdown(evaluations: Mapping[str, Evaluation]) -> str:
         lines.append([f"*{name}, Grella et al. 2023, hardware*", *cells])
     table = "".join(f"| {' | '.join(line)} |\n" for line in lines)
     by_force = "".join(by_force_markdown(evaluation) for evaluation in evaluations.values())
-    return table + "".join(f"\n{line}\n" for line in trained_lines(first)) + by_force
+    sure = "".join(
+        f"\n{split}: {line}\n"
+        for split, evaluation in evaluations.items()
+        for line in certainty_text(evaluation.models)
+    )
+    return table + sure + "".join(f"\n{line}\n" for line in trained_lines(first)) + by_force
 
 
 def _short_cells(row: ModelRow | None) -> list[str]:

@@ -36,37 +36,43 @@ class BasicBlock(nn.Module):
 
 
 class ResNet18(nn.Module):
-    """ResNet18 with `outputs` numbers at the end.
+    """ResNet18 with `outputs` numbers at the end, or without an end where it is 0.
 
     filters: base width, 64 in the published network, which has 11,689,512 parameters at 1000
-    outputs. Raises T2TwinError for fewer than LEAST_FILTERS.
+    outputs. channels: of the images. Raises T2TwinError for fewer than LEAST_FILTERS.
     """
 
-    def __init__(self, outputs: int, filters: int = 64):
+    def __init__(self, outputs: int, filters: int = 64, channels: int = 3):
         super().__init__()
         if filters < LEAST_FILTERS:
             raise T2TwinError(
                 f"a ResNet18 of base width {filters} cannot be trained safely; it must be at least "
                 f"{LEAST_FILTERS}"
             )
-        self.conv1 = nn.Conv2d(3, filters, 7, 2, 3, bias=False)
+        self.conv1 = nn.Conv2d(channels, filters, 7, 2, 3, bias=False)
         self.bn1 = nn.BatchNorm2d(filters)
         self.maxpool = nn.MaxPool2d(3, 2, 1)
         self.layer1 = _stage(filters, filters, stride=1)
         self.layer2 = _stage(filters, 2 * filters, stride=2)
         self.layer3 = _stage(2 * filters, 4 * filters, stride=2)
         self.layer4 = _stage(4 * filters, 8 * filters, stride=2)
-        self.avgpool = nn.AdaptiveAvgPool2d(1)
-        self.fc = nn.Linear(8 * filters, outputs)
+        if outputs:
+            self.avgpool = nn.AdaptiveAvgPool2d(1)
+            self.fc = nn.Linear(8 * filters, outputs)
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, mode="fan_out", nonlinearity="relu")
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, 3, S, S) -> (B, outputs)."""
+        """(B, channels, S, S) -> (B, outputs)."""
+        return self.fc(self.avgpool(self.maps(images)[-1]).flatten(1))
+
+    def maps(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """What the last three stages see, an eighth, a sixteenth and a thirty-second of S wide."""
         x = self.maxpool(self.bn1(self.conv1(images)).relu_())
-        x = self.layer4(self.layer3(self.layer2(self.layer1(x))))
-        return self.fc(self.avgpool(x).flatten(1))
+        fine = self.layer2(self.layer1(x))
+        coarse = self.layer3(fine)
+        return fine, coarse, self.layer4(coarse)
 
 
 def _stage(channels: int, width: int, stride: int) -> nn.Sequential:

@@ -4,6 +4,8 @@ import json
 from dataclasses import fields
 from pathlib import Path
 
+from safetensors import safe_open
+
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
@@ -12,10 +14,11 @@ from t2twin.translate.data.pairs import load_info
 from t2twin.translate.presets import Preset
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
+from t2twin.translate.teller import LEAST_FORCE_SCALE
 
 CARD = "README.md"
 
-TITLES = {"touch2touch": "touch2touch", "resnet18": "ResNet18"}
+TITLES = {"touch2touch": "touch2touch", "resnet18": "ResNet18", "field": "Field"}
 
 WHAT = {
     "touch2touch": """\
@@ -25,7 +28,16 @@ read from the same image.""",
     "resnet18": """\
 It is a ResNet18 with one output a taxel, trained on the mean squared error of the counts. It gives
 the layout below and no other.""",
+    "field": """\
+It is a ResNet18 with a small decoder, which tells the field under the whole cover: what a taxel
+would count at each of many places, and how sure that is. The layout below is read from it, and so
+is any other on the cover.""",
 }
+
+ESTIMATE = """\
+told = t2twin.load({}).estimate(frame)
+told.counts, told.counts_std, told.interval(0.9), told.force_n
+"""
 
 CITATION = """\
 ```bibtex
@@ -61,6 +73,7 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
         _use(run_dir.absolute().name, config),
         _data(config, info),
         _training(config, history, best),
+        *filter(None, [_sureness(run_dir, config)]),
         _limits(info),
         f"## Licence\n\n{_licence(info)[1]}\n",
         f"## Citation\n\nThe method:\n\n{CITATION}",
@@ -118,7 +131,7 @@ def _use(name: str, config: RunConfig) -> str:
 ```python
 import t2twin
 counts = t2twin.load({json.dumps(name)}).predict(frame)
-```
+{ESTIMATE.format(json.dumps(name)) if config.model == "field" else ""}```
 
 or `t2twin translate {name} FOLDER_OF_IMAGES`. It needs `config.json` and `{BEST}`.
 
@@ -128,9 +141,40 @@ or `t2twin translate {name} FOLDER_OF_IMAGES`. It needs `config.json` and `{BEST
 columns), channels in the order red, green, blue; also several, (B, h, w, 3) |
 | counts | ({info.x_mm.size},) float32 | counts | 0 to {info.full_scale_counts:,.0f}; taxel n lies \
 at `layout_x_mm[n]`, `layout_y_mm[n]` (mm) of `config.json` |
-
+{_estimate_rows(config) if config.model == "field" else ""}
 Any size of picture is resized to {preset.size} x {preset.size} pixels, {colour}. OpenCV gives
 channels as blue, green, red: turn them round first.
+"""
+
+
+def _estimate_rows(config: RunConfig) -> str:
+    """What a field run tells besides."""
+    places = config.data.field_x_mm
+    assert places is not None
+    return f"""\
+| counts_std | ({config.data.x_mm.size},) float32 | counts | standard deviation of each count |
+| field, field_std | ({places.size},) float32 | counts | the same at the places `field_x_mm`, \
+`field_y_mm` (mm) of `config.json` |
+| force_n, force_std_n | () float32 | N | the force of the press; None of a run whose \
+presses had one force |
+| untouched | as frame | grey levels | may be given beside the frame: the same DIGIT with nothing \
+touching it |
+"""
+
+
+def _sureness(run_dir: Path, config: RunConfig) -> str:
+    """How the standard deviations of a field run were put right."""
+    if config.model != "field":
+        return ""
+    with safe_open(run_dir / BEST, "np") as weights:
+        field, force = weights.get_tensor("temperature").tolist()
+        knows_force = weights.get_tensor("force_scale")[1] > LEAST_FORCE_SCALE
+    of_force = f", those of the force by {force:.2f}" if knows_force else ""
+    return f"""## How sure it is
+
+Standard deviations are the network's own times {field:.2f}{of_force}: then intervals of 90 % held
+90 % of the field on validation presses. On shapes of another kin they may hold less; `t2twin
+evaluate` says how much.
 """
 
 

@@ -18,10 +18,11 @@ from msgspec import Meta
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import write_json
+from t2twin.sim.cyskin.layout import LARGEST_PAD_MM
 from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
 from t2twin.sim.seeds import MOST_SEED
 from t2twin.sim.typed_json import convert, read_json
-from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.data.pairs import DataInfo, known
 from t2twin.translate.familiar import CELLS, Familiar
 from t2twin.translate.presets import MODELS, Preset
 
@@ -111,6 +112,9 @@ class RunConfig:
                     "full_scale_counts": data.full_scale_counts,
                     "world": data.world,
                     "train_pairs": data.train_pairs,
+                    "field_x_mm": _list(data.field_x_mm),
+                    "field_y_mm": _list(data.field_y_mm),
+                    "pad_diameter_mm": _list(data.pad_diameter_mm),
                 },
                 "pictures": None
                 if self.pictures is None
@@ -135,11 +139,18 @@ class _DataPart:
     full_scale_counts: Annotated[float, Meta(ge=1, le=MOST_COUNTS)]
     world: str | None = None
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
+    field_x_mm: tuple[float, ...] | None = None
+    field_y_mm: tuple[float, ...] | None = None
+    pad_diameter_mm: tuple[Annotated[float, Meta(gt=0, le=LARGEST_PAD_MM)], ...] | None = None
 
     def __post_init__(self) -> None:
         check_layout(self.layout_x_mm, self.layout_y_mm)
         if not is_sha256(self.info_sha256):
             raise ValueError("info_sha256 must be 64 hexadecimal digits")
+        if self.field_x_mm is not None or self.field_y_mm is not None:
+            check_layout(self.field_x_mm or (), self.field_y_mm or ())
+        if len(self.pad_diameter_mm or self.layout_x_mm) != len(self.layout_x_mm):
+            raise ValueError("pad_diameter_mm must have one for each taxel")
 
 
 @dataclass(frozen=True)
@@ -203,6 +214,9 @@ def load_config(run_dir: Path) -> RunConfig:
             full_scale_counts=there.data.full_scale_counts,
             world=there.data.world,
             train_pairs=there.data.train_pairs,
+            field_x_mm=known(there.data.field_x_mm),
+            field_y_mm=known(there.data.field_y_mm),
+            pad_diameter_mm=known(there.data.pad_diameter_mm),
         ),
         epochs=there.epochs,
         minutes=there.minutes,
@@ -213,6 +227,10 @@ def load_config(run_dir: Path) -> RunConfig:
         steps=there.steps,
         epoch_steps=there.epoch_steps,
     )
+
+
+def _list(values: np.ndarray | None) -> list[float] | None:
+    return None if values is None else values.tolist()
 
 
 def _preset(content: dict[str, Any], path: Path) -> Preset:

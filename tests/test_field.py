@@ -1,0 +1,450 @@
+"""The translator that tells the field: trained on a small world, read at any layout, calibrated."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.report.page import write_report
+from t2twin.sim.cyskin import taxels
+from t2twin.sim.cyskin.field import field_counts, field_layout
+from t2twin.sim.cyskin.field_reading import reading_of
+from t2twin.sim.cyskin.layout import Layout, load_layout
+from t2twin.sim.dataset.generate import generate
+from t2twin.sim.press.records import PressCommand
+from t2twin.sim.sensors import CySkin
+from t2twin.sim.world.recipe import load_recipe
+from t2twin.translate.batch import translate_files
+from t2twin.translate.calibrated import calibration_of
+from t2twin.translate.data.examples import Examples
+from t2twin.translate.data.images import to_input
+from t2twin.translate.data.pairs import load_info, load_pairs
+from t2twin.translate.estimate import Estimate
+from t2twin.translate.evaluation.certainty import NAMED_LEVEL, certainty
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.predictions import read_predictions
+from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.field import FieldTranslator
+from t2twin.translate.networks.field_net import FieldNet, grid_of, laid_at
+from t2twin.translate.predict import TrainedTranslator, load_run
+from t2twin.translate.presets import PRESETS
+from t2twin.translate.temper import temper
+from t2twin.translate.train import train
+
+WORLD = """
+format = 1
+name = "tiny"
+seed = 5
+
+[[parts]]
+shapes = "random"
+count = 8
+presses = 4
+place = { normal_mm = 2.5 }
+force_n = { low = 1.0, high = 10.0 }
+untouched_share = 0.1
+val_share = 0.25
+
+[light]
+kind = "drawn"
+"""
+
+CPU = torch.device("cpu")
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("world")
+    recipe = folder / "tiny.toml"
+    recipe.write_text(WORLD)
+    generate(folder / "data", world=load_recipe(str(recipe)), workers=1)
+    return folder / "data"
+
+
+@pytest.fixture(scope="module")
+def run_dir(data_dir: Path) -> Path:
+    folder = data_dir.parent / "run"
+    train("field", data_dir, "smoke", folder, epochs=2)
+    return folder
+
+
+@pytest.fixture
+def run(run_dir: Path) -> TrainedTranslator:
+    return load_run(run_dir)
+
+
+@pytest.fixture(scope="module")
+def frame(data_dir: Path) -> np.ndarray:
+    pairs = load_pairs(data_dir, "val", 64, grey=False)
+    return pairs.images[:1][0]
+
+
+def translator_of(run: TrainedTranslator) -> FieldTranslator:
+    return cast(FieldTranslator, run.translator)
+
+
+def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> None:
+    pairs = load_pairs(data_dir, "train", 64, grey=False, with_field=True)
+    info = load_info(data_dir)
+    assert pairs.field is not None and pairs.untouched is not None
+    own = reading_of(info.taxels) @ pairs.field.T
+    assert np.abs(own.T - pairs.counts).max() < 40  # the reading's noise alone
+    pictures = pairs.pictures[:]
+    assert pictures.shape == (len(pairs), 64, 64, 6)
+    # Each shape has another DIGIT, and a press changes a picture less than a DIGIT does.
+    frames, shapes = pictures[..., 3:].astype(float), pairs.shapes
+    same = np.abs(pictures[..., :3] - frames).mean(axis=(1, 2, 3))
+    other = np.abs(pictures[..., :3] - np.roll(frames, 4, axis=0)).mean(axis=(1, 2, 3))
+    assert (same < other).all() and len(set(shapes.tolist())) == 6
+    few = pairs.some(np.array([3, 1]))
+    np.testing.assert_array_equal(few.pictures[:], pictures[[3, 1]])
+    np.testing.assert_array_equal(few.field, pairs.field[[3, 1]])
+
+
+def test_pairs_without_a_field_are_refused(small_dataset: Path, tmp_path: Path) -> None:
+    with pytest.raises(T2TwinError, match="hold no field; make a world"):
+        train("field", small_dataset, "smoke", tmp_path / "run")
+    assert not (tmp_path / "run" / "config.json").exists()
+
+
+@pytest.mark.parametrize("pad_mm, part", [(4.0, 0.01), (3.0, 0.01), (6.0, 0.01)])
+def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float, part: float) -> None:
+    """What pads of any size count is known from the field to a hundredth of the largest."""
+    dense = load_layout("cyskin-63")
+    layout = replace(dense, pad_diameter_mm=np.full(dense.size, pad_mm))
+    for name, yaw in (("square-2", 0.3), ("pliers/teeth", 1.0)):
+        shape = shapes(name)
+        contact = CySkin().press(shape, PressCommand(shape.name, 1.5, -2.0, yaw, 8.0))
+        true = taxels.counts(taxels.pad_pressure_mpa(contact, layout))
+        read = reading_of(layout) @ field_counts(contact).astype(float)
+        assert np.sqrt(np.square(read - true).mean()) < part * true.max()
+
+
+def test_a_place_of_the_field_is_read_as_it_is_and_one_off_the_cover_refused() -> None:
+    places = field_layout()
+    np.testing.assert_array_equal(reading_of(places), np.eye(places.size))
+    own = reading_of(load_layout())
+    assert ((own == 0) | (own == 1)).all() and (own.sum(axis=1) == 1).all()
+    off = Layout("off", np.array([0.0, 5.0, 15.0]), np.array([0.0, 5.0, 0.0]), np.full(3, 4.0))
+    with pytest.raises(T2TwinError, match=r"off has 1 taxel\(s\) off the cover, such as taxel 2"):
+        reading_of(off)
+
+
+def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
+    """A map that holds each cell's own x or y gives every place in the view its own."""
+    places, view = field_layout(), (6.25, 8.0)
+    assert grid_of(places.x_mm) == (12, 18)
+    reading = laid_at(places.x_mm, places.y_mm, view, 12)
+    centres = (np.arange(12) + 0.5) / 12 * 2 - 1
+    x, y = np.meshgrid(centres * view[0], centres * view[1])
+    within = (np.abs(places.x_mm) < x.max()) & (np.abs(places.y_mm) < y.max())
+    assert within.sum() > 20
+    for cells, at in ((x, places.x_mm), (y, places.y_mm)):
+        np.testing.assert_allclose((cells.ravel() @ reading)[within], at[within], atol=1e-5)
+    beyond = (np.abs(places.x_mm) > view[0] + 0.6) | (np.abs(places.y_mm) > view[1] + 0.8)
+    assert not reading[:, beyond].any()
+    with pytest.raises(T2TwinError, match="no columns of one length"):
+        grid_of(np.array([0.0, 0.0, 1.0]))
+
+
+def test_the_spread_takes_nothing_from_the_mean(data_dir: Path) -> None:
+    """Its gradient ends in its own layers; and the mean has one in all the rest."""
+    translator = FieldTranslator(PRESETS["field"]["smoke"], load_info(data_dir), CPU, False)
+    said = translator.network(torch.randn(4, 6, 64, 64))
+    (said.log_spread.sum() + said.force_log_spread.sum()).backward()
+    touched = {n for n, p in translator.network.named_parameters() if p.grad is not None}
+    assert touched and all("spread" in name for name in touched)
+    said = translator.network(torch.randn(4, 6, 64, 64))
+    (said.mean.sum() + said.force.sum()).backward()
+    own = {n for n, p in translator.network.named_parameters() if p.grad is not None} - touched
+    rest = {n for n, _ in translator.network.named_parameters() if "spread" not in n}
+    assert own == rest
+
+
+def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> None:
+    """Eight pairs seen again and again: the field to 2 % of full scale, the force to 15 %."""
+    info, preset = load_info(data_dir), replace(PRESETS["field"]["smoke"], learning_rate=2e-3)
+    pairs = load_pairs(data_dir, "train", preset.size, False, with_field=True)
+    torch.manual_seed(0)
+    translator = FieldTranslator(preset, info, CPU, False)
+    translator.prepare(pairs)
+    assert pairs.field is not None
+    part = slice(8)
+    examples = Examples(
+        to_input(pairs.pictures[part].astype(np.float32) / 255.0),
+        torch.from_numpy(pairs.counts[part]),
+        torch.from_numpy(pairs.field[part].astype(np.float32)),
+        torch.from_numpy(pairs.force_n[part].astype(np.float32)),
+    )
+    first = translator.step(examples)
+    for step in range(180):
+        if step == 150:  # so that batch norm's averages settle
+            translator.optimizers["field"].param_groups[0]["lr"] = 1e-4
+        last = translator.step(examples)
+    assert last["field"] < first["field"] / 20 and last["spread"] < first["spread"] - 1
+    told = translator.tell(examples.images)
+    assert examples.field is not None
+    rmse = (told.field - examples.field).square().mean().sqrt().item()
+    assert rmse < 0.02 * info.full_scale_counts
+    assert told.force_n is not None and examples.force_n is not None
+    assert (told.force_n - examples.force_n).abs().max() < 0.15 * examples.force_n.max()
+
+
+def test_temperature_makes_intervals_hold_what_they_say() -> None:
+    """Of errors three times as large as said, and of those of neighbours that go together."""
+    generator = torch.Generator().manual_seed(0)
+    normal = torch.randn(4000, 3, generator=generator)
+    errors = 3.0 * torch.stack([normal[:, 0], 0.8 * normal[:, 0] + 0.6 * normal[:, 1],
+                                normal[:, 2]], dim=1)  # fmt: skip
+    found = calibration_of(errors, 0.5 * normal[:, 0])
+    assert found.temperature.tolist() == pytest.approx([3.0, 0.5], rel=0.05)
+    assert found.correlation.diagonal().tolist() == [1.0, 1.0, 1.0]
+    assert float(found.correlation[0, 1]) == pytest.approx(0.8, abs=0.05)
+    assert float(found.correlation[0, 2]) == pytest.approx(0.0, abs=0.05)
+    assert torch.linalg.eigvalsh(found.correlation).min() > 0
+    few = calibration_of(torch.zeros(2, 3), torch.zeros(2))
+    assert torch.isfinite(few.correlation).all() and (few.temperature > 0).all()
+
+
+def test_certainty_of_what_is_right_by_half() -> None:
+    """Counts drawn from what is said are held as said; stds half as large hold less."""
+    rng = np.random.default_rng(0)
+    std = rng.uniform(100, 3000, (500, 20))
+    truth = np.full((500, 20), 20_000.0)
+    said = truth + std * rng.standard_normal(std.shape)
+    force, nothing = np.full(500, 8.0), np.zeros((500, 1))
+
+    def estimate(part: float) -> Estimate:
+        return Estimate(
+            said, part * std, nothing, nothing, np.full(500, 8.8), np.full(500, 1.0), 4e4
+        )
+
+    right, bold = (certainty(estimate(part), truth, force) for part in (1.0, 0.5))
+    for level, held in zip(right.levels, right.held, strict=True):
+        assert held == pytest.approx(level, abs=0.015)
+    assert bold.held_at(NAMED_LEVEL) == pytest.approx(0.589, abs=0.015)
+    assert right.said_rmse_counts == pytest.approx(right.kept_rmse_counts[0], rel=0.03)
+    assert right.force_median_error_percent == pytest.approx(10.0)
+    assert right.force_held_percent == 100.0
+    rising = np.tile(np.arange(500.0)[:, None] + 1, (1, 20))
+    off = replace(
+        estimate(1.0), counts=truth + rising * rng.standard_normal(std.shape), counts_std=rising
+    )
+    by_press = certainty(off, truth, force)
+    # Errors as large as 1 to 500: the root mean square of the lower four fifths is 0.8 of all.
+    assert by_press.falls_by(0.8) == pytest.approx(0.2, abs=0.02)
+
+
+def test_estimates(run: TrainedTranslator, frame: np.ndarray) -> None:
+    one, several = run.estimate(frame), run.estimate([frame, frame[:, ::-1]])
+    assert one.counts.shape == one.counts_std.shape == (20,) and one.field.shape == (216,)
+    assert several.counts.shape == (2, 20)
+    np.testing.assert_array_equal(run.predict(frame), one.counts)
+    np.testing.assert_allclose(several.counts[0], one.counts, atol=0.5)
+    assert one.force_n is not None and one.force_std_n is not None
+    assert one.force_n.shape == () and one.force_std_n > 0 and (one.counts_std > 0).all()
+    low, high = one.interval(0.9)
+    assert (low >= 0).all() and (high <= 40_000).all() and (low <= one.counts).all()
+    inside = (low > 0) & (high < 40_000)
+    np.testing.assert_allclose((high - low)[inside], 2 * 1.6449 * one.counts_std[inside], rtol=1e-3)
+    with pytest.raises(T2TwinError, match="level is 1; it must lie between 0 and 1"):
+        one.interval(1.0)
+
+
+def test_drawn_fields_spread_as_is_said(run: TrainedTranslator, frame: np.ndarray) -> None:
+    told, drawn = run.estimate(frame), run.draw_fields(frame, 3000, seed=1)
+    assert drawn.shape == (3000, 216)
+    clear = (told.field > 4 * told.field_std) & (told.field < 40_000 - 4 * told.field_std)
+    if clear.any():
+        ratio = drawn[:, clear].std(axis=0) / told.field_std[clear]
+        assert np.abs(ratio - 1).max() < 0.1
+    assert (drawn >= 0).all() and not np.array_equal(drawn, run.draw_fields(frame, 3000, seed=2))
+    np.testing.assert_array_equal(drawn, run.draw_fields(frame, 3000, seed=1))
+
+
+def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: TrainedTranslator) -> None:
+    """Fully correlated errors of one size give the sum of the weights times it; independent ones
+    the root of the sum of squares."""
+    translator = translator_of(run)
+    dense = load_layout("cyskin-63")
+    network = cast(FieldNet, translator.predictor)
+    network.correlation.copy_(torch.full((216, 216), 0.9999) + 1e-4 * torch.eye(216))
+    together = translator.read_at(dense).teller
+    network.correlation.copy_(torch.eye(216))
+    apart = translator.read_at(dense).teller
+    said = network(torch.zeros(1, 6, 64, 64))
+    said = said._replace(log_spread=torch.full((1, 216), -4.0))
+    sizes = [
+        teller(said).counts_std[0] / teller(said).field_std[0, 0] for teller in (together, apart)
+    ]
+    weights = torch.from_numpy(reading_of(dense)).float()
+    torch.testing.assert_close(sizes[0], weights.sum(dim=1).abs(), atol=0.05, rtol=0)
+    torch.testing.assert_close(sizes[1], weights.square().sum(dim=1).sqrt(), atol=1e-3, rtol=0)
+
+
+def test_another_layout_and_other_pads(run: TrainedTranslator, frame: np.ndarray) -> None:
+    dense = load_layout("cyskin-63")
+    at_63 = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm)
+    told = at_63.estimate(frame)
+    assert told.counts.shape == (63,) and at_63.config.data.layout == "cyskin-63"
+    np.testing.assert_array_equal(told.field, run.estimate(frame).field)
+    own = run.config.data
+    assert run.at_layout(own.x_mm, own.y_mm, "again") is run
+    wide = run.at_layout(own.x_mm, own.y_mm, "wide pads", np.full(20, 8.0))
+    assert wide is not run and not np.array_equal(wide.predict(frame), run.predict(frame))
+
+
+def test_an_untouched_frame_counts(run: TrainedTranslator, data_dir: Path, frame) -> None:
+    translator = translator_of(run)
+    pairs = load_pairs(data_dir, "val", 64, False, with_field=True)
+    assert pairs.untouched is not None
+    own = run.estimate_pixels(pairs.pictures).counts[0]
+    np.testing.assert_allclose(run.predict(frame, pairs.untouched[:1][0]), own, atol=1.0)
+    assert np.abs(run.predict(frame) - own).max() > 1.0
+    train_frames = load_pairs(data_dir, "train", 64, False, with_field=True).untouched
+    assert train_frames is not None
+    np.testing.assert_allclose(
+        translator.predictor.mean_frame.numpy(),
+        to_input(train_frames.mean()[None] / 255.0)[0].numpy(),
+        atol=1e-5,
+    )
+
+
+def test_the_card_says_what_is_told_and_how_sure(run_dir: Path, run: TrainedTranslator) -> None:
+    card = (run_dir / "README.md").read_text()
+    temperature = translator_of(run).predictor.temperature.tolist()
+    assert ".estimate(frame)" in card and "| counts_std | (20,) float32 |" in card
+    assert f"times {temperature[0]:.2f}, those of the force by {temperature[1]:.2f}" in card
+
+
+def test_the_report_draws_how_sure_it_is(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
+    page = write_report(tmp_path / "report", data_dir, [run_dir]).read_text()
+    assert '<section id="sureness"' in page and "its 90 % intervals hold" in page
+
+
+def test_tempered_on_several_worlds(
+    run_dir: Path, data_dir: Path, small_dataset: Path, tmp_path: Path
+) -> None:
+    """Of one world it finds what the training found, as of the same world twice; the mean stays."""
+    own = tmp_path / "run"
+    shutil.copytree(run_dir, own)
+    before = load_file(own / "best.safetensors")
+    spoilt = before | {"temperature": torch.tensor([7.0, 7.0])}
+    save_file(spoilt, own / "best.safetensors")
+    field, force = temper(own, [data_dir, data_dir])
+    after = load_file(own / "best.safetensors")
+    torch.testing.assert_close(after["temperature"], before["temperature"], rtol=0.02, atol=0)
+    assert [field, force] == after["temperature"].tolist()
+    changed = {"temperature", "correlation"}
+    assert all(torch.equal(after[key], before[key]) for key in before.keys() - changed)
+    assert f"times {field:.2f}" in (own / "README.md").read_text()
+    with pytest.raises(T2TwinError, match="was trained on is not given"):
+        temper(own, [small_dataset])
+    with pytest.raises(T2TwinError, match="hold no field"):
+        temper(own, [data_dir, small_dataset])
+
+
+def test_a_training_that_was_stopped_ends_as_one_that_was_not(
+    run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from t2twin.translate import loop
+
+    saved = loop.save_state
+
+    def stop_after_one(path, translator, history) -> None:
+        saved(path, translator, history)
+        if len(history) == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(loop, "save_state", stop_after_one)
+    with pytest.raises(KeyboardInterrupt):
+        train("field", data_dir, "smoke", tmp_path / "run", epochs=2)
+    monkeypatch.setattr(loop, "save_state", saved)
+    train("field", data_dir, "smoke", tmp_path / "run", epochs=2)
+    for name in ("best.safetensors", "last.safetensors"):
+        own, other = (load_file(folder / name) for folder in (tmp_path / "run", run_dir))
+        assert own.keys() == other.keys()
+        assert all(torch.equal(tensor, other[key]) for key, tensor in own.items())
+
+
+def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp_path) -> None:
+    import json
+
+    from PIL import Image
+
+    Image.fromarray(frame).save(tmp_path / "press.png")
+    out = tmp_path / "out"
+    translated = translate_files(run_dir, [tmp_path / "press.png"], out)
+    (entry,) = json.loads((out / "counts.json").read_text())["images"]
+    assert translated.estimate is not None
+    stds = np.ceil(translated.estimate.counts_std[0]).astype(int).tolist()
+    assert entry["counts_std"] == stds and entry["force_n"] >= 0 and entry["force_std_n"] > 0
+    rows = (out / "counts_std.csv").read_text().splitlines()
+    assert rows[0].startswith("image,taxel_0") and rows[1].split(",")[1:] == list(map(str, stds))
+    assert (out / "press.png").is_file()
+    frame_file = tmp_path / "press.png"
+    other = translate_files(run_dir, [frame_file], out, untouched=frame_file, pictures=False)
+    assert not np.array_equal(other.counts, translated.counts)
+    assert json.loads((out / "counts.json").read_text())["untouched"] == str(frame_file)
+
+
+def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_path) -> None:
+    from PIL import Image
+
+    Image.fromarray(frame).save(tmp_path / "frame.png")
+    for folder in untrained_runs:
+        run = load_run(folder)
+        with pytest.raises(T2TwinError, match="does not say how sure it is of them"):
+            run.estimate(frame)
+        with pytest.raises(T2TwinError, match="looks at no untouched frame; a field run does"):
+            translate_files(
+                folder, [tmp_path / "frame.png"], tmp_path / "out", untouched=tmp_path / "frame.png"
+            )
+
+
+def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) -> None:
+    onnxruntime = pytest.importorskip("onnxruntime")
+    from t2twin.translate.export import export_onnx
+
+    dense = load_layout("cyskin-63")
+    run = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm).in_float32()
+    assert export_onnx(run, tmp_path / "field.onnx") < 1.0
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    session = onnxruntime.InferenceSession(tmp_path / "field.onnx", options)
+    pixels = run.pixels_of([frame, frame[::-1]])
+    images = pixels.astype(np.float32).transpose(0, 3, 1, 2) / 255.0
+    names = [output.name for output in session.get_outputs()]
+    assert names == ["counts", "tactile_images", "counts_std", "force_n", "force_std_n"]
+    for given, told in (
+        ({}, run.estimate([frame, frame[::-1]])),
+        ({"untouched": images[1:]}, run.estimate([frame, frame[::-1]], frame[::-1])),
+    ):
+        said = dict(zip(names, session.run(None, {"images": images, **given}), strict=True))
+        for name in ("counts", "counts_std"):
+            np.testing.assert_allclose(said[name], getattr(told, name), rtol=1e-3, atol=1.0)
+        assert told.force_n is not None
+        np.testing.assert_allclose(said["force_n"], told.force_n, rtol=1e-3)
+        np.testing.assert_allclose(said["tactile_images"], run.drawn(told)[0], atol=1.0)
+
+
+def test_an_evaluation_says_how_right_it_is_in_that(
+    run_dir: Path, data_dir: Path, tmp_path: Path
+) -> None:
+    evaluation = evaluate([run_dir], data_dir, "val", tmp_path / "val")
+    assert read_evaluation(tmp_path / "val") == evaluation
+    sure = evaluation.models["field"].certainty
+    assert sure is not None and sure.force_median_error_percent is not None
+    assert evaluation.models["mean-array"].certainty is None
+    kept = read_predictions(tmp_path / "val")
+    off = np.abs(kept.truth - kept.by_model["field"])
+    held = (off <= 1.6448536 * kept.std_by_model["field"]).mean()
+    assert sure.held_at(0.9) == pytest.approx(held)
+    assert sure.kept_rmse_counts[0] == pytest.approx(evaluation.models["field"].overall.rmse_counts)
+    assert "std of field" not in kept.by_model
