@@ -118,6 +118,19 @@ def forces() -> str:
     return _markdown(lines)
 
 
+def saturation() -> str:
+    """The largest taxel by force, of random shapes' presses and the tools'."""
+    by_force = _content("random_presses")["by_force"]
+    lines = [["force, N", *(f"{kind}: median counts | saturated" for kind in by_force)]]
+    lines = [" | ".join(lines[0]).split(" | ")]
+    for rows in zip(*by_force.values(), strict=True):
+        cells = [f"{rows[0]['low_n']:g} to {rows[0]['high_n']:g}"]
+        for row in rows:
+            cells += [f"{row['median_counts']:,.0f}", f"{row['saturated_percent']:.1f} %"]
+        lines.append(cells)
+    return _markdown(lines)
+
+
 def real() -> str:
     """What translators make of a real DIGIT's frames."""
     content = _content("real")
@@ -278,6 +291,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "objects": objects,
     "worlds": worlds,
     "forces": forces,
+    "saturation": saturation,
     "real": real,
     "lights": lights,
     "anchors": anchors,
