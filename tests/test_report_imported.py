@@ -26,7 +26,8 @@ FULL_SCALE = 1000
 LAYOUT_CSV = "x_mm,y_mm\n0,0\n8,0\n0,8\n8,8\n4,4\n"
 NAMES = ("$\\foo_{$", "<script>alert(1)</script>", "x" * 200, "two\nlines\x07")
 LEFT_OUT = {"by-view", "lookalikes", "shapes", "forces"}
-NOT_DRAWN = {*LEFT_OUT, "by-force"}  # nothing is said of forces where none is known
+NOT_DRAWN = {*LEFT_OUT, "by-force", "sureness"}
+"""Nothing is said of forces where none is known, nor of how sure runs are that do not say it."""
 
 
 def own_pairs(folder: Path, splits: str, shapes: tuple[str, ...] = (), poses: bool = False) -> Path:
