@@ -402,7 +402,7 @@ RANDOM_PRESSES = Benchmark(
 WORLD_RATE = Benchmark(
     name="world_rate",
     measures="How fast the open world's pairs are made, beside the protocol's.",
-    minutes=3,
+    minutes=6,
     figures=(
         Figure("open_over_protocol", least=0.85),
         Figure("protocol_pairs_a_second", "pairs/s"),
