@@ -84,12 +84,13 @@ def _stages(checkout: Path) -> dict[str, float]:
 
 def _rate(checkout: Path, folder: Path, workers: int) -> float:
     """Pairs a second of a whole dataset."""
-    package = "t2twin" if (checkout / "t2twin").is_dir() else "translate.cli"
+    package = "t2twin.cli" if (checkout / "t2twin").is_dir() else "translate.cli"
+    command = f"import sys; from {package} import main; main(sys.argv[1:])"
     with tempfile.TemporaryDirectory(dir=folder) as out:
         place = str(Path(out) / "data")
         said = _run(
             checkout,
-            ["-m", package, "simdata", "--scale", SCALE, "--workers", str(workers), "--out", place],
+            ["-c", command, "simdata", "--scale", SCALE, "--workers", str(workers), "--out", place],
         )
     (rate,) = RATE.findall(said)
     return float(rate)
