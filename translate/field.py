@@ -35,6 +35,7 @@ from t2twin.translate.data.pairs import DataInfo, Pairs
 from t2twin.translate.distributed import average_gradients
 from t2twin.translate.field_drawing import FieldDrawing
 from t2twin.translate.networks.field_net import FieldNet, FieldParts
+from t2twin.translate.optimizer import adamw
 from t2twin.translate.presets import Preset
 from t2twin.translate.teller import LEAST_FORCE_SCALE, Teller, Told, knows_force, log_force
 
@@ -75,15 +76,7 @@ class FieldTranslator:
         self.network = FieldNet(*self.places_mm, view_mm, preset.size, preset.filters)
         self.network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         self.networks: dict[str, nn.Module] = {"field": self.network}
-        self.optimizers: dict[str, torch.optim.Optimizer] = {
-            "field": torch.optim.AdamW(
-                self.network.parameters(),
-                preset.learning_rate,
-                (preset.beta1, preset.beta2),
-                weight_decay=preset.weight_decay,
-                fused=True,  # five times as fast on a CPU
-            )
-        }
+        self.optimizers = {"field": adamw(self.network, preset)}
         self.running = running_mean(self.network, preset.averaged_part)
         averaged = None if self.running is None else cast(FieldNet, self.running.module)
         self.predictor = averaged or self.network

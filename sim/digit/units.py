@@ -5,7 +5,7 @@ of each in each colour, gamma, background, noise; or a known calibration is chan
 is drawn depends on the generator alone, not on threads or processes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -62,12 +62,7 @@ def _drawn(rng: np.random.Generator, draw: UnitDraw) -> Unit:
         sizes_mm=light.sizes_mm,
         response=light.response,
         gamma=gamma,
-        scale_px_per_mm=camera.scale_px_per_mm,
-        distance_mm=camera.distance_mm,
-        shift_x_px=camera.shift_x_px,
-        shift_y_px=camera.shift_y_px,
-        tilt_x_deg=camera.tilt_x_deg,
-        tilt_y_deg=camera.tilt_y_deg,
+        **asdict(camera),
     )
     return Unit(calibration, noise_grey, leds_like(light))
 

@@ -140,9 +140,9 @@ def _equilibrium(survey: "_Survey") -> _Equilibrium:
             finer //= 2  # a rim was expected, and a face behind it came down too
         window = window_around(looked_at)
         solution, settled = None, False
-        for pins, tolerance in _stages(survey, looked_at, window, finer):
-            judged = tolerance == STAGES[-1][1]
-            solution = Solution(pins, force_n, solution, judged)
+        stages = _stages(survey, looked_at, window, finer)
+        for number, (pins, tolerance) in enumerate(stages, 1):
+            solution = Solution(pins, force_n, solution, judged=number == len(stages))
             settled = solution.solve(tolerance)
             survey.preparing_s += solution.compiling_s
         assert solution is not None

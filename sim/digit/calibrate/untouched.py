@@ -7,7 +7,7 @@ errs the least.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,12 +49,7 @@ def drawn_lights(untouched: np.ndarray, camera: Camera, count: int = DRAWN) -> l
         replace(
             unit,
             background=untouched,
-            scale_px_per_mm=camera.scale_px_per_mm,
-            distance_mm=camera.distance_mm,
-            shift_x_px=camera.shift_x_px,
-            shift_y_px=camera.shift_y_px,
-            tilt_x_deg=camera.tilt_x_deg,
-            tilt_y_deg=camera.tilt_y_deg,
+            **asdict(camera),
         )
         for unit in units
     ]
