@@ -28,6 +28,7 @@ from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import load_history
 from t2twin.translate.runs.config import CONFIG, LAST, MOST_STEPS, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord
+from t2twin.translate.start import find_start, slower
 
 FEWEST_PAIRS = 8
 """Pairs that a training asks for (assumed: below this batch norm has nothing to average)."""
@@ -42,6 +43,7 @@ def train(
     epochs: int | None = None,
     minutes: float | None = None,
     steps: int | None = None,
+    start: str | Path | None = None,
 ) -> Outcome:
     """Trains a translator on DIR's train split, watching its val split, into the folder out_dir.
 
@@ -51,14 +53,17 @@ def train(
     follows the plan. steps: most steps, instead of the preset's steps and epochs, rounded to whole
     epochs. An epoch goes through all pairs; of so many that the steps would make few epochs,
     through a part of them, and the next goes on where it ended (loop.steps_of_epoch). For steps
-    beyond its own a preset is changed by `for_steps`.
+    beyond its own a preset is changed by `for_steps`. start: another run, whose best weights this
+    one begins with, and with a lower learning rate (t2twin.translate.start).
     Raises T2TwinError for an unknown model or preset, a data set that cannot be read, a folder that
-    holds another run, and a loss that stops being a number.
+    holds another run, a start that is not of this kind, and a loss that stops being a number.
     """
     data_dir, out_dir = Path(data_dir), Path(out_dir)
     _check_limits(epochs, minutes, steps, seed)
     settings = for_steps(find_preset(model, preset), steps)
     info = load_info(data_dir)
+    begun = None if start is None else find_start(Path(start), model, settings, info)
+    settings = settings if begun is None else slower(settings)
     distributed.use_all_cores()
     with distributed.processes() as (rank, processes):
         _check_shares(settings, processes)
@@ -73,6 +78,7 @@ def train(
             planned_epochs=epochs or settings.epochs,
             bf16=settings.bf16 and has_bf16(),
             processes=processes,
+            start=None if begun is None else begun.sha256,
         )
         config, history = _earlier_run(asked, out_dir) or (asked, [])
         reason = reason_to_stop(config, history)
@@ -85,7 +91,7 @@ def train(
             _check_own(out_dir)
             learns_field = TRANSLATORS[model].learns_field
             pairs, validation = _load_in_turn(data_dir, out_dir, settings, learns_field, rank)
-            outcome = TrainingLoop(config, out_dir, pairs, validation, rank).run()
+            outcome = TrainingLoop(config, out_dir, pairs, validation, rank, begun).run()
             if rank == 0:
                 write_card(out_dir, data_dir)
             return outcome
@@ -170,9 +176,10 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
         ("number of steps", earlier.steps, config.steps),
         ("limit in minutes", earlier.minutes, config.minutes),
         ("number of processes", earlier.processes, config.processes),
+        ("start", earlier.start, config.start),
     ):
         if was != asked:
-            named = "" if isinstance(was, Preset) or what == "data set" else f" ({was})"
+            named = "" if isinstance(was, Preset) or what in ("data set", "start") else f" ({was})"
             raise T2TwinError(
                 f"{out_dir} holds a run with another {what}{named}; give the same again, or "
                 "another folder"

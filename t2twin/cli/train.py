@@ -15,6 +15,7 @@ def train(
     epochs: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    start: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
 ) -> None:
     """Train a translator, or go on with a training that was stopped.
 
@@ -27,8 +28,12 @@ def train(
         epochs: Most epochs; the preset's unless given.
         minutes: Most minutes; the epochs are planned to fit.
         steps: Most steps, in whole epochs; the preset's unless given.
+        start: Another run of the same model, whose weights this one begins with.
     """
     from t2twin.translate.train import train as run
 
     folder = out or Path("runs") / model
-    run(model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps)
+    run(
+        model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps,
+        start=start,
+    )  # fmt: skip
