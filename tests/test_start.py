@@ -115,6 +115,7 @@ def test_what_cannot_be_begun_with_is_one_sentence(
         assert not (tmp_path / "run").exists()
         return str(error.value)
 
+    assert "there is no run" in refused(tmp_path / "none")
     assert "holds no config.json" in refused(tmp_path)
     assert "is a touch2touch run" in refused(runs[0])
     wide = train_smoke("resnet18", data_dir, tmp_path / "wide", epochs=1)

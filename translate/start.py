@@ -16,6 +16,7 @@ from t2twin.translate.layouts import same_layout
 from t2twin.translate.presets import Preset
 from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, load_config
+from t2twin.translate.runs.shipped import find_run
 from t2twin.translate.translator import Translator
 
 RATE_SHARE = 0.3
@@ -31,12 +32,14 @@ class Start:
     sha256: str
 
 
-def find_start(run_dir: Path, model: str, preset: Preset, data: DataInfo) -> Start:
+def find_start(run: str | Path, model: str, preset: Preset, data: DataInfo) -> Start:
     """The best weights of a run, for a training of this model, preset and data set.
 
+    run: its folder, or the name of a run that ships.
     Raises T2TwinError for a folder that holds no run, and for a run of another model, image size,
     width, layout or field.
     """
+    run_dir = find_run(run)
     config = load_config(run_dir)
     there, places = config.preset, config.data
     for what, differs in (

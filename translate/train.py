@@ -62,7 +62,7 @@ def train(
     _check_limits(epochs, minutes, steps, seed)
     settings = for_steps(find_preset(model, preset), steps)
     info = load_info(data_dir)
-    begun = None if start is None else find_start(Path(start), model, settings, info)
+    begun = None if start is None else find_start(start, model, settings, info)
     settings = settings if begun is None else slower(settings)
     distributed.use_all_cores()
     with distributed.processes() as (rank, processes):
