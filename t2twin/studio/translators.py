@@ -84,7 +84,9 @@ class Translators:
         out.
         """
         from t2twin.translate.runs.config import BEST, CONFIG, load_config
+        from t2twin.translate.runs.shipped import find_run
 
+        given = [find_run(run) for run in given]
         models = {_name(folder): load_config(folder).model for folder in given}
         folders = {_name(folder): folder for folder in given}
         self._given = tuple(folders)
