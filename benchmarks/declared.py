@@ -445,6 +445,32 @@ WORLD_RUNS = Benchmark(
     entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
 )
 
+FIELD = Benchmark(
+    name="field",
+    measures="Field runs on presses of many kinds: errors, intervals, sureness, force.",
+    minutes=1,
+    figures=(
+        Figure("on.*.*.*.overall.rmse_percent", "%"),
+        Figure("on.*.*.*.held_percent", "%"),
+        Figure("on.*.test.*.falls_by_percent", "%"),
+        Figure("probes.*.rmse_percent", "%"),
+        Figure("probes.*.held_percent", "%"),
+        Figure("runs.*.minutes", "minutes"),
+    ),
+    arguments=(
+        Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),
+        Argument("--runs", "folders of field runs", Path, nargs="+", required=True),
+        Argument(
+            "--probes",
+            "where the probes' presses are kept",
+            Path,
+            Path("data/probes.npz"),
+            metavar="FILE",
+        ),
+    ),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+)
+
 REGRESSION = Benchmark(
     name="regression",
     measures="Both translators trained briefly on a small fixed dataset, held to a baseline.",
@@ -482,6 +508,6 @@ STUDIO = Benchmark(
 BENCHMARKS = (
     PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION,
     ANCHORS, UNTOUCHED, REAL, UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES,
-    RANDOM_PRESSES, WORLD_RATE, WORLD_RUNS, STUDIO,
+    RANDOM_PRESSES, WORLD_RATE, WORLD_RUNS, FIELD, STUDIO,
 )  # fmt: skip
 """In the order in which they run."""
