@@ -391,6 +391,7 @@ RANDOM_PRESSES = Benchmark(
         Figure("drawn_again_percent", "%"),
         Figure("force_off_percent", "%", most=0.5),
         Figure("shape_over_its_presses", most=0.1),
+        Figure("tail.*.p99_over_median", most=3.0),
         Figure("spread.*.tools_inside_percent", "%", least=95.0),
     ),
     arguments=(

@@ -97,7 +97,7 @@ def worlds() -> str:
         if name not in on_paper["val"]:
             continue
         model = name.partition("-of-")[0]
-        cells = [f"`{run['world']}`", f"{run['pairs']:,}", f"{run['steps']:,}", ROWS[model]]
+        cells = [f"`{run['world']}`", f"{run['pairs']:,}", f"{run['steps']:,}", NAMES[model]]
         lines.append([*cells, *(_percent(on_paper[split][name]) for split in SPLITS)])
     for name in BY_SHAPE[:2]:
         lines.append(["", "", "", ROWS[name], *(_percent(on_paper[s][name]) for s in SPLITS)])
