@@ -23,6 +23,7 @@ from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
 from t2twin.sim.seeds import MOST_SEED
 from t2twin.sim.typed_json import convert, read_json
 from t2twin.translate.data.pairs import DataInfo, known
+from t2twin.translate.direction import DIGIT_TO_CYSKIN, check_direction
 from t2twin.translate.familiar import CELLS, Familiar
 from t2twin.translate.presets import MODELS, Preset
 
@@ -42,6 +43,7 @@ ZERO_OR_MORE = (
     "beta1",
     "beta2",
     "l1_weight",
+    "shape_weight",
     "discriminator_share",
     "averaged_part",
     "weight_decay",
@@ -66,6 +68,7 @@ class RunConfig:
     that came to; with a limit in minutes it depends on the machine, so it is decided once.
     processes: how many share each batch. Runs of older versions do not know what follows.
     pictures: what those look like that it was trained on. epoch_steps: steps of an epoch.
+    direction: which way it goes.
     """
 
     model: str
@@ -80,6 +83,7 @@ class RunConfig:
     pictures: Familiar | None = None
     steps: int | None = None
     epoch_steps: int | None = None
+    direction: str = DIGIT_TO_CYSKIN
     format: int = FORMAT
 
     @property
@@ -95,6 +99,7 @@ class RunConfig:
             {
                 "format": self.format,
                 "model": self.model,
+                "direction": self.direction,
                 "preset": asdict(self.preset),
                 "seed": self.seed,
                 "epochs": self.epochs,
@@ -184,10 +189,15 @@ class _ConfigFile:
     pictures: _PicturesPart | None = None
     steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
     epoch_steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
+    direction: str = DIGIT_TO_CYSKIN
 
     def __post_init__(self) -> None:
         if self.model not in MODELS:
             raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
+        try:
+            check_direction(self.direction, self.model)
+        except T2TwinError as error:
+            raise ValueError(str(error)) from None
 
 
 def load_config(run_dir: Path) -> RunConfig:
@@ -226,6 +236,7 @@ def load_config(run_dir: Path) -> RunConfig:
         pictures=None if pictures is None else pictures.familiar(channels, path),
         steps=there.steps,
         epoch_steps=there.epoch_steps,
+        direction=there.direction,
     )
 
 
