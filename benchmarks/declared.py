@@ -472,6 +472,43 @@ FIELD = Benchmark(
     entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
 )
 
+OTHER_WAY = Benchmark(
+    name="other_way",
+    measures="How near DIGIT pictures drawn of 20 counts are to the real ones.",
+    minutes=2,
+    figures=(
+        Figure("*.rows.*.overall.psnr_contact_db", "dB"),
+        Figure("*.rows.*.overall.ssim_contact"),
+        Figure("*.rows.*.overall.rmse_percent", "%"),
+        Figure("*.over_nearest.overall.psnr_contact_db", "dB"),
+        Figure("*.over_nearest.overall.ssim_contact"),
+        Figure("*.contact_percent", "%"),
+    ),
+    arguments=(
+        Argument("run", "folder of t2twin train --direction cyskin-to-digit", Path),
+        Argument("--data", "the dataset", Path, required=True, metavar="DIR"),
+    ),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    apart_from=(*DRAWING, "benchmarks.other_way_picture"),
+)
+
+SHAPE_LOSS = Benchmark(
+    name="shape_loss",
+    measures="What a loss of the tactile image's shape brings touch2touch.",
+    minutes=4,
+    figures=tuple(
+        Figure(f"*.{part}.{name}", unit)
+        for part in ("plain.mean", "shaped.mean", "gain.overall")
+        for name, unit in (("contact_iou", ""), ("ssim", ""), ("rmse_percent", "%"))
+    ),
+    arguments=(
+        Argument("--plain", "runs without", Path, nargs="+", required=True, metavar="RUN"),
+        Argument("--shaped", "the same with", Path, nargs="+", required=True, metavar="RUN"),
+        Argument("--data", "the dataset", Path, required=True, metavar="DIR"),
+    ),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+)
+
 REGRESSION = Benchmark(
     name="regression",
     measures="Both translators trained briefly on a small fixed dataset, held to a baseline.",
@@ -509,6 +546,6 @@ STUDIO = Benchmark(
 BENCHMARKS = (
     PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION,
     ANCHORS, UNTOUCHED, REAL, UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES,
-    RANDOM_PRESSES, WORLD_RATE, WORLD_RUNS, FIELD, STUDIO,
+    RANDOM_PRESSES, WORLD_RATE, WORLD_RUNS, FIELD, OTHER_WAY, SHAPE_LOSS, STUDIO,
 )  # fmt: skip
 """In the order in which they run."""

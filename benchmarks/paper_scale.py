@@ -11,6 +11,9 @@ from t2twin.translate.presets import PAPER_MODELS, PRESETS
 
 SCALE, PRESET = "paper", "cpu"
 
+NEWER = ("shape_weight",)
+"""Settings that came after results were measured: where they are off, nothing is otherwise."""
+
 
 def presses_sha256() -> str:
     """One sha256 over all presses of the scale: shape, place, turn and force."""
@@ -25,4 +28,8 @@ def presses_sha256() -> str:
 
 def settings() -> dict[str, dict[str, Any]]:
     """The preset by model."""
-    return {model: asdict(PRESETS[model][PRESET]) for model in PAPER_MODELS}
+    return {model: _set(asdict(PRESETS[model][PRESET])) for model in PAPER_MODELS}
+
+
+def _set(preset: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in preset.items() if value or name not in NEWER}

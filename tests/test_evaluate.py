@@ -47,7 +47,7 @@ from t2twin.translate.evaluation.records import (
 from t2twin.translate.evaluation.table import table
 from t2twin.translate.phi import Phi
 from t2twin.translate.predict import load_run
-from t2twin.translate.runs.log import read_log
+from t2twin.translate.runs.log import best_epoch, read_log
 from t2twin.translate.touch2touch import Touch2Touch
 
 FULL_SCALE = 40000.0
@@ -116,7 +116,7 @@ def test_evaluation_agrees_with_training(runs: list[Path], data_dir: Path, tmp_p
     assert list(stored.by_model) == list(models)
     assert (stored.shapes == "square-3").all() and np.array_equal(stored.x_mm, pairs.x_mm)
     for run in runs:
-        best = min(record.val_rmse_counts for record in read_log(run))
+        best = best_epoch(read_log(run)).val_rmse_counts
         overall = models[run.name].overall
         assert overall.rmse_counts == pytest.approx(best, rel=1e-4)
         squares = np.square(stored.by_model[run.name].astype(float) - stored.truth)

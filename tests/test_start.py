@@ -75,7 +75,7 @@ def test_a_start_saves_steps_and_is_kept_in_mind(
 ) -> None:
     fresh = train("resnet18", data_dir, "smoke", tmp_path / "fresh", epochs=1)
     begun = train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, start=runs[1])
-    assert begun.best_rmse_counts < 0.8 * fresh.best_rmse_counts
+    assert begun.best_rmse_percent < 0.8 * fresh.best_rmse_percent
     config = load_config(tmp_path / "begun")
     assert config.start == find_start(runs[1], "resnet18", config.preset, config.data).sha256
     assert config.preset == slower(PRESETS["resnet18"]["smoke"])

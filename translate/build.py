@@ -4,8 +4,10 @@ from pathlib import Path
 
 import torch
 
+from t2twin.translate.direction import CYSKIN_TO_DIGIT
 from t2twin.translate.distributed import device
 from t2twin.translate.field import FieldTranslator
+from t2twin.translate.other_way import OtherWay
 from t2twin.translate.resnet18 import ResNet18Translator
 from t2twin.translate.runs.config import RunConfig
 from t2twin.translate.touch2touch import Touch2Touch
@@ -26,7 +28,8 @@ def build(config: RunConfig) -> Translator:
     """
     with torch.random.fork_rng(devices=[]):  # weights are drawn on the CPU, whatever the device
         torch.default_generator.manual_seed(config.seed)
-        return TRANSLATORS[config.model](config.preset, config.data, device(), config.bf16)
+        kind = OtherWay if config.direction == CYSKIN_TO_DIGIT else TRANSLATORS[config.model]
+        return kind(config.preset, config.data, device(), config.bf16)
 
 
 def has_bf16() -> bool:

@@ -16,7 +16,9 @@ from t2twin.translate.build import build
 from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import augment, to_input
 from t2twin.translate.data.pairs import Pairs
+from t2twin.translate.direction import CYSKIN_TO_DIGIT
 from t2twin.translate.familiar import familiar_with
+from t2twin.translate.other_way import WHITE_GREY, OtherWay
 from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
 from t2twin.translate.runs.checkpoint import load_state, save_state, save_weights
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
@@ -43,7 +45,12 @@ class TrainingLoop:
     """One run in progress, in one of its processes."""
 
     def __init__(
-        self, config: RunConfig, out_dir: Path, pairs: Pairs, validation: Pairs, rank: int,
+        self,
+        config: RunConfig,
+        out_dir: Path,
+        pairs: Pairs,
+        validation: Pairs,
+        rank: int,
         start: Start | None = None,
     ) -> None:
         self.config = config
@@ -56,6 +63,8 @@ class TrainingLoop:
         self.batch = most - most % config.processes
         self.batches = len(pairs) // self.batch  # a last, smaller one would upset batch norm
         self.steps = steps_of_epoch(self.batches, config.budget)
+        self.draws_pictures = config.direction == CYSKIN_TO_DIGIT
+        self.full_scale = WHITE_GREY if self.draws_pictures else config.data.full_scale_counts
         self.history: list[EpochRecord] = []
 
     def run(self) -> Outcome:
@@ -153,9 +162,10 @@ class TrainingLoop:
             epoch=epoch + 1,
             learning_rate=share * config.preset.learning_rate,
             train=sums,
-            val_rmse_counts=rmse,
-            val_rmse_percent=100.0 * rmse / config.data.full_scale_counts,
+            val_rmse_counts=None if self.draws_pictures else rmse,
+            val_rmse_percent=100.0 * rmse / self.full_scale,
             seconds=distributed.largest(time.perf_counter() - started),
+            val_rmse_grey=rmse if self.draws_pictures else None,
         )
 
     def _batches(self, epoch: int) -> Iterator[np.ndarray]:
@@ -183,7 +193,8 @@ class TrainingLoop:
         batch = np.sort(batch)  # the order on disk
         pairs, field = self.pairs, self.pairs.field
         pixels = pairs.pictures[batch].astype(np.float32) / 255.0
-        if preset.brightness or preset.contrast or preset.noise:
+        # Jitter is of what is seen; of what is to be drawn it would only blur the truth.
+        if not self.draws_pictures and (preset.brightness or preset.contrast or preset.noise):
             pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
         examples = Examples(
             to_input(pixels),
@@ -194,15 +205,26 @@ class TrainingLoop:
         return translator.step(examples)
 
     def _validate(self) -> float:
-        """RMSE on the validation split, counts; the processes share it."""
+        """RMSE on the validation split, counts, or grey levels where it draws pictures; the
+        processes share it."""
         mine = np.arange(len(self.validation))[self.rank :: self.config.processes]
-        squares = 0.0
+        squares, values = 0.0, 0
         for start in range(0, mine.size, PREDICT_AT_ONCE):
-            index = mine[start : start + PREDICT_AT_ONCE]
-            pixels = self.validation.pictures[index].astype(np.float32) / 255.0
-            predicted = self.translator.predict(to_input(pixels)).cpu().numpy()
-            squares += float(np.square(predicted - self.validation.counts[index]).sum(dtype=float))
-        return math.sqrt(distributed.total(squares) / self.validation.counts.size)
+            off = self._off(self.translator, mine[start : start + PREDICT_AT_ONCE])
+            squares += float(np.square(off).sum(dtype=float))
+            values += off.size
+        return math.sqrt(distributed.total(squares) / distributed.total(values))
+
+    def _off(self, translator: Translator, index: np.ndarray) -> np.ndarray:
+        """(b, n) what is predicted of validation pairs less what is true: counts, or grey levels
+        where it draws pictures."""
+        pixels, counts = self.validation.pictures[index], self.validation.counts[index]
+        if isinstance(translator, OtherWay):
+            drawn = translator.pictures(torch.from_numpy(counts)).cpu().numpy()
+            return drawn.reshape(pixels.shape[0], -1) - pixels.reshape(pixels.shape[0], -1)
+        return (
+            translator.predict(to_input(pixels.astype(np.float32) / 255.0)).cpu().numpy() - counts
+        )
 
     def _measure(self) -> float:
         """Seconds that an epoch takes, from a few steps of networks that are thrown away."""
@@ -214,10 +236,9 @@ class TrainingLoop:
         for _ in range(TIMED_STEPS):
             self._step(translator, mine, rng)
         step_seconds = (time.perf_counter() - started) / TIMED_STEPS
-        few = self.validation.pictures[: min(PREDICT_AT_ONCE, len(self.validation))]
-        inputs = to_input(few.astype(np.float32) / 255.0)
+        few = np.arange(min(PREDICT_AT_ONCE, len(self.validation)))
         started = time.perf_counter()
-        translator.predict(inputs)
+        self._off(translator, few)
         image_seconds = (time.perf_counter() - started) / len(few)
         validate_seconds = image_seconds * len(self.validation) / self.config.processes
         return distributed.largest(self.steps * step_seconds + validate_seconds)
@@ -229,8 +250,9 @@ class TrainingLoop:
         left = config.planned_epochs - done
         goes_on = f" goes on after epoch {done};" if done else ""
         precision = "bf16" if config.bf16 else "fp32"
+        way = f" {config.direction}" if self.draws_pictures else ""
         print(
-            f"{config.model}, preset {config.preset.name}:{goes_on} {len(self.pairs)} pairs, "
+            f"{config.model}{way}, preset {config.preset.name}:{goes_on} {len(self.pairs)} pairs, "
             f"validated on {len(self.validation)}, {config.planned_epochs} epochs of {self.steps} "
             f"steps, {precision} on {self.translator.device.type}, {config.processes} process(es) "
             f"of {torch.get_num_threads()} thread(s). At most {left * epoch_seconds / 60:.1f} "

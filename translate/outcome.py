@@ -10,20 +10,23 @@ from t2twin.translate.runs.log import EpochRecord, best_epoch
 @dataclass(frozen=True)
 class Outcome:
     """How a training ended. best_rmse_counts: RMSE on the validation split, counts; the root of the
-    L3 of Grella et al. 2023. best_rmse_percent: the same in percent of full scale."""
+    L3 of Grella et al. 2023. best_rmse_percent: the same in percent of full scale. A run that draws
+    DIGIT pictures has no counts: best_rmse_grey is the RMSE of its pictures, grey levels."""
 
     run_dir: Path
     epochs: int
     best_epoch: int
-    best_rmse_counts: float
+    best_rmse_counts: float | None
     best_rmse_percent: float
     reason: str
+    best_rmse_grey: float | None = None
 
     def in_words(self) -> str:
+        grey = self.best_rmse_grey
+        rmse = f"{self.best_rmse_counts:.0f} counts" if grey is None else f"{grey:.1f} grey levels"
         return (
             f"{self.reason}; the best of {self.epochs} epochs is {self.best_epoch}, with a "
-            f"validation RMSE of {self.best_rmse_counts:.0f} counts "
-            f"({self.best_rmse_percent:.2f} %)"
+            f"validation RMSE of {rmse} ({self.best_rmse_percent:.2f} %)"
         )
 
 
@@ -37,6 +40,7 @@ def outcome_of(run_dir: Path, history: list[EpochRecord], reason: str) -> Outcom
         best_rmse_counts=best.val_rmse_counts,
         best_rmse_percent=best.val_rmse_percent,
         reason=reason,
+        best_rmse_grey=best.val_rmse_grey,
     )
 
 

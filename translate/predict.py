@@ -17,11 +17,13 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.build import build, has_bf16
 from t2twin.translate.data.images import to_input, to_pixels
 from t2twin.translate.data.pairs import ImageFile, Pictures
+from t2twin.translate.direction import CYSKIN_TO_DIGIT, check_gives_counts
 from t2twin.translate.estimate import Estimate, joined
 from t2twin.translate.familiar import LIKE
 from t2twin.translate.field import FieldTranslator
 from t2twin.translate.layouts import same_layout, same_pads
 from t2twin.translate.networks.fused import fuse
+from t2twin.translate.other_way import OtherWay
 from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.shipped import find_run
@@ -33,7 +35,7 @@ AT_ONCE = 64
 
 @dataclass(frozen=True)
 class TrainedTranslator:
-    """A trained translator with its best weights; `load_run` makes one."""
+    """A trained translator with its best weights; `load` makes one."""
 
     run_dir: Path
     config: RunConfig
@@ -53,7 +55,8 @@ class TrainedTranslator:
         blue; or several, (B, h, w, 3) or (B, h, w), or a list of frames. An array of three axes
         whose last has length 3 is one frame in colour. untouched: a frame of the same DIGIT with
         nothing touching it, for a field run, which takes its world's mean frame without one.
-        Returns (N,) float32 of one frame, (B, N) of several, within zero and full scale.
+        Returns (N,) float32 of one frame, (B, N) of several, within zero and full scale. Raises
+        T2TwinError for a run that goes the other way, as all that asks for counts does.
         """
         counts = self.predict_pixels(self.pixels_of(images, untouched))
         return counts[0] if _is_frame(images) else counts
@@ -115,6 +118,7 @@ class TrainedTranslator:
 
         progress: a name to show a bar under, or None.
         """
+        check_gives_counts(self.run_dir, self.config.direction)
         counts = [np.empty((0, self.config.data.x_mm.size), np.float32)]
         for part in _parts(len(pixels), progress):
             inputs = to_input(pixels[part].astype(np.float32) / 255.0)
@@ -134,6 +138,7 @@ class TrainedTranslator:
 
         Returns (B, N) and (B, R, C) float32, counts.
         """
+        check_gives_counts(self.run_dir, self.config.direction)
         inputs = to_input(pixels.astype(np.float32) / 255.0)
         counts, tactile = self.translator.counts_and_tactile_images(inputs)
         return counts.cpu().numpy(), tactile.cpu().numpy()
@@ -173,6 +178,7 @@ class TrainedTranslator:
         interpolate, taxels outside the trained layout's convex hull (the image says nothing there),
         and taxels too close together for the generator's pixels; of field for taxels off the cover.
         """
+        check_gives_counts(self.run_dir, self.config.direction)
         trained = self.config.data
         asked = replace(
             trained, layout=name, x_mm=np.asarray(x_mm, dtype=float),
@@ -195,8 +201,51 @@ class TrainedTranslator:
         """The same run, computing in float32 also where the processor has bfloat16."""
         return replace(self, translator=self.translator.in_float32())
 
+    def picture_of(self, counts: np.ndarray) -> np.ndarray:
+        """The DIGIT pictures that belong to counts; of a run that goes from the CySkin to the
+        DIGIT.
+
+        counts: (N,), or several, (B, N), from zero to full scale, in the order of the run's layout.
+        Returns (S, S) or (B, S, S) uint8, grey, S the run's image side; the DIGIT's own pictures
+        are 320 by 240. Raises T2TwinError for the other runs, and for what cannot be counts.
+        """
+        if not isinstance(self.translator, OtherWay):
+            raise T2TwinError(
+                f"{self.run_dir} is a {self.config.direction} run, which draws no DIGIT pictures; "
+                f"a run of `t2twin train touch2touch --direction {CYSKIN_TO_DIGIT}` does"
+            )
+        counts = self._checked_counts(counts)
+        size = self.config.preset.size
+        pictures = [np.empty((0, size, size), np.uint8)]
+        several = torch.from_numpy(np.atleast_2d(counts))
+        for part in _parts(len(several), None):
+            drawn = self.translator.pictures(several[part])[:, 0]
+            pictures.append(drawn.round().clamp(0.0, 255.0).to(torch.uint8).cpu().numpy())
+        drawn = np.concatenate(pictures)
+        return drawn[0] if counts.ndim == 1 else drawn
+
+    def _checked_counts(self, counts: np.ndarray) -> np.ndarray:
+        """(N,) or (B, N) float32. Raises T2TwinError for what cannot be counts of the layout."""
+        data = self.config.data
+        counts = np.asarray(counts)
+        if counts.dtype.kind not in "iuf":
+            raise T2TwinError(f"counts are of type {counts.dtype}; they must be numbers")
+        counts = counts.astype(np.float32)
+        if counts.ndim not in (1, 2) or counts.shape[-1] != data.x_mm.size:
+            raise T2TwinError(
+                f"counts have shape {counts.shape}; they must be ({data.x_mm.size},) or "
+                f"(B, {data.x_mm.size}), one for each taxel of {data.layout}"
+            )
+        if not ((counts >= 0) & (counts <= data.full_scale_counts)).all():
+            raise T2TwinError(
+                f"a count is no number from 0 to {data.full_scale_counts:,.0f}, as the taxels of "
+                f"{data.layout} give"
+            )
+        return counts
+
     def _field(self) -> FieldTranslator:
         """Its translator, of a field run. Raises T2TwinError for the others."""
+        check_gives_counts(self.run_dir, self.config.direction)
         if not isinstance(self.translator, FieldTranslator):
             raise T2TwinError(
                 f"{self.run_dir} is a {self.config.model} run, which gives counts and does not say "
@@ -243,7 +292,15 @@ class TrainedTranslator:
 def load_run(
     run_dir: str | Path, layout: str | Path | None = None, bf16: bool = False
 ) -> TrainedTranslator:
-    """A run's best weights, ready to predict.
+    """As `load`, of a run that gives counts. Raises T2TwinError for one that draws pictures too."""
+    check_gives_counts(Path(run_dir), load_config(Path(run_dir)).direction)
+    return load(run_dir, layout, bf16)
+
+
+def load(
+    run_dir: str | Path, layout: str | Path | None = None, bf16: bool = False
+) -> TrainedTranslator:
+    """A run's best weights, ready to predict, or to draw pictures where it goes the other way.
 
     run_dir: its folder, or the name of a run that ships (t2twin.translate.runs.shipped).
     layout: a taxel layout's name or file to read a touch2touch run at, its own unless given.
@@ -261,6 +318,7 @@ def load_run(
     run = TrainedTranslator(run_dir, config, translator)
     if layout is None:
         return run
+    check_gives_counts(run_dir, config.direction)
     places = load_layout(layout)
     return run.at_layout(places.x_mm, places.y_mm, places.name, places.pad_diameter_mm)
 

@@ -26,6 +26,8 @@ class Preset:
         parts of the learning rate a step; Adam without. schedule: "fixed", or "cosine" down to
         zero over the epochs.
     l1_weight: lambda of the L1 loss beside the adversarial one; touch2touch only.
+    shape_weight: the same of the loss of the tactile image's shape (shape_loss), 0 for none;
+        touch2touch from the DIGIT to the CySkin only.
     discriminator_share: the discriminator's learning rate in parts of the generator's.
     epochs: most epochs. steps: most steps, rounded to whole epochs, which is what bounds a training
         on many pairs; zero for any number. An epoch is all pairs, or a part of very many
@@ -52,6 +54,7 @@ class Preset:
     beta2: float = 0.999
     schedule: Literal["fixed", "cosine"] = "fixed"
     l1_weight: float = 0.0
+    shape_weight: float = 0.0
     discriminator_share: float = 1.0
     weight_decay: float = 0.0
     averaged_part: float = 0.0

@@ -45,7 +45,7 @@ much the RMSE falls without the least sure fifth of the presses, and how far the
 
 
 def ship(run_dir: Path, evaluations: Sequence[Path] = (), home: Path = HOME) -> Path:
-    """Writes a finished run into home, by its model's name, over an earlier one. Returns its folder.
+    """Writes a finished run into home, by its model's name, over an earlier one; its folder there.
 
     evaluations: folders that `t2twin evaluate` has made of this run, for its card.
     Raises T2TwinError where run_dir holds no run, or one that has not finished, and for folders

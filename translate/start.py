@@ -12,6 +12,7 @@ import numpy as np
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.data.pairs import DataInfo
+from t2twin.translate.direction import DIGIT_TO_CYSKIN
 from t2twin.translate.layouts import same_layout
 from t2twin.translate.presets import Preset
 from t2twin.translate.runs.checkpoint import load_weights
@@ -32,17 +33,20 @@ class Start:
     sha256: str
 
 
-def find_start(run: str | Path, model: str, preset: Preset, data: DataInfo) -> Start:
+def find_start(
+    run: str | Path, model: str, preset: Preset, data: DataInfo, direction: str = DIGIT_TO_CYSKIN
+) -> Start:
     """The best weights of a run, for a training of this model, preset and data set.
 
     run: its folder, or the name of a run that ships.
-    Raises T2TwinError for a folder that holds no run, and for a run of another model, image size,
-    width, layout or field.
+    Raises T2TwinError for a folder that holds no run, and for a run of another direction, model,
+    image size, width, layout or field.
     """
     run_dir = find_run(run)
     config = load_config(run_dir)
     there, places = config.preset, config.data
     for what, differs in (
+        (f"a {config.direction} run, and not {direction}", config.direction != direction),
         (f"a {config.model} run, and a {model} is to be trained", config.model != model),
         (
             f"a run of {there.size} pixels, base width {there.filters}, and preset {preset.name} "
@@ -55,7 +59,8 @@ def find_start(run: str | Path, model: str, preset: Preset, data: DataInfo) -> S
         ),
         (
             "a run of another field than the data set's",
-            model == "field" and not (
+            model == "field"
+            and not (
                 _same(places.field_x_mm, data.field_x_mm)
                 and _same(places.field_y_mm, data.field_y_mm)
             ),

@@ -26,6 +26,7 @@ from t2twin.translate.networks.unet import UNet
 from t2twin.translate.optimizer import adamw
 from t2twin.translate.phi import TACTILE_SHAPE, Phi
 from t2twin.translate.presets import Preset
+from t2twin.translate.shape_loss import shape_loss
 
 
 class Touch2Touch:
@@ -39,6 +40,7 @@ class Touch2Touch:
         self.phi = Phi(info.x_mm, info.y_mm).resized((preset.size, preset.size))
         self.full_scale = info.full_scale_counts
         self.l1_weight = preset.l1_weight
+        self.shape_weight = preset.shape_weight
         self.device = device
         self.bf16 = bf16
         self.generator = UNet(preset.size, preset.filters)
@@ -67,15 +69,18 @@ class Touch2Touch:
 
         images: (B, 1, S, S) in [-1, 1]. Returns the losses by name.
         """
-        images = examples.images.to(self.device)
-        real = self._to_image(examples.counts.to(self.device))
+        real = self.to_image(examples.counts.to(self.device))
+        return self.learn(examples.images.to(self.device), real)
+
+    def learn(self, images: torch.Tensor, real: torch.Tensor) -> dict[str, float]:
+        """A step on what is seen and what is to be drawn of it, (B, 1, S, S) each, in [-1, 1]."""
         with self._precision():
             drawn = self.generator(images)
         discriminator_loss = self._discriminator_step(images, real, drawn.detach())
-        adversarial, l1 = self._generator_step(images, real, drawn)
+        losses = self._generator_step(images, real, drawn)
         if self.running is not None:
             self.running.update_parameters(self.generator)
-        return {"discriminator": discriminator_loss, "adversarial": adversarial, "l1": l1}
+        return {"discriminator": discriminator_loss, **losses}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 1, S, S) -> counts (B, N), within zero and full scale. In evaluation mode."""
@@ -89,10 +94,15 @@ class Touch2Touch:
 
     def draw(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 1, S, S) -> the tactile images as drawn, in counts, (B, 1, S, S)."""
+        return (self.drawn(images) + 1.0) * (self.full_scale / 2.0)
+
+    def drawn(self, images: torch.Tensor) -> torch.Tensor:
+        """What the generator draws of what it sees, (B, 1, S, S) in [-1, 1] both. In evaluation
+        mode."""
         self.predictor.eval()
         with torch.inference_mode(), self._precision():
             drawn = self.predictor(images.to(self.device))
-        return (drawn.float() + 1.0) * (self.full_scale / 2.0)
+        return drawn.float()
 
     def counts_of(self, tactile_images: torch.Tensor) -> torch.Tensor:
         """phi^-1 of drawn images, clipped to what taxels can say. (B, 1, S, S) -> (B, N)."""
@@ -116,7 +126,8 @@ class Touch2Touch:
         """See Translator."""
         return _FromPixels(self.predictor, self.phi, self.full_scale)
 
-    def _to_image(self, counts: torch.Tensor) -> torch.Tensor:
+    def to_image(self, counts: torch.Tensor) -> torch.Tensor:
+        """(B, N) counts -> their tactile images, (B, 1, S, S): -1 nothing, 1 full scale."""
         return self.phi.to_torch(counts) * (2.0 / self.full_scale) - 1.0
 
     def _precision(self) -> torch.autocast:
@@ -139,8 +150,8 @@ class Touch2Touch:
 
     def _generator_step(
         self, images: torch.Tensor, real: torch.Tensor, drawn: torch.Tensor
-    ) -> tuple[float, float]:
-        """Pass for real, and stay close to the real image."""
+    ) -> dict[str, float]:
+        """Pass for real, stay close to the real image, and, where it weighs, to its shape."""
         optimizer = self.optimizers["generator"]
         optimizer.zero_grad()
         self.discriminator.requires_grad_(False)
@@ -148,11 +159,15 @@ class Touch2Touch:
             of_drawn = self.discriminator(images, drawn)
         adversarial = _adversarial(of_drawn, 1.0)
         l1 = functional.l1_loss(drawn.float(), real)
-        (adversarial + self.l1_weight * l1).backward()
+        losses, total = {"adversarial": adversarial, "l1": l1}, adversarial + self.l1_weight * l1
+        if self.shape_weight:
+            losses["shape"] = shape_loss((drawn.float() + 1.0) / 2.0, (real + 1.0) / 2.0)
+            total = total + self.shape_weight * losses["shape"]
+        total.backward()
         self.discriminator.requires_grad_(True)
         average_gradients(self.generator)
         optimizer.step()
-        return float(adversarial.detach()), float(l1.detach())
+        return {name: float(loss.detach()) for name, loss in losses.items()}
 
 
 class _FromPixels(nn.Module):

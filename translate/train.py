@@ -21,6 +21,7 @@ from t2twin.sim.seeds import check_seed
 from t2twin.translate import distributed
 from t2twin.translate.build import TRANSLATORS, has_bf16
 from t2twin.translate.data.pairs import CACHE, Pairs, load_info, load_pairs, usable_cache
+from t2twin.translate.direction import DIGIT_TO_CYSKIN, TURNS_ROUND, check_direction
 from t2twin.translate.loop import TrainingLoop
 from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
 from t2twin.translate.presets import Preset, find_preset
@@ -44,6 +45,8 @@ def train(
     minutes: float | None = None,
     steps: int | None = None,
     start: str | Path | None = None,
+    direction: str = DIGIT_TO_CYSKIN,
+    shape_weight: float | None = None,
 ) -> Outcome:
     """Trains a translator on DIR's train split, watching its val split, into the folder out_dir.
 
@@ -54,15 +57,22 @@ def train(
     epochs. An epoch goes through all pairs; of so many that the steps would make few epochs,
     through a part of them, and the next goes on where it ended (loop.steps_of_epoch). For steps
     beyond its own a preset is changed by `for_steps`. start: another run, whose best weights this
-    one begins with, and with a lower learning rate (t2twin.translate.start).
-    Raises T2TwinError for an unknown model or preset, a data set that cannot be read, a folder that
-    holds another run, a start that is not of this kind, and a loss that stops being a number.
+    one begins with, and with a lower learning rate (t2twin.translate.start). direction:
+    "digit-to-cyskin", or "cyskin-to-digit", touch2touch turned round: from counts to pictures,
+    validated by the RMSE of their pixels. shape_weight: weight of the loss of shape
+    (t2twin.translate.shape_loss), the preset's unless given; of touch2touch from DIGIT to CySkin
+    only.
+    Raises T2TwinError for an unknown model, preset or direction, a weight that is negative or has
+    nothing to weigh, a data set that cannot be read, a folder that holds another run, a start that
+    is not of this kind, and a loss that stops being a number.
     """
     data_dir, out_dir = Path(data_dir), Path(out_dir)
     _check_limits(epochs, minutes, steps, seed)
     settings = for_steps(find_preset(model, preset), steps)
+    check_direction(direction, model)
+    settings = _with_shape(settings, shape_weight, model, direction)
     info = load_info(data_dir)
-    begun = None if start is None else find_start(start, model, settings, info)
+    begun = None if start is None else find_start(start, model, settings, info, direction)
     settings = settings if begun is None else slower(settings)
     distributed.use_all_cores()
     with distributed.processes() as (rank, processes):
@@ -79,6 +89,7 @@ def train(
             bf16=settings.bf16 and has_bf16(),
             processes=processes,
             start=None if begun is None else begun.sha256,
+            direction=direction,
         )
         config, history = _earlier_run(asked, out_dir) or (asked, [])
         reason = reason_to_stop(config, history)
@@ -107,6 +118,19 @@ def for_steps(preset: Preset, steps: int | None) -> Preset:
         return preset
     share = preset.discriminator_share * preset.steps / steps
     return replace(preset, discriminator_share=share)
+
+
+def _with_shape(preset: Preset, weight: float | None, model: str, direction: str) -> Preset:
+    """The preset with that weight of the loss of shape, None for its own."""
+    weight = preset.shape_weight if weight is None else weight
+    if not (weight >= 0 and math.isfinite(weight)):
+        raise T2TwinError(f"the shape weight is {weight:g}; it must be 0 or more")
+    if weight and not (model == TURNS_ROUND and direction == DIGIT_TO_CYSKIN):
+        raise T2TwinError(
+            f"the shape weight is {weight:g} and a {model} {direction} draws no tactile image; "
+            f"give it to {TURNS_ROUND} {DIGIT_TO_CYSKIN}, or leave it out"
+        )
+    return replace(preset, shape_weight=weight)
 
 
 def _check_own(out_dir: Path) -> None:
@@ -169,6 +193,8 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
     earlier = load_config(out_dir)
     for what, was, asked in (
         ("model", earlier.model, config.model),
+        ("direction", earlier.direction, config.direction),
+        ("shape weight", earlier.preset.shape_weight, config.preset.shape_weight),
         ("preset", earlier.preset, config.preset),
         ("seed", earlier.seed, config.seed),
         ("data set", earlier.data.sha256, config.data.sha256),

@@ -1,6 +1,7 @@
 """Tables of the documents, made from the results files."""
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 from benchmarks.declared import BENCHMARKS
@@ -119,6 +120,72 @@ def forces() -> str:
             cells += [f"{error:.2f}", f"{100 * error / trivial['rmse_percent']:.0f} %"]
         lines.append(cells)
     return _markdown(lines)
+
+
+DRAWN_ROWS = {
+    "drawn": "drawn by the network",
+    "nearest_neighbour": "nearest counts of the training",
+    "mean_picture": "mean picture of the training",
+    "untouched": "the untouched gel",
+}
+"""Rows of the benchmark other_way, and what they are called."""
+
+
+def other_way() -> str:
+    """How near pictures drawn of counts are to the real ones."""
+    content = _content("other_way")
+    heads = [f"{name}: PSNR dB | SSIM | RMSE %" for name in SPLITS.values()]
+    lines = [["", *" | ".join(heads).split(" | ")]]
+    for row, name in DRAWN_ROWS.items():
+        cells = [name]
+        for split in SPLITS:
+            figures = content[split]["rows"][row]
+            for figure, form in (("psnr_contact_db", ".1f"), ("ssim_contact", ".2f")):
+                cells.append(_with_interval(figures, figure, form))
+            cells.append(f"{figures['overall']['rmse_percent']:.2f}")
+        lines.append(cells)
+    return _markdown(lines)
+
+
+def details() -> str:
+    """How much of the real pictures' detail is drawn right, by its size."""
+    content = _content("other_way")
+    sizes = [f"{size:g}" for size in content["details_mm"]]
+    words = [f"coarser than {sizes[0]} mm"]
+    words += [f"{low} to {high} mm" for high, low in pairwise(sizes)]
+    lines = [["detail"], *([word] for word in (*words, f"finer than {sizes[-1]} mm"))]
+    for split, name in SPLITS.items():
+        for row in ("drawn", "nearest_neighbour"):
+            lines[0].append(f"{name}: {DRAWN_ROWS[row].split(' ')[0]}")
+            for line, part in zip(lines[1:], content[split]["explained"][row], strict=True):
+                line.append(f"{100 * part:.0f} %")
+    return _markdown(lines)
+
+
+def shape_loss() -> str:
+    """touch2touch with and without a loss of shape."""
+    content = _content("shape_loss")
+    forms = {"contact_iou": ".3f", "ssim": ".3f", "rmse_percent": ".2f"}
+    heads = [f"{name}: contact IoU | SSIM | RMSE %" for name in SPLITS.values()]
+    lines = [["", *" | ".join(heads).split(" | ")]]
+    for kind, name in (("plain", "without"), ("shaped", "with")):
+        for seed, number in enumerate(content["seeds"]):
+            each = [content[split][kind]["runs"][seed] for split in SPLITS]
+            cells = [f"{one[figure]:{form}}" for one in each for figure, form in forms.items()]
+            lines.append([f"{name}, seed {number}", *cells])
+    gains = [content[split]["gain"] for split in SPLITS]
+    cells = [_with_interval(one, f, f"+{form}") for one in gains for f, form in forms.items()]
+    lines.append(["with less without", *cells])
+    return _markdown(lines)
+
+
+def _with_interval(figures: dict[str, Any], name: str, form: str) -> str:
+    """A figure and its interval, as in "27.5 (26.4 to 28.6)"."""
+    value, between = figures["overall"][name], figures["interval"][name]
+    if between is None:
+        return f"{value:{form}}"
+    low, high = between
+    return f"{value:{form}} ({low:{form}} to {high:{form}})"
 
 
 def saturation() -> str:
@@ -343,6 +410,9 @@ TABLES: dict[str, Callable[[], str]] = {
     "worlds": worlds,
     "forces": forces,
     "saturation": saturation,
+    "other-way": other_way,
+    "details": details,
+    "shape-loss": shape_loss,
     "real": real,
     "field": field,
     "lights": lights,

@@ -25,11 +25,13 @@ USERS: tuple[tuple[str, ...], ...] = (
 
 FIELDS = {
     "model": "str",
+    "direction": "str",
     "preset": "dict",
     "preset.size": "int",
     "preset.filters": "int",
     "preset.batch": "int",
     "preset.learning_rate": "float",
+    "preset.shape_weight": "float",
     "preset.schedule": "str",
     "preset.grey": "bool",
     "seed": "int",
@@ -45,12 +47,15 @@ FIELDS = {
 }
 """Fields of config.json, and the kind that each is of."""
 
-MAY_LACK = ("preset.schedule", "preset.grey")
+MAY_LACK = ("direction", "preset.schedule", "preset.grey")
 """Of these, those with a default."""
 
 MORE: tuple[tuple[str, Change], ...] = (
     ("a model that is none", ("model", "gpt")),
     ("another model", ("model", "touch2touch")),
+    ("a direction that is none", ("direction", "sideways")),
+    ("a ResNet18 the other way", ("direction", "cyskin-to-digit")),
+    ("shape weight negative", ("preset.shape_weight", -1)),
     ("size 0", ("preset.size", 0)),
     ("size 10^9", ("preset.size", 10**9)),
     ("filters 0", ("preset.filters", 0)),
@@ -206,6 +211,10 @@ def cases() -> Iterator[Case]:
         yield Case(
             f"train into a run with another {change[0]}", USERS[4], _config(change), "another"
         )
+    for user in (*USERS[:4], ("live", "run", "{data}"), ("studio", "--run", "run")):
+        yield Case(f"{user[0]} by a run the other way", user, _turned, "gives no counts")
+    other_model = ("train", "touch2touch", *USERS[4][2:])
+    yield Case("train into a run the other way", other_model, _turned, "another direction")
     yield Case("train into a dataset", (*USERS[4][:-1], "data"), _dataset, "holds no run")
     yield Case("translate with all as it should be", USERS[0], _run_alone, fine=True)
     yield Case("train what is finished", USERS[4], _run_alone, fine=True)
@@ -224,6 +233,13 @@ def _configs() -> Iterator[tuple[str, Make]]:
 
 def _run_alone(box: Path, base: Base) -> None:
     _run(box, base)
+
+
+def _turned(box: Path, base: Base) -> None:
+    """A touch2touch that says it goes from the CySkin to the DIGIT."""
+    (box / "x.png").write_bytes(PNG)
+    path = copied(base.touch2touch, box / "run") / "config.json"
+    replaced(path, changed(path.read_text(), "direction", "cyskin-to-digit"))
 
 
 def _dataset(box: Path, base: Base) -> None:

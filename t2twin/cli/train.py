@@ -1,7 +1,7 @@
 """t2twin train"""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -16,6 +16,8 @@ def train(
     minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     start: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
+    direction: Literal["digit-to-cyskin", "cyskin-to-digit"] = "digit-to-cyskin",
+    shape_weight: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
 ) -> None:
     """Train a translator, or go on with a training that was stopped.
 
@@ -29,11 +31,14 @@ def train(
         minutes: Most minutes; the epochs are planned to fit.
         steps: Most steps, in whole epochs; the preset's unless given.
         start: Another run of the same model, whose weights this one begins with.
+        direction: digit-to-cyskin, or, of touch2touch, the other way: DIGIT pictures from counts.
+        shape_weight: Weight of the loss of the tactile image's shape beside L1's 100; the preset's,
+            none, unless given; touch2touch only.
     """
     from t2twin.translate.train import train as run
 
     folder = out or Path("runs") / model
     run(
         model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps,
-        start=start,
+        start=start, direction=direction, shape_weight=shape_weight,
     )  # fmt: skip

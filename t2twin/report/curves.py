@@ -48,12 +48,13 @@ def _errors(axes: Axes, report: ReportData) -> None:
     full_scale = report.layout.full_scale_counts
     for name, history in report.histories.items():
         epochs = [record.epoch for record in history]
-        validation = [record.val_rmse_counts for record in history]
+        validation = [full_scale * record.val_rmse_percent / 100 for record in history]
         marker = "o" if len(history) == 1 else ""
         label = f"{name_of(name)}, validation"
         axes.plot(epochs, validation, color=colour_of[name], label=label, marker=marker)
         best = best_epoch(history)
-        axes.plot(best.epoch, best.val_rmse_counts, "o", color=colour_of[name], markersize=5)
+        lowest = full_scale * best.val_rmse_percent / 100
+        axes.plot(best.epoch, lowest, "o", color=colour_of[name], markersize=5)
         if "l3" in history[0].train:
             seen = [full_scale * math.sqrt(record.train["l3"]) for record in history]
             label = f"{name_of(name)}, training"

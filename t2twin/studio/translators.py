@@ -80,21 +80,21 @@ class Translators:
     def search(self, given: Sequence[Path] = (), below: Path = RUNS) -> None:
         """Takes the runs that are given, and those found in a folder and below it.
 
-        Raises T2TwinError for a given folder that is no run; one found that cannot be read is left
-        out.
+        Raises T2TwinError for a given folder that is no run or one that gives no counts; one found
+        that cannot be read or gives none is left out.
         """
-        from t2twin.translate.runs.config import BEST, CONFIG, load_config
+        from t2twin.translate.runs.config import BEST, CONFIG
         from t2twin.translate.runs.shipped import find_run
 
         given = [find_run(run) for run in given]
-        models = {_name(folder): load_config(folder).model for folder in given}
+        models = {_name(folder): _model_of(folder) for folder in given}
         folders = {_name(folder): folder for folder in given}
         self._given = tuple(folders)
         weights = [path.with_name(BEST) for path in below.glob("**/" + CONFIG)]
         there = [path for path in weights if path.is_file()]
         for path in sorted(there, key=lambda path: -path.stat().st_mtime):
             try:
-                model = load_config(path.parent).model
+                model = _model_of(path.parent)
             except T2TwinError:
                 continue
             if folders.setdefault(_name(path.parent), path.parent) == path.parent:
@@ -181,6 +181,16 @@ class Translators:
 def _name(folder: Path) -> str:
     """What a run goes by: its folder and the one above it, as trainings are laid out."""
     return "/".join(folder.absolute().parts[-2:])
+
+
+def _model_of(folder: Path) -> str:
+    """Raises T2TwinError for a folder that is no run, and for a run that gives no counts."""
+    from t2twin.translate.direction import check_gives_counts
+    from t2twin.translate.runs.config import load_config
+
+    config = load_config(folder)
+    check_gives_counts(folder, config.direction)
+    return config.model
 
 
 def _truth(touch: "Touch", layout: "Layout") -> np.ndarray:

@@ -11,7 +11,9 @@ from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import read_info, split_shards
 from t2twin.translate.data.pairs import load_info
+from t2twin.translate.direction import CYSKIN_TO_DIGIT
 from t2twin.translate.presets import Preset
+from t2twin.translate.runs import other_way_card
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
 from t2twin.translate.teller import LEAST_FORCE_SCALE
@@ -69,15 +71,15 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
     if load_info(data_dir).sha256 != config.data.sha256:
         raise T2TwinError(f"{data_dir} is not the data set that {run_dir} was trained on")
     info = read_info(data_dir)
-    best = best_epoch(history)
+    best, other_way = best_epoch(history), config.direction == CYSKIN_TO_DIGIT
     parts = [
         _head(config, best, info),
-        _what(config),
-        _use(run_dir.absolute().name, config),
+        other_way_card.what(config) if other_way else _what(config),
+        (other_way_card.use if other_way else _use)(run_dir.absolute().name, config),
         _data(config, info),
         _training(config, history, best),
         *filter(None, [_sureness(run_dir, config)]),
-        _limits(info),
+        other_way_card.limits(info) if other_way else _limits(info),
         f"## Licence\n\n{_licence(info)[1]}\n",
         f"## Citation\n\nThe method:\n\n{CITATION}",
     ]
@@ -100,6 +102,23 @@ def _head(config: RunConfig, best: EpochRecord, info: DatasetInfo) -> str:
     pipeline = "pipeline_tag: image-to-image\n" if config.model == "touch2touch" else ""
     tags = ["tactile", "digit", "cyskin", config.model] + ["simulation"] * info.is_simulated
     dataset = f"t2twin, info.json {config.data.sha256[:12]}"
+    metrics = [
+        (name, f"{value:.{digits}f}")
+        for name, value, digits in (
+            ("RMSE, counts", best.val_rmse_counts, 1),
+            ("RMSE, grey levels", best.val_rmse_grey, 1),
+            ("RMSE, % of full scale", best.val_rmse_percent, 3),
+        )
+        if value is not None
+    ]
+    listed = "\n".join(
+        f"    - {{type: rmse, name: {json.dumps(name)}, value: {value}}}" for name, value in metrics
+    )
+    task = (
+        other_way_card.TASK
+        if config.direction == CYSKIN_TO_DIGIT
+        else "{type: image-to-array, name: DIGIT picture to CySkin counts}"
+    )
     return f"""---
 license: {_licence(info)[0]}
 library_name: t2twin
@@ -107,11 +126,10 @@ library_name: t2twin
 model-index:
 - name: {json.dumps(f"{config.model} ({config.preset.name})")}
   results:
-  - task: {{type: image-to-array, name: DIGIT picture to CySkin counts}}
+  - task: {task}
     dataset: {{name: {json.dumps(dataset)}, type: t2twin, split: validation}}
     metrics:
-    - {{type: rmse, name: "RMSE, counts", value: {best.val_rmse_counts:.1f}}}
-    - {{type: rmse, name: "RMSE, % of full scale", value: {best.val_rmse_percent:.3f}}}
+{listed}
 ---
 """
 
@@ -208,6 +226,7 @@ def _training(config: RunConfig, history: list[EpochRecord], best: EpochRecord) 
     spent = sum(record.seconds for record in history) / 60
     rows = [(field.name, _said(getattr(config.preset, field.name))) for field in fields(Preset)]
     rows += [
+        ("direction", config.direction),
         *([] if config.steps is None else [("steps asked for", _said(config.steps))]),
         ("planned epochs", _said(config.planned_epochs)),
         ("steps of an epoch", _said(config.epoch_steps or "all of the data")),
@@ -215,16 +234,22 @@ def _training(config: RunConfig, history: list[EpochRecord], best: EpochRecord) 
         ("computed in", "bf16" if config.bf16 else "fp32"),
         ("processes", _said(config.processes)),
     ]
+    error = other_way_card.error(best) if best.val_rmse_counts is None else _error(best)
     return f"""## Training
 
 The weights are those of epoch {best.epoch} of the {len(history)} that were trained, the one with
-the lowest error on the validation split: an RMSE of {best.val_rmse_counts:,.0f} counts,
-{best.val_rmse_percent:.2f} % of full scale. RMSE is the root of the paper's L3, the squared error
-averaged over taxels and pairs. It took {spent:.1f} minutes.
+the lowest error on the validation split: {error}
+It took {spent:.1f} minutes.
 
 {_table(("setting", "value"), rows)}
 `translate/presets.py` says what each setting is and where it comes from.
 """
+
+
+def _error(best: EpochRecord) -> str:
+    return f"""\
+an RMSE of {best.val_rmse_counts:,.0f} counts, {best.val_rmse_percent:.2f} % of full scale. RMSE is
+the root of the paper's L3, the squared error averaged over taxels and pairs."""
 
 
 def _limits(info: DatasetInfo) -> str:

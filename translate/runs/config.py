@@ -23,6 +23,7 @@ from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
 from t2twin.sim.seeds import MOST_SEED
 from t2twin.sim.typed_json import convert, read_json
 from t2twin.translate.data.pairs import DataInfo, known
+from t2twin.translate.direction import DIGIT_TO_CYSKIN, check_direction
 from t2twin.translate.familiar import CELLS, Familiar
 from t2twin.translate.presets import MODELS, Preset
 
@@ -42,6 +43,7 @@ ZERO_OR_MORE = (
     "beta1",
     "beta2",
     "l1_weight",
+    "shape_weight",
     "discriminator_share",
     "averaged_part",
     "weight_decay",
@@ -66,7 +68,7 @@ class RunConfig:
     that came to; with a limit in minutes it depends on the machine, so it is decided once.
     processes: how many share each batch. Runs of older versions do not know what follows.
     pictures: what those look like that it was trained on. epoch_steps: steps of an epoch. start:
-    SHA-256 of the weights that it began with, None of fresh ones.
+    SHA-256 of the weights that it began with, None of fresh ones. direction: which way it goes.
     """
 
     model: str
@@ -82,6 +84,7 @@ class RunConfig:
     steps: int | None = None
     epoch_steps: int | None = None
     start: str | None = None
+    direction: str = DIGIT_TO_CYSKIN
     format: int = FORMAT
 
     @property
@@ -97,6 +100,7 @@ class RunConfig:
             {
                 "format": self.format,
                 "model": self.model,
+                "direction": self.direction,
                 "preset": asdict(self.preset),
                 "seed": self.seed,
                 "epochs": self.epochs,
@@ -188,12 +192,17 @@ class _ConfigFile:
     steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
     epoch_steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
     start_sha256: str | None = None
+    direction: str = DIGIT_TO_CYSKIN
 
     def __post_init__(self) -> None:
         if self.start_sha256 is not None and not is_sha256(self.start_sha256):
             raise ValueError("start_sha256 must be 64 hexadecimal digits")
         if self.model not in MODELS:
             raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
+        try:
+            check_direction(self.direction, self.model)
+        except T2TwinError as error:
+            raise ValueError(str(error)) from None
 
 
 def load_config(run_dir: Path) -> RunConfig:
@@ -233,6 +242,7 @@ def load_config(run_dir: Path) -> RunConfig:
         steps=there.steps,
         epoch_steps=there.epoch_steps,
         start=there.start_sha256,
+        direction=there.direction,
     )
 
 

@@ -21,26 +21,36 @@ LOSS = "train_"
 """What a loss's key begins with in log.jsonl."""
 
 
+GREY = "val_rmse_grey"
+"""The key of a run that draws pictures, which has none for counts."""
+
+
 @dataclass(frozen=True)
 class EpochRecord:
     """One epoch.
 
     epoch: its number, from 1. train: each of the model's losses, averaged over the epoch's steps.
     val_rmse_counts, val_rmse_percent: the RMSE on the validation split, in counts and in percent of
-    full scale. seconds: that the epoch took.
+    full scale. seconds: that the epoch took. val_rmse_grey: in place of the counts, which are then
+    None, of a run that draws DIGIT pictures: the RMSE of their pixels, grey levels.
     """
 
     epoch: Annotated[int, Meta(ge=1)]
     learning_rate: Annotated[float, Meta(ge=0)]
     train: dict[str, float]
-    val_rmse_counts: Annotated[float, Meta(ge=0)]
+    val_rmse_counts: Annotated[float, Meta(ge=0)] | None
     val_rmse_percent: Annotated[float, Meta(ge=0)]
     seconds: Annotated[float, Meta(ge=0)]
+    val_rmse_grey: Annotated[float, Meta(ge=0)] | None = None
+
+    def __post_init__(self) -> None:
+        if (self.val_rmse_counts is None) == (self.val_rmse_grey is None):
+            raise ValueError("there must be one of val_rmse_counts and val_rmse_grey")
 
 
 def best_epoch(history: Sequence[EpochRecord]) -> EpochRecord:
     """The one with the lowest validation RMSE, the first of equals. history: not empty."""
-    return min(history, key=lambda record: record.val_rmse_counts)
+    return min(history, key=lambda record: record.val_rmse_percent)
 
 
 def read_log(run_dir: Path) -> list[EpochRecord]:
@@ -89,7 +99,8 @@ def decode_history(text: str, source: object) -> list[EpochRecord]:
 
 
 def to_json(record: EpochRecord) -> dict[str, float]:
-    """A record as log.jsonl has it, each loss under a key of its own: train_NAME.
+    """A record as log.jsonl has it, each loss under a key of its own: train_NAME. What is None is
+    left out.
 
     Raises T2TwinError for a value that is infinite or no number, which JSON does not have.
     """
@@ -99,22 +110,25 @@ def to_json(record: EpochRecord) -> dict[str, float]:
         **{f"{LOSS}{name}": value for name, value in record.train.items()},
         "val_rmse_counts": record.val_rmse_counts,
         "val_rmse_percent": record.val_rmse_percent,
+        GREY: record.val_rmse_grey,
         "seconds": record.seconds,
     }
-    for name, value in content.items():
+    known = {name: value for name, value in content.items() if value is not None}
+    for name, value in known.items():
         if not math.isfinite(value):
             raise T2TwinError(
                 f"{name} of epoch {record.epoch} is {value}; train again with a preset of a lower "
                 "learning rate"
             )
-    return content
+    return known
 
 
 def _history(contents: list[dict[str, Any]], sources: list[str]) -> list[EpochRecord]:
     history = []
     for content, source in zip(contents, sources, strict=True):
         losses = {k.removeprefix(LOSS): v for k, v in content.items() if k.startswith(LOSS)}
-        history.append(convert({**content, "train": losses}, EpochRecord, source))
+        whole = ({"val_rmse_counts": None} if GREY in content else {}) | content
+        history.append(convert({**whole, "train": losses}, EpochRecord, source))
         if history[-1].epoch != len(history):
             raise T2TwinError(
                 f"{source}: epoch is {history[-1].epoch}; it must be {len(history)}, as epochs "

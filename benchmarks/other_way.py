@@ -1,0 +1,122 @@
+"""The other way: how near pictures drawn of 20 counts are to what the DIGIT saw.
+
+    t2twin train touch2touch --direction cyskin-to-digit --data data/paper --steps 6000 --out RUN
+    python -m benchmarks.other_way RUN --data data/paper
+
+Beside what the run draws stand three that learn nothing: the mean picture of the training pairs,
+the picture of that training pair whose counts are nearest, in the Euclidean sense, and the
+untouched gel. On the validation and the test split, over the contact (module drawn_pictures), with
+intervals over shapes. It also draws docs/pictures/other_way.png (module other_way_picture).
+"""
+
+from argparse import Namespace
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from scipy.spatial import KDTree
+
+from benchmarks.declared import OTHER_WAY
+from benchmarks.evidence.run import main
+from benchmarks.other_way_picture import PICTURE, Split, draw
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.digit.camera import DIGIT_CAMERA
+from t2twin.sim.sensors import Digit
+from t2twin.translate.data.images import to_pixels
+from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
+from t2twin.translate.direction import CYSKIN_TO_DIGIT
+from t2twin.translate.evaluation.drawn_pictures import (
+    CONTACT_GREY,
+    DETAILS_MM,
+    PictureFigures,
+    compare_pictures,
+    explained_by_detail,
+    in_contact,
+    intervals,
+    replicates,
+    scores,
+)
+from t2twin.translate.predict import load
+from t2twin.translate.runs.log import read_log
+
+SPLITS = ("val", "test")
+
+DRAWN, NEAREST, MEAN, UNTOUCHED = "drawn", "nearest_neighbour", "mean_picture", "untouched"
+"""The rows."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    run = load(options.run)
+    if run.config.direction != CYSKIN_TO_DIGIT:
+        raise T2TwinError(f"{options.run} is a {run.config.direction} run; give one the other way")
+    if load_info(options.data).sha256 != run.config.data.sha256:
+        raise T2TwinError(f"{options.data} is not the data set that {options.run} was trained on")
+    size = run.config.preset.size
+    train, *rest = (load_pairs(options.data, s, size, grey=True) for s in ("train", *SPLITS))
+    mean = _mean(train)
+    untouched = to_pixels(Image.fromarray(Digit().untouched()), size, grey=True)[..., 0]
+    content, splits = {}, []
+    for split, pairs in zip(SPLITS, rest, strict=True):
+        real = pairs.images[:][..., 0]
+        rows = {
+            DRAWN: run.picture_of(pairs.counts),
+            NEAREST: _nearest(train, pairs),
+            MEAN: np.broadcast_to(mean, real.shape),
+            UNTOUCHED: np.broadcast_to(untouched, real.shape),
+        }
+        figures = {name: compare_pictures(row, real, untouched) for name, row in rows.items()}
+        content[split] = _figures(figures, pairs) | {
+            "contact_percent": 100.0 * float(in_contact(real, untouched).mean()),
+            "explained": {
+                name: explained_by_detail(rows[name], real, mean, _mm_per_px(size))
+                for name in (DRAWN, NEAREST)
+            },
+        }
+        psnr_db = {name: one.psnr_contact_db for name, one in figures.items()}
+        splits.append(Split(split, pairs, real, rows, psnr_db))
+    if not options.keep_nothing:
+        with whole_file(PICTURE) as temporary:
+            temporary.write_bytes(draw(splits, run.config.data))
+    return content | {
+        "pairs": {"train": len(train), **{s: len(p) for s, p in zip(SPLITS, rest, strict=True)}},
+        "size_px": size,
+        "contact_grey": CONTACT_GREY,
+        "details_mm": DETAILS_MM,
+        "steps": (run.config.epoch_steps or 0) * len(read_log(run.run_dir)),
+    }
+
+
+def _figures(figures: Mapping[str, PictureFigures], pairs: Pairs) -> dict[str, Any]:
+    """Every row's scores with their intervals, and what is drawn less the nearest neighbour's."""
+    resampled = {name: replicates(one, pairs.shapes) for name, one in figures.items()}
+    rows = {name: asdict(scores(one)) for name, one in figures.items()}
+    over = {name: rows[DRAWN][name] - value for name, value in rows[NEAREST].items()}
+    apart = {name: values - resampled[NEAREST][name] for name, values in resampled[DRAWN].items()}
+    return {
+        "rows": {n: {"overall": rows[n], "interval": intervals(resampled[n])} for n in rows},
+        "over_nearest": {"overall": over, "interval": intervals(apart)},
+    }
+
+
+def _mean(train: Pairs) -> np.ndarray:
+    """(S, S) uint8: the training's mean picture."""
+    return np.rint(train.images[:][..., 0].mean(axis=0, dtype=float)).astype(np.uint8)
+
+
+def _nearest(train: Pairs, pairs: Pairs) -> np.ndarray:
+    """(P, S, S) uint8: the pictures of the training pairs with the nearest counts."""
+    index = np.asarray(KDTree(train.counts).query(pairs.counts)[1])
+    return train.images[index][..., 0]
+
+
+def _mm_per_px(size: int) -> tuple[float, float]:
+    """Millimetres that a row and a column of a square picture are apart."""
+    half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
+    return 2 * half_height / size, 2 * half_width / size
+
+
+if __name__ == "__main__":
+    main(OTHER_WAY)
