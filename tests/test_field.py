@@ -21,7 +21,7 @@ from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.batch import translate_files
-from t2twin.translate.calibrated import calibration_of
+from t2twin.translate.calibrated import HALF_WIDTH, Errors, calibration_of, standard_deviation
 from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import load_info, load_pairs
@@ -202,14 +202,36 @@ def test_temperature_makes_intervals_hold_what_they_say() -> None:
     normal = torch.randn(4000, 3, generator=generator)
     errors = 3.0 * torch.stack([normal[:, 0], 0.8 * normal[:, 0] + 0.6 * normal[:, 1],
                                 normal[:, 2]], dim=1)  # fmt: skip
-    found = calibration_of(errors, 0.5 * normal[:, 0])
+    one = Errors(errors, torch.full_like(errors, 0.02), 0.5 * normal[:, 0])
+    found = calibration_of([one], power=1.0)
     assert found.temperature.tolist() == pytest.approx([3.0, 0.5], rel=0.05)
     assert found.correlation.diagonal().tolist() == [1.0, 1.0, 1.0]
     assert float(found.correlation[0, 1]) == pytest.approx(0.8, abs=0.05)
     assert float(found.correlation[0, 2]) == pytest.approx(0.0, abs=0.05)
     assert torch.linalg.eigvalsh(found.correlation).min() > 0
-    few = calibration_of(torch.zeros(2, 3), torch.zeros(2))
+    few = calibration_of([Errors(torch.zeros(2, 3), torch.ones(2, 3), torch.zeros(2))], 1.0)
     assert torch.isfinite(few.correlation).all() and (few.temperature > 0).all()
+
+
+def test_a_power_makes_intervals_hold_in_each_of_two_worlds() -> None:
+    """Of spreads of which the larger are too small: true ones go as the power of 1.4."""
+    generator = torch.Generator().manual_seed(0)
+    worlds = []
+    for middle in (0.002, 0.03):
+        spread = middle * torch.exp(0.5 * torch.randn(3000, 4, generator=generator))
+        true = 0.01 * (spread / 0.01) ** 1.4
+        off = true * torch.randn(3000, 4, generator=generator)
+        worlds.append(Errors(off / spread, spread, torch.randn(3000, generator=generator)))
+    found = calibration_of(worlds, power=1.0)
+    assert found.power == pytest.approx(1.4, abs=0.11)
+    for world in worlds:
+        std = standard_deviation(world.spread, torch.tensor(found.power), found.temperature[0])
+        held = ((world.field * world.spread).abs() <= HALF_WIDTH * std).float().mean()
+        assert float(held) == pytest.approx(0.9, abs=0.02)
+    plain = calibration_of(worlds[:1], power=1.0)
+    assert plain.power == 1.0
+    same = calibration_of([worlds[0], worlds[0]], power=1.3)
+    assert same.power == 1.0  # as good as any
 
 
 def test_certainty_of_what_is_right_by_half() -> None:
@@ -337,13 +359,13 @@ def test_tempered_on_several_worlds(
     before = load_file(own / "best.safetensors")
     spoilt = before | {"temperature": torch.tensor([7.0, 7.0])}
     save_file(spoilt, own / "best.safetensors")
-    field, force = temper(own, [data_dir, data_dir])
+    found = temper(own, [data_dir, data_dir])
     after = load_file(own / "best.safetensors")
     torch.testing.assert_close(after["temperature"], before["temperature"], rtol=0.02, atol=0)
-    assert [field, force] == after["temperature"].tolist()
+    assert torch.equal(found.temperature, after["temperature"]) and found.power == 1.0
     changed = {"temperature", "correlation"}
     assert all(torch.equal(after[key], before[key]) for key in before.keys() - changed)
-    assert f"times {field:.2f}" in (own / "README.md").read_text()
+    assert f"times {float(found.temperature[0]):.2f}" in (own / "README.md").read_text()
     with pytest.raises(T2TwinError, match="was trained on is not given"):
         temper(own, [small_dataset])
     with pytest.raises(T2TwinError, match="hold no field"):

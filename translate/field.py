@@ -4,9 +4,9 @@ The mean is trained on the squared error alone, as a yardstick of counts asks fo
 by a likelihood whose residual is held (Seitzer et al. 2022 show what happens to the mean where it
 is not), through layers of its own, so that it takes nothing from the mean. The likelihood is that
 of Student's t: errors are small in most presses and large in few, and by a Gaussian's the few drown
-what the many say. What the spread says too much or too little is put right by one temperature,
-fitted on the validation's presses; beside it goes how the places' errors hang together, from which
-whole fields can be drawn.
+what the many say. What the spread says too much or too little is put right by a temperature and a
+power (module calibrated), fitted on presses of validation; beside them goes how the places' errors
+hang together, from which whole fields can be drawn.
 
 The force is told by its logarithm, where the presses of the training have several.
 
@@ -28,7 +28,7 @@ from t2twin.sim.cyskin.field_reading import reading_of
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.digit.camera import DIGIT_CAMERA
 from t2twin.translate.averaging import running_mean
-from t2twin.translate.calibrated import calibration_of
+from t2twin.translate.calibrated import Errors, calibration_of
 from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD, to_input
 from t2twin.translate.data.pairs import DataInfo, Pairs
@@ -143,18 +143,22 @@ class FieldTranslator:
         return told.counts, self.drawing(told.field)
 
     def calibrate(self, *sets: Pairs) -> None:
-        """See Translator: the temperatures, and how the errors hang together."""
-        errors = [part for pairs in sets for part in self._errors(pairs)]
-        found = calibration_of(*(torch.cat(parts).cpu() for parts in zip(*errors, strict=True)))
+        """See Translator: temperatures and power, and how the errors hang together."""
+        worlds = [self._errors_on(pairs) for pairs in sets]
+        found = calibration_of(worlds, float(self.predictor.power))
         self.predictor.temperature.copy_(found.temperature)
+        self.predictor.power.fill_(found.power)
         if not knows_force(self.predictor):
             self.predictor.temperature[1] = 1.0  # of nothing
         self.predictor.correlation.copy_(found.correlation)
         self.__dict__.pop("teller", None)
 
-    def _errors(self, pairs: Pairs) -> Iterator[tuple[torch.Tensor, torch.Tensor]]:
-        """Of batches of pairs, the errors in parts of what is said: (b, F) of the field, (b,) of
-        the force."""
+    def _errors_on(self, pairs: Pairs) -> Errors:
+        parts = zip(*self._errors(pairs), strict=True)
+        return Errors(*(torch.cat(part).cpu() for part in parts))
+
+    def _errors(self, pairs: Pairs) -> Iterator[tuple[torch.Tensor, ...]]:
+        """Of batches of pairs, what Errors holds."""
         assert pairs.field is not None
         for start in range(0, len(pairs), AT_ONCE):
             part = slice(start, start + AT_ONCE)
@@ -163,7 +167,8 @@ class FieldTranslator:
             force = torch.from_numpy(pairs.force_n[part].astype(np.float32)).to(self.device)
             off = field / self.full_scale - said.mean.clamp(0.0, 1.0)
             force_off = self._force_wanted(force) - said.force
-            yield off / said.log_spread.exp(), force_off / said.force_log_spread.exp()
+            spread = said.log_spread.exp()
+            yield off / spread, spread, force_off / said.force_log_spread.exp()
 
     @cached_property
     def teller(self) -> Teller:

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from t2twin.translate.calibrated import standard_deviation
 from t2twin.translate.networks.field_net import FieldNet, FieldParts
 
 FORCE_OFFSET_N = 0.1
@@ -41,6 +42,7 @@ class Teller(nn.Module):
     reading: torch.Tensor
     factor: torch.Tensor
     temperature: torch.Tensor
+    power: torch.Tensor
     force_scale: torch.Tensor
 
     def __init__(self, network: FieldNet, reading: np.ndarray, full_scale: float) -> None:
@@ -51,13 +53,15 @@ class Teller(nn.Module):
         self.register_buffer("reading", torch.from_numpy(reading).float())
         self.register_buffer("factor", factor)
         self.register_buffer("temperature", network.temperature.detach().clone())
+        self.register_buffer("power", network.power.detach().clone())
         self.register_buffer("force_scale", network.force_scale.detach().clone())
         self.to(network.temperature.device)
 
     def forward(self, said: FieldParts) -> Told:
         """Counts lie within zero and full scale."""
         field = (said.mean * self.full_scale).clamp(0.0, self.full_scale)
-        field_std = said.log_spread.exp() * (self.full_scale * self.temperature[0])
+        std = standard_deviation(said.log_spread.exp(), self.power, self.temperature[0])
+        field_std = self.full_scale * std
         counts = (field @ self.reading.T).clamp(0.0, self.full_scale)
         # A taxel between places reads several, whose errors go together.
         parts = (field_std[:, None, :] * self.reading) @ self.factor

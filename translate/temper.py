@@ -13,6 +13,7 @@ import numpy as np
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.translate.build import build
+from t2twin.translate.calibrated import Calibration
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.field import FieldTranslator
 from t2twin.translate.runs.card import write_card
@@ -23,13 +24,12 @@ SEED = 0
 """Of which presses of a larger validation are taken."""
 
 
-def temper(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> tuple[float, float]:
-    """Fits a field run's temperatures, and how its errors go together, anew; they are kept with its
-    best weights, and its card is written again.
+def temper(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> Calibration:
+    """Fits a field run's temperatures and power, and how its errors go together, anew; they are
+    kept with its best weights, and its card is written again.
 
     data_dirs: datasets whose pairs hold the field, of any world, the run's own among them. Of each
-    as many validation presses are taken as the smallest has. Returns the temperatures of field and
-    force.
+    as many validation presses are taken as the smallest has. Returns what was found.
     Raises T2TwinError for a run of another translator, a dataset without a field or validation
     pairs, and where the run's own dataset is not given.
     """
@@ -52,10 +52,10 @@ def temper(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> tuple[float,
             for each in folders
         ]
         translator.calibrate(*_as_many_of_each(sets))
-        save_weights(run_dir / BEST, translator.predictor)
+        predictor = translator.predictor
+        save_weights(run_dir / BEST, predictor)
         write_card(run_dir, own[0])
-    field, force = translator.predictor.temperature.tolist()
-    return field, force
+    return Calibration(predictor.temperature, float(predictor.power), predictor.correlation)
 
 
 def _as_many_of_each(sets: Sequence[Pairs]) -> list[Pairs]:

@@ -26,6 +26,9 @@ def temper(
     if not data:
         raise T2TwinError("there is no dataset to temper on; give folders with --data")
     use_all_cores()
-    field, _ = fit(run, data)
-    print(f"standard deviations are the network's own times {field:.3f}")
+    found = fit(run, data)
+    print(
+        f"standard deviations are the network's own to the power of {found.power:.2f}, times "
+        f"{float(found.temperature[0]):.3f}"
+    )
     print(f"written to {run}")

@@ -58,9 +58,9 @@ class FieldNet(nn.Module):
 
     Kept with the weights, and not learnt: mean_frame, (3, S, S), the mean of the world's untouched
     frames, normalised; field_mean, (F,), and field_variance, the mean over the places, in parts of
-    full scale and of its square;
-    force_scale, (2,), mean and spread of the forces' logarithm; temperature, (2,), of field and
-    force; correlation, (F, F), of the field's errors (module calibrated).
+    full scale and of its square; force_scale, (2,), mean and spread of the forces' logarithm;
+    temperature, (2,), of field and force; power, (), of the field's spreads; correlation, (F, F),
+    of the field's errors (module calibrated).
     Raises T2TwinError for places that are no such columns, and for too few filters.
     """
 
@@ -71,6 +71,7 @@ class FieldNet(nn.Module):
     field_variance: torch.Tensor
     force_scale: torch.Tensor
     temperature: torch.Tensor
+    power: torch.Tensor
     correlation: torch.Tensor
 
     def __init__(
@@ -113,7 +114,15 @@ class FieldNet(nn.Module):
         self.register_buffer("field_variance", torch.ones(()))
         self.register_buffer("force_scale", torch.tensor([0.0, 0.0]))
         self.register_buffer("temperature", torch.ones(2))
+        self.register_buffer("power", torch.ones(()))
         self.register_buffer("correlation", torch.eye(x_mm.size))
+
+    def _load_from_state_dict(
+        self, state_dict: dict[str, torch.Tensor], prefix: str, *rest
+    ) -> None:
+        """Weights of an earlier version hold no power, which was 1."""
+        state_dict.setdefault(f"{prefix}power", torch.ones(()))
+        super()._load_from_state_dict(state_dict, prefix, *rest)
 
     def forward(self, images: torch.Tensor) -> FieldParts:
         """images: (B, 6, S, S), normalised, the picture and the untouched frame."""

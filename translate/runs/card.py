@@ -189,13 +189,15 @@ def _sureness(run_dir: Path, config: RunConfig) -> str:
         return ""
     with safe_open(run_dir / BEST, "np") as weights:
         field, force = weights.get_tensor("temperature").tolist()
+        has_power = "power" in weights.keys()  # noqa: SIM118, it is no dictionary
+        power = float(weights.get_tensor("power")) if has_power else 1.0
         knows_force = weights.get_tensor("force_scale")[1] > LEAST_FORCE_SCALE
     of_force = f", those of the force by {force:.2f}" if knows_force else ""
     return f"""## How sure it is
 
-Standard deviations are the network's own times {field:.2f}{of_force}: then intervals of 90 % held
-90 % of the field on validation presses. On shapes of another kin they may hold less; `t2twin
-evaluate` says how much.
+Standard deviations are the network's own, to the power of {power:.2f} about a hundredth of full
+scale, times {field:.2f}{of_force}: then intervals of 90 % held 90 % of the field on validation
+presses. On shapes of another kin they may hold less; `t2twin evaluate` says how much.
 """
 
 
