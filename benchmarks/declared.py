@@ -391,6 +391,7 @@ RANDOM_PRESSES = Benchmark(
         Figure("drawn_again_percent", "%"),
         Figure("force_off_percent", "%", most=0.5),
         Figure("shape_over_its_presses", most=0.1),
+        Figure("tail.*.p99_over_median", most=3.0),
         Figure("spread.*.tools_inside_percent", "%", least=95.0),
     ),
     arguments=(
@@ -442,6 +443,32 @@ WORLD_RUNS = Benchmark(
         Figure("on.*.test.*.overall.rmse_percent", "%"),
     ),
     arguments=(Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+)
+
+FIELD = Benchmark(
+    name="field",
+    measures="Field runs on presses of many kinds: errors, intervals, sureness, force.",
+    minutes=1,
+    figures=(
+        Figure("on.*.*.*.overall.rmse_percent", "%"),
+        Figure("on.*.*.*.held_percent", "%"),
+        Figure("on.*.test.*.falls_by_percent", "%"),
+        Figure("probes.*.rmse_percent", "%"),
+        Figure("probes.*.held_percent", "%"),
+        Figure("runs.*.minutes", "minutes"),
+    ),
+    arguments=(
+        Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),
+        Argument("--runs", "folders of field runs", Path, nargs="+", required=True),
+        Argument(
+            "--probes",
+            "where the probes' presses are kept",
+            Path,
+            Path("data/probes.npz"),
+            metavar="FILE",
+        ),
+    ),
     entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
 )
 
@@ -524,6 +551,6 @@ STUDIO = Benchmark(
 BENCHMARKS = (
     PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION,
     ANCHORS, UNTOUCHED, REAL, UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES,
-    RANDOM_PRESSES, WORLD_RATE, WORLD_RUNS, OTHER_WAY, SHAPE_LOSS, STUDIO,
+    RANDOM_PRESSES, WORLD_RATE, WORLD_RUNS, FIELD, OTHER_WAY, SHAPE_LOSS, STUDIO,
 )  # fmt: skip
 """In the order in which they run."""

@@ -85,7 +85,8 @@ class Pressed:
     """What came of some shapes. values: of each press, by QUANTITIES. again: presses that were
     drawn again, by why. stand_ins: presses of a shape in the place of one that can't be touched.
     exceptions: what was raised that is no refusal. same: shapes that press with a tool's surface,
-    and whose."""
+    and whose. shape_ms, press_ms: the processor's time for each shape and pair; digit_ms,
+    cyskin_ms: each press's own, by the clock."""
 
     values: list[tuple[float, ...]] = field(default_factory=list)
     again: Counter[str] = field(default_factory=Counter)
@@ -94,6 +95,8 @@ class Pressed:
     same: list[tuple[str, str]] = field(default_factory=list)
     shape_ms: list[float] = field(default_factory=list)
     press_ms: list[float] = field(default_factory=list)
+    digit_ms: list[float] = field(default_factory=list)
+    cyskin_ms: list[float] = field(default_factory=list)
     force_off_percent: float = 0.0
 
     def add(self, other: "Pressed") -> None:
@@ -104,6 +107,8 @@ class Pressed:
         self.same += other.same
         self.shape_ms += other.shape_ms
         self.press_ms += other.press_ms
+        self.digit_ms += other.digit_ms
+        self.cyskin_ms += other.cyskin_ms
         self.force_off_percent = max(self.force_off_percent, other.force_off_percent)
 
 
@@ -132,12 +137,29 @@ def measure(options: Namespace) -> dict[str, Any]:
         "force_off_percent": everything.force_off_percent,
         "shape_ms": a_shape,
         "press_ms": a_press,
+        "tail": tail(everything),
         "shape_over_its_presses": a_shape / (A_SHAPE * a_press),
         "looked_at_for_tools": min(shapes, LOOKED_AT),
         "like_a_tool": sorted(everything.same),
         "spread": spread(values, tools),
         "by_force": {"random": by_force(values), "tools": by_force(tools)},
     }
+
+
+def tail(everything: Pressed) -> dict[str, dict[str, float]]:
+    """How long the slowest presses take beside the usual one: of each sensor by the clock, without
+    compiling, and of the whole pair by the processor's time."""
+    found = {}
+    for name in ("digit", "cyskin", "press"):
+        times = np.array(getattr(everything, f"{name}_ms"))
+        median, p99 = np.percentile(times, [50, 99])
+        found[name] = {
+            "median_ms": float(median),
+            "p99_ms": float(p99),
+            "most_ms": float(times.max()),
+            "p99_over_median": float(p99 / median),
+        }
+    return found
 
 
 def press_some(first: int, last: int) -> Pressed:
@@ -182,6 +204,8 @@ def _press(
     made.stand_ins += touch.shape is not shape
     made.press_ms.append(took_ms)
     contacts = (touch.sample.digit, touch.sample.cyskin)
+    made.digit_ms.append(touch.sample.digit.milliseconds)
+    made.cyskin_ms.append(touch.sample.cyskin.milliseconds)
     off = max(_force_off_percent(contact) for contact in contacts)
     made.force_off_percent = max(made.force_off_percent, off)
     made.values.append(_values(touch.sample))

@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import REAL
 from benchmarks.evidence.run import main
-from t2twin.adapt.judged import Felt, felt_by_the_twin, judge_each
+from t2twin.adapt.judged import Felt, counts_of, felt_by_the_twin, judge_each
 from t2twin.adapt.record import Scores, trivial_percent
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.errors import T2TwinError
@@ -60,11 +60,11 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def _scores(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarray) -> dict[str, Any]:
-    judged = judge_each(run, felt)
+    judged = judge_each(run, felt, untouched)
     return {
         "real": asdict(Scores.of([one.real for one in judged])),
         "simulated": asdict(Scores.of([one.simulated for one in judged])),
-        "untouched_counts": float(np.max(run.predict(untouched))),
+        "untouched_counts": float(np.max(counts_of(run, untouched, untouched))),
     }
 
 

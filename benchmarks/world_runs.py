@@ -16,6 +16,7 @@ import msgspec
 from benchmarks.declared import WORLD_RUNS
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.evaluation.certainty import NAMED_KEPT, NAMED_LEVEL
 from t2twin.translate.evaluation.records import ModelRow, read_evaluation
 
 SPLITS = ("val", "test")
@@ -63,6 +64,18 @@ def _row(row: ModelRow) -> dict[str, Any]:
         "overall": msgspec.to_builtins(row.overall),
         "interval": msgspec.to_builtins(row.interval),
         "by_force": [msgspec.to_builtins(each) for each in row.by_force],
+    } | _sureness(row)
+
+
+def _sureness(row: ModelRow) -> dict[str, Any]:
+    """How sure a run is, of those that say it."""
+    sure = row.certainty
+    if sure is None:
+        return {}
+    return {
+        "held_percent": 100.0 * sure.held_at(NAMED_LEVEL),
+        "falls_by_percent": 100.0 * sure.falls_by(NAMED_KEPT),
+        "certainty": msgspec.to_builtins(sure),
     }
 
 

@@ -87,7 +87,15 @@ def digests(folder):
 
 
 def test_what_ships_can_be_planned():
-    assert set(shipped()) == {"paper", "open", "open-8n", "union", "unseen-forces", "forces"}
+    assert set(shipped()) == {
+        "paper",
+        "open",
+        "open-8n",
+        "union",
+        "unseen-forces",
+        "forces",
+        "shipped",
+    }
     open_world = load_recipe("open")
     batches = plan(open_world)
     assert sum(batch.pairs for batch in batches) == 100_000

@@ -82,7 +82,8 @@ class FieldTranslator:
         self.predictor = averaged or self.network
 
     def prepare(self, pairs: Pairs) -> None:
-        """See Translator: the mean frame, and what field and force spread over."""
+        """See Translator: the mean frame, which is always that of the pairs, and what field and
+        force spread over."""
         assert pairs.field is not None
         field = pairs.field / np.float32(self.full_scale)
         forces = log_force(torch.tensor(pairs.force_n))
@@ -93,9 +94,11 @@ class FieldTranslator:
         )
         for network in (self.network, self.predictor):
             network.mean_frame.copy_(to_input(frame[None] / 255.0)[0])
-            network.field_mean.copy_(torch.from_numpy(field.mean(axis=0)))
-            network.field_variance.fill_(float(field.var(axis=0).mean()))
-            network.force_scale.copy_(torch.stack([forces.mean(), forces.std(correction=0)]))
+            if not network.field_mean.any():
+                network.field_mean.copy_(torch.from_numpy(field.mean(axis=0)))
+                network.field_variance.fill_(float(field.var(axis=0).mean()))
+            if not knows_force(network):
+                network.force_scale.copy_(torch.stack([forces.mean(), forces.std(correction=0)]))
 
     def step(self, examples: Examples) -> dict[str, float]:
         """One step: the field's squared error and the force's, and the likelihood of both spreads.

@@ -23,6 +23,7 @@ from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
 from t2twin.translate.runs.checkpoint import load_state, save_state, save_weights
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochRecord, best_epoch, to_json, write_log
+from t2twin.translate.start import Start, begin_with
 from t2twin.translate.translator import Translator
 
 PREDICT_AT_ONCE = 64
@@ -44,13 +45,20 @@ class TrainingLoop:
     """One run in progress, in one of its processes."""
 
     def __init__(
-        self, config: RunConfig, out_dir: Path, pairs: Pairs, validation: Pairs, rank: int
+        self,
+        config: RunConfig,
+        out_dir: Path,
+        pairs: Pairs,
+        validation: Pairs,
+        rank: int,
+        start: Start | None = None,
     ) -> None:
         self.config = config
         self.out_dir = out_dir
         self.pairs = pairs
         self.validation = validation
         self.rank = rank
+        self.start = start
         most = min(config.preset.batch, len(pairs))
         self.batch = most - most % config.processes
         self.batches = len(pairs) // self.batch  # a last, smaller one would upset batch norm
@@ -74,6 +82,8 @@ class TrainingLoop:
         if resumed:
             self.history = load_state(self.out_dir / LAST, self.translator)
         else:
+            if self.start is not None:
+                begin_with(self.start, self.translator)
             self.translator.prepare(self.pairs)
             if self.rank == 0:
                 self.config.save(self.out_dir)

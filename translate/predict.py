@@ -26,6 +26,7 @@ from t2twin.translate.networks.fused import fuse
 from t2twin.translate.other_way import OtherWay
 from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
+from t2twin.translate.runs.shipped import find_run
 from t2twin.translate.translator import Translator
 
 AT_ONCE = 64
@@ -301,13 +302,14 @@ def load(
 ) -> TrainedTranslator:
     """A run's best weights, ready to predict, or to draw pictures where it goes the other way.
 
+    run_dir: its folder, or the name of a run that ships (t2twin.translate.runs.shipped).
     layout: a taxel layout's name or file to read a touch2touch run at, its own unless given.
     bf16: compute in bfloat16 where the run's preset and the processor have it, which is faster and
     up to some hundred counts off what float32 gives.
     torch's threads and random numbers stay as they are.
     Raises T2TwinError where the folder holds no run, and for a layout that it cannot be read at.
     """
-    run_dir = Path(run_dir)
+    run_dir = find_run(run_dir)
     config = load_config(run_dir)
     here = replace(config, bf16=bf16 and config.preset.bf16 and has_bf16())
     translator = build(here)

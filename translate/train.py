@@ -29,6 +29,7 @@ from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import load_history
 from t2twin.translate.runs.config import CONFIG, LAST, MOST_STEPS, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord
+from t2twin.translate.start import find_start, slower
 
 FEWEST_PAIRS = 8
 """Pairs that a training asks for (assumed: below this batch norm has nothing to average)."""
@@ -43,6 +44,7 @@ def train(
     epochs: int | None = None,
     minutes: float | None = None,
     steps: int | None = None,
+    start: str | Path | None = None,
     direction: str = DIGIT_TO_CYSKIN,
     shape_weight: float | None = None,
 ) -> Outcome:
@@ -54,13 +56,15 @@ def train(
     follows the plan. steps: most steps, instead of the preset's steps and epochs, rounded to whole
     epochs. An epoch goes through all pairs; of so many that the steps would make few epochs,
     through a part of them, and the next goes on where it ended (loop.steps_of_epoch). For steps
-    beyond its own a preset is changed by `for_steps`. direction: "digit-to-cyskin", or
-    "cyskin-to-digit", touch2touch turned round: from counts to pictures, validated by the RMSE of
-    their pixels. shape_weight: weight of the loss of shape (t2twin.translate.shape_loss), the
-    preset's unless given; of touch2touch from DIGIT to CySkin only.
+    beyond its own a preset is changed by `for_steps`. start: another run, whose best weights this
+    one begins with, and with a lower learning rate (t2twin.translate.start). direction:
+    "digit-to-cyskin", or "cyskin-to-digit", touch2touch turned round: from counts to pictures,
+    validated by the RMSE of their pixels. shape_weight: weight of the loss of shape
+    (t2twin.translate.shape_loss), the preset's unless given; of touch2touch from DIGIT to CySkin
+    only.
     Raises T2TwinError for an unknown model, preset or direction, a weight that is negative or has
-    nothing to weigh, a data set that cannot be read, a folder that
-    holds another run, and a loss that stops being a number.
+    nothing to weigh, a data set that cannot be read, a folder that holds another run, a start that
+    is not of this kind, and a loss that stops being a number.
     """
     data_dir, out_dir = Path(data_dir), Path(out_dir)
     _check_limits(epochs, minutes, steps, seed)
@@ -68,6 +72,8 @@ def train(
     check_direction(direction, model)
     settings = _with_shape(settings, shape_weight, model, direction)
     info = load_info(data_dir)
+    begun = None if start is None else find_start(start, model, settings, info, direction)
+    settings = settings if begun is None else slower(settings)
     distributed.use_all_cores()
     with distributed.processes() as (rank, processes):
         _check_shares(settings, processes)
@@ -82,6 +88,7 @@ def train(
             planned_epochs=epochs or settings.epochs,
             bf16=settings.bf16 and has_bf16(),
             processes=processes,
+            start=None if begun is None else begun.sha256,
             direction=direction,
         )
         config, history = _earlier_run(asked, out_dir) or (asked, [])
@@ -95,7 +102,7 @@ def train(
             _check_own(out_dir)
             learns_field = TRANSLATORS[model].learns_field
             pairs, validation = _load_in_turn(data_dir, out_dir, settings, learns_field, rank)
-            outcome = TrainingLoop(config, out_dir, pairs, validation, rank).run()
+            outcome = TrainingLoop(config, out_dir, pairs, validation, rank, begun).run()
             if rank == 0:
                 write_card(out_dir, data_dir)
             return outcome
@@ -195,9 +202,10 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
         ("number of steps", earlier.steps, config.steps),
         ("limit in minutes", earlier.minutes, config.minutes),
         ("number of processes", earlier.processes, config.processes),
+        ("start", earlier.start, config.start),
     ):
         if was != asked:
-            named = "" if isinstance(was, Preset) or what == "data set" else f" ({was})"
+            named = "" if isinstance(was, Preset) or what in ("data set", "start") else f" ({was})"
             raise T2TwinError(
                 f"{out_dir} holds a run with another {what}{named}; give the same again, or "
                 "another folder"

@@ -24,7 +24,7 @@ class Translator(Protocol):
 
     @property
     def networks(self) -> dict[str, nn.Module]:
-        """All that is trained, by name."""
+        """All that is trained, by name; the one that predicts, or whose mean does, first."""
         ...
 
     @property
@@ -58,7 +58,8 @@ class Translator(Protocol):
         ...
 
     def prepare(self, pairs: Pairs) -> None:
-        """Takes from the training's pairs what it must know before the first step."""
+        """Takes from the training's pairs what it must know before the first step, and does not
+        know already from the weights that it begins with."""
         ...
 
     def step(self, examples: Examples) -> dict[str, float]:

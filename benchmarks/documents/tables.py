@@ -18,7 +18,10 @@ ROWS = {
     "touch2touch": "touch2touch",
     "resnet18": "ResNet18",
 }
-"""Rows of an evaluation and what they are called."""
+"""Rows of the paper's evaluation and what they are called."""
+
+NAMES = ROWS | {"field": "field"}
+"""The same of any evaluation."""
 
 HARDWARE = {
     "touch2touch": "*touch2touch, Grella et al. 2023, hardware*",
@@ -95,7 +98,7 @@ def worlds() -> str:
         if name not in on_paper["val"]:
             continue
         model = name.partition("-of-")[0]
-        cells = [f"`{run['world']}`", f"{run['pairs']:,}", f"{run['steps']:,}", ROWS[model]]
+        cells = [f"`{run['world']}`", f"{run['pairs']:,}", f"{run['steps']:,}", NAMES[model]]
         lines.append([*cells, *(_percent(on_paper[split][name]) for split in SPLITS)])
     for name in BY_SHAPE[:2]:
         lines.append(["", "", "", ROWS[name], *(_percent(on_paper[s][name]) for s in SPLITS)])
@@ -202,26 +205,74 @@ def real() -> str:
     """What translators make of a real DIGIT's frames."""
     content = _content("real")
     lines = [
-        ["", "real frames", "simulated", "centroid, mm", "one blob", "counts off", "untouched"]
+        [
+            "",
+            "real frames",
+            "simulated",
+            "centroid, mm",
+            "one blob",
+            "force off",
+            "held",
+            "untouched",
+        ]
     ]
     for name, run in content["runs"].items():
         model, _, world = name.partition("-of-")
         scores = run["real"]
         lines.append(
             [
-                f"{ROWS[model]}, trained on `{world}`",
+                f"{NAMES[model]}, trained on `{world}`",
                 f"{scores['rmse_percent']:.2f}",
                 f"{run['simulated']['rmse_percent']:.2f}",
                 f"{scores['centroid_mm']:.1f}",
                 f"{scores['one_blob']} of {len(content['presses'])}",
                 f"{100 * scores['force_part']:.0f} %",
+                "" if (held := scores["held_percent"]) is None else f"{held:.0f} %",
                 f"{run['untouched_counts']:,.0f}",
             ]
         )
     for name, row in (("no counts at all", "nothing"), ("their mean array", "constant")):
         error = content[f"{row}_rmse_percent"]
-        lines.append([name, f"{error:.2f}", f"{error:.2f}", "", "", "", ""])
+        lines.append([name, f"{error:.2f}", f"{error:.2f}", "", "", "", "", ""])
     return _markdown(lines)
+
+
+KINDS = {
+    ("paper", "val"): "new versions of primitives, 8 N",
+    ("paper", "test"): "hand tools, 8 N",
+    ("open-8n", "val"): "random shapes, 8 N",
+    ("dense", "val"): "new versions, read by 63 taxels",
+    ("dense", "test"): "hand tools, read by 63 taxels",
+    ("forces", "val"): "new versions, 1 to 12 N, any light",
+    ("forces", "test"): "hand tools, 1 to 12 N, any light",
+}
+"""Presses that field runs are measured on, by dataset and split, and what they are called."""
+
+
+def field() -> str:
+    """Field runs on presses of many kinds."""
+    content = _content("field")
+    what = ("RMSE %", "contact IoU", "held %", "falls by %", "force off %")
+    lines = [[""]]
+    for run in content["runs"].values():
+        lines[0] += [f"`{run['world']}`: {what[0]}", *what[1:]]
+    for (data, split), kind in KINDS.items():
+        cells = [kind]
+        for name in content["runs"]:
+            row = content["on"][data][split][name]
+            overall, force = row["overall"], row["certainty"]["force_median_error_percent"]
+            cells += [
+                f"{overall['rmse_percent']:.2f}",
+                f"{overall['contact_iou']:.3f}",
+                f"{row['held_percent']:.1f}",
+                f"{row['falls_by_percent']:.0f}",
+                "" if force is None else f"{force:.1f}",
+            ]
+        lines.append(cells)
+    cells = ["probes, 8 N"]
+    for probes in content["probes"].values():
+        cells += [f"{probes['rmse_percent']:.2f}", "", f"{probes['held_percent']:.1f}", "", ""]
+    return _markdown([*lines, cells])
 
 
 LIGHTS = {
@@ -363,6 +414,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "details": details,
     "shape-loss": shape_loss,
     "real": real,
+    "field": field,
     "lights": lights,
     "anchors": anchors,
     "fidelity": fidelity,

@@ -20,13 +20,25 @@ from t2twin.sim.press.bed import POOL_SIZES
 from t2twin.sim.press.elastomer import Elastomer
 from t2twin.sim.press.footprint import footprint, heights_at
 from t2twin.sim.press.force import check_force
-from t2twin.sim.press.grid import Window, grown, means, middles, scaled, widened, window_around
+from t2twin.sim.press.grid import (
+    Window,
+    common,
+    grown,
+    means,
+    middles,
+    scaled,
+    span,
+    widened,
+    window_around,
+    within,
+)
 from t2twin.sim.press.layer import WHOLE, Layer, cached_layer
 from t2twin.sim.press.pins import PinGrid, pins_under
 from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.press.solution import (
     GUESSES,
     Solution,
+    Start,
     by_law,
     spring_compliance,
     winkler_depth_mm,
@@ -118,12 +130,13 @@ def _read_only(values: np.ndarray) -> np.ndarray:
 class _Equilibrium:
     """Where the pins of the last stage have settled.
 
-    window: the survey's cells that hold the pins. pressure_mpa, surface_mm: (ny, nx) on the
-    contact's grid; the surface is the coarse one.
+    window: the survey's cells that hold the pins. finer: pins along one of those. pressure_mpa,
+    surface_mm: (ny, nx) on the contact's grid; the surface is the coarse one.
     """
 
     solution: Solution
     window: Window
+    finer: int
     pressure_mpa: np.ndarray
     surface_mm: np.ndarray
     settled: bool
@@ -134,18 +147,19 @@ def _equilibrium(survey: "_Survey") -> _Equilibrium:
     layer, force_n = survey.layer, survey.command.force_n
     expected = survey.expected_contact(force_n)
     finer = _finer(float(survey.seen.shares[expected].sum()))
+    earlier: _Equilibrium | None = None
     while True:
         looked_at = grown(expected, MARGIN_CELLS)
         while finer > 1 and np.count_nonzero(looked_at) * finer**2 > POOL_SIZES[-1]:
             finer //= 2  # a rim was expected, and a face behind it came down too
         window = window_around(looked_at)
-        solution, settled = None, False
-        stages = _stages(survey, looked_at, window, finer)
+        start = None if earlier is None else _moved(earlier, window, finer)
+        stages = _stages(survey, looked_at, window, finer, only_last=start is not None)
         for number, (pins, tolerance) in enumerate(stages, 1):
-            solution = Solution(pins, force_n, solution, judged=number == len(stages))
+            solution = Solution(pins, force_n, start, judged=number == len(stages))
             settled = solution.solve(tolerance)
+            start = solution.as_start()
             survey.preparing_s += solution.compiling_s
-        assert solution is not None
         pressure = np.zeros(layer.rest_mm.shape)
         pressure[scaled(window, survey.per_side)] = means(
             solution.fine_pressure_mpa(), solution.pins.layer.per_side
@@ -154,9 +168,21 @@ def _equilibrium(survey: "_Survey") -> _Equilibrium:
         standing_mm = solution.depth_mm - survey.gap_mm
         missed = standing_mm > means(surface, survey.per_side) + MISSED_OUTSIDE_MM
         missed[looked_at] = False
+        found = _Equilibrium(solution, window, finer, pressure, surface, settled)
         if not missed.any():
-            return _Equilibrium(solution, window, pressure, surface, settled)
-        expected = looked_at | missed
+            return found
+        expected, earlier = looked_at | missed, found
+
+
+def _moved(earlier: _Equilibrium, window: Window, finer: int) -> Start | None:
+    """What an equilibrium gives to begin with on more pins of the same size, or None on others."""
+    if earlier.finer != finer:
+        return None
+    before, now = scaled(earlier.window, finer), scaled(window, finer)
+    both = common(before, now)  # a window's size is rounded up, so the later one may end sooner
+    pressure = np.zeros(span(now))
+    pressure[within(both, now)] = earlier.solution.pressure_mpa[within(both, before)]
+    return Start(pressure, earlier.solution.depth_mm)
 
 
 def _fine_surface(survey: "_Survey", equilibrium: _Equilibrium) -> np.ndarray:
@@ -236,11 +262,12 @@ def _finer(cells_in_contact: float) -> int:
 
 
 def _stages(
-    survey: _Survey, looked_at: np.ndarray, window: Window, finer: int
+    survey: _Survey, looked_at: np.ndarray, window: Window, finer: int, only_last: bool
 ) -> list[tuple[PinGrid, float]]:
     """The pins of each stage, and the tolerance within which it has settled.
 
-    looked_at: the survey's cells that get pins; window: what holds them.
+    looked_at: the survey's cells that get pins; window: what holds them. only_last: leave the rough
+    ones out.
     """
     layer = survey.layer
     # Pins along a survey's cell, and fine cells along one of the contact's, no fewer than pins.
@@ -270,5 +297,5 @@ def _stages(
             ),
             tolerance,
         )
-        for pins, per_side, tolerance in stages
+        for pins, per_side, tolerance in stages[-1 if only_last else 0 :]
     ]

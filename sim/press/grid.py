@@ -63,6 +63,14 @@ def widened(window: Window, cells: int, shape: tuple[int, ...]) -> Window:
     return rows, columns
 
 
+def common(one: Window, other: Window) -> Window:
+    """What lies in both of two windows that overlap."""
+    rows, columns = (
+        slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one, other, strict=True)
+    )
+    return rows, columns
+
+
 def within(inner: Window, outer: Window) -> Window:
     """Where the inner window lies in the outer one."""
     rows, columns = (

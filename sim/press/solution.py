@@ -7,6 +7,7 @@ solution, and Anderson's acceleration mixes the steps. Where nothing changes any
 """
 
 import time
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -54,6 +55,14 @@ MARGIN_PINS = 1
 """Pins around the expected contact that are in use from the start."""
 
 
+@dataclass(frozen=True)
+class Start:
+    """Where a press begins. pressure_mpa: (rows, columns) of the pins, or of coarser ones."""
+
+    pressure_mpa: np.ndarray
+    depth_mm: float
+
+
 class Solution:
     """The state of one press while it settles.
 
@@ -61,9 +70,7 @@ class Solution:
     judged: whether MuJoCo has the last word; a rough start does without.
     """
 
-    def __init__(
-        self, pins: PinGrid, force_n: float, start: "Solution | None", judged: bool
-    ) -> None:
+    def __init__(self, pins: PinGrid, force_n: float, start: Start | None, judged: bool) -> None:
         self.pins = pins
         self.force_n = force_n
         self.compiling_s = 0.0
@@ -97,6 +104,10 @@ class Solution:
     def force(self) -> float:
         """The commanded force in pin springs x mm."""
         return self.force_n * self.compliance / self.pins.pitch_mm**2
+
+    def as_start(self) -> Start:
+        """What a press on the same pins, or on finer ones, may begin with."""
+        return Start(self.pressure_mpa, self.depth_mm)
 
     def fine_pressure_mpa(self) -> np.ndarray:
         """Mean pressure of each fine cell of the window."""

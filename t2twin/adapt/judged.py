@@ -22,6 +22,8 @@ BLOB_SHARE = 0.2
 """Part of its largest count above which a tactile image counts as touched (assumed)."""
 FAINT_COUNTS = 400.0
 """Counts below which nothing is felt: a hundredth of full scale."""
+LEVEL = 0.9
+"""What the intervals are said to hold."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,10 @@ class Judgement:
     """A translator on one picture, against the twin's CySkin.
 
     rmse_percent: of full scale. centroid_mm: between both middles of what is felt. blobs: places
-    that are felt apart from each other. force_part: all its counts over all of the truth's, less
-    one; the twin's counts go with the force.
+    that are felt apart from each other. force_part: the force it says over the twin's, less one;
+    of a run that says none, all its counts over all of the truth's, as the twin's go with the
+    force. held: share of the taxels whose interval of 90 % holds the truth, None of a run that says
+    none.
     """
 
     counts: np.ndarray
@@ -55,6 +59,7 @@ class Judgement:
     centroid_mm: float
     blobs: int
     force_part: float
+    held: float | None = None
 
 
 @dataclass(frozen=True)
@@ -104,18 +109,30 @@ def _felt(
     return Felt(name, (x_mm, y_mm, depth_mm), force_n, frame, noisy, sample.counts.astype(float))
 
 
-def judge_each(run: TrainedTranslator, felt: Sequence[Felt]) -> list[Judged]:
-    """A translator on the real and the simulated picture of every press."""
+def judge_each(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarray) -> list[Judged]:
+    """A translator on the real and the simulated picture of every press. untouched: (320, 240, 3)
+    uint8, the unit's own frame, which a field run looks at."""
     return [
-        Judged(one, judge(run, one.frame, one.counts), judge(run, one.simulated, one.counts))
+        Judged(
+            one,
+            judge(run, one.frame, one.counts, one.force_n, untouched),
+            judge(run, one.simulated, one.counts, one.force_n, untouched),
+        )
         for one in felt
     ]
 
 
-def judge(run: TrainedTranslator, image: np.ndarray, truth: np.ndarray) -> Judgement:
-    """A translator on a picture, (320, 240, 3) uint8. truth: (N,) counts, of the run's layout."""
+def judge(
+    run: TrainedTranslator,
+    image: np.ndarray,
+    truth: np.ndarray,
+    force_n: float,
+    untouched: np.ndarray,
+) -> Judgement:
+    """A translator on a picture, (320, 240, 3) uint8. truth: (N,) counts, of the run's layout.
+    force_n: the truth's. untouched: as for `judge_each`."""
     layout = run.config.data
-    counts = np.asarray(run.predict(image), dtype=float)
+    counts, said_n, held = _said(run, image, truth, untouched)
     places = np.stack([layout.x_mm, layout.y_mm], axis=1)
     rmse = float(np.sqrt(np.mean((counts - truth) ** 2)))
     return Judgement(
@@ -123,8 +140,28 @@ def judge(run: TrainedTranslator, image: np.ndarray, truth: np.ndarray) -> Judge
         rmse_percent=100.0 * rmse / layout.full_scale_counts,
         centroid_mm=float(np.linalg.norm(_middle(counts, places) - _middle(truth, places))),
         blobs=_blobs(Phi(layout.x_mm, layout.y_mm)(counts)),
-        force_part=float(counts.sum() / truth.sum() - 1.0),
+        force_part=float(counts.sum() / truth.sum() if said_n is None else said_n / force_n) - 1.0,
+        held=held,
     )
+
+
+def counts_of(run: TrainedTranslator, image: np.ndarray, untouched: np.ndarray) -> np.ndarray:
+    """(N,) of a picture, the unit's untouched frame beside it where the run looks at one."""
+    own = untouched if run.translator.learns_field else None
+    return np.asarray(run.predict(image, own), dtype=float)
+
+
+def _said(
+    run: TrainedTranslator, image: np.ndarray, truth: np.ndarray, untouched: np.ndarray
+) -> tuple[np.ndarray, float | None, float | None]:
+    """Counts, force in newtons, and the share of the truth that its intervals hold."""
+    if not run.translator.learns_field:
+        return counts_of(run, image, untouched), None, None
+    told = run.estimate(image, untouched)
+    low, high = told.interval(LEVEL)
+    held = float(((low <= truth) & (truth <= high)).mean())
+    force_n = None if told.force_n is None else float(told.force_n)
+    return told.counts.astype(float), force_n, held
 
 
 def _middle(counts: np.ndarray, places: np.ndarray) -> np.ndarray:

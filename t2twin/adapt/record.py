@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from t2twin.adapt.fitted import Fitted
-from t2twin.adapt.judged import Felt, Judged, Judgement
+from t2twin.adapt.judged import Felt, Judged, Judgement, counts_of
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.digit.calibrate.certainty import Certainty
 from t2twin.translate.predict import TrainedTranslator
@@ -22,12 +22,14 @@ class Scores:
 
     rmse_percent: root of the mean square over all of them, of full scale. centroid_mm: the median.
     one_blob: how many are felt at one place. force_part: median of the absolute error.
+    held_percent: share of all counts that intervals of 90 % hold, None of a run that says none.
     """
 
     rmse_percent: float
     centroid_mm: float
     one_blob: int
     force_part: float
+    held_percent: float | None
 
     @classmethod
     def of(cls, each: Sequence[Judgement]) -> "Scores":
@@ -36,7 +38,13 @@ class Scores:
             centroid_mm=float(np.median([one.centroid_mm for one in each])),
             one_blob=sum(one.blobs == 1 for one in each),
             force_part=float(np.median([abs(one.force_part) for one in each])),
+            held_percent=_percent([one.held for one in each]),
         )
+
+
+def _percent(held: Sequence[float | None]) -> float | None:
+    known = [share for share in held if share is not None]
+    return 100.0 * float(np.mean(known)) if known else None
 
 
 @dataclass(frozen=True)
@@ -78,7 +86,7 @@ def record_of(
         simulated=Scores.of([one.simulated for one in judged]),
         nothing_rmse_percent=nothing,
         constant_rmse_percent=constant,
-        untouched_counts=float(np.max(run.predict(background))),
+        untouched_counts=float(np.max(counts_of(run, background, background))),
         minutes=minutes,
         certainty=fitted.certainty,
     )

@@ -84,6 +84,7 @@ class Road:
     minutes: float
     camera: Camera
     model: str
+    start: Path | None
     workers: int | None
     tolerance: Tolerance
 
@@ -110,7 +111,8 @@ def adapt(
     held_out: int | None = None,
     minutes: float = 60.0,
     camera: Camera | None = None,
-    model: str = "resnet18",
+    model: str = "field",
+    start: str | Path | None = None,
     workers: int | None = None,
     say: Callable[[str], object] = print,
     tolerance: Tolerance = DEFAULT_TOLERANCE,
@@ -118,15 +120,16 @@ def adapt(
     """Walks the road into the folder out, or what is left of it.
 
     background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. minutes:
-    that all steps take together, about, on two cores. model: what is trained, preset cpu. workers:
-    processes that press, as many as there are cores unless given. say: told which step begins.
+    that all steps take together, about, on two cores. model: what is trained, preset cpu. start: a
+    run whose weights the training begins with, fresh ones unless given. workers: processes that
+    press, as many as there are cores unless given. say: told which step begins.
     out then holds calibration.npz, world.toml, data/, a run named like the model, adapted.json and
     index.html. Raises T2TwinError for what `calibrate` refuses, minutes out of range, and a folder
     that holds something else, before anything is written.
     """
     road = Road(
         Path(background), Path(presses), ball_diameter_mm, Path(out), held_out, minutes,
-        camera or Camera(), model, workers, tolerance,
+        camera or Camera(), model, None if start is None else Path(start), workers, tolerance,
     )  # fmt: skip
     find_preset(model, "cpu")
     if not MINUTES[0] <= minutes <= MINUTES[1]:
@@ -145,11 +148,12 @@ def adapt(
         generate(road.out / DATA, world=road.out / WORLD, workers=workers)
     with clock.step("training"):
         run_dir = road.out / model
-        train(model, road.out / DATA, "cpu", run_dir, minutes=TRAINING_PART * minutes)
+        part = TRAINING_PART * minutes
+        train(model, road.out / DATA, "cpu", run_dir, minutes=part, start=road.start)
     with clock.step("check"):
         run = load_run(run_dir)
-        judged = judge_each(run, _felt(road, fitted, calibration))
         untouched = upright_frame(read_frame(road.background))
+        judged = judge_each(run, _felt(road, fitted, calibration), untouched)
         adapted = record_of(run, judged, untouched, fitted, clock.minutes)
         write_adapt_page(road.out, run, judged, adapted)
     write_record(road.out, adapted)

@@ -12,7 +12,8 @@ def adapt(
     ball_diameter_mm: float,
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/adapted"),
     minutes: float = 60.0,
-    model: Annotated[str, tyro.conf.arg(metavar="MODEL")] = "resnet18",
+    model: Annotated[str, tyro.conf.arg(metavar="MODEL")] = "field",
+    start: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
     held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     scale_px_per_mm: float = 19.2,
     ball_tolerance_mm: float = 0.1,
@@ -35,7 +36,8 @@ def adapt(
         ball_diameter_mm: The ball's diameter, mm.
         out: Folder for the calibration, the data, the run and the page, index.html.
         minutes: How long all of it may take, about, on two cores.
-        model: What is trained: resnet18 or touch2touch.
+        model: What is trained: field, resnet18 or touch2touch.
+        start: A run of that model, of a wider world, whose weights the training begins with.
         held_out: How many presses, the last by name, are kept out to check; a third unless given.
         scale_px_per_mm: Picture scale in the middle of the gel, 17.2 to 19.6 from one unit to
             another; found, where displacements are known.
@@ -61,8 +63,8 @@ def adapt(
         young_tolerance_mpa,
     )
     adapted = walk(
-        background, presses, ball_diameter_mm, out, held_out, minutes, camera, model, workers,
-        tolerance=tolerance,
+        background, presses, ball_diameter_mm, out, held_out, minutes, camera, model, start,
+        workers, tolerance=tolerance,
     )  # fmt: skip
     for line in lines_of(adapted.certainty):
         print(line)
@@ -73,6 +75,11 @@ def adapt(
         f"{adapted.presses} real frames kept out: RMSE {real.rmse_percent:.2f} % of full scale "
         f"(simulated {simulated.rmse_percent:.2f}, no counts {adapted.nothing_rmse_percent:.2f}), "
         f"centroid {real.centroid_mm:.1f} mm off, force {100 * real.force_part:.0f} % off, "
-        f"{real.one_blob} felt as one; untouched {adapted.untouched_counts:.0f} counts at most"
+        f"{real.one_blob} felt as one{_held(real.held_percent)}; "
+        f"untouched {adapted.untouched_counts:.0f} counts at most"
     )
     print(f"written to {out}: {model}, for translate, calibration.npz, and index.html to look at")
+
+
+def _held(percent: float | None) -> str:
+    return "" if percent is None else f", intervals of 90 % hold {percent:.0f} %"

@@ -14,7 +14,7 @@ def export(
     """Write a trained run as an ONNX file: pixels in, counts and tactile images out.
 
     Args:
-        run: Folder of a trained run.
+        run: Folder of a trained run, or the name of one that ships: field.
         out: File to write; RUN/MODEL.onnx unless given.
         layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch or field run
             at; the run's own unless given.

@@ -21,7 +21,7 @@ def live(
     are said on standard error.
 
     Args:
-        run: Folder of a trained run.
+        run: Folder of a trained run, or the name of one that ships: field.
         source: A camera's number, a video file, or a folder that PNG or JPEG files arrive in.
         layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch run at; the run's
             own unless given.

@@ -15,6 +15,7 @@ def train(
     epochs: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
+    start: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
     direction: Literal["digit-to-cyskin", "cyskin-to-digit"] = "digit-to-cyskin",
     shape_weight: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
 ) -> None:
@@ -29,6 +30,7 @@ def train(
         epochs: Most epochs; the preset's unless given.
         minutes: Most minutes; the epochs are planned to fit.
         steps: Most steps, in whole epochs; the preset's unless given.
+        start: Another run of the same model, whose weights this one begins with.
         direction: digit-to-cyskin, or, of touch2touch, the other way: DIGIT pictures from counts.
         shape_weight: Weight of the loss of the tactile image's shape beside L1's 100; the preset's,
             none, unless given; touch2touch only.
@@ -39,5 +41,5 @@ def train(
     folder = out or Path("runs") / f"{model}{way}"
     run(
         model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps,
-        direction=direction, shape_weight=shape_weight,
+        start=start, direction=direction, shape_weight=shape_weight,
     )  # fmt: skip

@@ -32,7 +32,7 @@ def translate(
     where it was trained on several; its pictures fade to white where it is not sure.
 
     Args:
-        run: Folder of a trained run.
+        run: Folder of a trained run, or the name of one that ships: field.
         images: PNG or JPEG files of any size, grey or colour, upright as the DIGIT gives them, or
             folders of such files.
         out: Folder to write into.

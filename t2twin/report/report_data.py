@@ -14,6 +14,7 @@ from t2twin.translate.outcome import reason_to_stop
 from t2twin.translate.predict import TrainedTranslator, load_run
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
+from t2twin.translate.runs.shipped import find_run
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,7 @@ def read_report_data(
     check_out(out)
     if not runs:
         raise T2TwinError("there is no run to report on; give at least one folder of `train`")
+    runs = [find_run(run) for run in runs]
     dataset, splits = read_dataset(data), splits_there(data)
     histories = [read_log(run) for run in runs]
     for run, history in zip(runs, histories, strict=True):

@@ -84,7 +84,9 @@ class Translators:
         that cannot be read or gives none is left out.
         """
         from t2twin.translate.runs.config import BEST, CONFIG
+        from t2twin.translate.runs.shipped import find_run
 
+        given = [find_run(run) for run in given]
         models = {_name(folder): _model_of(folder) for folder in given}
         folders = {_name(folder): folder for folder in given}
         self._given = tuple(folders)

@@ -20,6 +20,9 @@ from t2twin.translate.teller import LEAST_FORCE_SCALE
 
 CARD = "README.md"
 
+LIMITS = "## What it is not good for"
+"""Heading of a card's section."""
+
 TITLES = {"touch2touch": "touch2touch", "resnet18": "ResNet18", "field": "Field"}
 
 WHAT = {
@@ -259,7 +262,7 @@ def _limits(info: DatasetInfo) -> str:
         first = """\
 - It knows the two sensors that its pairs came from. Another unit's gel, lights, camera or taxels
   differ, and nothing here says by how much it is wrong there."""
-    return f"""## What it is not good for
+    return f"""{LIMITS}
 
 {first}
 - Shapes that reach beyond the DIGIT's view light taxels of which the picture says nothing.

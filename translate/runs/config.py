@@ -67,8 +67,8 @@ class RunConfig:
     epochs, minutes, steps: as asked for, None where the preset decides. planned_epochs: how many
     that came to; with a limit in minutes it depends on the machine, so it is decided once.
     processes: how many share each batch. Runs of older versions do not know what follows.
-    pictures: what those look like that it was trained on. epoch_steps: steps of an epoch.
-    direction: which way it goes.
+    pictures: what those look like that it was trained on. epoch_steps: steps of an epoch. start:
+    SHA-256 of the weights that it began with, None of fresh ones. direction: which way it goes.
     """
 
     model: str
@@ -83,6 +83,7 @@ class RunConfig:
     pictures: Familiar | None = None
     steps: int | None = None
     epoch_steps: int | None = None
+    start: str | None = None
     direction: str = DIGIT_TO_CYSKIN
     format: int = FORMAT
 
@@ -107,6 +108,7 @@ class RunConfig:
                 "steps": self.steps,
                 "planned_epochs": self.planned_epochs,
                 "epoch_steps": self.epoch_steps,
+                "start_sha256": self.start,
                 "bf16": self.bf16,
                 "processes": self.processes,
                 "data": {
@@ -189,9 +191,12 @@ class _ConfigFile:
     pictures: _PicturesPart | None = None
     steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
     epoch_steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
+    start_sha256: str | None = None
     direction: str = DIGIT_TO_CYSKIN
 
     def __post_init__(self) -> None:
+        if self.start_sha256 is not None and not is_sha256(self.start_sha256):
+            raise ValueError("start_sha256 must be 64 hexadecimal digits")
         if self.model not in MODELS:
             raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
         try:
@@ -236,6 +241,7 @@ def load_config(run_dir: Path) -> RunConfig:
         pictures=None if pictures is None else pictures.familiar(channels, path),
         steps=there.steps,
         epoch_steps=there.epoch_steps,
+        start=there.start_sha256,
         direction=there.direction,
     )
 

@@ -1,0 +1,91 @@
+"""Runs that ship: made of a training's run, found by their name, and as good as their card says."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from safetensors.torch import load_file
+from spots import write_spots
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.generate import generate
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.predict import load_run
+from t2twin.translate.runs import shipped
+from t2twin.translate.runs.config import BEST
+from t2twin.translate.runs.shipped import HOME, find_run, shipped_runs
+from t2twin.translate.ship import ship
+
+MOST_BYTES = 16_000_000
+"""Of all weights that ship together."""
+
+TOOLS = ("allen-key/ridge", "pliers/teeth", "clamp/handle")
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_spots(tmp_path_factory.mktemp("spots") / "data")
+
+
+def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatch) -> None:
+    evaluate([runs[1]], data_dir, "val", tmp_path / "evaluation" / "val")
+    folder = ship(runs[1], [tmp_path / "evaluation"], tmp_path / "home")
+    assert folder == tmp_path / "home" / "resnet18"
+    whole, half = runs[1] / BEST, folder / BEST
+    assert half.stat().st_size < 0.52 * whole.stat().st_size
+    kept = load_file(half)
+    for name, tensor in load_file(whole).items():
+        assert kept[name].shape == tensor.shape
+        if name.endswith(("running_mean", "running_var", "bias")):
+            assert kept[name].dtype == tensor.dtype
+    pixels = np.random.default_rng(0).integers(0, 256, (4, 64, 64, 3), np.uint8)
+    monkeypatch.setattr(shipped, "HOME", tmp_path / "home")
+    monkeypatch.chdir(tmp_path)
+    by_name = load_run("resnet18").predict_pixels(pixels)
+    np.testing.assert_allclose(by_name, load_run(runs[1]).predict_pixels(pixels), atol=100)
+    card = (folder / "README.md").read_text()
+    assert re.search(r"\| .*, new versions of primitives \| [\d,]+ \| [\d.]+ \|", card)
+    assert card.index("## Measured") < card.index("## What it is not good for")
+
+
+def test_a_folder_of_that_name_comes_first(runs, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert find_run("field") == HOME / "field"
+    shutil.copytree(runs[1], tmp_path / "field")
+    assert find_run("field") == Path("field")
+    with pytest.raises(T2TwinError, match=r"there is no run fild; .* that ships: .*field"):
+        find_run("fild")
+
+
+def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:
+    with pytest.raises(T2TwinError, match="holds no evaluation"):
+        ship(runs[0], [tmp_path], tmp_path / "home")
+    evaluate([runs[1]], data_dir, "val", tmp_path / "of-resnet18" / "val")
+    (tmp_path / "of-resnet18" / "val" / "metrics.json").write_text("{}")
+    with pytest.raises(T2TwinError, match=r"metrics\.json"):
+        ship(runs[0], [tmp_path / "of-resnet18"], tmp_path / "home")
+    unfinished = shutil.copytree(runs[0], tmp_path / "unfinished")
+    (unfinished / BEST).unlink()
+    with pytest.raises(T2TwinError, match="has not finished"):
+        ship(unfinished, [], tmp_path / "home")
+    assert not (tmp_path / "home").exists()
+
+
+def test_all_that_ships_is_small() -> None:
+    assert "field" in shipped_runs()
+    assert sum(path.stat().st_size for path in HOME.rglob("*")) < MOST_BYTES
+
+
+def test_the_card_says_what_is_measured(tmp_path: Path) -> None:
+    """Presses of hand tools, made anew, come to the card's figure for all of the protocol's."""
+    card = (HOME / "field" / "README.md").read_text()
+    told = re.search(r"\| paper, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", card)
+    assert told is not None
+    generate(tmp_path / "data", "small", workers=1, shapes=TOOLS)
+    found = evaluate(["field"], tmp_path / "data", "test", tmp_path / "evaluation")
+    row = found.models["field"]
+    assert row.overall.rmse_percent == pytest.approx(float(told[1]), rel=0.25)
+    assert row.certainty is not None
+    assert 100.0 * row.certainty.held_at(0.9) == pytest.approx(float(told[3]), abs=8.0)

@@ -1,0 +1,137 @@
+"""A training that begins with another run's weights."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from spots import train_smoke, write_spots
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.generate import generate
+from t2twin.sim.world.recipe import load_recipe
+from t2twin.translate.build import build
+from t2twin.translate.data.pairs import load_info, load_pairs
+from t2twin.translate.field import FieldTranslator
+from t2twin.translate.predict import load_run
+from t2twin.translate.presets import PAPER_MODELS, PRESETS
+from t2twin.translate.runs.config import CONFIG, load_config
+from t2twin.translate.start import RATE_SHARE, begin_with, find_start, slower
+from t2twin.translate.train import train
+
+WORLD = """
+format = 1
+name = "tiny"
+seed = {seed}
+
+[[parts]]
+shapes = "random"
+count = 4
+presses = 4
+place = {{ normal_mm = 2.5 }}
+force_n = {force}
+val_share = 0.25
+
+[light]
+kind = "drawn"
+"""
+
+
+@pytest.fixture(scope="module")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_spots(tmp_path_factory.mktemp("spots") / "data")
+
+
+def world(folder: Path, seed: int, force: str) -> Path:
+    recipe = folder / "tiny.toml"
+    recipe.write_text(WORLD.format(seed=seed, force=force))
+    generate(folder / "data", world=load_recipe(str(recipe)), workers=1)
+    return folder / "data"
+
+
+@pytest.mark.parametrize("number", range(len(PAPER_MODELS)))
+def test_begins_where_the_other_run_ended(runs: list[Path], data_dir: Path, number: int) -> None:
+    model, info = PAPER_MODELS[number], load_info(data_dir)
+    earlier = load_run(runs[number])
+    start = find_start(runs[number], model, earlier.config.preset, info)
+    averaged = replace(earlier.config.preset, averaged_part=0.1)
+    fresh = build(replace(earlier.config, seed=7, preset=averaged))
+    pictures = load_pairs(data_dir, "val", averaged.size, averaged.grey).images[:4]
+    begin_with(start, fresh)
+    np.testing.assert_allclose(
+        replace(earlier, translator=fresh).predict_pixels(pictures),
+        earlier.predict_pixels(pictures),
+        atol=2.0,  # the run's batch norms lie in its convolutions
+    )
+    learns = next(iter(fresh.networks.values())).state_dict()
+    for name, tensor in fresh.predictor.state_dict().items():
+        assert torch.equal(tensor, learns[name])
+
+
+def test_a_start_saves_steps_and_is_kept_in_mind(
+    runs: list[Path], data_dir: Path, tmp_path: Path
+) -> None:
+    fresh = train("resnet18", data_dir, "smoke", tmp_path / "fresh", epochs=1)
+    begun = train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, start=runs[1])
+    assert begun.best_rmse_percent < 0.8 * fresh.best_rmse_percent
+    config = load_config(tmp_path / "begun")
+    assert config.start == find_start(runs[1], "resnet18", config.preset, config.data).sha256
+    assert config.preset == slower(PRESETS["resnet18"]["smoke"])
+    assert config.preset.learning_rate == RATE_SHARE * PRESETS["resnet18"]["smoke"].learning_rate
+    assert load_config(tmp_path / "fresh").start is None
+    for other in (None, tmp_path / "fresh"):
+        with pytest.raises(T2TwinError, match="holds a run with another"):
+            train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, start=other)
+
+
+def test_a_field_run_keeps_what_it_knows_but_for_the_mean_frame(tmp_path: Path) -> None:
+    (tmp_path / "one").mkdir()
+    (tmp_path / "several").mkdir()
+    one = world(tmp_path / "one", 5, "8.0")
+    several = world(tmp_path / "several", 6, "{ low = 1.0, high = 10.0 }")
+    train("field", one, "smoke", tmp_path / "run", epochs=1)
+    config = load_config(tmp_path / "run")
+    translator = build(config)
+    assert isinstance(translator, FieldTranslator)
+    start = find_start(tmp_path / "run", "field", config.preset, load_info(several))
+    begin_with(start, translator)
+    before = {name: tensor.clone() for name, tensor in translator.network.state_dict().items()}
+    translator.prepare(load_pairs(several, "train", config.preset.size, False, with_field=True))
+    after = translator.network.state_dict()
+    changed = {name for name, tensor in after.items() if not torch.equal(tensor, before[name])}
+    assert changed == {"mean_frame", "force_scale"}  # the force was the same in all it had seen
+    translator.prepare(load_pairs(one, "train", config.preset.size, False, with_field=True))
+    assert float(translator.network.force_scale[1]) > 0.1  # what is known of forces stays
+
+
+def test_what_cannot_be_begun_with_is_one_sentence(
+    runs: list[Path], data_dir: Path, tmp_path: Path
+) -> None:
+    def refused(start: Path, model: str = "resnet18") -> str:
+        with pytest.raises(T2TwinError) as error:
+            train(model, data_dir, "smoke", tmp_path / "run", start=start)
+        assert not (tmp_path / "run").exists()
+        return str(error.value)
+
+    assert "there is no run" in refused(tmp_path / "none")
+    assert "holds no config.json" in refused(tmp_path)
+    assert "is a touch2touch run" in refused(runs[0])
+    wide = train_smoke("resnet18", data_dir, tmp_path / "wide", epochs=1)
+    text = json.loads((wide / CONFIG).read_text())
+    text["preset"]["filters"] = 8
+    (wide / CONFIG).write_text(json.dumps(text))
+    assert "base width 8, and preset smoke has" in refused(wide)
+    text["preset"]["filters"] = PRESETS["resnet18"]["smoke"].filters
+    text["start_sha256"] = "x"
+    (wide / CONFIG).write_text(json.dumps(text))
+    assert "start_sha256 must be 64 hexadecimal digits" in refused(wide)
+    text["start_sha256"] = None
+    text["data"]["layout_x_mm"][0] += 1.0
+    (wide / CONFIG).write_text(json.dumps(text))
+    assert "a run of layout" in refused(wide)
+    text["data"]["layout_x_mm"][0] -= 1.0
+    (wide / CONFIG).write_text(json.dumps(text))
+    (wide / "best.safetensors").unlink()
+    assert "has not finished its first epoch" in refused(wide)

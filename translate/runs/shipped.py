@@ -1,0 +1,28 @@
+"""Runs that come with the package. Each goes by its model's name wherever a run's folder is asked
+for; module ship makes them."""
+
+from pathlib import Path
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.runs.config import CONFIG
+
+HOME = Path(__file__).parents[1] / "weights"
+
+
+def shipped_runs() -> tuple[str, ...]:
+    """Their names."""
+    return tuple(sorted(path.parent.name for path in HOME.glob(f"*/{CONFIG}")))
+
+
+def find_run(run: str | Path) -> Path:
+    """A run's folder: the one that is given, or that of a shipped run by its name.
+
+    Raises T2TwinError where there is neither.
+    """
+    path, names = Path(run), shipped_runs()
+    if path.exists():
+        return path
+    if str(run) not in names:
+        ships = f", or the name of a run that ships: {', '.join(names)}" if names else ""
+        raise T2TwinError(f"there is no run {run}; give a folder that `train` has made{ships}")
+    return HOME / path
