@@ -476,13 +476,17 @@ OTHER_WAY = Benchmark(
     name="other_way",
     measures="How near DIGIT pictures drawn of 20 counts are to the real ones.",
     minutes=2,
-    figures=(
-        Figure("*.rows.*.overall.psnr_contact_db", "dB"),
-        Figure("*.rows.*.overall.ssim_contact"),
-        Figure("*.rows.*.overall.rmse_percent", "%"),
-        Figure("*.over_nearest.overall.psnr_contact_db", "dB"),
-        Figure("*.over_nearest.overall.ssim_contact"),
-        Figure("*.contact_percent", "%"),
+    figures=tuple(
+        figure
+        for split in ("val", "test")
+        for figure in (
+            Figure(f"{split}.rows.*.overall.psnr_contact_db", "dB"),
+            Figure(f"{split}.rows.*.overall.ssim_contact"),
+            Figure(f"{split}.rows.*.overall.rmse_percent", "%"),
+            Figure(f"{split}.over_nearest.overall.psnr_contact_db", "dB"),
+            Figure(f"{split}.over_nearest.overall.ssim_contact"),
+            Figure(f"{split}.contact_percent", "%"),
+        )
     ),
     arguments=(
         Argument("run", "folder of t2twin train --direction cyskin-to-digit", Path),
@@ -497,7 +501,8 @@ SHAPE_LOSS = Benchmark(
     measures="What a loss of the tactile image's shape brings touch2touch.",
     minutes=4,
     figures=tuple(
-        Figure(f"*.{part}.{name}", unit)
+        Figure(f"{split}.{part}.{name}", unit)
+        for split in ("val", "test")
         for part in ("plain.mean", "shaped.mean", "gain.overall")
         for name, unit in (("contact_iou", ""), ("ssim", ""), ("rmse_percent", "%"))
     ),

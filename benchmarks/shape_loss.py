@@ -1,7 +1,7 @@
 """What a loss of the tactile image's shape brings: touch2touch with it against without.
 
-    t2twin train touch2touch --data data/paper --steps 3000 --seed 0 --out plain-0
-    t2twin train touch2touch --data data/paper --steps 3000 --seed 0 --shape-weight W --out shaped-0
+    t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --out plain-0
+    t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --shape-weight W --out shaped-0
     python -m benchmarks.shape_loss --plain plain-0 ... --shaped shaped-0 ... --data data/paper
 
 The runs are of the same seeds, steps and data, and differ in the weight alone. Every figure is

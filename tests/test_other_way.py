@@ -26,6 +26,7 @@ from t2twin.translate.loop import TrainingLoop
 from t2twin.translate.other_way import OtherWay
 from t2twin.translate.predict import load_run
 from t2twin.translate.presets import PRESETS, Preset
+from t2twin.translate.runs import shipped
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import read_log
 from t2twin.translate.touch2touch import Touch2Touch
@@ -299,6 +300,16 @@ def test_the_studio_passes_it_over_and_refuses_it_by_name(run_dir: Path) -> None
 def test_load_run_is_of_translators_to_counts(run_dir: Path) -> None:
     with pytest.raises(T2TwinError, match="gives no counts"):
         load_run(run_dir)
+
+
+def test_load_run_knows_runs_that_ship_by_their_names(
+    untrained_runs: list[Path], run_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shipped, "HOME", untrained_runs[0].parent)
+    assert load_run(untrained_runs[0].name).run_dir == untrained_runs[0]
+    monkeypatch.setattr(shipped, "HOME", run_dir.parent)
+    with pytest.raises(T2TwinError, match="gives no counts"):
+        load_run(run_dir.name)
 
 
 def test_the_card_says_which_way_it_goes(run_dir: Path) -> None:

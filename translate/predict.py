@@ -293,7 +293,8 @@ def load_run(
     run_dir: str | Path, layout: str | Path | None = None, bf16: bool = False
 ) -> TrainedTranslator:
     """As `load`, of a run that gives counts. Raises T2TwinError for one that draws pictures too."""
-    check_gives_counts(Path(run_dir), load_config(Path(run_dir)).direction)
+    run_dir = find_run(run_dir)
+    check_gives_counts(run_dir, load_config(run_dir).direction)
     return load(run_dir, layout, bf16)
 
 

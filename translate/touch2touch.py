@@ -3,7 +3,7 @@
 The generator draws the tactile image, scaled so that -1 is nothing and 1 full scale, at the
 preset's square size; phi at that size is phi at 396 x 240 followed by an area resize, and its
 inverse reads the counts from what was drawn. The counts never enter the loss; their RMSE is only
-watched.
+watched. A preset may add a loss of the image's shape (t2twin.translate.shape_loss).
 
 Shape letters: B batch, S image side, N taxels, R rows and C columns of a full tactile image.
 """

@@ -25,13 +25,11 @@ USERS: tuple[tuple[str, ...], ...] = (
 
 FIELDS = {
     "model": "str",
-    "direction": "str",
     "preset": "dict",
     "preset.size": "int",
     "preset.filters": "int",
     "preset.batch": "int",
     "preset.learning_rate": "float",
-    "preset.shape_weight": "float",
     "preset.schedule": "str",
     "preset.grey": "bool",
     "seed": "int",
@@ -47,15 +45,12 @@ FIELDS = {
 }
 """Fields of config.json, and the kind that each is of."""
 
-MAY_LACK = ("direction", "preset.schedule", "preset.grey")
+MAY_LACK = ("preset.schedule", "preset.grey")
 """Of these, those with a default."""
 
 MORE: tuple[tuple[str, Change], ...] = (
     ("a model that is none", ("model", "gpt")),
     ("another model", ("model", "touch2touch")),
-    ("a direction that is none", ("direction", "sideways")),
-    ("a ResNet18 the other way", ("direction", "cyskin-to-digit")),
-    ("shape weight negative", ("preset.shape_weight", -1)),
     ("size 0", ("preset.size", 0)),
     ("size 10^9", ("preset.size", 10**9)),
     ("filters 0", ("preset.filters", 0)),
@@ -81,6 +76,13 @@ MORE: tuple[tuple[str, Change], ...] = (
     ("a taxel a metre off", ("data.layout_x_mm.0", 1000.0)),
     ("another format", ("format", 99)),
     ("a sha256 of nothing", ("data.info_sha256", "")),
+    ("direction null", ("direction", None)),
+    ("direction a number", ("direction", 3)),
+    ("a direction that is none", ("direction", "sideways")),
+    ("a ResNet18 the other way", ("direction", "cyskin-to-digit")),
+    ("shape weight null", ("preset.shape_weight", None)),
+    ("shape weight not a number", ("preset.shape_weight", float("nan"))),
+    ("shape weight negative", ("preset.shape_weight", -1)),
 )
 
 TEXTS: tuple[tuple[str, str | bytes], ...] = (

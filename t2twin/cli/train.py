@@ -25,7 +25,7 @@ def train(
         model: touch2touch, resnet18 or field, which needs pairs that hold the field.
         data: Folder of the dataset.
         preset: cpu (two cores), paper (as published; wants a GPU) or smoke (seconds).
-        out: Folder of the run; runs/MODEL unless given.
+        out: Folder of the run; runs/MODEL unless given, or runs/MODEL-cyskin-to-digit.
         seed: Seed of weights, order, dropout and augmentation.
         epochs: Most epochs; the preset's unless given.
         minutes: Most minutes; the epochs are planned to fit.
@@ -37,7 +37,8 @@ def train(
     """
     from t2twin.translate.train import train as run
 
-    folder = out or Path("runs") / model
+    way = "" if direction == "digit-to-cyskin" else f"-{direction}"
+    folder = out or Path("runs") / f"{model}{way}"
     run(
         model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps,
         start=start, direction=direction, shape_weight=shape_weight,
