@@ -366,6 +366,11 @@ def test_tempered_on_several_worlds(
     changed = {"temperature", "correlation"}
     assert all(torch.equal(after[key], before[key]) for key in before.keys() - changed)
     assert f"times {float(found.temperature[0]):.2f}" in (own / "README.md").read_text()
+    averaged = replace(PRESETS["field"]["smoke"], averaged_part=0.2)
+    train("field", data_dir, averaged, tmp_path / "averaged", epochs=1)
+    before = load_file(tmp_path / "averaged" / "best.safetensors")
+    found = temper(tmp_path / "averaged", [data_dir])
+    torch.testing.assert_close(found.temperature, before["temperature"], rtol=0.02, atol=0)
     with pytest.raises(T2TwinError, match="was trained on is not given"):
         temper(own, [small_dataset])
     with pytest.raises(T2TwinError, match="hold no field"):

@@ -209,7 +209,7 @@ class FieldTranslator:
             return self.predictor(images)
 
     def _force_wanted(self, force_n: torch.Tensor) -> torch.Tensor:
-        middle, scale = self.network.force_scale
+        middle, scale = self.predictor.force_scale  # a run that is read has no other
         return (log_force(force_n) - middle) / scale.clamp(min=LEAST_FORCE_SCALE)
 
     def _some_with_mean_frame(self, images: torch.Tensor) -> torch.Tensor:
