@@ -451,9 +451,11 @@ FIELD = Benchmark(
     measures="Field runs on presses of many kinds: errors, intervals, sureness, force.",
     minutes=1,
     figures=(
-        Figure("on.*.*.*.overall.rmse_percent", "%"),
-        Figure("on.*.*.*.held_percent", "%"),
-        Figure("on.*.test.*.falls_by_percent", "%"),
+        *(
+            Figure(f"on.{kind}.*.{name}", "%")
+            for kind in ("*.val", "paper.test", "dense.test", "forces.test")
+            for name in ("overall.rmse_percent", "held_percent", "falls_by_percent")
+        ),
         Figure("probes.*.rmse_percent", "%"),
         Figure("probes.*.held_percent", "%"),
         Figure("runs.*.minutes", "minutes"),
