@@ -20,6 +20,7 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors import SensorPair
+from t2twin.translate.runs.shipped import HOME
 from t2twin.translate.train import train
 
 FULL_SCALE = 40_000.0
@@ -80,7 +81,7 @@ def test_the_twin_goes_as_deep_as_the_frame_says(tmp_path):
 
 def briefly(model, data_dir, preset, out_dir, minutes, start):
     """As many steps on every machine."""
-    assert preset == "cpu" and minutes == 0.5 and start is None
+    assert preset == "cpu" and minutes == 0.5 and start == HOME / "field"
     return train(model, data_dir, "smoke", out_dir, epochs=6)
 
 
@@ -161,6 +162,9 @@ def test_what_cannot_be_walked_is_refused(walked, unit, tmp_path, capsys):
     assert "holds no adaptation" in refused(capsys, *given, *ball, "--out", tmp_path)
     fresh = tmp_path / "fresh"
     assert "from 1 to 6000" in refused(capsys, *given, *ball, "--out", fresh, "--minutes", 0.1)
+    assert "there is no run" in refused(capsys, *given, *ball, "--out", fresh, "--start", "x")
+    wrong = ("--start", HOME / "field", "--model", "resnet18")
+    assert "is a field run" in refused(capsys, *given, *ball, "--out", fresh, *wrong)
     assert "there is no model" in refused(capsys, *given, *ball, "--out", fresh, "--model", "x")
     assert "between 1 and 12" in refused(capsys, *given, "--ball-diameter-mm", 40, "--out", fresh)
     off = ("--scale-tolerance-px-per-mm", 18)

@@ -33,6 +33,8 @@ from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
 from t2twin.translate.predict import load_run
 from t2twin.translate.presets import find_preset
+from t2twin.translate.runs.config import load_config
+from t2twin.translate.runs.shipped import HOME, find_run, shipped_runs
 from t2twin.translate.train import train
 
 STEPS = ("light", "data", "training", "check")
@@ -121,15 +123,15 @@ def adapt(
 
     background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. minutes:
     that all steps take together, about, on two cores. model: what is trained, preset cpu. start: a
-    run whose weights the training begins with, fresh ones unless given. workers: processes that
-    press, as many as there are cores unless given. say: told which step begins.
-    out then holds calibration.npz, world.toml, data/, a run named like the model, adapted.json and
+    run whose weights the training begins with; unless given the one that ships, of a model of which
+    one does. workers: processes that press, as many as there are cores unless given. say: told
+    which step begins. out then holds calibration.npz, world.toml, data/, a run named like the model, adapted.json and
     index.html. Raises T2TwinError for what `calibrate` refuses, minutes out of range, and a folder
     that holds something else, before anything is written.
     """
     road = Road(
         Path(background), Path(presses), ball_diameter_mm, Path(out), held_out, minutes,
-        camera or Camera(), model, None if start is None else Path(start), workers, tolerance,
+        camera or Camera(), model, _start(start, model), workers, tolerance,
     )  # fmt: skip
     find_preset(model, "cpu")
     if not MINUTES[0] <= minutes <= MINUTES[1]:
@@ -158,6 +160,18 @@ def adapt(
         write_adapt_page(road.out, run, judged, adapted)
     write_record(road.out, adapted)
     return adapted
+
+
+def _start(start: str | Path | None, model: str) -> Path | None:
+    """The folder of the run to begin with. Raises T2TwinError for one that is not there, or is of
+    another model."""
+    if start is None:
+        return HOME / model if model in shipped_runs() else None
+    folder = find_run(start)
+    there = load_config(folder).model
+    if there != model:
+        raise T2TwinError(f"{start} is a {there} run, and {model} is to be trained; start with one")
+    return folder
 
 
 def _kept(road: Road, asked: str) -> Fitted | None:

@@ -37,7 +37,8 @@ def adapt(
         out: Folder for the calibration, the data, the run and the page, index.html.
         minutes: How long all of it may take, about, on two cores.
         model: What is trained: field, resnet18 or touch2touch.
-        start: A run of that model, of a wider world, whose weights the training begins with.
+        start: A run of that model, of a wider world, whose weights the training begins with; the
+            field that ships unless given.
         held_out: How many presses, the last by name, are kept out to check; a third unless given.
         scale_px_per_mm: Picture scale in the middle of the gel, 17.2 to 19.6 from one unit to
             another; found, where displacements are known.
