@@ -125,9 +125,10 @@ def adapt(
     that all steps take together, about, on two cores. model: what is trained, preset cpu. start: a
     run whose weights the training begins with; unless given the one that ships, of a model of which
     one does. workers: processes that press, as many as there are cores unless given. say: told
-    which step begins. out then holds calibration.npz, world.toml, data/, a run named like the model, adapted.json and
-    index.html. Raises T2TwinError for what `calibrate` refuses, minutes out of range, and a folder
-    that holds something else, before anything is written.
+    which step begins. out then holds calibration.npz, world.toml, data/, a run named like the
+    model, adapted.json and index.html. Raises T2TwinError for what `calibrate` refuses, minutes out
+    of range, a start of another model, and a folder that holds something else, before anything is
+    written.
     """
     road = Road(
         Path(background), Path(presses), ball_diameter_mm, Path(out), held_out, minutes,
