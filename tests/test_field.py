@@ -107,6 +107,23 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
     np.testing.assert_array_equal(few.field, pairs.field[[3, 1]])
 
 
+def test_a_turned_picture_is_told_by_the_untouched_frame(
+    data_dir: Path, run: TrainedTranslator
+) -> None:
+    pixels = load_pairs(data_dir, "train", 64, grey=False, with_field=True).pictures[:]
+    assert set(run.looks(pixels)) == {""} and run.is_familiar(pixels).all()
+    for turned, how in (
+        (pixels[:, ::-1, ::-1], "upside down"),
+        (pixels[:, :, ::-1], "mirrored"),
+        (np.rot90(pixels, -1, (1, 2)), "on its side"),
+    ):
+        strange = np.concatenate([turned[..., :3], pixels[..., 3:]], axis=-1)
+        assert set(run.looks(strange)) == {how}
+    others = np.concatenate([pixels[..., :3], np.roll(pixels[..., 3:], 4, axis=0)], axis=-1)
+    assert all(run.looks(others)) and not run.is_familiar(others).any()
+    assert set(run.looks(others[..., :3])) == {""}  # 24 pairs tell nothing of the training
+
+
 def test_pairs_without_a_field_are_refused(small_dataset: Path, tmp_path: Path) -> None:
     with pytest.raises(T2TwinError, match="hold no field; make a world"):
         train("field", small_dataset, "smoke", tmp_path / "run")

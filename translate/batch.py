@@ -132,10 +132,10 @@ def _translate(
         total=len(images), desc="translating", unit="image", disable=len(images) <= AT_ONCE
     ) as bar:
         for part, pixels in _batches(run, images, pool):
-            looks += run.looks(pixels)
+            seen = pixels if frame is None else run.with_untouched(pixels, frame)
+            looks += run.looks(seen)
             tactile, stds = None, repeat(None)
             if run.translator.learns_field:
-                seen = pixels if frame is None else run.with_untouched(pixels, frame)
                 told.append(run.estimate_pixels(seen))
                 counts[part] = told[-1].counts
                 if names:

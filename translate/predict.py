@@ -19,7 +19,7 @@ from t2twin.translate.data.images import to_input, to_pixels
 from t2twin.translate.data.pairs import ImageFile, Pictures
 from t2twin.translate.direction import CYSKIN_TO_DIGIT, check_gives_counts
 from t2twin.translate.estimate import Estimate, joined
-from t2twin.translate.familiar import LIKE
+from t2twin.translate.familiar import LIKE, looks_beside
 from t2twin.translate.field import FieldTranslator
 from t2twin.translate.layouts import same_layout, same_pads
 from t2twin.translate.networks.fused import fuse
@@ -144,21 +144,22 @@ class TrainedTranslator:
         return counts.cpu().numpy(), tactile.cpu().numpy()
 
     def is_familiar(self, pixels: np.ndarray) -> np.ndarray:
-        """(B,) bool: whether images, as for `predict_pixels`, are like those of the training.
-
-        True of all where the run does not know.
-        """
-        known = self.config.pictures
-        return np.ones(len(pixels), bool) if known is None else known.is_like(pixels[..., :3])
+        """(B,) bool: whether images, as for `predict_pixels`, look like nothing strange."""
+        return np.array([not said for said in self.looks(pixels)], bool)
 
     def looks(self, pixels: np.ndarray) -> list[str]:
         """(B,) what images, as for `predict_pixels`, look like: nothing where they are like those
-        of the training, or in words why not, as in "upside down".
+        of the training, and like their untouched frames where they have them, or in words why not,
+        as in "upside down".
 
-        Nothing of all where the run does not know.
+        A run that does not know what it was trained on says nothing by that.
         """
-        known = self.config.pictures
-        return [LIKE] * len(pixels) if known is None else known.looks(pixels[..., :3])
+        known, pictures = self.config.pictures, pixels[..., :3]
+        found = [LIKE] * len(pixels) if known is None else known.looks(pictures)
+        if pixels.shape[-1] <= pictures.shape[-1]:
+            return found
+        beside = looks_beside(pictures, pixels[..., 3:])
+        return [said or other for said, other in zip(found, beside, strict=True)]
 
     def at_layout(
         self,
