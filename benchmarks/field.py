@@ -20,12 +20,10 @@ from benchmarks.evidence.run import main
 from benchmarks.probes import Probes, errors, kept_probes
 from benchmarks.world_runs import figures
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.world.protocol import FORCE_N
 from t2twin.translate.evaluation.certainty import NAMED_LEVEL, certainty
 from t2twin.translate.predict import load_run
 from t2twin.translate.runs.log import read_log
-
-PROTOCOL_N = 8.0
-"""Force of the probes' presses, N."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -36,9 +34,10 @@ def measure(options: Namespace) -> dict[str, Any]:
         content["runs"][name], content["probes"][name] = run, found
     for folder in options.evaluations:
         _, splits, trained = figures(folder)
-        missing = sorted(set(content["runs"]) - set(trained))
-        if missing:
-            raise T2TwinError(f"{folder} says nothing of {missing[0]}; evaluate that run too")
+        for name, run in content["runs"].items():
+            if name not in trained:
+                raise T2TwinError(f"{folder} says nothing of {name}; evaluate that run too")
+            run |= trained[name]
         content["on"][folder.name] = {
             split: {name: rows[name] for name in content["runs"]} for split, rows in splits.items()
         }
@@ -46,23 +45,18 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[str, Any]]:
-    """What a run is called, what it was trained on and for how long, and its figures."""
+    """What a run is called, how long its training took, and its figures."""
     run = load_run(folder)
-    config, log = run.config, read_log(folder)
+    data = run.config.data
     told = run.estimate(probes.images)
-    force_n = np.full(len(probes.names), PROTOCOL_N)
+    force_n = np.full(len(probes.names), FORCE_N)
     sure = certainty(told, probes.counts, force_n)
-    trained = {
-        "world": config.data.world,
-        "pairs": config.data.train_pairs,
-        "steps": len(log) * (config.epoch_steps or 0),
-        "minutes": sum(record.seconds for record in log) / 60.0,
-    }
+    trained = {"minutes": sum(record.seconds for record in read_log(folder)) / 60.0}
     found = {
-        "rmse_percent": errors(told.counts, probes, config.data.full_scale_counts)["all"],
+        "rmse_percent": errors(told.counts, probes, data.full_scale_counts)["all"],
         "held_percent": 100.0 * sure.held_at(NAMED_LEVEL),
     }
-    return f"{config.model}-of-{config.data.world}", trained, found
+    return f"{run.config.model}-of-{data.world}", trained, found
 
 
 if __name__ == "__main__":

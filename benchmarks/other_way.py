@@ -39,8 +39,8 @@ from t2twin.translate.evaluation.drawn_pictures import (
     replicates,
     scores,
 )
+from t2twin.translate.evaluation.rows import steps_taken
 from t2twin.translate.predict import load
-from t2twin.translate.runs.log import read_log
 
 SPLITS = ("val", "test")
 
@@ -85,7 +85,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "size_px": size,
         "contact_grey": CONTACT_GREY,
         "details_mm": DETAILS_MM,
-        "steps": (run.config.epoch_steps or 0) * len(read_log(run.run_dir)),
+        "steps": steps_taken(run, len(train)),
     }
 
 

@@ -23,10 +23,10 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation.bootstrap import interval, replicates
 from t2twin.translate.evaluation.metrics import compare
+from t2twin.translate.evaluation.rows import steps_taken
 from t2twin.translate.phi import Phi
 from t2twin.translate.predict import TrainedTranslator, load_run
 from t2twin.translate.runs.config import RunConfig
-from t2twin.translate.runs.log import read_log
 
 SPLITS = ("val", "test")
 
@@ -46,7 +46,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "seeds": [run.config.seed for run in plain],
         "shape_weight": preset.shape_weight,
         "l1_weight": preset.l1_weight,
-        "steps": [_steps(run) for run in (*plain, *shaped)],
+        "steps": [steps_taken(run, run.config.data.train_pairs) for run in (*plain, *shaped)],
     }
 
 
@@ -116,10 +116,6 @@ def _check_alike(
 def _but_for_the_weight(config: RunConfig) -> tuple[Any, ...]:
     preset = replace(config.preset, shape_weight=0.0)
     return preset, config.model, config.seed, config.planned_epochs, config.epoch_steps
-
-
-def _steps(run: TrainedTranslator) -> int:
-    return (run.config.epoch_steps or 0) * len(read_log(run.run_dir))
 
 
 if __name__ == "__main__":

@@ -76,6 +76,12 @@ def shapes(shape_cache):
     return lru_cache(maxsize=None)(lambda name: catalogue.load(name, shape_cache))
 
 
+@pytest.fixture
+def one_thread(monkeypatch):
+    """Trainings take one thread, as another number changes the last digits."""
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+
+
 @pytest.fixture(scope="module")
 def runs(data_dir, tmp_path_factory):
     """Both translators, trained for three epochs on the module's own data_dir: their folders."""

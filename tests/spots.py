@@ -4,7 +4,8 @@ A bright spot on the DIGIT image lies where the array is pressed, and its bright
 the array's response is a Gaussian about the same place. Written through the data set's own writer.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import cycle, islice
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.world.plan import shard_path
+from t2twin.translate.loop import TrainingLoop
 from t2twin.translate.train import train
 
 ROWS, COLUMNS = 320, 240
@@ -84,6 +86,22 @@ def train_smoke(model: str, data_dir: Path, run_dir: Path, epochs: int) -> Path:
         patch.setenv("OMP_NUM_THREADS", "1")
         train(model, data_dir, "smoke", run_dir, epochs=epochs)
     return run_dir
+
+
+@contextmanager
+def stopped_after_an_epoch() -> Iterator[None]:
+    """A training inside is stopped by Ctrl-C in its second epoch."""
+    validate = TrainingLoop._validate
+
+    def killed(self: TrainingLoop) -> float:
+        if len(self.history) == 1:
+            raise KeyboardInterrupt
+        return validate(self)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(TrainingLoop, "_validate", killed)
+        with pytest.raises(KeyboardInterrupt):
+            yield
 
 
 def _spot(

@@ -17,15 +17,12 @@ from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
 from t2twin.translate.train import for_steps, train
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 
 @pytest.fixture(scope="module")
 def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_spots(tmp_path_factory.mktemp("spots") / "data")
-
-
-@pytest.fixture(autouse=True)
-def one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
 def without_times(run_dir: Path) -> list[tuple]:

@@ -11,7 +11,7 @@ import torch
 import yaml
 from PIL import Image
 from safetensors.torch import load_file
-from spots import write_spots
+from spots import stopped_after_an_epoch, write_spots
 
 import t2twin
 from t2twin.cli import main
@@ -22,7 +22,6 @@ from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.export import export_onnx
-from t2twin.translate.loop import TrainingLoop
 from t2twin.translate.other_way import OtherWay
 from t2twin.translate.predict import load_run
 from t2twin.translate.presets import PRESETS, Preset
@@ -36,14 +35,12 @@ SMOKE = PRESETS["touch2touch"]["smoke"]
 WAY = "cyskin-to-digit"
 
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
 @pytest.fixture(scope="module")
 def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_spots(tmp_path_factory.mktemp("spots") / "data")
-
-
-@pytest.fixture(autouse=True)
-def one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
 @pytest.fixture(scope="module")
@@ -169,17 +166,8 @@ def test_jitter_is_not_put_on_what_is_drawn(
 def test_stopped_and_resumed_is_as_undisturbed(data_dir: Path, tmp_path: Path) -> None:
     preset = replace(SMOKE, averaged_part=0.25)
     train("touch2touch", data_dir, preset, tmp_path / "whole", epochs=3, direction=WAY)
-    validate = TrainingLoop._validate
-
-    def killed(self: TrainingLoop) -> float:
-        if len(self.history) == 1:
-            raise KeyboardInterrupt
-        return validate(self)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(TrainingLoop, "_validate", killed)
-        with pytest.raises(KeyboardInterrupt):
-            train("touch2touch", data_dir, preset, tmp_path / "killed", epochs=3, direction=WAY)
+    with stopped_after_an_epoch():
+        train("touch2touch", data_dir, preset, tmp_path / "killed", epochs=3, direction=WAY)
     train("touch2touch", data_dir, preset, tmp_path / "killed", epochs=3, direction=WAY)
     whole, resumed = (load_file(tmp_path / n / "last.safetensors") for n in ("whole", "killed"))
     assert whole.keys() == resumed.keys()

@@ -23,14 +23,12 @@ from t2twin.translate.train import train
 SMOKE = PRESETS["touch2touch"]["smoke"]
 
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
+
 @pytest.fixture(scope="module")
 def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_spots(tmp_path_factory.mktemp("spots") / "data")
-
-
-@pytest.fixture(autouse=True)
-def one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
 def square(left: int, height: float = 0.5, size: int = 32) -> torch.Tensor:

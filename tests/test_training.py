@@ -13,7 +13,7 @@ import pytest
 import torch
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
-from spots import write_spots
+from spots import stopped_after_an_epoch, write_spots
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate import distributed
@@ -28,15 +28,12 @@ from t2twin.translate.runs.checkpoint import load_state
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.train import train
 
+pytestmark = pytest.mark.usefixtures("one_thread")
+
 
 @pytest.fixture(scope="module")
 def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_spots(tmp_path_factory.mktemp("spots") / "data")
-
-
-@pytest.fixture(autouse=True)
-def one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
 def records(run_dir: Path) -> list[dict]:
@@ -86,17 +83,8 @@ def test_stopped_and_resumed_is_as_undisturbed(
     )
     train(model, data_dir, preset, tmp_path / "whole", epochs=3)
 
-    validate = TrainingLoop._validate
-
-    def killed(self: TrainingLoop) -> float:
-        if len(self.history) == 1:
-            raise KeyboardInterrupt
-        return validate(self)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(TrainingLoop, "_validate", killed)
-        with pytest.raises(KeyboardInterrupt):
-            train(model, data_dir, preset, tmp_path / "killed", epochs=3)
+    with stopped_after_an_epoch():
+        train(model, data_dir, preset, tmp_path / "killed", epochs=3)
     assert len(records(tmp_path / "killed")) == 1
     outcome = train(model, data_dir, preset, tmp_path / "killed", epochs=3)
 

@@ -110,7 +110,7 @@ def looks_beside(pixels: np.ndarray, frames: np.ndarray) -> list[str]:
     pixels, frames: (B, S, S, c) uint8.
     """
     found = []
-    for picture, frame in zip(pixels[:, None], frames[:, None], strict=True):
+    for picture, frame in zip(pixels[:, None], _cells(frames), strict=True):
         off = _off(picture, frame)
         turned = {name: _off(turn(picture), frame) for name, turn in TURNED.items()}
         nearest = min(turned, key=lambda name: turned[name])
@@ -122,9 +122,8 @@ def looks_beside(pixels: np.ndarray, frames: np.ndarray) -> list[str]:
 
 
 def _off(picture: np.ndarray, frame: np.ndarray) -> float:
-    """How far the nearest cells of a picture lie off a frame, grey levels. (1, S, S, c) each."""
-    colours = picture.shape[-1]
-    apart = np.abs(_cells(picture) - _cells(frame)).reshape(-1, colours).mean(axis=1)
+    """How far a picture's, (1, S, S, c), nearest cells lie off a frame's, (K,), grey levels."""
+    apart = np.abs(_cells(picture) - frame).reshape(-1, picture.shape[-1]).mean(axis=1)
     return float(np.quantile(apart, NEAREST_SHARE))
 
 

@@ -294,9 +294,9 @@ def load_run(
     run_dir: str | Path, layout: str | Path | None = None, bf16: bool = False
 ) -> TrainedTranslator:
     """As `load`, of a run that gives counts. Raises T2TwinError for one that draws pictures too."""
-    run_dir = find_run(run_dir)
-    check_gives_counts(run_dir, load_config(run_dir).direction)
-    return load(run_dir, layout, bf16)
+    run = load(run_dir, layout, bf16)
+    check_gives_counts(run.run_dir, run.config.direction)
+    return run
 
 
 def load(

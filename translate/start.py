@@ -16,7 +16,7 @@ from t2twin.translate.direction import DIGIT_TO_CYSKIN
 from t2twin.translate.layouts import same_layout
 from t2twin.translate.presets import Preset
 from t2twin.translate.runs.checkpoint import load_weights
-from t2twin.translate.runs.config import BEST, load_config
+from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.shipped import find_run
 from t2twin.translate.translator import Translator
 
@@ -42,12 +42,10 @@ def find_start(
     Raises T2TwinError for a folder that holds no run, and for a run of another direction, model,
     image size, width, layout or field.
     """
-    run_dir = find_run(run)
-    config = load_config(run_dir)
+    run_dir, config = run_of_model(run, model)
     there, places = config.preset, config.data
     for what, differs in (
         (f"a {config.direction} run, and not {direction}", config.direction != direction),
-        (f"a {config.model} run, and a {model} is to be trained", config.model != model),
         (
             f"a run of {there.size} pixels, base width {there.filters}, and preset {preset.name} "
             f"has {preset.size} and {preset.filters}",
@@ -72,6 +70,19 @@ def find_start(
     if not weights.is_file():
         raise T2TwinError(f"{weights} is not there; the run has not finished its first epoch")
     return Start(weights, sha256_of(weights))
+
+
+def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
+    """A run's folder and config. run: as for `find_start`. Raises T2TwinError for a folder that
+    holds no run, and for a run of another model."""
+    run_dir = find_run(run)
+    config = load_config(run_dir)
+    if config.model != model:
+        raise T2TwinError(
+            f"{run_dir} is a {config.model} run, and a {model} is to be trained; start with a run "
+            "like the one asked for"
+        )
+    return run_dir, config
 
 
 def slower(preset: Preset) -> Preset:

@@ -15,6 +15,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.press.depth import force_at_depth
 from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import SensorPair
+from t2twin.translate.evaluation.certainty import NAMED_LEVEL
 from t2twin.translate.phi import Phi
 from t2twin.translate.predict import TrainedTranslator
 
@@ -22,8 +23,6 @@ BLOB_SHARE = 0.2
 """Part of its largest count above which a tactile image counts as touched (assumed)."""
 FAINT_COUNTS = 400.0
 """Counts below which nothing is felt: a hundredth of full scale."""
-LEVEL = 0.9
-"""What the intervals are said to hold."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,7 @@ def _said(
     if not run.translator.learns_field:
         return counts_of(run, image, untouched), None, None
     told = run.estimate(image, untouched)
-    low, high = told.interval(LEVEL)
+    low, high = told.interval(NAMED_LEVEL)
     held = float(((low <= truth) & (truth <= high)).mean())
     force_n = None if told.force_n is None else float(told.force_n)
     return told.counts.astype(float), force_n, held

@@ -33,8 +33,8 @@ from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
 from t2twin.translate.predict import load_run
 from t2twin.translate.presets import find_preset
-from t2twin.translate.runs.config import load_config
-from t2twin.translate.runs.shipped import HOME, find_run, shipped_runs
+from t2twin.translate.runs.shipped import HOME, shipped_runs
+from t2twin.translate.start import run_of_model
 from t2twin.translate.train import train
 
 STEPS = ("light", "data", "training", "check")
@@ -168,11 +168,7 @@ def _start(start: str | Path | None, model: str) -> Path | None:
     another model."""
     if start is None:
         return HOME / model if model in shipped_runs() else None
-    folder = find_run(start)
-    there = load_config(folder).model
-    if there != model:
-        raise T2TwinError(f"{start} is a {there} run, and {model} is to be trained; start with one")
-    return folder
+    return run_of_model(start, model)[0]
 
 
 def _kept(road: Road, asked: str) -> Fitted | None:

@@ -72,12 +72,13 @@ def row_of_run(row: ModelRow, run: TrainedTranslator, info: DataInfo) -> ModelRo
         trained_data=trained.sha256,
         trained_world=info.world if same_data else trained.world,
         trained_pairs=pairs,
-        trained_steps=_steps(run, pairs),
+        trained_steps=steps_taken(run, pairs),
     )
 
 
-def _steps(run: TrainedTranslator, pairs: int | None) -> int | None:
-    """Steps that a run has taken; None where its log is not there or it does not say.
+def steps_taken(run: TrainedTranslator, pairs: int | None) -> int | None:
+    """Steps that a run has taken on so many pairs; None where its log is not there or it does not
+    say.
 
     Runs of older versions went through all of their pairs in every epoch.
     """
