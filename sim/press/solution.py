@@ -82,8 +82,9 @@ class Solution:
             self.pressure_mpa = np.where(standing, repeated(start.pressure_mpa, finer), 0.0)
             self.depth_mm = start.depth_mm
             self.used = grown(self.pressure_mpa > 0, MARGIN_PINS) & standing
-            self._soften()
-            return
+            if self.used.any():  # else all was carried where finer pins find nothing to stand on
+                self._soften()
+                return
         self.pressure_mpa = np.zeros(pins.gap_mm.shape)
         self.used = standing
         for _ in range(GUESSES):
