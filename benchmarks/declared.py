@@ -464,6 +464,13 @@ FIELD = Benchmark(
         Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),
         Argument("--runs", "folders of field runs", Path, nargs="+", required=True),
         Argument(
+            "--begun-with",
+            "folders of runs with whose weights those began",
+            Path,
+            nargs="*",
+            default=[],
+        ),
+        Argument(
             "--probes",
             "where the probes' presses are kept",
             Path,

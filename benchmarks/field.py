@@ -2,11 +2,14 @@
 
     for data in paper forces open-8n dense; do
         t2twin evaluate RUN... --data data/$data --split both --out runs/field/$data; done
-    python -m benchmarks.field runs/field/* --runs RUN...
+    python -m benchmarks.field runs/field/* --runs RUN... [--begun-with EARLIER...]
 
-The errors, what intervals of 90 % hold, what leaving out the least sure fifth is worth, and how far
-the force is off. open-8n are random shapes, dense the protocol's presses read by 63 taxels. Runs go
-by the world that they were trained in.
+The errors, what intervals of 90 % hold, of all readings and of each tenth of them by how sure they
+are, what leaving out the least sure fifth is worth, and how far the force is off. Beside the
+sureness: what could be won by leaving out the fifth with the largest errors, and what is by that
+on which two runs agree least. open-8n are random shapes, dense the protocol's presses read by 63
+taxels. Runs go by the world that they were trained in; the minutes and steps of one that began with
+another's weights are those of both.
 """
 
 from argparse import Namespace
@@ -18,17 +21,24 @@ import numpy as np
 from benchmarks.declared import FIELD
 from benchmarks.evidence.run import main
 from benchmarks.probes import Probes, errors, kept_probes
-from benchmarks.world_runs import figures
+from benchmarks.world_runs import called, figures
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.world.protocol import FORCE_N
-from t2twin.translate.evaluation.certainty import NAMED_LEVEL, certainty
+from t2twin.translate.estimate import half_width
+from t2twin.translate.evaluation.certainty import NAMED_KEPT, NAMED_LEVEL, certainty
+from t2twin.translate.evaluation.predictions import read_predictions
+from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.evaluation.rows import steps_taken
 from t2twin.translate.predict import load_run
+from t2twin.translate.runs.config import BEST, load_config
 from t2twin.translate.runs.log import read_log
 
 
 def measure(options: Namespace) -> dict[str, Any]:
     content: dict[str, Any] = {"runs": {}, "on": {}, "probes": {}}
     probes = kept_probes(options.probes)
+    earlier = {sha256_of(folder / BEST): folder for folder in options.begun_with}
     for folder in options.runs:
         name, run, found = _on_probes(folder, probes)
         content["runs"][name], content["probes"][name] = run, found
@@ -41,7 +51,63 @@ def measure(options: Namespace) -> dict[str, Any]:
         content["on"][folder.name] = {
             split: {name: rows[name] for name in content["runs"]} for split, rows in splits.items()
         }
+        for split, rows in content["on"][folder.name].items():
+            _add_ranking(rows, folder / split)
+    for folder, run in zip(options.runs, content["runs"].values(), strict=True):
+        run |= _with_start(folder, run, earlier)
     return content
+
+
+def _with_start(folder: Path, run: dict[str, Any], earlier: dict[str, Path]) -> dict[str, Any]:
+    """A run's minutes and steps, with those of the run with whose weights it began."""
+    start = load_config(folder).start
+    if start is None:
+        return {"begun_with": None}
+    if start not in earlier:
+        raise T2TwinError(f"{folder} began with other weights; give their run with --begun-with")
+    before = load_run(earlier[start])
+    if before.config.start is not None:
+        raise T2TwinError(f"{earlier[start]} began with another run itself; two are added up here")
+    return {
+        "begun_with": before.config.data.world,
+        "minutes": run["minutes"] + _minutes(earlier[start]),
+        "steps": run["steps"] + steps_taken(before, before.config.data.train_pairs),
+    }
+
+
+def _add_ranking(rows: dict[str, Any], folder: Path) -> None:
+    """Of each run, what was held of each tenth, and what other rankings of the presses win."""
+    predictions, evaluation = read_predictions(folder), read_evaluation(folder)
+    names = {called(name, row): name for name, row in evaluation.runs.items()}
+    for run, row in rows.items():
+        name = names[run]
+        off = np.abs(predictions.by_model[name] - predictions.truth)
+        std = predictions.std_by_model[name]
+        tenths = np.array_split(np.argsort(std, axis=None), 10)
+        held = (off <= half_width(NAMED_LEVEL) * std).ravel()
+        rmse = predictions.rmse_counts(name)
+        row["tenths_held_percent"] = [100.0 * float(held[part].mean()) for part in tenths]
+        row["said_over_rmse"] = row["certainty"]["said_rmse_counts"] / float(_rms(rmse))
+        row["falls_by_at_best_percent"] = _falls_by(rmse, rmse)
+        others = [other for other in rows if other != run]
+        if len(others) == 1:
+            other = predictions.by_model[names[others[0]]]
+            apart = np.square(predictions.by_model[name] - other).mean(axis=1)
+            row["falls_by_disagreement_percent"] = _falls_by(rmse, apart)
+
+
+def _falls_by(rmse: np.ndarray, unsure: np.ndarray) -> float:
+    """By how much the RMSE falls where the fifth with the largest `unsure` is left out, %."""
+    kept = np.argsort(unsure, kind="stable")[: round(NAMED_KEPT * unsure.size)]
+    return 100.0 * float(1.0 - _rms(rmse[kept]) / _rms(rmse))
+
+
+def _rms(values: np.ndarray) -> np.floating:
+    return np.sqrt(np.square(values).mean())
+
+
+def _minutes(folder: Path) -> float:
+    return sum(record.seconds for record in read_log(folder)) / 60.0
 
 
 def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[str, Any]]:
@@ -51,7 +117,7 @@ def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[
     told = run.estimate(probes.images)
     force_n = np.full(len(probes.names), FORCE_N)
     sure = certainty(told, probes.counts, force_n)
-    trained = {"minutes": sum(record.seconds for record in read_log(folder)) / 60.0}
+    trained = {"minutes": _minutes(folder)}
     found = {
         "rmse_percent": errors(told.counts, probes, data.full_scale_counts)["all"],
         "held_percent": 100.0 * sure.held_at(NAMED_LEVEL),

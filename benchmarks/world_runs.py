@@ -40,21 +40,21 @@ def figures(folder: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
             continue
         evaluation = read_evaluation(folder / split)
         world = evaluation.world or world
-        called = {name: _called(name, row) for name, row in evaluation.runs.items()}
-        if len(set(called.values())) < len(called):
+        names = {name: called(name, row) for name, row in evaluation.runs.items()}
+        if len(set(names.values())) < len(names):
             raise T2TwinError(
                 f"{folder} has two runs of one model and one world; evaluate one of them"
             )
         splits[split] = {
-            called.get(name, name): _row(row) for name, row in evaluation.models.items()
+            names.get(name, name): _row(row) for name, row in evaluation.models.items()
         }
-        runs |= {called[name]: _trained(row) for name, row in evaluation.runs.items()}
+        runs |= {names[name]: _trained(row) for name, row in evaluation.runs.items()}
     if not splits:
         raise T2TwinError(f"{folder} holds no evaluation; give folders of `t2twin evaluate`")
     return world, splits, runs
 
 
-def _called(name: str, row: ModelRow) -> str:
+def called(name: str, row: ModelRow) -> str:
     """Evaluation names runs by model, and by folder where two are of one model."""
     return f"{name.split(' ')[0]}-of-{row.trained_world}"
 

@@ -1,41 +1,51 @@
 """How a network's spreads become standard deviations whose intervals hold what they say.
 
-A spread s, in parts of full scale, becomes T m (s / m)^q with m = MIDDLE_SPREAD: the temperature T
-makes intervals of 90 % hold 90 % (Guo et al. 2017 for a temperature), and the power q makes them do
-so in each of several worlds. A network knows presses like those of its training better than its
-spreads say and others worse, and the others have the larger spreads: a power above 1 widens those.
-The force has a temperature of its own. All is fitted on presses that were not trained on.
+A network's spreads tell well which reading is surer than which, and badly by how much: small ones
+are often too small and large ones too large. So a spread is multiplied by a factor of its own size,
+read from rungs: on presses that were not trained on, in order of their spreads, each rung's factor
+makes intervals of 90 % hold 90 % of its part (temperature scaling, Guo et al. 2017, part by part;
+standard deviations rise with the spreads, as in isotonic calibration). A second factor goes by the
+press: one that is surer as a whole is of a kind that is known, and held more often than its places'
+spreads alone would say. The force has rungs of its own.
 
-The errors of neighbouring places go together; how, in parts of their spreads, is one matrix for all
-pictures.
+The errors of neighbouring places go together; how, in parts of their standard deviations, is one
+matrix for all pictures.
 
-Shape letters: P presses, F places of the field.
+Shape letters: P presses, F places of the field, K rungs.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import torch
+from scipy.optimize import isotonic_regression
 
 LEVEL = 0.9
-"""Share of the presses that the interval must hold."""
+"""Share of the errors that the interval must hold."""
 
 HALF_WIDTH = 1.6448536
 """Half the width of that interval of a Gaussian, standard deviations."""
 
-MIDDLE_SPREAD = 0.01
-"""A spread that the power leaves as it is, parts of full scale (assumed: of the size of the
-errors)."""
+PLACE_SHARES = (*(0.1,) * 8, 0.05, 0.05, 0.025, 0.025, 0.02, 0.01, 0.01, 0.005, 0.005)
+"""Parts of all places' errors that the rungs stand for, by rising spread; the largest spreads
+differ most (assumed)."""
 
-POWERS = tuple(float(power) for power in np.arange(0.8, 2.01, 0.05).round(2))
-"""Powers that are tried (assumed)."""
+PRESS_SHARES = FORCE_SHARES = (0.125,) * 8
+"""Parts of all presses that the rungs of press and force stand for (assumed)."""
 
-AS_GOOD = 0.005
-"""What intervals may hold more or less and be as good (assumed)."""
+LEAST_ERRORS = 100
+"""Errors that a rung stands for at least (assumed: the ninth tenth of fewer is anyone's guess)."""
 
-LEAST_TEMPERATURE = 0.05
+LEAST_APART = 1e-3
+"""Of two rungs' logarithms (assumed), so that there is a way from one to the next."""
+
+LEAST_FACTOR = 0.05
 """Where the presses are few and all of them hit (assumed)."""
+
+ROUNDS = 4
+"""How often the factors of place and press are fitted in turn (assumed: then little changes)."""
 
 OWN_SHARE = 0.02
 """What the correlation is drawn towards none by (assumed), so that it can be factored also where
@@ -44,64 +54,102 @@ the presses are fewer than the places."""
 
 @dataclass(frozen=True)
 class Errors:
-    """Of one world's presses. field: (P, F), in parts of the spreads; spread: (P, F) those, parts
-    of full scale; force: (P,), in parts of its spread."""
+    """Of one world's presses. field: (P, F), parts of full scale; spread: (P, F), what the network
+    says of it; force: (P,), and force_spread: (P,), the same of the force's logarithm."""
 
     field: torch.Tensor
     spread: torch.Tensor
     force: torch.Tensor
-
-    def at_power(self, power: float) -> torch.Tensor:
-        """(P, F) the field's errors, in parts of the spreads as the power makes them."""
-        return self.field / (self.spread / MIDDLE_SPREAD) ** (power - 1.0)
+    force_spread: torch.Tensor
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """temperature: (2,), of field and force. power: of the field's spreads. correlation: (F, F), of
-    the field's errors."""
+    """place, press, force: (2, K), rungs: logarithms of the spreads, rising, and of their factors.
+    correlation: (F, F), of the field's errors."""
 
-    temperature: torch.Tensor
-    power: float
+    place: torch.Tensor
+    press: torch.Tensor
+    force: torch.Tensor
     correlation: torch.Tensor
 
 
-def calibration_of(worlds: Sequence[Errors], power: float) -> Calibration:
-    """Of one or more worlds. power: what it is where one world alone can tell none."""
-    if len(worlds) > 1:
-        power = _power(worlds)
-    field = torch.cat([world.at_power(power) for world in worlds])
-    force = torch.cat([world.force for world in worlds])
-    moment = field.double().T @ field.double() / field.shape[0]
+def calibration_of(worlds: Sequence[Errors]) -> Calibration:
+    """Of one or more worlds; each press has the same say."""
+    field, spread, force, force_spread = (
+        torch.cat([getattr(world, name) for world in worlds]).double()
+        for name in ("field", "spread", "force", "force_spread")
+    )
+    place = press = no_rungs(len(PLACE_SHARES)).double()
+    known = torch.ones(len(field), 1, dtype=torch.float64)
+    for _ in range(ROUNDS):
+        place = _rungs(spread, field / known, PLACE_SHARES, LEAST_ERRORS)
+        std = spread * factor_at(spread.log(), place)
+        level = std.mean(dim=1, keepdim=True)
+        least = LEAST_ERRORS * field.shape[1]
+        press = _rungs(level.expand_as(std), level * field / std, PRESS_SHARES, least)
+        known = factor_at(level.log(), press)
+    off = field / standard_deviation(spread.log(), place, press)
+    moment = off.T @ off / len(off)
     scale = moment.diagonal().clamp(min=1e-12).rsqrt()
     correlation = (1.0 - OWN_SHARE) * scale[:, None] * moment * scale
     correlation.fill_diagonal_(1.0)
-    temperatures = torch.stack([_temperature(field), _temperature(force)])
-    return Calibration(temperatures, power, correlation.float())
+    of_force = _rungs(force_spread, force, FORCE_SHARES, LEAST_ERRORS)
+    return Calibration(place.float(), press.float(), of_force.float(), correlation.float())
 
 
 def standard_deviation(
-    spread: torch.Tensor, power: torch.Tensor, temperature: torch.Tensor
+    log_spread: torch.Tensor, place: torch.Tensor, press: torch.Tensor
 ) -> torch.Tensor:
-    """Of spreads, of any shape, parts of full scale. power, temperature: ()."""
-    return temperature * MIDDLE_SPREAD * (spread / MIDDLE_SPREAD) ** power
+    """(B, F), parts of full scale, of the spreads' logarithms. place, press: (2, K), rungs."""
+    std = log_spread.exp() * factor_at(log_spread, place)
+    return std * factor_at(std.mean(dim=1, keepdim=True).log(), press)
 
 
-def _power(worlds: Sequence[Errors]) -> float:
-    """The one nearest to 1 of those that are as good as the best."""
-    apart = {power: _apart(worlds, power) for power in POWERS}
-    good = [power for power, off in apart.items() if off < min(apart.values()) + AS_GOOD]
-    return min(good, key=lambda power: abs(power - 1.0))
+def factor_at(log_spread: torch.Tensor, rungs: torch.Tensor) -> torch.Tensor:
+    """What spreads are multiplied by: linear between the rungs in logarithms, and beyond the first
+    and the last as at these. Any shape."""
+    at, factor = rungs[0], rungs[1]
+    rise = (factor[1:] - factor[:-1]) / (at[1:] - at[:-1])
+    way = torch.minimum(torch.maximum(log_spread[..., None], at[:-1]), at[1:]) - at[:-1]
+    return torch.exp(factor[0] + (way * rise).sum(dim=-1))
 
 
-def _apart(worlds: Sequence[Errors], power: float) -> float:
-    """How far the interval is from its level in the world where it is farthest."""
-    errors = [world.at_power(power).abs() for world in worlds]
-    half = HALF_WIDTH * _temperature(torch.cat(errors))
-    return max(abs(float((each <= half).float().mean()) - LEVEL) for each in errors)
+def no_rungs(number: int) -> torch.Tensor:
+    """(2, number) rungs that change nothing."""
+    return torch.stack([torch.arange(float(number)), torch.zeros(number)])
 
 
-def _temperature(off: torch.Tensor) -> torch.Tensor:
-    ordered = off.abs().flatten().sort().values
-    place = min(int(LEVEL * ordered.numel()), ordered.numel() - 1)
-    return (ordered[place] / HALF_WIDTH).clamp(min=LEAST_TEMPERATURE)
+def _rungs(
+    spread: torch.Tensor, off: torch.Tensor, shares: Sequence[float], least: int
+) -> torch.Tensor:
+    """(2, K) of errors and what spreads say of them, of one shape. K: as many as there are shares;
+    where errors are few, the last rungs stand for none of their own. least: of errors a rung."""
+    logarithm, order = spread.flatten().log().sort()
+    off = off.flatten().abs()[order]
+    at, std, weight = [], [], []
+    for part in _parts(len(off), shares, least):
+        used = (off[part] / logarithm[part].exp()).sort().values
+        factor = used[min(int(LEVEL * len(used)), len(used) - 1)] / HALF_WIDTH
+        at.append(float(logarithm[part].mean()))
+        std.append(at[-1] + float(factor.clamp(min=LEAST_FACTOR).log()))
+        weight.append(len(used))
+    rising = isotonic_regression(std, weights=weight).x
+    rungs = no_rungs(len(shares)).double()
+    last = len(at) - 1
+    for k in range(len(shares)):
+        rungs[0, k] = at[min(k, last)] + max(0, k - last)
+        rungs[1, k] = rising[min(k, last)] - at[min(k, last)]
+        if 0 < k <= last:
+            rungs[0, k] = max(float(rungs[0, k]), float(rungs[0, k - 1]) + LEAST_APART)
+    return rungs
+
+
+def _parts(number: int, shares: Sequence[float], least: int) -> list[slice]:
+    """Cuts `number` errors in order; a part that would hold too few goes with the next."""
+    ends = [round(number * float(share)) for share in np.cumsum(shares)]
+    starts = [0]
+    for end in ends[:-1]:
+        if end - starts[-1] >= least and number - end >= least:
+            starts.append(end)
+    return [slice(*part) for part in pairwise([*starts, number])]

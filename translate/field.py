@@ -4,9 +4,9 @@ The mean is trained on the squared error alone, as a yardstick of counts asks fo
 by a likelihood whose residual is held (Seitzer et al. 2022 show what happens to the mean where it
 is not), through layers of its own, so that it takes nothing from the mean. The likelihood is that
 of Student's t: errors are small in most presses and large in few, and by a Gaussian's the few drown
-what the many say. What the spread says too much or too little is put right by a temperature and a
-power (module calibrated), fitted on presses of validation; beside them goes how the places' errors
-hang together, from which whole fields can be drawn.
+what the many say. What the spread says too much or too little is put right by factors (module
+calibrated), fitted on presses of validation; beside them goes how the places' errors hang together,
+from which whole fields can be drawn.
 
 The force is told by its logarithm, where the presses of the training have several.
 
@@ -143,14 +143,14 @@ class FieldTranslator:
         return told.counts, self.drawing(told.field)
 
     def calibrate(self, *sets: Pairs) -> None:
-        """See Translator: temperatures and power, and how the errors hang together."""
-        worlds = [self._errors_on(pairs) for pairs in sets]
-        found = calibration_of(worlds, float(self.predictor.power))
-        self.predictor.temperature.copy_(found.temperature)
-        self.predictor.power.fill_(found.power)
-        if not knows_force(self.predictor):
-            self.predictor.temperature[1] = 1.0  # of nothing
-        self.predictor.correlation.copy_(found.correlation)
+        """See Translator: rungs, and how the errors hang together."""
+        found = calibration_of([self._errors_on(pairs) for pairs in sets])
+        kept = self.predictor
+        kept.place_rungs.copy_(found.place)
+        kept.press_rungs.copy_(found.press)
+        if knows_force(kept):  # else of nothing
+            kept.force_rungs.copy_(found.force)
+        kept.correlation.copy_(found.correlation)
         self.__dict__.pop("teller", None)
 
     def _errors_on(self, pairs: Pairs) -> Errors:
@@ -167,8 +167,7 @@ class FieldTranslator:
             force = torch.from_numpy(pairs.force_n[part].astype(np.float32)).to(self.device)
             off = field / self.full_scale - said.mean.clamp(0.0, 1.0)
             force_off = self._force_wanted(force) - said.force
-            spread = said.log_spread.exp()
-            yield off / spread, spread, force_off / said.force_log_spread.exp()
+            yield off, said.log_spread.exp(), force_off, said.force_log_spread.exp()
 
     @cached_property
     def teller(self) -> Teller:

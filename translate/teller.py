@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from t2twin.translate.calibrated import standard_deviation
+from t2twin.translate.calibrated import factor_at, standard_deviation
 from t2twin.translate.networks.field_net import FieldNet, FieldParts
 
 FORCE_OFFSET_N = 0.1
@@ -41,8 +41,9 @@ class Teller(nn.Module):
 
     reading: torch.Tensor
     factor: torch.Tensor
-    temperature: torch.Tensor
-    power: torch.Tensor
+    place_rungs: torch.Tensor
+    press_rungs: torch.Tensor
+    force_rungs: torch.Tensor
     force_scale: torch.Tensor
 
     def __init__(self, network: FieldNet, reading: np.ndarray, full_scale: float) -> None:
@@ -52,15 +53,14 @@ class Teller(nn.Module):
         factor = torch.linalg.cholesky(network.correlation.cpu().double()).float()
         self.register_buffer("reading", torch.from_numpy(reading).float())
         self.register_buffer("factor", factor)
-        self.register_buffer("temperature", network.temperature.detach().clone())
-        self.register_buffer("power", network.power.detach().clone())
-        self.register_buffer("force_scale", network.force_scale.detach().clone())
-        self.to(network.temperature.device)
+        for name in ("place_rungs", "press_rungs", "force_rungs", "force_scale"):
+            self.register_buffer(name, getattr(network, name).detach().clone())
+        self.to(network.correlation.device)
 
     def forward(self, said: FieldParts) -> Told:
         """Counts lie within zero and full scale."""
         field = (said.mean * self.full_scale).clamp(0.0, self.full_scale)
-        std = standard_deviation(said.log_spread.exp(), self.power, self.temperature[0])
+        std = standard_deviation(said.log_spread, self.place_rungs, self.press_rungs)
         field_std = self.full_scale * std
         counts = (field @ self.reading.T).clamp(0.0, self.full_scale)
         # A taxel between places reads several, whose errors go together.
@@ -69,7 +69,8 @@ class Teller(nn.Module):
         if not self.knows_force:
             return Told(counts, counts_std, field, field_std, None, None)
         lifted = torch.exp(said.force * self.force_scale[1] + self.force_scale[0])
-        spread = said.force_log_spread.exp() * self.force_scale[1] * self.temperature[1]
+        spread = said.force_log_spread.exp() * factor_at(said.force_log_spread, self.force_rungs)
+        spread = spread * self.force_scale[1]
         force = (lifted - FORCE_OFFSET_N).clamp(min=0.0)
         return Told(counts, counts_std, field, field_std, force, lifted * spread)
 

@@ -13,7 +13,6 @@ import numpy as np
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.translate.build import build
-from t2twin.translate.calibrated import Calibration
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.field import FieldTranslator
 from t2twin.translate.runs.card import write_card
@@ -24,12 +23,12 @@ SEED = 0
 """Of which presses of a larger validation are taken."""
 
 
-def temper(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> Calibration:
-    """Fits a field run's temperatures and power, and how its errors go together, anew; they are
-    kept with its best weights, and its card is written again.
+def temper(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
+    """Fits what makes a field run's spreads standard deviations, and how its errors go together,
+    anew (module calibrated); they are kept with its best weights, and its card is written again.
 
     data_dirs: datasets whose pairs hold the field, of any world, the run's own among them. Of each
-    as many validation presses are taken as the smallest has. Returns what was found.
+    as many validation presses are taken as the smallest has. Returns how many these are in all.
     Raises T2TwinError for a run of another translator, a dataset without a field or validation
     pairs, and where the run's own dataset is not given.
     """
@@ -51,11 +50,11 @@ def temper(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> Calibration:
             load_pairs(each, "val", config.preset.size, False, usable_cache(each, run_dir), True)
             for each in folders
         ]
-        translator.calibrate(*_as_many_of_each(sets))
-        predictor = translator.predictor
-        save_weights(run_dir / BEST, predictor)
+        taken = _as_many_of_each(sets)
+        translator.calibrate(*taken)
+        save_weights(run_dir / BEST, translator.predictor)
         write_card(run_dir, own[0])
-    return Calibration(predictor.temperature, float(predictor.power), predictor.correlation)
+    return sum(map(len, taken))
 
 
 def _as_many_of_each(sets: Sequence[Pairs]) -> list[Pairs]:

@@ -26,9 +26,5 @@ def temper(
     if not data:
         raise T2TwinError("there is no dataset to temper on; give folders with --data")
     use_all_cores()
-    found = fit(run, data)
-    print(
-        f"standard deviations are the network's own to the power of {found.power:.2f}, times "
-        f"{float(found.temperature[0]):.3f}"
-    )
-    print(f"written to {run}")
+    presses = fit(run, data)
+    print(f"standard deviations fitted on {presses:,} presses; written to {run}")

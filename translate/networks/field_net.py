@@ -12,6 +12,7 @@ Shape letters: B batch, S image side, F places, D columns and E places in each, 
 of the vector.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ import torch
 from torch import nn
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.calibrated import FORCE_SHARES, PLACE_SHARES, PRESS_SHARES, no_rungs
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
 
 DIFFERENCE_SCALE = 2.0
@@ -36,6 +38,14 @@ LEAST_SPREAD = 2.5e-4
 
 LEAST_FORCE_SPREAD = 0.01
 """Least spread of the force, in parts of that of the training's (assumed)."""
+
+
+RUNGS = {"place_rungs": PLACE_SHARES, "press_rungs": PRESS_SHARES, "force_rungs": FORCE_SHARES}
+"""What is kept of a calibration, and what each one's rungs stand for."""
+
+
+EARLIER_MIDDLE = 0.01
+"""The spread that the power of earlier weights leaves as it is, parts of full scale."""
 
 
 class FieldParts(NamedTuple):
@@ -59,8 +69,8 @@ class FieldNet(nn.Module):
     Kept with the weights, and not learnt: mean_frame, (3, S, S), the mean of the world's untouched
     frames, normalised; field_mean, (F,), and field_variance, the mean over the places, in parts of
     full scale and of its square; force_scale, (2,), mean and spread of the forces' logarithm;
-    temperature, (2,), of field and force; power, (), of the field's spreads; correlation, (F, F),
-    of the field's errors (module calibrated).
+    place_rungs, press_rungs, force_rungs, (2, K), what makes spreads standard deviations, and
+    correlation, (F, F), of the field's errors (module calibrated).
     Raises T2TwinError for places that are no such columns, and for too few filters.
     """
 
@@ -70,8 +80,9 @@ class FieldNet(nn.Module):
     field_mean: torch.Tensor
     field_variance: torch.Tensor
     force_scale: torch.Tensor
-    temperature: torch.Tensor
-    power: torch.Tensor
+    place_rungs: torch.Tensor
+    press_rungs: torch.Tensor
+    force_rungs: torch.Tensor
     correlation: torch.Tensor
 
     def __init__(
@@ -113,15 +124,24 @@ class FieldNet(nn.Module):
         self.register_buffer("field_mean", torch.zeros(x_mm.size))
         self.register_buffer("field_variance", torch.ones(()))
         self.register_buffer("force_scale", torch.tensor([0.0, 0.0]))
-        self.register_buffer("temperature", torch.ones(2))
-        self.register_buffer("power", torch.ones(()))
+        for name, shares in RUNGS.items():
+            self.register_buffer(name, no_rungs(len(shares)))
         self.register_buffer("correlation", torch.eye(x_mm.size))
 
     def _load_from_state_dict(
         self, state_dict: dict[str, torch.Tensor], prefix: str, *rest
     ) -> None:
-        """Weights of an earlier version hold no power, which was 1."""
-        state_dict.setdefault(f"{prefix}power", torch.ones(()))
+        """Weights of an earlier version hold temperatures and a power in place of the rungs."""
+        of_field, of_force = state_dict.pop(f"{prefix}temperature", torch.ones(2)).log()
+        power = state_dict.pop(f"{prefix}power", torch.ones(()))
+        for name, shares in RUNGS.items():
+            rungs = no_rungs(len(shares))
+            if name == "place_rungs":
+                rungs[0] = torch.linspace(math.log(LEAST_SPREAD), 0.0, len(shares))
+                rungs[1] = of_field + (power - 1.0) * (rungs[0] - math.log(EARLIER_MIDDLE))
+            elif name == "force_rungs":
+                rungs[1] = of_force
+            state_dict.setdefault(f"{prefix}{name}", rungs)
         super()._load_from_state_dict(state_dict, prefix, *rest)
 
     def forward(self, images: torch.Tensor) -> FieldParts:

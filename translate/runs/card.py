@@ -4,8 +4,6 @@ import json
 from dataclasses import fields
 from pathlib import Path
 
-from safetensors import safe_open
-
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
@@ -16,7 +14,6 @@ from t2twin.translate.presets import Preset
 from t2twin.translate.runs import other_way_card
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
-from t2twin.translate.teller import LEAST_FORCE_SCALE
 
 CARD = "README.md"
 
@@ -78,7 +75,7 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
         (other_way_card.use if other_way else _use)(run_dir.absolute().name, config),
         _data(config, info),
         _training(config, history, best),
-        *filter(None, [_sureness(run_dir, config)]),
+        *filter(None, [_sureness(config)]),
         other_way_card.limits(info) if other_way else _limits(info),
         f"## Licence\n\n{_licence(info)[1]}\n",
         f"## Citation\n\nThe method:\n\n{CITATION}",
@@ -183,21 +180,16 @@ touching it |
 """
 
 
-def _sureness(run_dir: Path, config: RunConfig) -> str:
+def _sureness(config: RunConfig) -> str:
     """How the standard deviations of a field run were put right."""
     if config.model != "field":
         return ""
-    with safe_open(run_dir / BEST, "np") as weights:
-        field, force = weights.get_tensor("temperature").tolist()
-        has_power = "power" in weights.keys()  # noqa: SIM118, it is no dictionary
-        power = float(weights.get_tensor("power")) if has_power else 1.0
-        knows_force = weights.get_tensor("force_scale")[1] > LEAST_FORCE_SCALE
-    of_force = f", those of the force by {force:.2f}" if knows_force else ""
-    return f"""## How sure it is
+    return """## How sure it is
 
-Standard deviations are the network's own, to the power of {power:.2f} about a hundredth of full
-scale, times {field:.2f}{of_force}: then intervals of 90 % held 90 % of the field on validation
-presses. On shapes of another kin they may hold less; `t2twin evaluate` says how much.
+Standard deviations are the network's own spreads, each times a factor of its size and of how sure
+the press is as a whole: then intervals of 90 % held 90 % of the field on validation presses, among
+the surest as among the least sure. On shapes of another kin they may hold less; `t2twin evaluate`
+says how much.
 """
 
 
