@@ -48,6 +48,7 @@ def main() -> None:
         for row, (shape, command) in enumerate(presses):
             times = [time.perf_counter()]
             contact = press_digit(shape, command)
+            _ = contact.surface_mm  # which the picture needs, and the CySkin's taxels do not
             times.append(time.perf_counter())
             press_cyskin(shape, command)
             times.append(time.perf_counter())

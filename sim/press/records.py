@@ -4,7 +4,9 @@ Frames are those of t2twin.primitives_cad.shape. Every grid is rows x columns: r
 y, column index with x.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -51,7 +53,6 @@ class Contact:
     """What one elastomer feels when a press has settled.
 
     shape, command, elastomer: what was pressed, how, and into what.
-    surface_mm: (ny, nx) how far the surface has moved into the sensor, mm (negative: bulged out).
     pressure_kpa: (ny, nx) normal pressure, >= 0.
     x_mm: (nx,), y_mm: (ny,) the grid's axes in the sensor frame, mm, rising, equally spaced.
     contact_area_mm2: area of the shape that the surface touches.
@@ -63,13 +64,14 @@ class Contact:
     bottomed: whether the shape met something other than the pressing surface's features:
         its base plate.
     pins: the bed of pins that carried the press.
-    milliseconds: time the press took.
+    milliseconds: time the press took, without its surface.
+    find_surface: works out surface_mm, which is done when it is first asked for: a CySkin feels
+        the pressure alone.
     """
 
     shape: Shape
     command: PressCommand
     elastomer: Elastomer
-    surface_mm: np.ndarray
     pressure_kpa: np.ndarray
     x_mm: np.ndarray
     y_mm: np.ndarray
@@ -81,6 +83,13 @@ class Contact:
     bottomed: bool
     pins: PinState
     milliseconds: float
+    find_surface: Callable[[], np.ndarray] = field(repr=False, compare=False)
+
+    @cached_property
+    def surface_mm(self) -> np.ndarray:
+        """(ny, nx) float32: how far the surface has moved into the sensor, mm (negative: bulged
+        out)."""
+        return self.find_surface()
 
     @property
     def pitch_mm(self) -> float:
