@@ -425,6 +425,7 @@ SPEED = Benchmark(
         Figure("times_as_fast.picture", "times", least=2.0),
         Figure("two_workers_over_one", "times", least=1.9),
         Figure("ms.*", "ms"),
+        Figure("where_ms.*.*", "ms"),
         Figure("pairs_a_second", "pairs/s"),
     ),
     arguments=(

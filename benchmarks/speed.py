@@ -6,7 +6,9 @@
 Each turn measures both checkouts, one after the other, in processes of their own on one core
 (`benchmarks/speed_turn.py`); a ratio is the median of the turns', since absolute times differ
 twofold from machine to machine. Pairs a second are those of `t2twin simdata --scale small`. The
-other checkout is taken as it is, with the packages that are installed here.
+other checkout is taken as it is, with the packages that are installed here. Beside it stands where
+this checkout's press spends its time, and what of that is transforms and MuJoCo
+(`benchmarks/speed_parts.py`).
 """
 
 import json
@@ -28,6 +30,7 @@ from benchmarks.evidence.run import main
 from t2twin.primitives_cad.errors import T2TwinError
 
 TURN = ROOT / "benchmarks" / "speed_turn.py"
+PARTS = ROOT / "benchmarks" / "speed_parts.py"
 SCALE = "small"
 STAGES = ("press_digit", "press_cyskin", "picture")
 
@@ -69,6 +72,7 @@ def measure(options: Namespace) -> dict[str, Any]:
             stage: _median(turn["stages_ms"]["now"][stage] for turn in turns) for stage in STAGES
         },
         "pairs_a_second": _median(rate["now"] for rate in rates),
+        "where_ms": json.loads(_run(ROOT, [str(PARTS)]).splitlines()[-1]),
         "turns": turns,
     }
 

@@ -143,6 +143,7 @@ class Digit:
         """Both: the contact, and its image."""
         with timed("press digit"):
             contact = self.press(shape, command)
+            _ = contact.surface_mm  # which the picture needs
         with timed("picture"):
             return DigitTouch(contact, self.image(contact, rng), self.calibration, self.renderer)
 

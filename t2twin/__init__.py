@@ -29,10 +29,11 @@ if TYPE_CHECKING:
     from t2twin.sim.press.records import Contact, PressCommand
     from t2twin.sim.world.recipe import Recipe, load_recipe
     from t2twin.translate.batch import translate_images
+    from t2twin.translate.engine import load
     from t2twin.translate.evaluation.evaluate import evaluate
     from t2twin.translate.evaluation.worlds import evaluate_worlds
     from t2twin.translate.export import export_onnx
-    from t2twin.translate.predict import TrainedTranslator, load
+    from t2twin.translate.predict import TrainedTranslator
     from t2twin.translate.train import train
     from t2twin.twin import Touch, Twin, load_shape, press, shapes
 
@@ -42,7 +43,7 @@ _HOMES = {
     "press": "t2twin.twin:press",
     "shapes": "t2twin.twin:shapes",
     "load_shape": "t2twin.twin:load_shape",
-    "load": "t2twin.translate.predict:load",
+    "load": "t2twin.translate.engine:load",
     "Shape": "t2twin.primitives_cad.shape:Shape",
     "PressCommand": "t2twin.sim.press.records:PressCommand",
     "Contact": "t2twin.sim.press.records:Contact",

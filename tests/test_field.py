@@ -529,13 +529,15 @@ def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) ->
     pixels = run.pixels_of([frame, frame[::-1]])
     images = pixels.astype(np.float32).transpose(0, 3, 1, 2) / 255.0
     names = [output.name for output in session.get_outputs()]
-    assert names == ["counts", "tactile_images", "counts_std", "force_n", "force_std_n"]
+    assert names == [
+        "counts", "tactile_images", "counts_std", "field", "field_std", "force_n", "force_std_n"
+    ]  # fmt: skip
     for given, told in (
         ({}, run.estimate([frame, frame[::-1]])),
         ({"untouched": images[1:]}, run.estimate([frame, frame[::-1]], frame[::-1])),
     ):
         said = dict(zip(names, session.run(None, {"images": images, **given}), strict=True))
-        for name in ("counts", "counts_std"):
+        for name in ("counts", "counts_std", "field", "field_std"):
             np.testing.assert_allclose(said[name], getattr(told, name), rtol=1e-3, atol=1.0)
         assert told.force_n is not None
         np.testing.assert_allclose(said["force_n"], told.force_n, rtol=1e-3)

@@ -12,6 +12,7 @@ and of a field run
     input    untouched       (1, 3, S, S), the same DIGIT's frame while nothing touches it; where it
                              is not given, the mean frame of the run's world
     outputs  counts_std      (B, N) float32, counts, the standard deviation of each
+             field, field_std    (B, F) float32, counts, the same at the field's places
              force_n, force_std_n    (B,) float32, N, of a run that was trained on several forces
 
 B is free. The file's metadata name the model, its preset, the layout with its positions and full
@@ -29,11 +30,13 @@ import torch
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.translate.field import FromPixels
-from t2twin.translate.predict import TrainedTranslator
+from t2twin.translate.predict import COUNTS, TrainedTranslator
 
 INPUT, UNTOUCHED = "images", "untouched"
-COUNTS, TACTILE_IMAGES = "counts", "tactile_images"
-OUTPUTS = (COUNTS, TACTILE_IMAGES, "counts_std", "force_n", "force_std_n")
+TACTILE_IMAGES = "tactile_images"
+OUTPUTS = (
+    COUNTS, TACTILE_IMAGES, "counts_std", "field", "field_std", "force_n", "force_std_n"
+)  # fmt: skip
 """In this order; what a run does not tell is left out from the end."""
 
 OPSET = 17

@@ -195,8 +195,7 @@ class FieldTranslator:
 
     def as_module(self) -> nn.Module:
         """See Translator. Beside the pixels it takes the untouched frame, (1, 3, S, S), and beside
-        counts and tactile images it gives the counts' standard deviations, and force and its own
-        where they are known."""
+        counts and tactile images it gives what FromPixels does."""
         return FromPixels(self.predictor, self.teller, self.drawing)
 
     def _say(self, images: torch.Tensor) -> FieldParts:
@@ -228,7 +227,8 @@ class FieldTranslator:
 
 class FromPixels(nn.Module):
     """From RGB pixels in [0, 1], and an untouched frame's, to counts, tactile images, the counts'
-    standard deviations, and force and its own where they are known. In float32 on the CPU."""
+    standard deviations, field and its own, and force and its own where they are known. In float32
+    on the CPU."""
 
     mean: torch.Tensor
     std: torch.Tensor
@@ -250,7 +250,8 @@ class FromPixels(nn.Module):
         both = [(each - self.mean) / self.std for each in (pixels, untouched.expand_as(pixels))]
         told = self.teller(self.network(torch.cat(both, dim=1)))
         force = () if told.force_n is None else (told.force_n, told.force_std_n)
-        return told.counts, self.drawing(told.field), told.counts_std, *force
+        image = self.drawing(told.field)
+        return told.counts, image, told.counts_std, told.field, told.field_std, *force
 
 
 def _likelihood(off: torch.Tensor, log_spread: torch.Tensor) -> torch.Tensor:

@@ -6,6 +6,7 @@ Shape letters: B images, R rows, C columns, N taxels, S the run's image side.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol, Self
 
 import numpy as np
 import torch
@@ -27,19 +28,38 @@ from t2twin.translate.other_way import OtherWay
 from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.shipped import find_run
+from t2twin.translate.teller import Told
 from t2twin.translate.translator import Translator
 
 AT_ONCE = 64
 """Images in one batch; bounds memory."""
 
+COUNTS = "counts"
+"""What the export calls them."""
+
+
+class Engine(Protocol):
+    """What computes counts in the translator's place."""
+
+    def of(self, run: "TrainedTranslator") -> Self:
+        """The same for another run, such as one at another layout."""
+        ...
+
+    def __call__(self, pixels: np.ndarray) -> dict[str, np.ndarray] | None:
+        """By the names of the export's outputs, of images as for predict_pixels; None where it
+        cannot take them."""
+        ...
+
 
 @dataclass(frozen=True)
 class TrainedTranslator:
-    """A trained translator with its best weights; `load` makes one."""
+    """A trained translator with its best weights; `load` makes one. engine: what computes counts,
+    standard deviations and force in PyTorch's place, if anything does."""
 
     run_dir: Path
     config: RunConfig
     translator: Translator
+    engine: Engine | None = None
 
     @property
     def draws(self) -> bool:
@@ -95,8 +115,13 @@ class TrainedTranslator:
         """As `estimate`, of one or more images as for `predict_pixels`."""
         field, parts = self._field(), []
         for part in _parts(len(pixels), progress):
-            told = field.tell(to_input(pixels[part].astype(np.float32) / 255.0))
-            known = (None if each is None else each.cpu().numpy() for each in told)
+            some = pixels[part]
+            said = None if self.engine is None else self.engine(some)
+            if said is not None:
+                known = [said.get(name) for name in Told._fields]
+            else:
+                told = field.tell(to_input(some.astype(np.float32) / 255.0))
+                known = [None if each is None else each.cpu().numpy() for each in told]
             parts.append(Estimate(*known, full_scale_counts=field.full_scale))  # pyright: ignore
         return joined(parts)
 
@@ -121,8 +146,13 @@ class TrainedTranslator:
         check_gives_counts(self.run_dir, self.config.direction)
         counts = [np.empty((0, self.config.data.x_mm.size), np.float32)]
         for part in _parts(len(pixels), progress):
-            inputs = to_input(pixels[part].astype(np.float32) / 255.0)
-            counts.append(self.translator.predict(inputs).cpu().numpy())
+            some = pixels[part]
+            said = None if self.engine is None else self.engine(some)
+            if said is not None:
+                counts.append(said[COUNTS])
+            else:
+                inputs = to_input(some.astype(np.float32) / 255.0)
+                counts.append(self.translator.predict(inputs).cpu().numpy())
         return np.concatenate(counts)
 
     def tactile_images(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
@@ -196,11 +226,14 @@ class TrainedTranslator:
                 "touch2touch or a field run"
             )
         translator = self.translator.read_at(asked.taxels)
-        return replace(self, config=replace(self.config, data=asked), translator=translator)
+        other = replace(
+            self, config=replace(self.config, data=asked), translator=translator, engine=None
+        )
+        return other if self.engine is None else replace(other, engine=self.engine.of(other))
 
     def in_float32(self) -> "TrainedTranslator":
-        """The same run, computing in float32 also where the processor has bfloat16."""
-        return replace(self, translator=self.translator.in_float32())
+        """The same run in PyTorch, in float32 also where the processor has bfloat16."""
+        return replace(self, translator=self.translator.in_float32(), engine=None)
 
     def picture_of(self, counts: np.ndarray) -> np.ndarray:
         """The DIGIT pictures that belong to counts; of a run that goes from the CySkin to the
@@ -302,7 +335,8 @@ def load_run(
 def load(
     run_dir: str | Path, layout: str | Path | None = None, bf16: bool = False
 ) -> TrainedTranslator:
-    """A run's best weights, ready to predict, or to draw pictures where it goes the other way.
+    """A run's best weights, ready to predict in PyTorch, or to draw pictures where it goes the
+    other way.
 
     run_dir: its folder, or the name of a run that ships (t2twin.translate.runs.shipped).
     layout: a taxel layout's name or file to read a touch2touch run at, its own unless given.

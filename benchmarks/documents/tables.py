@@ -109,10 +109,10 @@ def forces() -> str:
     """The RMSE by force on the hand tools, in percent of full scale, and beside that of the mean
     array of the same force."""
     rows = _content("world_runs")["on"]["forces"]["test"]
-    runs = [name for name in rows if name.partition("-of-")[0] in HARDWARE]
+    runs = [name for name in rows if name.partition("-of-")[0] in (*HARDWARE, "field")]
     lines = [["force, N", "mean array of that force"]]
     for name in runs:
-        lines[0] += [ROWS[name.partition("-of-")[0]], "of the mean array's"]
+        lines[0] += [NAMES[name.partition("-of-")[0]], "of the mean array's"]
     for number, trivial in enumerate(rows[MEAN_ARRAY_OF_FORCE]["by_force"]):
         cells = [f"{trivial['mean_n']:g}", f"{trivial['rmse_percent']:.2f}"]
         for name in runs:
@@ -275,6 +275,17 @@ def field() -> str:
     return _markdown([*lines, cells])
 
 
+def tenths() -> str:
+    """What intervals of 90 % hold of each tenth of the hand tools' readings, the surest first."""
+    content = _content("field")
+    lines = [["", *map(str, range(1, 11)), "all"]]
+    for name, run in content["runs"].items():
+        row = content["on"]["paper"]["test"][name]
+        held = [*row["tenths_held_percent"], row["held_percent"]]
+        lines.append([f"`{run['world']}`, %", *(f"{each:.0f}" for each in held)])
+    return _markdown(lines)
+
+
 LIGHTS = {
     "shipped": "the light that ships, its own background",
     "shipped_on_own_background": "the light that ships, the unit's background",
@@ -415,6 +426,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "shape-loss": shape_loss,
     "real": real,
     "field": field,
+    "tenths": tenths,
     "lights": lights,
     "anchors": anchors,
     "fidelity": fidelity,

@@ -34,13 +34,15 @@ def live(
     from t2twin.live.follow import follow
     from t2twin.live.sources import open_source
     from t2twin.primitives_cad.errors import T2TwinError
+    from t2twin.translate.direction import check_gives_counts
     from t2twin.translate.distributed import use_all_cores
-    from t2twin.translate.predict import load_run
+    from t2twin.translate.engine import load
 
     if frames is not None and frames < 1:
         raise T2TwinError(f"--frames is {frames}; it must be 1 or more")
     use_all_cores()
-    loaded = load_run(run, layout, bf16)
+    loaded = load(run, layout, bf16)
+    check_gives_counts(loaded.run_dir, loaded.config.direction)
     follow(
         loaded,
         open_source(source, turn_deg),

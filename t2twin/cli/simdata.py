@@ -31,8 +31,8 @@ def simdata(
         out: Folder to write into; data/SCALE or data/WORLD unless given.
         workers: Processes that press at once; as many as there are cores unless given.
         world: Instead of a scale: the name of a recipe that ships (paper, open, open-8n, union,
-            unseen-forces, forces), or a TOML file of your own, which says what is pressed, where,
-            how hard and in which light.
+            unseen-forces, forces, shipped, shipped-2), or a TOML file of your own, which says what
+            is pressed, where, how hard and in which light.
         seed: Seed of all that is drawn; 0, or the recipe's, unless given. Same seed, same bytes.
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm; cyskin-20 unless
             given. A world names its own.

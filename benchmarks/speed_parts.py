@@ -1,0 +1,90 @@
+"""Where a press's time goes, printed as JSON: run by benchmarks/speed.py on one core.
+
+Milliseconds of the processor for each sensor's press, and of what it is made of. The transforms and
+MuJoCo's steps are what no way of writing the rest could save: their sum is the floor.
+"""
+
+import json
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from t2twin.primitives_cad import catalogue
+from t2twin.sim.press import engine
+from t2twin.sim.press.layer import Layer
+from t2twin.sim.press.solution import Solution
+from t2twin.sim.sensors import SensorPair
+from t2twin.sim.world import protocol
+
+PARTS: dict[str, tuple[Any, str]] = {
+    "transforms": (Layer, "answers"),
+    "mujoco": (Solution, "_judge"),
+    "footprints": (engine, "footprint"),
+    "means_over_pins": (Solution, "_feel"),
+}
+"""What is timed, and where it is called from."""
+
+FLOOR = ("transforms", "mujoco")
+
+SCALE = "smoke"
+ROUNDS = 5
+"""Rounds over the presses; a press's time is the median of its own."""
+
+
+class Watch:
+    """The processor's time in parts of the press, each without the others inside it."""
+
+    def __init__(self) -> None:
+        self.ms: defaultdict[str, float] = defaultdict(float)
+        self._open: list[float] = []
+
+    def on(self, part: str, place: Any, name: str) -> None:
+        called: Callable = getattr(place, name)
+
+        def timed(*arguments: Any, **options: Any) -> Any:
+            self._open.append(0.0)
+            start = time.thread_time()
+            try:
+                return called(*arguments, **options)
+            finally:
+                taken, within = time.thread_time() - start, self._open.pop()
+                self.ms[part] += 1e3 * (taken - within)
+                if self._open:
+                    self._open[-1] += taken
+
+        setattr(place, name, timed)
+
+
+def main() -> None:
+    watch, pair = Watch(), SensorPair()
+    for part, (place, name) in PARTS.items():
+        watch.on(part, place, name)
+    presses = [
+        (shape, protocol.press_at(shape, index))
+        for shape in map(catalogue.load, catalogue.NAMES)
+        for index in protocol.indices(shape.name, protocol.SCALES[SCALE])
+    ]
+    content = {}
+    for name, sensor in (("digit", pair.digit), ("cyskin", pair.cyskin)):
+        rows = np.empty((ROUNDS, len(presses), 1 + len(PARTS)))
+        for turn in rows:
+            for row, (shape, command) in zip(turn, presses, strict=True):
+                watch.ms.clear()
+                start = time.thread_time()
+                contact = sensor.press(shape, command)
+                if name == "digit":
+                    _ = contact.surface_mm
+                row[0] = 1e3 * (time.thread_time() - start)
+                row[1:] = [watch.ms[part] for part in PARTS]
+        whole, *parts = np.median(rows[1:], axis=0).mean(axis=0)  # the first round prepares
+        content[name] = {"press": whole} | dict(zip(PARTS, parts, strict=True))
+        content[name]["rest"] = whole - sum(parts)
+        content[name]["floor"] = sum(content[name][part] for part in FLOOR)
+    print(json.dumps(content))
+
+
+if __name__ == "__main__":
+    main()

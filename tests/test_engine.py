@@ -1,0 +1,109 @@
+"""ONNX Runtime in PyTorch's place: the same counts, its file kept, and made anew where it must."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spots import train_smoke, write_spots
+
+from t2twin.primitives_cad.cache_home import VARIABLE
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate import engine
+from t2twin.translate.engine import load
+
+pytest.importorskip("onnx")
+pytest.importorskip("onnxruntime")
+
+
+@pytest.fixture(scope="module", params=["touch2touch", "resnet18"])
+def run_dir(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("runs")
+    data = write_spots(folder / "data")
+    return train_smoke(request.param, data, folder / request.param, epochs=2)
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the files are kept, empty."""
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    return tmp_path / engine.FOLDER
+
+
+@pytest.fixture
+def frames() -> np.ndarray:
+    return np.random.default_rng(3).integers(0, 256, (3, 320, 240, 3), dtype=np.uint8)
+
+
+def test_counts_are_those_of_pytorch(run_dir: Path, kept: Path, frames: np.ndarray) -> None:
+    fast, plain = load(run_dir), load(run_dir, engine="torch")
+    assert fast.engine is not None and plain.engine is None
+    assert not kept.exists()  # made when it is first used
+    counts = fast.predict(frames)
+    assert counts.dtype == np.float32 and counts.std() > 100
+    np.testing.assert_allclose(counts, plain.predict(frames), atol=1.0)
+    np.testing.assert_array_equal(fast.predict(frames[1]).shape, (20,))
+    assert len(list(kept.iterdir())) == 1
+    assert fast.in_float32().engine is None
+
+
+def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
+    run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+    keep = engine._keep
+    monkeypatch.setattr(engine, "_keep", lambda *of: (made.append(of), keep(*of)))
+    first = load(run_dir).predict(frames)
+    np.testing.assert_array_equal(load(run_dir).predict(frames), first)
+    assert len(made) == 1
+    (file,) = kept.iterdir()
+    file.write_bytes(file.read_bytes()[:-1000])
+    np.testing.assert_array_equal(load(run_dir).predict(frames), first)
+    assert len(made) == 2
+
+
+def test_where_no_file_can_be_kept_pytorch_computes(
+    run_dir: Path, kept: Path, frames: np.ndarray
+) -> None:
+    kept.write_text("in the way")
+    expected = load(run_dir, engine="torch").predict(frames)
+    np.testing.assert_array_equal(load(run_dir).predict(frames), expected)
+
+
+def test_the_oldest_files_go(
+    run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(engine, "MOST_KEPT", 1)
+    kept.mkdir()
+    (kept / "older.onnx").write_bytes(b"")
+    load(run_dir).predict(frames)
+    assert [path.name for path in kept.iterdir()] != ["older.onnx"]
+    assert len(list(kept.iterdir())) == 1
+
+
+def test_what_cannot_be_gets_a_sentence(run_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(T2TwinError, match="no engine 'jax'; onnx and torch are allowed"):
+        load(run_dir, engine="jax")  # pyright: ignore[reportArgumentType]
+    with pytest.raises(T2TwinError, match="float32 on the CPU"):
+        load(run_dir, bf16=True, engine="onnx")
+    assert load(run_dir, bf16=True).engine is None
+    monkeypatch.setattr(engine, "find_spec", lambda name: None)
+    with pytest.raises(T2TwinError, match=r"pip install 't2twin\[onnx\]'"):
+        load(run_dir, engine="onnx")
+    assert load(run_dir).engine is None
+
+
+def test_another_layout_has_its_own_file(kept: Path, frames: np.ndarray) -> None:
+    """Of the field that ships, whose estimates are the same too, with untouched frames and not."""
+    fast, plain = load("field", "cyskin-63"), load("field", "cyskin-63", engine="torch")
+    for untouched in (None, frames[0]):
+        one, other = fast.estimate(frames, untouched), plain.estimate(frames, untouched)
+        assert one.counts.shape == (3, 63) and one.field.shape == (3, 216)
+        assert one.force_n is not None and other.force_n is not None
+        for name in ("counts", "counts_std", "field", "field_std"):
+            np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1.0)
+        np.testing.assert_allclose(one.force_n, other.force_n, rtol=1e-4)
+    own = fast.at_layout(fast.config.data.x_mm[:5], fast.config.data.y_mm[:5], "five")
+    assert own.predict(frames).shape == (3, 5) and len(list(kept.iterdir())) == 2
+    pixels = fast.pixels_of(frames, frames[0])
+    pixels[1, :, :, 3:] = 0  # another frame than the others'
+    np.testing.assert_array_equal(fast.predict_pixels(pixels), plain.predict_pixels(pixels))
