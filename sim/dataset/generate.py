@@ -35,9 +35,9 @@ from t2twin.sim.world.held_out import check_held_out
 from t2twin.sim.world.plan import Batch, plan
 from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
 
-SECONDS_PER_PAIR, SECONDS_PER_SHAPE = 0.083, 0.75
-"""Time of one pair, and of preparing one shape, on one core, for the estimate before the start, s
-(measured)."""
+SECONDS_PER_PAIR, SECONDS_PER_DRAWN_PAIR, SECONDS_PER_SHAPE = 0.015, 0.024, 0.75
+"""Time of one pair of the protocol, of one that is drawn or in drawn light, and of preparing one
+shape, on one core, for the estimate before the start, s (measured on a core of a server)."""
 
 STATE = ("shards", "complete")
 """Fields of info.json that say how far a dataset is; all others say what it is made with."""
@@ -288,10 +288,14 @@ def _seconds(todo: list[Batch], making: Making, workers: int) -> float:
         for name in batch.shapes
     ]
     new = sum(not catalogue.is_kept(name, making.cache) for name in named)
-    pairs = sum(batch.pairs for batch in todo)
-    seconds = (pairs * SECONDS_PER_PAIR + new * SECONDS_PER_SHAPE) / workers
+    drawn_light = making.recipe.light.kind == "drawn"
+    seconds = new * SECONDS_PER_SHAPE
+    for batch in todo:
+        drawn = drawn_light or batch.indices is None
+        seconds += batch.pairs * (SECONDS_PER_DRAWN_PAIR if drawn else SECONDS_PER_PAIR)
+    seconds /= workers
     if making.recipe.light.optics == "pyrender":
-        seconds += pairs * FRAME_SECONDS
+        seconds += sum(batch.pairs for batch in todo) * FRAME_SECONDS
     return seconds
 
 
