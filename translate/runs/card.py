@@ -148,6 +148,7 @@ def _use(name: str, config: RunConfig) -> str:
 
 ```python
 import t2twin
+
 counts = t2twin.load({json.dumps(name)}).predict(frame)
 {ESTIMATE.format(json.dumps(name)) if config.model == "field" else ""}```
 
