@@ -6,13 +6,13 @@ MuJoCo's steps are what no way of writing the rest could save: their sum is the 
 
 import json
 import time
-from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.dataset.timing import Stopwatch
 from t2twin.sim.press import engine
 from t2twin.sim.press.layer import Layer
 from t2twin.sim.press.solution import Solution
@@ -34,34 +34,21 @@ ROUNDS = 5
 """Rounds over the presses; a press's time is the median of its own."""
 
 
-class Watch:
-    """The processor's time in parts of the press, each without the others inside it."""
+def watched(watch: Stopwatch, part: str, place: Any, name: str) -> None:
+    """Lets the watch run wherever this function of a class or a module is at work."""
+    called: Callable = getattr(place, name)
 
-    def __init__(self) -> None:
-        self.ms: defaultdict[str, float] = defaultdict(float)
-        self._open: list[float] = []
+    def timed(*arguments: Any, **options: Any) -> Any:
+        with watch.running(part):
+            return called(*arguments, **options)
 
-    def on(self, part: str, place: Any, name: str) -> None:
-        called: Callable = getattr(place, name)
-
-        def timed(*arguments: Any, **options: Any) -> Any:
-            self._open.append(0.0)
-            start = time.thread_time()
-            try:
-                return called(*arguments, **options)
-            finally:
-                taken, within = time.thread_time() - start, self._open.pop()
-                self.ms[part] += 1e3 * (taken - within)
-                if self._open:
-                    self._open[-1] += taken
-
-        setattr(place, name, timed)
+    setattr(place, name, timed)
 
 
 def main() -> None:
-    watch, pair = Watch(), SensorPair()
+    watch, pair = Stopwatch(dict.fromkeys(PARTS, 0.0)), SensorPair()
     for part, (place, name) in PARTS.items():
-        watch.on(part, place, name)
+        watched(watch, part, place, name)
     presses = [
         (shape, protocol.press_at(shape, index))
         for shape in map(catalogue.load, catalogue.NAMES)
@@ -72,13 +59,13 @@ def main() -> None:
         rows = np.empty((ROUNDS, len(presses), 1 + len(PARTS)))
         for turn in rows:
             for row, (shape, command) in zip(turn, presses, strict=True):
-                watch.ms.clear()
-                start = time.thread_time()
+                watch.seconds.update(dict.fromkeys(PARTS, 0.0))
+                start = time.process_time()
                 contact = sensor.press(shape, command)
                 if name == "digit":
                     _ = contact.surface_mm
-                row[0] = 1e3 * (time.thread_time() - start)
-                row[1:] = [watch.ms[part] for part in PARTS]
+                row[0] = 1e3 * (time.process_time() - start)
+                row[1:] = [1e3 * watch.seconds[part] for part in PARTS]
         whole, *parts = np.median(rows[1:], axis=0).mean(axis=0)  # the first round prepares
         content[name] = {"press": whole} | dict(zip(PARTS, parts, strict=True))
         content[name]["rest"] = whole - sum(parts)

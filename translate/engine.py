@@ -18,9 +18,10 @@ import torch
 from t2twin.primitives_cad.cache_home import cache_home
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import temporary_folder, whole_file
+from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate import predict
 from t2twin.translate.direction import DIGIT_TO_CYSKIN
-from t2twin.translate.export import INPUT, TACTILE_IMAGES, UNTOUCHED, export_onnx
+from t2twin.translate.export import INPUT, TACTILE_IMAGES, UNTOUCHED, export_onnx, open_onnx
 from t2twin.translate.predict import TrainedTranslator
 from t2twin.translate.runs.config import BEST
 
@@ -106,10 +107,10 @@ class OnnxEngine:
         path = home / FOLDER / f"{_key(self.run)}.onnx"
         try:
             try:
-                session = _opened(path)
+                session = open_onnx(path, torch.get_num_threads())
             except Exception:  # not there, or damaged, for which it has many words
                 _keep(self.run, path)
-                session = _opened(path)
+                session = open_onnx(path, torch.get_num_threads())
         except (T2TwinError, OSError):
             return None
         return session, [output.name for output in session.get_outputs()]
@@ -117,15 +118,6 @@ class OnnxEngine:
 
 def _to_input(pixels: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pixels.transpose(0, 3, 1, 2), np.float32) / np.float32(255.0)
-
-
-def _opened(path: Path) -> Any:
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.log_severity_level = 3  # errors; it warns of an input that has a default, as meant
-    options.intra_op_num_threads = torch.get_num_threads()
-    return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
 
 
 def _keep(run: TrainedTranslator, path: Path) -> None:
@@ -149,7 +141,7 @@ def _keep(run: TrainedTranslator, path: Path) -> None:
 def _key(run: TrainedTranslator) -> str:
     """Of all that a file depends on: the weights, the layout, and the code that makes it."""
     taxels, preset = run.config.data.taxels, run.config.preset
-    known = hashlib.sha256((run.run_dir / BEST).read_bytes())
+    known = hashlib.sha256(sha256_of(run.run_dir / BEST).encode())
     for values in (taxels.x_mm, taxels.y_mm, taxels.pad_diameter_mm):
         known.update(np.asarray(values, float).tobytes())
     known.update(repr((run.config.model, preset, run.config.data.full_scale_counts)).encode())

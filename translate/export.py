@@ -23,6 +23,7 @@ import json
 import warnings
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -59,7 +60,7 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     """
     try:
         import onnx
-        import onnxruntime
+        import onnxruntime  # noqa: F401, what opens the file needs it
     except ImportError:
         raise T2TwinError(
             "the export needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
@@ -94,11 +95,7 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
         onnx.helper.set_model_props(model, _metadata(run))
         onnx.checker.check_model(model, full_check=True)
         onnx.save(model, temporary)
-        options = onnxruntime.SessionOptions()
-        options.log_severity_level = 3  # errors; it warns of an input that has a default, as meant
-        session = onnxruntime.InferenceSession(
-            temporary, options, providers=["CPUExecutionProvider"]
-        )
+        session = open_onnx(temporary)
         (theirs,) = session.run([COUNTS], {INPUT: images.numpy()})
         apart = float(np.abs(theirs - run.predict_pixels(pixels)).max())
         if frame:
@@ -112,6 +109,16 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
                 f"{PARITY_COUNTS:g}; it was not written"
             )
     return apart
+
+
+def open_onnx(path: Path, threads: int = 0) -> Any:
+    """ONNX Runtime's session of a file, on the CPU. threads: 0 leaves their number to it."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # errors; it warns of an input that has a default, as meant
+    options.intra_op_num_threads = threads
+    return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
 
 
 def _random_pixels(run: TrainedTranslator) -> np.ndarray:
