@@ -102,10 +102,10 @@ def test_a_wall_hides_half_the_led_where_similar_triangles_say():
     heights = np.zeros((21, 200), dtype=np.float32)
     heights[:, wall - 10 : wall + 1] = -height
     led = np.array([[-15.0, 1.0, -4.0]], dtype=np.float32)  # in line with row 10, left of the wall
-    sight = np.ones((1, *heights.shape), dtype=np.float32)
+    sight, shadowed = np.ones((1, *heights.shape), dtype=np.float32), np.empty((1, 4), np.int64)
     shadows.sight_of_leds(
         heights, start, start, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), led,
-        np.array([0.5]), sight,
+        np.array([0.5]), sight, shadowed,
     )  # fmt: skip
     shadow = sight[0, 10, wall + 2 :]
     far = (wall + 2 + np.argmax(shadow > 0.5)) * pitch  # first cell that sees half the disc
@@ -115,6 +115,9 @@ def test_a_wall_hides_half_the_led_where_similar_triangles_say():
     assert (np.diff(shadow) >= -0.02).all()
     assert shadow[0] == 0.0
     assert (sight[0, :, : wall - 11] == 1.0).all()
+    dark = np.argwhere(sight[0] < 1.0)
+    (top, left), (bottom, right) = dark.min(axis=0), dark.max(axis=0)
+    assert list(shadowed[0]) == [top, bottom + 1, left, right + 1]
 
 
 def test_noise_has_the_stated_deviation_and_comes_from_the_generator(optics):

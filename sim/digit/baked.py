@@ -24,14 +24,14 @@ thickness: both this model and the reference smooth the deflection by a Gaussian
 
 import numpy as np
 
-from t2twin.sim.digit import illumination, picture
+from t2twin.sim.digit import illumination, picture, white
 from t2twin.sim.digit.calibration import Calibration, place_terms
 from t2twin.sim.digit.camera import COLUMNS, ROWS
 from t2twin.sim.digit.illumination import COSINE_TERMS
 from t2twin.sim.digit.rays import Leds, Rays, Region
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
-NO_DRAWS = np.frombuffer(b"", dtype=np.uint16)
+NO_KEYS: white.Keys = (np.uint32(0), np.uint32(0))
 NO_NOISE = np.zeros((0, 0, 0), dtype=np.float32)
 """Stand for no noise."""
 
@@ -46,7 +46,9 @@ class BakedModel:
         self._rays = Rays(calibration.camera, gel, shadows)
         self._leds = Leds(calibration.leds_mm, calibration.sizes_mm)
         self._table = picture.encoding_table(calibration.gamma)
-        self._set_background(np.ascontiguousarray(calibration.background))
+        self._light = picture.light_of_greys(calibration.gamma)
+        self.background = np.ascontiguousarray(calibration.background)
+        """(ROWS, COLUMNS, 3) uint8: this gel, untouched."""
         self._gain = _gains(self._rays, calibration.response)
         self._rest_light = self._light_at_rest(self._rays)
         if gel == DIGIT_GEL:
@@ -55,14 +57,7 @@ class BakedModel:
         if not np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
             # the background is of the DIGIT's own gel: the LEDs' light moves with the surface
             own = self._light_at_rest(own_rays)
-            self._set_background(self._picture(self._rest_light - own, (0, ROWS, 0, COLUMNS)))
-
-    def _set_background(self, background: np.ndarray) -> None:
-        self.background = background
-        """(ROWS, COLUMNS, 3) uint8: this gel, untouched."""
-        # 256 powers, not one a pixel
-        light = picture.linear(np.arange(256), self.calibration.gamma).astype(np.float32)
-        self._linear_background = light[background]
+            self.background = self._picture(self._rest_light - own, (0, ROWS, 0, COLUMNS))
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
@@ -74,34 +69,34 @@ class BakedModel:
     def render(
         self,
         surface_mm: np.ndarray,
-        draws: np.ndarray = NO_DRAWS,
+        keys: white.Keys = NO_KEYS,
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
         """(ROWS, COLUMNS, 3) uint8 picture.
 
         surface_mm: on optical_grid(), rows x columns, positive into the sensor.
-        draws: (ROWS * COLUMNS * 3,) uint16, evenly distributed, each turned into normal noise of
-            standard deviation noise_grey; or none.
-        noise: (ROWS, COLUMNS, 3) float32 that is added, noise_grey times; or none.
+        noise_grey: standard deviation of white noise, grey levels, which keys make; none where it
+            is 0.
+        noise: (ROWS, COLUMNS, 3) float32 that is added instead, noise_grey times; or none.
         Raises T2TwinError for another grid's shape or values that are not finite.
         """
         change, pixels = self._change(self._rays.coated(surface_mm))
-        return self._picture(change, pixels, draws, noise_grey, noise)
+        return self._picture(change, pixels, keys, noise_grey, noise)
 
     def _picture(
         self,
         change: np.ndarray,
         pixels: Region,
-        draws: np.ndarray = NO_DRAWS,
+        keys: white.Keys = NO_KEYS,
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
         """The background and a change of its light (RGB, S) in a region, as grey levels."""
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
         picture.encode(
-            change, self.background, self._linear_background, self._table, pixels, draws,
-            picture.normal_quantiles(), np.float32(noise_grey), noise, out,
+            change, self.background, self._light, self._table, pixels, keys, white.quantiles(),
+            np.float32(noise_grey), noise, out,
         )  # fmt: skip
         return out
 
@@ -116,12 +111,15 @@ class BakedModel:
 
 
 def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
-    """(rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, as illumination.light takes."""
+    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, as illumination.light
+    takes."""
     used = np.flatnonzero(np.any(response != 0, axis=(0, 1, 3)))
     degree = 0
     while used.size and used[-1] >= (degree + 1) * (degree + 2) // 2:
         degree += 1  # high powers are slow to take, and many a response has none
-    terms = place_terms(*rays.places_mm, degree)
+    kept = illumination.gain_rows(rays.places_mm[0].shape[0])
+    x_mm, y_mm = (places[kept] for places in rays.places_mm)
+    terms = place_terms(x_mm, y_mm, degree)
     rows, columns, count = terms.shape
     gain = np.empty((rows, 3, 3, COSINE_TERMS, columns), dtype=np.float32)
     response = np.ascontiguousarray(response[:, :, :count], dtype=np.float64)

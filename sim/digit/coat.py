@@ -5,40 +5,49 @@ G is the optical grid (ny, nx). Regions are (first row, end row, first column, e
 
 import numpy as np
 
-from t2twin.sim.digit.compiled import jit, jit_finite
+from t2twin.sim.digit.compiled import jit_finite
 
 COAT_TAPS = np.array([0.0614, 0.2448, 0.3876, 0.2448, 0.0614], dtype=np.float32)
 """Weights of five cells: a Gaussian of one cell, 0.1 mm (assumed: the coat's thickness)."""
 
 
-@jit
-def bounds(surface, least):
-    """Region of the cells deflected by more than least (empty: end <= first), and finiteness."""
-    ny, nx = surface.shape
-    top, bottom, left, right = ny, 0, nx, 0
-    limit, largest = np.float32(least), np.float32(np.finfo(np.float32).max)
-    finite = True
+@jit_finite
+def bounds(coated, least, most):
+    """Regions of the cells that are deflected by more than least either way, and by more than most
+    into the sensor (empty: end <= first). most is no less than least."""
+    ny, nx = coated.shape
+    limit, high = np.float32(least), np.float32(most)
+    region, deep = np.array([ny, 0, nx, 0]), np.array([ny, 0, nx, 0])
     for i in range(ny):
-        row = surface[i]
+        row = coated[i]
         # counts, not branches, so that a row is one vector loop
-        deflected, good = 0, 0
+        deflected, deeper = 0, 0
         for j in range(nx):
-            w = abs(row[j])
-            deflected += w > limit
-            good += w <= largest
-        finite = finite and good == nx
+            deflected += abs(row[j]) > limit
+            deeper += row[j] > high
         if deflected == 0:
             continue
-        top, bottom = min(top, i), i + 1
+        region[0], region[1] = min(region[0], i), i + 1
         j = 0
-        while j < left and not abs(row[j]) > limit:
+        while j < region[2] and not abs(row[j]) > limit:
             j += 1
-        left = min(left, j)
+        region[2] = min(region[2], j)
         j = nx
-        while j > right and not abs(row[j - 1]) > limit:
+        while j > region[3] and not abs(row[j - 1]) > limit:
             j -= 1
-        right = max(right, j)
-    return top, bottom, left, right, finite
+        region[3] = max(region[3], j)
+        if deeper == 0:
+            continue
+        deep[0], deep[1] = min(deep[0], i), i + 1
+        j = 0
+        while j < deep[2] and not row[j] > high:
+            j += 1
+        deep[2] = min(deep[2], j)
+        j = nx
+        while j > deep[3] and not row[j - 1] > high:
+            j -= 1
+        deep[3] = max(deep[3], j)
+    return region, deep
 
 
 @jit_finite

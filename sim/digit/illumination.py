@@ -12,6 +12,9 @@ from t2twin.sim.digit.compiled import bilinear, inlined, jit, jit_finite
 
 COSINE_TERMS = 4
 """Powers of the cosine of incidence beside the first: m^0 to m^3."""
+GAIN_STRIDE = 2
+"""Rows of S from one to the next of which gains are kept, and taken as linear between: all of them
+would not stay in a processor's nearer memory. That changes no grey level by more than 0.1."""
 NEAR_ENOUGH_MM = np.float32(2e-3)
 """A ray whose height changed by less in a step, mm, has met the gel: 0.02 pixels."""
 
@@ -25,8 +28,8 @@ def incidence(
 ):  # fmt: skip
     """Fill regions of depth (S), cosine and weight (LEDs, S): where the rays end, LEDs there.
 
-    z: heights (G), mm. sight: (LEDs, C), a cell of C being stride cells of G; whole outside the
-    region shadowed of G. leds: (LEDs, 3), mm. depth holds the untouched surface's z.
+    z: heights (G), mm. sight: (LEDs, C), a cell of C being stride cells of G; whole outside each
+    LED's region of G, shadowed (LEDs, 4). leds: (LEDs, 3), mm. depth holds the untouched z.
     across, down: slopes of the samples' rays. distance: from the pinhole to the apex; x0, y0:
     centre of G's first cell; pitch: G's, mm. cosine: m_k; weight: V_k m_k (REACH / d_k)^2 of the
     formula in t2twin.sim.digit.baked, 0 where an LED is not seen.
@@ -43,7 +46,8 @@ def incidence(
     slope_x, slope_y = np.empty_like(across), np.empty_like(across)
     part = np.ones((leds.shape[0], across.size), dtype=np.float32)
     moved = np.zeros_like(across)
-    top, bottom, left, right = shadowed
+    rows, columns = np.empty_like(across), np.empty_like(across)
+    shift, per_cell = np.float32(0.5 * (stride - 1)), np.float32(1.0 / stride)
     for row in range(region[0], region[1]):
         heights = depth[row, first:end]
         for n in range(across.size):
@@ -53,12 +57,15 @@ def incidence(
             moved[n] = height - heights[n]
             heights[n] = height
             slope_x[n], slope_y[n] = _slopes(z, fi, fj, i, j, per_slope)
-            if top <= i < bottom and left <= j < right:
-                _look_up(sight, stride, fi, fj, part, n)
-            else:
-                for k in range(leds.shape[0]):
-                    part[k, n] = _ONE
+            rows[n], columns[n] = fi, fj
         for k in range(leds.shape[0]):
+            top, bottom, left, right = shadowed[k]
+            for n in range(across.size):
+                part[k, n] = _ONE
+                if top <= rows[n] < bottom and left <= columns[n] < right:
+                    part[k, n] = _look_up(
+                        sight[k], (rows[n] - shift) * per_cell, (columns[n] - shift) * per_cell
+                    )
             _shine(
                 leds[k], part[k], reach2, across, down[row], distance, heights, slope_x, slope_y,
                 cosine[k, row, first:end], weight[k, row, first:end],
@@ -105,17 +112,14 @@ def _slopes(z, fi, fj, i, j, per_slope):
 
 
 @inlined
-def _look_up(sight, stride, fi, fj, part, n):
-    """Fill part (LEDs, samples) of one sample with the sight (LEDs, C) of each LED there."""
-    shift, per_cell = np.float32(0.5 * (stride - 1)), np.float32(1.0 / stride)
-    ci, cj = (fi - shift) * per_cell, (fj - shift) * per_cell
-    a = min(max(int(ci), 0), sight.shape[1] - 2)
-    b = min(max(int(cj), 0), sight.shape[2] - 2)
-    p, q = ci - np.float32(a), cj - np.float32(b)
-    for k in range(sight.shape[0]):
-        part[k, n] = bilinear(
-            sight[k, a, b], sight[k, a, b + 1], sight[k, a + 1, b], sight[k, a + 1, b + 1], p, q
-        )
+def _look_up(sight, row, column):
+    """Sight (C) at a place, in cells."""
+    a = min(max(int(row), 0), sight.shape[0] - 2)
+    b = min(max(int(column), 0), sight.shape[1] - 2)
+    down, across = row - np.float32(a), column - np.float32(b)
+    return bilinear(
+        sight[a, b], sight[a, b + 1], sight[a + 1, b], sight[a + 1, b + 1], down, across
+    )
 
 
 @inlined
@@ -130,39 +134,57 @@ def _shine(
         dx, dy = led_x - across[n] * reached, led_y - down * reached
         dz = led_z - height
         facing = max(sx * dx + sy * dy - dz, _ZERO)
-        far2 = dx * dx + dy * dy + dz * dz
-        m = facing / np.sqrt((_ONE + sx * sx + sy * sy) * far2)
+        nearness = _ONE / (dx * dx + dy * dy + dz * dz)
+        m = facing * np.sqrt(nearness / (_ONE + sx * sx + sy * sy))
         cosines[n] = m
-        weights[n] = m * max(parts[n], _ZERO) * reach2 / far2
+        weights[n] = m * max(parts[n], _ZERO) * reach2 * nearness
 
 
 @jit_finite
 def light(cosine, weight, gain, rest, region, seen):
     """Fill a region of seen (RGB, S) with the LEDs' light, less rest (RGB, S).
 
-    cosine, weight: (LEDs, S), from incidence. gain: (rows of S, LEDs, RGB, COSINE_TERMS,
-    columns of S): a row of the picture lies together, its columns next to each other.
+    cosine, weight: (LEDs, S), from incidence. gain: (gain_rows of S, LEDs, RGB, COSINE_TERMS,
+    columns of S), taken as linear between its rows: a row of the picture lies together, its columns
+    next to each other.
     """
     first, end = region[2], region[3]
+    leds, colours, columns = gain.shape[1], gain.shape[2], gain.shape[4]
+    between = np.empty((leds, colours, COSINE_TERMS, columns), dtype=np.float32)
+    blended = between.ravel()
+    total = np.empty(end - first, dtype=np.float32)
     for row in range(region[0], region[1]):
-        for c in range(seen.shape[0]):
+        above = row // GAIN_STRIDE
+        apart = max(min(GAIN_STRIDE, cosine.shape[1] - 1 - GAIN_STRIDE * above), 1)
+        part = np.float32(row % GAIN_STRIDE) / np.float32(apart)
+        upper, lower = gain[above].ravel(), gain[above + 1].ravel()
+        for n in range(blended.size):
+            blended[n] = upper[n] + part * (lower[n] - upper[n])
+        for c in range(colours):
             filled, less = seen[c, row, first:end], rest[c, row, first:end]
-            for n in range(filled.size):  # an array set to another compiles words for its errors
-                filled[n] = -less[n]
-            for k in range(cosine.shape[0]):
+            for n in range(total.size):
+                total[n] = -less[n]
+            for k in range(leds):
                 cosines, weights = cosine[k, row, first:end], weight[k, row, first:end]
-                g0, g1 = gain[row, k, c, 0, first:end], gain[row, k, c, 1, first:end]
-                g2, g3 = gain[row, k, c, 2, first:end], gain[row, k, c, 3, first:end]
-                for n in range(filled.size):
+                g0, g1 = between[k, c, 0, first:end], between[k, c, 1, first:end]
+                g2, g3 = between[k, c, 2, first:end], between[k, c, 3, first:end]
+                for n in range(total.size):
                     m = cosines[n]
-                    filled[n] += weights[n] * (g0[n] + m * (g1[n] + m * (g2[n] + m * g3[n])))
+                    total[n] += weights[n] * (g0[n] + m * (g1[n] + m * (g2[n] + m * g3[n])))
+            for n in range(total.size):
+                filled[n] = total[n]
+
+
+def gain_rows(rows: int) -> np.ndarray:
+    """(n,) the rows of S that gains are kept of, where it has so many: the last one too."""
+    return np.minimum(GAIN_STRIDE * np.arange((rows - 1) // GAIN_STRIDE + 2), rows - 1)
 
 
 @jit
 def gains(terms, response, gain):
     """Fill gain, as light takes it, from the response at every sample.
 
-    terms: (rows of S, columns of S, PLACE_TERMS) float32 polynomials of the place. response:
+    terms: (gain_rows of S, columns of S, PLACE_TERMS) float32 polynomials of the place. response:
     (LEDs, RGB, PLACE_TERMS, COSINE_TERMS) float64. Sums are float64, in the polynomials' order;
     entries of the response that are 0 cost nothing.
     """

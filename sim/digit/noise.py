@@ -10,7 +10,7 @@ import numpy as np
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.camera import COLUMNS, ROWS
 from t2twin.sim.digit.compiled import jit_finite
-from t2twin.sim.digit.picture import normal_quantiles
+from t2twin.sim.digit.white import choose, keys, quantiles
 
 REACH = 2
 """Pixels that noise is smoothed over to either side: beyond, real noise is hardly alike (0.2 at 3
@@ -49,25 +49,26 @@ class Noise:
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
         """(ROWS, COLUMNS, 3) float32 noise of one frame, grey levels."""
-        shape = (ROWS + 2 * REACH, COLUMNS + 2 * REACH, 3)
-        draws = np.frombuffer(rng.bytes(2 * int(np.prod(shape))), dtype=np.uint16).reshape(shape)
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.float32)
         taps, mix = self.taps.astype(np.float32), self.mix.astype(np.float32)
-        _fill(draws, normal_quantiles(), taps, mix, out)
+        _fill(keys(rng), quantiles(), taps, mix, out)
         return out
 
 
 @jit_finite
-def _fill(draws, quantiles, taps, mix, out):
-    """Fill out (P, RGB) with smoothed, mixed noise. draws: (P and REACH more about it, RGB)."""
+def _fill(keys, quantiles, taps, mix, out):
+    """Fill out (P, RGB) with white noise of keys, on P and the taps' reach about it, smoothed and
+    mixed."""
     columns, reach = out.shape[1], taps.size // 2
     down = np.empty((columns + 2 * reach) * 3, dtype=np.float32)
     across = np.empty(columns * 3, dtype=np.float32)
     white = np.empty((taps.size, down.size), dtype=np.float32)
-    for row in range(draws.shape[0]):
-        line, drawn = white[row % taps.size], draws[row].ravel()
+    chosen = np.empty(down.size, dtype=np.uint32)
+    for row in range(out.shape[0] + 2 * reach):
+        line = white[row % taps.size]
+        choose(row * down.size, keys[0], keys[1], chosen)
         for n in range(line.size):
-            line[n] = quantiles[drawn[n]]
+            line[n] = quantiles[chosen[n]]
         if row < 2 * reach:
             continue
         down[:] = np.float32(0.0)

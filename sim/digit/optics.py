@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit import white
 from t2twin.sim.digit.baked import BakedModel
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
@@ -65,9 +66,7 @@ class DigitOptics:
         if self._noise is not None:
             times = noise_grey / NOISE_GREY
             return self._model.render(surface_mm, noise_grey=times, noise=self._noise.draw(rng))
-        count = self._model.background.size
-        draws = np.frombuffer(rng.bytes(2 * count), dtype=np.uint16)
-        return self._model.render(surface_mm, draws, noise_grey)
+        return self._model.render(surface_mm, white.keys(rng), noise_grey)
 
 
 def checked_noise(noise_grey: float) -> float:

@@ -3,12 +3,10 @@
 Light and grey levels are linked by the calibration's gamma: grey = 255 light^(1 / gamma).
 """
 
-from functools import cache
-
 import numpy as np
-from scipy.special import ndtri
 
 from t2twin.sim.digit.compiled import inlined, jit_finite
+from t2twin.sim.digit.white import choose
 
 ENCODING_STEPS = 4096
 """Entries of the encoding's table, over the square root of the light: 0.12 grey levels apart at
@@ -24,55 +22,57 @@ def linear(grey: np.ndarray, gamma: float) -> np.ndarray:
     return (np.asarray(grey) / 255.0) ** gamma
 
 
-@cache
-def normal_quantiles() -> np.ndarray:
-    """(65536,) float32 standard normal quantiles of 16-bit uniform draws, at mid-steps.
-
-    Inverse-transform sampling: several times as fast as drawing normals, and as good once the
-    result is rounded to grey levels.
-    """
-    return ndtri((np.arange(65536) + 0.5) / 65536).astype(np.float32)
-
-
 def encoding_table(gamma: float) -> np.ndarray:
     """(ENCODING_STEPS,) float32 grey levels over the square root of linear light, 0 to 1."""
     return (255.0 * np.linspace(0.0, 1.0, ENCODING_STEPS) ** (2.0 / gamma)).astype(np.float32)
 
 
+def light_of_greys(gamma: float) -> np.ndarray:
+    """(256,) float32 linear light of each grey level."""
+    return linear(np.arange(256), gamma).astype(np.float32)
+
+
 @jit_finite
-def encode(change, background, rest, table, region, draws, quantiles, sigma, noise, out):
+def encode(change, background, light, table, region, keys, quantiles, sigma, noise, out):
     """Fill out (P, RGB) uint8: the background's light and the change, encoded, noisy, rounded.
 
     P is the picture (rows, columns), S its lattice of samples as in t2twin.sim.digit.illumination.
     change: (RGB, S) linear light, interpolated to the pixels of a region (first row, end row,
     first column, end column); the others show the background (P, RGB) grey levels.
-    rest: (P, RGB) the background's linear light.
+    light: (256,) linear light of each grey level.
     table: grey levels over the square root of linear light, 0 to 1.
-    draws: (P * RGB,) uint16, each turned into noise by quantiles, sigma grey levels; or (0,).
-    noise: (P, RGB) float32 that is added, sigma times; or (0, 0, 0).
+    sigma: grey levels of noise: of white one, which keys choose among quantiles, or of
+    noise (P, RGB) where it is not (0, 0, 0).
     """
     last = np.float32(table.size - 1)
     rows, columns = background.shape[0], background.shape[1]
-    noisy = draws.size > 0
-    line = np.empty(change.shape[2], dtype=np.float32)
+    white = noise.size == 0 and sigma > _ZERO
+    lines = np.empty((3, change.shape[2]), dtype=np.float32)
     grey, value = np.empty(3 * columns, dtype=np.float32), np.empty(3 * columns, dtype=np.float32)
-    entry = np.empty(3 * columns, dtype=np.int32)
+    entry, chosen = np.empty((2, 3 * columns), dtype=np.uint32)
+    # in pairs of columns, so that no loop begins within a sample; a slice's places are never
+    # negative, which lets its loops be vectorised
+    pairs, end = region[2] // 2, (region[3] + 1) // 2
     for row in range(rows):
-        still, lit, filled = background[row].ravel(), rest[row].ravel(), out[row].ravel()
+        still, filled = background[row].ravel(), out[row].ravel()
         for n in range(3 * columns):
             grey[n] = still[n]
         if region[0] <= row < region[1]:
-            _interpolate(change, row, line, value)
+            _interpolate(change, row, pairs, end, lines, value)
+            under, shown = still[6 * pairs : 6 * end], grey[6 * pairs : 6 * end]
+            # what is looked up has loops of its own, so that the others are vectorised
+            for n in range(under.size):
+                value[n] += light[under[n]]
+            for n in range(under.size):
+                root = np.sqrt(min(max(value[n], _ZERO), _ONE))
+                entry[n] = np.uint32(np.int32(root * last + _HALF))
+            for n in range(under.size):
+                shown[n] = table[entry[n]]
+        if white:
+            choose(3 * columns * row, keys[0], keys[1], chosen)
             for n in range(3 * columns):
-                root = np.sqrt(min(max(value[n] + lit[n], _ZERO), _ONE))
-                entry[n] = np.int32(root * last + _HALF)
-            for n in range(3 * region[2], 3 * region[3]):
-                grey[n] = table[entry[n]]
-        if noisy:
-            drawn = draws[3 * columns * row : 3 * columns * (row + 1)]
-            for n in range(3 * columns):
-                grey[n] += sigma * quantiles[drawn[n]]
-        if noise.size > 0:
+                grey[n] += sigma * quantiles[chosen[n]]
+        elif noise.size > 0:
             added = noise[row].ravel()
             for n in range(3 * columns):
                 grey[n] += sigma * added[n]
@@ -81,15 +81,23 @@ def encode(change, background, rest, table, region, draws, quantiles, sigma, noi
 
 
 @inlined
-def _interpolate(change, row, line, value):
-    """Fill value (columns * RGB) with a row of the change (RGB, S). line: (columns of S) room."""
+def _interpolate(change, row, first, end, lines, value):
+    """Fill value (columns * RGB) with a row of the change (RGB, S), from the first pair of columns
+    on. lines: room for a row of each colour."""
     i = (row + 1) // 2
     u, w = (_APART, _NEAR) if row % 2 == 0 else (_NEAR, _APART)
     for c in range(3):
-        above, below = change[c, i], change[c, i + 1]
-        for n in range(line.size):
+        above, below = change[c, i, first : end + 2], change[c, i + 1, first : end + 2]
+        line = lines[c]
+        for n in range(above.size):
             line[n] = u * above[n] + w * below[n]
-        # a pair of columns lies about its sample in the middle, n + 1
-        for n in range(value.size // 6):
-            value[6 * n + c] = _APART * line[n] + _NEAR * line[n + 1]
-            value[6 * n + 3 + c] = _NEAR * line[n + 1] + _APART * line[n + 2]
+    red, green, blue = lines[0], lines[1], lines[2]
+    # a pair of columns lies about its sample in the middle, n + 1; all six values in one loop, so
+    # that it can be vectorised
+    for n in range(end - first):
+        value[6 * n] = _APART * red[n] + _NEAR * red[n + 1]
+        value[6 * n + 1] = _APART * green[n] + _NEAR * green[n + 1]
+        value[6 * n + 2] = _APART * blue[n] + _NEAR * blue[n + 1]
+        value[6 * n + 3] = _NEAR * red[n + 1] + _APART * red[n + 2]
+        value[6 * n + 4] = _NEAR * green[n + 1] + _APART * green[n + 2]
+        value[6 * n + 5] = _NEAR * blue[n + 1] + _APART * blue[n + 2]

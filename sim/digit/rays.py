@@ -34,6 +34,8 @@ surface's slope times the ray's, 0.4 at most."""
 Region = tuple[int, int, int, int]
 """First row, end row, first column, end column."""
 NOWHERE: Region = (0, 0, 0, 0)
+GROWN = np.array([-1, 1, -1, 1])
+"""What a cell more to each side adds to a region."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +68,8 @@ class Rays:
         nothing = Leds(np.zeros((0, 3)), np.zeros(0))
         none = np.zeros((0, *self._rest_depth_mm.shape), dtype=np.float32)
         self._follow(
-            self.rest_mm, self._whole_sight(0), NOWHERE, nothing, self.everywhere, REST_STEPS,
-            self._rest_depth_mm, none, none,
+            self.rest_mm, self._whole_sight(0), np.zeros((0, 4), dtype=np.int64), nothing,
+            self.everywhere, REST_STEPS, self._rest_depth_mm, none, none,
         )  # fmt: skip
         reach = camera.distance_mm + self._rest_depth_mm
         self.places_mm = self._across[None, :] * reach, self._down[:, None] * reach
@@ -84,7 +86,7 @@ class Rays:
                 "on t2twin.sim.digit.camera.optical_grid()"
             )
         surface = np.ascontiguousarray(surface_mm, dtype=np.float32)
-        if not coat.bounds(surface, TOUCHED_MM)[4]:
+        if not np.isfinite(surface).all():
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
         return coat.coated(surface)
 
@@ -97,7 +99,8 @@ class Rays:
         the rest holds no meaning.
         """
         z = self.rest_mm - coated_mm
-        sight, shadowed = self._sight(coated_mm, z, leds)
+        _, casting = _regions(coated_mm)
+        sight, shadowed = self._sight(casting, z, leds)
         cosine, weight = self._incidence(z, sight, shadowed, leds, samples or self.everywhere)
         return np.moveaxis(cosine, 0, -1), np.moveaxis(weight, 0, -1)
 
@@ -106,13 +109,15 @@ class Rays:
     ) -> tuple[np.ndarray, np.ndarray, Region, Region]:
         """incidence, but (LEDs, S) and only where a picture may change, and the regions of samples
         and of pixels where that is."""
-        touched = coat.bounds(coated_mm, TOUCHED_MM)[:4]
+        touched, casting = _regions(coated_mm)
         nothing = np.zeros(0, dtype=np.float32)
         if touched[1] <= touched[0]:
             return nothing, nothing, NOWHERE, NOWHERE
         z = self.rest_mm - coated_mm
-        sight, shadowed = self._sight(coated_mm, z, leds)
-        region = _intersection(_grown(_union(touched, shadowed), 2), self._window)
+        sight, shadowed = self._sight(casting, z, leds)
+        for each in shadowed:
+            touched = _union(touched, _region(each))
+        region = _intersection(_grown(touched, 2), self._window)
         if region[1] <= region[0] or region[3] <= region[2]:
             return nothing, nothing, NOWHERE, NOWHERE
         pixels = self._pixels(region, float(z.min()))
@@ -124,7 +129,7 @@ class Rays:
         self,
         z: np.ndarray,
         sight: np.ndarray,
-        shadowed: Region,
+        shadowed: np.ndarray,
         leds: Leds,
         samples: Region,
     ) -> tuple[np.ndarray, np.ndarray]:
@@ -139,7 +144,7 @@ class Rays:
         self,
         z: np.ndarray,
         sight: np.ndarray,
-        shadowed: Region,
+        shadowed: np.ndarray,
         leds: Leds,
         samples: Region,
         steps: int,
@@ -150,7 +155,7 @@ class Rays:
         """Fill depth (S), cosine and weight (LEDs, S) of samples: see illumination.incidence."""
         single = np.float32
         illumination.incidence(
-            z, sight, SHADOW_STRIDE, _grown(shadowed, SHADOW_STRIDE),
+            z, sight, SHADOW_STRIDE, shadowed + SHADOW_STRIDE * GROWN,
             leds.places_mm.astype(np.float32), single(REACH_MM), self._across, self._down,
             single(self.camera.distance_mm), single(self.x_mm[0]), single(self.y_mm[0]),
             single(self.pitch_mm), samples, steps, depth, cosine, weight,
@@ -160,26 +165,26 @@ class Rays:
         """Sight (LEDs, C) of LEDs that no cell of the shadow grid misses."""
         return np.ones((leds, *self._coarse_shape), dtype=np.float32)
 
-    def _sight(self, surface: np.ndarray, z: np.ndarray, leds: Leds) -> tuple[np.ndarray, Region]:
-        """Sight of the LEDs (LEDs, C), and the region of the grid where it is not whole."""
-        hard = self._whole_sight(len(leds.places_mm))
-        casting = coat.bounds(np.maximum(surface, 0.0), CASTER_LEAST_MM)[:4]
+    def _sight(self, casting: Region, z: np.ndarray, leds: Leds) -> tuple[np.ndarray, np.ndarray]:
+        """Sight of the LEDs (LEDs, C), and the regions (LEDs, 4) of the grid where each one's is
+        not whole. casting: the region of the grid that may throw shadows."""
+        count = len(leds.places_mm)
+        hard, shadowed = self._whole_sight(count), np.zeros((count, 4), dtype=np.int64)
         if not self._shadows or casting[1] <= casting[0]:
-            return hard, NOWHERE
+            return hard, shadowed
         heights = coarse_heights(z)
         first = 0.5 * (SHADOW_STRIDE - 1) * self.pitch_mm
-        shadowed = sight_of_leds(
+        sight_of_leds(
             heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),
             np.float32(SHADOW_STRIDE * self.pitch_mm), _coarse(casting, heights.shape),
             _coarse(self._window, heights.shape),
             np.ascontiguousarray(leds.places_mm, dtype=np.float32),
-            np.ascontiguousarray(leds.sizes_mm, dtype=np.float64), hard,
+            np.ascontiguousarray(leds.sizes_mm, dtype=np.float64), hard, shadowed,
         )  # fmt: skip
-        shadowed = _grown(shadowed, 1)
+        shadowed[shadowed[:, 1] > 0] += GROWN
         sight = hard.copy()
         soften(hard, shadowed, sight)
-        top, bottom, left, right = (SHADOW_STRIDE * edge for edge in shadowed)
-        return sight, (top, bottom, left, right)
+        return sight, SHADOW_STRIDE * shadowed
 
     def _seen_window(self) -> Region:
         """Region of the grid that any pixel can show, the gel being at or below its highest."""
@@ -224,6 +229,17 @@ def _sample_slopes(count: int, middle: float, focal_px: float) -> np.ndarray:
     """(count / 2 + 2,) float32 slopes of the rays of the lattice of samples along one axis."""
     places = 2.0 * np.arange(count // 2 + 2) - 1.5 - middle
     return (places / focal_px).astype(np.float32)
+
+
+def _regions(coated_mm: np.ndarray) -> tuple[Region, Region]:
+    """Where a deflection shows, and where it is deep enough to throw a shadow."""
+    touched, deep = coat.bounds(coated_mm, TOUCHED_MM, CASTER_LEAST_MM)
+    return _region(touched), _region(deep)
+
+
+def _region(edges: np.ndarray) -> Region:
+    top, bottom, left, right = (int(edge) for edge in edges)
+    return top, bottom, left, right
 
 
 def _union(a: Region, b: Region) -> Region:

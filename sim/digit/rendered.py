@@ -28,6 +28,7 @@ from t2twin.sim.digit.camera import Camera, optical_grid
 from t2twin.sim.digit.leds import AMBIENT, Led
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics, checked_noise
 from t2twin.sim.digit.reference import ReferenceRenderer
+from t2twin.sim.digit.white import white
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
 FRAME_SECONDS = 1.1
@@ -74,8 +75,7 @@ class RenderedOptics:
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
         grey = self._grey(surface_mm)
         if rng is not None and noise_grey > 0:
-            draws = np.frombuffer(rng.bytes(2 * grey.size), dtype=np.uint16)
-            grey += noise_grey * picture.normal_quantiles()[draws].reshape(grey.shape)
+            grey += noise_grey * white(rng, grey.shape)
         return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
 
     def _grey(self, surface_mm: np.ndarray) -> np.ndarray:

@@ -36,11 +36,12 @@ def _ray_stops() -> np.ndarray:
 
 
 RAY_STOPS_MM = _ray_stops()
+PER_STOP = (1.0 / RAY_STOPS_MM).astype(np.float32)
 FIRST_STOPS = np.searchsorted(RAY_STOPS_MM, np.arange(100.0))
 """Index of the first of RAY_STOPS_MM at or after each whole millimetre."""
 
 _ZERO, _ONE, _BIAS = np.float32(0.0), np.float32(1.0), np.float32(SHADOW_BIAS_MM)
-_FAR_ABOVE = np.float32(1e9)
+_FAR_ABOVE, _TWO, _SIX = np.float32(1e9), np.float32(2.0), np.float32(6.0)
 
 
 @jit_finite
@@ -59,30 +60,38 @@ def coarse_heights(z):
 
 
 @jit_finite
-def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight):
-    """Fill sight (LEDs, C) with the part of each LED's disc that each cell sees.
+def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight, shadowed):
+    """Fill sight (LEDs, C), which is whole, with the part of each LED's disc that each cell sees,
+    and shadowed (LEDs, 4) with the region of C where that was less than whole.
 
     heights: (C), mm. x0, y0: centre of its first cell; pitch: its pitch, mm.
     caster: region of C that may block. window: region of C whose cells are wanted.
     leds: (LEDs, 3), mm. sizes: (LEDs,) radii of their discs, mm.
-    Returns the region of C where some sight was less than whole.
+    Every other cell is looked at first, and those between only where not all of these about them
+    see the whole disc: no shadow of a disc is thinner.
     """
-    top, bottom, left, right = heights.shape[0], 0, heights.shape[1], 0
+    shadowed[:] = 0
     if caster[1] <= caster[0] or caster[3] <= caster[2]:
-        return 0, 0, 0, 0
+        return
     nearest = heights[caster[0] : caster[1], caster[2] : caster[3]].min() - _BIAS
     columns = heights.shape[1]
     fars, begins = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
     ends = np.empty(columns, dtype=np.float32)
     for k in range(leds.shape[0]):
-        led, size = leds[k], np.float32(sizes[k])
-        for i in range(window[0], window[1]):
+        led, size, seen = leds[k], np.float32(sizes[k]), sight[k]
+        top, bottom, left, right = heights.shape[0], 0, heights.shape[1], 0
+        for turn in range(2 * (window[1] - window[0])):
+            i, first = _row_and_column(turn, window)
             row = heights[i, window[2] : window[3]]
             dy = led[1] - (y0 + np.float32(i) * pitch)
-            _spans(row, i, window[2], dy, led, size, x0, pitch, caster, nearest, fars, begins, ends)
-            for m in range(row.size):
-                j, begin, end, far, z = m + window[2], begins[m], ends[m], fars[m], row[m]
+            if first == window[2]:
+                _spans(row, i, first, dy, led, size, x0, pitch, caster, nearest, fars, begins, ends)
+            for j in range(first, window[3], 2):
+                m = j - window[2]
+                begin, end, far, z = begins[m], ends[m], fars[m], row[m]
                 if end <= begin or end < RAY_STOPS_MM[0]:
+                    continue
+                if _whole_about(seen, i, j, window):
                     continue
                 # grid steps and fall of the ray per mm of ground
                 per_mm = _ONE / far
@@ -92,10 +101,36 @@ def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight):
                 cut = (least - (led[2] - z) * per_mm) * far / size
                 if cut >= _ONE:
                     continue
-                sight[k, i, j] = _part_above_chord(cut)
+                seen[i, j] = _part_above_chord(cut)
                 top, bottom = min(top, i), max(bottom, i + 1)
                 left, right = min(left, j), max(right, j + 1)
-    return top, bottom, left, right
+        if bottom > top:
+            shadowed[k] = (top, bottom, left, right)
+
+
+@inlined
+def _row_and_column(turn, window):
+    """The row whose turn it is and the first of every other column: all even rows come before the
+    odd ones, and in a row the even columns."""
+    rows = window[1] - window[0]
+    even = (rows + 1) // 2
+    place, odd_row = (turn // 2, 0) if turn < 2 * even else (turn // 2 - even, 1)
+    return window[0] + 2 * place + odd_row, window[2] + turn % 2
+
+
+@inlined
+def _whole_about(seen, i, j, window):
+    """Whether the cells about a cell that have been looked at before it see the whole disc."""
+    if (i - window[0]) % 2 == 0:
+        if (j - window[2]) % 2 == 0 or j + 1 == window[3]:
+            return False
+        return seen[i, j - 1] + seen[i, j + 1] >= _TWO
+    if i + 1 == window[1]:
+        return False
+    left, right = max(j - 1, 0), min(j + 1, seen.shape[1] - 1)
+    above = seen[i - 1, left] + seen[i - 1, j] + seen[i - 1, right]
+    below = seen[i + 1, left] + seen[i + 1, j] + seen[i + 1, right]
+    return above + below >= _SIX
 
 
 @inlined
@@ -146,7 +181,7 @@ def _least_rise(heights, i, j, gi, gj, z, begin, end):
         there = bilinear(
             heights[a, b], heights[a, b + 1], heights[a + 1, b], heights[a + 1, b + 1], u, v
         )
-        least = min(least, (there - z + _BIAS) / s)
+        least = min(least, (there - z + _BIAS) * PER_STOP[n])
         n += 1
     return least
 
@@ -160,17 +195,19 @@ def _part_above_chord(cut):
 
 
 @jit_finite
-def soften(sight, region, softened):
-    """Fill a region of softened with sight (LEDs, C) blurred by 1, 2, 1 along both axes.
+def soften(sight, shadowed, softened):
+    """Fill the regions shadowed (LEDs, 4) of softened with sight (LEDs, C) blurred by 1, 2, 1 along
+    both axes.
 
     Stands for the discs' width, which hides behind a side edge over about one cell.
     """
     ny, nx = sight.shape[1], sight.shape[2]
     half, quarter = np.float32(0.5), np.float32(0.25)
-    left, right = max(region[2], 1), min(region[3], nx - 1)
     down = np.empty(nx, dtype=np.float32)
     for k in range(sight.shape[0]):
-        for i in range(max(region[0], 1), min(region[1], ny - 1)):
+        first, end, left, right = shadowed[k]
+        left, right = max(left, 1), min(right, nx - 1)
+        for i in range(max(first, 1), min(end, ny - 1)):
             above, row, below = sight[k, i - 1], sight[k, i], sight[k, i + 1]
             filled = softened[k, i]
             for j in range(nx):

@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2twin.sim.digit import picture
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera
 from t2twin.sim.digit.compiled import jit
 from t2twin.sim.digit.unit_draw import UnitDraw, evenly
 from t2twin.sim.digit.unit_light import DrawnLight, untouched_light
+from t2twin.sim.digit.white import white
 
 NODE_PX = 10
 """Pixels from a node to the next."""
@@ -109,11 +109,10 @@ def paint(rng: np.random.Generator, draw: UnitDraw, grey: np.ndarray) -> np.ndar
     colours = evenly(rng, draw.speck_grey, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
     specks = np.concatenate([middles, radii, colours], axis=1).astype(np.float32)
     texture = np.float32(evenly(rng, draw.texture_grey))
-    draws = np.frombuffer(rng.bytes(2 * ROWS * COLUMNS * 3), dtype=np.uint16)
     out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
     _paint(
-        np.ascontiguousarray(grey, dtype=np.float32), NODE_PX, specks, draws,
-        picture.normal_quantiles(), texture, out,
+        np.ascontiguousarray(grey, dtype=np.float32), NODE_PX, specks,
+        texture * white(rng, (ROWS, COLUMNS * 3)), out,
     )  # fmt: skip
     return out
 
@@ -149,11 +148,11 @@ def _cubic(count, step):
 
 
 @jit
-def _paint(nodes, step, specks, draws, quantiles, texture, out):
+def _paint(nodes, step, specks, texture, out):
     """Fill out (P, RGB) uint8.
 
     nodes: (.., .., RGB) grey levels, step pixels apart, the first one step before the picture.
-    specks: (n, 6) row, column, radius, RGB. draws: as in picture.encode.
+    specks: (n, 6) row, column, radius, RGB. texture: (rows, columns RGB) grey levels.
     """
     rows, columns, channels = out.shape
     down, across = _cubic(rows, step), _cubic(columns, step)
@@ -185,9 +184,8 @@ def _paint(nodes, step, specks, draws, quantiles, texture, out):
                 far += ((np.float32(column) - middle_column) / radius) ** 2
                 for c in range(channels):
                     grey[row, channels * column + c] += specks[n, 3 + c] * np.exp(-_HALF * far)
-    size = columns * channels
     for row in range(rows):
-        filled, drawn = out[row].ravel(), draws[size * row : size * (row + 1)]
-        for n in range(size):
-            value = grey[row, n] + texture * quantiles[drawn[n]]
+        filled = out[row].ravel()
+        for n in range(filled.size):
+            value = grey[row, n] + texture[row, n]
             filled[n] = np.uint8(min(max(value, _ZERO), _BRIGHTEST) + _HALF)

@@ -51,6 +51,23 @@ def heights_at(
     return heights
 
 
+def raise_to_shape(
+    surface_mm: np.ndarray,
+    shape_surface: HeightMap,
+    command: PressCommand,
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    apex_mm: np.ndarray,
+    near: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    """Lift a surface, (y, x) float32, mm, in place to where the turned-over shape stands in it.
+
+    apex_mm: (y, x) float32, where the shape's height 0 is. near: mask of coarser cells in which it
+    is looked up, and their rows (y,) and columns (x,).
+    """
+    _raise(*_lookup(shape_surface, command), x_mm, y_mm, apex_mm, *near, surface_mm)
+
+
 @dataclass(frozen=True)
 class Footprint:
     """What of a shape stands over each cell of a grid, all (ny, nx).
@@ -115,19 +132,21 @@ def _even_blocks(surface: HeightMap) -> np.ndarray:
 
 
 def _lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
+    """The map, where the press' place lies on it (column and row), and the columns and rows that
+    cos and sin of the turn make a mm."""
+    per_mm = 1.0 / surface.pitch_mm
     return (
         np.ascontiguousarray(surface.heights_mm, dtype=np.float32),
-        float(surface.x_mm[0]),
-        float(surface.y_mm[0]),
-        surface.pitch_mm,
+        -float(surface.x_mm[0]) * per_mm,
+        -float(surface.y_mm[0]) * per_mm,
         float(command.x_mm),
         float(command.y_mm),
-        float(np.cos(command.yaw_rad)),
-        float(np.sin(command.yaw_rad)),
+        float(np.cos(command.yaw_rad)) * per_mm,
+        float(np.sin(command.yaw_rad)) * per_mm,
     )
 
 
-_LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8, f8"
+_LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"
 """Types of what `_lookup` gives, so that compiling happens at import and not within a press."""
 
 
@@ -143,10 +162,10 @@ def _ranges(heights, low, high):
 
 
 @compiled(inline="always")
-def _column_and_row(x0, y0, pitch, press_x, press_y, cos, sin, x, y):
+def _column_and_row(column, row, press_x, press_y, cos, sin, x, y):
     """Where a place lies on the shape's map, in its cells."""
     dx, dy = x - press_x, y - press_y
-    return (cos * dx + sin * dy - x0) / pitch, (sin * dx - cos * dy - y0) / pitch
+    return column + (cos * dx + sin * dy), row + (sin * dx - cos * dy)
 
 
 @compiled("f4(f4[:, ::1], f8, f8)", nogil=True)
@@ -162,14 +181,60 @@ def _height(heights, column, row):
     return left + across * (right - left)
 
 
+@compiled("void(f4[:, ::1], f8[::1], f8[::1], i8, f4[::1])", nogil=True)
+def _heights_along(heights, columns, rows, count, found):
+    """`_height` at so many places. Apart from where they come from, it is twice as fast."""
+    points, width, one = heights.ravel(), np.uint32(heights.shape[1]), np.uint32(1)
+    last_column, last_row = heights.shape[1] - 1, heights.shape[0] - 1
+    for n in range(count):
+        column, row = columns[n], rows[n]
+        if not (0.0 <= column < last_column and 0.0 <= row < last_row):
+            found[n] = NOTHING_MM
+            continue
+        j, i = np.int32(column), np.int32(row)
+        across, down = np.float32(column - j), np.float32(row - i)
+        upper = np.uint32(np.uint32(i) * width + np.uint32(j))
+        lower = np.uint32(upper + width)
+        left = points[upper] + down * (points[lower] - points[upper])
+        upper, lower = np.uint32(upper + one), np.uint32(lower + one)
+        right = points[upper] + down * (points[lower] - points[upper])
+        found[n] = left + across * (right - left)
+
+
 @compiled(f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1])", nogil=True)
-def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, out):
+def _heights(heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, out):
+    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
     for i in range(y_mm.size):
         for j in range(x_mm.size):
-            column, row = _column_and_row(
-                x0, y0, pitch, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
+            columns[j], rows[j] = _column_and_row(
+                at_column, at_row, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
             )
-            out[i, j] = _height(heights, column, row)
+        _heights_along(heights, columns, rows, x_mm.size, out[i])
+
+
+@compiled(
+    f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1], b1[:, ::1], i8[::1], i8[::1], f4[:, ::1])",
+    nogil=True,
+)
+def _raise(
+    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, apex, near, near_rows,
+    near_columns, out,
+):  # fmt: skip
+    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
+    chosen, found = np.empty(x_mm.size, np.int64), np.empty(x_mm.size, np.float32)
+    for i in range(y_mm.size):
+        wanted, count = near[near_rows[i]], 0
+        for j in range(x_mm.size):
+            chosen[count] = j
+            count += wanted[near_columns[j]]
+        for n in range(count):
+            columns[n], rows[n] = _column_and_row(
+                at_column, at_row, press_x, press_y, cos, sin, x_mm[chosen[n]], y_mm[i]
+            )
+        _heights_along(heights, columns, rows, count, found)
+        for n in range(count):
+            j = chosen[n]
+            out[i, j] = max(out[i, j], apex[i, j] + found[n])
 
 
 @compiled(
@@ -178,11 +243,12 @@ def _heights(heights, x0, y0, pitch, press_x, press_y, cos, sin, x_mm, y_mm, out
     nogil=True,
 )
 def _footprint(
-    heights, x0, y0, pitch, press_x, press_y, cos, sin, even, x_mm, y_mm, wanted, mean, share, peak
-):
+    heights, at_column, at_row, press_x, press_y, cos, sin, even, x_mm, y_mm, wanted,
+    mean, share, peak,
+):  # fmt: skip
     cell = x_mm[1] - x_mm[0]
     # A cell's samples, as steps on the shape's map; row by row of the cell.
-    apart, first = cell / (SAMPLES * pitch), -(SAMPLES - 1) / 2
+    apart, first = cell / SAMPLES, -(SAMPLES - 1) / 2
     aside, ahead = np.empty(SAMPLES * SAMPLES), np.empty(SAMPLES * SAMPLES)
     for a in range(SAMPLES):
         for b in range(SAMPLES):
@@ -194,7 +260,8 @@ def _footprint(
     mean[:] = NOTHING_MM
     share[:] = 0.0
     peak[:] = NOTHING_MM
-    reach = cell / pitch  # beyond the map by more than this no sample of a cell is on it
+    # In cells of the map. Beyond the map by more than this no sample of a cell is on it.
+    reach = cell * np.hypot(cos, sin)
     most_column, most_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
     # A cell's samples lie within its middle four fifths, whichever way it is turned.
     nearby = 0.4 * np.sqrt(2.0) * reach + 1.0 < BLOCK
@@ -205,7 +272,7 @@ def _footprint(
             if not wanted[i // down, j // across]:
                 continue
             column, row = _column_and_row(
-                x0, y0, pitch, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
+                at_column, at_row, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
             )
             if not (-reach < column < most_column and -reach < row < most_row):
                 continue

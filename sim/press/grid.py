@@ -96,11 +96,27 @@ def grown(mask: np.ndarray, cells: int) -> np.ndarray:
 @compiled("void(b1[:, ::1], i8, b1[:, ::1])", nogil=True)
 def _grow(mask, cells, more):
     rows, columns = mask.shape
+    across = np.empty(columns, np.bool_)
     for i in range(rows):
+        row, any_here = mask[i], False
         for j in range(columns):
-            if mask[i, j]:
-                for k in range(max(i - cells, 0), min(i + cells + 1, rows)):
-                    more[k, max(j - cells, 0) : min(j + cells + 1, columns)] = True
+            any_here |= row[j]
+        if not any_here:
+            continue
+        last = -cells - 1  # the last true one so far, then the next one seen from the end
+        for j in range(columns):
+            if row[j]:
+                last = j
+            across[j] = j - last <= cells
+        last = columns + cells
+        for j in range(columns - 1, -1, -1):
+            if row[j]:
+                last = j
+            across[j] |= last - j <= cells
+        for k in range(max(i - cells, 0), min(i + cells + 1, rows)):
+            filled = more[k]
+            for j in range(columns):
+                filled[j] |= across[j]
 
 
 def repeated(coarse: np.ndarray, per_side: int) -> np.ndarray:

@@ -46,15 +46,15 @@ def on_lines(
     All axes rise. The spline's third derivative goes on through the second and the last but one
     place of each axis (not-a-knot). Beyond the values it stays what it is at their edge.
     """
-    down = _axis(y.tobytes(), lines_y.tobytes())
+    to_coefficients, to_lines = _axis(y.tobytes(), lines_y.tobytes())
     along = _axis(x.tobytes(), lines_x.tobytes())
-    spread = np.array(values, np.float32)  # a copy, as what is given may be read-only
-    for rows in down:
-        spread = rows.of(spread)
-    spread = np.ascontiguousarray(spread.T)
-    for rows in along:
-        spread = rows.of(spread)
-    return np.ascontiguousarray(spread.T)
+    values = np.array(values, np.float32)  # a copy, as what is given may be read-only
+    coefficients = to_coefficients.of(values)
+    spread = np.ascontiguousarray(coefficients.T)
+    for columns in along:
+        spread = columns.of(spread)
+    # last to the lines along y, so that the largest array is written once and as it is wanted
+    return to_lines.of(np.ascontiguousarray(spread.T))
 
 
 @lru_cache(maxsize=32)

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from t2twin.sim.press.elastomer import Elastomer
-from t2twin.sim.press.footprint import heights_at
+from t2twin.sim.press.footprint import raise_to_shape
 from t2twin.sim.press.grid import grown
 from t2twin.sim.press.records import Contact
 from t2twin.sim.press.spline import on_lines
@@ -22,26 +22,27 @@ def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarr
     solid, hence the larger of the two.
     """
     surface = on_lines(contact.surface_mm, contact.y_mm, contact.x_mm, y_mm, x_mm)
-    touched = grown(contact.pressure_kpa > 0, NEAR_CELLS)
+    axes = x_mm.tobytes(), y_mm.tobytes()
     near = (
-        _between(y_mm, contact.y_mm[touched.any(axis=1)]),
-        _between(x_mm, contact.x_mm[touched.any(axis=0)]),
+        grown(contact.pressure_kpa > 0, NEAR_CELLS),
+        _nearest(contact.y_mm.tobytes(), axes[1]),
+        _nearest(contact.x_mm.tobytes(), axes[0]),
     )
-    heights = heights_at(contact.shape.surface, contact.command, x_mm[near[1]], y_mm[near[0]])
-    rest = _rest(contact.elastomer, tuple(x_mm), tuple(y_mm))[near]
-    standing = contact.shape_depth_mm + rest + heights
-    surface[near] = np.maximum(surface[near], standing)
+    apex = _rest(contact.elastomer, *axes) + np.float32(contact.shape_depth_mm)
+    raise_to_shape(surface, contact.shape.surface, contact.command, x_mm, y_mm, apex, near)
     return surface
 
 
-def _between(axis_mm: np.ndarray, touched_mm: np.ndarray) -> slice:
-    """The part of a rising axis from the first to the last touched place."""
-    if not touched_mm.size:
-        return slice(0, 0)
-    first, last = np.searchsorted(axis_mm, touched_mm[[0, -1]])
-    return slice(int(first), int(last))
+@lru_cache(maxsize=8)
+def _nearest(places: bytes, between: bytes) -> np.ndarray:
+    """(n,) int64 the nearest of equally spaced places to each of others; both float64."""
+    at = np.frombuffer(places)
+    steps = np.rint((np.frombuffer(between) - at[0]) / (at[1] - at[0]))
+    return np.clip(steps, 0, at.size - 1).astype(np.int64)
 
 
 @lru_cache(maxsize=8)
-def _rest(elastomer: Elastomer, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> np.ndarray:
-    return elastomer.rest_surface_mm(*np.meshgrid(x_mm, y_mm))
+def _rest(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
+    """(y, x) float32 untouched surface over axes of float64, mm."""
+    x, y = np.meshgrid(np.frombuffer(x_mm), np.frombuffer(y_mm))
+    return elastomer.rest_surface_mm(x, y).astype(np.float32)
