@@ -49,7 +49,7 @@ def encode(change, background, light, table, region, keys, quantiles, sigma, noi
     white = noise.size == 0 and sigma > _ZERO
     lines = np.empty((3, change.shape[2]), dtype=np.float32)
     grey, value = np.empty(3 * columns, dtype=np.float32), np.empty(3 * columns, dtype=np.float32)
-    entry, chosen = np.empty((2, 3 * columns), dtype=np.uint32)
+    entry, chosen = np.empty(3 * columns, dtype=np.uint32), np.empty(3 * columns, dtype=np.uint32)
     # in pairs of columns, so that no loop begins within a sample; a slice's places are never
     # negative, which lets its loops be vectorised
     pairs, end = region[2] // 2, (region[3] + 1) // 2

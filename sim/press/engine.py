@@ -33,7 +33,7 @@ from t2twin.sim.press.grid import (
     within,
 )
 from t2twin.sim.press.layer import WHOLE, Layer, cached_layer
-from t2twin.sim.press.pins import PinGrid, pins_under
+from t2twin.sim.press.pins import Pins, pins_under
 from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.press.solution import (
     GUESSES,
@@ -54,21 +54,29 @@ SURVEY_MM = 0.5
 """Largest cells on which a press looks for its contact, and largest cell of a pin, mm."""
 
 FINER = (1, 2, 4)
-"""Numbers of pins along a survey's cell that a press chooses from."""
+"""Numbers of pins along a survey's cell that a press chooses from: one where the shape is even,
+and the largest at its edges and where it is not."""
 
 FEWEST_PINS = 200
-"""Pins that the contact is expected to cover, at least, where they can be made so fine: then
-depth and surface are within 3 and 6 % of the oracle's at 8 N (benchmarks/press.py)."""
+"""Pins that the contact is expected to cover, at least, where they can be made so fine."""
 
-STAGES = ((0.25, 5e-2), (0.125, 5e-3))
+AT_EDGES = 2
+"""Times as many pins along a survey's cell at the shape's edges."""
+
+UNEVEN = 0.25
+"""How far a cell's highest point stands out of its mean, over the expected depth, from which on it
+gets the smallest pins."""
+
+STAGES = ((0.25, 2e-2), (0.125, 5e-3))
 """Coarsest grid on which a layer's answer is worked out, mm, and the relative change of the
 pressure in a step below which it has settled: first roughly, then from there finely."""
 
 BASE_TOLERANCE_MM = 1e-3
 """A touched height so near the base plate's top counts as the base plate, mm."""
 
-MISSED_OUTSIDE_MM = 0.01
-"""How far the shape may stand in the surface where no pins are, mm: heights are means there."""
+MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
+"""How far the shape's highest points may stand in the surface where no pins are, mm, or over the
+depth where that is less."""
 
 MARGIN_CELLS = 1
 """Cells of the survey around the expected contact that get pins too."""
@@ -99,7 +107,6 @@ def solve_contact(
     if elastomer.law == "linear":
         _check_carried(survey, pressure, _fine_surface(survey, equilibrium))
     pins, touched = solution.pins, solution.pressure_mpa > 0
-    under = pins.heights_mm[pins.spread(touched.astype(float)) > 0]
     base = shape.base_mm
     return Contact(
         shape=shape,
@@ -108,16 +115,23 @@ def solve_contact(
         pressure_kpa=_read_only((1e3 * pressure).astype(np.float32)),
         x_mm=_read_only(layer.x_mm),
         y_mm=_read_only(layer.y_mm),
-        contact_area_mm2=float(pins.share[touched].sum() * pins.pitch_mm**2),
+        contact_area_mm2=float(pins.covered[touched].sum() * pins.cell_mm2),
         depth_mm=solution.depth_mm,
         shape_depth_mm=solution.depth_mm + pins.first_touch_mm,
         force_n=float(pressure.sum() * pitch_mm**2),
         settled=equilibrium.settled,
-        bottomed=base is not None and bool((under <= base + BASE_TOLERANCE_MM).any()),
+        bottomed=base is not None and _touches(equilibrium, base + BASE_TOLERANCE_MM),
         pins=solution.pin_state(),
         milliseconds=1e3 * (time.perf_counter() - started - survey.preparing_s),
         find_surface=lambda: _read_only(_fine_surface(survey, equilibrium).astype(np.float32)),
     )
+
+
+def _touches(equilibrium: "_Equilibrium", height_mm: float) -> bool:
+    """Whether something of the shape that is no higher carries pressure."""
+    solution = equilibrium.solution
+    carrying = solution.pins.spread((solution.pressure_mpa > 0).astype(float)) > 0
+    return bool((equilibrium.heights_mm[carrying] <= height_mm).any())
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
@@ -130,13 +144,13 @@ def _read_only(values: np.ndarray) -> np.ndarray:
 class _Equilibrium:
     """Where the pins of the last stage have settled.
 
-    window: the survey's cells that hold the pins. finer: pins along one of those. pressure_mpa,
-    surface_mm: (ny, nx) on the contact's grid; the surface is the coarse one.
+    window: the survey's cells that hold the pins. heights_mm: the shape's, over the pins' cells.
+    pressure_mpa, surface_mm: (ny, nx) on the contact's grid; the surface is the coarse one.
     """
 
     solution: Solution
     window: Window
-    finer: int
+    heights_mm: np.ndarray
     pressure_mpa: np.ndarray
     surface_mm: np.ndarray
     settled: bool
@@ -145,18 +159,19 @@ class _Equilibrium:
 def _equilibrium(survey: "_Survey") -> _Equilibrium:
     """The stages one after the other, with more pins where the shape came down outside them."""
     layer, force_n = survey.layer, survey.command.force_n
-    expected = survey.expected_contact(force_n)
-    finer = _finer(float(survey.seen.shares[expected].sum()))
+    expected, depth_mm = survey.expected_contact(force_n)
     earlier: _Equilibrium | None = None
     while True:
         looked_at = grown(expected, MARGIN_CELLS)
-        while finer > 1 and np.count_nonzero(looked_at) * finer**2 > POOL_SIZES[-1]:
-            finer //= 2  # a rim was expected, and a face behind it came down too
         window = window_around(looked_at)
-        start = None if earlier is None else _moved(earlier, window, finer)
-        stages = _stages(survey, looked_at, window, finer, only_last=start is not None)
-        for number, (pins, tolerance) in enumerate(stages, 1):
-            solution = Solution(pins, force_n, start, judged=number == len(stages))
+        stages = _Stages(survey, looked_at, window, float(survey.seen.shares[expected].sum()))
+        along = stages.pins_along(depth_mm)
+        start = None
+        for last in (False, True) if earlier is None else (True,):
+            pins, tolerance = stages.stage(along, last)
+            if last and earlier is not None:
+                start = _moved(earlier, window, len(pins.cover))
+            solution = Solution(pins, force_n, start, judged=last)
             settled = solution.solve(tolerance)
             start = solution.as_start()
             survey.preparing_s += solution.compiling_s
@@ -165,24 +180,28 @@ def _equilibrium(survey: "_Survey") -> _Equilibrium:
             solution.fine_pressure_mpa(), solution.pins.layer.per_side
         )
         surface = middles(by_law(layer, layer.deflection_mm(pressure), WHOLE)[0], 1)
-        standing_mm = solution.depth_mm - survey.gap_mm
-        missed = standing_mm > means(surface, survey.per_side) + MISSED_OUTSIDE_MM
+        standing_mm = solution.depth_mm - survey.peak_gap_mm
+        allowed_mm = min(MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE * solution.depth_mm)
+        missed = standing_mm > means(surface, survey.per_side) + allowed_mm
         missed[looked_at] = False
-        found = _Equilibrium(solution, window, finer, pressure, surface, settled)
+        found = _Equilibrium(solution, window, stages.seen.heights_mm, pressure, surface, settled)
         if not missed.any():
             return found
         expected, earlier = looked_at | missed, found
 
 
-def _moved(earlier: _Equilibrium, window: Window, finer: int) -> Start | None:
-    """What an equilibrium gives to begin with on more pins of the same size, or None on others."""
-    if earlier.finer != finer:
+def _moved(earlier: _Equilibrium, window: Window, rows: int) -> Start | None:
+    """What an equilibrium gives to begin with in another window of so many rows of fine cells, or
+    None on finer or coarser cells."""
+    pressure = earlier.solution.fine_pressure_mpa()
+    per_side, after = len(pressure) // span(earlier.window)[0], rows // span(window)[0]
+    if per_side != after:
         return None
-    before, now = scaled(earlier.window, finer), scaled(window, finer)
+    before, now = scaled(earlier.window, per_side), scaled(window, per_side)
     both = common(before, now)  # a window's size is rounded up, so the later one may end sooner
-    pressure = np.zeros(span(now))
-    pressure[within(both, now)] = earlier.solution.pressure_mpa[within(both, before)]
-    return Start(pressure, earlier.solution.depth_mm)
+    moved = np.zeros(span(now))
+    moved[within(both, now)] = pressure[within(both, before)]
+    return Start(moved, earlier.solution.depth_mm)
 
 
 def _fine_surface(survey: "_Survey", equilibrium: _Equilibrium) -> np.ndarray:
@@ -217,6 +236,7 @@ class _Survey:
 
     parts: cells of the contact's grid along one of the survey's.
     gap_mm: (rows, columns) how far the surface is from the shape at first touch, mm, >= 0.
+    peak_gap_mm: the same of the shape's highest point over each cell, instead of its mean height.
     preparing_s: time spent on what is kept for the next press.
     """
 
@@ -235,6 +255,8 @@ class _Survey:
                 f"in x and {layer.elastomer.length_mm / 2:g} mm in y from its middle"
             )
         self.gap_mm = distance - nearest
+        above = -means(layer.rest_mm, self.per_side) - self.seen.peaks_mm
+        self.peak_gap_mm = above - above.min()
         self.preparing_s = 0.0
 
     def divided(self, per_side: int) -> Layer:
@@ -244,15 +266,17 @@ class _Survey:
         self.preparing_s += time.perf_counter() - asked
         return layer
 
-    def expected_contact(self, force_n: float) -> np.ndarray:
-        """Where independent springs as soft as the layer would touch, (rows, columns)."""
-        touching = np.ones(self.gap_mm.shape, bool)
+    def expected_contact(self, force_n: float) -> tuple[np.ndarray, float]:
+        """Where independent springs as soft as the layer would touch, (rows, columns), and how
+        deep, mm."""
+        depth, touching = 0.0, np.ones(self.gap_mm.shape, bool)
         for _ in range(GUESSES):
             pressed = scaled(window_around(touching), self.per_side)
             springs = spring_compliance(self.layer, pressed)
             force = force_n * springs / (self.per_side * self.layer.pitch_mm) ** 2
-            touching = self.gap_mm < winkler_depth_mm(self.gap_mm, force)
-        return touching
+            depth = winkler_depth_mm(self.gap_mm, force)
+            touching = self.gap_mm < depth
+        return touching, depth
 
 
 def _finer(cells_in_contact: float) -> int:
@@ -261,41 +285,77 @@ def _finer(cells_in_contact: float) -> int:
     return next(enough, FINER[-1])
 
 
-def _stages(
-    survey: _Survey, looked_at: np.ndarray, window: Window, finer: int, only_last: bool
-) -> list[tuple[PinGrid, float]]:
-    """The pins of each stage, and the tolerance within which it has settled.
+class _Stages:
+    """The pins of each stage of a press, under the cells of the survey that are looked at.
 
-    looked_at: the survey's cells that get pins; window: what holds them. only_last: leave the rough
-    ones out.
+    window: what holds those. seen: what of the shape stands over the finest cells. cells: how many
+    of the survey's the contact is expected to cover.
     """
-    layer = survey.layer
-    # Pins along a survey's cell, and fine cells along one of the contact's, no fewer than pins.
-    stages = [
-        (pins, max(1, round(pins / survey.per_side), round(layer.pitch_mm / layer_mm)), tolerance)
-        for pins, (layer_mm, tolerance) in zip((max(1, finer // 2), finer), STAGES, strict=True)
-    ]
-    finest = max(per_side for _, per_side, _ in stages)
-    fine = survey.divided(finest)
-    rows, columns = scaled(window, survey.per_side * finest)
-    seen = footprint(
-        survey.shape.surface,
-        survey.command,
-        fine.x_mm[columns],
-        fine.y_mm[rows],
-        looked_at[window],
-    )
-    first_touch = float((-fine.rest_mm[rows, columns] - seen.peaks_mm).min())
-    return [
-        (
-            pins_under(
-                survey.divided(per_side),
-                scaled(window, survey.per_side * per_side),
-                survey.per_side * per_side // pins,
-                seen.coarsened(finest // per_side),
-                first_touch,
-            ),
-            tolerance,
+
+    def __init__(
+        self, survey: _Survey, looked_at: np.ndarray, window: Window, cells: float
+    ) -> None:
+        self._survey, self._window = survey, window
+        self._looked_at = looked_at[window]
+        self._even = _finer(cells)
+        self._finest = self._per_side(FINER[-1], STAGES[-1][0])
+        fine = survey.divided(self._finest)
+        rows, columns = scaled(window, survey.per_side * self._finest)
+        self.seen = footprint(
+            survey.shape.surface,
+            survey.command,
+            fine.x_mm[columns],
+            fine.y_mm[rows],
+            self._looked_at,
         )
-        for pins, per_side, tolerance in stages[-1 if only_last else 0 :]
-    ]
+        self._first_touch_mm = float((-fine.rest_mm[rows, columns] - self.seen.peaks_mm).min())
+
+    def _per_side(self, pins: int, layer_mm: float) -> int:
+        """Fine cells along one of the contact's: no fewer than pins along one of the survey's."""
+        pitch_mm = self._survey.layer.pitch_mm
+        return max(1, round(pins / self._survey.per_side), round(pitch_mm / layer_mm))
+
+    def pins_along(self, depth_mm: float) -> np.ndarray:
+        """(rows, columns) how many pins stand along each of the window's cells.
+
+        depth_mm: how deep the shape is expected to go.
+        """
+        cells = self.seen.coarsened(self._survey.per_side * self._finest)
+        there = self._looked_at & (cells.shares > 0)
+        uneven = cells.peaks_mm - cells.heights_mm > UNEVEN * depth_mm
+        wanted = np.where(self._at_edges(cells.shares), AT_EDGES * self._even, self._even)
+        wanted[uneven] = FINER[-1]
+        most = len(FINER)
+        while True:
+            along = np.take(FINER[:most], np.searchsorted(FINER[: most - 1], wanted)) * there
+            if (along**2).sum() <= POOL_SIZES[-1] or most == 1:
+                return along
+            most -= 1  # a rim was expected, and a face behind it came down too
+
+    def _at_edges(self, shares: np.ndarray) -> np.ndarray:
+        """(rows, columns) the cells of the window that the shape does not wholly cover, and those
+        beside one of which it covers less than half; the pad's rim ends every shape."""
+        open_ = np.zeros([side + 2 for side in shares.shape], bool)
+        open_[1:-1, 1:-1] = self._looked_at & (shares < 0.5)
+        lengths = self._survey.gap_mm.shape
+        for axis, (side, length) in enumerate(zip(self._window, lengths, strict=True)):
+            ends = np.moveaxis(open_, axis, 0)
+            ends[0], ends[-1] = side.start == 0, side.stop == length
+        return grown(open_, 1)[1:-1, 1:-1] | (shares < 1.0)
+
+    def stage(self, along: np.ndarray, last: bool) -> tuple[Pins, float]:
+        """The pins of the rough stage or of the last, and the tolerance within which it has
+        settled."""
+        survey = self._survey
+        layer_mm, tolerance = STAGES[last]
+        if not last:
+            along = np.where(along > 0, np.maximum(along // 2, 1), 0)
+        per_side = self._per_side(int(along.max()), layer_mm)
+        return pins_under(
+            survey.divided(per_side),
+            scaled(self._window, survey.per_side * per_side),
+            survey.per_side * per_side,
+            along,
+            self.seen.coarsened(self._finest // per_side),
+            self._first_touch_mm,
+        ), tolerance

@@ -15,6 +15,9 @@ from t2twin.sim.press.records import PressCommand
 SAMPLES = 5
 """Points a side at which a cell's part of the surface is looked up."""
 
+FEW = np.array([12, 0, 4, 20, 24])
+"""Of those, row by row, the middle and the corners."""
+
 STEEPEST = 1.5
 """Height differences within a cell beyond this many cells count as a wall, not a slope."""
 
@@ -255,8 +258,12 @@ def _footprint(
             x, y = (first + b) * apart, (first + a) * apart
             aside[SAMPLES * a + b] = cos * x + sin * y
             ahead[SAMPLES * a + b] = sin * x - cos * y
-    last = SAMPLES * SAMPLES - 1
     samples = np.empty(SAMPLES * SAMPLES)
+    # A row's cells that are looked up, and their heights at FEW.
+    chosen = np.empty(x_mm.size, np.int64)
+    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
+    along, below = np.empty(x_mm.size), np.empty(x_mm.size)
+    few = np.empty((FEW.size, x_mm.size), np.float32)
     mean[:] = NOTHING_MM
     share[:] = 0.0
     peak[:] = NOTHING_MM
@@ -268,6 +275,7 @@ def _footprint(
     inner_column, inner_row = heights.shape[1] - 1 - reach, heights.shape[0] - 1 - reach
     down, across = y_mm.size // wanted.shape[0], x_mm.size // wanted.shape[1]
     for i in range(y_mm.size):
+        count = 0
         for j in range(x_mm.size):
             if not wanted[i // down, j // across]:
                 continue
@@ -282,27 +290,34 @@ def _footprint(
                     mean[i, j] = peak[i, j] = height
                     share[i, j] = 1.0 if height > NOTHING_MM / 2 else 0.0
                     continue
-            # Where middle and corners lie near each other, five points say it all.
-            centre = _height(heights, column, row)
-            low, high, total = centre, centre, 0.0
-            for n in (0, SAMPLES - 1, last - SAMPLES + 1, last):
-                height = _height(heights, column + aside[n], row + ahead[n])
+            chosen[count], columns[count], rows[count] = j, column, row
+            count += 1
+        for k in range(FEW.size):
+            for n in range(count):
+                along[n], below[n] = columns[n] + aside[FEW[k]], rows[n] + ahead[FEW[k]]
+            _heights_along(heights, along, below, count, few[k])
+        for n in range(count):
+            j, centre = chosen[n], few[0, n]
+            low, high, total = centre, centre, np.float32(0.0)
+            for k in range(1, FEW.size):
+                height = few[k, n]
                 low, high, total = min(low, height), max(high, height), total + height
+            # Where middle and corners lie near each other, they say it all.
             if high - low <= STEEPEST * cell:
                 if low > NOTHING_MM / 2:
                     mean[i, j] = MIDDLE_WEIGHT * centre + (1 - MIDDLE_WEIGHT) * total / 4
                     share[i, j] = 1.0
                 peak[i, j] = high
                 continue
-            for n in range(samples.size):
-                samples[n] = _height(heights, column + aside[n], row + ahead[n])
-                high = max(high, samples[n])
+            for k in range(samples.size):
+                samples[k] = _height(heights, columns[n] + aside[k], rows[n] + ahead[k])
+                high = max(high, samples[k])
             lowest = high - STEEPEST * cell
             covered, total = 0, 0.0
-            for n in range(samples.size):
-                if samples[n] >= lowest and samples[n] > NOTHING_MM / 2:
+            for k in range(samples.size):
+                if samples[k] >= lowest and samples[k] > NOTHING_MM / 2:
                     covered += 1
-                    total += samples[n]
+                    total += samples[k]
             if covered >= LEAST_COVER * samples.size:
                 share[i, j] = covered / samples.size
                 mean[i, j] = total / covered

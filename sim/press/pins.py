@@ -1,7 +1,7 @@
 """The pins of a press: what of the shape stands over each, in a window of the elastomer's grid.
 
-Pins stand on square cells; the layer's answer may be worked out on a finer grid, of
-per_side x per_side cells a pin. A pin's force is shared evenly over the part of its cell that the
+Pins stand on square blocks of the layer's fine cells: small ones at the shape's edges and where it
+is uneven, larger ones between. A pin's force is shared evenly over the part of its block that the
 shape covers, and it feels the mean deflection there: a Galerkin method whose pressures know where
 the shape ends.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from t2twin.primitives_cad.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.sim.press.footprint import LEAST_COVER, STEEPEST, Footprint
-from t2twin.sim.press.grid import Window, repeated, sums
+from t2twin.sim.press.grid import Window
 from t2twin.sim.press.layer import Layer
 
 SQUARE_MEAN = 0.946
@@ -26,38 +26,38 @@ on the grid; the truth was the same layer on finer grids, extrapolated."""
 
 
 @dataclass(frozen=True)
-class PinGrid:
-    """Pins over a window of a layer's grid; pin arrays are (rows, columns).
+class Pins:
+    """n pins over a window of a layer's grid, block by block, row by row.
 
-    ground: the layer, on its fine grid. window: the fine cells that are looked at.
-    parts: fine cells a pin, one way.
-    gap_mm: how far the surface is from the shape at first touch, its mean over the covered part,
-        mm; inf where nothing stands.
-    share: covered part of the pin's cell, 0 to 1.
-    cover: (rows parts, columns parts) the same of each fine cell.
-    edge_mm_per_mpa: what a pin at an edge gives way more than one within the shape.
-    heights_mm: (rows parts, columns parts) the shape's heights.
+    layer: on its fine grid. window: the fine cells that are looked at.
+    rows, columns, sides: (n,) each pin's first fine cell in the window, and its cells a side.
+    gap_mm: (n,) how far the surface is from the shape at first touch, its mean over the covered
+        part, mm.
+    covered: (n,) fine cells of the pin that the shape covers, parts of cells counted as such.
+    edge_mm_per_mpa: (n,) what a pin at an edge gives way more than one within the shape.
+    cover: (rows, columns) the covered part of each fine cell of the window, 0 to 1.
     first_touch_mm: how far the shape's highest point lies below the apex at first touch.
     """
 
     layer: Layer
     window: Window
-    per_side: int
+    rows: np.ndarray
+    columns: np.ndarray
+    sides: np.ndarray
     gap_mm: np.ndarray
-    share: np.ndarray
-    cover: np.ndarray
+    covered: np.ndarray
     edge_mm_per_mpa: np.ndarray
-    heights_mm: np.ndarray
+    cover: np.ndarray
     first_touch_mm: float
 
     @property
     def weights(self) -> np.ndarray:
-        """Of the layer's answers in the window, (n, rows parts, columns parts)."""
+        """Of the layer's answers in the window, (n, rows, columns)."""
         return self.layer.weights[:, *self.window]
 
     @property
     def thickness_mm(self) -> np.ndarray:
-        """The layer's in the window, (rows parts, columns parts), mm."""
+        """The layer's in the window, (rows, columns), mm."""
         return self.layer.thickness_mm[self.window]
 
     @property
@@ -66,88 +66,191 @@ class PinGrid:
         return self.layer.elastomer.law != "linear"
 
     @property
-    def pitch_mm(self) -> float:
-        return self.layer.pitch_mm * self.per_side
+    def cell_mm2(self) -> float:
+        """Area of a fine cell, mm2."""
+        return self.layer.pitch_mm**2
 
-    def spread(self, pressure_mpa: np.ndarray) -> np.ndarray:
-        """Mean pressure of each fine cell from that on the covered part of each pin's cell."""
-        return repeated(pressure_mpa, self.per_side) * self.cover
+    @property
+    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """rows, columns, sides."""
+        return self.rows, self.columns, self.sides
+
+    def spread(self, pressure: np.ndarray) -> np.ndarray:
+        """(rows, columns) mean over each fine cell of what (n,) is on the covered part of each
+        pin's block."""
+        fine = np.zeros(self.cover.shape, np.float32)
+        spread(np.asarray(pressure, float), *self.places, self.cover, fine)
+        return fine.astype(float)
+
+    def gathered(self, fine: np.ndarray) -> np.ndarray:
+        """(n,) what of a sum over (rows, columns) comes to each pin, per covered fine cell."""
+        return self._sums(np.ascontiguousarray(fine, float)) / self.covered
 
     def mean_over_cover(self, fine: np.ndarray) -> np.ndarray:
-        """Mean over the covered part of each pin's cell, (rows, columns); 0 where there is none."""
-        whole = np.maximum(self.share * self.per_side**2, LEAST_COVER)
-        return sums(fine * self.cover, self.per_side) / whole
+        """(n,) mean of (rows, columns) over the covered part of each pin's block."""
+        return self._sums(fine * self.cover) / self.covered
+
+    def _sums(self, fine: np.ndarray) -> np.ndarray:
+        sums = np.empty(self.rows.size)
+        _sum_up(fine, *self.places, sums)
+        return sums
+
+    def beside(self, chosen: np.ndarray) -> np.ndarray:
+        """(n,) bool: the pins that are chosen or lie within one's own side of one that is."""
+        found = np.empty(chosen.size, bool)
+        _beside(*self.places, chosen, np.zeros(self.cover.shape, bool), found)
+        return found
+
+    def window_of(self, chosen: np.ndarray) -> Window:
+        """The fine cells of the window that hold some pins."""
+        rows, columns, sides = (of[chosen] for of in self.places)
+        return (
+            slice(int(rows.min()), int((rows + sides).max())),
+            slice(int(columns.min()), int((columns + sides).max())),
+        )
 
     def places_mm(self) -> tuple[np.ndarray, np.ndarray]:
-        """x and y of the pins, each (rows, columns), mm."""
-        rows, columns = self.window
-        x = self.layer.x_mm[columns].reshape(-1, self.per_side).mean(axis=1)
-        y = self.layer.y_mm[rows].reshape(-1, self.per_side).mean(axis=1)
-        along, down = np.meshgrid(x, y)
-        return along, down
+        """x and y of the pins' middles, each (n,), mm."""
+        layer, (down, along) = self.layer, self.window
+        middle = (self.sides - 1) / 2 * layer.pitch_mm
+        return (
+            layer.x_mm[along][self.columns] + middle,
+            layer.y_mm[down][self.rows] + middle,
+        )
 
 
 def pins_under(
-    layer: Layer, window: Window, per_side: int, seen: Footprint, first_touch_mm: float
-) -> PinGrid:
-    """The pins under a shape's footprint on the window's fine cells."""
-    # In a cell that a wall crosses, only its upper part is the pressing surface.
-    wall = STEEPEST * per_side * layer.pitch_mm
+    layer: Layer,
+    window: Window,
+    per_cell: int,
+    along: np.ndarray,
+    seen: Footprint,
+    first_touch_mm: float,
+) -> Pins:
+    """The pins under a shape's footprint on the window's fine cells.
+
+    per_cell: fine cells a side of the coarse ones that along (rows, columns) of the window counts;
+    along: how many pins stand along each, a divisor of per_cell; 0 for none.
+    """
+    rows, columns, sides = _blocks(np.ascontiguousarray(along), per_cell)
     cover = np.zeros(seen.shares.shape)
-    of_pins = tuple(side // per_side for side in seen.shares.shape)
-    gap, edge, share = np.empty(of_pins), np.empty(of_pins), np.empty(of_pins)
-    _cover(seen.heights_mm, seen.shares, wall, per_side, cover)
+    # In a block that a wall crosses, only its upper part is the pressing surface.
+    _cover(seen.heights_mm, seen.shares, STEEPEST * layer.pitch_mm, rows, columns, sides, cover)
+    gap, edge, covered = np.empty((3, rows.size))
     _gather(
         seen.heights_mm, cover, layer.rest_mm[window], _edge_compliance(layer, cover),
-        first_touch_mm, per_side, gap, edge, share,
+        first_touch_mm, rows, columns, sides, gap, edge, covered,
     )  # fmt: skip
-    return PinGrid(
-        layer, window, per_side, gap, share, cover, edge, seen.heights_mm, first_touch_mm
-    )
+    there = covered > 0
+    return Pins(
+        layer, window, rows[there], columns[there], sides[there],
+        gap[there], covered[there], edge[there], cover, first_touch_mm,
+    )  # fmt: skip
 
 
-@compiled("void(f8[:, ::1], f8[:, ::1], f8, i8, f8[:, ::1])", nogil=True)
-def _cover(heights, shares, wall, per_side, cover):
-    """The covered part of each fine cell, for pins that are covered enough; zero elsewhere."""
-    for row in range(0, heights.shape[0], per_side):
-        for column in range(0, heights.shape[1], per_side):
-            highest, covered = NOTHING_MM, 0.0
-            for i in range(row, row + per_side):
-                for j in range(column, column + per_side):
-                    highest = max(highest, heights[i, j])
-            lowest = max(highest - wall, NOTHING_MM / 2)
-            for i in range(row, row + per_side):
-                for j in range(column, column + per_side):
-                    if heights[i, j] >= lowest:
-                        covered += shares[i, j]
-            if covered < LEAST_COVER * per_side**2:
-                continue
-            for i in range(row, row + per_side):
-                for j in range(column, column + per_side):
-                    if heights[i, j] >= lowest:
-                        cover[i, j] = shares[i, j]
+@compiled("Tuple((i8[::1], i8[::1], i8[::1]))(i8[:, ::1], i8)", nogil=True)
+def _blocks(along, per_cell):
+    """First rows and columns of all blocks, and their sides, in fine cells."""
+    count = 0
+    for i in range(along.shape[0]):
+        for j in range(along.shape[1]):
+            count += along[i, j] ** 2
+    rows, columns = np.empty(count, np.int64), np.empty(count, np.int64)
+    sides = np.empty(count, np.int64)
+    n = 0
+    for i in range(along.shape[0]):
+        for j in range(along.shape[1]):
+            for a in range(along[i, j]):
+                for b in range(along[i, j]):
+                    side = per_cell // along[i, j]
+                    rows[n], columns[n] = i * per_cell + a * side, j * per_cell + b * side
+                    sides[n] = side
+                    n += 1
+    return rows, columns, sides
+
+
+@compiled("void(f8[::1], i8[::1], i8[::1], i8[::1], f8[:, ::1], f4[:, ::1])", nogil=True)
+def spread(pressure, rows, columns, sides, cover, fine):
+    """Each pin's pressure on the covered part of its cells, into fine, zero elsewhere."""
+    fine[:] = 0.0
+    for n in range(pressure.size):
+        for i in range(rows[n], rows[n] + sides[n]):
+            for j in range(columns[n], columns[n] + sides[n]):
+                fine[i, j] = pressure[n] * cover[i, j]
+
+
+@compiled("void(f8[:, ::1], i8[::1], i8[::1], i8[::1], f8[::1])", nogil=True)
+def _sum_up(fine, rows, columns, sides, sums):
+    for n in range(sums.size):
+        total = 0.0
+        for i in range(rows[n], rows[n] + sides[n]):
+            for j in range(columns[n], columns[n] + sides[n]):
+                total += fine[i, j]
+        sums[n] = total
+
+
+@compiled("void(i8[::1], i8[::1], i8[::1], b1[::1], b1[:, ::1], b1[::1])", nogil=True)
+def _beside(rows, columns, sides, chosen, near, found):
+    down, across = near.shape
+    for n in range(chosen.size):
+        if chosen[n]:
+            side = sides[n]
+            for i in range(max(rows[n] - side, 0), min(rows[n] + 2 * side, down)):
+                for j in range(max(columns[n] - side, 0), min(columns[n] + 2 * side, across)):
+                    near[i, j] = True
+    for n in range(chosen.size):
+        found[n] = False
+        for i in range(rows[n], rows[n] + sides[n]):
+            for j in range(columns[n], columns[n] + sides[n]):
+                found[n] |= near[i, j]
 
 
 @compiled(
-    "void(f8[:, ::1], f8[:, ::1], f8[:, :], f8[:, ::1], f8, i8, f8[:, ::1], f8[:, ::1],"
-    " f8[:, ::1])",
+    "void(f8[:, ::1], f8[:, ::1], f8, i8[::1], i8[::1], i8[::1], f8[:, ::1])",
     nogil=True,
 )
-def _gather(heights, cover, surface, edges, first_touch, per_side, gap, edge, share):
-    """Each pin's mean gap over the covered part of its cell, its edge's compliance, its share."""
-    for m in range(gap.shape[0]):
-        for n in range(gap.shape[1]):
-            covered, distance, giving = 0.0, 0.0, 0.0
-            for i in range(m * per_side, (m + 1) * per_side):
-                for j in range(n * per_side, (n + 1) * per_side):
-                    part = cover[i, j]
-                    if part > 0.0:
-                        covered += part
-                        distance += part * (-surface[i, j] - heights[i, j] - first_touch)
-                        giving += part**2 * edges[i, j]
-            gap[m, n] = distance / covered if covered > 0.0 else np.inf
-            edge[m, n] = giving / max(covered, LEAST_COVER)
-            share[m, n] = covered / per_side**2
+def _cover(heights, shares, wall, rows, columns, sides, cover):
+    """The covered part of each fine cell, for pins that are covered enough; zero elsewhere.
+
+    wall: height, mm, a fine cell's side from the highest place, beyond which it is not the pin's.
+    """
+    for n in range(rows.size):
+        side, highest, covered = sides[n], NOTHING_MM, 0.0
+        for i in range(rows[n], rows[n] + side):
+            for j in range(columns[n], columns[n] + side):
+                highest = max(highest, heights[i, j])
+        lowest = max(highest - wall * side, NOTHING_MM / 2)
+        for i in range(rows[n], rows[n] + side):
+            for j in range(columns[n], columns[n] + side):
+                if heights[i, j] >= lowest:
+                    covered += shares[i, j]
+        if covered < LEAST_COVER * side**2:
+            continue
+        for i in range(rows[n], rows[n] + side):
+            for j in range(columns[n], columns[n] + side):
+                if heights[i, j] >= lowest:
+                    cover[i, j] = shares[i, j]
+
+
+@compiled(
+    "void(f8[:, ::1], f8[:, ::1], f8[:, :], f8[:, ::1], f8, i8[::1], i8[::1], i8[::1],"
+    " f8[::1], f8[::1], f8[::1])",
+    nogil=True,
+)
+def _gather(heights, cover, surface, edges, first_touch, rows, columns, sides, gap, edge, covered):
+    """Each pin's mean gap over the covered part of its block, its edge's compliance, its cover."""
+    for n in range(rows.size):
+        total, distance, giving = 0.0, 0.0, 0.0
+        for i in range(rows[n], rows[n] + sides[n]):
+            for j in range(columns[n], columns[n] + sides[n]):
+                part = cover[i, j]
+                if part > 0.0:
+                    total += part
+                    distance += part * (-surface[i, j] - heights[i, j] - first_touch)
+                    giving += part**2 * edges[i, j]
+        gap[n] = distance / total if total > 0.0 else np.inf
+        edge[n] = giving / max(total, LEAST_COVER)
+        covered[n] = total
 
 
 def _edge_compliance(layer: Layer, cover: np.ndarray) -> np.ndarray:

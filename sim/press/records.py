@@ -35,7 +35,7 @@ class PinState:
 
     x_mm, y_mm, rest_mm: where the pins stand, and their tops untouched. deflection_mm: how far
     they are pressed. gap_mm: how far each was from the shape at first touch. spring_rest_mm,
-    stiffness_n_per_mm: their springs. pitch_mm: how far apart they stand.
+    stiffness_n_per_mm: their springs. side_mm: of the blocks of the pad that they stand for.
     """
 
     x_mm: np.ndarray
@@ -45,7 +45,7 @@ class PinState:
     deflection_mm: np.ndarray
     spring_rest_mm: np.ndarray
     stiffness_n_per_mm: np.ndarray
-    pitch_mm: float
+    side_mm: np.ndarray
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,7 @@ def scene(contact: Contact, mesh_file: str | None) -> str:
     <pair condim="1" solref="{0.001 * STEP_S:g} 1" solimp="0.9999 0.9999 0.001 0.5 2"/>
     <default class="pin"><joint type="slide" axis="0 0 1"/></default>
     <default class="ball"><geom type="sphere" size="{BALL_MM:g}" group="3"/></default>
-    <default class="dot"><geom type="sphere" size="{bed.pitch_mm / 2:g}" mass="0"/></default>
+    <default class="dot"><geom type="sphere" mass="0"/></default>
     <default class="solid">
       <geom type="mesh" mesh="solid" mass="0" group="1" rgba="0.4 0.45 0.5 0.35"/>
     </default>
@@ -110,7 +110,8 @@ def _pin_elements(bed: PinState) -> tuple[str, str, str]:
             f'springref="{-bed.spring_rest_mm[i]:.9g}"/>'
             f'<geom class="ball" name="tip{i}" pos="0 0 {-BALL_MM:g}" '
             f'mass="{PIN_MASS * stiffness[i] * STEP_S**2:.6g}"/>'
-            f'<geom class="dot" rgba="{red:.3f} {green:.3f} {blue:.3f} 1"/></body>'
+            f'<geom class="dot" size="{bed.side_mm[i] / 2:g}" '
+            f'rgba="{red:.3f} {green:.3f} {blue:.3f} 1"/></body>'
         )
         over.append(
             f'<geom class="ball" name="over{i}" '

@@ -14,21 +14,12 @@ import numpy as np
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.press.anderson import Anderson
 from t2twin.sim.press.bed import POOL_SIZES, borrowed_bed
-from t2twin.sim.press.grid import (
-    Window,
-    grown,
-    places,
-    repeated,
-    scaled,
-    span,
-    window_around,
-    within,
-)
+from t2twin.sim.press.grid import Window, repeated, span, within
 from t2twin.sim.press.law import neo_hookean_mm
 from t2twin.sim.press.layer import Layer
-from t2twin.sim.press.pins import PinGrid
+from t2twin.sim.press.pins import Pins, spread
 from t2twin.sim.press.records import PinState
-from t2twin.sim.press.step import carried, depth_carrying, means_over_cover, spread, springs
+from t2twin.sim.press.step import carried, depth_carrying, means_over_cover, springs
 
 SPRING_SHARE = 0.6
 """A pin's compliance over the layer's largest. 0.3 to 0.85 settle equally fast."""
@@ -46,18 +37,17 @@ for presses that do not settle with the first: where the layer is pressed almost
 so much softer than it go past their place and back."""
 
 MISSED_MM = 1e-3
-"""How far the shape may stand in a cell without a pin, mm: what a settled step still changes."""
+"""How far the shape may stand over a pin that is not in use, mm: what a settled step still
+changes."""
 
 GUESSES = 3
 """Rounds in which the springs and the contact they expect are made to fit each other."""
 
-MARGIN_PINS = 1
-"""Pins around the expected contact that are in use from the start."""
-
 
 @dataclass(frozen=True)
 class Start:
-    """Where a press begins. pressure_mpa: (rows, columns) of the pins, or of coarser ones."""
+    """Where a press begins. pressure_mpa: (rows, columns) of the window's fine cells, or of coarser
+    ones."""
 
     pressure_mpa: np.ndarray
     depth_mm: float
@@ -66,31 +56,30 @@ class Start:
 class Solution:
     """The state of one press while it settles.
 
-    pressure_mpa: (rows, columns) of the pins, on the covered part of each one's cell.
+    pressure_mpa: (n,) of the pins, on the covered part of each one's block. used: (n,) bool, the
+    pins that take part: those about the contact.
     judged: whether MuJoCo has the last word; a rough start does without.
     """
 
-    def __init__(self, pins: PinGrid, force_n: float, start: Start | None, judged: bool) -> None:
+    def __init__(self, pins: Pins, force_n: float, start: Start | None, judged: bool) -> None:
         self.pins = pins
         self.force_n = force_n
         self.compiling_s = 0.0
         self._judged = judged
         self._least_slope = LEAST_SLOPE
-        self._standing = standing = np.isfinite(pins.gap_mm)
         if start is not None:
-            finer = len(standing) // len(start.pressure_mpa)
-            self.pressure_mpa = np.where(standing, repeated(start.pressure_mpa, finer), 0.0)
+            per_side = len(pins.cover) // len(start.pressure_mpa)
+            self.pressure_mpa = pins.gathered(repeated(start.pressure_mpa, per_side))
             self.depth_mm = start.depth_mm
-            self.used = grown(self.pressure_mpa > 0, MARGIN_PINS) & standing
+            self.used = pins.beside(self.pressure_mpa > 0)
             if self.used.any():  # else all was carried where finer pins find nothing to stand on
                 self._soften()
                 return
-        self.pressure_mpa = np.zeros(pins.gap_mm.shape)
-        self.used = standing
+        self.used = np.ones(pins.gap_mm.size, bool)
         for _ in range(GUESSES):
             self._soften()
-            self.depth_mm = winkler_depth_mm(pins.gap_mm[standing], self.force)
-            self.used = grown(pins.gap_mm < self.depth_mm, MARGIN_PINS) & standing
+            self.depth_mm = depth_carrying(self.force, pins.gap_mm, pins.covered)
+            self.used = pins.beside(pins.gap_mm < self.depth_mm)
         # What the springs carry by themselves.
         pressed = np.maximum(self.depth_mm - pins.gap_mm, 0.0)
         self.pressure_mpa = np.where(self.used, pressed, 0.0) / self.compliance
@@ -98,17 +87,16 @@ class Solution:
 
     def _soften(self) -> None:
         """Choose the springs' compliance D, mm/MPa, for the pins in use."""
-        pressed = scaled(window_around(self.used), self.pins.per_side)
-        self.compliance = spring_compliance(self.pins.layer, pressed)
+        self.compliance = spring_compliance(self.pins.layer, self.pins.window_of(self.used))
 
     @property
     def force(self) -> float:
-        """The commanded force in pin springs x mm."""
-        return self.force_n * self.compliance / self.pins.pitch_mm**2
+        """The commanded force in springs of a fine cell x mm."""
+        return self.force_n * self.compliance / self.pins.cell_mm2
 
     def as_start(self) -> Start:
-        """What a press on the same pins, or on finer ones, may begin with."""
-        return Start(self.pressure_mpa, self.depth_mm)
+        """What a press on other pins may begin with."""
+        return Start(self.fine_pressure_mpa(), self.depth_mm)
 
     def fine_pressure_mpa(self) -> np.ndarray:
         """Mean pressure of each fine cell of the window."""
@@ -136,7 +124,7 @@ class Solution:
                 return settled
             if steps_left <= 0:
                 return False
-            self.used |= grown(missed, MARGIN_PINS) & self._standing
+            self.used |= self.pins.beside(missed)
             self.pressure_mpa[~self.used] = 0.0
             self._soften()
 
@@ -146,8 +134,8 @@ class Solution:
         step: how much of each step is taken; whole ones are accelerated.
         """
         pins, used = self.pins, self.used
-        rows, columns = places(used)
-        gap, area, edge = pins.gap_mm[used], pins.share[used], pins.edge_mm_per_mpa[used]
+        places = tuple(of[used] for of in pins.places)
+        gap, area, edge = pins.gap_mm[used], pins.covered[used], pins.edge_mm_per_mpa[used]
         surface, slope, local, rest = np.empty((4, gap.size))
         fine = np.empty(span(pins.window), np.float32)
         acceleration = Anderson(gap.size)
@@ -155,9 +143,9 @@ class Solution:
         steps = 0
         while True:
             steps += 1
-            spread(ahead, rows, columns, pins.per_side, pins.cover, fine)
+            spread(ahead, *places, pins.cover, fine)
             self._answers = pins.layer.answers(fine)
-            self._feel(rows, columns, area, surface, slope)
+            self._feel(places, area, surface, slope)
             self.depth_mm = springs(
                 self.force, self.compliance, self._least_slope,
                 gap, edge, area, surface, slope, ahead, local, rest,
@@ -180,9 +168,8 @@ class Solution:
 
     def _feel(
         self,
-        rows: np.ndarray,
-        columns: np.ndarray,
-        area: np.ndarray,
+        places: tuple[np.ndarray, ...],
+        covered: np.ndarray,
         surface: np.ndarray,
         slope: np.ndarray,
     ) -> None:
@@ -190,7 +177,7 @@ class Solution:
         pins = self.pins
         means_over_cover(
             self._answers, pins.weights, pins.thickness_mm, pins.stiffens,
-            rows, columns, pins.per_side, pins.cover, area, surface, slope,
+            *places, pins.cover, covered, surface, slope,
         )  # fmt: skip
 
     def _judge(self, gap: np.ndarray, rest: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
@@ -207,12 +194,11 @@ class Solution:
         return deflection
 
     def _missed(self) -> np.ndarray:
-        """Where the shape stands in the surface and no pin is in use, (rows, columns)."""
-        missed = self._standing & ~self.used
-        rows, columns = places(missed)
-        surface, slope = np.empty((2, rows.size))
-        self._feel(rows, columns, self.pins.share[missed], surface, slope)
-        missed[missed] = self.depth_mm - self.pins.gap_mm[missed] > surface + MISSED_MM
+        """Over which pins that are not in use the shape stands in the surface, (n,) bool."""
+        pins, missed = self.pins, ~self.used
+        surface, slope = np.empty((2, int(missed.sum())))
+        self._feel(tuple(of[missed] for of in pins.places), pins.covered[missed], surface, slope)
+        missed[missed] = self.depth_mm - pins.gap_mm[missed] > surface + MISSED_MM
         return missed
 
     def pin_state(self) -> PinState:
@@ -220,7 +206,7 @@ class Solution:
         pins, used = self.pins, self.used
         x, y = pins.places_mm()
         height = pins.mean_over_cover(pins.layer.rest_mm[pins.window])
-        stiffness = pins.share[used] * pins.pitch_mm**2 / self._local
+        stiffness = pins.covered[used] * pins.cell_mm2 / self._local
         return PinState(
             x[used],
             y[used],
@@ -229,7 +215,7 @@ class Solution:
             self._deflection,
             self._rest,
             stiffness,
-            pins.pitch_mm,
+            pins.sides[used] * pins.layer.pitch_mm,
         )
 
     def fine_surface_mm(self, window: Window) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The loops of a press's step, compiled.
 
-Pins are listed by their rows and columns in the window (n,); the layer's cells are per_side x
-per_side a pin. All are of one thread and one order of sums, so that no bit depends on the machine's
+Pins are listed by their first rows and columns in the window and their sides, all (n,) in cells of
+the layer. All are of one thread and one order of sums, so that no bit depends on the machine's
 load.
 """
 
@@ -15,30 +15,20 @@ MOST_NEWTON_STEPS = 200
 leaves out pins that the next one does not take up again."""
 
 
-@compiled("void(f8[::1], i8[::1], i8[::1], i8, f8[:, ::1], f4[:, ::1])", nogil=True)
-def spread(pressure, rows, columns, per_side, cover, fine):
-    """Each pin's pressure on the covered part of its cells, into fine, zero elsewhere."""
-    fine[:] = 0.0
-    for n in range(pressure.size):
-        for i in range(rows[n] * per_side, (rows[n] + 1) * per_side):
-            for j in range(columns[n] * per_side, (columns[n] + 1) * per_side):
-                fine[i, j] = pressure[n] * cover[i, j]
-
-
 @compiled(
-    "void(f4[:, :, :], f4[:, :, :], f8[:, :], b1, i8[::1], i8[::1], i8, f8[:, ::1], f8[::1],"
+    "void(f4[:, :, :], f4[:, :, :], f8[:, :], b1, i8[::1], i8[::1], i8[::1], f8[:, ::1], f8[::1],"
     " f8[::1], f8[::1])",
     nogil=True,
 )
 def means_over_cover(
-    answers, weights, thickness, stiffens, rows, columns, per_side, cover, share, deflection, slope
+    answers, weights, thickness, stiffens, rows, columns, sides, cover, covered, deflection, slope
 ):
     """Mean deflection by the elastomer's law, and its slope, over the covered part of each pin's
-    cell, from the layer's answers; 0 where nothing is covered."""
+    block, from the layer's answers."""
     for n in range(rows.size):
         total, total_slope = 0.0, 0.0
-        for i in range(rows[n] * per_side, (rows[n] + 1) * per_side):
-            for j in range(columns[n] * per_side, (columns[n] + 1) * per_side):
+        for i in range(rows[n], rows[n] + sides[n]):
+            for j in range(columns[n], columns[n] + sides[n]):
                 if cover[i, j] == 0.0:
                     continue
                 linear = answers[0, i, j] * weights[0, i, j]
@@ -50,9 +40,8 @@ def means_over_cover(
                     sunk, steep = np.float64(linear), 1.0
                 total += sunk * cover[i, j]
                 total_slope += steep * cover[i, j]
-        covered = share[n] * per_side**2
-        deflection[n] = total / covered if covered > 0.0 else 0.0
-        slope[n] = total_slope / covered if covered > 0.0 else 0.0
+        deflection[n] = total / covered[n]
+        slope[n] = total_slope / covered[n]
 
 
 @compiled("f8(f8, f8[::1], f8[::1])", nogil=True)
