@@ -256,16 +256,17 @@ def test_a_face_that_comes_down_behind_a_rim_is_pressed_whole():
     contact = solve_contact(RandomShape(1047), command, CYSKIN_COVER, CYSKIN_PITCH_MM)
     assert contact.settled
     assert contact.force_n == pytest.approx(command.force_n, rel=0.005)
-    assert contact.contact_area_mm2 > 50.0
+    assert contact.contact_area_mm2 > 40.0
 
 
-def test_a_splinter_at_the_pad_s_rim_that_fine_pins_do_not_see_is_pressed():
-    """Coarse pins carry all by one of them, where finer ones have nothing to stand on."""
+def test_a_splinter_that_carries_all_is_pressed():
+    """Only the smallest pins see it well."""
     name, force = "random-1000002550", 0.45414935730194644
     command = PressCommand(name, -1.352646466373205, 1.0478581369031699, 5.112454390867839, force)
     contact = solve_contact(RandomShape(1000002550), command, CYSKIN_COVER, CYSKIN_PITCH_MM)
-    assert contact.settled and contact.bottomed
+    assert contact.settled
     assert contact.force_n == pytest.approx(force, rel=0.005)
+    assert contact.contact_area_mm2 < 0.1
 
 
 def test_the_spline_between_grid_points_is_scipy_s():
