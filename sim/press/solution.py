@@ -153,7 +153,7 @@ class Solution:
             deflection, pressure = self.depth_mm - gap, np.empty(gap.size)
             change = carried(deflection, rest, local, area, ahead, pressure)
             last = change < tolerance or steps == most_steps
-            if last and self._judged:
+            if last and self._judged and not self._missed().any():  # else it goes on with more pins
                 deflection = self._judge(gap, rest, area * self.compliance / local)
                 change = carried(deflection, rest, local, area, ahead, pressure)
             if change < tolerance or steps == most_steps:
