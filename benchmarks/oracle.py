@@ -112,7 +112,7 @@ def solve(
     pitch_mm: float,
     answer_of_cell: np.ndarray,
     tolerance: float = 1e-5,
-    most: int = 500,
+    most: int = 6000,
 ) -> Answer:
     """Contact of a rigid shape, given by its gaps (rows, columns), under a force.
 

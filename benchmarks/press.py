@@ -7,11 +7,13 @@ it lines up with no grid: depth, surface, pressure and taxel pads' mean pressure
 `benchmarks.oracle`, and the force carried. The oracle has cells where the engine has its pad and
 none beyond (`benchmarks.flat_pad`), so that shapes longer than the pad are cut in both at the same
 place. Its depth is extrapolated from two grids, for a punch's edge is of first order; its fields
-are the finer grid's. Then what needs no oracle: the grid halved, the twelve orientations, on a
-layer so wide that no shape is cut, Hertz, exponents of depth with force, and the time.
+are the finer grid's. The same with random shapes, the first of all seeds. Then what needs no
+oracle: the grid halved, the twelve orientations, on a layer so wide that no shape is cut, Hertz,
+exponents of depth with force, and the time.
 """
 
 from argparse import Namespace
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 from unittest.mock import patch
@@ -25,6 +27,8 @@ from benchmarks.evidence.run import main
 from benchmarks.flat_pad import FlatPad
 from benchmarks.solids import ball, punch
 from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa
@@ -61,6 +65,9 @@ HALVED = {
 }
 """The engine's choices that halve its pins and its layer's grid, with half the contact's grid."""
 
+RANDOM_SHAPES = 20
+"""Seeds from 0 on."""
+
 ROUNDS = 3
 """Rounds of the small protocol, of which each press's best time counts."""
 
@@ -92,9 +99,16 @@ SENSORS = {
     ),
 }
 
-ERRORS = (
-    "depth_error", "surface_error", "pressure_error", "pad_error", "force_error", "halved_grid",
-)  # fmt: skip
+LIMITS = {
+    "depth_error": 0.03,
+    "surface_error": 0.05,
+    "pressure_error": 0.05,
+    "pad_error": 0.02,
+    "force_error": 0.001,
+}
+"""What a press may be off by."""
+
+ERRORS = (*LIMITS, "halved_grid")
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -112,16 +126,41 @@ def of_sensor(name: str, sensor: Sensor, every: int) -> dict[str, Any]:
     shapes = {}
     for primitive in tqdm(catalogue.PRIMITIVES[::every], desc=name, unit="shape"):
         shape = catalogue.load(primitive)
-        shapes[primitive] = {
-            "forces": [compare(shape, sensor, pads, force) for force in FORCES_N],
-            "orientations": orientations(shape, sensor),
-        }
+        rows = [
+            compare(shape, sensor, pads, force) | halved(shape, sensor, force) for force in FORCES_N
+        ]
+        shapes[primitive] = {"forces": rows, "orientations": orientations(shape, sensor)}
     rows = [row for shape in shapes.values() for row in shape["forces"]]
     turned = {"orientations": max(shape["orientations"] for shape in shapes.values())}
     return {
         "worst": _worst(rows) | turned,
         "worst_at_8_n": _worst([row for row in rows if row["force_n"] == protocol.FORCE_N]),
         "protocol": protocol_times(sensor),
+        "shapes": shapes,
+        "random": of_random_shapes(name, sensor, pads, every),
+    }
+
+
+def of_random_shapes(name: str, sensor: Sensor, pads: list[FlatPad], every: int) -> dict[str, Any]:
+    """The same errors of random shapes, and how many presses are within LIMITS. A force that pushes
+    a shape through the linear layer is left out."""
+    shapes: dict[str, list[dict[str, float]]] = {}
+    for seed in tqdm(range(0, RANDOM_SHAPES, every), desc=f"{name}, random", unit="shape"):
+        shape = RandomShape(seed)
+        shapes[shape.name] = []
+        for force in FORCES_N:
+            with suppress(T2TwinError):
+                shapes[shape.name].append(compare(shape, sensor, pads, force))
+    rows = [row for of_shape in shapes.values() for row in of_shape]
+    within = [
+        all(abs(row[key]) <= most for key, most in LIMITS.items() if key in row) for row in rows
+    ]
+    return {
+        "presses": len(rows),
+        "pushed_through": len(shapes) * len(FORCES_N) - len(rows),
+        "worst": _worst(rows),
+        "median": {key: float(np.median([abs(row[key]) for row in rows])) for key in _worst(rows)},
+        "within_limits_percent": 100.0 * float(np.mean(within)),
         "shapes": shapes,
     }
 
@@ -135,8 +174,6 @@ def compare(shape: Shape, sensor: Sensor, pads: list[FlatPad], force_n: float) -
     """Figures of one press on one flat layer. pads: the oracle's coarse and fine one."""
     command = PressCommand(shape.name, 0.0, 0.0, YAW_RAD, force_n)
     contact = solve_contact(shape, command, sensor.flat, sensor.pitch_mm)
-    with patch.multiple(engine, **HALVED):
-        halved = solve_contact(shape, command, sensor.flat, sensor.pitch_mm / 2)
     coarse, fine = (pad.press(shape, command) for pad in pads)
     depth_mm = 2 * fine.depth_mm - coarse.depth_mm
     row = {
@@ -147,7 +184,6 @@ def compare(shape: Shape, sensor: Sensor, pads: list[FlatPad], force_n: float) -
         "surface_error": _surface_error(contact, pads[-1], fine.deflection_mm),
         "pressure_error": _pressure_error(contact, pads[-1], fine.pressure_mpa),
         "force_error": contact.force_n / force_n - 1,
-        "halved_grid": halved.depth_mm / contact.depth_mm - 1,
     }
     if sensor.own is CYSKIN_COVER:
         layout = load_layout(DEFAULT_LAYOUT)
@@ -155,6 +191,15 @@ def compare(shape: Shape, sensor: Sensor, pads: list[FlatPad], force_n: float) -
         off = np.abs(pad_pressure_mpa(contact, layout) - expected).max()
         row["pad_error"] = float(off / expected.max())
     return row
+
+
+def halved(shape: Shape, sensor: Sensor, force_n: float) -> dict[str, float]:
+    """How a depth changes when all grids are halved."""
+    command = PressCommand(shape.name, 0.0, 0.0, YAW_RAD, force_n)
+    contact = solve_contact(shape, command, sensor.flat, sensor.pitch_mm)
+    with patch.multiple(engine, **HALVED):
+        finer = solve_contact(shape, command, sensor.flat, sensor.pitch_mm / 2)
+    return {"halved_grid": finer.depth_mm / contact.depth_mm - 1}
 
 
 def _surface_error(contact: Contact, pad: FlatPad, deflection_mm: np.ndarray) -> float:

@@ -18,6 +18,7 @@ def test_it_is_normal(drawn):
     several = [white(np.random.default_rng(seed), SHAPE) for seed in range(8)]
     assert np.mean(several) == pytest.approx(0.0, abs=0.003)
     assert np.std(several) == pytest.approx(1.0, abs=0.003)
+    assert white(np.random.default_rng(0), (3, 5)).shape == (3, 5)
     shares = stats.norm.cdf(drawn)
     assert stats.kstest(shares.ravel(), "uniform").pvalue > 0.001
     assert np.abs(quantiles()).max() > 3.5

@@ -347,19 +347,23 @@ def _percent(row: dict[str, Any]) -> str:
 
 
 def fidelity() -> str:
-    """What the press is off by, at all forces and, in brackets, at the protocol's."""
+    """What the press is off by: the primitives' worst and, in brackets, the random shapes' median
+    and worst."""
     sensors = _content("press")["sensors"]
     lines = [["", "DIGIT's gel", "CySkin's cover"]]
     for key, (name, form) in ERRORS.items():
         cells = [name]
         for sensor in ("digit", "cyskin"):
-            worst, at_8_n = (sensors[sensor][part] for part in ("worst", "worst_at_8_n"))
+            worst, of_random = sensors[sensor]["worst"], sensors[sensor]["random"]
             if key not in worst:
                 cells.append("")
-            elif key not in at_8_n:
+            elif key not in of_random["worst"]:
                 cells.append(formatted(worst[key], form))
             else:
-                cells.append(f"{formatted(worst[key], form)} ({formatted(at_8_n[key], form)})")
+                middle, most = (
+                    formatted(of_random[part][key], form) for part in ("median", "worst")
+                )
+                cells.append(f"{formatted(worst[key], form)} ({middle}, {most})")
         lines.append(cells)
     return _markdown(lines)
 

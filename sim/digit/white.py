@@ -6,6 +6,7 @@ easy as 1, 2, 3, SC 2011), so that a loop needs no state and no array of draws. 
 finaliser of MurmurHash3 (Appleby, 2011), its second key added between its two rounds.
 """
 
+import math
 from functools import cache
 
 import numpy as np
@@ -42,9 +43,10 @@ def quantiles() -> np.ndarray:
 
 def white(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
     """Independent standard normals of a shape, float32."""
-    out = np.empty(shape, dtype=np.float32)
-    _fill(*keys(rng), quantiles(), out.reshape(1, -1))
-    return out
+    count = math.prod(shape)
+    out = np.empty(count + count % 2, dtype=np.float32)
+    _fill(*keys(rng), quantiles(), out)
+    return out[:count].reshape(shape)
 
 
 @inlined
@@ -66,8 +68,7 @@ def choose(first, key, other_key, chosen):
 
 @jit
 def _fill(key, other_key, quantiles, out):
-    chosen = np.empty(out.shape[1], dtype=np.uint32)
-    for row in range(out.shape[0]):
-        choose(row * out.shape[1], key, other_key, chosen)
-        for n in range(chosen.size):
-            out[row, n] = quantiles[chosen[n]]
+    chosen = np.empty(out.size, dtype=np.uint32)
+    choose(0, key, other_key, chosen)
+    for n in range(chosen.size):
+        out[n] = quantiles[chosen[n]]

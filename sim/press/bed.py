@@ -16,12 +16,17 @@ static equilibrium of springs and contact.
 # MuJoCo's Python module fills its names in at import, where pyright cannot see them.
 # pyright: reportAttributeAccessIssue=false
 
+import hashlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from threading import Lock
 
 import mujoco
 import numpy as np
+
+from t2twin.primitives_cad.cache_home import cache_home
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.writing import whole_file
 
 BALL_MM = 1.0
 """Radius of pins' and shape's balls, mm; more than any step's penetration. Balls of neighbours
@@ -40,6 +45,12 @@ stands on more than a few pins, and its contact stays stiff."""
 
 POOL_SIZES = (128, 192, 256, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 6144, 8192)
 """Numbers of pins for which a model is compiled; a press takes the smallest that fits."""
+
+FEWEST_KEPT = 1024
+"""Pins from which on a compiled model is kept."""
+
+DIGITS = 16
+"""Hexadecimal digits of a kept model's name, 64 bits: no two will share one."""
 
 PARKED_MM = 1.0e4
 """Height at which the shape's ball over an unused pin is kept, mm."""
@@ -75,12 +86,33 @@ def mjcf(pins: int) -> str:
 </mujoco>"""
 
 
+def _model(pins: int) -> mujoco.MjModel:
+    """The compiled bed. Large ones are kept in the cache home, as MuJoCo takes four seconds to read
+    one of 8,192 pins, and a twentieth of one to load it."""
+    home = cache_home() if pins >= FEWEST_KEPT else None
+    if home is None:
+        return mujoco.MjModel.from_xml_string(mjcf(pins))
+    text = mjcf(pins)
+    digest = hashlib.sha256(f"{mujoco.__version__} {text}".encode()).hexdigest()[:DIGITS]
+    path = home / "beds" / f"{pins}-{digest}.mjb"
+    if path.is_file():
+        with suppress(ValueError):  # a file that is not whole is made anew
+            return mujoco.MjModel.from_binary_path(str(path))
+    model = mujoco.MjModel.from_xml_string(text)
+    with suppress(T2TwinError):  # where there is no room for it, it is compiled the next time too
+        with whole_file(path) as temporary:
+            mujoco.mj_saveModel(model, str(temporary))
+        for older in set(path.parent.glob(f"{pins}-*.mjb")) - {path}:
+            older.unlink(missing_ok=True)
+    return model
+
+
 class Bed:
     """A compiled bed of a fixed number of pins, laid out anew for each press."""
 
     def __init__(self, pins: int) -> None:
         self.pins = pins
-        self.model = mujoco.MjModel.from_xml_string(mjcf(pins))
+        self.model = _model(pins)
         self.data = mujoco.MjData(self.model)
         self._gap_mm = np.zeros(0)
 

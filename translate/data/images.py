@@ -7,6 +7,7 @@ import torch
 from PIL import Image
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.digit.white import white
 from t2twin.sim.pictures import check_picture, open_picture
 
 RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
@@ -66,7 +67,7 @@ def augment(
     jittered = (pixels - 0.5) * gain + (0.5 + offset)
     if noise > 0:
         picture = jittered[..., : len(RGB_MEAN)]
-        picture += noise * rng.standard_normal(picture.shape, dtype=np.float32)
+        picture += np.float32(noise) * white(rng, picture.shape)
     return jittered.clip(0.0, 1.0)
 
 
