@@ -13,6 +13,7 @@ exponents of depth with force, and the time.
 """
 
 from argparse import Namespace
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -112,13 +113,18 @@ ERRORS = (*LIMITS, "halved_grid")
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    sensors = {name: of_sensor(name, sensor, options.shapes) for name, sensor in SENSORS.items()}
+    with ProcessPoolExecutor(len(SENSORS)) as pool:
+        every = [options.shapes] * len(SENSORS)
+        found = pool.map(of_sensor, SENSORS, SENSORS.values(), every)
+        sensors = dict(zip(SENSORS, found, strict=True))
+    for name, sensor in SENSORS.items():  # times, with nothing beside
+        sensors[name]["protocol"] = protocol_times(sensor)
     return {"sensors": sensors, **hertz(), "exponents": exponents()}
 
 
 def of_sensor(name: str, sensor: Sensor, every: int) -> dict[str, Any]:
-    """Figures of the primitives on one sensor's elastomer, the worst of each, and the time of a
-    press. every: N, where every Nth primitive is taken."""
+    """Figures of the primitives on one sensor's elastomer, and the worst of each. every: N, where
+    every Nth primitive is taken."""
     pads = [
         FlatPad(sensor.flat, sensor.flat.width_mm, sensor.flat.length_mm, pitch)
         for pitch in ORACLE_PITCHES_MM
@@ -135,7 +141,6 @@ def of_sensor(name: str, sensor: Sensor, every: int) -> dict[str, Any]:
     return {
         "worst": _worst(rows) | turned,
         "worst_at_8_n": _worst([row for row in rows if row["force_n"] == protocol.FORCE_N]),
-        "protocol": protocol_times(sensor),
         "shapes": shapes,
         "random": of_random_shapes(name, sensor, pads, every),
     }
@@ -185,7 +190,7 @@ def compare(shape: Shape, sensor: Sensor, pads: list[FlatPad], force_n: float) -
         "pressure_error": _pressure_error(contact, pads[-1], fine.pressure_mpa),
         "force_error": contact.force_n / force_n - 1,
     }
-    if sensor.own is CYSKIN_COVER:
+    if sensor.own == CYSKIN_COVER:
         layout = load_layout(DEFAULT_LAYOUT)
         expected = pads[-1].pad_pressure_mpa(fine.pressure_mpa, layout)
         off = np.abs(pad_pressure_mpa(contact, layout) - expected).max()

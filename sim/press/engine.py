@@ -120,18 +120,17 @@ def solve_contact(
         shape_depth_mm=solution.depth_mm + pins.first_touch_mm,
         force_n=float(pressure.sum() * pitch_mm**2),
         settled=equilibrium.settled,
-        bottomed=base is not None and _touches(equilibrium, base + BASE_TOLERANCE_MM),
+        bottomed=base is not None and _touches(solution, base + BASE_TOLERANCE_MM),
         pins=solution.pin_state(),
         milliseconds=1e3 * (time.perf_counter() - started - survey.preparing_s),
         find_surface=lambda: _read_only(_fine_surface(survey, equilibrium).astype(np.float32)),
     )
 
 
-def _touches(equilibrium: "_Equilibrium", height_mm: float) -> bool:
+def _touches(solution: Solution, height_mm: float) -> bool:
     """Whether something of the shape that is no higher carries pressure."""
-    solution = equilibrium.solution
     carrying = solution.pins.spread((solution.pressure_mpa > 0).astype(float)) > 0
-    return bool((equilibrium.heights_mm[carrying] <= height_mm).any())
+    return bool((solution.pins.heights_mm[carrying] <= height_mm).any())
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
@@ -144,13 +143,12 @@ def _read_only(values: np.ndarray) -> np.ndarray:
 class _Equilibrium:
     """Where the pins of the last stage have settled.
 
-    window: the survey's cells that hold the pins. heights_mm: the shape's, over the pins' cells.
-    pressure_mpa, surface_mm: (ny, nx) on the contact's grid; the surface is the coarse one.
+    window: the survey's cells that hold the pins. pressure_mpa, surface_mm: (ny, nx) on the
+    contact's grid; the surface is the coarse one.
     """
 
     solution: Solution
     window: Window
-    heights_mm: np.ndarray
     pressure_mpa: np.ndarray
     surface_mm: np.ndarray
     settled: bool
@@ -184,7 +182,7 @@ def _equilibrium(survey: "_Survey") -> _Equilibrium:
         allowed_mm = min(MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE * solution.depth_mm)
         missed = standing_mm > means(surface, survey.per_side) + allowed_mm
         missed[looked_at] = False
-        found = _Equilibrium(solution, window, stages.seen.heights_mm, pressure, surface, settled)
+        found = _Equilibrium(solution, window, pressure, surface, settled)
         if not missed.any():
             return found
         expected, earlier = looked_at | missed, found
@@ -288,8 +286,7 @@ def _finer(cells_in_contact: float) -> int:
 class _Stages:
     """The pins of each stage of a press, under the cells of the survey that are looked at.
 
-    window: what holds those. seen: what of the shape stands over the finest cells. cells: how many
-    of the survey's the contact is expected to cover.
+    window: what holds those. cells: how many of the survey's the contact is expected to cover.
     """
 
     def __init__(
@@ -301,14 +298,14 @@ class _Stages:
         self._finest = self._per_side(FINER[-1], STAGES[-1][0])
         fine = survey.divided(self._finest)
         rows, columns = scaled(window, survey.per_side * self._finest)
-        self.seen = footprint(
+        self._seen = footprint(
             survey.shape.surface,
             survey.command,
             fine.x_mm[columns],
             fine.y_mm[rows],
             self._looked_at,
         )
-        self._first_touch_mm = float((-fine.rest_mm[rows, columns] - self.seen.peaks_mm).min())
+        self._first_touch_mm = float((-fine.rest_mm[rows, columns] - self._seen.peaks_mm).min())
 
     def _per_side(self, pins: int, layer_mm: float) -> int:
         """Fine cells along one of the contact's: no fewer than pins along one of the survey's."""
@@ -320,7 +317,7 @@ class _Stages:
 
         depth_mm: how deep the shape is expected to go.
         """
-        cells = self.seen.coarsened(self._survey.per_side * self._finest)
+        cells = self._seen.coarsened(self._survey.per_side * self._finest)
         there = self._looked_at & (cells.shares > 0)
         uneven = cells.peaks_mm - cells.heights_mm > UNEVEN * depth_mm
         wanted = np.where(self._at_edges(cells.shares), AT_EDGES * self._even, self._even)
@@ -356,6 +353,6 @@ class _Stages:
             scaled(self._window, survey.per_side * per_side),
             survey.per_side * per_side,
             along,
-            self.seen.coarsened(self._finest // per_side),
+            self._seen.coarsened(self._finest // per_side),
             self._first_touch_mm,
         ), tolerance

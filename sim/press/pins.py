@@ -36,6 +36,7 @@ class Pins:
     covered: (n,) fine cells of the pin that the shape covers, parts of cells counted as such.
     edge_mm_per_mpa: (n,) what a pin at an edge gives way more than one within the shape.
     cover: (rows, columns) the covered part of each fine cell of the window, 0 to 1.
+    heights_mm: (rows, columns) the shape's over them.
     first_touch_mm: how far the shape's highest point lies below the apex at first touch.
     """
 
@@ -48,6 +49,7 @@ class Pins:
     covered: np.ndarray
     edge_mm_per_mpa: np.ndarray
     cover: np.ndarray
+    heights_mm: np.ndarray
     first_touch_mm: float
 
     @property
@@ -144,7 +146,7 @@ def pins_under(
     there = covered > 0
     return Pins(
         layer, window, rows[there], columns[there], sides[there],
-        gap[there], covered[there], edge[there], cover, first_touch_mm,
+        gap[there], covered[there], edge[there], cover, seen.heights_mm, first_touch_mm,
     )  # fmt: skip
 
 
