@@ -14,7 +14,7 @@ COSINE_TERMS = 4
 """Powers of the cosine of incidence beside the first: m^0 to m^3."""
 GAIN_STRIDE = 2
 """Rows of S from one to the next of which gains are kept, and taken as linear between: all of them
-would not stay in a processor's nearer memory. That changes no grey level by more than 0.1."""
+would not stay in a processor's nearer memory. It changes one grey level in a thousand, by one."""
 NEAR_ENOUGH_MM = np.float32(2e-3)
 """A ray whose height changed by less in a step, mm, has met the gel: 0.02 pixels."""
 
