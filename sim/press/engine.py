@@ -232,7 +232,7 @@ def _check_carried(survey: "_Survey", pressure_mpa: np.ndarray, surface_mm: np.n
 class _Survey:
     """The whole pad and the shape over it, on cells of at most SURVEY_MM.
 
-    parts: cells of the contact's grid along one of the survey's.
+    per_side: cells of the contact's grid along one of the survey's. seen: the shape over them.
     gap_mm: (rows, columns) how far the surface is from the shape at first touch, mm, >= 0.
     peak_gap_mm: the same of the shape's highest point over each cell, instead of its mean height.
     preparing_s: time spent on what is kept for the next press.
@@ -244,7 +244,8 @@ class _Survey:
         x = layer.x_mm.reshape(-1, self.per_side).mean(axis=1)
         y = layer.y_mm.reshape(-1, self.per_side).mean(axis=1)
         self.seen = footprint(shape.surface, command, x, y)
-        distance = -means(layer.rest_mm, self.per_side) - self.seen.heights_mm
+        surface = -means(layer.rest_mm, self.per_side)
+        distance = surface - self.seen.heights_mm
         nearest = float(distance.min())
         if nearest > -NOTHING_MM / 2:
             raise BesidePadError(
@@ -253,7 +254,7 @@ class _Survey:
                 f"in x and {layer.elastomer.length_mm / 2:g} mm in y from its middle"
             )
         self.gap_mm = distance - nearest
-        above = -means(layer.rest_mm, self.per_side) - self.seen.peaks_mm
+        above = surface - self.seen.peaks_mm
         self.peak_gap_mm = above - above.min()
         self.preparing_s = 0.0
 

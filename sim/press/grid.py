@@ -20,10 +20,11 @@ def window_around(mask: np.ndarray) -> Window:
     """The window that holds the mask, (rows, columns) bool, within its grid."""
     first_row, last_row, first_column, last_column = _bounds(np.ascontiguousarray(mask))
     rows, columns = mask.shape
-    return _side(first_row, last_row, rows), _side(first_column, last_column, columns)
+    return side_around(first_row, last_row, rows), side_around(first_column, last_column, columns)
 
 
-def _side(first: int, last: int, length: int) -> slice:
+def side_around(first: int, last: int, length: int) -> slice:
+    """A window's side that holds two cells of an axis, its size rounded up to WINDOW_STEP."""
     size = min(-(-(last + 1 - first) // WINDOW_STEP) * WINDOW_STEP, length)
     start = min(first, length - size)
     return slice(start, start + size)

@@ -13,7 +13,7 @@ import numpy as np
 from t2twin.primitives_cad.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM
 from t2twin.sim.press.footprint import LEAST_COVER, STEEPEST, Footprint
-from t2twin.sim.press.grid import Window
+from t2twin.sim.press.grid import Window, side_around
 from t2twin.sim.press.layer import Layer
 
 SQUARE_MEAN = 0.946
@@ -104,11 +104,12 @@ class Pins:
         return found
 
     def window_of(self, chosen: np.ndarray) -> Window:
-        """The fine cells of the window that hold some pins."""
+        """The fine cells of the window that hold some pins, of one of few sizes."""
         rows, columns, sides = (of[chosen] for of in self.places)
+        down, across = self.cover.shape
         return (
-            slice(int(rows.min()), int((rows + sides).max())),
-            slice(int(columns.min()), int((columns + sides).max())),
+            side_around(int(rows.min()), int((rows + sides).max()) - 1, down),
+            side_around(int(columns.min()), int((columns + sides).max()) - 1, across),
         )
 
     def places_mm(self) -> tuple[np.ndarray, np.ndarray]:
