@@ -26,6 +26,7 @@ from t2twin.sim.press.grid import (
     grown,
     means,
     middles,
+    repeated,
     scaled,
     span,
     widened,
@@ -63,7 +64,7 @@ FEWEST_PINS = 200
 AT_EDGES = 2
 """Times as many pins along a survey's cell at the shape's edges."""
 
-UNEVEN = 0.25
+UNEVEN = 0.1
 """How far a cell's highest point stands out of its mean, over the expected depth, from which on it
 gets the smallest pins."""
 
@@ -141,72 +142,64 @@ def _read_only(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Equilibrium:
-    """Where the pins of the last stage have settled.
+    """Where the pins of a stage have settled.
 
-    window: the survey's cells that hold the pins. pressure_mpa, surface_mm: (ny, nx) on the
-    contact's grid; the surface is the coarse one.
+    last: whether of the last stage. pressure_mpa: (ny, nx) on the contact's grid.
     """
 
+    stages: "_Stages"
+    last: bool
     solution: Solution
-    window: Window
     pressure_mpa: np.ndarray
-    surface_mm: np.ndarray
     settled: bool
 
 
 def _equilibrium(survey: "_Survey") -> _Equilibrium:
-    """The stages one after the other, with more pins where the shape came down outside them."""
-    layer, force_n = survey.layer, survey.command.force_n
-    expected, depth_mm = survey.expected_contact(force_n)
-    earlier: _Equilibrium | None = None
+    """The rough stage and then the last, with more pins where the shape came down outside them."""
+    expected, depth_mm = survey.expected_contact(survey.command.force_n)
+    stages = _Stages(survey, expected, depth_mm)
+    found = _settled(stages, None)
     while True:
-        looked_at = grown(expected, MARGIN_CELLS)
-        window = window_around(looked_at)
-        stages = _Stages(survey, looked_at, window, float(survey.seen.shares[expected].sum()))
-        along = stages.pins_along(depth_mm)
-        start = None
-        for last in (False, True) if earlier is None else (True,):
-            pins, tolerance = stages.stage(along, last)
-            if last and earlier is not None:
-                start = _moved(earlier, window, len(pins.cover))
-            solution = Solution(pins, force_n, start, judged=last)
-            settled = solution.solve(tolerance)
-            start = solution.as_start()
-            survey.preparing_s += solution.compiling_s
-        pressure = np.zeros(layer.rest_mm.shape)
-        pressure[scaled(window, survey.per_side)] = means(
-            solution.fine_pressure_mpa(), solution.pins.layer.per_side
-        )
-        surface = middles(by_law(layer, layer.deflection_mm(pressure), WHOLE)[0], 1)
-        standing_mm = solution.depth_mm - survey.peak_gap_mm
-        allowed_mm = min(MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE * solution.depth_mm)
-        missed = standing_mm > means(surface, survey.per_side) + allowed_mm
-        missed[looked_at] = False
-        found = _Equilibrium(solution, window, pressure, surface, settled)
-        if not missed.any():
+        missed = survey.missed(found)
+        if missed.any():
+            stages = _Stages(survey, found.stages.looked_at | missed, found.solution.depth_mm)
+        elif found.last:
             return found
-        expected, earlier = looked_at | missed, found
+        found = _settled(stages, found)
 
 
-def _moved(earlier: _Equilibrium, window: Window, rows: int) -> Start | None:
-    """What an equilibrium gives to begin with in another window of so many rows of fine cells, or
-    None on finer or coarser cells."""
+def _settled(stages: "_Stages", earlier: _Equilibrium | None) -> _Equilibrium:
+    """The rough stage's pins, or the last one's from where an earlier stage has left its own."""
+    survey, window, last = stages.survey, stages.window, earlier is not None
+    pins, tolerance = stages.stage(last)
+    start = None if earlier is None else _moved(earlier, window, len(pins.cover))
+    solution = Solution(pins, survey.command.force_n, start, judged=last)
+    settled = solution.solve(tolerance)
+    survey.preparing_s += solution.compiling_s
+    pressure = np.zeros(survey.layer.rest_mm.shape)
+    fine = solution.fine_pressure_mpa()
+    pressure[scaled(window, survey.per_side)] = means(fine, pins.layer.per_side)
+    return _Equilibrium(stages, last, solution, pressure, settled)
+
+
+def _moved(earlier: _Equilibrium, window: Window, rows: int) -> Start:
+    """What an equilibrium gives to begin with in another window, of so many rows of fine cells."""
     pressure = earlier.solution.fine_pressure_mpa()
-    per_side, after = len(pressure) // span(earlier.window)[0], rows // span(window)[0]
-    if per_side != after:
-        return None
-    before, now = scaled(earlier.window, per_side), scaled(window, per_side)
-    both = common(before, now)  # a window's size is rounded up, so the later one may end sooner
-    moved = np.zeros(span(now))
-    moved[within(both, now)] = pressure[within(both, before)]
+    before, now = len(pressure) // span(earlier.stages.window)[0], rows // span(window)[0]
+    pressure = means(pressure, before // now) if now < before else repeated(pressure, now // before)
+    old, new = scaled(earlier.stages.window, now), scaled(window, now)
+    both = common(old, new)
+    moved = np.zeros(span(new))
+    moved[within(both, new)] = pressure[within(both, old)]
     return Start(moved, earlier.solution.depth_mm)
 
 
 def _fine_surface(survey: "_Survey", equilibrium: _Equilibrium) -> np.ndarray:
     """The surface, (ny, nx), mm, worked out finely around the pins."""
     layer, solution = survey.layer, equilibrium.solution
-    surface, fine = equilibrium.surface_mm.copy(), solution.pins.layer.per_side
-    near = scaled(widened(equilibrium.window, FIELD_CELLS, survey.gap_mm.shape), survey.per_side)
+    surface, fine = survey.surface_mm(equilibrium.pressure_mpa), solution.pins.layer.per_side
+    window = widened(equilibrium.stages.window, FIELD_CELLS, survey.gap_mm.shape)
+    near = scaled(window, survey.per_side)
     surface[near] = middles(solution.fine_surface_mm(scaled(near, fine)), fine)
     if survey.per_side == 1:
         # Where the shape stands, the surface lies on it. A finer grid sees that by itself, and
@@ -258,6 +251,22 @@ class _Survey:
         self.peak_gap_mm = above - above.min()
         self.preparing_s = 0.0
 
+    def surface_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
+        """The surface under a pressure, both on the contact's grid, (ny, nx), mm."""
+        layer = self.layer
+        return middles(by_law(layer, layer.deflection_mm(pressure_mpa), WHOLE)[0], 1)
+
+    def missed(self, found: _Equilibrium) -> np.ndarray:
+        """Where the shape stands in the surface but no pins are, (rows, columns) bool."""
+        depth_mm = found.solution.depth_mm
+        standing_mm = depth_mm - self.peak_gap_mm
+        standing_mm -= min(MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE * depth_mm)
+        missed = standing_mm > 0
+        missed[found.stages.looked_at] = False
+        if missed.any():
+            missed &= standing_mm > means(self.surface_mm(found.pressure_mpa), self.per_side)
+        return missed
+
     def divided(self, per_side: int) -> Layer:
         """The elastomer's layer on the contact's cells cut into parts."""
         asked = time.perf_counter()
@@ -285,41 +294,40 @@ def _finer(cells_in_contact: float) -> int:
 
 
 class _Stages:
-    """The pins of each stage of a press, under the cells of the survey that are looked at.
+    """The pins of both stages of a press, under the expected contact and MARGIN_CELLS around it.
 
-    window: what holds those. cells: how many of the survey's the contact is expected to cover.
+    looked_at: the survey's cells that have pins. window: what holds those.
     """
 
-    def __init__(
-        self, survey: _Survey, looked_at: np.ndarray, window: Window, cells: float
-    ) -> None:
-        self._survey, self._window = survey, window
-        self._looked_at = looked_at[window]
+    def __init__(self, survey: _Survey, expected: np.ndarray, depth_mm: float) -> None:
+        """depth_mm: how deep the shape is expected to go."""
+        self.survey = survey
+        self.looked_at = grown(expected, MARGIN_CELLS)
+        self.window = window_around(self.looked_at)
+        cells = float(survey.seen.shares[expected].sum())
         self._even = _finer(cells)
         self._finest = self._per_side(FINER[-1], STAGES[-1][0])
         fine = survey.divided(self._finest)
-        rows, columns = scaled(window, survey.per_side * self._finest)
+        rows, columns = scaled(self.window, survey.per_side * self._finest)
         self._seen = footprint(
             survey.shape.surface,
             survey.command,
             fine.x_mm[columns],
             fine.y_mm[rows],
-            self._looked_at,
+            self.looked_at[self.window],
         )
         self._first_touch_mm = float((-fine.rest_mm[rows, columns] - self._seen.peaks_mm).min())
+        self._along = self._pins_along(depth_mm)
 
     def _per_side(self, pins: int, layer_mm: float) -> int:
         """Fine cells along one of the contact's: no fewer than pins along one of the survey's."""
-        pitch_mm = self._survey.layer.pitch_mm
-        return max(1, round(pins / self._survey.per_side), round(pitch_mm / layer_mm))
+        survey = self.survey
+        return max(1, round(pins / survey.per_side), round(survey.layer.pitch_mm / layer_mm))
 
-    def pins_along(self, depth_mm: float) -> np.ndarray:
-        """(rows, columns) how many pins stand along each of the window's cells.
-
-        depth_mm: how deep the shape is expected to go.
-        """
-        cells = self._seen.coarsened(self._survey.per_side * self._finest)
-        there = self._looked_at & (cells.shares > 0)
+    def _pins_along(self, depth_mm: float) -> np.ndarray:
+        """(rows, columns) how many pins stand along each of the window's cells."""
+        cells = self._seen.coarsened(self.survey.per_side * self._finest)
+        there = self.looked_at[self.window] & (cells.shares > 0)
         uneven = cells.peaks_mm - cells.heights_mm > UNEVEN * depth_mm
         wanted = np.where(self._at_edges(cells.shares), AT_EDGES * self._even, self._even)
         wanted[uneven] = FINER[-1]
@@ -334,25 +342,26 @@ class _Stages:
         """(rows, columns) the cells of the window that the shape does not wholly cover, and those
         beside one of which it covers less than half; the pad's rim ends every shape."""
         open_ = np.zeros([side + 2 for side in shares.shape], bool)
-        open_[1:-1, 1:-1] = self._looked_at & (shares < 0.5)
-        lengths = self._survey.gap_mm.shape
-        for axis, (side, length) in enumerate(zip(self._window, lengths, strict=True)):
+        open_[1:-1, 1:-1] = self.looked_at[self.window] & (shares < 0.5)
+        lengths = self.survey.gap_mm.shape
+        for axis, (side, length) in enumerate(zip(self.window, lengths, strict=True)):
             ends = np.moveaxis(open_, axis, 0)
             ends[0], ends[-1] = side.start == 0, side.stop == length
         return grown(open_, 1)[1:-1, 1:-1] | (shares < 1.0)
 
-    def stage(self, along: np.ndarray, last: bool) -> tuple[Pins, float]:
+    def stage(self, last: bool) -> tuple[Pins, float]:
         """The pins of the rough stage or of the last, and the tolerance within which it has
         settled."""
-        survey = self._survey
         layer_mm, tolerance = STAGES[last]
+        along = self._along
         if not last:
             along = np.where(along > 0, np.maximum(along // 2, 1), 0)
         per_side = self._per_side(int(along.max()), layer_mm)
+        per_cell = self.survey.per_side * per_side
         return pins_under(
-            survey.divided(per_side),
-            scaled(self._window, survey.per_side * per_side),
-            survey.per_side * per_side,
+            self.survey.divided(per_side),
+            scaled(self.window, per_cell),
+            per_cell,
             along,
             self._seen.coarsened(self._finest // per_side),
             self._first_touch_mm,

@@ -98,3 +98,45 @@ def carried(deflection, rest, local, area, ahead, pressure):
         total += pressure[n] * area[n]
         moved += abs(pressure[n] - ahead[n]) * area[n]
     return moved / total if total > 0.0 else np.inf
+
+
+@compiled(
+    "void(f8[::1], f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[::1], f8[:, :, ::1])",
+    nogil=True,
+)
+def sharpen(pressure, ahead, rows, columns, sides, reaches, gains, sums):
+    """Enlarge a step from `ahead` to pressure, in place, where it differs from the pressed pins'
+    around.
+
+    A layer answers a pressure the less the shorter its waves are, and springs answer all alike, so
+    that steps change the short ones too little. reaches, gains: (k,) of k squares about each pin:
+    fine cells beyond its own, and what of the difference from their mean is added. sums:
+    (rows + 1, columns + 1, 2), the first row and column zero; overwritten.
+    """
+    down, across = sums.shape[0] - 1, sums.shape[1] - 1
+    sums[1:, 1:] = 0.0
+    for n in range(rows.size):
+        change = pressure[n] - ahead[n]
+        if pressure[n] > 0.0 or ahead[n] > 0.0:
+            for i in range(rows[n] + 1, rows[n] + sides[n] + 1):
+                for j in range(columns[n] + 1, columns[n] + sides[n] + 1):
+                    sums[i, j, 0] = change
+                    sums[i, j, 1] = 1.0
+    for i in range(1, down + 1):
+        change, pressed = 0.0, 0.0
+        for j in range(1, across + 1):
+            change += sums[i, j, 0]
+            pressed += sums[i, j, 1]
+            sums[i, j, 0] = sums[i - 1, j, 0] + change
+            sums[i, j, 1] = sums[i - 1, j, 1] + pressed
+    for n in range(rows.size):
+        change = pressure[n] - ahead[n]
+        if change == 0.0:
+            continue
+        for k in range(gains.size):
+            top, left = max(rows[n] - reaches[k], 0), max(columns[n] - reaches[k], 0)
+            bottom = min(rows[n] + sides[n] + reaches[k], down)
+            right = min(columns[n] + sides[n] + reaches[k], across)
+            a, b, c, d = sums[bottom, right], sums[top, right], sums[bottom, left], sums[top, left]
+            around, pressed = a[0] - b[0] - c[0] + d[0], a[1] - b[1] - c[1] + d[1]
+            pressure[n] += gains[k] * (change - around / pressed)
