@@ -13,7 +13,8 @@ from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.networks.fused import fuse
 from t2twin.translate.networks.patchgan import PatchGAN
 from t2twin.translate.networks.resnet18 import ResNet18
-from t2twin.translate.networks.unet import UNet
+from t2twin.translate.networks.unet import HalfDropout, UNet
+from t2twin.translate.optimizer import adamw
 from t2twin.translate.presets import find_preset
 from t2twin.translate.resnet18 import ResNet18Translator
 from t2twin.translate.touch2touch import Touch2Touch
@@ -54,6 +55,35 @@ def test_unet_drops_out_in_the_three_innermost_decoder_blocks() -> None:
         for block in network.decoder
     ]
     assert has == [True, True, True, False, False]
+
+
+def test_dropout_drops_half_and_doubles_the_rest() -> None:
+    torch.manual_seed(0)
+    dropout = HalfDropout()
+    dropped = dropout(torch.ones(100_000))
+    assert set(dropped.unique().tolist()) == {0.0, 2.0}
+    assert dropped.mean() == pytest.approx(1.0, abs=0.02)
+    assert (dropout(torch.ones(100_000)) != dropped).any()
+    assert (dropout.eval()(torch.ones(4)) == 1.0).all()
+
+
+def test_steps_on_kernels_as_they_lie_in_memory_are_adamws() -> None:
+    preset = replace(find_preset("resnet18", "cpu"), weight_decay=0.1)
+    torch.manual_seed(0)
+    ours = nn.Sequential(nn.Conv2d(3, 8, 3), nn.Conv2d(8, 4, 3)).to(  # pyright: ignore[reportCallIssue]
+        memory_format=torch.channels_last
+    )
+    plain = deepcopy(ours)
+    rate, betas = preset.learning_rate, (preset.beta1, preset.beta2)
+    reference = torch.optim.AdamW(plain.parameters(), rate, betas, weight_decay=0.1, foreach=False)
+    for network, optimizer in ((ours, adamw(ours, preset)), (plain, reference)):
+        for seed in range(3):
+            torch.manual_seed(seed)
+            optimizer.zero_grad()
+            network(torch.rand(2, 3, 8, 8)).square().mean().backward()
+            optimizer.step()
+    for stepped, wanted in zip(ours.parameters(), plain.parameters(), strict=True):
+        torch.testing.assert_close(stepped, wanted)
 
 
 def test_unet_is_made_of_4_x_4_convolutions_of_stride_2_with_pix2pix_widths() -> None:
@@ -135,7 +165,7 @@ def test_generator_minimises_the_adversarial_loss_and_100_times_l1() -> None:
     translator = Touch2Touch(preset, info(), CPU, bf16=False)
     for module in translator.generator.modules():
         if isinstance(module, nn.Dropout):
-            module.p = 0.0  # so that two passes draw the same
+            module.eval()  # so that two passes draw the same
     images = torch.rand(4, 1, 32, 32) * 2 - 1
     counts = torch.rand(4, 20) * FULL_SCALE
     real = translator.phi.to_torch(counts) / FULL_SCALE * 2 - 1

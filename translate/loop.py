@@ -20,6 +20,7 @@ from t2twin.translate.direction import CYSKIN_TO_DIGIT
 from t2twin.translate.familiar import familiar_with
 from t2twin.translate.other_way import WHITE_GREY, OtherWay
 from t2twin.translate.outcome import Outcome, outcome_of, reason_to_stop
+from t2twin.translate.presets import Preset
 from t2twin.translate.runs.checkpoint import load_state, save_state, save_weights
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochRecord, best_epoch, to_json, write_log
@@ -189,20 +190,9 @@ class TrainingLoop:
         rng: np.random.Generator,
     ) -> dict[str, float]:
         """One step on the pairs with these indices."""
-        preset = self.config.preset
-        batch = np.sort(batch)  # the order on disk
-        pairs, field = self.pairs, self.pairs.field
-        pixels = pairs.pictures[batch].astype(np.float32) / 255.0
         # Jitter is of what is seen; of what is to be drawn it would only blur the truth.
-        if not self.draws_pictures and (preset.brightness or preset.contrast or preset.noise):
-            pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
-        examples = Examples(
-            to_input(pixels),
-            torch.from_numpy(pairs.counts[batch]),
-            None if field is None else torch.from_numpy(field[batch].astype(np.float32)),
-            torch.from_numpy(pairs.force_n[batch].astype(np.float32)),
-        )
-        return translator.step(examples)
+        jitter = None if self.draws_pictures else rng
+        return translator.step(load_examples(self.pairs, batch, self.config.preset, jitter))
 
     def _validate(self) -> float:
         """RMSE on the validation split, counts, or grey levels where it draws pictures; the
@@ -259,6 +249,22 @@ class TrainingLoop:
             f"minutes; it stops after {config.preset.patience} epochs without a better validation.",
             flush=True,
         )
+
+
+def load_examples(
+    pairs: Pairs, batch: np.ndarray, preset: Preset, rng: np.random.Generator | None
+) -> Examples:
+    """The pairs with these indices; their pictures are jittered as the preset says, with rng."""
+    batch, field = np.sort(batch), pairs.field  # the order on disk
+    pixels = pairs.pictures[batch].astype(np.float32) / 255.0
+    if rng is not None and (preset.brightness or preset.contrast or preset.noise):
+        pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
+    return Examples(
+        to_input(pixels),
+        torch.from_numpy(pairs.counts[batch]),
+        None if field is None else torch.from_numpy(field[batch].astype(np.float32)),
+        torch.from_numpy(pairs.force_n[batch].astype(np.float32)),
+    )
 
 
 def steps_of_epoch(batches: int, budget: int) -> int:

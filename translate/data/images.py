@@ -77,10 +77,10 @@ def to_input(pixels: np.ndarray) -> torch.Tensor:
 
     Returns (B, c, S, S) float32, channels last in memory: grey in [-1, 1], RGB normalised.
     """
-    colours = pixels.shape[-1] // len(RGB_MEAN)
-    scaled = (
-        (pixels - np.tile(RGB_MEAN, colours)) / np.tile(RGB_STD, colours)
-        if colours
-        else 2.0 * pixels - 1.0
-    )
-    return torch.from_numpy(scaled).permute(0, 3, 1, 2)
+    if pixels.shape[-1] == 1:
+        scaled = 2.0 * pixels - 1.0
+    else:
+        rows = pixels.reshape(*pixels.shape[:2], -1)  # NumPy is slow on last axes of 3
+        times = rows.shape[-1] // len(RGB_MEAN)
+        scaled = (rows - np.tile(RGB_MEAN, times)) / np.tile(RGB_STD, times)
+    return torch.from_numpy(scaled.reshape(pixels.shape)).permute(0, 3, 1, 2)
