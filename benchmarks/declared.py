@@ -139,6 +139,7 @@ TRAINING = Benchmark(
     minutes=6,
     figures=(
         Figure("models.*.ratio", least=1.5),
+        Figure("models.*.loading_share", most=0.1),
         Figure("models.*.images_a_second", "images/s"),
         Figure("models.*.paper_preset_hours", "h"),
     ),

@@ -7,8 +7,9 @@ machine. The plain loop computes in float32 on contiguous tensors, takes every p
 in the Parquet files anew each epoch through a DataLoader in the main process, and steps with Adam
 as it comes. It leaves out the augmentation that the preset asks of t2twin. An epoch of either ends
 with the validation, which is in its time; the first decoding, the estimate and saving are not.
-Without --data a data set of scale smoke is made for it. Last, some steps of preset paper are timed,
-for the hours that all of it would take here.
+Beside it stands the share of t2twin's time that goes into having the batches ready, read and
+jittered. Without --data a data set of scale smoke is made for it. Last, some steps of preset paper
+are timed, for the hours that all of it would take here.
 """
 
 import io
@@ -34,8 +35,9 @@ from t2twin.sim.world import protocol
 from t2twin.translate.build import TRANSLATORS, has_bf16
 from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
-from t2twin.translate.data.pairs import DataInfo, load_info
+from t2twin.translate.data.pairs import DataInfo, load_info, load_pairs
 from t2twin.translate.distributed import use_all_cores
+from t2twin.translate.loop import load_examples
 from t2twin.translate.networks.patchgan import PatchGAN
 from t2twin.translate.networks.resnet18 import ResNet18
 from t2twin.translate.networks.unet import UNet
@@ -180,7 +182,20 @@ def _measure(model: Model, data_dir: Path, folder: Path) -> dict[str, Any]:
         "images_a_second": images / statistics.median(ours),
         "plain_images_a_second": images / statistics.median(plain),
         "ratio": statistics.median(slow / fast for slow, fast in zip(plain, ours, strict=True)),
+        "loading_share": epochs * steps * _loading(preset, data_dir) / statistics.median(ours),
     }
+
+
+def _loading(preset: Preset, data_dir: Path) -> float:
+    """Seconds in which t2twin has a batch ready, the median of a round's."""
+    pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
+    rng = np.random.default_rng(0)
+    seconds = []
+    for _ in range(LEAST_STEPS):
+        started = time.perf_counter()
+        load_examples(pairs, rng.permutation(len(pairs))[: preset.batch], preset, rng)
+        seconds.append(time.perf_counter() - started)
+    return statistics.median(seconds)
 
 
 def _paper_hours(model: Model, info: DataInfo) -> float:
