@@ -75,6 +75,7 @@ def train(
     begun = None if start is None else find_start(start, model, settings, info, direction)
     settings = settings if begun is None else slower(settings)
     distributed.use_all_cores()
+    distributed.keep_memory()
     with distributed.processes() as (rank, processes):
         _check_shares(settings, processes)
         asked = RunConfig(
