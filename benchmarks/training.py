@@ -4,12 +4,13 @@
 
 The same networks at preset cpu, with the same batch, on the same pairs, turn by turn on the same
 machine. The plain loop computes in float32 on contiguous tensors, takes every picture from its PNG
-in the Parquet files anew each epoch through a DataLoader in the main process, and steps with Adam
-as it comes. It leaves out the augmentation that the preset asks of t2twin. An epoch of either ends
-with the validation, which is in its time; the first decoding, the estimate and saving are not.
-Beside it stands the share of t2twin's time that goes into having the batches ready, read and
-jittered. Without --data a data set of scale smoke is made for it. Last, some steps of preset paper
-are timed, for the hours that all of it would take here.
+in the Parquet files anew each epoch through a DataLoader, and steps with Adam as it comes. It runs
+in a process of its own, whose memory is as the system sets it, and leaves out the augmentation that
+the preset asks of t2twin. An epoch of either ends with the validation, which is in its time; the
+first decoding, the estimate and saving are not. Beside it stands the share of t2twin's time that
+goes into having the batches ready, read and jittered. Without --data a data set of scale smoke is
+made for it. Last, some steps of preset paper are timed, for the hours that all of it would take
+here.
 """
 
 import io
@@ -17,6 +18,8 @@ import statistics
 import tempfile
 import time
 from argparse import Namespace
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -165,14 +168,15 @@ def measure(options: Namespace) -> dict[str, Any]:
 def _measure(model: Model, data_dir: Path, folder: Path) -> dict[str, Any]:
     """Images a second of both, the medians of the rounds, and the median of the rounds' ratios."""
     preset = PRESETS[model][PRESET]
-    use_all_cores()
     splits = {split: PngPairs(data_dir, split, preset) for split in ("train", "val")}
     steps = len(splits["train"]) // preset.batch
     epochs = -(-LEAST_STEPS // steps)
     ours, plain = [], []
-    for number in range(ROUNDS):
-        ours.append(_ours(model, data_dir, folder / f"{model}-{number}", epochs))
-        plain.append(_plain(model, preset, splits, load_info(data_dir), epochs))
+    with ProcessPoolExecutor(1, get_context("spawn")) as apart:
+        for number in range(ROUNDS):
+            ours.append(_ours(model, data_dir, folder / f"{model}-{number}", epochs))
+            round_ = apart.submit(_plain, model, preset, splits, load_info(data_dir), epochs)
+            plain.append(round_.result())
     images = epochs * steps * preset.batch
     return {
         "pairs": len(splits["train"]),
@@ -228,6 +232,7 @@ def _plain(
     model: Model, preset: Preset, splits: dict[str, PngPairs], info: DataInfo, epochs: int
 ) -> float:
     """Seconds of the same epochs in the plain loop."""
+    use_all_cores()
     loader = DataLoader(splits["train"], preset.batch, shuffle=True, drop_last=True)
     validation = DataLoader(splits["val"], preset.batch)
     kind = PlainTouch2Touch if model == "touch2touch" else PlainResNet18
