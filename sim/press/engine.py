@@ -4,7 +4,7 @@ Contact is normal and frictionless, and the layer's answer is that of `t2twin.si
 on springs stand for it: a pin's own spring D is local, the layer is not, so each step the springs'
 rest points take what the springs leave out, w(p) - D p, from the last pressure p. Which of the
 springs touch and how they share the force is exact at each step (`t2twin.sim.press.step`), and
-Anderson's acceleration lets the steps settle in about five. Then MuJoCo (`t2twin.sim.press.bed`)
+Anderson's acceleration lets the steps settle in about four. Then MuJoCo (`t2twin.sim.press.bed`)
 judges: its contacts have to find the same pins and the same shares. The pins are the finer the
 smaller the contact.
 """
