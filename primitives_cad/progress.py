@@ -16,6 +16,7 @@ class Progress(tqdm):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self._plain, self._said = not sys.stderr.isatty(), time.monotonic()
+        self._begun: tuple[float, float] | None = None
         if self._plain:
             options |= {
                 "file": io.StringIO(),
@@ -23,6 +24,21 @@ class Progress(tqdm):
                 "maxinterval": QUIET_SECONDS,
             }
         super().__init__(*arguments, **options)
+
+    def update(self, n: float | None = 1) -> bool | None:
+        """So many steps are done. What the first ones took, with all that came before them, says
+        nothing of the others: compiled code is made or loaded, workers start."""
+        shown = super().update(n)
+        if self._begun is None and self.n > self.initial:
+            self._begun = time.monotonic(), self.n
+        return shown
+
+    def _left_s(self) -> float:
+        """About how long the rest takes, s."""
+        elapsed, done = self.format_dict["elapsed"], self.n - self.initial
+        if self._begun is not None and self.n > self._begun[1]:
+            elapsed, done = time.monotonic() - self._begun[0], self.n - self._begun[1]
+        return elapsed * (self.total - self.n) / max(done, 1)
 
     def display(self, msg: str | None = None, pos: int | None = None) -> None:
         """Shows where the work is."""
@@ -34,11 +50,9 @@ class Progress(tqdm):
             and time.monotonic() >= self._said + QUIET_SECONDS
         ):
             self._said = time.monotonic()
-            known = self.format_dict
-            left_s = known["elapsed"] * (self.total - self.n) / max(self.n - self.initial, 1)
             print(
                 f"{self.desc.removesuffix(': ')}: {self.n:,} of {self.total:,} {self.unit}s, about "
-                f"{left_s / 60:.1f} minutes left",
+                f"{self._left_s() / 60:.1f} minutes left",
                 file=sys.stderr,
                 flush=True,
             )

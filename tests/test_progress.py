@@ -18,6 +18,18 @@ def test_a_pipe_gets_few_plain_lines(capsys, monkeypatch):
     assert all(line.startswith("work: ") and "of 1,000 pairs, about" in line for line in lines)
 
 
+def test_a_slow_start_is_not_taken_for_the_pace(capsys, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    with Progress(total=1200, desc="work", unit="pair") as bar:
+        now[0] += 40.0
+        for _ in range(300):
+            bar.update()
+            now[0] += 0.1
+    first = capsys.readouterr().err.splitlines()[0]
+    assert first == "work: 300 of 1,200 pairs, about 1.5 minutes left"
+
+
 def test_short_work_says_nothing(capsys):
     assert [*Progress(range(5), desc="work", unit="pair")] == [0, 1, 2, 3, 4]
     assert capsys.readouterr().err == ""
