@@ -140,7 +140,6 @@ def of_sensor(name: str, sensor: Sensor, every: int) -> dict[str, Any]:
     turned = {"orientations": max(shape["orientations"] for shape in shapes.values())}
     return {
         "worst": _worst(rows) | turned,
-        "worst_at_8_n": _worst([row for row in rows if row["force_n"] == protocol.FORCE_N]),
         "shapes": shapes,
         "random": of_random_shapes(name, sensor, pads, every),
     }

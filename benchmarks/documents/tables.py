@@ -44,6 +44,25 @@ ERRORS = {
 }
 """The press's errors: what they are called, and their formats."""
 
+STAGES = {
+    "press_digit": "press, DIGIT",
+    "press_cyskin": "press, CySkin",
+    "picture": "picture",
+    "pairs": "pairs, scale small, one worker",
+}
+"""What `speed` times, and what it is called; the last as a rate."""
+
+PARTS = {
+    "press": "a press, mean",
+    "transforms": "transforms of the layer's answer",
+    "mujoco": "MuJoCo's steps",
+    "footprints": "looking the shape up",
+    "means_over_pins": "the stiffening law, and means over pins",
+    "rest": "all else",
+    "floor": "transforms and MuJoCo alone, the floor",
+}
+"""What a press's time is made of, as `speed` has it."""
+
 MANY_PAIRS, SHARD_PAIRS = 10_000_000, 588
 """Of the dataset that clusters.md reckons, and of a primitive's shard at the paper's scale."""
 
@@ -368,6 +387,27 @@ def fidelity() -> str:
     return _markdown(lines)
 
 
+def speed() -> str:
+    """How much faster everything is than at the commit that `speed` was measured against."""
+    content = _content("speed")
+    lines = [["", "times as fast", "now"]]
+    for stage, name in STAGES.items():
+        now = f"{content['ms'][stage]:.1f} ms" if stage in content["ms"] else ""
+        lines.append([name, f"{content['times_as_fast'][stage]:.2f}", now])
+    lines[-1][-1] = f"{content['pairs_a_second']:.0f} pairs/s"
+    lines.append(["two workers over one", f"{content['two_workers_over_one']:.2f}", ""])
+    return _markdown(lines)
+
+
+def where() -> str:
+    """Where a press's time goes."""
+    content = _content("speed")["where_ms"]
+    lines = [["ms of the processor", "DIGIT's gel", "CySkin's cover"]]
+    for part, name in PARTS.items():
+        lines.append([name, *(f"{content[sensor][part]:.1f}" for sensor in ("digit", "cyskin"))])
+    return _markdown(lines)
+
+
 def benchmarks() -> str:
     """Every benchmark: what it measures, its minutes, and where its figures are from."""
     lines = [["name", "what it measures", "minutes", "measured at"]]
@@ -434,6 +474,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "lights": lights,
     "anchors": anchors,
     "fidelity": fidelity,
+    "speed": speed,
+    "where": where,
     "benchmarks": benchmarks,
     "many-pairs": many_pairs,
 }
