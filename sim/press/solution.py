@@ -2,7 +2,8 @@
 
 Each step the pins' springs get rest points that take what the springs leave out of the layer's
 answer, w(p) - D p. Which of these springs then touch, and how they share the force, has an exact
-solution, and Anderson's acceleration mixes the steps. Where nothing changes any more, MuJoCo
+solution. Springs answer all waves of a pressure alike, and a layer the short ones less, so that
+steps are sharpened; Anderson's acceleration mixes them. Where nothing changes any more, MuJoCo
 (`t2twin.sim.press.bed`) judges: its contacts have to give the same, or the steps go on from there.
 """
 
