@@ -29,7 +29,7 @@ class Progress(tqdm):
         """So many steps are done. What the first ones took, with all that came before them, says
         nothing of the others: compiled code is made or loaded, workers start."""
         shown = super().update(n)
-        if self._begun is None and self.n > self.initial:
+        if self._begun is None and not self.disable and self.n > self.initial:
             self._begun = time.monotonic(), self.n
         return shown
 

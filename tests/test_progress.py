@@ -33,3 +33,9 @@ def test_a_slow_start_is_not_taken_for_the_pace(capsys, monkeypatch):
 def test_short_work_says_nothing(capsys):
     assert [*Progress(range(5), desc="work", unit="pair")] == [0, 1, 2, 3, 4]
     assert capsys.readouterr().err == ""
+
+
+def test_what_is_not_wanted_says_nothing(capsys):
+    with Progress(total=2, disable=True) as bar:
+        bar.update()
+    assert capsys.readouterr().err == ""
