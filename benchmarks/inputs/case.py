@@ -36,6 +36,8 @@ class Case:
     {evaluation} are those of the Base. make: lays out the inputs. says: what the sentence must
     hold, in small letters. fine: valid though odd, so that it must succeed. parsed: refused by the
     command line's parser, which says so in a frame. statuses: that a refusal may end with.
+    call: Python to run in place of a command line, with the box and the base; a T2TwinError that it
+    raises ends the case as it would end a command.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Case:
     fine: bool = False
     parsed: bool = False
     statuses: tuple[int, ...] = (REFUSED,)
+    call: Make | None = None
 
     def words(self, base: Base) -> list[str]:
         """The arguments with the Base's paths in place."""

@@ -16,8 +16,9 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from benchmarks.inputs.case import Base, Case
+from benchmarks.inputs.case import REFUSED, Base, Case
 from t2twin.cli import main
+from t2twin.primitives_cad.errors import T2TwinError
 
 PATIENCE_SECONDS = 60
 """Longest that a case may take, s; longer is a hang."""
@@ -53,7 +54,7 @@ def try_case(case: Case, base: Base, box: Path) -> Tried:
     case.make(box, base)
     before, known = _listing(box), len(connections)
     start = time.monotonic()
-    status, out, err, faults = _run(case.words(base), box)
+    status, out, err, faults = _run(case, base, box)
     seconds = time.monotonic() - start
     faults += _of_end(case, status, out, err)
     faults += _of_folder(case, before, _listing(box))
@@ -74,14 +75,20 @@ def guard_connections() -> None:
     sys.addaudithook(hook)
 
 
-def _run(words: list[str], box: Path) -> tuple[int, str, str, list[str]]:
+def _run(case: Case, base: Base, box: Path) -> tuple[int, str, str, list[str]]:
     """Exit status, standard output, standard error, and what was not well."""
     faults: list[str] = []
     status = 0
     with _inside(box), _captured() as texts, _time_limit(), warnings.catch_warnings():
         warnings.simplefilter("always")
         try:
-            main(words)
+            if case.call is None:
+                main(case.words(base))
+            else:
+                case.call(box, base)
+        except T2TwinError as error:
+            print(f"t2twin: {error}", file=sys.stderr)
+            status = REFUSED
         except SystemExit as stop:
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
         except _HangError:
