@@ -8,6 +8,9 @@ from t2twin.translate.runs.config import CONFIG
 
 HOME = Path(__file__).parents[1] / "weights"
 
+DEFAULT_RUN = "field"
+"""The pretrained run that commands, `load` and the studio use unless another is named."""
+
 
 def shipped_runs() -> tuple[str, ...]:
     """Their names."""
