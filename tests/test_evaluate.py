@@ -9,12 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from PIL import Image
 from spots import write_spots
 
 from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.dataset.store import read_info
+from t2twin.sim.digit.optics import DigitOptics
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.as_json import as_json
+from t2twin.translate.evaluation.background import OF_CALIBRATION, is_of_default_calibration
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     mean_array,
@@ -139,7 +143,7 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
         "view", "models", "bootstrap", "paired", "lookalikes", "paper", "findings",
         "world",
     ]  # fmt: skip
-    assert content["format"] == 3
+    assert content["format"] == FORMAT
     figures = [
         "rmse_counts", "rmse_percent", "ssim", "ssim_contact", "contact_iou", "centroid_error_mm",
         "total_error_percent", "rmse_under_counts", "rmse_near_counts", "rmse_beyond_counts",
@@ -190,7 +194,7 @@ def test_records_come_back_from_their_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda text: text.replace('"format": 3', '"format": 2'), r"metrics\.json is of format 2"),
+        (lambda text: text.replace(f'"format": {FORMAT}', '"format": 2'), r"metrics\.json is of format 2"),
         (lambda text: text[: len(text) // 2], r"metrics\.json is damaged"),
         (lambda text: text.replace('"ssim": 0', '"ssim": "x'), r"metrics\.json is damaged"),
         (
@@ -316,4 +320,45 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
         evaluate(runs[1:], other, "val", tmp_path / "out")
     with pytest.raises(T2TwinError, match="outside the array"):
         evaluate(runs, other, "val", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_field_run_is_given_the_background_of_the_default_calibration(
+    small_dataset: Path, tmp_path: Path
+) -> None:
+    found = evaluate(["field"], small_dataset, "val", tmp_path / "default")
+    assert found.background == OF_CALIBRATION
+    run, pairs = load_run("field"), load_pairs(small_dataset, "val", 96, grey=False)
+    frame = DigitOptics.load().background
+    expected = run.estimate_pixels(run.with_untouched(pairs.images[:], run.pixels_of(frame)[0]))
+    predictions = read_predictions(tmp_path / "default").by_model["field"]
+    np.testing.assert_allclose(predictions, expected.counts, atol=0.5)
+    assert not np.allclose(predictions, run.predict_pixels(pairs.images[:]), atol=0.5)
+
+
+def test_a_given_background_frame_is_used(small_dataset: Path, tmp_path: Path) -> None:
+    file = tmp_path / "background.png"
+    Image.fromarray(DigitOptics.load().background).save(file)
+    given = evaluate(["field"], small_dataset, "val", tmp_path / "given", file)
+    default = evaluate(["field"], small_dataset, "val", tmp_path / "default")
+    assert given.background == str(file)
+    assert given.models["field"] == default.models["field"]
+    Image.new("RGB", (240, 320), (250, 0, 0)).save(file)
+    other = evaluate(["field"], small_dataset, "val", tmp_path / "other", file)
+    assert other.models["field"].overall != default.models["field"].overall
+
+
+def test_a_dataset_with_another_calibration_has_no_background(small_dataset: Path) -> None:
+    info = read_info(small_dataset)
+    assert info.parameters is not None
+    digit = replace(info.parameters.digit, calibration_sha256=64 * "0")
+    other = replace(info, parameters=replace(info.parameters, digit=digit))
+    assert is_of_default_calibration(info) and not is_of_default_calibration(other)
+
+
+def test_a_background_that_no_run_uses_is_refused(
+    runs: list[Path], data_dir: Path, tmp_path: Path
+) -> None:
+    with pytest.raises(T2TwinError, match="none of the runs is one"):
+        evaluate(runs, data_dir, "val", tmp_path / "out", tmp_path / "background.png")
     assert not (tmp_path / "out").exists()

@@ -20,6 +20,7 @@ def evaluate(
     ],
     split: Literal["val", "test", "both"] = "val",
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
 ) -> None:
     """Measure trained translators, with trivial ones and floors beside them; writes metrics.json.
 
@@ -33,6 +34,9 @@ def evaluate(
             DIR/results.md, of those of the two that the dataset has.
         out: Folder to write into; runs/evaluate/SPLIT unless given, runs/evaluate for both and for
             several datasets.
+        background: Image of the datasets' DIGIT with nothing touching it, which field runs compare
+            the images with. Unless given, each pair's own where the dataset holds them, or that of
+            the default calibration where the dataset was made with it.
     """
     from t2twin.primitives_cad.errors import T2TwinError
     from t2twin.translate.distributed import use_all_cores
@@ -52,16 +56,16 @@ def evaluate(
     use_all_cores()
     first, *others = list(data)
     if others:
-        worlds = evaluate_worlds(runs, data, split, folder)
+        worlds = evaluate_worlds(runs, data, split, folder, background)
         for name, evaluations in worlds.items():
             print(f"{name}\n")
             _print(evaluations)
         print(worlds_markdown(worlds))
     else:
         if split == "both":
-            evaluations = evaluate_both(list(runs), first, folder)
+            evaluations = evaluate_both(list(runs), first, folder, background)
         else:
-            evaluations = {split: measure(list(runs), first, split, folder)}
+            evaluations = {split: measure(list(runs), first, split, folder, background)}
         _print(evaluations)
         between = gap_between(evaluations, first)
         if between:

@@ -21,6 +21,7 @@ from t2twin.translate.evaluation.records import (
     ModelRow,
     PaperRow,
 )
+from t2twin.translate.evaluation.trained import background_lines
 
 PAPER = "Grella et al. 2023, on hardware"
 TITLES = {"val": "Validation, unseen versions", "test": "Test, objects"}
@@ -74,7 +75,8 @@ def section(report: ReportData) -> str:
             _paper_table(evaluations, titles, "This dataset" + ", simulated" * simulated),
             markup.paragraph(
                 f"{HARDWARE if first.paper else ''}{TRIVIAL}{_floors(first)} Pale: "
-                f"{100 * first.bootstrap.confidence:.0f} % intervals, by bootstrap over shapes.",
+                f"{100 * first.bootstrap.confidence:.0f} % intervals, by bootstrap over shapes. "
+                + " ".join(background_lines(first)),
                 "note",
             ),
             markup.items(sentences({split: one.models for split, one in evaluations.items()})),

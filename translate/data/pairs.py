@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from itertools import chain, islice
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from numpy.lib import format as npy
@@ -61,12 +62,21 @@ class ImageFile:
         return np.array(np.load(self.path, mmap_mode="r")[own])
 
 
+class Frames(Protocol):
+    """Background frames, chosen by the numbers of pairs."""
+
+    def __getitem__(self, index: np.ndarray | slice) -> np.ndarray: ...
+
+
 @dataclass(frozen=True)
 class Pictures:
-    """DIGIT images, each with its DIGIT's untouched frame after it where there are frames."""
+    """DIGIT images, each with its DIGIT's background frame after it where there are frames.
+
+    untouched: gives the frames of chosen pairs, (b, S, S, 3) uint8, or one for all, (S, S, 3).
+    """
 
     images: ImageFile
-    untouched: Untouched | None = None
+    untouched: Frames | None = None
 
     def __len__(self) -> int:
         return len(self.images)
@@ -76,7 +86,8 @@ class Pictures:
         pictures = self.images[index]
         if self.untouched is None:
             return pictures
-        return np.concatenate([pictures, self.untouched[index]], axis=-1)
+        frames = np.broadcast_to(self.untouched[index], pictures.shape)
+        return np.concatenate([pictures, frames], axis=-1)
 
 
 @dataclass(frozen=True)

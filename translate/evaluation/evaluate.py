@@ -12,9 +12,17 @@ from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.store import read_info
-from t2twin.translate.data.pairs import DataInfo, Pairs, load_info, load_pairs, usable_cache
+from t2twin.translate.data.pairs import (
+    DataInfo,
+    Pairs,
+    Pictures,
+    load_info,
+    load_pairs,
+    usable_cache,
+)
 from t2twin.translate.estimate import Estimate
 from t2twin.translate.evaluation import bootstrap
+from t2twin.translate.evaluation.background import Background, background_of
 from t2twin.translate.evaluation.baselines import (
     FEATURE_SIZE,
     MEAN_ARRAY,
@@ -60,7 +68,11 @@ SPLITS = (VAL, TEST)
 
 
 def evaluate(
-    runs: Sequence[str | Path], data_dir: str | Path, split: str, out_dir: str | Path
+    runs: Sequence[str | Path],
+    data_dir: str | Path,
+    split: str,
+    out_dir: str | Path,
+    background: str | Path | None = None,
 ) -> Evaluation:
     """Compares runs and baselines on one split; writes metrics.json and predictions.npz.
 
@@ -74,20 +86,26 @@ def evaluate(
     - layout-floor, for runs of another layout (module layout_floor);
     - the runs, by their models' names, with the folder's where two are of one model.
 
-    predictions.npz holds what each row says of every pair (module predictions).
-    Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, and
-    where that split or training has no pairs.
+    predictions.npz holds the counts that each row predicts of every pair (module predictions).
+    background: an image of the dataset's DIGIT with nothing touching it, for field runs; unless
+    given, the pairs' own frames or that of the default calibration, where the dataset names either.
+    Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, a
+    background frame that no run uses, and where that split or training has no pairs.
     """
     data_dir, out_dir = Path(data_dir), Path(out_dir)
-    info, loaded = check_asked(runs, data_dir, (split,))
+    info, loaded, frames = check_asked(runs, data_dir, (split,), background)
     with locked(out_dir):
-        return _evaluate(loaded, info, data_dir, split, out_dir)
+        return _evaluate(loaded, info, data_dir, split, out_dir, frames)
 
 
 def check_asked(
-    runs: Sequence[str | Path], data_dir: Path, splits: Sequence[str]
-) -> tuple[DataInfo, list[TrainedTranslator]]:
-    """What `evaluate` needs of a dataset and of runs, read. Raises T2TwinError as it does."""
+    runs: Sequence[str | Path],
+    data_dir: Path,
+    splits: Sequence[str],
+    background: str | Path | None = None,
+) -> tuple[DataInfo, list[TrainedTranslator], Background | None]:
+    """Reads what `evaluate` needs of a dataset, of runs and of the background frame, which is None
+    where no run uses one. Raises T2TwinError as `evaluate` does."""
     if not runs:
         raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
     _check_pairs(data_dir, (*splits, "train"))
@@ -96,11 +114,24 @@ def check_asked(
     for run in loaded:
         _at(run, info)
     run_names(loaded)
-    return info, loaded
+    if any(run.translator.learns_field for run in loaded):
+        file = None if background is None else Path(background)
+        return info, loaded, background_of(data_dir, file)
+    if background is not None:
+        raise T2TwinError(
+            f"{background} is a background frame, which field runs use alone; none of the runs "
+            "is one"
+        )
+    return info, loaded, None
 
 
 def _evaluate(
-    loaded: list[TrainedTranslator], info: DataInfo, data_dir: Path, split: str, out_dir: Path
+    loaded: list[TrainedTranslator],
+    info: DataInfo,
+    data_dir: Path,
+    split: str,
+    out_dir: Path,
+    background: Background | None,
 ) -> Evaluation:
     trained = dict(zip(run_names(loaded), loaded, strict=True))
     applied = {name: _at(run, info) for name, run in trained.items()}
@@ -110,7 +141,7 @@ def _evaluate(
     bins = force_bins(pairs, train)
     predictions = _without_runs(data_dir, pairs, train, near, bins)
     predictions |= _layout_floor(loaded, info, pairs)
-    of_runs, estimates = _of_runs(applied, data_dir, split, cache)
+    of_runs, estimates = _of_runs(applied, data_dir, split, cache, background)
     predictions |= of_runs
     view = view_on(info.x_mm, info.y_mm)
     models, differences = rows_of(predictions, pairs, info, view, bins)
@@ -135,6 +166,7 @@ def _evaluate(
         paper=_paper(data_dir, split),
         findings=findings(models, differences),
         world=info.world,
+        background=None if background is None else background.source,
     )
     write_predictions(out_dir, _predictions(predictions, estimates, pairs))
     write_evaluation(out_dir, evaluation)
@@ -167,16 +199,20 @@ def run_names(runs: Sequence[TrainedTranslator]) -> list[str]:
     return names
 
 
-def evaluate_both(runs: list[Path], data_dir: Path, out_dir: Path) -> dict[str, Evaluation]:
+def evaluate_both(
+    runs: list[Path], data_dir: Path, out_dir: Path, background: str | Path | None = None
+) -> dict[str, Evaluation]:
     """`evaluate` of validation and test, into out_dir/val and out_dir/test.
 
     Beside them go findings.json and results.md, a table in Markdown. Where a dataset has only one
-    of the two splits, the other is left out.
+    of the two splits, the other is left out. background: as for `evaluate`.
 
     Returns them by split. Raises T2TwinError as `evaluate` does, and where both are empty.
     """
     splits = splits_there(data_dir)
-    evaluations = {split: evaluate(runs, data_dir, split, out_dir / split) for split in splits}
+    evaluations = {
+        split: evaluate(runs, data_dir, split, out_dir / split, background) for split in splits
+    }
     write_findings(out_dir, evaluations, gap_between(evaluations, data_dir))
     with whole_file(out_dir / TABLE) as temporary:
         temporary.write_text(markdown(evaluations))
@@ -247,17 +283,23 @@ def _layout_floor(
 
 
 def _of_runs(
-    runs: Mapping[str, TrainedTranslator], data_dir: Path, split: str, cache: Path
+    runs: Mapping[str, TrainedTranslator],
+    data_dir: Path,
+    split: str,
+    cache: Path,
+    background: Background | None,
 ) -> tuple[dict[str, np.ndarray], dict[str, Estimate]]:
-    """(P, N) counts that each run predicts, and what those say that say how sure they are."""
+    """(P, N) counts that each run predicts, and the estimates of field runs."""
     has_field = load_info(data_dir).field_x_mm is not None
     predictions, estimates = {}, {}
     for name, run in runs.items():
         preset, tells = run.config.preset, run.translator.learns_field
-        # Pairs with a field mostly hold their DIGITs' untouched frames too.
+        # Pairs with a field mostly hold their DIGITs' background frames too.
         own = load_pairs(data_dir, split, preset.size, preset.grey, cache, tells and has_field)
         if tells:
-            estimates[name] = run.estimate_pixels(own.pictures, progress=name)
+            fixed = None if background is None else background.at_size(preset.size)
+            pictures = own.pictures if fixed is None else Pictures(own.images, fixed)
+            estimates[name] = run.estimate_pixels(pictures, progress=name)
             predictions[name] = estimates[name].counts
         else:
             predictions[name] = run.predict_pixels(own.images, progress=name)

@@ -19,7 +19,7 @@ from t2twin.translate.evaluation.as_json import as_json
 
 METRICS = "metrics.json"
 FINDINGS = "findings.json"
-FORMAT = 3
+FORMAT = 4
 """Version of what metrics.json holds."""
 
 FigureName = Literal[
@@ -307,7 +307,8 @@ class Evaluation:
     info_sha256: of the dataset's info.json. layout: its taxel layout's name. models: the rows by
     name. paired: touch2touch less ResNet18, by figure. lookalikes: None for the training split,
     and for a dataset that does not name its pictures' noise. paper, findings: by name. world: what
-    made the dataset (data.origin), None of imported pairs.
+    made the dataset (data.origin), None of imported pairs. background: the source of the DIGIT's
+    background frames that field runs were given, None where there was none.
     """
 
     format: int
@@ -325,6 +326,7 @@ class Evaluation:
     paper: dict[str, PaperRow]
     findings: dict[str, Finding]
     world: str | None = None
+    background: str | None = None
 
     @property
     def has_forces(self) -> bool:

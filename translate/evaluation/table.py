@@ -14,7 +14,7 @@ from t2twin.translate.evaluation.records import (
     ModelRow,
     PaperRow,
 )
-from t2twin.translate.evaluation.trained import trained_lines
+from t2twin.translate.evaluation.trained import background_lines, trained_lines
 
 
 class Column(NamedTuple):
@@ -73,7 +73,7 @@ def _notes(evaluation: Evaluation) -> list[str]:
         f"one pitch of it ({view.pitch_mm:.1f} mm), {view.taxels.beyond} beyond.",
     ]
     notes += certainty_text(evaluation.models)
-    notes += trained_lines(evaluation)
+    notes += trained_lines(evaluation) + background_lines(evaluation)
     if evaluation.paper:
         notes.append("The paper's rows are from real sensors and not to be compared one to one.")
     return notes
@@ -102,7 +102,8 @@ def markdown(evaluations: Mapping[str, Evaluation]) -> str:
         for split, evaluation in evaluations.items()
         for line in certainty_text(evaluation.models)
     )
-    return table + sure + "".join(f"\n{line}\n" for line in trained_lines(first)) + by_force
+    runs = (*trained_lines(first), *background_lines(first))
+    return table + sure + "".join(f"\n{line}\n" for line in runs) + by_force
 
 
 def _short_cells(row: ModelRow | None) -> list[str]:

@@ -30,5 +30,12 @@ def trained_lines(evaluation: Evaluation) -> list[str]:
     return lines
 
 
+def background_lines(evaluation: Evaluation) -> list[str]:
+    """A line on the background frame, where a run was given one."""
+    if evaluation.background is None:
+        return []
+    return [f"Background frame given to the field runs: {evaluation.background}."]
+
+
 def _number(value: int | None) -> str:
     return UNKNOWN if value is None else f"{value:,}"

@@ -19,11 +19,16 @@ BothSplits = Mapping[str, Evaluation]
 
 
 def evaluate_worlds(
-    runs: Sequence[str | Path], data_dirs: Sequence[Path], split: str, out_dir: Path
+    runs: Sequence[str | Path],
+    data_dirs: Sequence[Path],
+    split: str,
+    out_dir: Path,
+    background: str | Path | None = None,
 ) -> dict[str, dict[str, Evaluation]]:
     """Evaluates every run on every dataset, into out_dir/NAME of each, and writes worlds.md.
 
     split: "val", "test" or "both" (evaluate.evaluate_both), of which a dataset may lack one.
+    background: as for `evaluate`.
     Returns the evaluations by the datasets' folder names and by split. Raises T2TwinError, before
     anything is evaluated, for two datasets in folders of one name, and as `evaluate` does.
     """
@@ -35,14 +40,14 @@ def evaluate_worlds(
                 "folders of these names, so each must have its own"
             )
         splits = splits_there(data_dir) if split == "both" else (split,)
-        check_asked(runs, data_dir, splits)
+        check_asked(runs, data_dir, splits, background)
     worlds: dict[str, dict[str, Evaluation]] = {}
     for name, data_dir in zip(names, data_dirs, strict=True):
         folder = out_dir / name
         if split == "both":
-            worlds[name] = evaluate_both([Path(run) for run in runs], data_dir, folder)
+            worlds[name] = evaluate_both([Path(run) for run in runs], data_dir, folder, background)
         else:
-            worlds[name] = {split: evaluate(runs, data_dir, split, folder)}
+            worlds[name] = {split: evaluate(runs, data_dir, split, folder, background)}
     with whole_file(out_dir / TABLE) as temporary:
         temporary.write_text(worlds_markdown(worlds))
     return worlds
