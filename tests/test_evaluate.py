@@ -194,7 +194,10 @@ def test_records_come_back_from_their_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda text: text.replace(f'"format": {FORMAT}', '"format": 2'), r"metrics\.json is of format 2"),
+        (
+            lambda text: text.replace(f'"format": {FORMAT}', '"format": 2'),
+            r"metrics\.json is of format 2",
+        ),
         (lambda text: text[: len(text) // 2], r"metrics\.json is damaged"),
         (lambda text: text.replace('"ssim": 0', '"ssim": "x'), r"metrics\.json is damaged"),
         (
