@@ -26,6 +26,14 @@ def pytest_configure(config):
         config.add_cleanup(lambda: os.environ.pop(SESSION))
 
 
+FIRST = ("test_regression.py", "test_adapt.py")
+"""Test files that take longest: while one worker runs them, the others run the rest."""
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: item.path.name not in FIRST)
+
+
 def pytest_addoption(parser):
     parser.addoption(
         "--real-digit",
@@ -161,6 +169,14 @@ def small_dataset(products):
     return products.make(
         "small", lambda folder: generate(folder, "smoke", workers=1, shapes=REPORT_SHAPES)
     )
+
+
+@pytest.fixture(scope="session")
+def protocol_dataset(products):
+    """The dataset of the protocol at scale small; not to be written to."""
+    from t2twin.sim.dataset.generate import generate
+
+    return products.make("protocol", lambda folder: generate(folder, "small", workers=1))
 
 
 @pytest.fixture(scope="module")
