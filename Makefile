@@ -18,12 +18,16 @@ RUNS = runs/$(NAME)
 WORKERS_FLAG := $(if $(WORKERS),--workers $(WORKERS))
 MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
 
-.PHONY: help demo test setup system browser primitives simdata train-all evaluate report studio \
+# pytest's workers: one a core, 8 at most; or as many as WORKERS says.
+TEST := $(BIN)/python -m pytest -n $(or $(WORKERS),logical) --maxprocesses 8
+
+.PHONY: help demo test test-all setup system browser primitives simdata train-all evaluate report studio \
 	regression bench check clean
 
 help:
 	@echo "make demo        everything at scale small: data, both translators, report (minutes)"
-	@echo "make test        install, then the whole test suite with the RMSE regression"
+	@echo "make test        install, then the test suite with the RMSE regression"
+	@echo "make test-all    the same with the exhaustive tests (all bad inputs, all shapes)"
 	@echo "make setup       virtual environment and pinned packages"
 	@echo "make primitives  STEP, STL, mosaic plate and contact sheet of all shapes"
 	@echo "make simdata     the paired dataset         SCALE=smoke|small|paper (paper), or WORLD=open|FILE.toml"
@@ -46,7 +50,10 @@ demo: setup
 	$(MAKE) report SCALE=small SHIPPED=$(SHIPPED)
 
 test: setup browser
-	$(BIN)/python -m pytest
+	$(TEST) -m "not exhaustive"
+
+test-all: setup browser
+	$(TEST)
 
 setup: .venv/installed
 

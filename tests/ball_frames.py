@@ -25,6 +25,7 @@ def save(picture, path):
 
 def write_frames(folder: Path) -> None:
     """background.png and press_*.png, with a frame's noise."""
+    folder.mkdir(parents=True, exist_ok=True)
     optics, rng = DigitOptics.load(), np.random.default_rng(3)
     save(optics.render(deflections.ball(0, 0, 1.0) * 0, rng, NOISE_GREY), folder / "background.png")
     for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):

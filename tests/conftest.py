@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ball_frames import write_frames
+from session import SESSION, Products, start
 
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.cache_home import VARIABLE
 
 ROOT = Path(__file__).parents[1]
 
@@ -20,8 +20,18 @@ REPORT_SHAPES = (
 
 
 def pytest_configure(config):
-    """What numba compiles outlives the session, as it takes half a minute."""
-    os.environ.setdefault("NUMBA_CACHE_DIR", str(config.cache.mkdir("numba")))
+    if SESSION not in os.environ:
+        folder = start(config.cache.mkdir("numba"))
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
+        config.add_cleanup(lambda: os.environ.pop(SESSION))
+
+
+FIRST = ("test_regression.py", "test_adapt.py")
+"""Test files that take longest: while one worker runs them, the others run the rest."""
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: item.path.name not in FIRST)
 
 
 def pytest_addoption(parser):
@@ -42,20 +52,40 @@ def real_digit(request):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def shape_cache(tmp_path_factory):
-    """Where prepared shapes are kept, by commands too: each is made once for the whole session."""
-    home = tmp_path_factory.mktemp("cache")
+def session_folder():
+    """The folder of the session. Fixtures of a session or module run in an empty folder of it."""
+    folder = Path(os.environ[SESSION])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(VARIABLE, str(home))
-        yield catalogue.kept_in(None)
+        patch.chdir(folder / "empty")
+        yield folder
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path):
+    """Every test runs in its own temporary folder."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(tmp_path)
+        yield tmp_path
 
 
 @pytest.fixture(scope="session")
-def unit(tmp_path_factory):
+def products(session_folder):
+    """Expensive products that all workers share; a test that changes one fails the session."""
+    products = Products(session_folder / "products")
+    yield products
+    assert not (changed := products.changed()), f"tests wrote to shared products: {changed}"
+
+
+@pytest.fixture(scope="session")
+def shape_cache(session_folder):
+    """The folder of the prepared shapes, which commands use too."""
+    return catalogue.kept_in(None)
+
+
+@pytest.fixture(scope="session")
+def unit(products):
     """Frames of a DIGIT whose light is known."""
-    folder = tmp_path_factory.mktemp("unit")
-    write_frames(folder)
-    return folder
+    return products.make("unit", write_frames)
 
 
 @pytest.fixture(scope="module")
@@ -82,49 +112,71 @@ def one_thread(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
 
 
-@pytest.fixture(scope="module")
-def runs(data_dir, tmp_path_factory):
-    """Both translators, trained for three epochs on the module's own data_dir: their folders."""
-    from spots import train_smoke  # imports torch, which most tests do without
+@pytest.fixture(scope="session")
+def trained(products):
+    """Trains a translator at preset smoke, once for each dataset: (model, data_dir, epochs) to the
+    folder of the run."""
 
-    folder = tmp_path_factory.mktemp("runs")
-    return [
-        train_smoke(model, data_dir, folder / model, epochs=3)
-        for model in ("touch2touch", "resnet18")
-    ]
+    def run(model: str, data_dir: Path, epochs: int) -> Path:
+        from spots import train_smoke  # imports torch, which most tests do without
+
+        from t2twin.sim.dataset.store import INFO, sha256_of
+
+        name = f"{sha256_of(data_dir / INFO)}-{epochs}/{model}"
+        return products.make(name, lambda folder: train_smoke(model, data_dir, folder, epochs))
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def runs(data_dir, trained):
+    """Both translators, trained for three epochs on the module's own data_dir: their folders."""
+    return [trained(model, data_dir, 3) for model in ("touch2touch", "resnet18")]
 
 
 @pytest.fixture(scope="session")
-def untrained_runs(tmp_path_factory):
+def untrained_runs(products):
     """Runs of both translators with the weights that a training begins with: their folders, for
-    what does not ask how right they are."""
+    tests that do not depend on their errors."""
+    from t2twin.translate.presets import PAPER_MODELS
+
+    return [products.make(f"untrained/{model}", write_untrained) for model in PAPER_MODELS]
+
+
+def write_untrained(folder):
+    """Writes the run of the model that the folder is named after."""
     from t2twin.sim.cyskin.layout import load_layout
     from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
     from t2twin.translate.build import build
     from t2twin.translate.data.pairs import DataInfo
-    from t2twin.translate.presets import PAPER_MODELS, PRESETS
+    from t2twin.translate.presets import PRESETS
     from t2twin.translate.runs.checkpoint import save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
+    model = folder.name
     layout = load_layout()
     data = DataInfo("0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE_COUNTS)
-    folders = [tmp_path_factory.mktemp("untrained") / model for model in PAPER_MODELS]
-    for folder in folders:
-        preset = PRESETS[folder.name]["smoke"]
-        config = RunConfig(folder.name, preset, 0, data, None, None, 1, False, 1)
-        config.save(folder)
-        save_weights(folder / BEST, build(config).predictor)
-    return folders
+    config = RunConfig(model, PRESETS[model]["smoke"], 0, data, None, None, 1, False, 1)
+    config.save(folder)
+    save_weights(folder / BEST, build(config).predictor)
 
 
 @pytest.fixture(scope="session")
-def small_dataset(tmp_path_factory):
+def small_dataset(products):
     """A simulated dataset of REPORT_SHAPES, 20 pairs; not to be written to."""
     from t2twin.sim.dataset.generate import generate
 
-    folder = tmp_path_factory.mktemp("small") / "data"
-    generate(folder, "smoke", workers=1, shapes=REPORT_SHAPES)
-    return folder
+    return products.make(
+        "small", lambda folder: generate(folder, "smoke", workers=1, shapes=REPORT_SHAPES)
+    )
+
+
+@pytest.fixture(scope="session")
+def protocol_dataset(products):
+    """The dataset of the protocol at scale small; not to be written to."""
+    from t2twin.sim.dataset.generate import generate
+
+    return products.make("protocol", lambda folder: generate(folder, "small", workers=1))
 
 
 @pytest.fixture(scope="module")

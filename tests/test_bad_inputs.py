@@ -1,28 +1,60 @@
 """Every bad input ends with one plain sentence and leaves nothing; odd ones that are fine work."""
 
+from collections.abc import Iterator
+from functools import cache
+
 import pytest
 
 from benchmarks import bad_inputs
-from benchmarks.inputs.case import Case, replaced
-from benchmarks.inputs.tried import try_case
+from benchmarks.inputs.case import Base, Case, replaced
+from benchmarks.inputs.tried import guard_connections, try_case
 
 FEWEST = 700
 
-
-@pytest.fixture(scope="module")
-def base(tmp_path_factory):
-    return bad_inputs.make_base(tmp_path_factory.mktemp("base"))
+PART = 20
+"""Cases of one test, at most: few enough that the workers end together."""
 
 
-@pytest.mark.parametrize("kind", bad_inputs.KINDS)
-def test_no_input_surprises(kind, base, tmp_path):
-    unclean = [each for each in bad_inputs.try_kind(kind, base, tmp_path) if each.faults]
+@cache
+def cases_of(kind: str) -> tuple[Case, ...]:
+    return tuple(bad_inputs.KINDS[kind]())
+
+
+def parts() -> Iterator:
+    """Every part of every kind. A part takes each n-th case, so that the first of the n parts
+    samples its kind; the others are exhaustive."""
+    for kind in bad_inputs.KINDS:
+        count = -(-len(cases_of(kind)) // PART)
+        for part in range(count):
+            marks = (pytest.mark.exhaustive,) if part else ()
+            yield pytest.param(kind, slice(part, None, count), id=f"{kind}-{part}", marks=marks)
+
+
+@pytest.fixture(scope="session")
+def base(small_dataset, trained, products) -> Base:
+    from t2twin.translate.evaluation.evaluate import evaluate_both
+
+    runs = [trained(model, small_dataset, 1) for model in ("touch2touch", "resnet18")]
+    evaluation = products.make(
+        "evaluation", lambda folder: evaluate_both(runs, small_dataset, folder)
+    )
+    return Base(small_dataset, *runs, evaluation)
+
+
+@pytest.mark.parametrize("kind, part", parts())
+def test_no_input_surprises(kind, part, base, tmp_path):
+    guard_connections()
+    tried = [
+        try_case(case, base, tmp_path / str(number))
+        for number, case in enumerate(cases_of(kind)[part])
+    ]
+    unclean = [each for each in tried if each.faults]
     told = [f"{each.case.name}: {'; '.join(each.faults)}\n{each.said[-300:]}" for each in unclean]
     assert not unclean, "\n".join(told)
 
 
 def test_there_are_enough_of_them():
-    cases = [case for kind in bad_inputs.KINDS.values() for case in kind()]
+    cases = [case for kind in bad_inputs.KINDS for case in cases_of(kind)]
     assert len(cases) >= FEWEST
     assert sum(case.fine for case in cases) >= FEWEST // 10
 

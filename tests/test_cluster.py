@@ -6,10 +6,10 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from contextlib import contextmanager
 
 import pytest
+from waiting import wait_until
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset import cluster
@@ -22,7 +22,6 @@ from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.recipe import load_recipe
 
 SHAPES = ("square-1", "square-3", "circle-2", "square-2", "circle-1", "pliers/teeth")
-PATIENCE_SECONDS = 120
 
 
 @contextmanager
@@ -46,13 +45,13 @@ def scheduler():
         port = free.getsockname()[1]
     with started("distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port),
                  "--no-dashboard"):  # fmt: skip
-        deadline = time.monotonic() + PATIENCE_SECONDS
-        while time.monotonic() < deadline:
-            with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.1)
+        wait_until(lambda: answers(port))
         yield f"tcp://127.0.0.1:{port}"
+
+
+def answers(port):
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 def worker(address, folder):
@@ -72,16 +71,16 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cach
 
     def kill(process):
         """While it presses: after the first shard is whole, with another one in the making."""
-        deadline = time.monotonic() + PATIENCE_SECONDS
-        while time.monotonic() < deadline:
+
+        def is_next():
             whole = len(list(data.glob("*/[a-z]*.parquet")))
-            if whole and list(data.glob(f"*/.*.{process.pid}.part.parquet")):
-                os.kill(process.pid, signal.SIGKILL)
-                killed_at.append(whole)
-                for path in read_info(data).shards:
-                    kept[path] = (data / path).stat().st_mtime_ns
-                return
-            time.sleep(0.01)
+            return list(data.glob(f"*/.*.{process.pid}.part.parquet")) and whole
+
+        whole = wait_until(is_next)
+        os.kill(process.pid, signal.SIGKILL)
+        killed_at.append(whole)
+        for path in read_info(data).shards:
+            kept[path] = (data / path).stat().st_mtime_ns
 
     with scheduler() as address, worker(address, tmp_path) as first, worker(address, tmp_path):
         killer = threading.Thread(target=kill, args=(first,))

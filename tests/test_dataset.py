@@ -8,13 +8,13 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from waiting import wait_until
 
 from t2twin.cli import main
 from t2twin.primitives_cad import catalogue
@@ -125,9 +125,7 @@ def test_a_run_killed_again_and_again_ends_with_the_same_bytes(made, tmp_path, s
         process = subprocess.Popen(
             [sys.executable, "-c", script], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
-        deadline = time.monotonic() + 120
-        while len(list(folder.rglob("[a-z]*.parquet"))) < kill and time.monotonic() < deadline:
-            time.sleep(0.01)
+        wait_until(lambda kill=kill: len(list(folder.rglob("[a-z]*.parquet"))) >= kill)
         os.kill(process.pid, signal.SIGKILL)
         process.wait()
         assert 0 < len(list(folder.rglob("[a-z]*.parquet"))) < len(SHAPES)
@@ -220,9 +218,7 @@ def test_a_killed_worker_is_one_sentence(tmp_path, shape_cache):
     folder = tmp_path / "data"
 
     def kill() -> None:
-        deadline = time.monotonic() + 60
-        while not list(folder.rglob(".*.part.parquet")) and time.monotonic() < deadline:
-            time.sleep(0.05)
+        wait_until(lambda: list(folder.rglob(".*.part.parquet")))
         os.kill(multiprocessing.active_children()[0].pid or 0, signal.SIGKILL)
 
     killer = threading.Thread(target=kill)

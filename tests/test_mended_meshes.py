@@ -2,12 +2,12 @@
 
 import os
 import struct
-import time
 
 import numpy as np
 import pytest
 import trimesh
 from solid_files import box, glb_of, model, obj_text, part, taken_apart, threemf_of, y_up
+from waiting import no_hang
 
 from t2twin.cli import main
 from t2twin.primitives_cad import catalogue, files
@@ -282,15 +282,13 @@ def test_what_cannot_be_pressed_is_refused_in_one_sentence(name, tmp_path, capfd
     path = tmp_path / name
     make(path)
     capfd.readouterr()
-    started = time.perf_counter()
-    with pytest.raises(T2TwinError, match=words) as caught:
+    with no_hang(), pytest.raises(T2TwinError, match=words) as caught:
         catalogue.load(path, tmp_path / "kept")
     assert str(caught.value).startswith(str(path)) or "there is no file" in str(caught.value)
     assert "\n" not in str(caught.value)
     said = capfd.readouterr()
     assert said.out == said.err == ""
     assert not (tmp_path / "kept").exists()
-    assert time.perf_counter() - started < 30.0
 
 
 def test_a_file_without_permission_is_said_to_be_so(tmp_path, monkeypatch):

@@ -9,9 +9,7 @@ import pytest
 from safetensors.torch import load_file
 from spots import write_spots
 
-from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.dataset.generate import generate
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.certainty import NAMED_LEVEL, certainty
 from t2twin.translate.evaluation.evaluate import evaluate
@@ -79,14 +77,13 @@ def test_all_that_ships_is_small() -> None:
     assert sum(path.stat().st_size for path in HOME.rglob("*")) < MOST_BYTES
 
 
-def test_the_card_says_what_is_measured(tmp_path: Path) -> None:
+def test_the_card_says_what_is_measured(protocol_dataset: Path) -> None:
     """Presses of hand tools, made anew, come to the card's figure for all of the protocol's."""
     card = (HOME / "field" / "README.md").read_text()
     told = re.search(r"\| paper, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", card)
     assert told is not None
-    generate(tmp_path / "data", "small", workers=1, shapes=catalogue.OBJECTS)
     run = load_run(HOME / "field")
-    pairs = load_pairs(tmp_path / "data", "test", run.config.preset.size, grey=False)
+    pairs = load_pairs(protocol_dataset, "test", run.config.preset.size, grey=False)
     said = run.estimate_pixels(pairs.pictures)
     off = said.counts - pairs.counts
     percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.full_scale_counts

@@ -4,10 +4,10 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE_S
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import LOCK, locked
@@ -23,7 +23,7 @@ def heed():
 
 
 WRITING = """
-import os, sys, time
+import os, signal, sys
 from pathlib import Path
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.writing import whole_file
@@ -33,25 +33,55 @@ try:
     with locked(Path("a/b")), whole_file(Path("a/b/c.txt")) as temporary:
         temporary.write_text("half")
         print(sorted(os.listdir("a/b")), flush=True)
-        time.sleep(60)
+        signal.pause()
 except Stopped as stop:
     sys.exit(say_stopped(stop.number))
 """
 
 
+LOADING = """
+import runpy, signal, sys
+
+MODULE = sys.argv[1]
+
+class Halt:
+    def find_spec(self, name, path=None, target=None):
+        if name == MODULE:
+            print(name, flush=True)
+            signal.pause()
+
+sys.meta_path.insert(0, Halt())
+sys.argv[1:] = ["press", "square-2", "--out", "out"]
+runpy.run_module("t2twin", run_name="__main__", alter_sys=False)
+"""
+"""A press that halts where it imports the module that its command line names."""
+
+
 @pytest.mark.parametrize("number", STATUS)
-@pytest.mark.parametrize("seconds", [0.12, 0.3, 0.6])
-def test_a_command_is_stopped_while_it_is_being_loaded(number, seconds, tmp_path):
+@pytest.mark.parametrize("module", ["t2twin.cli", "numpy", "t2twin.twin", "numba"])
+def test_a_command_is_stopped_while_it_is_being_loaded(number, module, tmp_path):
+    process = subprocess.Popen(
+        [sys.executable, "-c", LOADING, module],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=heed,
+    )  # fmt: skip
+    assert process.stdout is not None and process.stdout.readline() == f"{module}\n"
+    process.send_signal(number)
+    said = process.communicate(timeout=PATIENCE_S)[1]
+    assert said == "t2twin: stopped; the same command begins again\n"
+    assert process.returncode == STATUS[number]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", STATUS)
+def test_a_command_is_stopped_at_once(number, tmp_path):
+    """Python itself may not have started yet, so that it ends without a sentence."""
     process = subprocess.Popen(
         [sys.executable, "-m", "t2twin", "press", "square-2", "--out", "out"],
         cwd=tmp_path, stderr=subprocess.PIPE, text=True, preexec_fn=heed,
     )  # fmt: skip
-    time.sleep(seconds)
     process.send_signal(number)
-    said = process.communicate(timeout=20)[1]
-    if "stopped" in said:  # where Python itself is not up yet, nothing of ours is said
-        assert said == "t2twin: stopped; the same command begins again\n"
-        assert process.returncode == STATUS[number]
+    process.communicate(timeout=PATIENCE_S)
     assert process.returncode != 0
     assert list(tmp_path.iterdir()) == []
 
@@ -67,7 +97,7 @@ def test_what_is_half_written_goes(number, tmp_path):
     there = process.stdout.readline()
     assert LOCK in there and ".part.txt" in there
     process.send_signal(number)
-    said = process.communicate(timeout=20)[1]
+    said = process.communicate(timeout=PATIENCE_S)[1]
     assert said == "t2twin: stopped; the same command begins again\n"
     assert process.returncode == STATUS[number]
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,86 @@
+"""Tests run in temporary folders: none reads the working directory or the caches of a user."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+from session import FOLDERS, Products
+
+ROOT = Path(__file__).parents[1]
+ON_THE_SPOT = (
+    "import json, os, platformdirs, sys, t2twin.primitives_cad.cache_home as cache\n"
+    "print(json.dumps([os.getcwd(), os.path.expanduser('~'), str(cache.cache_home()),"
+    " platformdirs.user_cache_dir(), platformdirs.user_config_dir()]))"
+)
+"""Prints the folders that a command finds by itself."""
+
+
+@pytest.fixture(scope="module")
+def module_folder():
+    return Path.cwd()
+
+
+def is_temporary(folder: str | Path) -> bool:
+    """Whether a folder lies in the temporary directory, and not in the repository."""
+    path = Path(folder).resolve()
+    return path.is_relative_to(Path(tempfile.gettempdir()).resolve()) and not (
+        path.is_relative_to(ROOT)
+    )
+
+
+def test_a_test_runs_in_its_own_empty_folder(tmp_path, module_folder):
+    assert Path.cwd() == tmp_path and list(tmp_path.iterdir()) == []
+    assert is_temporary(module_folder) and list(module_folder.iterdir()) == []
+    for folder in ("data", "runs", "report"):
+        assert not Path(folder).exists()
+
+
+def test_commands_find_temporary_folders_alone():
+    done = subprocess.run(
+        [sys.executable, "-c", ON_THE_SPOT], capture_output=True, text=True, check=True
+    )
+    for folder in (*json.loads(done.stdout), *(os.environ[name] for name in FOLDERS)):
+        assert is_temporary(folder), folder
+
+
+def test_runs_of_the_repository_are_not_found():
+    from t2twin.studio.translators import Translators
+    from t2twin.translate.runs.shipped import shipped_runs
+
+    translators = Translators()
+    translators.search()
+    assert set(translators.names) <= set(shipped_runs())
+
+
+def test_a_product_is_made_once_and_a_change_of_it_is_seen(tmp_path):
+    made = []
+
+    def build(folder):
+        made.append(folder.name)
+        (folder / "cache").mkdir(parents=True)
+        (folder / "file").write_text("product")
+
+    first, second = Products(tmp_path), Products(tmp_path)
+    assert first.make("a/product", build) == second.make("a/product", build)
+    assert made == ["product"]
+    (tmp_path / "a/product/cache/image").touch()
+    assert first.changed() == []
+    (tmp_path / "a/product/file").write_text("changed")
+    (tmp_path / "a/product/more").touch()
+    assert set(first.changed()) == {"product/file", "product/more"}
+
+
+def test_an_unfinished_product_is_made_again(tmp_path):
+    products = Products(tmp_path)
+
+    def fail(folder):
+        folder.mkdir()
+        raise RuntimeError("interrupted")
+
+    with pytest.raises(RuntimeError, match="interrupted"):
+        products.make("product", fail)
+    assert list(products.make("product", Path.mkdir).iterdir()) == []
