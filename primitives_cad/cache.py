@@ -24,6 +24,7 @@ MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
 
 NOT_MAKERS = (
     "cache_home.py",
+    "checks.py",
     "errors.py",
     "export.py",
     "folder_lock.py",

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.cache_home import cache_home
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import temporary_folder, whole_file
@@ -24,6 +25,7 @@ from t2twin.translate.direction import DIGIT_TO_CYSKIN
 from t2twin.translate.export import INPUT, TACTILE_IMAGES, UNTOUCHED, export_onnx, open_onnx
 from t2twin.translate.predict import TrainedTranslator
 from t2twin.translate.runs.config import BEST
+from t2twin.translate.runs.shipped import DEFAULT_RUN
 
 ENGINES = ("onnx", "torch")
 
@@ -35,29 +37,29 @@ MOST_KEPT = 20
 
 
 def load(
-    run_dir: str | Path,
+    run: str | Path = DEFAULT_RUN,
     layout: str | Path | None = None,
     bf16: bool = False,
     engine: Literal["onnx", "torch"] | None = None,
 ) -> TrainedTranslator:
     """A run's best weights, ready to predict, or to draw pictures where it goes the other way.
 
-    run_dir, layout, bf16: as for predict.load. engine: what computes counts: "onnx", ONNX Runtime,
+    run, layout, bf16: as for predict.load. engine: what computes counts: "onnx", ONNX Runtime,
     or "torch". Unless given it is ONNX Runtime where the extra t2twin[onnx] is installed, the run
     computes in float32 on the CPU, and its file can be kept; counts differ by less than one.
     Raises T2TwinError as predict.load does, for another engine, and for "onnx" where it cannot be.
     """
-    if engine not in (*ENGINES, None):
+    if engine is not None and checks.text(engine, "engine") not in ENGINES:
         raise T2TwinError(f"there is no engine {engine!r}; {' and '.join(ENGINES)} are allowed")
-    run = predict.load(run_dir, layout, bf16)
+    trained = predict.load(run, layout, bf16)
     if engine == "torch":
-        return run
-    why = _why_not(run, bf16)
+        return trained
+    why = _why_not(trained, bf16)
     if why is None:
-        return replace(run, engine=OnnxEngine(run))
+        return replace(trained, engine=OnnxEngine(trained))
     if engine == "onnx":
-        raise T2TwinError(f"{run_dir} cannot be used with ONNX Runtime: {why}")
-    return run
+        raise T2TwinError(f"{run} cannot be used with ONNX Runtime: {why}")
+    return trained
 
 
 def _why_not(run: TrainedTranslator, bf16: bool) -> str | None:

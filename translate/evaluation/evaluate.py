@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import DataInfo, Pairs, load_info, load_pairs, usable_cache
 from t2twin.translate.estimate import Estimate
@@ -78,7 +80,8 @@ def evaluate(
     Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, and
     where that split or training has no pairs.
     """
-    data_dir, out_dir = Path(data_dir), Path(out_dir)
+    data_dir, out_dir = checks.path(data_dir, "data_dir"), checks.path(out_dir, "out_dir")
+    checks.choice(split, "split", ALL_SPLITS)
     info, loaded = check_asked(runs, data_dir, (split,))
     with locked(out_dir):
         return _evaluate(loaded, info, data_dir, split, out_dir)
@@ -88,7 +91,7 @@ def check_asked(
     runs: Sequence[str | Path], data_dir: Path, splits: Sequence[str]
 ) -> tuple[DataInfo, list[TrainedTranslator]]:
     """What `evaluate` needs of a dataset and of runs, read. Raises T2TwinError as it does."""
-    if not runs:
+    if not checks.paths(runs, "runs"):
         raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
     _check_pairs(data_dir, (*splits, "train"))
     info = load_info(data_dir)
