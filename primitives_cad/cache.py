@@ -25,6 +25,7 @@ MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
 NOT_MAKERS = (
     "cache_home.py",
     "checks.py",
+    "checksum.py",
     "errors.py",
     "export.py",
     "folder_lock.py",

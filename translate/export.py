@@ -113,14 +113,15 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     return apart
 
 
-def open_onnx(path: Path, threads: int = 0) -> Any:
-    """ONNX Runtime's session of a file, on the CPU. threads: 0 leaves their number to it."""
+def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
+    """ONNX Runtime's session of a file or of its content, on the CPU. threads: 0 leaves their
+    number to it."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3  # errors; it warns of an input that has a default, as meant
     options.intra_op_num_threads = threads
-    return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
 def _random_pixels(run: TrainedTranslator) -> np.ndarray:
