@@ -24,6 +24,7 @@ from benchmarks.inputs import (
     folders,
     images,
     layouts,
+    python_api,
     runs,
     shapes,
     tables,
@@ -45,6 +46,7 @@ KINDS: dict[str, Callable[[], Iterator[Case]]] = {
     "caches": caches.cases,
     "folders": folders.cases,
     "worlds": worlds.cases,
+    "python_api": python_api.cases,
 }
 """What is tried, by what is bad about it."""
 

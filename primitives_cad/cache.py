@@ -24,6 +24,8 @@ MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
 
 NOT_MAKERS = (
     "cache_home.py",
+    "checks.py",
+    "checksum.py",
     "errors.py",
     "export.py",
     "folder_lock.py",

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad import cache, families, files
+from t2twin.primitives_cad import cache, checks, families, files
 from t2twin.primitives_cad.cache_home import cache_home
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.families import PRIMITIVES
@@ -82,7 +82,7 @@ def load(
 def kept_in(cache_dir: str | Path | None) -> Path | None:
     """Where prepared shapes are kept, see `load`; None where none can be."""
     if cache_dir is not None:
-        return Path(cache_dir)
+        return checks.path(cache_dir, "cache_dir")
     home = cache_home()
     return None if home is None else home / "shapes"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import trimesh
 
-from t2twin.primitives_cad import cache, catalogue, families
+from t2twin.primitives_cad import cache, catalogue, checks, families
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.progress import Progress
@@ -59,8 +59,10 @@ def export(out_dir: str | Path, cache_dir: str | Path | None = None) -> Path:
     code, is not made again. cache_dir: as for catalogue.load. Returns the manifest's path.
     Raises T2TwinError where the folder cannot be written.
     """
-    with locked(Path(out_dir)):
-        return _export(Path(out_dir), cache_dir)
+    folder = checks.path(out_dir, "out_dir")
+    catalogue.kept_in(cache_dir)  # raises for what is no path
+    with locked(folder):
+        return _export(folder, cache_dir)
 
 
 def _export(folder: Path, cache_dir: str | Path | None) -> Path:

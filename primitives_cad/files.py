@@ -7,7 +7,7 @@ from stat import S_ISDIR, S_ISREG
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad import mending
+from t2twin.primitives_cad import checks, mending
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.formats import glb, obj, ply, step, stl, threemf
 
@@ -46,7 +46,10 @@ LIKELY_MM = 30.0
 
 def check_scale(scale: float | None) -> None:
     """Raises T2TwinError for a scale that is not a positive, finite number."""
-    if scale is not None and not (math.isfinite(scale) and scale > 0.0):
+    if scale is None:
+        return
+    scale = checks.real(scale, "scale")
+    if not (math.isfinite(scale) and scale > 0.0):
         raise T2TwinError(f"a scale of {scale:g} cannot be used; positive numbers are allowed")
 
 

@@ -1,5 +1,6 @@
 """Seeds: one rule for all of them."""
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 
 MOST_SEED = 2**63 - 1
@@ -7,6 +8,7 @@ MOST_SEED = 2**63 - 1
 
 
 def check_seed(seed: int) -> None:
-    """Raises T2TwinError for a seed that is not from 0 to MOST_SEED."""
+    """Raises T2TwinError for a seed that is not a whole number from 0 to MOST_SEED."""
+    checks.whole_number(seed, "seed")
     if not 0 <= seed <= MOST_SEED:
         raise T2TwinError(f"the seed is {seed}; it must be a whole number from 0 to {MOST_SEED}")

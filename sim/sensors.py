@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin import reading, taxels
@@ -77,10 +78,8 @@ class Digit:
     elastomer: Elastomer = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        if self.renderer not in get_args(Renderer):
-            raise T2TwinError(
-                f"the renderer is {self.renderer!r}; it must be one of {get_args(Renderer)}"
-            )
+        checks.instance(self.gel, "gel", Elastomer)
+        checks.choice(self.renderer, "optics", get_args(Renderer))
         light = self.unit.calibration if self.unit else Calibration.load(self._file)
         object.__setattr__(self, "optics", self._optics(light))
         object.__setattr__(self, "elastomer", self._elastomer(light))
@@ -161,6 +160,7 @@ class CySkin:
     flaws: reading.Imperfections = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        checks.instance(self.cover, "cover", Elastomer)
         object.__setattr__(self, "layout", load_layout(self.layout_source))
         object.__setattr__(
             self, "flaws", reading.imperfections(self.imperfections, tuple(self.dead))

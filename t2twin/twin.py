@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.press_folder import write_press
-from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad import catalogue, checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
@@ -16,6 +16,7 @@ from t2twin.sim.press.depth import force_at_depth
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.press.force import check_force
 from t2twin.sim.press.records import Contact, PressCommand
+from t2twin.sim.seeds import check_seed
 from t2twin.sim.sensors import CySkin, CySkinTouch, Digit, DigitTouch, Renderer, SensorPair
 from t2twin.sim.world.protocol import FORCE_N
 from t2twin.translate.phi import Phi
@@ -50,10 +51,13 @@ class Touch:
         return Phi(self.layout.x_mm, self.layout.y_mm)(self.counts)
 
     def save(self, folder: str | Path) -> None:
-        """Write the folder that `t2twin press` writes: pictures, counts, contacts, scenes."""
+        """Write the folder that `t2twin press` writes: pictures, counts, contacts, scenes.
+
+        Raises T2TwinError where the folder cannot be written.
+        """
         digit = DigitTouch(self.digit, self.image, self.calibration, self.optics)
         cyskin = CySkinTouch(self.cyskin, self.counts, self.layout)
-        write_press(Path(folder), digit, cyskin)
+        write_press(checks.path(folder, "folder"), digit, cyskin)
 
 
 class Twin:
@@ -78,10 +82,11 @@ class Twin:
         cover: Elastomer = CYSKIN_COVER,
         optics: Renderer = "baked",
     ) -> None:
-        light = None if calibration is None else str(calibration)
+        light = None if calibration is None else str(checks.path(calibration, "calibration"))
+        taxels = str(checks.path(layout, "layout"))
         self.sensors = SensorPair(
             Digit(gel=gel, calibration=light, renderer=optics),
-            CySkin(cover=cover, layout_source=str(layout), imperfections=imperfections),
+            CySkin(cover=cover, layout_source=taxels, imperfections=imperfections),
         )
 
     @property
@@ -115,6 +120,8 @@ class Twin:
         are drawn from it; without one there are none.
         Raises T2TwinError for a shape, a number or a place that cannot be pressed.
         """
+        if seed is not None:
+            check_seed(seed)
         solid = load_shape(shape, scale)
         command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, self.sensors.digit)
         rng = None if seed is None else np.random.default_rng(seed)
@@ -177,6 +184,7 @@ def load_shape(shape: str | Path | Shape, scale: float | None = None) -> Shape:
     name, a file that cannot be pressed, and a scale that is not positive or not for a file.
     """
     if not isinstance(shape, Shape):
+        checks.path(shape, "shape")
         return catalogue.load(shape, scale=scale)
     if scale is not None:
         raise T2TwinError(f"{shape.name} is a Shape, in mm; a scale is for files only")
@@ -195,12 +203,13 @@ def press_command(
     """A checked command: of a force, FORCE_N where None, or of the one that gives a depth, mm, in
     a sensor. Raises T2TwinError for a force or depth out of range, for both, and for places not
     finite."""
-    for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("yaw_deg", yaw_deg)):
-        if not np.isfinite(value):
-            raise T2TwinError(f"{name} is {value}; it must be a finite number")
+    x_mm, y_mm, yaw_deg = (
+        checks.number(value, name)
+        for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("yaw_deg", yaw_deg))
+    )
     if force_n is not None and depth_mm is not None:
         raise T2TwinError("force_n and depth_mm are both given; a press is of one of them")
-    force = FORCE_N if force_n is None else force_n
+    force = FORCE_N if force_n is None else checks.real(force_n, "force_n")
     check_force(force)
     command = PressCommand(shape.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force)
     if depth_mm is None:

@@ -1,5 +1,6 @@
 """ONNX Runtime in PyTorch's place: the same counts, its file kept, and made anew where it must."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from spots import train_smoke, write_spots
 
 from t2twin.primitives_cad.cache_home import VARIABLE
+from t2twin.primitives_cad.checksum import SIZE, write_checked
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate import engine
 from t2twin.translate.engine import load
@@ -50,15 +52,33 @@ def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
     run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
-    keep = engine._keep
-    monkeypatch.setattr(engine, "_keep", lambda *of: (made.append(of), keep(*of)))
+    make = engine._made
+    monkeypatch.setattr(engine, "_made", lambda *of: made.append(of) or make(*of))
     first = load(run_dir).predict(frames)
     np.testing.assert_array_equal(load(run_dir).predict(frames), first)
     assert len(made) == 1
     (file,) = kept.iterdir()
-    file.write_bytes(file.read_bytes()[:-1000])
-    np.testing.assert_array_equal(load(run_dir).predict(frames), first)
-    assert len(made) == 2
+    content = file.read_bytes()
+    flipped = bytearray(content)
+    flipped[len(content) // 2] ^= 64
+    other = kept / "other.onnx"
+    write_checked(other, content[:-SIZE])  # whole, but of another name
+    for number, damaged in enumerate((content[:-1000], b"", bytes(flipped), other.read_bytes())):
+        file.write_bytes(damaged)
+        np.testing.assert_array_equal(load(run_dir).predict(frames), first)
+        assert len(made) == 2 + number and file.read_bytes() == content
+
+
+def test_a_pipe_or_a_folder_in_its_place_stops_nothing(
+    run_dir: Path, kept: Path, frames: np.ndarray
+) -> None:
+    expected = load(run_dir, engine="torch").predict(frames)
+    load(run_dir).predict(frames)
+    (file,) = kept.iterdir()
+    for make in (os.mkfifo, os.mkdir):
+        file.unlink()
+        make(file)
+        np.testing.assert_allclose(load(run_dir).predict(frames), expected, atol=1.0)
 
 
 def test_where_no_file_can_be_kept_pytorch_computes(

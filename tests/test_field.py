@@ -497,7 +497,7 @@ def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp
     assert rows[0].startswith("image,taxel_0") and rows[1].split(",")[1:] == list(map(str, stds))
     assert (out / "press.png").is_file()
     frame_file = tmp_path / "press.png"
-    other = translate_files(run_dir, [frame_file], out, untouched=frame_file, pictures=False)
+    other = translate_files(run_dir, [frame_file], out, background=frame_file, pictures=False)
     assert not np.array_equal(other.counts, translated.counts)
     assert json.loads((out / "counts.json").read_text())["untouched"] == str(frame_file)
 
@@ -512,7 +512,10 @@ def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_p
             run.estimate(frame)
         with pytest.raises(T2TwinError, match="looks at no untouched frame; a field run does"):
             translate_files(
-                folder, [tmp_path / "frame.png"], tmp_path / "out", untouched=tmp_path / "frame.png"
+                folder,
+                [tmp_path / "frame.png"],
+                tmp_path / "out",
+                background=tmp_path / "frame.png",
             )
 
 

@@ -43,7 +43,7 @@ def digit(data_dir: Path) -> Image.Image:
 
 def test_files_say_what_was_predicted(run_dir: Path, digit: Image.Image, tmp_path: Path) -> None:
     digit.save(tmp_path / "press.png")
-    counts = translate_images(run_dir, [tmp_path / "press.png"], tmp_path / "out")
+    counts = translate_images([tmp_path / "press.png"], tmp_path / "out", run_dir)
     assert counts.shape == (1, 20)
     expected = load_run(run_dir).predict(np.asarray(digit)[None])
     np.testing.assert_allclose(counts, expected, atol=1.0)
@@ -71,7 +71,7 @@ def test_any_size_and_colour_is_translated(
     digit.resize((7, 5)).save(tmp_path / "tiny.png")
     digit.convert("L").save(tmp_path / "grey.png")
     paths = [tmp_path / name for name in ("large.jpg", "tiny.png", "grey.png")]
-    counts = translate_images(run_dir, paths, tmp_path / "out")
+    counts = translate_images(paths, tmp_path / "out", run_dir)
     assert counts.shape == (3, 20)
     assert np.isfinite(counts).all()
     assert {p.name for p in (tmp_path / "out").glob("*.png")} == {
@@ -85,7 +85,7 @@ def test_grey_is_all_that_touch2touch_sees(
     digit.save(tmp_path / "colour.png")
     digit.convert("L").save(tmp_path / "grey.png")
     paths = [tmp_path / "colour.png", tmp_path / "grey.png"]
-    colour, grey = translate_images(run_dir, paths, tmp_path / "out")
+    colour, grey = translate_images(paths, tmp_path / "out", run_dir)
     same = np.allclose(colour, grey, atol=1.0)
     assert same == (run_dir.name == "touch2touch")
 
@@ -98,7 +98,7 @@ def test_inputs_of_one_name_keep_their_own_output(
         (tmp_path / folder).mkdir()
         paths.append(tmp_path / folder / ("press.png" if folder != "c" else "press.jpg"))
         digit.save(paths[-1])
-    translate_images(run_dir, paths, tmp_path / "out")
+    translate_images(paths, tmp_path / "out", run_dir)
     content = json.loads((tmp_path / "out" / "counts.json").read_text())
     named = [image["tactile_image"] for image in content["images"]]
     assert named == ["press.png", "press-2.png", "press-3.png"]
@@ -115,19 +115,19 @@ def test_bad_files_get_a_sentence_and_nothing_is_written(
     empty.write_bytes(b"")
     out = tmp_path / "out"
     with pytest.raises(T2TwinError, match="at least one"):
-        translate_images(run_dir, [], out)
+        translate_images([], out, run_dir)
     with pytest.raises(T2TwinError, match="is not there"):
-        translate_images(run_dir, [good, tmp_path / "missing.png"], out)
+        translate_images([good, tmp_path / "missing.png"], out, run_dir)
     for bad in (text, cut, empty):
         with pytest.raises(T2TwinError, match="cannot be read as an image"):
-            translate_images(run_dir, [good, bad], out)
+            translate_images([good, bad], out, run_dir)
     (tmp_path / "folder").mkdir()
     with pytest.raises(T2TwinError, match="holds no images"):
-        translate_images(run_dir, [tmp_path / "folder"], out)
+        translate_images([tmp_path / "folder"], out, run_dir)
     for bad in (text, cut, empty):
         bad.unlink()
     with pytest.raises(T2TwinError, match="holds no config\\.json"):
-        translate_images(tmp_path, [good], out)
+        translate_images([good], out, tmp_path)
     assert not out.exists()
 
 
@@ -139,6 +139,19 @@ def test_arrays_that_are_no_images_are_refused(run_dir: Path) -> None:
         run.predict(np.zeros((1, 32, 32, 4), np.uint8))
     with pytest.raises(T2TwinError, match="of uint8"):
         run.predict(np.zeros((0, 32), np.uint8))
+    for images, words in (
+        (np.zeros((32, 24, 4), np.uint8), "RGBA"),
+        (np.zeros((3, 32, 24), np.uint8), r"channels-first: images.transpose\(1, 2, 0\)"),
+        (np.zeros((2, 3, 32, 24), np.uint8), r"channels-first: images.transpose\(0, 2, 3, 1\)"),
+        (np.zeros((5, 32, 24), np.uint8), r"\(B, h, w, 1\), made by images\[..., None\]"),
+        (torch.zeros((32, 24, 3), dtype=torch.uint8), "converts a tensor"),
+        (Image.new("RGB", (24, 32)), "converts a PIL image"),
+        ("press.png", "reads a file"),
+        ({}, "images is of type dict"),
+        ([np.zeros((32, 24), np.uint8), None], r"images\[1\] is None"),
+    ):
+        with pytest.raises(T2TwinError, match=words):
+            run.predict(images)  # pyright: ignore[reportArgumentType]
     assert run.predict(np.zeros((0, 32, 32, 3), np.uint8)).shape == (0, 20)
 
 
@@ -150,7 +163,8 @@ def test_one_frame_is_a_batch_of_one(run_dir: Path, digit: Image.Image) -> None:
     assert one.shape == (20,)
     np.testing.assert_allclose(one, several[0], atol=0.5)
     assert run.predict(frame[:, :, 0]).shape == (20,)
-    assert run.predict(frame[None, :, :, 0]).shape == (1, 20)
+    assert run.predict(frame[None, :, :, :1]).shape == (1, 20)
+    assert run.predict([frame, frame[::2, :, 0]]).shape == (2, 20) and run.predict([]).size == 0
     assert run.tactile_images(frame).shape == (396, 240)
     assert run.tactile_images([frame]).shape == (1, 396, 240)
 
@@ -186,7 +200,7 @@ def test_folder_of_many_is_as_one_by_one(
     (tmp_path / "frames").mkdir()
     for number, frame in enumerate(frames):
         Image.fromarray(frame).save(tmp_path / "frames" / f"{number:02}.png")
-    counts = translate_images(run_dir, [tmp_path / "frames"], tmp_path / "out", pictures=False)
+    counts = translate_images([tmp_path / "frames"], tmp_path / "out", run_dir, pictures=False)
     run = load_run(run_dir)
     expected = np.stack([run.predict(frame) for frame in frames])
     np.testing.assert_allclose(counts, expected, atol=0.5)
@@ -199,7 +213,7 @@ def test_folder_of_many_is_as_one_by_one(
     ]
     assert [image["counts"] for image in content["images"]] == np.rint(counts).tolist()
     assert "tactile_image" not in content["images"][0]
-    with_pictures = translate_images(run_dir, [tmp_path / "frames"], tmp_path / "both")
+    with_pictures = translate_images([tmp_path / "frames"], tmp_path / "both", run_dir)
     np.testing.assert_allclose(with_pictures, counts, atol=0.5)
     assert len(list((tmp_path / "both").glob("*.png"))) == 23
 
@@ -211,13 +225,13 @@ def test_file_cut_in_its_middle_leaves_earlier_outputs_as_they_were(
     monkeypatch.setattr(batch, "AT_ONCE", 1)
     out = tmp_path / "out"
     digit.save(tmp_path / "a.png")
-    translate_images(run_dir, [tmp_path / "a.png"], out)
+    translate_images([tmp_path / "a.png"], out, run_dir)
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     for name in "bcdefg":
         digit.save(tmp_path / f"{name}.png")
     (tmp_path / "g.png").write_bytes((tmp_path / "g.png").read_bytes()[:2000])
     with pytest.raises(T2TwinError, match=r"g\.png cannot be read as an image"):
-        translate_images(run_dir, [tmp_path], out)
+        translate_images([tmp_path], out, run_dir)
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
@@ -225,9 +239,9 @@ def test_inputs_are_never_replaced(run_dir: Path, digit: Image.Image, tmp_path: 
     digit.save(tmp_path / "press.png")
     before = (tmp_path / "press.png").read_bytes()
     with pytest.raises(T2TwinError, match="another folder"):
-        translate_images(run_dir, [tmp_path], tmp_path)
+        translate_images([tmp_path], tmp_path, run_dir)
     assert [path.name for path in tmp_path.iterdir()] == ["press.png"]
-    translate_images(run_dir, [tmp_path], tmp_path, pictures=False)
+    translate_images([tmp_path], tmp_path, run_dir, pictures=False)
     assert (tmp_path / "press.png").read_bytes() == before
 
 
@@ -240,7 +254,7 @@ def test_only_touch2touch_is_read_at_another_layout(
     n = int(load_run(run_dir).predict(np.asarray(digit)).argmax())
     taxels = [{"x_mm": x, "y_mm": y} for x, y in zip(info.x_mm[::-1], info.y_mm[::-1], strict=True)]
     (tmp_path / "mine.json").write_text(json.dumps({"taxels": taxels}))
-    arguments = (run_dir, [tmp_path / "press.png"], tmp_path / "out", tmp_path / "mine.json")
+    arguments = ([tmp_path / "press.png"], tmp_path / "out", run_dir, tmp_path / "mine.json")
     if run_dir.name == "resnet18":
         with pytest.raises(T2TwinError, match="another layout needs a touch2touch or a field run"):
             translate_images(*arguments)
@@ -320,11 +334,11 @@ def test_pictures_of_an_earlier_call_do_not_stay(run_dir: Path, digit: Image.Ima
     for name in ("first.png", "second.png"):
         digit.save(tmp_path / name)
     out = tmp_path / "out"
-    translate_images(run_dir, [tmp_path / "first.png"], out)
+    translate_images([tmp_path / "first.png"], out, run_dir)
     (out / "notes.png").write_bytes(b"mine")
-    translate_images(run_dir, [tmp_path / "second.png"], out)
+    translate_images([tmp_path / "second.png"], out, run_dir)
     assert {path.name for path in out.iterdir()} == {
         "second.png", "notes.png", "counts.csv", "counts.json"
     }  # fmt: skip
-    translate_images(run_dir, [tmp_path / "second.png"], out, pictures=False)
+    translate_images([tmp_path / "second.png"], out, run_dir, pictures=False)
     assert {path.name for path in out.iterdir()} == {"notes.png", "counts.csv", "counts.json"}

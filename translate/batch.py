@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.progress import Progress
@@ -24,6 +25,7 @@ from t2twin.translate.data.images import check_image, open_image, to_pixels
 from t2twin.translate.estimate import Estimate, joined
 from t2twin.translate.picture import tactile_picture
 from t2twin.translate.predict import AT_ONCE, TrainedTranslator, load_run
+from t2twin.translate.runs.shipped import DEFAULT_RUN
 from t2twin.translate.translated import Translated, earlier_files, output_names, write_tables
 
 SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -40,7 +42,7 @@ def find_images(paths: Sequence[str | Path]) -> list[Path]:
     hidden files. Raises T2TwinError for no path, one that is not there, and a folder with none.
     """
     images: list[Path] = []
-    for path in map(Path, paths):
+    for path in checks.paths(paths, "paths"):
         if not path.is_dir():
             images.append(path)
             continue
@@ -66,7 +68,7 @@ def translate_files(
     layout: str | Path | None = None,
     pictures: bool = True,
     bf16: bool = False,
-    untouched: str | Path | None = None,
+    background: str | Path | None = None,
 ) -> Translated:
     """Translates image files; writes counts.csv, counts.json and a picture of each tactile image.
 
@@ -78,15 +80,16 @@ def translate_files(
     their inputs, `press.png` for `press.jpg`; of two inputs with one name the second gets
     `press-2.png`. layout: a taxel layout's name or file that a touch2touch run is read at, its own
     unless given. pictures: False writes the counts only, which is some times faster.
-    bf16: as for `load_run`. untouched: an image file of the same DIGIT with nothing touching it,
-    for a field run, which takes its world's mean frame without one.
+    bf16: as for `load_run`. background: an image file with the background frame of the same DIGIT,
+    for a field run, which uses its world's mean frame without it.
     Pictures that an earlier call left in the folder go, so that all there are of these images.
     Raises T2TwinError and writes nothing for no image, a file that is missing or is no image, a
-    folder that is no run, a layout that the run cannot be read at, an untouched frame for a run
-    that looks at none, and a picture that would replace one of the inputs.
+    folder that is no run, a layout that the run cannot be read at, a background frame for a run
+    that uses none, and a picture that would replace one of the inputs.
     """
-    images, out_dir = find_images(paths), Path(out_dir)
-    frame = None if untouched is None else Path(untouched)
+    images, out_dir = find_images(paths), checks.path(out_dir, "out_dir")
+    frame = None if background is None else checks.path(background, "background")
+    pictures = checks.flag(pictures, "pictures")
     names = output_names(images) if pictures else []
     _check_not_replaced(images, names, out_dir)
     with ThreadPoolExecutor() as pool:
@@ -104,15 +107,19 @@ def translate_files(
 
 
 def translate_images(
-    run_dir: str | Path,
     paths: Sequence[str | Path],
     out_dir: str | Path,
+    run: str | Path = DEFAULT_RUN,
     layout: str | Path | None = None,
     pictures: bool = True,
     bf16: bool = False,
+    background: str | Path | None = None,
 ) -> np.ndarray:
-    """As `translate_files`; returns the counts, (B, N) float32, in the order of `find_images`."""
-    return translate_files(run_dir, paths, out_dir, layout, pictures, bf16).counts
+    """As `translate_files`; returns the counts, (B, N) float32, in the order of `find_images`.
+
+    run: a folder that `train` wrote, or the name of a pretrained run.
+    """
+    return translate_files(run, paths, out_dir, layout, pictures, bf16, background).counts
 
 
 def _translate(

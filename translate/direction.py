@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Literal
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 
 Direction = Literal["digit-to-cyskin", "cyskin-to-digit"]
@@ -17,7 +18,7 @@ TURNS_ROUND = "touch2touch"
 
 def check_direction(direction: str, model: str) -> None:
     """Raises T2TwinError for a direction that is none, and for one that the model does not go."""
-    if direction not in DIRECTIONS:
+    if checks.text(direction, "direction") not in DIRECTIONS:
         raise T2TwinError(
             f"the direction is {direction!r}; it must be one of {', '.join(DIRECTIONS)}"
         )

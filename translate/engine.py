@@ -15,15 +15,18 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.cache_home import cache_home
+from t2twin.primitives_cad.checksum import read_checked, write_checked
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import temporary_folder, whole_file
+from t2twin.primitives_cad.writing import temporary_folder
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate import predict
 from t2twin.translate.direction import DIGIT_TO_CYSKIN
 from t2twin.translate.export import INPUT, TACTILE_IMAGES, UNTOUCHED, export_onnx, open_onnx
 from t2twin.translate.predict import TrainedTranslator
 from t2twin.translate.runs.config import BEST
+from t2twin.translate.runs.shipped import DEFAULT_RUN
 
 ENGINES = ("onnx", "torch")
 
@@ -35,29 +38,29 @@ MOST_KEPT = 20
 
 
 def load(
-    run_dir: str | Path,
+    run: str | Path = DEFAULT_RUN,
     layout: str | Path | None = None,
     bf16: bool = False,
     engine: Literal["onnx", "torch"] | None = None,
 ) -> TrainedTranslator:
     """A run's best weights, ready to predict, or to draw pictures where it goes the other way.
 
-    run_dir, layout, bf16: as for predict.load. engine: what computes counts: "onnx", ONNX Runtime,
+    run, layout, bf16: as for predict.load. engine: what computes counts: "onnx", ONNX Runtime,
     or "torch". Unless given it is ONNX Runtime where the extra t2twin[onnx] is installed, the run
     computes in float32 on the CPU, and its file can be kept; counts differ by less than one.
     Raises T2TwinError as predict.load does, for another engine, and for "onnx" where it cannot be.
     """
-    if engine not in (*ENGINES, None):
+    if engine is not None and checks.text(engine, "engine") not in ENGINES:
         raise T2TwinError(f"there is no engine {engine!r}; {' and '.join(ENGINES)} are allowed")
-    run = predict.load(run_dir, layout, bf16)
+    trained = predict.load(run, layout, bf16)
     if engine == "torch":
-        return run
-    why = _why_not(run, bf16)
+        return trained
+    why = _why_not(trained, bf16)
     if why is None:
-        return replace(run, engine=OnnxEngine(run))
+        return replace(trained, engine=OnnxEngine(trained))
     if engine == "onnx":
-        raise T2TwinError(f"{run_dir} cannot be used with ONNX Runtime: {why}")
-    return run
+        raise T2TwinError(f"{run} cannot be used with ONNX Runtime: {why}")
+    return trained
 
 
 def _why_not(run: TrainedTranslator, bf16: bool) -> str | None:
@@ -106,13 +109,14 @@ class OnnxEngine:
         assert home is not None
         path = home / FOLDER / f"{_key(self.run)}.onnx"
         try:
-            try:
-                session = open_onnx(path, torch.get_num_threads())
-            except Exception:  # not there, or damaged, for which it has many words
-                _keep(self.run, path)
-                session = open_onnx(path, torch.get_num_threads())
+            model = read_checked(path)
+            if model is None:
+                model = _made(self.run, path.parent)
+                write_checked(path, model)
+                _remove_older(path.parent)
         except (T2TwinError, OSError):
             return None
+        session = open_onnx(model, torch.get_num_threads())
         return session, [output.name for output in session.get_outputs()]
 
 
@@ -120,21 +124,24 @@ def _to_input(pixels: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(pixels.transpose(0, 3, 1, 2), np.float32) / np.float32(255.0)
 
 
-def _keep(run: TrainedTranslator, path: Path) -> None:
-    """Writes a run's file, and removes what is older than the last of the others."""
+def _made(run: TrainedTranslator, place: Path) -> bytes:
+    """The content of a run's file. place: the folder that it is made in."""
     import onnx
 
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with temporary_folder(path.parent, path.stem) as folder:
+    place.mkdir(parents=True, exist_ok=True)
+    with temporary_folder(place, "onnx") as folder:
         export_onnx(run, folder / "whole.onnx")
         model = onnx.load(folder / "whole.onnx")
     outputs = model.graph.output
     outputs.remove(next(each for each in outputs if each.name == TACTILE_IMAGES))
-    with whole_file(path) as temporary:
-        onnx.save(model, temporary)
-    kept = sorted(path.parent.glob("*.onnx"), key=lambda each: each.stat().st_mtime)
-    for older in kept[:-MOST_KEPT]:
-        with suppress(OSError):
+    return model.SerializeToString()
+
+
+def _remove_older(folder: Path) -> None:
+    """Removes all files but the last MOST_KEPT."""
+    with suppress(OSError):  # another process may remove them at the same time
+        kept = sorted(folder.glob("*.onnx"), key=lambda each: each.lstat().st_mtime)
+        for older in kept[:-MOST_KEPT]:
             older.unlink()
 
 

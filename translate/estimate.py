@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 
 
@@ -53,6 +54,7 @@ def half_width(level: float) -> float:
 
     Raises T2TwinError where level is not between 0 and 1.
     """
+    level = checks.real(level, "level")
     if not 0.0 < level < 1.0:
         raise T2TwinError(f"level is {level:g}; it must lie between 0 and 1")
     return NormalDist().inv_cdf(0.5 + level / 2)

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.translate.field import FromPixels
@@ -58,6 +59,7 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     Raises T2TwinError where onnx or onnxruntime is not installed, and where they differ by more
     than PARITY_COUNTS.
     """
+    run, path = checks.instance(run, "run", TrainedTranslator), checks.path(path, "path")
     try:
         import onnx
         import onnxruntime  # noqa: F401, what opens the file needs it
@@ -72,7 +74,7 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     frame = [module.mean_frame] if isinstance(module, FromPixels) else []
     with torch.inference_mode():
         outputs = OUTPUTS[: len(module(images, *frame))]
-    with whole_file(Path(path)) as temporary:
+    with whole_file(path) as temporary:
         with warnings.catch_warnings():
             # The tracing exporter is deprecated, but its successor needs onnxscript as well.
             warnings.simplefilter("ignore", DeprecationWarning)
@@ -111,14 +113,15 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     return apart
 
 
-def open_onnx(path: Path, threads: int = 0) -> Any:
-    """ONNX Runtime's session of a file, on the CPU. threads: 0 leaves their number to it."""
+def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
+    """ONNX Runtime's session of a file or of its content, on the CPU. threads: 0 leaves their
+    number to it."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3  # errors; it warns of an input that has a default, as meant
     options.intra_op_num_threads = threads
-    return onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
 
 def _random_pixels(run: TrainedTranslator) -> np.ndarray:

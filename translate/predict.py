@@ -12,10 +12,19 @@ import numpy as np
 import torch
 from PIL import Image
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.progress import Progress
 from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.seeds import check_seed
 from t2twin.translate.build import build, has_bf16
+from t2twin.translate.data.image_arrays import (
+    ONE,
+    Images,
+    check_pixels,
+    image_list,
+    one_image,
+)
 from t2twin.translate.data.images import to_input, to_pixels
 from t2twin.translate.data.pairs import ImageFile, Pictures
 from t2twin.translate.direction import CYSKIN_TO_DIGIT, check_gives_counts
@@ -27,12 +36,15 @@ from t2twin.translate.networks.fused import fuse
 from t2twin.translate.other_way import OtherWay
 from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
-from t2twin.translate.runs.shipped import find_run
+from t2twin.translate.runs.shipped import DEFAULT_RUN, find_run
 from t2twin.translate.teller import Told
 from t2twin.translate.translator import Translator
 
 AT_ONCE = 64
 """Images in one batch; bounds memory."""
+
+MAX_FIELDS = 100_000
+"""Most fields that one call samples (assumed: 216 places of each take 90 MB)."""
 
 COUNTS = "counts"
 """What the export calls them."""
@@ -66,54 +78,66 @@ class TrainedTranslator:
         """Whether it draws tactile images, as touch2touch does, and gives what it reads in them."""
         return self.translator.draws
 
-    def predict(
-        self, images: np.ndarray | Sequence[np.ndarray], untouched: np.ndarray | None = None
-    ) -> np.ndarray:
-        """Counts of one DIGIT frame, or of several.
+    def predict(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
+        """Counts of one DIGIT image or of several.
 
-        images: a frame, (h, w, 3) or (h, w) uint8, any h and w, colours in the order red, green,
-        blue; or several, (B, h, w, 3) or (B, h, w), or a list of frames. An array of three axes
-        whose last has length 3 is one frame in colour. untouched: a frame of the same DIGIT with
-        nothing touching it, for a field run, which takes its world's mean frame without one.
-        Returns (N,) float32 of one frame, (B, N) of several, within zero and full scale. Raises
-        T2TwinError for a run that goes the other way, as all that asks for counts does.
+        images: one image, (h, w, 3) or (h, w); a batch, (B, h, w, 3) or (B, h, w, 1); or a list or
+        tuple of images, whose sizes may differ. All are NumPy arrays of uint8 of any h and w,
+        channels red, green, blue. A batch and a list may be empty. background: the background frame
+        of the same DIGIT, one image, for a field run, which uses its world's mean frame without it.
+        Returns (N,) float32 of one image, (B, N) of several, between zero and full scale. Raises
+        T2TwinError for other images, for a background frame that the run does not use, and for a
+        run that predicts no counts.
         """
-        counts = self.predict_pixels(self.pixels_of(images, untouched))
-        return counts[0] if _is_frame(images) else counts
+        frames, is_one = image_list(images)
+        counts = self.predict_pixels(self._pixels(frames, background))
+        return counts[0] if is_one else counts
 
-    def estimate(
-        self, images: np.ndarray | Sequence[np.ndarray], untouched: np.ndarray | None = None
-    ) -> Estimate:
+    def estimate(self, images: Images, background: np.ndarray | None = None) -> Estimate:
         """Counts, their standard deviations, and the force; of a field run.
 
-        images, untouched: as for `predict`. Raises T2TwinError for the other translators, which
-        do not say how sure they are.
+        images, background: as for `predict`, at least one image. Raises T2TwinError as `predict`
+        does, and for the other translators, which predict no standard deviations.
         """
-        told = self.estimate_pixels(self.pixels_of(images, untouched))
-        return told.first() if _is_frame(images) else told
+        frames, is_one = image_list(images)
+        told = self.estimate_pixels(self._pixels(frames, background))
+        return told.first() if is_one else told
 
     def draw_fields(
         self,
-        images: np.ndarray | Sequence[np.ndarray],
+        images: Images,
         number: int,
         seed: int = 0,
-        untouched: np.ndarray | None = None,
+        background: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Fields as they may be, drawn from what a field run says: (number, F) float32, counts.
+        """Fields sampled from the distribution that a field run predicts.
 
-        images, untouched: as for `predict`; of several images (B, number, F). The F places are
-        `config.data.field_x_mm` and `field_y_mm`. Raises T2TwinError for the other translators.
+        images, background: as for `predict`. number: how many, 1 to MAX_FIELDS of all images.
+        Returns (number, F) float32, counts, of one image, (B, number, F) of several. The F places
+        are `config.data.field_x_mm` and `field_y_mm`. Raises T2TwinError as `estimate` does, and
+        for a number or a seed that is not a whole number in range.
         """
         field = self._field()
-        inputs = to_input(self.pixels_of(images, untouched).astype(np.float32) / 255.0)
-        drawn = field.teller.drawn(field.tell(inputs), number, seed).cpu().numpy()
-        return drawn[0] if _is_frame(images) else drawn
+        checks.whole_number(number, "number", low=1, high=MAX_FIELDS)
+        check_seed(seed)
+        frames, is_one = image_list(images)
+        if number * len(frames) > MAX_FIELDS:
+            raise T2TwinError(
+                f"{number} fields of {len(frames)} images are {number * len(frames)}; expected at "
+                f"most {MAX_FIELDS} in all"
+            )
+        inputs = to_input(self._pixels(frames, background).astype(np.float32) / 255.0)
+        drawn = field.teller.drawn(field.tell(inputs), int(number), int(seed)).cpu().numpy()
+        return drawn[0] if is_one else drawn
 
     def estimate_pixels(
         self, pixels: np.ndarray | Pictures, progress: str | None = None
     ) -> Estimate:
         """As `estimate`, of one or more images as for `predict_pixels`."""
         field, parts = self._field(), []
+        self._check_pixels(pixels)
+        if not len(pixels):
+            raise T2TwinError("there is no image to estimate; expected at least one")
         for part in _parts(len(pixels), progress):
             some = pixels[part]
             said = None if self.engine is None else self.engine(some)
@@ -144,6 +168,7 @@ class TrainedTranslator:
         progress: a name to show a bar under, or None.
         """
         check_gives_counts(self.run_dir, self.config.direction)
+        self._check_pixels(pixels)
         counts = [np.empty((0, self.config.data.x_mm.size), np.float32)]
         for part in _parts(len(pixels), progress):
             some = pixels[part]
@@ -155,13 +180,15 @@ class TrainedTranslator:
                 counts.append(self.translator.predict(inputs).cpu().numpy())
         return np.concatenate(counts)
 
-    def tactile_images(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
-        """Tactile images of DIGIT frames, given as for `predict`: (R, C) or (B, R, C), counts.
+    def tactile_images(self, images: Images) -> np.ndarray:
+        """Tactile images of DIGIT images, given as for `predict`: (R, C) or (B, R, C), counts.
 
-        touch2touch's are what its generator drew, resized; ResNet18's are phi of its counts.
+        Those of touch2touch are the generator's output, resized; those of ResNet18 are phi of its
+        counts. Raises T2TwinError as `predict` does.
         """
-        tactile = self.counts_and_tactile_images(self.pixels_of(images))[1]
-        return tactile[0] if _is_frame(images) else tactile
+        frames, is_one = image_list(images)
+        tactile = self.counts_and_tactile_images(self._pixels(frames))[1]
+        return tactile[0] if is_one else tactile
 
     def counts_and_tactile_images(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Both at once, of images already at the run's size and colour, (B, S, S, c) uint8.
@@ -169,6 +196,7 @@ class TrainedTranslator:
         Returns (B, N) and (B, R, C) float32, counts.
         """
         check_gives_counts(self.run_dir, self.config.direction)
+        self._check_pixels(pixels)
         inputs = to_input(pixels.astype(np.float32) / 255.0)
         counts, tactile = self.translator.counts_and_tactile_images(inputs)
         return counts.cpu().numpy(), tactile.cpu().numpy()
@@ -184,6 +212,7 @@ class TrainedTranslator:
 
         A run that does not know what it was trained on says nothing by that.
         """
+        self._check_pixels(pixels)
         known, pictures = self.config.pictures, pixels[..., :3]
         found = [LIKE] * len(pixels) if known is None else known.looks(pictures)
         if pixels.shape[-1] <= pictures.shape[-1]:
@@ -211,12 +240,11 @@ class TrainedTranslator:
         """
         check_gives_counts(self.run_dir, self.config.direction)
         trained = self.config.data
-        asked = replace(
-            trained, layout=name, x_mm=np.asarray(x_mm, dtype=float),
-            y_mm=np.asarray(y_mm, dtype=float), pad_diameter_mm=pad_diameter_mm,
-        )  # fmt: skip
+        x_mm, y_mm = checks.vector(x_mm, "x_mm"), checks.vector(y_mm, "y_mm")
+        asked = replace(trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm)
+        taxels = asked.taxels
         if same_layout(trained, x_mm, y_mm) and (
-            not self.translator.learns_field or same_pads(trained.taxels, asked.taxels)
+            not self.translator.learns_field or same_pads(trained.taxels, taxels)
         ):
             return self
         if not self.draws:
@@ -225,7 +253,7 @@ class TrainedTranslator:
                 f"{trained.layout} that it was trained on and no others; another layout needs a "
                 "touch2touch or a field run"
             )
-        translator = self.translator.read_at(asked.taxels)
+        translator = self.translator.read_at(taxels)
         other = replace(
             self, config=replace(self.config, data=asked), translator=translator, engine=None
         )
@@ -261,10 +289,7 @@ class TrainedTranslator:
     def _checked_counts(self, counts: np.ndarray) -> np.ndarray:
         """(N,) or (B, N) float32. Raises T2TwinError for what cannot be counts of the layout."""
         data = self.config.data
-        counts = np.asarray(counts)
-        if counts.dtype.kind not in "iuf":
-            raise T2TwinError(f"counts are of type {counts.dtype}; they must be numbers")
-        counts = counts.astype(np.float32)
+        counts = checks.array(counts, "counts").astype(np.float32)
         if counts.ndim not in (1, 2) or counts.shape[-1] != data.x_mm.size:
             raise T2TwinError(
                 f"counts have shape {counts.shape}; they must be ({data.x_mm.size},) or "
@@ -287,18 +312,34 @@ class TrainedTranslator:
             )
         return self.translator
 
-    def pixels_of(
-        self, images: np.ndarray | Sequence[np.ndarray], untouched: np.ndarray | None = None
-    ) -> np.ndarray:
+    def pixels_of(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
         """What `predict_pixels` takes, of images as for `predict`.
 
-        Raises T2TwinError for arrays that are no 8-bit images, and for an untouched frame for a run
-        that does not look at one.
+        Raises T2TwinError for other images, and for a background frame that the run does not use.
         """
-        pixels = self._resized(images)
-        if untouched is None:
+        return self._pixels(image_list(images)[0], background)
+
+    def _pixels(
+        self, frames: Sequence[np.ndarray], background: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(B, S, S, c) uint8, of images that were checked and a background frame that was not."""
+        pixels = self._resized(frames)
+        if background is None:
             return pixels
-        return self.with_untouched(pixels, self._resized([untouched])[0])
+        frame = one_image(background, "background", ONE)
+        return self.with_untouched(pixels, self._resized([frame])[0])
+
+    def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
+        """Raises T2TwinError for an array that is not as `pixels_of` returns it."""
+        if not isinstance(pixels, Pictures | ImageFile):
+            check_pixels(pixels, self.config.preset.size, self._channels)
+
+    @property
+    def _channels(self) -> tuple[int, ...]:
+        """Numbers of channels that its images may have."""
+        if self.config.preset.grey:
+            return (1,)
+        return (3, 6) if self.translator.learns_field else (3,)
 
     def with_untouched(self, pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
         """(B, S, S, 6) uint8: pixels, (B, S, S, 3), with a frame, (S, S, 3), after each.
@@ -306,19 +347,15 @@ class TrainedTranslator:
         Raises T2TwinError for a run that does not look at one.
         """
         self._field()
+        check_pixels(pixels, self.config.preset.size, (3,))
+        check_pixels(np.asarray(frame)[None], self.config.preset.size, (3,))
         return np.concatenate([pixels, np.broadcast_to(frame, pixels.shape)], axis=-1)
 
-    def _resized(self, images: np.ndarray | Sequence[np.ndarray]) -> np.ndarray:
-        """(B, S, S, c) uint8. Raises T2TwinError for arrays that are no 8-bit images."""
+    def _resized(self, frames: Sequence[np.ndarray]) -> np.ndarray:
+        """(B, S, S, c) uint8."""
         preset = self.config.preset
         pixels = [np.empty((0, preset.size, preset.size, 1 if preset.grey else 3), np.uint8)]
-        frames = [images] if _is_frame(images) else images
-        for image in map(np.asarray, frames):
-            if image.dtype != np.uint8 or not _is_frame(image) or not image.size:
-                raise T2TwinError(
-                    f"an image has shape {image.shape} and type {image.dtype}; it must be "
-                    "(h, w, 3) or (h, w) of uint8"
-                )
+        for image in frames:
             pixels.append(to_pixels(Image.fromarray(image), preset.size, preset.grey)[None])
         return np.concatenate(pixels)
 
@@ -333,37 +370,30 @@ def load_run(
 
 
 def load(
-    run_dir: str | Path, layout: str | Path | None = None, bf16: bool = False
+    run: str | Path = DEFAULT_RUN, layout: str | Path | None = None, bf16: bool = False
 ) -> TrainedTranslator:
     """A run's best weights, ready to predict in PyTorch, or to draw pictures where it goes the
     other way.
 
-    run_dir: its folder, or the name of a run that ships (t2twin.translate.runs.shipped).
+    run: its folder, or the name of a pretrained run (t2twin.translate.runs.shipped).
     layout: a taxel layout's name or file to read a touch2touch run at, its own unless given.
     bf16: compute in bfloat16 where the run's preset and the processor have it, which is faster and
     up to some hundred counts off what float32 gives.
     torch's threads and random numbers stay as they are.
     Raises T2TwinError where the folder holds no run, and for a layout that it cannot be read at.
     """
-    run_dir = find_run(run_dir)
+    run_dir, bf16 = find_run(run), checks.flag(bf16, "bf16")
     config = load_config(run_dir)
     here = replace(config, bf16=bf16 and config.preset.bf16 and has_bf16())
     translator = build(here)
     load_weights(run_dir / BEST, translator.predictor)
     fuse(translator.predictor)
-    run = TrainedTranslator(run_dir, config, translator)
+    trained = TrainedTranslator(run_dir, config, translator)
     if layout is None:
-        return run
+        return trained
     check_gives_counts(run_dir, config.direction)
     places = load_layout(layout)
-    return run.at_layout(places.x_mm, places.y_mm, places.name, places.pad_diameter_mm)
-
-
-def _is_frame(images: np.ndarray | Sequence[np.ndarray]) -> bool:
-    """Whether this is one frame, grey or in colour, and not several."""
-    if not isinstance(images, np.ndarray):
-        return False
-    return images.ndim == 2 or (images.ndim == 3 and images.shape[2] == 3)
+    return trained.at_layout(places.x_mm, places.y_mm, places.name, places.pad_diameter_mm)
 
 
 def _parts(size: int, progress: str | None) -> list[slice] | Progress:

@@ -7,6 +7,7 @@ says "assumed" or "measured".
 from dataclasses import dataclass
 from typing import Literal
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 
 Model = Literal["touch2touch", "resnet18", "field"]
@@ -210,11 +211,11 @@ PRESETS: dict[Model, dict[str, Preset]] = {
 
 def find_preset(model: str, preset: str | Preset) -> Preset:
     """The preset of that name for that model. Raises T2TwinError that lists the valid names."""
-    if model not in PRESETS:
+    if checks.text(model, "model") not in PRESETS:
         raise T2TwinError(f"there is no model {model!r}; it must be one of {', '.join(MODELS)}")
     if isinstance(preset, Preset):
         return preset
-    if preset not in PRESETS[model]:
+    if checks.text(preset, "preset") not in PRESETS[model]:
         names = ", ".join(PRESETS[model])
         raise T2TwinError(f"{model} has no preset {preset!r}; it must be one of {names}")
     return PRESETS[model][preset]

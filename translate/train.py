@@ -15,6 +15,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import LOCK, is_empty, locked
 from t2twin.sim.seeds import check_seed
@@ -66,7 +67,7 @@ def train(
     nothing to weigh, a data set that cannot be read, a folder that holds another run, a start that
     is not of this kind, and a loss that stops being a number.
     """
-    data_dir, out_dir = Path(data_dir), Path(out_dir)
+    data_dir, out_dir = checks.path(data_dir, "data_dir"), checks.path(out_dir, "out_dir")
     _check_limits(epochs, minutes, steps, seed)
     settings = for_steps(find_preset(model, preset), steps)
     check_direction(direction, model)
@@ -123,7 +124,7 @@ def for_steps(preset: Preset, steps: int | None) -> Preset:
 
 def _with_shape(preset: Preset, weight: float | None, model: str, direction: str) -> Preset:
     """The preset with that weight of the loss of shape, None for its own."""
-    weight = preset.shape_weight if weight is None else weight
+    weight = preset.shape_weight if weight is None else checks.real(weight, "shape_weight")
     if not (weight >= 0 and math.isfinite(weight)):
         raise T2TwinError(f"the shape weight is {weight:g}; it must be 0 or more")
     if weight and not (model == TURNS_ROUND and direction == DIGIT_TO_CYSKIN):
@@ -143,6 +144,11 @@ def _check_own(out_dir: Path) -> None:
 
 
 def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, seed: int) -> None:
+    for name, value in (("steps", steps), ("epochs", epochs)):
+        if value is not None:
+            checks.whole_number(value, name)
+    if minutes is not None:
+        minutes = checks.real(minutes, "minutes")
     if steps is not None and not 1 <= steps <= MOST_STEPS:
         raise T2TwinError(f"steps is {steps}; it must be from 1 to {MOST_STEPS:,}")
     if steps is not None and epochs is not None:

@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.typed_csv import read_rows
 from t2twin.sim.typed_json import read_json
@@ -47,7 +48,8 @@ class _File:
 class Layout:
     """Taxels in the sensor frame.
 
-    x_mm, y_mm: (n,) centres. pad_diameter_mm: (n,).
+    x_mm, y_mm: (n,) centres. pad_diameter_mm: (n,). Raises T2TwinError for fewer than 3 or more
+    than MOST_TAXELS taxels, for values that are no finite numbers, and for taxels at one place.
     """
 
     name: str
@@ -56,16 +58,19 @@ class Layout:
     pad_diameter_mm: np.ndarray
 
     def __post_init__(self) -> None:
-        n = self.x_mm.size
+        checks.text(self.name, "the layout's name")
+        n = None
+        for name in ("x_mm", "y_mm", "pad_diameter_mm"):
+            values = checks.vector(getattr(self, name), f"{name} of layout {self.name}", n)
+            object.__setattr__(self, name, values)
+            n = values.size
+        assert n is not None
         if n < 3:
             raise T2TwinError(f"layout {self.name} has {n} taxels; it needs at least 3")
         if n > MOST_TAXELS:
             raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MOST_TAXELS} can be")
-        values = np.concatenate([self.x_mm, self.y_mm, self.pad_diameter_mm])
-        if not np.isfinite(values).all() or (self.pad_diameter_mm <= 0).any():
-            raise T2TwinError(
-                f"layout {self.name} has a place or pad size that is no positive finite number"
-            )
+        if (self.pad_diameter_mm <= 0).any():
+            raise T2TwinError(f"layout {self.name} has a pad size that is no positive number")
         apart = np.hypot(*(v[:, None] - v[None] for v in (self.x_mm, self.y_mm)))
         apart[np.diag_indices(n)] = np.inf
         if apart.min() < CLOSEST_MM:
@@ -86,7 +91,7 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
     JSON: {"taxels": [{"x_mm": ..., "y_mm": ..., "pad_diameter_mm": ...}, ...]}; CSV: columns x_mm,
     y_mm and, if wanted, pad_diameter_mm. Raises T2TwinError for anything else.
     """
-    path = LAYOUTS / f"{source}.json"
+    path = LAYOUTS / f"{checks.path(source, 'layout')}.json"
     if not path.exists():
         path = Path(source)
     if not path.is_file():

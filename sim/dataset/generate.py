@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from msgspec import structs
 
-from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad import catalogue, checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import is_empty, locked
 from t2twin.primitives_cad.machine import cores
@@ -33,7 +33,7 @@ from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import check_held_out
 from t2twin.sim.world.plan import Batch, plan
-from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
+from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, checked, load_recipe
 
 SECONDS_PER_PAIR, SECONDS_PER_DRAWN_PAIR, SECONDS_PER_SHAPE = 0.015, 0.024, 0.75
 """Time of one pair of the protocol, of one that is drawn or in drawn light, and of preparing one
@@ -76,8 +76,8 @@ def generate(
     folder holds something else or another process is making it; later where there is no room, or a
     worker is lost.
     """
-    folder = Path(folder).absolute()
-    if workers is not None and workers < 1:
+    folder = checks.path(folder, "folder").absolute()
+    if workers is not None and checks.whole_number(workers, "workers") < 1:
         raise T2TwinError(f"{workers} workers cannot work; allowed are 1 and more")
     check_seed(0 if seed is None else seed)
     if world == PAPER and scale is None:
@@ -85,10 +85,11 @@ def generate(
     recipe, sensors = _recipe(scale, world, seed, sensors)
     _check_layout(sensors.cyskin)
     if scheduler is not None:
+        checks.text(scheduler, "scheduler")
         # Its import says where Dask is missing.
         importlib.import_module("t2twin.sim.dataset.cluster").check_address(scheduler)
-    for name in shapes:
-        catalogue.split(name)  # says which names there are
+    for name in checks.texts(shapes, "shapes"):
+        catalogue.split(name)  # raises for an unknown name
     batches = plan(recipe, shapes)
     check_held_out(recipe, cache)
     kept = catalogue.kept_in(cache)
@@ -108,12 +109,14 @@ def _recipe(
     if (scale is None) == (world is None):
         raise T2TwinError("a dataset is made of a scale of the protocol or of a world, one of both")
     if world is not None:
-        recipe = world if isinstance(world, Recipe) else load_recipe(world)
+        recipe = checked(world) if isinstance(world, Recipe) else load_recipe(world)
         if seed is not None:
             recipe = structs.replace(recipe, seed=seed)
         return recipe, sensors_of(recipe)
     assert scale is not None
-    protocol.scale_of(scale)
+    protocol.scale_of(checks.text(scale, "scale"))
+    if sensors is not None:
+        checks.instance(sensors, "sensors", SensorPair)
     sensors, paper = sensors or SensorPair(), load_recipe(PAPER)
     return structs.replace(
         paper,

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import made_folder, not_written, sweep, temporary_folder
 from t2twin.sim.cyskin.layout import Layout
@@ -80,8 +81,10 @@ def import_pairs(
     is missing, cannot be read, differs in size from the others or comes twice, and for counts that
     are too few, too many, or no numbers from 0 to full_scale.
     """
-    table_path, folder = find_table(Path(source)), Path(folder).absolute()
-    if not 0 < full_scale <= MOST_COUNTS:
+    table_path = find_table(checks.path(source, "source"))
+    folder = checks.path(folder, "folder").absolute()
+    checks.instance(layout, "layout", Layout)
+    if not 0 < checks.whole_number(full_scale, "full_scale") <= MOST_COUNTS:
         raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MOST_COUNTS}")
     check_seed(seed)
     _check_free(folder)

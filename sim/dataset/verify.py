@@ -11,7 +11,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad import catalogue, checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.machine import cores
 from t2twin.primitives_cad.progress import Progress
@@ -51,15 +51,15 @@ def verify(folder: str | Path) -> list[Fault]:
     that pictures decode and counts lie between 0 and full scale. Raises T2TwinError where there is
     no dataset.
     """
-    folder = Path(folder)
+    folder = checks.path(folder, "folder")
     info = read_info(folder)
     planned = _plan(info)
     faults = list(_files(folder, info, set(planned)))
     named = {fault.part for fault in faults}
     shards = [path for path in sorted(info.shards) if path not in named]
     with ThreadPoolExecutor(cores()) as pool:
-        checks = pool.map(lambda path: list(_shard(folder, path, info, planned)), shards)
-        for of_shard in Progress(checks, total=len(shards), desc="verify", unit="shard"):
+        found = pool.map(lambda path: list(_shard(folder, path, info, planned)), shards)
+        for of_shard in Progress(found, total=len(shards), desc="verify", unit="shard"):
             faults += of_shard
     return sorted(faults, key=lambda fault: fault.part)
 

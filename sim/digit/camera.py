@@ -10,10 +10,11 @@ the LEDs stay. So the pixels' rays remain those of a grid, and the picture's mid
 where a camera that turned alone would also shift it and take the LEDs' directions along.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
 
@@ -54,6 +55,8 @@ class Camera:
     tilt_y_deg: float = 0.0
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            checks.real(getattr(self, field.name), field.name)
         if not 1.0 <= self.scale_px_per_mm <= 200.0:
             raise T2TwinError(
                 f"scale_px_per_mm is {self.scale_px_per_mm:g}; it must lie between 1 and 200"

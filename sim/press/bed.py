@@ -25,8 +25,8 @@ import mujoco
 import numpy as np
 
 from t2twin.primitives_cad.cache_home import cache_home
+from t2twin.primitives_cad.checksum import read_checked, write_checked
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
 
 BALL_MM = 1.0
 """Radius of pins' and shape's balls, mm; more than any step's penetration. Balls of neighbours
@@ -95,13 +95,14 @@ def _model(pins: int) -> mujoco.MjModel:
     text = mjcf(pins)
     digest = hashlib.sha256(f"{mujoco.__version__} {text}".encode()).hexdigest()[:DIGITS]
     path = home / "beds" / f"{pins}-{digest}.mjb"
-    if path.is_file():
-        with suppress(ValueError):  # a file that is not whole is made anew
-            return mujoco.MjModel.from_binary_path(str(path))
+    content = read_checked(path)
+    if content is not None:
+        return mujoco.MjModel.from_binary_path(path.name, {path.name: content})
     model = mujoco.MjModel.from_xml_string(text)
     with suppress(T2TwinError):  # where there is no room for it, it is compiled the next time too
-        with whole_file(path) as temporary:
-            mujoco.mj_saveModel(model, str(temporary))
+        content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, content)
+        write_checked(path, content.tobytes())
         for older in set(path.parent.glob(f"{pins}-*.mjb")) - {path}:
             older.unlink(missing_ok=True)
     return model

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import root_scalar
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.press.force import FORCE_RANGE_N
 from t2twin.sim.press.records import Contact, PressCommand
@@ -29,6 +30,7 @@ def force_at_depth(
     Brent's method on the logarithm of the force, of which the depth is a rising function.
     Raises T2TwinError for a depth that no force of FORCE_RANGE_N gives, and as press does.
     """
+    depth_mm = checks.real(depth_mm, "depth_mm")
     if not (np.isfinite(depth_mm) and depth_mm > 0):
         raise T2TwinError(f"a depth of {depth_mm:g} mm cannot be pressed; it must be above 0")
     known: dict[float, float] = {}

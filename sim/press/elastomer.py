@@ -1,16 +1,33 @@
 """The two sensors' soft layers: size, thickness, stiffness, and how they stiffen."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 
 Law = Literal["linear", "stiffening"]
 
 THINNEST_MM = 0.5
 """Least thickness of a domed gel at its corners, mm (assumed; the CAD's corners are rounded)."""
+
+
+RANGES = {
+    "thickness_mm": (0.1, 200.0),
+    "young_mpa": (0.001, 100.0),
+    "poisson": (0.0, 0.499),
+    "width_mm": (1.0, 500.0),
+    "length_mm": (1.0, 500.0),
+    "dome_width_radius_mm": (1.0, np.inf),
+    "dome_length_radius_mm": (1.0, np.inf),
+    "dome_flat_mm": (0.0, 500.0),
+}
+"""Least and greatest value of each property (assumed: beyond any sensor's)."""
+
+MAY_BE_FLAT = ("dome_width_radius_mm", "dome_length_radius_mm")
+"""Properties that are inf for a flat surface."""
 
 
 @dataclass(frozen=True)
@@ -24,6 +41,7 @@ class Elastomer:
         inf means flat. The surface is flat for dome_flat_mm either side of the middle in y.
     law: how deflection follows the linear layer's: "linear" as it is, or "stiffening" as a
         neo-Hookean solid, so that a deep press never goes through (see t2twin.sim.press.law).
+    Raises T2TwinError for values of another type or outside RANGES.
     """
 
     name: str
@@ -38,24 +56,18 @@ class Elastomer:
     law: Law = "stiffening"
 
     def __post_init__(self) -> None:
-        for name, low, high in (
-            ("thickness_mm", 0.1, 200.0),
-            ("young_mpa", 0.001, 100.0),
-            ("poisson", 0.0, 0.499),
-            ("width_mm", 1.0, 500.0),
-            ("length_mm", 1.0, 500.0),
-        ):
+        checks.text(self.name, "name")
+        for name, (low, high) in RANGES.items():
             value = getattr(self, name)
-            if not low <= value <= high:
-                raise T2TwinError(f"{name} is {value:g}; it must lie between {low:g} and {high:g}")
+            if not (name in MAY_BE_FLAT and isinstance(value, float) and value == np.inf):
+                checks.number(value, name, low, high)
         domed = np.isfinite([self.dome_width_radius_mm, self.dome_length_radius_mm]).any()
         if domed and self.thickness_mm < THINNEST_MM:
             raise T2TwinError(
                 f"thickness_mm is {self.thickness_mm:g}; a domed elastomer is at least "
                 f"{THINNEST_MM:g} mm thick, a flat one 0.1 mm"
             )
-        if self.law not in ("linear", "stiffening"):
-            raise T2TwinError(f"law is {self.law!r}; it must be 'linear' or 'stiffening'")
+        checks.choice(self.law, "law", get_args(Law))
 
     def rest_surface_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Height of the untouched surface above its apex, mm (<= 0), at points of equal shape."""

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.press.elastomer import Elastomer
 
@@ -20,6 +21,7 @@ class PressCommand:
 
     x_mm, y_mm: position in the sensor frame, mm. yaw_rad: turn about the sensor's z.
     force_n: force along the press axis, N.
+    Raises T2TwinError for values that are no finite numbers.
     """
 
     shape: str
@@ -27,6 +29,11 @@ class PressCommand:
     y_mm: float
     yaw_rad: float
     force_n: float
+
+    def __post_init__(self) -> None:
+        checks.text(self.shape, "shape")
+        for name in ("x_mm", "y_mm", "yaw_rad", "force_n"):
+            checks.number(getattr(self, name), name)
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,9 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from msgspec import Meta, Struct
+from msgspec import Meta, Struct, to_builtins
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 from t2twin.sim.digit.optics import FRAMES
@@ -67,7 +68,7 @@ class Place(Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         if (self.normal_mm is None) == (self.uniform_mm is None):
-            raise ValueError("place must have one of normal_mm and uniform_mm")
+            raise T2TwinError("place must have one of normal_mm and uniform_mm")
 
 
 class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
@@ -79,10 +80,10 @@ class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
-            raise ValueError("force_n must have its low below its high")
+            raise T2TwinError("force_n must have its low below its high")
         for first, last in self.leave_out:
             if not self.low < first < last < self.high:
-                raise ValueError("what force_n leaves out must lie within it, low before high")
+                raise T2TwinError("what force_n leaves out must lie within it, low before high")
 
 
 class Part(Struct, frozen=True, forbid_unknown_fields=True):
@@ -110,21 +111,21 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         named = f"the part of {self.shapes} shapes"
         if (self.shapes == RANDOM) != (self.count is not None):
-            raise ValueError(f"{named}: count belongs to random shapes, which need it")
+            raise T2TwinError(f"{named}: count belongs to random shapes, which need it")
         if (self.place == "grid") == (self.presses is not None):
-            raise ValueError(f"{named}: presses belongs to a place that is no grid")
+            raise T2TwinError(f"{named}: presses belongs to a place that is no grid")
         if self.place == "grid" and self.shapes not in ("primitives", "tools"):
-            raise ValueError(f"{named}: the grid is the protocol's, of primitives and tools")
+            raise T2TwinError(f"{named}: the grid is the protocol's, of primitives and tools")
         if self.place == "grid" and (self.untouched_share or self.val_share):
-            raise ValueError(f"{named}: a grid has no untouched_share and no val_share")
+            raise T2TwinError(f"{named}: a grid has no untouched_share and no val_share")
         if self.split == "by-version" and self.shapes != "primitives":
-            raise ValueError(f"{named}: only primitives are split by-version")
+            raise T2TwinError(f"{named}: only primitives are split by-version")
         if self.split == "by-version" and self.val_share:
-            raise ValueError(f"{named}: by-version leaves no val_share")
+            raise T2TwinError(f"{named}: by-version leaves no val_share")
         if self.force_n == ():
-            raise ValueError(f"{named}: force_n is an empty list")
+            raise T2TwinError(f"{named}: force_n is an empty list")
         if self.shapes == "tools" and self.split != "test":
-            raise ValueError("the tools are the test's, for all worlds alike; their split is test")
+            raise T2TwinError("the tools are the test's, for all worlds alike; their split is test")
 
 
 class Light(Struct, frozen=True, forbid_unknown_fields=True):
@@ -166,7 +167,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         own = [part.shapes for part in self.parts if part.place == "grid"]
         if len(own) != len(set(own)):
-            raise ValueError(
+            raise T2TwinError(
                 "two parts press the same shapes on the grid; each may be pressed so once"
             )
 
@@ -187,7 +188,7 @@ def load_recipe(source: str | Path) -> Recipe:
     Raises T2TwinError for an unknown name, a file that cannot be read, and a field that is
     missing, unknown or wrong.
     """
-    path = RECIPES / f"{source}.toml"
+    path = RECIPES / f"{checks.path(source, 'world')}.toml"
     if str(source) not in shipped():
         path = Path(source)
         if path.suffix != ".toml":
@@ -204,6 +205,18 @@ def load_recipe(source: str | Path) -> Recipe:
     recipe = convert(content, Recipe, path)
     _check_draw(content.get("light", {}).get("draw", {}), path)
     return recipe
+
+
+def checked(recipe: Recipe) -> Recipe:
+    """A recipe that was made in Python, whose fields have the right types and bounds.
+
+    Raises T2TwinError as `load_recipe` does.
+    """
+    try:
+        content = to_builtins(recipe)
+    except TypeError:  # a value that JSON does not have
+        raise T2TwinError("the recipe holds values that are no numbers, text or lists") from None
+    return convert(content, Recipe, "the recipe")
 
 
 def _check_draw(given: dict[str, Any], path: Path) -> None:

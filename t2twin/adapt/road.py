@@ -17,7 +17,7 @@ from t2twin.adapt.fitted import CALIBRATION, Fitted, read_fitted, write_fitted
 from t2twin.adapt.judged import Felt, felt_by_the_twin, judge_each
 from t2twin.adapt.page import write_adapt_page
 from t2twin.adapt.record import Adapted, record_of, write_record
-from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad import catalogue, checks
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import is_empty, locked
@@ -130,11 +130,17 @@ def adapt(
     of range, a start of another model, and a folder that holds something else, before anything is
     written.
     """
-    road = Road(
-        Path(background), Path(presses), ball_diameter_mm, Path(out), held_out, minutes,
-        camera or Camera(), model, _start(start, model), workers, tolerance,
-    )  # fmt: skip
     find_preset(model, "cpu")
+    road = Road(
+        checks.path(background, "background"), checks.path(presses, "presses"), ball_diameter_mm,
+        checks.path(out, "out"), held_out, checks.real(minutes, "minutes"),
+        Camera() if camera is None else checks.instance(camera, "camera", Camera),
+        model, _start(start, model), workers, checks.instance(tolerance, "tolerance", Tolerance),
+    )  # fmt: skip
+    for name, value in (("held_out", held_out), ("workers", workers)):
+        if value is not None:
+            checks.whole_number(value, name, low=1)
+    checks.function(say, "say")
     if not MINUTES[0] <= minutes <= MINUTES[1]:
         raise T2TwinError(
             f"minutes is {minutes:g}; it must be from {MINUTES[0]:g} to {MINUTES[1]:g}"

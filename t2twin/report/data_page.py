@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from t2twin.primitives_cad import checks
 from t2twin.report import contents, data_summary, duplicates, forces, outliers, pairs
 from t2twin.report.dataset import read_dataset
 from t2twin.report.out_folder import check_out
@@ -27,7 +28,7 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     data: a finished dataset, simulated or imported. Raises T2TwinError, before anything is
     written, where it or the folder cannot be used.
     """
-    out, data = Path(out), Path(data)
+    out, data = checks.path(out, "out"), checks.path(data, "data")
     check_out(out)
     dataset = read_dataset(data)
     looked = scan(dataset, duplicates.noise_grey(dataset))

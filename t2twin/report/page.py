@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import whole_file
@@ -66,9 +67,10 @@ def write_report(
     Raises T2TwinError, before anything is written, for a dataset or a run that is missing or
     unfinished, and a run that cannot give the dataset's taxel layout.
     """
-    given = None if evaluation is None else Path(evaluation)
-    folders = [Path(run) for run in runs]
-    return draw_report(Path(out), read_report_data(Path(out), Path(data), folders, given))
+    folder, data = checks.path(out, "out"), checks.path(data, "data")
+    given = None if evaluation is None else checks.path(evaluation, "evaluation")
+    report = read_report_data(folder, data, checks.paths(runs, "runs"), given)
+    return draw_report(folder, report)
 
 
 def draw_report(out: Path, report: ReportData) -> Path:

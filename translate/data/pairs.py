@@ -18,6 +18,7 @@ import numpy as np
 from numpy.lib import format as npy
 from PIL import Image
 
+from t2twin.primitives_cad.checksum import add_checksum, is_intact
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import whole_file
@@ -240,6 +241,8 @@ def usable_cache(data_dir: Path, out_dir: Path) -> Path:
 
 def _is_whole(path: Path, shape: tuple[int, int, int, int]) -> bool:
     """Whether images of this shape are there; what is damaged is decoded anew."""
+    if not is_intact(path):
+        return False
     try:
         images = np.load(path, mmap_mode="r")
     except Exception:  # what a damaged head raises is of many kinds
@@ -266,7 +269,7 @@ def _write_cache(
     }
     with (
         whole_file(path) as temporary,
-        temporary.open("wb") as file,
+        temporary.open("w+b") as file,
         ThreadPoolExecutor() as pool,
         Progress(
             total=rows, desc=f"decoding {path.stem}", unit="image", disable=rows < 1000
@@ -277,6 +280,7 @@ def _write_cache(
             for pixels in pool.map(lambda png: _decode(png, stored, size, channels == 1), encoded):
                 file.write(pixels.tobytes())
             bar.update(len(encoded))
+        add_checksum(file, path.name)
 
 
 def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bool) -> np.ndarray:

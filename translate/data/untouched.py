@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from t2twin.primitives_cad.checksum import add_checksum, is_intact
 from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.columns import UNTOUCHED
@@ -54,7 +55,7 @@ def load_untouched(data_dir: Path, split: str, size: int, cache: Path, name: str
     info = read_info(data_dir)
     frames = cache / f"{split}-untouched-{size}-rgb-{name}.npy"
     of_pair = cache / f"{split}-untouched-{name}.npy"
-    if not (_is_whole(frames, size) and of_pair.is_file()):
+    if not (_is_whole(frames, size) and is_intact(of_pair)):
         _write(data_dir, split, info, size, frames, of_pair)
     return Untouched(frames, np.load(of_pair))
 
@@ -65,6 +66,8 @@ def has_untouched(info: DatasetInfo) -> bool:
 
 
 def _is_whole(path: Path, size: int) -> bool:
+    if not is_intact(path):
+        return False
     try:
         return np.load(path, mmap_mode="r").shape[1:] == (size, size, 3)
     except Exception:  # what a damaged head raises is of many kinds
@@ -84,8 +87,9 @@ def _write(
             last = png
         which[place] = len(there) - 1
     for path, content in ((frames, np.stack(there)), (of_pair, which)):
-        with whole_file(path) as temporary, temporary.open("wb") as file:
+        with whole_file(path) as temporary, temporary.open("w+b") as file:
             np.save(file, content)
+            add_checksum(file, path.name)
 
 
 def _frames(data_dir: Path, split: str, info: DatasetInfo) -> Iterator[bytes]:

@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import (
     DataInfo,
@@ -92,7 +94,8 @@ def evaluate(
     Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, a
     background frame that no run uses, and where that split or training has no pairs.
     """
-    data_dir, out_dir = Path(data_dir), Path(out_dir)
+    data_dir, out_dir = checks.path(data_dir, "data_dir"), checks.path(out_dir, "out_dir")
+    checks.choice(split, "split", ALL_SPLITS)
     info, loaded, frames = check_asked(runs, data_dir, (split,), background)
     with locked(out_dir):
         return _evaluate(loaded, info, data_dir, split, out_dir, frames)
@@ -106,7 +109,7 @@ def check_asked(
 ) -> tuple[DataInfo, list[TrainedTranslator], Background | None]:
     """Reads what `evaluate` needs of a dataset, of runs and of the background frame, which is None
     where no run uses one. Raises T2TwinError as `evaluate` does."""
-    if not runs:
+    if not checks.paths(runs, "runs"):
         raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
     _check_pairs(data_dir, (*splits, "train"))
     info = load_info(data_dir)
@@ -115,7 +118,7 @@ def check_asked(
         _at(run, info)
     run_names(loaded)
     if any(run.translator.learns_field for run in loaded):
-        file = None if background is None else Path(background)
+        file = None if background is None else checks.path(background, "background")
         return info, loaded, background_of(data_dir, file)
     if background is not None:
         raise T2TwinError(

@@ -3,8 +3,10 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import whole_file
+from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
 from t2twin.translate.evaluation.evaluate import check_asked, evaluate, evaluate_both, splits_there
 from t2twin.translate.evaluation.forces import MEAN_ARRAY_OF_FORCE
@@ -13,6 +15,9 @@ from t2twin.translate.evaluation.table import spanned
 from t2twin.translate.evaluation.trained import trained_on
 
 TABLE = "worlds.md"
+BOTH = "both"
+"""Validation and test, where a dataset has them."""
+
 TRIVIAL = (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOUR)
 
 BothSplits = Mapping[str, Evaluation]
@@ -20,9 +25,9 @@ BothSplits = Mapping[str, Evaluation]
 
 def evaluate_worlds(
     runs: Sequence[str | Path],
-    data_dirs: Sequence[Path],
+    data_dirs: Sequence[str | Path],
     split: str,
-    out_dir: Path,
+    out_dir: str | Path,
     background: str | Path | None = None,
 ) -> dict[str, dict[str, Evaluation]]:
     """Evaluates every run on every dataset, into out_dir/NAME of each, and writes worlds.md.
@@ -32,19 +37,23 @@ def evaluate_worlds(
     Returns the evaluations by the datasets' folder names and by split. Raises T2TwinError, before
     anything is evaluated, for two datasets in folders of one name, and as `evaluate` does.
     """
-    names = [data_dir.resolve().name for data_dir in data_dirs]
-    for name, data_dir in zip(names, data_dirs, strict=True):
+    folders, out_dir = checks.paths(data_dirs, "data_dirs"), checks.path(out_dir, "out_dir")
+    checks.choice(split, "split", (*ALL_SPLITS, BOTH))
+    if not folders:
+        raise T2TwinError("there is no dataset to evaluate on; give at least one")
+    names = [data_dir.resolve().name for data_dir in folders]
+    for name, data_dir in zip(names, folders, strict=True):
         if names.count(name) > 1:
             raise T2TwinError(
                 f"{data_dir} is not the only dataset in a folder {name!r}; evaluations go into "
                 "folders of these names, so each must have its own"
             )
-        splits = splits_there(data_dir) if split == "both" else (split,)
+        splits = splits_there(data_dir) if split == BOTH else (split,)
         check_asked(runs, data_dir, splits, background)
     worlds: dict[str, dict[str, Evaluation]] = {}
-    for name, data_dir in zip(names, data_dirs, strict=True):
+    for name, data_dir in zip(names, folders, strict=True):
         folder = out_dir / name
-        if split == "both":
+        if split == BOTH:
             worlds[name] = evaluate_both([Path(run) for run in runs], data_dir, folder, background)
         else:
             worlds[name] = {split: evaluate(runs, data_dir, split, folder, background)}

@@ -3,6 +3,7 @@ for; module ship makes them."""
 
 from pathlib import Path
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate.runs.config import CONFIG
 
@@ -22,7 +23,7 @@ def find_run(run: str | Path) -> Path:
 
     Raises T2TwinError where there is neither.
     """
-    path, names = Path(run), shipped_runs()
+    path, names = checks.path(run, "run"), shipped_runs()
     if path.exists():
         return path
     if str(run) not in names:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.certainty import Certainty, certainty_of, check_tolerance
 from t2twin.sim.digit.calibrate.frames import clean_background, read_frames, touched_patch
@@ -93,10 +94,15 @@ def calibrate(
     Raises T2TwinError for frames or numbers that cannot be used, and for a fit that explains
     nothing.
     """
-    background, presses, camera = Path(background), Path(presses), camera or Camera()
+    background, presses = checks.path(background, "background"), checks.path(presses, "presses")
+    camera = Camera() if camera is None else checks.instance(camera, "camera", Camera)
+    if held_out is not None:
+        checks.whole_number(held_out, "held_out")
+    checks.function(say, "say")
     untouched, frames, names = read_frames(background, presses)
     known = read_known(presses, names, ball_diameter_mm)
     if tolerance is not None:
+        checks.instance(tolerance, "tolerance", Tolerance)
         check_tolerance(known, camera, tolerance)
     first_held_out = _first_held_out(len(frames), held_out, presses)
     patches = _patches(frames, untouched, names)

@@ -12,6 +12,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.press.force import FORCE_RANGE_N
 from t2twin.sim.typed_csv import read_rows
@@ -50,7 +51,7 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
+            value = checks.real(getattr(self, field.name), field.name)
             if not (np.isfinite(value) and value >= 0.0):
                 raise T2TwinError(
                     f"the tolerance {field.name} is {value:g}; it must be 0 or a positive number"
@@ -120,6 +121,7 @@ def read_known(folder: Path, names: Sequence[str], ball_diameter_mm: float) -> K
 
 def check_ball(diameter_mm: float) -> None:
     """Raises T2TwinError for a ball that fits no picture."""
+    diameter_mm = checks.real(diameter_mm, "ball_diameter_mm")
     if not BALL_MM[0] <= diameter_mm <= BALL_MM[1]:
         raise T2TwinError(
             f"the ball's diameter is {diameter_mm:g} mm; it must lie between "

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from t2twin.primitives_cad import checks
 from t2twin.sim.digit.calibrate.fit import GAMMA
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.digit.calibration import Calibration
@@ -37,9 +38,11 @@ def guess_light(
     stays in it. camera: scale and distance, which the frame does not tell. Raises T2TwinError for a
     frame that cannot be used.
     """
-    untouched = upright_frame(read_frame(Path(background)))
+    camera = Camera() if camera is None else checks.instance(camera, "camera", Camera)
+    checks.function(say, "say")
+    untouched = upright_frame(read_frame(checks.path(background, "background")))
     say(f"drawing {DRAWN} DIGITs, some seconds")
-    return mean_light(drawn_lights(untouched, camera or Camera()))
+    return mean_light(drawn_lights(untouched, camera))
 
 
 def drawn_lights(untouched: np.ndarray, camera: Camera, count: int = DRAWN) -> list[Calibration]:
