@@ -29,6 +29,8 @@ NOT_MAKERS = (
     "folder_lock.py",
     "machine.py",
     "progress.py",
+    "reading.py",
+    "same_surface.py",
     "sheet.py",
     "writing.py",
 )
