@@ -30,6 +30,7 @@ NOT_MAKERS = (
     "machine.py",
     "progress.py",
     "reading.py",
+    "same_solid.py",
     "same_surface.py",
     "sheet.py",
     "writing.py",
