@@ -31,6 +31,9 @@ NOT_MAKERS = (
     "folder_lock.py",
     "machine.py",
     "progress.py",
+    "reading.py",
+    "same_solid.py",
+    "same_surface.py",
     "sheet.py",
     "writing.py",
 )

@@ -1,6 +1,7 @@
 """Every shape by name: the primitives, the tools at their keypoints, and a user's own files."""
 
 import difflib
+import hashlib
 import os
 from pathlib import Path
 
@@ -69,13 +70,16 @@ def load(
         return cache.fetch(folder, name, b"", lambda: _primitive(name))
     if name in OBJECTS:
         return cache.fetch(folder, name, b"", lambda: _object(name, folder))
-    if (seed := random_shape.seed_of(name)) is not None and scale is None:
+    if (seed := random_shape.seed_of(name)) is not None:
+        if scale is not None:
+            raise T2TwinError(f"{name} is a random shape, in mm; a scale is for files only")
         return random_shape.RandomShape(seed)
     path = Path(name_or_path)
     if path.suffix.lower() not in files.SUFFIXES and not path.is_file():
         raise T2TwinError(_unknown(name))
     files.check_scale(scale)
-    made_from = f"{path.suffix.lower()} {scale}".encode() + files.read_bytes(path)
+    content = hashlib.sha256(files.read_bytes(path)).digest()
+    made_from = f"{path.suffix.lower()} {scale}".encode() + content
     return cache.fetch(folder, cache.file_label(path), made_from, lambda: _file(path, scale))
 
 

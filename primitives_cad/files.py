@@ -2,7 +2,6 @@
 
 import math
 from pathlib import Path
-from stat import S_ISDIR, S_ISREG
 
 import numpy as np
 import trimesh
@@ -10,6 +9,7 @@ import trimesh
 from t2twin.primitives_cad import checks, mending
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.formats import glb, obj, ply, step, stl, threemf
+from t2twin.primitives_cad.reading import read_file
 
 READERS = {
     ".stl": stl.read,
@@ -22,8 +22,8 @@ READERS = {
 }
 SUFFIXES = tuple(READERS)
 
-MOST_BYTES = 1_000_000_000
-"""Largest file that is read, bytes (assumed: about 5 million triangles as text)."""
+MAX_BYTES = 500_000_000
+"""Largest file that is read, bytes (assumed: about 2 million triangles as text)."""
 
 SMALLEST_MM = 0.5
 """Least longer side of a solid seen from above, mm: a press looks for its contact on cells of
@@ -55,27 +55,11 @@ def check_scale(scale: float | None) -> None:
 
 def read_bytes(path: Path) -> bytes:
     """A file's content. Raises T2TwinError where it is no file, cannot be read, or is too large."""
-    try:
-        about = path.stat()
-        if S_ISREG(about.st_mode) and 0 < about.st_size <= MOST_BYTES:
-            return path.read_bytes()
-    except FileNotFoundError as error:
-        raise T2TwinError(
-            f"there is no file {path}; give a catalogue name or a file of {', '.join(SUFFIXES)}"
-        ) from error
-    except OSError as error:
-        raise T2TwinError(
-            f"{path} cannot be read ({error.strerror}); give a readable file"
-        ) from error
-    if S_ISDIR(about.st_mode):
-        raise T2TwinError(f"{path} is a folder; give a file in it")
-    if not S_ISREG(about.st_mode):
-        raise T2TwinError(f"{path} is not a file but a pipe or a device; give a file")
-    if not about.st_size:
+    otherwise = f"give a catalogue name or a file of {', '.join(SUFFIXES)}"
+    content = read_file(path, MAX_BYTES, otherwise)
+    if not content:
         raise T2TwinError(f"{path} is empty; give the file of a solid")
-    raise T2TwinError(
-        f"{path} has {about.st_size / 1e6:,.0f} MB; at most {MOST_BYTES / 1e6:,.0f} MB are allowed"
-    )
+    return content
 
 
 def read_solid(path: Path, scale: float | None = None) -> tuple[trimesh.Trimesh, tuple[str, ...]]:

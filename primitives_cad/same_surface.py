@@ -18,8 +18,9 @@ PATCH_MM = 13.0
 FELT_MM = 3.0
 """How far below the top of its patch a surface can be felt, mm (assumed: no press is deeper)."""
 
-WINDOW_MM = 20.0
-"""Half the side of the square about the shape's press axis in which the patch is looked for, mm."""
+WINDOW_MM = 38.0
+"""Half the side of the square about the shape's press axis in which the patch is looked for, mm:
+its middle may lie as far aside as a press may be meant to, 25 mm."""
 
 COARSE_MM, COARSE_TURNS, SAMPLES = 1.0, 36, 2
 """Cells, mm, and turns in a circle on which it is first looked for; points along a cell."""

@@ -29,7 +29,9 @@ def read_csv(content: bytes) -> tuple[pa.Table, list[str]]:
     table = pyarrow.csv.read_csv(
         io.BytesIO(content),
         parse_options=pyarrow.csv.ParseOptions(delimiter=delimiter.decode()),
-        convert_options=pyarrow.csv.ConvertOptions(decimal_point="," if comma else "."),
+        convert_options=pyarrow.csv.ConvertOptions(
+            decimal_point="," if comma else ".", null_values=[""]
+        ),
     )
     # Lines that are empty are no rows.
     text = io.StringIO(content.decode("utf-8-sig"), newline="")

@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 import msgspec
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.reading import read_file
+from t2twin.sim.column_names import nearest
 
 Record = TypeVar("Record")
 
@@ -39,10 +41,7 @@ def read_json(path: Path, kind: type[Record], number: int) -> Record:
     Raises T2TwinError where the file cannot be read, is of another format, or does not fit the
     record; see `decode_json`.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise T2TwinError(f"{path} cannot be read ({error.strerror})") from error
+    content = read_file(path)
     there = decode_json(content, _Numbered, path).format
     if there != number:
         raise T2TwinError(
@@ -62,7 +61,7 @@ def decode_json(content: bytes | str, kind: type[Record], source: object) -> Rec
     try:
         return msgspec.json.decode(content, type=kind)
     except (msgspec.DecodeError, RecursionError) as error:
-        raise T2TwinError(_sentence(error, source)) from None
+        raise T2TwinError(_sentence(error, kind, source)) from None
 
 
 def convert(content: Any, kind: type[Record], source: object) -> Record:
@@ -70,10 +69,10 @@ def convert(content: Any, kind: type[Record], source: object) -> Record:
     try:
         return msgspec.convert(content, type=kind)
     except msgspec.ValidationError as error:
-        raise T2TwinError(_sentence(error, source)) from None
+        raise T2TwinError(_sentence(error, kind, source)) from None
 
 
-def _sentence(error: Exception, source: object) -> str:
+def _sentence(error: Exception, kind: type, source: object) -> str:
     """msgspec says "Expected `int`, got `str` - at `$.seed`"."""
     if not isinstance(error, msgspec.ValidationError):
         return f"{source} is damaged: it is not JSON"
@@ -88,6 +87,10 @@ def _sentence(error: Exception, source: object) -> str:
         return f"{source}: {name} {is_now}must be {kinds}{_bound(expected[3])}"
     if unknown := re.fullmatch(r"Invalid enum value (.*)", said):
         return f"{source}: {name} is {unknown[1]}, which is none of the allowed values"
+    if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", said):
+        near = nearest(unknown[1], sorted(_field_names(kind)))
+        meant = f"; did you mean {near}?" if near else ""
+        return f"{source}: {f'{field} has' if field else 'it has'} no field {unknown[1]}{meant}"
     if said == "Number out of range":
         return f"{source}: {name} is a number too large to be read"
     return f"{source}: {f'{field}: ' if field else ''}{said}"
@@ -98,3 +101,17 @@ def _bound(said: str | None) -> str:
         return ""
     sign, _, value = said.strip().rpartition(" ")
     return f" {_BOUNDS.get(sign, sign)} {value}"
+
+
+def _field_names(kind: type) -> set[str]:
+    """Names of all fields of a record and of those within it."""
+    names, waiting = set(), [msgspec.inspect.type_info(kind)]
+    while waiting:
+        each = waiting.pop()
+        for field in getattr(each, "fields", ()):
+            names.add(field.encode_name)
+            waiting.append(field.type)
+        waiting += [*getattr(each, "types", ()), *getattr(each, "item_types", ())]
+        if (item := getattr(each, "item_type", None)) is not None:
+            waiting.append(item)
+    return names

@@ -294,10 +294,10 @@ def test_what_cannot_be_pressed_is_refused_in_one_sentence(name, tmp_path, capfd
 def test_a_file_without_permission_is_said_to_be_so(tmp_path, monkeypatch):
     box().export(tmp_path / "block.stl")
 
-    def refuse(path):
+    def refuse(path, mode):
         raise PermissionError(13, "Permission denied", str(path))
 
-    monkeypatch.setattr(type(tmp_path), "read_bytes", refuse)
+    monkeypatch.setattr(type(tmp_path), "open", refuse)
     with pytest.raises(T2TwinError, match=r"block.stl cannot be read \(Permission denied\)"):
         catalogue.load(tmp_path / "block.stl", tmp_path / "kept")
 

@@ -102,6 +102,8 @@ BAD_CSV: tuple[tuple[str, str | bytes, str], ...] = (
     ("shapes that differ in / alone", _more("shape", _third("a/b", "a-b")), "same"),
     ("a shape with a null byte", _more("shape", _third("a\0b", "c")), ""),
     ("a shape of 300 letters", _more("shape", _third("s" * 300, "c")), "shape"),
+    ("x not a number", _more("x_mm", _third("nan", 0.5)), "x_mm"),
+    ("a force not a number", _more("force_n", _third("NaN", 0.5)), "force_n"),
     ("an open quote", _table().replace("3.png", '"3.png'), "pairs.csv"),
 )
 
@@ -116,7 +118,7 @@ GOOD_CSV: tuple[tuple[str, str | bytes], ...] = (
     ("names in quotes", _table().replace("3.png", '"3.png"')),
     ("counts with decimals", _changed(first="12.4")),
     ("more columns", _more("note", ["mine"] * PAIRS)),
-    ("a place unknown, as pandas has it", _more("x_mm", _third("nan", 0.5))),
+    ("a place unknown", _more("x_mm", _third("", 0.5))),
     ("splits of their own", _more("split", ["train"] * 8 + ["val", "test"])),
     (
         "shapes with odd names",

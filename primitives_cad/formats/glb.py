@@ -1,17 +1,17 @@
-"""GLB, the one-file form of glTF 2.0: metres, y up. trimesh reads it.
+"""GLB, the one-file form of glTF 2.0: metres, y up.
 
 Only what lies in the file itself is read: no other file, no address, no picture.
 """
 
-import io
-import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad.formats.bodies import Body, joined, moved
+from t2twin.primitives_cad.formats import gltf
+from t2twin.primitives_cad.formats.bodies import MAX_PLACES, Body, joined, moved
 
 METRE_MM = 1000.0
 """glTF's unit of length, mm (glTF 2.0, 3.4, Coordinate System and Units)."""
@@ -19,11 +19,11 @@ METRE_MM = 1000.0
 UPRIGHT = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
 """From glTF's frame, y up (the same section), to one with z up."""
 
-HEAD_BYTES = 20
-"""Bytes before the JSON text: three words on the file, two on this chunk (glTF 2.0, 4.4)."""
+FILE_HEADER_BYTES, CHUNK_HEADER_BYTES = 12, 8
+"""Three words at the beginning of the file, two at the beginning of each chunk (glTF 2.0, 4.4)."""
 
-FLOAT = 5126
-"""The number by which glTF names single precision (glTF 2.0, 3.6.2.2)."""
+JSON_CHUNK, BINARY_CHUNK = b"JSON", b"BIN\0"
+"""Types of the chunks that are read (glTF 2.0, 4.4.3)."""
 
 
 def read(path: Path) -> tuple[trimesh.Trimesh, float]:
@@ -32,39 +32,44 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
     if not content.startswith(b"glTF"):
         raise ValueError("it is not GLB: it does not begin with the word glTF")
     try:
-        length = int.from_bytes(content[12:16], "little")
-        refusal = _refusal(json.loads(content[HEAD_BYTES : HEAD_BYTES + length]))
-        scene = None
-        if refusal is None:
-            scene = trimesh.load_scene(io.BytesIO(content), file_type="glb", skip_materials=True)
-    except Exception as error:  # the reader's errors are of many unrelated kinds
+        chunks = dict(_chunks(content))
+        about = msgspec.json.decode(chunks[JSON_CHUNK], type=gltf.Description)
+        about.check()
+        buffers = gltf.Buffers(about, chunks.get(BINARY_CHUNK))
+        return joined(_bodies(about, buffers)), METRE_MM
+    except (msgspec.DecodeError, IndexError, KeyError, TypeError, RecursionError) as error:
         raise ValueError("it is damaged: its parts do not hold together") from error
-    if scene is None:
-        raise ValueError(refusal)
-    return joined(_body(scene, node) for node in scene.graph.nodes_geometry), METRE_MM
 
 
-def _refusal(about: dict[str, Any]) -> str | None:
-    """Why a file of this description is not read, or None where it is."""
-    for buffer in about.get("buffers", []):
-        if not buffer.get("uri", "data:").startswith("data:"):
-            return "it keeps its triangles in another file; all must be in one"
-    for mesh in about.get("meshes", []):
-        for part in mesh["primitives"]:
-            corners = part["attributes"]["POSITION"]
-            used = [about["accessors"][each] for each in (corners, part.get("indices", corners))]
-            plain = all("bufferView" in each and "sparse" not in each for each in used) and not any(
-                "extensions" in about["bufferViews"][each["bufferView"]] for each in used
-            )
-            if not plain or used[0]["componentType"] != FLOAT:
-                return "its triangles are compressed; export it without compression"
-    return None
+def _chunks(content: bytes) -> Iterator[tuple[bytes, memoryview]]:
+    """Each chunk's type and data."""
+    if len(content) < int.from_bytes(content[8:FILE_HEADER_BYTES], "little"):
+        raise ValueError("it is damaged: it is shorter than it announces")
+    start = FILE_HEADER_BYTES
+    while start + CHUNK_HEADER_BYTES <= len(content):
+        length = int.from_bytes(content[start : start + 4], "little")
+        data = memoryview(content)[start + CHUNK_HEADER_BYTES :][:length]
+        if len(data) < length:
+            raise ValueError("it is damaged: it is shorter than it announces")
+        yield content[start + 4 : start + CHUNK_HEADER_BYTES], data
+        start += CHUNK_HEADER_BYTES + length
 
 
-def _body(scene: trimesh.Scene, node: str) -> Body:
-    transform, name = scene.graph[node]
-    part = scene.geometry[name]
-    if not isinstance(part, trimesh.Trimesh):
-        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-    body = part.vertices.view(np.ndarray).astype(np.float64), part.faces.view(np.ndarray)
-    return moved(body, UPRIGHT @ transform)
+def _bodies(about: gltf.Description, buffers: gltf.Buffers) -> Iterator[Body]:
+    """The triangles of the scene that is shown, part by part, each where it stands."""
+    if about.meshes and not about.nodes:
+        raise ValueError("it is damaged: it has no nodes, which place its triangles")
+    waiting = [(node, UPRIGHT) for node in about.roots()]
+    visited = 0
+    while waiting:
+        number, above = waiting.pop()
+        visited += 1
+        if visited > MAX_PLACES:
+            raise ValueError(f"its parts stand at more than the {MAX_PLACES:,} allowed places")
+        node = about.nodes[number]
+        with np.errstate(over="ignore", invalid="ignore"):
+            transform = above @ node.transform()
+        waiting += [(child, transform) for child in node.children]
+        if node.mesh is not None:
+            for part in about.meshes[node.mesh].primitives:
+                yield moved(buffers.triangles(part), transform)

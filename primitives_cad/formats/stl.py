@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,15 @@ HEADER_BYTES = 84
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """One triangle of a binary file."""
 
-CORNER = re.compile(rb"vertex[ \t]+(\S+[ \t]+\S+[ \t]+\S+)")
+CORNER = re.compile(rb"vertex[ \t]+(\S+[ \t]+\S+[ \t]+\S+)", re.IGNORECASE)
 """A corner in a text file."""
+
+WORD = re.compile(rb"vertex", re.IGNORECASE)
+END = re.compile(rb"endsolid", re.IGNORECASE)
+FACET = re.compile(rb"facet", re.IGNORECASE)
+
+AT_ONCE = 30_000
+"""Corners of a text file that are read at once (assumed: a few MB)."""
 
 
 def read(path: Path) -> tuple[trimesh.Trimesh, float]:
@@ -27,9 +35,9 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
     if len(content) >= HEADER_BYTES and room == announced * RECORD.itemsize:
         check_triangles(announced)
         return joined([_loose(np.frombuffer(content, RECORD, offset=HEADER_BYTES)["corners"])]), 1.0
-    text = content.lower()
-    if text.lstrip().startswith(b"solid") and (b"facet" in text or b"endsolid" in text):
-        return joined(_solids(text)), 1.0
+    is_text = content[:HEADER_BYTES].lstrip()[:5].lower() == b"solid"
+    if is_text and (FACET.search(content) or END.search(content)):
+        return joined(_solids(content)), 1.0
     if len(content) < HEADER_BYTES:
         raise ValueError("it is neither text nor binary STL")
     raise ValueError(
@@ -39,19 +47,30 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
 
 
 def _solids(text: bytes) -> Iterator[Body]:
-    """The solids of a text file, in lower case."""
-    *solids, rest = text.split(b"endsolid")
-    if not solids or CORNER.search(rest):
+    """The solids of a text file."""
+    start = 0
+    for end in END.finditer(text):
+        facet = FACET.search(text, start, end.start())  # after the solid's name
+        if facet:
+            yield _loose(_corners(text, facet.start(), end.start()).reshape(-1, 3, 3))
+        start = end.end()
+    if not start or CORNER.search(text, start):
         raise ValueError("it is cut short: its last solid has no end")
-    for solid in solids:
-        start = max(solid.find(b"facet"), 0)  # after the solid's name
-        corners = CORNER.findall(solid, start)
-        if len(corners) % 3 or len(corners) != solid.count(b"vertex", start):
-            raise ValueError("it has triangles without three corners")
-        numbers = _numbers(b" ".join(corners))
-        if numbers.size != 3 * len(corners):
+
+
+def _corners(text: bytes, start: int, end: int) -> np.ndarray:
+    """(n, 3): the corners between two places of a text, three for each triangle."""
+    corners = (found[1] for found in CORNER.finditer(text, start, end))
+    parts, count = [np.zeros(0)], 0
+    while few := tuple(islice(corners, AT_ONCE)):
+        count += len(few)
+        check_triangles(count // 3)
+        parts.append(_numbers(b" ".join(few)))
+        if parts[-1].size != 3 * len(few):
             raise ValueError("it has corners that are not numbers")
-        yield _loose(numbers.reshape(-1, 3, 3))
+    if count % 3 or count != sum(1 for _ in WORD.finditer(text, start, end)):
+        raise ValueError("it has triangles without three corners")
+    return np.concatenate(parts)
 
 
 def _numbers(text: bytes) -> np.ndarray:

@@ -77,7 +77,8 @@ def seed_of(name: str) -> int | None:
     if not name.startswith(PREFIX) or "." in name or "/" in name:
         return None
     digits = name.removeprefix(PREFIX)
-    if not (digits.isascii() and digits.isdigit() and int(digits) <= MOST_SEED):
+    is_number = digits.isascii() and digits.isdigit() and len(digits) <= len(str(MOST_SEED))
+    if not (is_number and digits == str(int(digits)) and int(digits) <= MOST_SEED):
         raise T2TwinError(
             f"{name} is no random shape; they are called {PREFIX}0, {PREFIX}1 and so on to "
             f"{PREFIX}{MOST_SEED}"

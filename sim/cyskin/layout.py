@@ -1,14 +1,17 @@
 """Where the taxels lie: a layout is data, one JSON or CSV file."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import numpy as np
 from msgspec import Meta
 
 from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.reading import read_file
+from t2twin.sim.column_names import check_names
 from t2twin.sim.typed_csv import read_rows
 from t2twin.sim.typed_json import read_json
 
@@ -99,11 +102,23 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
         raise T2TwinError(
             f"no taxel layout {source}; known are {known}, or a path to .json or .csv"
         )
-    is_table = path.suffix.lower() == ".csv"
-    rows = read_rows(path, _Taxel, "a layout") if is_table else read_json(path, _File, 1).taxels
+    if path.suffix.lower() == ".csv":
+        rows = read_rows(path, _Taxel, "a layout")
+    else:
+        rows = read_json(path, _File, 1).taxels
+        _check_keys(path)
     return Layout(
         path.stem,
         np.array([row.x_mm for row in rows], dtype=float),
         np.array([row.y_mm for row in rows], dtype=float),
         np.array([row.pad_diameter_mm for row in rows], dtype=float),
     )
+
+
+def _check_keys(path: Path) -> None:
+    """Raises T2TwinError for keys of taxels that are near to one that is read: it would be taken
+    for one that is missing."""
+    taxels = msgspec.json.decode(read_file(path))["taxels"]
+    given = sorted({key for taxel in taxels for key in taxel})
+    known = [field.name for field in fields(_Taxel)]
+    check_names(given, known, f"{path}: a taxel", others=True, what="key")

@@ -10,6 +10,9 @@ taxel, and whatever else is known of the press:
     split           train, val or test; drawn at random where no row has one
     shape, family   names; "own" where there are none
     x_mm, y_mm, yaw_rad, force_n    the press; empty where there are none
+
+The other columns of this project's own shards are left out, and so are a user's, unless their name
+is near to one of these: then it is probably misspelt, and is refused.
 """
 
 import hashlib
@@ -27,10 +30,11 @@ import pyarrow as pa
 from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import made_folder, not_written, sweep, temporary_folder
+from t2twin.sim.column_names import check_names
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import card
-from t2twin.sim.dataset.columns import POSE, SCHEMA
+from t2twin.sim.dataset.columns import FIELD, POSE, SCHEMA, UNIT, UNTOUCHED
 from t2twin.sim.dataset.info import FORMAT, MOST_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import CARD, write_info, write_shard, write_whole
@@ -48,6 +52,9 @@ FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
 
 LONGEST_NAME = 220
 """Longest name of a shape, bytes: it becomes a file's, of which systems take 255."""
+
+COLUMNS = [*SCHEMA.names, UNIT, FIELD, UNTOUCHED]
+"""Columns of this project's own shards, of which some are read."""
 
 OWN = "own"
 """Shape and family of pairs that name none."""
@@ -109,6 +116,7 @@ def _check_free(folder: Path) -> None:
 def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     """All rows, their counts checked."""
     table, places = read_table(path)
+    check_names(table.column_names, COLUMNS + _counts_of(table), path, others=True)
     if "image" not in table.column_names:
         raise T2TwinError(f"{path} has no column image; its columns are {_list(table)}")
     counts = _counts(table, places, path, layout, full_scale)
@@ -143,8 +151,12 @@ def _counts(
     table: pa.Table, places: list[str], path: Path, layout: Layout, full_scale: int
 ) -> np.ndarray:
     """(rows, taxels) int64; means of several readings are rounded."""
-    columns = [name for name in table.column_names if re.fullmatch(r"taxel_\d+", name)]
+    columns = _counts_of(table)
     wanted = [f"taxel_{number}" for number in range(layout.size)]
+    if "taxels" in table.column_names and columns:
+        raise T2TwinError(
+            f"{path} has both columns, taxels and {columns[0]}; leave one of them out"
+        )
     if "taxels" in table.column_names:
         rows = table["taxels"].to_pylist()
     elif sorted(columns) == sorted(wanted):
@@ -164,6 +176,11 @@ def _counts(
         if not all(0 <= _count(value) <= full_scale for value in row):
             raise T2TwinError(f"{path}, {place}: its counts must be numbers from 0 to {full_scale}")
     return np.rint([[_count(value) for value in row] for row in rows]).astype(np.int64)
+
+
+def _counts_of(table: pa.Table) -> list[str]:
+    """Columns with the counts of one taxel each, in the table's order."""
+    return [name for name in table.column_names if re.fullmatch(r"taxel_\d+", name)]
 
 
 def _count(value: Any) -> float:

@@ -1,4 +1,4 @@
-"""The test objects are in no world but the test: a check by surface, not by name."""
+"""The test objects are in no world but the test: a check of solids, not of names."""
 
 from functools import cache
 from pathlib import Path
@@ -6,28 +6,42 @@ from pathlib import Path
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.progress import Progress
+from t2twin.primitives_cad.same_solid import KnownSolids
 from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.sim.world.plan import solids_in
 from t2twin.sim.world.recipe import NAMED, Recipe
 
 
 def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
-    """Raises T2TwinError where a user's solid that is not for the test presses with the surface of
-    a tool at one of its keypoints. cache_dir: as for catalogue.load.
+    """Raises T2TwinError where a user's solid that is not only for the test is a test object.
 
-    Random shapes are drawn without the tools; benchmarks/worlds.py looks whether one is like them.
+    That is a whole tool, as the solid or one of its bodies, however it is turned, mirrored or
+    scaled; or a solid that presses with the surface of a tool at one of its keypoints, within the
+    reach of a press. cache_dir: as for catalogue.load. Random shapes are sampled without the
+    tools; benchmarks/random_presses.py compares them.
     """
+    kept_in = None if cache_dir is None else str(cache_dir)
     for part in recipe.parts:
-        if part.shapes in NAMED or part.split == "test":
+        if part.shapes in NAMED or (part.split == "test" and not part.val_share):
             continue
-        known = test_surfaces(None if cache_dir is None else str(cache_dir))
         for path in Progress(solids_in(part.shapes), desc="held-out check", unit="solid"):
-            same = known.same_as(catalogue.load(path, cache_dir).surface)
-            if same is not None:
-                raise T2TwinError(
-                    f"{path} presses with the same surface as {same}, which is for the test; leave "
-                    'it out, or give its part split = "test"'
-                )
+            shape = catalogue.load(path, cache_dir)
+            if tool := test_solids(kept_in).same_as(shape.mesh):
+                is_test = f"is the tool {tool}"
+            elif place := test_surfaces(kept_in).same_as(shape.surface):
+                is_test = f"presses with the same surface as {place}"
+            else:
+                continue
+            raise T2TwinError(
+                f"{path} {is_test}, which is for the test; leave it out, or give its part "
+                'split = "test" and no val_share'
+            )
+
+
+@cache
+def test_solids(cache_dir: str | None = None) -> KnownSolids:
+    """All tools, whole."""
+    return KnownSolids({tool: catalogue.tool_mesh(tool, cache_dir) for tool in catalogue.TOOLS})
 
 
 @cache

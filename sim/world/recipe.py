@@ -19,6 +19,7 @@ Paths in it are taken from the folder in which the command runs, as the command'
 
 import tomllib
 from dataclasses import fields
+from math import log
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,6 +27,7 @@ from msgspec import Meta, Struct, to_builtins
 
 from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.reading import read_file
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 from t2twin.sim.digit.optics import FRAMES
 from t2twin.sim.digit.unit_draw import UnitDraw
@@ -42,6 +44,16 @@ NAMED = (RANDOM, "primitives", "tools")
 """What a part's shapes are called that are no folder's; the first are the random ones."""
 
 FORMAT = 1
+
+MAX_RECIPE_BYTES = 1_000_000
+"""Largest recipe that is read, bytes (assumed: some hundred times a long one)."""
+
+MIN_FORCE_SHARE = 0.1
+"""Least share of a range of forces that leave_out must leave, in the logarithm of the force
+(assumed: forces are sampled again until one is allowed)."""
+
+MAX_FORCES = 100
+"""Most forces in a list, and most ranges that are left out (assumed)."""
 
 MOST_SHAPES, MOST_PRESSES = 1_000_000, 10_000
 """Most random shapes of a part, and most presses of a shape (assumed: weeks of two cores)."""
@@ -76,7 +88,7 @@ class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
 
     low: Force
     high: Force
-    leave_out: tuple[tuple[Force, Force], ...] = ()
+    leave_out: Annotated[tuple[tuple[Force, Force], ...], Meta(max_length=MAX_FORCES)] = ()
 
     def __post_init__(self) -> None:
         if not self.low < self.high:
@@ -84,6 +96,20 @@ class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
         for first, last in self.leave_out:
             if not self.low < first < last < self.high:
                 raise T2TwinError("what force_n leaves out must lie within it, low before high")
+        if self.share_left() < MIN_FORCE_SHARE:
+            raise T2TwinError(
+                f"force_n leaves {100 * self.share_left():.3g} % of its range; at least "
+                f"{100 * MIN_FORCE_SHARE:g} % must be left, in the logarithm of the force"
+            )
+
+    def share_left(self) -> float:
+        """The share of the range that is not left out, in the logarithm of the force."""
+        left_out, end = 0.0, self.low
+        for first, last in sorted(self.leave_out):
+            if last > end:
+                left_out += log(last / max(first, end))
+                end = last
+        return 1.0 - left_out / log(self.high / self.low)
 
 
 class Part(Struct, frozen=True, forbid_unknown_fields=True):
@@ -104,7 +130,7 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     presses: Annotated[int, Meta(ge=1, le=MOST_PRESSES)] | None = None
     place: Literal["grid"] | Place = "grid"
     scale: Literal["smoke", "small", "paper"] = "paper"
-    force_n: Force | tuple[Force, ...] | ForceRange = 8.0
+    force_n: Force | Annotated[tuple[Force, ...], Meta(max_length=MAX_FORCES)] | ForceRange = 8.0
     untouched_share: Share = 0.0
     val_share: Share = 0.0
 
@@ -196,10 +222,9 @@ def load_recipe(source: str | Path) -> Recipe:
                 f"there is no world {str(source)!r}; those that ship are {', '.join(shipped())}, "
                 "and a .toml file is also allowed"
             )
+    text = read_file(path, MAX_RECIPE_BYTES)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise T2TwinError(f"{path} cannot be read ({error.strerror})") from error
+        content = tomllib.loads(text.decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise T2TwinError(f"{path} is not TOML ({error})") from error
     recipe = convert(content, Recipe, path)
@@ -221,7 +246,7 @@ def checked(recipe: Recipe) -> Recipe:
 
 def _check_draw(given: dict[str, Any], path: Path) -> None:
     """A dataclass takes any key without a word; one that is misspelt shall not pass."""
-    known = {field.name for field in fields(UnitDraw)}
+    known = [field.name for field in fields(UnitDraw)]
     for name in given:
         if name not in known:
             raise T2TwinError(

