@@ -5,7 +5,8 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+import stat
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import get_ident
@@ -19,6 +20,9 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 LEFT_OVERS = ".*.part*"
 """What the names of everything that is still being written match."""
 
+MAX_STEM_CHARACTERS = 40
+"""Characters of a file's own name in its temporary one (assumed), which may have 255 bytes."""
+
 in_hand: set[Path] = set()
 """What this process is writing just now; while there is any, it is ended with care."""
 
@@ -27,23 +31,71 @@ in_hand: set[Path] = set()
 def whole_file(path: Path) -> Iterator[Path]:
     """A temporary path to write to, of the same suffix, that becomes `path` if all goes well.
 
-    Makes the folder. Raises T2TwinError where it cannot be written; then there is no file, and an
-    earlier one of that name is as it was.
+    Makes the folder. Raises T2TwinError where it cannot be written, and where the path is a folder
+    or a device; then there is no file, and an earlier one of that name is as it was.
     """
+    check_replaceable(path)
     # Of this thread alone, as several may prepare one shape at once.
     writer = f"{get_ident()}.{os.getpid()}"
-    temporary = path.with_name(f".{path.stem}.{writer}.part{path.suffix}")
+    stem = path.stem[:MAX_STEM_CHARACTERS]
+    temporary = path.with_name(f".{stem}.{writer}.part{path.suffix}")
+    made = _missing(path.parent)
     in_hand.add(temporary)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        temporary.replace(path)
+        replace(temporary, path)
     except OSError as error:
         raise not_written(path, error) from error
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+        _remove_empty(made)
         in_hand.discard(temporary)
+
+
+def replace(temporary: Path, path: Path) -> None:
+    """Renames a finished file. Raises T2TwinError where the path is a folder or a device."""
+    check_replaceable(path)
+    temporary.replace(path)
+
+
+def move_into(folder: Path, files: Sequence[Path]) -> None:
+    """Moves finished files into a folder, over earlier ones of their names: all of them or none.
+
+    Raises T2TwinError where a folder or a device has one of their names.
+    """
+    for file in files:
+        check_replaceable(folder / file.name)
+    for file in files:
+        file.replace(folder / file.name)
+
+
+def check_replaceable(path: Path) -> None:
+    """Raises T2TwinError for a path that exists and is not a regular file.
+
+    Renaming over a device, a pipe or a socket would remove it. Links are followed.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except OSError as error:
+        raise not_written(path, error) from error
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "a device, a pipe or a socket"
+        raise T2TwinError(f"{path} cannot be written: it is {kind}; expected a file")
+
+
+def check_new_file(path: Path, force: bool) -> None:
+    """Raises T2TwinError for a file of the user's that must not be replaced.
+
+    force: whether a regular file may be replaced; nothing else ever is. Called before the work
+    whose result is written there.
+    """
+    check_replaceable(path)
+    if not force and os.path.lexists(path):
+        raise T2TwinError(f"{path} already exists; name another file, or replace it with --force")
 
 
 @contextmanager
@@ -84,9 +136,13 @@ def made_folder(folder: Path) -> Iterator[None]:
             raise not_written(folder, error) from error
         yield
     finally:
-        for path in made:
-            with suppress(OSError):
-                path.rmdir()  # fails where something is in it
+        _remove_empty(made)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):
+            folder.rmdir()  # fails where something is in it
 
 
 def _missing(folder: Path) -> list[Path]:

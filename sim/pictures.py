@@ -25,6 +25,12 @@ _ERRORS = (
 )
 """What Pillow raises for files that are no images, damaged, cut short or far too large."""
 
+PNG_END = b"IEND\xae\x42\x60\x82"
+"""The end of a PNG's last chunk, whose checksum is always the same (PNG specification, 11.2.5)."""
+
+READ_BYTES = 2**20
+"""Bytes that are searched at a time, so that a large file takes little memory (assumed)."""
+
 _opening = Lock()
 """Filters of warnings are the whole process's: one thread at a time changes them."""
 
@@ -38,6 +44,8 @@ def open_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> Im
     with _opened(source, formats) as image:
         try:
             image.load()
+            if image.format == "PNG" and not _has_end(source):
+                raise OSError("image file is truncated")
             return ImageOps.exif_transpose(image)
         except _ERRORS as error:
             raise T2TwinError(f"it is damaged ({error})") from error
@@ -46,6 +54,17 @@ def open_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> Im
 def check_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> None:
     """The same checks of the header alone, without decoding. Raises as `open_picture` does."""
     _opened(source, formats).close()
+
+
+def _has_end(source: Path | bytes) -> bool:
+    """Whether the last chunk of a PNG is there: Pillow takes a file that was cut before it."""
+    tail = b""
+    with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file:
+        while block := file.read(READ_BYTES):
+            if PNG_END in tail + block:
+                return True
+            tail = block[-len(PNG_END) :]
+    return False
 
 
 def _opened(source: Path | bytes, formats: tuple[str, ...]) -> Image.Image:

@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from t2twin.primitives_cad.folder_lock import locked
-from t2twin.primitives_cad.writing import temporary_folder
+from t2twin.primitives_cad.writing import move_into, temporary_folder
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.press import scene
 from t2twin.sim.press.elastomer_json import elastomer_json
@@ -41,8 +41,7 @@ def write_press(folder: Path, digit: DigitTouch | None, cyskin: CySkinTouch | No
             Image.fromarray(digit.image).save(temporary / "digit.png")
         if cyskin is not None:
             _write_cyskin(temporary, cyskin)
-        for path in sorted(temporary.iterdir()):
-            path.replace(folder / path.name)
+        move_into(folder, sorted(temporary.iterdir()))
 
 
 def scene_path(folder: Path, sensor: str) -> Path:

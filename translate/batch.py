@@ -20,7 +20,7 @@ from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import locked
 from t2twin.primitives_cad.progress import Progress
-from t2twin.primitives_cad.writing import temporary_folder
+from t2twin.primitives_cad.writing import move_into, temporary_folder
 from t2twin.translate.data.images import check_image, open_image, to_pixels
 from t2twin.translate.estimate import Estimate, joined
 from t2twin.translate.picture import tactile_picture
@@ -99,8 +99,7 @@ def translate_files(
             translated = _translate(run, images, names, folder, pool, frame)
             tables = write_tables(folder, run, images, names, translated, frame)
             earlier = earlier_files(out_dir) - {path.resolve() for path in images}
-            for name in (*names, *tables):
-                (folder / name).replace(out_dir / name)
+            move_into(out_dir, [folder / name for name in (*names, *tables)])
             for path in earlier - {out_dir.resolve() / name for name in (*names, *tables)}:
                 path.unlink(missing_ok=True)
     return translated

@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from contextlib import suppress
 
 import tyro
 
@@ -24,6 +25,7 @@ from t2twin.cli import (
     train,
     translate,
 )
+from t2twin.cli.parser_errors import one_sentence
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import FULL
 from t2twin.stopping import Stopped, say_stopped
@@ -51,27 +53,44 @@ COMMANDS = {
 def main(arguments: list[str] | None = None) -> None:
     """Run a subcommand; exit with 2 and one sentence where what was given cannot be used."""
     given = sys.argv[1:] if arguments is None else arguments
-    if given == ["--version"]:
-        print(_version())
-        return
     try:
-        tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
-            prog="t2twin",
-            description="From what a DIGIT camera saw to what a CySkin array would have felt.",
-            args=arguments,
-            config=(tyro.conf.FlagCreatePairsOff,),
-        )
+        _run(given)
+        if sys.stdout is not None:
+            sys.stdout.flush()  # what cannot be written is found here, not at Python's end
     except T2TwinError as error:
         sys.exit(_said(str(error)))
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
     except OSError as error:
+        _drop_output()
         sys.exit(_said(_of_file(error)))
     except KeyboardInterrupt:
         sys.exit(say_stopped(signal.SIGINT))
     except Stopped as stop:
         sys.exit(say_stopped(stop.number))
+
+
+def _run(given: list[str]) -> None:
+    if given == ["--version"]:
+        print(_version())
+        return
+    with one_sentence(COMMANDS, given):
+        tyro.extras.subcommand_cli_from_dict(
+            COMMANDS,
+            prog="t2twin",
+            description="From what a DIGIT camera saw to what a CySkin array would have felt.",
+            args=given,
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
+
+
+def _drop_output() -> None:
+    """Where standard output takes no more, drop what is buffered: Python would try again."""
+    try:
+        sys.stdout.flush()
+    except (OSError, ValueError, AttributeError):
+        with suppress(OSError, ValueError, AttributeError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _version() -> str:

@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
     from t2twin.sim.digit.camera import Camera
 
+FILES = ("calibration_strip.png", "calibration.json", "calibration.npz")
+"""What is written into --out where there are presses."""
+
 
 def calibrate(
     background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
@@ -50,6 +53,7 @@ def calibrate(
     """
     from t2twin.primitives_cad.errors import T2TwinError
     from t2twin.primitives_cad.folder_lock import locked
+    from t2twin.primitives_cad.writing import check_replaceable
     from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
     from t2twin.sim.digit.calibrate.known import Tolerance
     from t2twin.sim.digit.camera import Camera
@@ -73,6 +77,8 @@ def calibrate(
         young_tolerance_mpa,
     )
     with locked(out):
+        for name in FILES:  # a fit takes minutes
+            check_replaceable(out / name)
         report = fit(background, presses, ball_diameter_mm, held_out, camera, print, tolerance)
         _write(report, out)
     print(f"written to {out}: calibration.npz, for press and simdata as --calibration,")

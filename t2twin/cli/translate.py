@@ -12,19 +12,19 @@ SHOWN = 5
 
 
 def translate(
-    run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]],
     images: tyro.conf.Positional[
         Annotated[
             tuple[Path, ...], tyro.conf.arg(metavar="IMAGE", help_behavior_hint="(one or more)")
         ]
     ],
+    run: Annotated[str | None, tyro.conf.arg(metavar="RUN")] = None,
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/translate"),
     layout: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
     pictures: Annotated[
         bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")
     ] = True,
     bf16: bool = False,
-    untouched: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
+    background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
 ) -> None:
     """Translate DIGIT images into CySkin counts; writes counts.csv, counts.json and pictures.
 
@@ -32,9 +32,10 @@ def translate(
     where it was trained on several; its pictures fade to white where it is not sure.
 
     Args:
-        run: Folder of a trained run, or the name of one that ships: field.
-        images: PNG or JPEG files of any size, grey or colour, upright as the DIGIT gives them, or
+        images: PNG or JPEG files of any size, grey or color, upright as the DIGIT gives them, or
             folders of such files.
+        run: Folder of a trained run, or the name of a pretrained run; the pretrained field unless
+            given. A name stands for the pretrained run; a folder called field is ./field.
         out: Folder to write into.
         layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch or field run
             at; the run's own unless given.
@@ -42,17 +43,20 @@ def translate(
             faster.
         bf16: Compute in bfloat16 where the processor has it: faster, and up to some hundred counts
             off what float32 gives.
-        untouched: Image of the same DIGIT with nothing touching it, which a field run compares the
-            images with; the mean of those of its training unless given.
+        background: Image of the same DIGIT with nothing touching it, which a field run compares
+            with the images; the mean background frame of its training unless given.
     """
     import numpy as np
 
     from t2twin.translate.batch import find_images, translate_files
     from t2twin.translate.distributed import use_all_cores
+    from t2twin.translate.runs.shipped import DEFAULT_RUN
 
+    run = DEFAULT_RUN if run is None else run
+    _check_no_run(images)
     use_all_cores()
     files = find_images(images)
-    translated = translate_files(run, files, out, layout, pictures, bf16, untouched)
+    translated = translate_files(run, files, out, layout, pictures, bf16, background)
     counts = translated.counts
     for image, row in zip(files[:SHOWN], np.rint(counts[:SHOWN]).astype(int), strict=True):
         print(f"{image}: " + " ".join(str(count) for count in row))
@@ -69,3 +73,14 @@ def translate(
             "counts, which are right of upright frames of the same sensor in the same light only",
             file=sys.stderr,
         )
+
+
+def _check_no_run(images: tuple[Path, ...]) -> None:
+    """Raises T2TwinError where a run stands among the images, as its first argument once did."""
+    from t2twin.primitives_cad.errors import T2TwinError
+    from t2twin.translate.runs.config import CONFIG
+    from t2twin.translate.runs.shipped import shipped_runs
+
+    for path in images:
+        if (path / CONFIG).is_file() or (str(path) in shipped_runs() and not path.exists()):
+            raise T2TwinError(f"{path} is a run, not an image; give it as --run {path}")

@@ -1,4 +1,4 @@
-"""From frames as they arrive to lines of counts."""
+"""Translates frames as they arrive into lines of JSON."""
 
 import json
 import time
@@ -8,11 +8,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from t2twin.live.newest import Newest
 from t2twin.live.sources import Frame, Source
-from t2twin.translate.data.images import to_pixels
+from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.translate.predict import TrainedTranslator
 
 SAY_EVERY_S = 5.0
@@ -47,31 +46,42 @@ def follow(
     write: Callable[[str], None],
     say: Callable[[str], None],
     most_frames: int | None = None,
+    background: np.ndarray | None = None,
 ) -> Pace:
     """Translates the newest frame again and again, until the source ends.
 
     write: takes each frame's line, JSON: `frame` (its number in the source, from 0), `file` (in a
     folder), `time_s` (when it arrived, seconds since 1970), `latency_ms` (from then to the line),
     `counts` (whole numbers, one for each taxel), `like_training` (false where the counts mean
-    little). say: takes sentences for whoever watches. most_frames: lines after which it ends.
-    Raises T2TwinError where the source fails.
+    little); of a field run also `counts_std` (standard deviations, counts) and, where it was
+    trained on several forces, `force_n` and `force_std_n` (N). say: takes messages for the user.
+    most_frames: lines after which it ends. background: a frame of the same sensor with nothing
+    touching it, (h, w, 3) or (h, w) uint8, of any size, for a field run.
+    Raises T2TwinError where the source fails, and for a background frame of another run.
     """
-    size, grey = run.config.preset.size, run.config.preset.grey
-    run.predict_pixels(np.zeros((1, size, size, 1 if grey else 3), np.uint8))  # the first is slow
+    frame_of_unit = None if background is None else _background(run, background)
+    blank = np.zeros((run.config.preset.size,) * 2, np.uint8)
+    _predict(run, run.pixels_of(blank, frame_of_unit))  # the first prediction is slow
     newest, pace = Newest(source), Pace()
-    said_s, warned = pace.began_s, False
+    said_s, warned, waiting = pace.began_s, False, False
     last = -1
     while most_frames is None or pace.done < most_frames:
-        frame = newest.take(last)
+        ended = newest.ended  # asked first: a last frame may come with the end
+        frame = newest.take(last, SAY_EVERY_S)
         if frame is None:
-            break
-        last = frame.number
-        pixels = to_pixels(Image.fromarray(frame.image), size, grey)[None]
-        counts = np.rint(run.predict_pixels(pixels)[0]).astype(int)
+            if ended:
+                break
+            if not waiting and not newest.ended:
+                waiting = True
+                say(f"no new frame for {SAY_EVERY_S:g} s; waiting for the next one")
+            continue
+        last, waiting = frame.number, False
+        pixels = run.pixels_of(frame.image, frame_of_unit)
+        predicted = _predict(run, pixels)
         familiar = bool(run.is_familiar(pixels)[0])
         now_s = time.perf_counter()
         latency_ms = 1e3 * (now_s - frame.arrived_s)
-        write(json.dumps(_line(frame, counts, familiar, latency_ms)))
+        write(json.dumps(_line(frame, predicted, familiar, latency_ms)))
         pace.done, pace.came = pace.done + 1, newest.read
         pace.latencies_ms.append(latency_ms)
         if not familiar and not warned:
@@ -88,13 +98,40 @@ def follow(
     return pace
 
 
-def _line(frame: Frame, counts: np.ndarray, familiar: bool, latency_ms: float) -> dict[str, Any]:
+def _background(run: TrainedTranslator, frame: np.ndarray) -> np.ndarray:
+    """A background frame at the run's size, (S, S, 3) uint8, so that it is resized only once."""
+    if not run.translator.learns_field:
+        raise T2TwinError(
+            f"{run.run_dir} is a {run.config.model} run, which takes no background frame; a field "
+            "run does"
+        )
+    return run.pixels_of(frame)[0]
+
+
+def _predict(run: TrainedTranslator, pixels: np.ndarray) -> dict[str, Any]:
+    """What a line says of one frame, as JSON has it. pixels: (1, S, S, c) uint8."""
+    if not run.translator.learns_field:
+        return {"counts": _whole(run.predict_pixels(pixels)[0])}
+    estimate = run.estimate_pixels(pixels).first()
+    predicted = {"counts": _whole(estimate.counts), "counts_std": _whole(estimate.counts_std)}
+    forces = {"force_n": estimate.force_n, "force_std_n": estimate.force_std_n}
+    known = {name: round(float(value), 3) for name, value in forces.items() if value is not None}
+    return {**predicted, **known}
+
+
+def _whole(values: np.ndarray) -> list[int]:
+    return np.rint(values).astype(int).tolist()
+
+
+def _line(
+    frame: Frame, predicted: dict[str, Any], familiar: bool, latency_ms: float
+) -> dict[str, Any]:
     file = {} if frame.name is None else {"file": frame.name}
     return {
         "frame": frame.number,
         **file,
         "time_s": round(time.time() - latency_ms / 1e3, 6),
         "latency_ms": round(latency_ms, 3),
-        "counts": counts.tolist(),
+        **predicted,
         "like_training": familiar,
     }

@@ -1,41 +1,33 @@
-"""Where frames come from: a camera, a video file at its own rate, a folder that files arrive in."""
+"""Sources of frames: a camera, a video file played at its own rate, a folder of images."""
 
 import os
 import time
-from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from t2twin.live.folder import PATIENCE_S, POLL_S, Folder
+from t2twin.live.frame import Frame, turned
+from t2twin.live.skipped import Report
 from t2twin.primitives_cad.errors import T2TwinError
-
-POLL_S = 0.002
-"""How often a folder is looked into, s: an eighth of a 60 Hz camera's period."""
-
-PATIENCE_S = 1.0
-"""How long a file in a folder may be no whole image, s, before it is not waited for any longer."""
+from t2twin.translate.data.images import open_image
 
 LIKELY_HZ = 60.0
-"""Rate of a video that does not say its own: a DIGIT's (digit-interface)."""
+"""Rate of a video that does not state its own: a DIGIT's (digit-interface)."""
 
-MOST_HZ = 1000.0
-"""Largest rate that a video is believed to have, Hz (assumed)."""
+MIN_HZ, MAX_HZ = 0.1, 1000.0
+"""Smallest and largest rate that a video is believed to have, Hz (assumed)."""
+
+WHOLE_SHARE = 0.9
+"""Part of the frames that a video's header announces below which its end is reported as early
+(assumed: some formats state an estimate)."""
+
+MAX_CAMERA_DIGITS = 4
+"""Digits of a camera's number (assumed), which OpenCV takes as a C integer."""
 
 TURNS_DEG = (0, 90, 180, 270)
 """How far frames may be turned, clockwise, to stand upright."""
-
-
-@dataclass(frozen=True)
-class Frame:
-    """image: (h, w, 3) or (h, w) uint8, upright. number: within its source, from 0. name: the
-    file's, in a folder. arrived_s: when it was there, on time.perf_counter's clock."""
-
-    image: np.ndarray
-    number: int
-    name: str | None
-    arrived_s: float
 
 
 class Source(Protocol):
@@ -47,34 +39,53 @@ class Source(Protocol):
         ...
 
 
-def open_source(name: str, turn_deg: int = 0) -> Source:
+def _silent(message: str) -> None:
+    """For sources whose reports nobody reads."""
+
+
+def open_source(name: str, turn_deg: int = 0, report: Report = _silent) -> Source:
     """A camera by its number, a folder, or a video file.
 
-    turn_deg: how far its frames are turned clockwise, one of TURNS_DEG.
+    turn_deg: how far its frames are turned clockwise, one of TURNS_DEG. report: takes messages
+    about skipped frames and a video's odd rate or early end.
     Raises T2TwinError for anything else, and where OpenCV is needed and missing.
     """
     if turn_deg not in TURNS_DEG:
         raise T2TwinError(f"frames cannot be turned by {turn_deg}; allowed are {TURNS_DEG}")
     if name.isascii() and name.isdigit():
-        return Camera(int(name), turn_deg)
+        return Camera(name, turn_deg)
     path = Path(name)
-    if name and path.is_dir():
-        return Folder(path, turn_deg)
-    if path.is_file():
-        return Video(path, turn_deg)
+    try:
+        if name and path.is_dir():
+            return Folder(path, turn_deg, report)
+        if path.is_file():
+            return Video(path, turn_deg, report)
+    except OSError as error:
+        raise T2TwinError(
+            f"the source {name!r} cannot be read ({(error.strerror or str(error)).lower()})"
+        ) from error
     raise T2TwinError(
         f"there is no source {name!r}; give a camera's number, a video file, or a folder that "
         "frames arrive in"
     )
 
 
+def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
+    """A background frame's image file, turned as frames are: (h, w, 3) or (h, w) uint8.
+
+    Raises T2TwinError where it cannot be read as an image.
+    """
+    return turned(np.asarray(open_image(path)), turn_deg)
+
+
 class Camera:
     """A camera of this machine. Raises T2TwinError where it cannot be opened."""
 
-    def __init__(self, number: int, turn_deg: int = 0) -> None:
+    def __init__(self, number: str, turn_deg: int = 0) -> None:
         cv2 = _opencv()
-        self._capture = cv2.VideoCapture(number)
-        if not self._capture.isOpened():
+        possible = len(number) <= MAX_CAMERA_DIGITS
+        self._capture = cv2.VideoCapture(int(number)) if possible else None
+        if self._capture is None or not self._capture.isOpened():
             raise T2TwinError(
                 f"camera {number} cannot be opened; give the number of one that is there and that "
                 "no other program uses"
@@ -83,9 +94,15 @@ class Camera:
         self._name, self._turn_deg, self._count = f"camera {number}", turn_deg, 0
 
     def read(self) -> Frame | None:
-        ok, bgr = self._capture.read()
-        if not ok:
-            raise T2TwinError(f"{self._name} gives no more frames; is it still there?")
+        failed_s: float | None = None
+        while True:
+            ok, bgr = self._capture.read()
+            if ok:
+                break
+            failed_s = failed_s or time.monotonic()
+            if time.monotonic() - failed_s >= PATIENCE_S:
+                raise T2TwinError(f"{self._name} gives no more frames; is it still there?")
+            time.sleep(POLL_S)  # one damaged frame is no end
         frame = Frame(_upright(bgr, self._turn_deg), self._count, None, time.perf_counter())
         self._count += 1
         return frame
@@ -94,16 +111,20 @@ class Camera:
 class Video:
     """A video file, whose frames arrive when they would if it were played.
 
-    Raises T2TwinError for a file that is no video.
+    Raises T2TwinError for a file that is no video, and for one without any frame.
     """
 
-    def __init__(self, path: Path, turn_deg: int = 0) -> None:
+    def __init__(self, path: Path, turn_deg: int = 0, report: Report = _silent) -> None:
         cv2 = _opencv()
         self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         if not self._capture.isOpened():
             raise T2TwinError(f"{path} cannot be read as a video; give a file that players play")
         hz = self._capture.get(cv2.CAP_PROP_FPS)
-        self._period_s = 1.0 / (hz if 0.0 < hz <= MOST_HZ else LIKELY_HZ)
+        if not MIN_HZ <= hz <= MAX_HZ:
+            report(f"{path} states {hz:g} frames/s; it is played at {LIKELY_HZ:g}")
+            hz = LIKELY_HZ
+        self._announced = self._capture.get(cv2.CAP_PROP_FRAME_COUNT)
+        self._path, self._period_s, self._report = path, 1.0 / hz, report
         self._turn_deg, self._count = turn_deg, 0
         self._began_s: float | None = None
 
@@ -113,72 +134,26 @@ class Video:
         due_s = self._began_s + self._count * self._period_s
         ok, bgr = self._capture.read()
         if not ok:
+            self._check_end()
             return None
         frame = Frame(_upright(bgr, self._turn_deg), self._count, None, due_s)
         self._count += 1
         time.sleep(max(0.0, due_s - time.perf_counter()))
         return frame
 
-
-class Folder:
-    """A folder of PNG and JPEG files: first the newest that is there, then those that arrive."""
-
-    def __init__(self, path: Path, turn_deg: int = 0) -> None:
-        self._path, self._turn_deg, self._count = path, turn_deg, 0
-        self._seen = set(self._new(set())[:-1])
-
-    def read(self) -> Frame | None:
-        from t2twin.translate.data.images import open_image
-
-        first_seen_s: float | None = None
-        while True:
-            new = self._new(self._seen)
-            if not new:
-                time.sleep(POLL_S)
-                continue
-            arrived_s = time.perf_counter()
-            first_seen_s = first_seen_s or arrived_s
-            try:
-                image = np.asarray(open_image(self._path / new[-1]))
-            except T2TwinError:
-                if arrived_s - first_seen_s < PATIENCE_S:
-                    time.sleep(POLL_S)  # it is still being written
-                    continue
-                raise
-            frame = Frame(_turned(image, self._turn_deg), self._count, new[-1], arrived_s)
-            self._seen.update(new)
-            self._count += len(new)
-            return frame
-
-    def _new(self, seen: set[str]) -> list[str]:
-        """Names of images that are not among those seen, the newest last. What is gone is
-        forgotten. Raises T2TwinError where the folder is gone."""
-        from t2twin.translate.batch import SUFFIXES
-
-        changed: dict[str, int] = {}
-        there: set[str] = set()
-        try:
-            with os.scandir(self._path) as entries:
-                for entry in entries:
-                    if not entry.name.lower().endswith(SUFFIXES) or entry.name.startswith("."):
-                        continue
-                    there.add(entry.name)
-                    if entry.name not in seen:
-                        with suppress(FileNotFoundError):  # it went while it was looked at
-                            changed[entry.name] = entry.stat().st_mtime_ns
-        except FileNotFoundError:
-            raise T2TwinError(f"the folder {self._path} is gone") from None
-        seen &= there
-        return sorted(changed, key=lambda name: (changed[name], name))
+    def _check_end(self) -> None:
+        if not self._count:
+            raise T2TwinError(f"{self._path} holds no frame that can be read")
+        if self._count < WHOLE_SHARE * self._announced:
+            self._report(
+                f"{self._path} ends after {self._count} of {self._announced:.0f} frames; it is cut "
+                "short or damaged"
+            )
 
 
 def _upright(bgr: np.ndarray, turn_deg: int) -> np.ndarray:
     """OpenCV's frame as (h, w, 3), red, green, blue."""
-    return _turned(bgr[:, :, ::-1], turn_deg)
-
-
-def _turned(image: np.ndarray, turn_deg: int) -> np.ndarray:
-    return np.ascontiguousarray(np.rot90(image, -turn_deg // 90))
+    return turned(bgr[:, :, ::-1], turn_deg)
 
 
 def _opencv() -> Any:

@@ -19,14 +19,19 @@ def shipped_runs() -> tuple[str, ...]:
 
 
 def find_run(run: str | Path) -> Path:
-    """A run's folder: the one that is given, or that of a shipped run by its name.
+    """A run's folder: that of a pretrained run by its name, or the one that is given.
 
+    A text that is a pretrained run's name always means that run, whatever the working directory
+    holds; a folder of that name is given as ./NAME, or as a Path.
     Raises T2TwinError where there is neither.
     """
-    path, names = checks.path(run, "run"), shipped_runs()
+    names = shipped_runs()
+    if isinstance(run, str) and run in names:
+        return HOME / run
+    path = checks.path(run, "run")
     if path.exists():
         return path
-    if str(run) not in names:
-        ships = f", or the name of a run that ships: {', '.join(names)}" if names else ""
+    if isinstance(run, str) or str(run) not in names:
+        ships = f", or the name of a pretrained run: {', '.join(names)}" if names else ""
         raise T2TwinError(f"there is no run {run}; give a folder that `train` has made{ships}")
     return HOME / path

@@ -1,0 +1,151 @@
+"""What the command line's parser refuses, in one sentence each instead of tyro's frames.
+
+tyro reports refusals to a hook (tyro._errors.on_parse_error). The hook is not part of its stable
+interface, which is why pyproject.toml names one version of tyro.
+"""
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from difflib import get_close_matches
+from typing import Any
+
+from tyro import _errors
+
+from t2twin.primitives_cad.errors import T2TwinError
+
+EXPECTED = {"FLOAT": "a number", "INT": "a whole number", "STR": "a name"}
+"""What an option takes, by the metavar of its help text; the other metavars say it themselves."""
+
+RENAMED = {("translate", "--untouched"): "--background"}
+"""Options by command and earlier name."""
+
+TAKES_RUN = ("export", "live", "translate")
+"""Commands whose earlier form had the run as first argument."""
+
+SHELLS = ("bash", "zsh", "tcsh", "fish")
+"""What tyro writes completions for."""
+
+Commands = Mapping[str, Callable[..., None]]
+
+
+@contextmanager
+def one_sentence(commands: Commands, given: Sequence[str]) -> Iterator[None]:
+    """Within the block, a command line that tyro refuses raises T2TwinError.
+
+    commands: functions by the name of their subcommand. given: the command line's words.
+    """
+    refusal = Refusal(commands, given)
+    refusal.check_completion()
+    with _errors.on_parse_error(refusal.refuse):
+        yield
+
+
+class Refusal:
+    """The sentence for a refused command line; arguments as for `one_sentence`."""
+
+    def __init__(self, commands: Commands, given: Sequence[str]) -> None:
+        self._commands, self._given = commands, given
+        self._command = given[0] if given and given[0] in commands else None
+
+    def refuse(self, event: _errors.ParseErrorEvent) -> None:
+        """Raises T2TwinError for an event of tyro; an unknown one is left to tyro."""
+        reason = self._reason(event)
+        if reason is not None:
+            program = "t2twin" if self._command is None else f"t2twin {self._command}"
+            raise T2TwinError(f"{reason}; see {program} --help")
+
+    def check_completion(self) -> None:
+        """Raises T2TwinError for a completion of an unknown shell, which tyro only asserts."""
+        words = [word.replace("_", "-") for word in self._given[:1]]
+        if words and words[0] in ("--tyro-print-completion", "--tyro-write-completion"):
+            shell = self._given[1] if len(self._given) > 1 else ""
+            if shell not in SHELLS:
+                raise T2TwinError(f"{words[0]} is {shell!r}; expected {_one_of(SHELLS)}")
+
+    def _reason(self, event: _errors.ParseErrorEvent) -> str | None:
+        if isinstance(event, _errors.MissingSubcommand):
+            return f"a command is missing; expected {_one_of(tuple(self._commands))}"
+        if isinstance(event, _errors.UnrecognizedArgs):
+            return self._unrecognized(event.tokens[0])
+        if isinstance(event, _errors.MissingArgs):
+            unknown = self._unknown_option()
+            return self._missing(event) if unknown is None else self._unrecognized(unknown)
+        if isinstance(event, _errors.InvalidChoice):
+            name = _name(event.argument)
+            return f"{name} is {event.value!r}; expected {_one_of(event.choices)}"
+        if isinstance(event, _errors.BadValue):
+            # An unknown option in an argument's place is the reason why that is missing.
+            name, positional = _name(event.argument), event.argument.is_positional()
+            unknown = self._unknown_option() if positional else None
+            if unknown is not None:
+                return self._unrecognized(unknown)
+            if positional:
+                return f"{name} is missing"
+            return f"{name} has no value; expected {_expected(event.argument)}"
+        if isinstance(event, _errors.InstantiationFailure) and event.argument is not None:
+            name = _name(event.argument)
+            return f"{name} is {self._value(name)!r}; expected {_expected(event.argument)}"
+        return None
+
+    def _unrecognized(self, token: str) -> str:
+        name = token.partition("=")[0]
+        if self._command is None:
+            kind, names = "option" if token.startswith("-") else "command", tuple(self._commands)
+        elif (self._command, name) in RENAMED:
+            return f"{name} is now {RENAMED[self._command, name]}"
+        elif token.startswith("-"):
+            kind, names = "option", self._options()
+        else:
+            return self._surplus(token)
+        near = get_close_matches(name.lower(), names, 1)
+        return f"there is no {kind} {name!r}" + (f" (did you mean {near[0]}?)" if near else "")
+
+    def _surplus(self, token: str) -> str:
+        if self._command in TAKES_RUN:
+            return f"unexpected argument {token!r}; a run is given with --run RUN"
+        return f"unexpected argument {token!r}"
+
+    def _missing(self, event: _errors.MissingArgs) -> str:
+        names = [_name(each.arg) for each in event.missing_arguments]
+        return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing"
+
+    def _options(self) -> tuple[str, ...]:
+        parameters = inspect.signature(self._commands[self._command or ""]).parameters
+        return tuple("--" + name.replace("_", "-") for name in parameters)
+
+    def _unknown_option(self) -> str | None:
+        """The first word that looks like an option and is none."""
+        known = (*self._options(), "--help") if self._command is not None else ()
+        for word in self._given[1:]:
+            name = word.partition("=")[0].replace("_", "-")
+            if name.startswith("--") and name != "--" and name not in known:
+                return word
+        return None
+
+    def _value(self, option: str) -> str:
+        """The last value that was given to an option."""
+        value = ""
+        for word, after in zip(self._given, (*self._given[1:], ""), strict=True):
+            name, equals, attached = word.partition("=")
+            if name.replace("_", "-") == option:
+                value = attached if equals else after
+        return value
+
+
+def _name(argument: Any) -> str:
+    """An option's name, or a positional argument's metavar, as in the help text."""
+    lowered = argument.lowered
+    return str(lowered.metavar) if argument.is_positional() else lowered.name_or_flags[-1]
+
+
+def _expected(argument: Any) -> str:
+    lowered = argument.lowered
+    if lowered.choices:
+        return _one_of(lowered.choices)
+    metavar = str(lowered.metavar)
+    return EXPECTED.get(metavar, metavar)
+
+
+def _one_of(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
