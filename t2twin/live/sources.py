@@ -61,6 +61,11 @@ def open_source(name: str, turn_deg: int = 0) -> Source:
     if name and path.is_dir():
         return Folder(path, turn_deg)
     if path.is_file():
+        if _is_picture(path):
+            raise T2TwinError(
+                f"{name} is a picture, and no source of frames; give a camera's number, a video "
+                "file, or a folder that frames arrive in"
+            )
         return Video(path, turn_deg)
     raise T2TwinError(
         f"there is no source {name!r}; give a camera's number, a video file, or a folder that "
@@ -170,6 +175,17 @@ class Folder:
             raise T2TwinError(f"the folder {self._path} is gone") from None
         seen &= there
         return sorted(changed, key=lambda name: (changed[name], name))
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether a file is a picture by its content, which FFmpeg takes for a video of one frame."""
+    from t2twin.sim.pictures import check_picture
+
+    try:
+        check_picture(path, ("PNG", "JPEG", "BMP", "TIFF"))
+    except T2TwinError:
+        return False
+    return True
 
 
 def _upright(bgr: np.ndarray, turn_deg: int) -> np.ndarray:
