@@ -96,10 +96,15 @@ def _send(page: Page, handle: Any, value: Any) -> None:
 
 def _arrive(page: Page, button: Any, file: UploadedFile) -> None:
     """As if a file had come, whole."""
-    button._impl.value = file
     callbacks: list[Callable] = list(button._impl.update_cb)
-    for callback in callbacks:
-        callback(None)
+
+    async def arrive() -> None:
+        button._impl.value = file
+        for callback in callbacks:
+            await callback(None)
+
+    gui = button._impl.gui_api
+    asyncio.run_coroutine_threadsafe(arrive(), gui._event_loop).result(30)
 
 
 def _files(folder: Path) -> dict[str, bytes]:

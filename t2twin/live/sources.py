@@ -59,6 +59,11 @@ def open_source(name: str, turn_deg: int = 0, report: Report = _silent) -> Sourc
         if name and path.is_dir():
             return Folder(path, turn_deg, report)
         if path.is_file():
+            if _is_picture(path):
+                raise T2TwinError(
+                    f"{name} is a picture, and no source of frames; give a camera's number, a "
+                    "video file, or a folder that frames arrive in"
+                )
             return Video(path, turn_deg, report)
     except OSError as error:
         raise T2TwinError(
@@ -149,6 +154,17 @@ class Video:
                 f"{self._path} ends after {self._count} of {self._announced:.0f} frames; it is cut "
                 "short or damaged"
             )
+
+
+def _is_picture(path: Path) -> bool:
+    """Whether a file is a picture by its content, which FFmpeg takes for a video of one frame."""
+    from t2twin.sim.pictures import check_picture
+
+    try:
+        check_picture(path, ("PNG", "JPEG", "BMP", "TIFF"))
+    except T2TwinError:
+        return False
+    return True
 
 
 def _upright(bgr: np.ndarray, turn_deg: int) -> np.ndarray:

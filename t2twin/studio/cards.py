@@ -20,6 +20,8 @@ from t2twin.studio.colours import (
     data_address,
     gradient,
 )
+from t2twin.studio.frames import Named
+from t2twin.studio.intervals import force_html, intervals_html, taxels_html
 from t2twin.studio.session import TRANSLATING, Look
 from t2twin.studio.translators import MAKE_ONE, Translation
 from t2twin.translate.phi import PX_PER_MM, TACTILE_SHAPE
@@ -47,6 +49,12 @@ RUNS_COME = "The translators are being loaded."
 UNFAMILIAR = "This picture is unlike all that it was trained on: its counts mean little."
 """What is said of a translation that cannot be trusted."""
 
+COMPARED = "Compared with the background frame."
+"""Shown with a translation that used one."""
+
+PRETRAINED = "the pretrained run"
+"""Shown in place of its name."""
+
 STYLE = """<style>
 .t2 { font-size: 0.8rem; line-height: 1.4; padding: 0.5rem 1.1rem 0.3rem 0.7rem; }
 .t2 h4 { margin: 0.9rem 0 0.3rem; font-size: 0.85rem; font-weight: 600; }
@@ -64,6 +72,9 @@ STYLE = """<style>
 .t2 th { font-weight: 400; text-align: left; opacity: 0.75; }
 .t2 td, .t2 thead th { text-align: right; }
 .t2 tbody tr { border-top: 1px solid rgba(128, 128, 128, 0.25); }
+.t2 tr.off td { font-weight: 700; }
+.t2 .wide { grid-column: span 2; }
+.t2 > figure { margin: 0.4rem 0 0.9rem; }
 .t2 p { margin: 0.3rem 0; }
 .t2 code { font-size: 0.75rem; overflow-wrap: anywhere; }
 .t2-drop::after { content: "Drop it to press it"; position: fixed; inset: 0.6rem; z-index: 9999;
@@ -127,13 +138,15 @@ def pictures_html(look: Look, scales: Scales, runs_known: bool, runs_come: bool 
     parts = [_row(seen, felt, _bars(scales))]
     if look.translations:
         parts.append("<h4>The CySkin, translated from the DIGIT's picture alone</h4>")
-        parts += [_translation_row(each, scales) for each in look.translations]
+        force_n = touch.command.force_n
+        parts += [_translation_row(each, scales, force_n) for each in look.translations]
     elif runs_come:
         parts.append(f"<h4>Translated</h4>{_paragraph(RUNS_COME)}")
     elif not runs_known:
         parts.append(_none_yet())
     notes = "".join(_paragraph(note) for note in _notes(touch))
-    return _page([*parts, _contacts(touch.digit, touch.cyskin), notes, _steps(look), _counts(look)])
+    parts += [_contacts(touch.digit, touch.cyskin), notes, _steps(look), _counts(look)]
+    return _page([*parts, *map(_taxels, look.translations)])
 
 
 def again_html(line: str, link: str | None) -> str:
@@ -145,29 +158,38 @@ def again_html(line: str, link: str | None) -> str:
     ])  # fmt: skip
 
 
-def frame_html(image: np.ndarray, name: str, translations: Sequence[Translation]) -> str:
-    """A frame of one's own, of which no truth is known, and what each run makes of it."""
+def frame_html(named: Named, background: Named | None, translations: Sequence[Translation]) -> str:
+    """A frame of the user's, whose truth is not known, with the prediction of each run.
+
+    background: the frame that field runs compare it with.
+    """
     most = nice_end(max((t.counts.max() for t in translations), default=0.0), LEAST_COUNTS)
-    frame = _figure("Frame", name, data_address(image), "frame")
+    cells = [_figure("Frame", named[1], data_address(named[0]), "frame")]
+    if background is not None:
+        image, name = background
+        cells.append(_figure("Background", name, data_address(image), "background"))
     if not translations:
-        return _page([_row(frame), _none_yet()])
+        return _page([_row(*cells), _none_yet()])
     bar = _bar("tactile images", SEQUENTIAL, "0", f"{most:,.0f} counts")
-    parts = [_row(frame, f"<div>{bar}</div>")]
+    parts = [_row(*cells, f"<div>{bar}</div>")]
     for each in translations:
         address = coloured_address(each.tactile_image, most)
-        figure = _figure(_model(each), each.name, address, "translated")
+        figure = _figure(_model(each), _caption(each), address, "translated")
         words = "" if each.familiar else _paragraph(UNFAMILIAR)
+        words += _paragraph(COMPARED) if each.compared else ""
         words += _paragraph(f"{each.milliseconds:.0f} ms")
         listed = f"<p><b>counts</b><code>{_listed(each.counts)}</code></p>"
-        parts.append(_row(figure, f"<div>{words}{listed}</div>"))
+        parts.append(_row(figure, f'<div class="wide">{words}{listed}</div>'))
+        parts += [force_html(each, None), intervals_html(each), taxels_html(each)]
     return _page(parts)
 
 
-def _translation_row(translation: Translation, scales: Scales) -> str:
-    """A run's tactile image, its difference from what the CySkin felt, and its error in words."""
+def _translation_row(translation: Translation, scales: Scales, force_n: float) -> str:
+    """A run's tactile image, its difference from what the CySkin felt, its error in words, and its
+    intervals where it has some. force_n: the true one."""
     assert translation.truth is not None
     drawn = coloured_address(translation.tactile_image, scales.counts)
-    left = _figure(_model(translation), translation.name, drawn, "translated")
+    left = _figure(_model(translation), _caption(translation), drawn, "translated")
     discs = _discs(translation, scales.difference)
     right = (
         f'<figure><b>Difference</b>{discs}<span class="soft">translated less felt</span></figure>'
@@ -179,9 +201,15 @@ def _translation_row(translation: Translation, scales: Scales) -> str:
         f"({FULL_SCALE_COUNTS:,.0f})</span></p>"
     )
     words += "" if translation.familiar else _paragraph(UNFAMILIAR)
-    return _row(
-        left, right, f"<div>{bar}{words}{_paragraph(f'{translation.milliseconds:.0f} ms')}</div>"
-    )
+    words += _paragraph(f"{translation.milliseconds:.0f} ms")
+    figures = _row(left, right, f"<div>{bar}{words}</div>")
+    return figures + force_html(translation, force_n) + intervals_html(translation)
+
+
+def _taxels(translation: Translation) -> str:
+    """A run's counts with their intervals, in figures."""
+    table = taxels_html(translation)
+    return table and f"<h4>{escape(translation.name)}, taxel by taxel</h4>{table}"
 
 
 def _discs(translation: Translation, most: float) -> str:
@@ -268,6 +296,11 @@ def _listed(counts: np.ndarray) -> str:
 
 def _model(translation: Translation) -> str:
     return MODELS.get(translation.model, translation.model)
+
+
+def _caption(translation: Translation) -> str:
+    """A run's name; a pretrained run has that of its model, which is said already."""
+    return PRETRAINED if translation.name == translation.model else translation.name
 
 
 def _row(*cells: str) -> str:

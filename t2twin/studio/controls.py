@@ -84,7 +84,7 @@ class Controls:
         self._shape.visible = group not in (RANDOM, OWN_FILE)
         self._random.visible = group == RANDOM
         self._own.visible = self._scale.visible = group == OWN_FILE
-        self._own.content = f"**{_plain(file_name(state.shape))}**, pressed with its +z side"
+        self._own.content = f"**{plain(file_name(state.shape))}**, pressed with its +z side"
         if self._shape.visible:
             self._shape.options = shapes_of(group)
             self._shape.value = state.shape
@@ -97,7 +97,7 @@ class Controls:
                 _put(slider, getattr(state, name))
         self._layout.options = (*layout_names(), *([OWN_FILE] if is_file(state.layout) else []))
         self._layout.value = OWN_FILE if is_file(state.layout) else state.layout
-        self._light.content = f"Light: **{_plain(file_name(state.calibration or OWN_LIGHT))}**"
+        self._light.content = f"Light: **{plain(file_name(state.calibration or OWN_LIGHT))}**"
         self.noise.value = state.seed is not None
         self._imperfections.value = state.imperfections
         self._imperfections.visible = self._seed.visible = state.seed is not None
@@ -289,6 +289,6 @@ def _put(slider: viser.GuiSliderHandle, value: float) -> None:
     slider.value = min(max(value, slider.min), slider.max)
 
 
-def _plain(text: str) -> str:
+def plain(text: str) -> str:
     """Text within Markdown, as text: what is no letter, digit or usual sign goes."""
     return "".join(c if c.isalnum() or c in " .-_" else "_" for c in text)

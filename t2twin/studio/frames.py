@@ -8,6 +8,9 @@ import numpy as np
 from t2twin.live.newest import Newest
 from t2twin.live.sources import Source, open_source
 
+Named = tuple[np.ndarray, str]
+"""A frame, (h, w, 3) or (h, w) uint8, and what it is called."""
+
 
 class Frames:
     """A camera, a video file or a folder, opened here and read when the first page wants it.
@@ -40,9 +43,9 @@ class Frames:
         images = (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
         return sorted(path for path in images if not path.name.startswith("."))
 
-    @staticmethod
-    def read(path: Path) -> tuple[np.ndarray, str]:
-        """An image of the folder, and its name. Raises T2TwinError where it is none."""
-        from t2twin.translate.data.images import open_image
 
-        return np.asarray(open_image(path)), path.name
+def read_frame(path: Path) -> Named:
+    """An image file and its name. Raises T2TwinError where it is no image."""
+    from t2twin.translate.data.images import open_image
+
+    return np.asarray(open_image(path)), path.name

@@ -1,6 +1,5 @@
 """What one client is told besides its pictures: errors, and that something takes a while."""
 
-import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,6 +8,7 @@ from threading import RLock
 import viser
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.studio.log import log
 
 UNEXPECTED = "something went wrong that should not; what, is said where the studio was started"
 """What a page says of an error that is none of the user's."""
@@ -39,7 +39,9 @@ class Notices:
             sentence = f"{error.filename or 'a file'} cannot be used: {error.strerror or error}"
         else:
             sentence = UNEXPECTED
-            traceback.print_exception(error, file=sys.stderr)
+            (*_, place) = traceback.extract_tb(error.__traceback__) or [None]
+            at = "" if place is None else f" at {place.filename}:{place.lineno}"
+            log(f"the studio goes on after an error{at}: {error!r}")
         with self._lock:
             if sentence == self._said:
                 return

@@ -11,6 +11,7 @@ from threading import Event, Lock, Thread
 from typing import Any
 
 import viser
+from viser import _messages
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
@@ -28,7 +29,7 @@ from t2twin.studio.scene import Dragged, Scene
 from t2twin.studio.session import Look, Session
 from t2twin.studio.take_away import zipped
 from t2twin.studio.translate_tab import TranslateTab
-from t2twin.studio.uploads import forget, kept_file, limit_uploads
+from t2twin.studio.uploads import forget, kept_file
 from t2twin.studio.view import View
 from t2twin.studio.worker import NewestFirst
 from t2twin.twin import load_shape
@@ -62,7 +63,7 @@ class Page:
     ) -> None:
         self._client, self._shared, self._link = client, shared, link
         self._own_folder = shared.folder / str(client.client_id)
-        self._lock = Lock()
+        self._lock, self._slow = Lock(), Lock()
         self._state, self._dragged_from, self._force_from = state, state, state.force_n
         self._runs: tuple[str, ...] = ()
         self._session: Session | None = None
@@ -72,7 +73,7 @@ class Page:
         self._loop = client.gui._event_loop
         self._scene = Scene(client, self._drag)
         self._build()
-        self._worker = NewestFirst(self._show_newest, self._scene.settle)
+        self._worker = NewestFirst(self._show_newest, self._settle)
         self.runs_changed()
         self._worker.ask()
 
@@ -80,13 +81,17 @@ class Page:
         """The client is gone, and its files with it."""
         self._worker.end()
         self._tab.close()
+        self._shared.uploads.leave(self._client)
         shutil.rmtree(self._own_folder, ignore_errors=True)
 
     def wait(self, timeout_s: float) -> bool:
-        """Until the page shows its newest state, translators and all; False where that took
-        longer."""
+        """Until the page shows its newest state, files and translators and all; False where that
+        took longer."""
         until_s = time.monotonic() + timeout_s
-        done = self._worker.wait(timeout_s)
+        done = self._slow.acquire(timeout=timeout_s)
+        if done:
+            self._slow.release()
+        done = self._worker.wait(max(until_s - time.monotonic(), 0.0)) and done
         if self._loading is not None:
             self._loading.join(max(until_s - time.monotonic(), 0.0))
         return done and self._worker.wait(max(until_s - time.monotonic(), 0.0))
@@ -126,7 +131,8 @@ class Page:
             self._worker.ask()  # that there are none is said, too
 
     async def _new_runs(self, event: viser.GuiEvent) -> None:
-        self._take_runs(tuple(name for name, box in self._run_boxes.items() if box.value))
+        runs = tuple(name for name, box in self._run_boxes.items() if box.value)
+        self._notices.guarded(lambda: self._take_runs(runs))
 
     def _take_runs(self, runs: tuple[str, ...]) -> None:
         self._runs = runs
@@ -135,12 +141,12 @@ class Page:
 
     def _build(self) -> None:
         gui = self._client.gui
+        self._shared.uploads.enter(self._client, self._notices.wrong)
         gui.set_panel_label("t2twin studio")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
         gui.add_html(welcome_html())
         self.controls = Controls(self._client, self._state, self.change, self._notices.guarded)
-        limit_uploads(self._client, self._notices.wrong)
         self._view = View(self._client, self._scene.arrange, lambda: self._worker.ask())
         self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
         self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
@@ -154,6 +160,7 @@ class Page:
                 self._shared.translators,
                 self._notices,
                 self._shared.frames,
+                self._shared.background,
                 lambda: self.look,
             )
         self._heed_files()
@@ -175,6 +182,7 @@ class Page:
                 partial(self._take_file, "calibration", Calibration.load),
             ),
             "frame": (self._tab.upload, self._tab.show_file),
+            "background": (self._tab.upload_background, self._tab.take_background),
         }
         for kind, (button, then) in takers.items():
             self._on_upload(button, kind, then)
@@ -190,16 +198,36 @@ class Page:
             self._again = gui.add_html("")
 
         @take.on_click
-        def _(event: viser.GuiEvent) -> None:
-            self._notices.guarded(self._take_away)
+        async def _(event: viser.GuiEvent) -> None:
+            self._one_at_a_time(self._take_away)
+
+    def _one_at_a_time(self, do: Callable[[], object]) -> None:
+        """Does something slow in a thread of its own, unless such is being done: what a client
+        sends meanwhile must not pile up."""
+        if not self._slow.acquire(blocking=False):
+            self._notices.wrong(T2TwinError("the one before is still being worked on; wait for it"))
+            return
+
+        def work() -> None:
+            try:
+                self._notices.guarded(do)
+            finally:
+                self._slow.release()
+
+        Thread(target=work, daemon=True).start()
 
     def _take_away(self) -> None:
         look = self.look
-        if look is None:
+        if look is None or self._is_sending():
             return
         with TemporaryDirectory(dir=self.folder) as folder:
             name, content = zipped(look, Path(folder))
         self._client.send_file_download(name, content, save_immediately=True)
+
+    def _is_sending(self) -> bool:
+        """Whether a file is still on its way to the client."""
+        unsent = self._client._websock_connection.get_message_buffer().message_from_id
+        return any(isinstance(each, _messages.FileTransferPart) for each in list(unsent.values()))
 
     def _take_file(self, kind: str, read: Callable[[Path], object], path: Path) -> None:
         """Presses with a file, if it can be read; else the press stays what it is."""
@@ -230,8 +258,10 @@ class Page:
                 raise T2TwinError(str(error).replace(str(path), path.name)) from None
 
         @button.on_upload
-        def _(event: viser.GuiEvent) -> None:
-            self._notices.guarded(lambda: take(button.value))
+        async def _(event: viser.GuiEvent) -> None:
+            file = button.value
+            button._impl.value = viser.UploadedFile("", b"")  # or it would stay in memory
+            self._one_at_a_time(lambda: take(file))
 
     def _drag(self, dragged: Dragged) -> None:
         if dragged.begins:
@@ -250,6 +280,9 @@ class Page:
             changes = {"force_n": min(max(force, LEAST_SLIDER_N), MOST_SLIDER_N)}
         # Tenths, as the sliders have them: what is dragged by hand needs no more.
         self.controls.take({name: round(float(value), 1) for name, value in changes.items()})
+
+    def _settle(self) -> None:
+        self._notices.guarded(self._scene.settle)
 
     def _show_newest(self) -> None:
         self._notices.guarded(self._make_look)

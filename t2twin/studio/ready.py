@@ -12,7 +12,8 @@ from threading import Event, Lock
 from typing import TYPE_CHECKING
 
 from t2twin.primitives_cad.cache_home import cache_home
-from t2twin.studio.frames import Frames
+from t2twin.studio.frames import Frames, Named
+from t2twin.studio.transfers import Uploads
 from t2twin.studio.translators import Translators
 
 if TYPE_CHECKING:
@@ -39,14 +40,17 @@ It ends when its standard input does, so with the one that started it."""
 @dataclass
 class Shared:
     """What all clients of a studio have in common. folder: the temporary one for their files.
-    frames: the source that it was started with. can_press: set when the first press is done.
-    is_seen: set when a page shows one."""
+    frames: the source that it was started with. background: the frame of its DIGIT with nothing
+    touching it. can_press: set when the first press is done. is_seen: set when a page shows one.
+    uploads: of all clients."""
 
     translators: Translators
     folder: Path
     frames: Frames | None = None
+    background: Named | None = None
     can_press: Event = field(default_factory=Event)
     is_seen: Event = field(default_factory=Event)
+    uploads: Uploads = field(default_factory=Uploads, repr=False)
     _making: Lock = field(default_factory=Lock, repr=False)
 
     @property

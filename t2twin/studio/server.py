@@ -10,6 +10,7 @@ import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
+from functools import partial
 from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +21,15 @@ import viser
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import sweep, temporary_folder
-from t2twin.studio.frames import Frames
+from t2twin.studio.connection import Connection, guarded_server
+from t2twin.studio.frames import Frames, read_frame
+from t2twin.studio.gate import Gate
+from t2twin.studio.messages import (
+    FileTransferPart,
+    FileTransferStartUpload,
+    GuiUpdateMessage,
+    check_update,
+)
 from t2twin.studio.notices import Notices
 from t2twin.studio.ready import Shared, get_ready
 from t2twin.studio.translators import Translators
@@ -48,10 +57,10 @@ OPEN_TO_OTHERS = (
 class Studio:
     """A running studio; `studio` makes one. pages: the clients', by their numbers."""
 
-    def __init__(self, host: str, port: int, shared: Shared) -> None:
+    def __init__(self, host: str, port: int, shared: Shared, gate: Gate) -> None:
         self._shared = shared
         self.pages: dict[int, Page] = {}
-        with redirect_stdout(io.StringIO()):  # viser's own greeting
+        with redirect_stdout(io.StringIO()), guarded_server(gate):  # viser's own greeting
             self._server = _Server(host, port, verbose=False)
         name = f"[{host}]" if ":" in host else host
         self.address = f"http://{name}:{self._server.get_port()}"
@@ -78,7 +87,17 @@ class Studio:
         from t2twin.studio.page import Page
         from t2twin.studio.press_state import PressState, read_query
 
-        address, query = self._asked(client)
+        connection = self._connection(client)
+        if connection is None:
+            return  # it is gone already
+        buffer = client._websock_connection.get_message_buffer()
+        buffer._warned_push_after_done = True  # a press ends after its page
+        connection.unsent = lambda: len(buffer.message_from_id)
+        connection.check = partial(self._check, client)
+        request = connection.request
+        assert request is not None
+        address = request.headers.get("Origin", self.address)
+        query = urlsplit(request.path).query
         state, error = PressState(), None
         try:
             state = read_query(query)
@@ -97,18 +116,20 @@ class Studio:
         if page is not None:
             page.close()
 
-    def _asked(self, client: viser.ClientHandle) -> tuple[str, str]:
-        """Where a client has the page from, and the query of its link.
+    def _connection(self, client: viser.ClientHandle) -> Connection | None:
+        """A client's connection, which viser does not hand on; None where it is closed."""
+        connection = self._server._websock_server._live_connections.get(client.client_id)
+        return connection if isinstance(connection, Connection) else None
 
-        viser does not hand on a request's path and headers; they are looked up where it keeps the
-        connection, and where that has moved, links open a new page.
-        """
-        connections = getattr(self._server._websock_server, "_live_connections", {})
-        connection = connections.get(client.client_id)
-        if connection is None:
-            return self.address, ""
-        request = connection.request
-        return request.headers.get("Origin", self.address), urlsplit(request.path).query
+    def _check(self, client: viser.ClientHandle, message: object) -> bool:
+        """Whether viser is to have a message. Raises T2TwinError for one that no page sends."""
+        if isinstance(message, GuiUpdateMessage):
+            check_update(client.gui, message)
+        elif isinstance(message, FileTransferStartUpload):
+            return self._shared.uploads.begins(client, message)
+        elif isinstance(message, FileTransferPart):
+            return self._shared.uploads.goes_on(client, message)
+        return True
 
 
 class _Server(viser.ViserServer):
@@ -120,25 +141,34 @@ class _Server(viser.ViserServer):
 
 @contextmanager
 def studio(
-    runs: Sequence[Path] = (), host: str = HOST, port: int = PORT, source: str | None = None
+    runs: Sequence[Path] = (),
+    host: str = HOST,
+    port: int = PORT,
+    source: str | None = None,
+    background: Path | None = None,
+    allow_origins: Sequence[str] = (),
 ) -> Iterator[Studio]:
     """A studio that serves its page within the block.
 
     runs: folders of trained runs; without any, those below `runs` are found. source: frames to look
-    at, as for `t2twin live`. Raises T2TwinError for a folder that is no run, a source that gives no
-    frames, and a host and port that cannot be listened at.
+    at, as for `t2twin live`. background: an image of the same DIGIT with nothing touching it, which
+    field runs compare frames with. allow_origins: pages elsewhere that may connect, such as that of
+    a proxy. Raises T2TwinError for a folder that is no run, a source that gives no frames, a file
+    that is no image, a host and port that cannot be listened at, and for what is no origin.
     """
     _check_free(host, port)
+    gate = Gate(host, allow_origins)
     translators = Translators()
     if runs:
         translators.search(runs)
     frames = None if source is None else Frames(source)
+    frame = None if background is None else read_frame(background)
     place = Path(tempfile.gettempdir())
     sweep(place, f".{FOLDER}-*.part")
     with temporary_folder(place, f"{FOLDER}-{uuid4().hex}") as folder:
         folder.chmod(0o700)
-        shared = Shared(translators, folder, frames)
-        served = Studio(host, port, shared)
+        shared = Shared(translators, folder, frames, frame)
+        served = Studio(host, port, shared, gate)
         threading.Thread(target=_get_ready, args=(shared, served, not runs), daemon=True).start()
         yield served
         served.close()  # not where it is ended by a signal: that would take seconds

@@ -15,7 +15,7 @@ import numpy as np
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.sensors import CySkin, SensorPair
+from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.studio.press_state import PressState
 from t2twin.studio.translators import Translation, Translators
 from t2twin.translate.phi import Phi
@@ -63,6 +63,7 @@ class Session:
         self._sensors = sensors or SensorPair()
         self._made_for = PressState()
         self._shape: tuple[tuple[str, float | None], Shape] | None = None
+        self._background: tuple[Digit, np.ndarray] | None = None
         self._phi: tuple[CySkin, Phi | T2TwinError] | None = None
 
     def shape(self, state: PressState) -> Shape:
@@ -107,7 +108,8 @@ class Session:
             phi = self._phi_of(sensors.cyskin)
             tactile = None if isinstance(phi, T2TwinError) else phi(touch.counts)
         with timed(TRANSLATING):
-            translations = self.translators.of_touch(touch, runs)
+            background = self._background_of(sensors.digit) if runs else None
+            translations = self.translators.of_touch(touch, runs, background)
         no_image = str(phi) if isinstance(phi, T2TwinError) else ""
         return Look(state, touch, tactile, no_image, translations, steps)
 
@@ -119,6 +121,12 @@ class Session:
             cyskin = replace(cyskin, layout_source=state.layout, imperfections=state.imperfections)
         self._sensors, self._made_for = SensorPair(digit, cyskin), state
         return self._sensors
+
+    def _background_of(self, digit: Digit) -> np.ndarray:
+        """The frame of a DIGIT with nothing touching it; kept while the DIGIT stays."""
+        if self._background is None or self._background[0] is not digit:
+            self._background = (digit, digit.untouched())
+        return self._background[1]
 
     def _phi_of(self, cyskin: CySkin) -> Phi | T2TwinError:
         """phi of an array, or why it has none; kept while the array stays."""

@@ -1,18 +1,17 @@
 """A frame of one's own, through every chosen translator."""
 
 import shutil
-import time
 from collections.abc import Callable
 from pathlib import Path
-from threading import Thread
+from threading import Event, Thread
 
 import numpy as np
 import viser
 
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.studio.cards import frame_html
-from t2twin.studio.controls import QUIET
-from t2twin.studio.frames import Frames
+from t2twin.studio.controls import QUIET, plain
+from t2twin.studio.frames import Frames, Named, read_frame
 from t2twin.studio.notices import Notices
 from t2twin.studio.session import Look
 from t2twin.studio.translators import Translators
@@ -21,12 +20,13 @@ from t2twin.studio.worker import NewestFirst
 SHOWN_HZ = 15.0
 """Most frames of a live source that a page is sent in a second (assumed: enough to look at)."""
 
-Named = tuple[np.ndarray, str]
-"""A frame, (h, w, 3) or (h, w) uint8, and what it is called."""
+NO_BACKGROUND = "Background frame: **none**; field runs take the mean one of their training"
+"""Shown where no background frame was given."""
 
 
 class TranslateTab:
-    """Made within the tab's container. frames: the studio's own source, if it has one."""
+    """Made within the tab's container. frames: the studio's own source, if it has one.
+    background: the frame of its DIGIT with nothing touching it, if one was given."""
 
     def __init__(
         self,
@@ -34,12 +34,14 @@ class TranslateTab:
         translators: Translators,
         notices: Notices,
         frames: Frames | None,
+        background: Named | None,
         look: Callable[[], Look | None],
     ) -> None:
         self._translators, self._notices, self._look = translators, notices, look
         self._runs: tuple[str, ...] = ()
+        self._background = background
         self._wanted: Callable[[], Named | None] = lambda: None
-        self._is_live = False
+        self._live: Event | None = None  # set when the frames are to be followed no longer
         self._worker = NewestFirst(lambda: notices.guarded(self._show_wanted), lambda: None)
         gui = client.gui
         gui.add_markdown(
@@ -52,14 +54,20 @@ class TranslateTab:
         current = gui.add_button(
             "The current picture, with noise", icon=viser.Icon.PHOTO, color=QUIET
         )
-        current.on_click(lambda _: self._show_current())
+
+        @current.on_click
+        async def _(event: viser.GuiEvent) -> None:
+            notices.guarded(self._show_current)
+
+        self._add_background(gui)
         if frames is not None:
             self._add_frames(gui, frames)
         self._shown = gui.add_html("")
 
     def close(self) -> None:
         """The client is gone."""
-        self._is_live = False
+        if self._live is not None:
+            self._live.set()
         self._worker.end()
 
     def use(self, runs: tuple[str, ...]) -> None:
@@ -69,13 +77,37 @@ class TranslateTab:
 
     def show_file(self, path: Path) -> None:
         """Translates a kept file, which is removed. Raises T2TwinError where it is no image."""
-        from t2twin.translate.data.images import open_image
+        named = _read_and_remove(path)
+        self._show(lambda: named)
 
-        try:
-            image = np.asarray(open_image(path))
-        finally:
-            shutil.rmtree(path.parent, ignore_errors=True)  # what is needed of it is read
-        self._show(lambda: (image, path.name))
+    def take_background(self, path: Path) -> None:
+        """From here on field runs compare frames with a kept file, which is removed. Raises
+        T2TwinError where it is no image."""
+        self._set_background(_read_and_remove(path))
+
+    def _add_background(self, gui: viser.GuiApi) -> None:
+        self._background_name = gui.add_markdown("")
+        self.upload_background = gui.add_upload_button(
+            "A background frame", icon=viser.Icon.UPLOAD, color=QUIET,
+            hint="A frame of the same DIGIT with nothing touching it, PNG or JPEG",
+        )  # fmt: skip
+        self._no_background = gui.add_button(
+            "Without a background frame", icon=viser.Icon.X, color=QUIET
+        )
+
+        @self._no_background.on_click
+        async def _(event: viser.GuiEvent) -> None:
+            self._notices.guarded(lambda: self._set_background(None))
+
+        self._set_background(self._background)
+
+    def _set_background(self, named: Named | None) -> None:
+        self._background = named
+        self._no_background.visible = named is not None
+        self._background_name.content = (
+            NO_BACKGROUND if named is None else f"Background frame: **{plain(named[1])}**"
+        )
+        self._worker.ask()
 
     def _add_frames(self, gui: viser.GuiApi, frames: Frames) -> None:
         files = frames.files()
@@ -87,29 +119,31 @@ class TranslateTab:
             @leaf.on_update
             async def _(event: viser.GuiEvent) -> None:
                 if 0 <= leaf.value < len(files):
-                    self._show(lambda: frames.read(files[leaf.value]))
+                    self._show(lambda: read_frame(files[leaf.value]))
 
         live = gui.add_checkbox(f"Live: {frames.name}", False, hint="Frames as they arrive")
 
         @live.on_update
         async def _(event: viser.GuiEvent) -> None:
-            self._is_live = live.value
-            if live.value:
-                Thread(target=self._follow, args=(frames,), daemon=True).start()
+            if self._live is not None:
+                self._live.set()
+            self._live = Event() if live.value else None
+            if self._live is not None:
+                Thread(target=self._follow, args=(frames, self._live), daemon=True).start()
 
-    def _follow(self, frames: Frames) -> None:
-        self._notices.guarded(lambda: self._show_live(frames))
+    def _follow(self, frames: Frames, ended: Event) -> None:
+        self._notices.guarded(lambda: self._show_live(frames, ended))
 
-    def _show_live(self, frames: Frames) -> None:
+    def _show_live(self, frames: Frames, ended: Event) -> None:
         newest, last = frames.newest(), -1
-        while self._is_live:
+        while not ended.is_set():
             frame = newest.take(last, timeout_s=1.0)
             if frame is None and newest.ended:
                 return
             if frame is not None:
                 last, named = frame.number, (frame.image, f"frame {frame.number}")
                 self._show(lambda named=named: named)
-                time.sleep(1.0 / SHOWN_HZ)
+                ended.wait(1.0 / SHOWN_HZ)
 
     def _show_current(self) -> None:
         look = self._look()
@@ -126,6 +160,14 @@ class TranslateTab:
     def _show_wanted(self) -> None:
         named = self._wanted()
         if named is not None:
-            image, name = named
-            translations = self._translators.of_image(image, self._runs)
-            self._shown.content = frame_html(image, name, translations)
+            background = None if self._background is None else self._background[0]
+            translations = self._translators.of_image(named[0], self._runs, background)
+            self._shown.content = frame_html(named, self._background, translations)
+
+
+def _read_and_remove(path: Path) -> Named:
+    """A kept image, of which nothing else is needed."""
+    try:
+        return read_frame(path)
+    finally:
+        shutil.rmtree(path.parent, ignore_errors=True)

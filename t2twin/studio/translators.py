@@ -1,4 +1,5 @@
-"""Trained runs by name: found in folders, loaded when first asked for, shared by all clients.
+"""Trained runs by name: the pretrained one, and those found in folders. They are loaded when they
+are first asked for, and shared by all clients.
 
 What needs torch, or the twin, is imported when it is first used: a page need not wait for it. Shape
 letters: R rows and C columns of a tactile image, N taxels of a run.
@@ -12,12 +13,12 @@ from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image
 
 from t2twin.primitives_cad.errors import T2TwinError
 
 if TYPE_CHECKING:
     from t2twin.sim.cyskin.layout import Layout
+    from t2twin.translate.estimate import Estimate
     from t2twin.translate.predict import TrainedTranslator
     from t2twin.twin import Touch
 
@@ -28,14 +29,29 @@ MAKE_ONE = "make demo"
 """What makes runs where there are none."""
 
 
+LEVEL = 0.9
+"""Probability of the intervals that are shown."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A predicted value, N, with the ends of its interval of LEVEL."""
+
+    value: float
+    low: float
+    high: float
+
+
 @dataclass(frozen=True)
 class Translation:
-    """What a run makes of one picture.
+    """The prediction of a run for one picture.
 
-    model: "resnet18" or "touch2touch". counts: (N,) float32. layout: the run's own taxels.
+    model: "field", "resnet18" or "touch2touch". counts: (N,) float32. layout: the run's own taxels.
     tactile_image: (R, C) float32, counts. familiar: whether the picture is like those that the run
     was trained on. truth: (N,) float64, what the CySkin counted at those taxels, None where it is
-    not known.
+    not known. interval: (N,) float32 each, the ends of the counts' intervals of LEVEL, and force:
+    the predicted one; None of a run that has none. compared: whether the run compared the picture
+    with a background frame.
     """
 
     name: str
@@ -46,6 +62,17 @@ class Translation:
     familiar: bool
     milliseconds: float
     truth: np.ndarray | None = None
+    interval: tuple[np.ndarray, np.ndarray] | None = None
+    force: Interval | None = None
+    compared: bool = False
+
+    @property
+    def covered(self) -> int | None:
+        """How many taxels' true counts lie within their intervals."""
+        if self.truth is None or self.interval is None:
+            return None
+        low, high = (np.rint(end) for end in self.interval)
+        return int(((np.rint(self.truth) >= low) & (np.rint(self.truth) <= high)).sum())
 
     @property
     def rmse_counts(self) -> float | None:
@@ -73,23 +100,24 @@ class Translators:
         self.are_known = False
         self._folders: dict[str, Path] = {}
         self._models: dict[str, str] = {}
+        self._first: tuple[str, ...] = ()
         self._given: tuple[str, ...] = ()
         self._loaded: dict[str, TrainedTranslator] = {}
         self._loading = Lock()
 
     def search(self, given: Sequence[Path] = (), below: Path = RUNS) -> None:
-        """Takes the runs that are given, and those found in a folder and below it.
+        """Takes the pretrained run, the runs that are given, and those found in a folder and below.
 
         Raises T2TwinError for a given folder that is no run or one that gives no counts; one found
         that cannot be read or gives none is left out.
         """
         from t2twin.translate.runs.config import BEST, CONFIG
-        from t2twin.translate.runs.shipped import find_run
+        from t2twin.translate.runs.shipped import DEFAULT_RUN, find_run, shipped_runs
 
-        given = [find_run(run) for run in given]
-        models = {_name(folder): _model_of(folder) for folder in given}
-        folders = {_name(folder): folder for folder in given}
-        self._given = tuple(folders)
+        first = [DEFAULT_RUN] if DEFAULT_RUN in shipped_runs() else []
+        folders = {_name(folder): folder for folder in map(find_run, (*first, *given))}
+        models = {name: _model_of(folder) for name, folder in folders.items()}
+        self._first, self._given = tuple(folders)[: len(first)], tuple(folders)[len(first) :]
         weights = [path.with_name(BEST) for path in below.glob("**/" + CONFIG)]
         there = [path for path in weights if path.is_file()]
         for path in sorted(there, key=lambda path: -path.stat().st_mtime):
@@ -104,14 +132,15 @@ class Translators:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those given, then those found, the newest first."""
+        """The pretrained one, those given, then those found, the newest first."""
         return tuple(self._folders)
 
     @property
     def chosen(self) -> tuple[str, ...]:
-        """Those that a new page uses: the given ones, else the newest of each model."""
+        """Those that a new page uses: the pretrained one, and the given ones, else the newest of
+        each other model."""
         if self._given:
-            return self._given
+            return (*self._first, *self._given)
         newest: dict[str, str] = {}
         for name, model in self._models.items():
             newest.setdefault(model, name)
@@ -126,29 +155,43 @@ class Translators:
         for name in runs:
             self._run(name)
 
-    def of_touch(self, touch: "Touch", runs: Sequence[str]) -> tuple[Translation, ...]:
-        """What these runs make of a touch's picture, with the truth at each run's taxels.
+    def of_touch(
+        self, touch: "Touch", runs: Sequence[str], background: np.ndarray | None = None
+    ) -> tuple[Translation, ...]:
+        """The predictions of these runs for a touch's picture, with the truth at each one's taxels.
 
+        background: as for `of_image`. Raises T2TwinError for a run that cannot be loaded.
+        """
+        return tuple(self._translated(name, touch.image, touch, background) for name in runs)
+
+    def of_image(
+        self, image: np.ndarray, runs: Sequence[str], background: np.ndarray | None = None
+    ) -> tuple[Translation, ...]:
+        """The predictions of these runs for a frame, (h, w, 3) or (h, w) uint8, whose truth is not
+        known.
+
+        background: a frame of the same DIGIT with nothing touching it, for field runs.
         Raises T2TwinError for a run that cannot be loaded.
         """
-        return tuple(self._translated(name, touch.image, touch) for name in runs)
+        return tuple(self._translated(name, image, None, background) for name in runs)
 
-    def of_image(self, image: np.ndarray, runs: Sequence[str]) -> tuple[Translation, ...]:
-        """What these runs make of a frame, (h, w, 3) or (h, w) uint8, whose truth is not known.
-
-        Raises T2TwinError for a run that cannot be loaded.
-        """
-        return tuple(self._translated(name, image, None) for name in runs)
-
-    def _translated(self, name: str, image: np.ndarray, touch: "Touch | None") -> Translation:
+    def _translated(
+        self, name: str, image: np.ndarray, touch: "Touch | None", background: np.ndarray | None
+    ) -> Translation:
         from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
-        from t2twin.translate.data.images import to_pixels
 
         run = self._run(name)
         started = time.perf_counter()
-        preset, data = run.config.preset, run.config.data
-        pixels = to_pixels(Image.fromarray(image), preset.size, preset.grey)[None]
-        counts, tactile = run.counts_and_tactile_images(pixels)
+        data, interval, force = run.config.data, None, None
+        compared = run.translator.learns_field and background is not None
+        pixels = run.pixels_of(image, background if compared else None)
+        if run.translator.learns_field:
+            estimate = run.estimate_pixels(pixels)
+            counts, tactile = estimate.counts, run.drawn(estimate)[0]
+            low, high = estimate.interval(LEVEL)
+            interval, force = (low[0], high[0]), _force(estimate)
+        else:
+            counts, tactile = run.counts_and_tactile_images(pixels)
         milliseconds = 1e3 * (time.perf_counter() - started)
         pads = np.full(data.x_mm.size, PAD_DIAMETER_MM)
         layout = Layout(data.layout, data.x_mm, data.y_mm, pads)
@@ -161,6 +204,9 @@ class Translators:
             bool(run.is_familiar(pixels)[0]),
             milliseconds,
             None if touch is None else _truth(touch, layout),
+            interval,
+            force,
+            compared,
         )
 
     def _run(self, name: str) -> "TrainedTranslator":
@@ -171,16 +217,28 @@ class Translators:
                 raise T2TwinError(f"there is no run {name!r} any more; load the page again")
             if name not in self._loaded:
                 run = load_run(self._folders[name])
-                size, grey = run.config.preset.size, run.config.preset.grey
-                # The first is slow.
-                run.predict_pixels(np.zeros((1, size, size, 1 if grey else 3), np.uint8))
+                run.predict(np.zeros((320, 240, 3), np.uint8))  # the first is slow
                 self._loaded[name] = run
             return self._loaded[name]
 
 
 def _name(folder: Path) -> str:
-    """What a run goes by: its folder and the one above it, as trainings are laid out."""
-    return "/".join(folder.absolute().parts[-2:])
+    """A run's name: its folder and the one above it, as trainings are laid out; a pretrained one
+    has that by which commands call it."""
+    from t2twin.translate.runs.shipped import HOME
+
+    folder = folder.absolute()
+    return folder.name if folder.parent == HOME.absolute() else "/".join(folder.parts[-2:])
+
+
+def _force(estimate: "Estimate") -> Interval | None:
+    """The predicted force of one image; None of a run whose presses had one force."""
+    from t2twin.translate.estimate import half_width
+
+    if estimate.force_n is None or estimate.force_std_n is None:
+        return None
+    value, half = float(estimate.force_n[0]), half_width(LEVEL) * float(estimate.force_std_n[0])
+    return Interval(value, max(value - half, 0.0), value + half)
 
 
 def _model_of(folder: Path) -> str:
