@@ -41,7 +41,7 @@ def base(small_dataset, trained, products) -> Base:
     return Base(small_dataset, *runs, evaluation)
 
 
-@pytest.mark.parametrize("kind, part", parts())
+@pytest.mark.parametrize("kind, part", list(parts()))
 def test_no_input_surprises(kind, part, base, tmp_path):
     guard_connections()
     tried = [

@@ -22,7 +22,7 @@ from t2twin.sim.digit.calibrate.frames import (
 )
 from t2twin.sim.digit.calibrate.response import MOST_TERMS, Sums, chosen
 from t2twin.sim.digit.calibrate.scores import cut_and_paste, repeats_floor, score, untouched_floor
-from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
@@ -90,7 +90,7 @@ def test_a_unit_of_another_make_is_not_what_ships(report, unit):
 def test_the_file_is_what_press_takes(report, tmp_path):
     report.calibration.save(tmp_path / "unit.npz")
     with np.load(tmp_path / "unit.npz", allow_pickle=False) as file:
-        shipped = set(np.load("sim/digit/default_calibration.npz").files)
+        shipped = set(np.load(DEFAULT_PATH).files)
         assert set(file.files) == shipped | {"noise_mix", "noise_taps"}
     with_own, shipped = tmp_path / "own", tmp_path / "shipped"
     arguments = ["press", "circle-1", "--sensor", "digit", "--force-n", "4"]

@@ -24,7 +24,7 @@ from t2twin.sim.sensors import Digit
 
 SCALE, YOUNG_MPA = 18.0, 0.42
 """The twin's; stated are 19.2 px/mm and assumed 0.5 MPa."""
-PRESSES = 5
+PRESSES = 7
 TRUE_POSES = POSES[:PRESSES]
 BALLS_MM = np.resize([4.0, 6.0], PRESSES)
 OFF_MM = 0.05

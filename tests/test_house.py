@@ -35,6 +35,7 @@ def test_a_wheel_has_one_top_level_name_and_everything_in_it(wheel):
     assert "t2twin/sim/cyskin/layouts/cyskin-20.json" in names
 
 
+@pytest.mark.exhaustive
 def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path):
     """An index has a package `translate`; a user's script may stand beside a folder `sim`."""
     site, work = tmp_path / "site", tmp_path / "work"

@@ -6,6 +6,8 @@ import sys
 import time
 from threading import Event
 
+import pytest
+
 from t2twin.primitives_cad.cache_home import VARIABLE
 from t2twin.studio import ready
 from t2twin.studio.translators import Translators
@@ -24,6 +26,7 @@ def test_it_listens_before_anything_slow_is_imported():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.exhaustive
 def test_the_second_process_compiles_all_that_a_picture_needs(tmp_path):
     """After it a picture leaves nothing new in the cache."""
     environment = os.environ | {VARIABLE: str(tmp_path), "NUMBA_CACHE_DIR": ""}

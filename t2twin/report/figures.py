@@ -60,6 +60,8 @@ def figure(
     """
     with rc_context(STYLE), warnings.catch_warnings():  # pyright: ignore[reportArgumentType]
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        # On a busy machine placing a legend may take the second after which matplotlib warns.
+        warnings.filterwarnings("ignore", "Creating legend with loc")
         page = Figure(figsize=(width_in, height_in), layout="constrained")
         draw(page)
         _plain_powers(page)
