@@ -31,7 +31,9 @@ MORE: Mapping[str, tuple[Call, object, str]] = {
     "draw_fields of many images": (
         lambda value, box, base: field_run().draw_fields([SMALL] * 3, value), 50_000, "in all",
     ),
-    "estimate of no image": (lambda value, box, base: field_run().estimate(value), [], "at least one"),
+    "estimate of no image": (
+        lambda value, box, base: field_run().estimate(value), [], "at least one",
+    ),
     "estimate of a run without a field": (
         lambda value, box, base: run_of(base.resnet18).estimate(value), SMALL, "a field run does",
     ),
@@ -46,10 +48,12 @@ MORE: Mapping[str, tuple[Call, object, str]] = {
         -np.ones(20), "no number from 0",
     ),
     "predict_pixels of another size": (
-        lambda value, box, base: field_run().predict_pixels(value), SMALL[None], "pixels have shape",
+        lambda value, box, base: field_run().predict_pixels(value),
+        SMALL[None], "pixels have shape",
     ),
     "predict_pixels of floats": (
-        lambda value, box, base: field_run().predict_pixels(value), np.zeros((1, 96, 96, 3)), "uint8",
+        lambda value, box, base: field_run().predict_pixels(value),
+        np.zeros((1, 96, 96, 3)), "uint8",
     ),
     "load an unknown run": (lambda value, box, base: t2twin.load(value), "feild", "no run feild"),
     "load an unknown engine": (
@@ -177,7 +181,8 @@ def _fine(box: Path, base: Base) -> Iterator[tuple[str, Callable[[], bool]]]:
 FINE = (
     "a grey image", "a grey batch", "an image of one pixel", "an image of three rows",
     "a flipped view", "a tuple of sizes", "an empty list", "an empty batch",
-    "fields of no image", "tactile images of none", "a grey background frame", "background by name", "the default run",
+    "fields of no image", "tactile images of none", "a grey background frame",
+    "background by name", "the default run",
     "NumPy's numbers", "a level of NumPy", "a number of NumPy", "taxels in lists",
     "a shape that is one already", "a flat gel", "counts in a list", "paths as text and as Path",
 )  # fmt: skip
