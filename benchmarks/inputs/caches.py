@@ -154,8 +154,8 @@ def cases() -> Iterator[Case]:
         ),
     ):
         yield Case(f"decoded pictures: {name}", DECODED, _decoded(content), fine=True)
-    yield Case("decoded pictures: a pipe", DECODED, _in_place(os.mkfifo), fine=True)
-    yield Case("decoded pictures: a folder", DECODED, _in_place(Path.mkdir), says="directory")
+    yield Case("decoded pictures: a pipe", DECODED, _in_place(os.mkfifo), says="a pipe")
+    yield Case("decoded pictures: a folder", DECODED, _in_place(Path.mkdir), says="a folder")
     for what, user in (("ONNX file", _counts), ("compiled bed", _model)):
         for name, damage in DAMAGES.items():
             yield Case(f"a cached {what}: {name}", (), call=_cached(user, damage), fine=True)
