@@ -135,7 +135,7 @@ def shown(value: object) -> str:
     kind = type(value).__name__
     shape: Any = getattr(value, "shape", None)
     if isinstance(shape, tuple) and shape:
-        return f"of type {kind} and shape {tuple(shape)}"
+        return f"of type {kind}, shape {tuple(shape)} and {getattr(value, 'dtype', 'no dtype')}"
     if value is None or isinstance(value, str | bytes | bool | int | float | complex | Path):
         said = _short_repr(value)
         return said if value is None else f"{said} of type {kind}"

@@ -1,12 +1,14 @@
 """t2twin: a simulated twin of touch-to-touch translation, from a DIGIT's images to CySkin counts.
 
-    import t2twin
-    twin = t2twin.Twin()
-    touch = twin.press("pliers/teeth", force_n=8, yaw_deg=30)
-    touch.image, touch.counts, touch.tactile_image, touch.digit.depth_mm
-    t2twin.load("runs/small/resnet18").predict(touch.image)
+Press a shape into both sensors, and predict the CySkin's counts from the DIGIT's image:
 
-What is listed in __all__ is public and stays; everything is loaded when it is first asked for.
+    import t2twin
+    touch = t2twin.press("pliers/teeth", force_n=8, yaw_deg=30)
+    counts = t2twin.load().predict(touch.image)  # the pretrained run; touch.counts is the truth
+
+`load` without an argument loads the pretrained field run; `load("runs/small/resnet18")` loads a run
+of your own. Everything in __all__ is public. A wrong argument raises T2TwinError, whose message is
+one sentence. Modules are imported when one of their names is first used.
 """
 
 import importlib

@@ -139,7 +139,7 @@ def test_pictures_have_the_shape_of_the_counts(run_dir: Path) -> None:
         (np.full(20, np.nan), "no number from 0 to 40,000"),
         (np.full(20, -1.0), "no number from 0 to 40,000"),
         (np.full(20, 40_001), "no number from 0 to 40,000"),
-        (np.array(["many"] * 20), "they must be numbers"),
+        (np.array(["many"] * 20), "expected an array of numbers"),
     ],
 )
 def test_what_cannot_be_counts_is_one_sentence(run_dir: Path, counts: np.ndarray, said: str):

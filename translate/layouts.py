@@ -9,6 +9,7 @@ Shape letters: S the run's image side, N taxels of the new layout.
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.translate.data.pairs import DataInfo
@@ -29,6 +30,22 @@ def same_layout(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> bool:
     """Whether these are the trained layout's positions, in its order. x_mm, y_mm: (N,), mm."""
     own, other = np.stack([trained.x_mm, trained.y_mm]), np.stack([x_mm, y_mm])
     return own.shape == other.shape and bool(np.abs(own - other).max() < SAME_MM)
+
+
+def checked_counts(counts: object, data: DataInfo) -> np.ndarray:
+    """(N,) or (B, N) float32. Raises T2TwinError for what cannot be counts of the layout."""
+    found = checks.array(counts, "counts").astype(np.float32)
+    if found.ndim not in (1, 2) or found.shape[-1] != data.x_mm.size:
+        raise T2TwinError(
+            f"counts have shape {found.shape}; they must be ({data.x_mm.size},) or "
+            f"(B, {data.x_mm.size}), one for each taxel of {data.layout}"
+        )
+    if not ((found >= 0) & (found <= data.full_scale_counts)).all():
+        raise T2TwinError(
+            f"a count is no number from 0 to {data.full_scale_counts:,.0f}, as the taxels of "
+            f"{data.layout} give"
+        )
+    return found
 
 
 def same_pads(one: Layout, other: Layout) -> bool:

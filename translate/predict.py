@@ -10,7 +10,6 @@ from typing import Protocol, Self
 
 import numpy as np
 import torch
-from PIL import Image
 
 from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
@@ -24,14 +23,15 @@ from t2twin.translate.data.image_arrays import (
     check_pixels,
     image_list,
     one_image,
+    resized,
 )
-from t2twin.translate.data.images import to_input, to_pixels
+from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import ImageFile, Pictures
 from t2twin.translate.direction import CYSKIN_TO_DIGIT, check_gives_counts
 from t2twin.translate.estimate import Estimate, joined
 from t2twin.translate.familiar import LIKE, looks_beside
 from t2twin.translate.field import FieldTranslator
-from t2twin.translate.layouts import same_layout, same_pads
+from t2twin.translate.layouts import checked_counts, same_layout, same_pads
 from t2twin.translate.networks.fused import fuse
 from t2twin.translate.other_way import OtherWay
 from t2twin.translate.runs.checkpoint import load_weights
@@ -276,7 +276,7 @@ class TrainedTranslator:
                 f"{self.run_dir} is a {self.config.direction} run, which draws no DIGIT pictures; "
                 f"a run of `t2twin train touch2touch --direction {CYSKIN_TO_DIGIT}` does"
             )
-        counts = self._checked_counts(counts)
+        counts = checked_counts(counts, self.config.data)
         size = self.config.preset.size
         pictures = [np.empty((0, size, size), np.uint8)]
         several = torch.from_numpy(np.atleast_2d(counts))
@@ -285,22 +285,6 @@ class TrainedTranslator:
             pictures.append(drawn.round().clamp(0.0, 255.0).to(torch.uint8).cpu().numpy())
         drawn = np.concatenate(pictures)
         return drawn[0] if counts.ndim == 1 else drawn
-
-    def _checked_counts(self, counts: np.ndarray) -> np.ndarray:
-        """(N,) or (B, N) float32. Raises T2TwinError for what cannot be counts of the layout."""
-        data = self.config.data
-        counts = checks.array(counts, "counts").astype(np.float32)
-        if counts.ndim not in (1, 2) or counts.shape[-1] != data.x_mm.size:
-            raise T2TwinError(
-                f"counts have shape {counts.shape}; they must be ({data.x_mm.size},) or "
-                f"(B, {data.x_mm.size}), one for each taxel of {data.layout}"
-            )
-        if not ((counts >= 0) & (counts <= data.full_scale_counts)).all():
-            raise T2TwinError(
-                f"a count is no number from 0 to {data.full_scale_counts:,.0f}, as the taxels of "
-                f"{data.layout} give"
-            )
-        return counts
 
     def _field(self) -> FieldTranslator:
         """Its translator, of a field run. Raises T2TwinError for the others."""
@@ -323,23 +307,19 @@ class TrainedTranslator:
         self, frames: Sequence[np.ndarray], background: np.ndarray | None = None
     ) -> np.ndarray:
         """(B, S, S, c) uint8, of images that were checked and a background frame that was not."""
-        pixels = self._resized(frames)
+        preset = self.config.preset
+        pixels = resized(frames, preset.size, preset.grey)
         if background is None:
             return pixels
         frame = one_image(background, "background", ONE)
-        return self.with_untouched(pixels, self._resized([frame])[0])
+        return self.with_untouched(pixels, resized([frame], preset.size, preset.grey)[0])
 
     def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
         """Raises T2TwinError for an array that is not as `pixels_of` returns it."""
         if not isinstance(pixels, Pictures | ImageFile):
-            check_pixels(pixels, self.config.preset.size, self._channels)
-
-    @property
-    def _channels(self) -> tuple[int, ...]:
-        """Numbers of channels that its images may have."""
-        if self.config.preset.grey:
-            return (1,)
-        return (3, 6) if self.translator.learns_field else (3,)
+            colors = (3, 6) if self.translator.learns_field else (3,)
+            preset = self.config.preset
+            check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
 
     def with_untouched(self, pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
         """(B, S, S, 6) uint8: pixels, (B, S, S, 3), with a frame, (S, S, 3), after each.
@@ -350,14 +330,6 @@ class TrainedTranslator:
         check_pixels(pixels, self.config.preset.size, (3,))
         check_pixels(np.asarray(frame)[None], self.config.preset.size, (3,))
         return np.concatenate([pixels, np.broadcast_to(frame, pixels.shape)], axis=-1)
-
-    def _resized(self, frames: Sequence[np.ndarray]) -> np.ndarray:
-        """(B, S, S, c) uint8."""
-        preset = self.config.preset
-        pixels = [np.empty((0, preset.size, preset.size, 1 if preset.grey else 3), np.uint8)]
-        for image in frames:
-            pixels.append(to_pixels(Image.fromarray(image), preset.size, preset.grey)[None])
-        return np.concatenate(pixels)
 
 
 def load_run(

@@ -21,7 +21,7 @@ class PressCommand:
 
     x_mm, y_mm: position in the sensor frame, mm. yaw_rad: turn about the sensor's z.
     force_n: force along the press axis, N.
-    Raises T2TwinError for values that are no finite numbers.
+    Raises T2TwinError for values that are not numbers, and a place or turn that is not finite.
     """
 
     shape: str
@@ -32,8 +32,9 @@ class PressCommand:
 
     def __post_init__(self) -> None:
         checks.text(self.shape, "shape")
-        for name in ("x_mm", "y_mm", "yaw_rad", "force_n"):
+        for name in ("x_mm", "y_mm", "yaw_rad"):
             checks.number(getattr(self, name), name)
+        checks.real(self.force_n, "force_n")  # its range is checked by the press
 
 
 @dataclass(frozen=True)

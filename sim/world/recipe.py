@@ -191,6 +191,8 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     untouched_frames: bool = True
 
     def __post_init__(self) -> None:
+        for number, part in enumerate(checks.instance(self.parts, "parts", tuple)):
+            checks.instance(part, f"parts[{number}]", Part)
         own = [part.shapes for part in self.parts if part.place == "grid"]
         if len(own) != len(set(own)):
             raise T2TwinError(

@@ -131,9 +131,10 @@ def adapt(
     written.
     """
     find_preset(model, "cpu")
+    minutes = checks.real(minutes, "minutes")
     road = Road(
         checks.path(background, "background"), checks.path(presses, "presses"), ball_diameter_mm,
-        checks.path(out, "out"), held_out, checks.real(minutes, "minutes"),
+        checks.path(out, "out"), held_out, minutes,
         Camera() if camera is None else checks.instance(camera, "camera", Camera),
         model, _start(start, model), workers, checks.instance(tolerance, "tolerance", Tolerance),
     )  # fmt: skip

@@ -12,6 +12,7 @@ from PIL import Image
 
 from t2twin.primitives_cad.checks import shown
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.translate.data.images import to_pixels
 
 Images = np.ndarray | Sequence[np.ndarray]
 """One image, a batch, or a list of images, as `image_list` takes them."""
@@ -51,6 +52,13 @@ def one_image(image: object, name: str, expected: str = EXPECTED) -> np.ndarray:
     if not is_image or 0 in array.shape:
         raise _wrong_shape(array, name, expected)
     return array
+
+
+def resized(frames: Sequence[np.ndarray], size: int, grey: bool) -> np.ndarray:
+    """(B, size, size, 1 or 3) uint8 of images that `image_list` checked."""
+    pixels = [np.empty((0, size, size, 1 if grey else COLORS), np.uint8)]
+    pixels += [to_pixels(Image.fromarray(frame), size, grey)[None] for frame in frames]
+    return np.concatenate(pixels)
 
 
 def check_pixels(pixels: np.ndarray, size: int, channels: Sequence[int]) -> None:

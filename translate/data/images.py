@@ -80,7 +80,8 @@ def to_input(pixels: np.ndarray) -> torch.Tensor:
     if pixels.shape[-1] == 1:
         scaled = 2.0 * pixels - 1.0
     else:
-        rows = pixels.reshape(*pixels.shape[:2], -1)  # NumPy is slow on last axes of 3
+        images, side, columns, channels = pixels.shape
+        rows = pixels.reshape(images, side, columns * channels)  # NumPy is slow on last axes of 3
         times = rows.shape[-1] // len(RGB_MEAN)
         scaled = (rows - np.tile(RGB_MEAN, times)) / np.tile(RGB_STD, times)
     return torch.from_numpy(scaled.reshape(pixels.shape)).permute(0, 3, 1, 2)

@@ -62,13 +62,20 @@ def load_state(path: Path, translator: Translator) -> list[EpochRecord]:
     history = load_history(path)
     try:
         state = load_file(path)
-        _check_finite(path, state)
+    except SafetensorError:
+        raise _other_state(path) from None
+    _check_finite(path, state)
+    try:
         _put_back(state, translator)
-    except (SafetensorError, RuntimeError, KeyError, ValueError):
-        raise T2TwinError(
-            f"{path} is no saved state of these networks; remove its folder to train again"
-        ) from None
+    except (RuntimeError, KeyError, ValueError):
+        raise _other_state(path) from None
     return history
+
+
+def _other_state(path: Path) -> T2TwinError:
+    return T2TwinError(
+        f"{path} is no saved state of these networks; remove its folder to train again"
+    )
 
 
 def _check_finite(path: Path, tensors: dict[str, torch.Tensor]) -> None:
