@@ -24,6 +24,8 @@ from benchmarks.inputs import (
     folders,
     images,
     layouts,
+    live,
+    outputs,
     python_api,
     runs,
     shapes,
@@ -47,6 +49,8 @@ KINDS: dict[str, Callable[[], Iterator[Case]]] = {
     "folders": folders.cases,
     "worlds": worlds.cases,
     "python_api": python_api.cases,
+    "live": live.cases,
+    "outputs": outputs.cases,
 }
 """What is tried, by what is bad about it."""
 
