@@ -159,9 +159,9 @@ def _write_json(place: str, box: Path, base: Base) -> None:
 
 
 def _save_calibration(place: str, box: Path, base: Base) -> None:
-    from t2twin.sim.digit.calibration import load_calibration
+    from t2twin.sim.digit.calibration import Calibration
 
-    load_calibration(None).save(Path(place))
+    Calibration.load().save(Path(place))
 
 
 PYTHON: dict[str, Callable[[str, Path, Base], None]] = {
