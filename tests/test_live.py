@@ -197,10 +197,10 @@ def _write_when(reports, path):
 def test_skipped_frames_are_reported_now_and_then(no_waiting):
     reports = []
     skipped = Skipped(reports.append)
-    for _ in range(100):
+    for _ in range(40):
         skipped.add("a.png is damaged")
-        no_waiting.append(0.1)  # ten seconds in all
-    assert len(reports) == 2 and "51 frames skipped" in reports[1]
+        no_waiting.append(0.25)  # ten seconds in all
+    assert len(reports) == 2 and "21 frames skipped" in reports[1]
 
 
 def test_a_folder_that_is_closed_ends(tmp_path):
