@@ -24,6 +24,8 @@ from benchmarks.inputs import (
     folders,
     images,
     layouts,
+    live,
+    outputs,
     python_api,
     runs,
     shapes,
@@ -47,6 +49,8 @@ KINDS: dict[str, Callable[[], Iterator[Case]]] = {
     "folders": folders.cases,
     "worlds": worlds.cases,
     "python_api": python_api.cases,
+    "live": live.cases,
+    "outputs": outputs.cases,
 }
 """What is tried, by what is bad about it."""
 
@@ -108,7 +112,14 @@ def memory_of_bombs(base: Base, folder: Path) -> float:
     (folder / "bombs").mkdir()
     for number in range(8):
         (folder / f"bombs/{number}.png").write_bytes(images.bomb())
-    words = ["translate", str(base.resnet18), str(folder / "bombs"), "--out", str(folder / "none")]
+    words = [
+        "translate",
+        "--run",
+        str(base.resnet18),
+        str(folder / "bombs"),
+        "--out",
+        str(folder / "none"),
+    ]
     # From a small process: a child's greatest memory counts what it was forked from.
     measured = [sys.executable, "-c", MEASURE_MEMORY, sys.executable, "-m", "t2twin", *words]
     said = subprocess.run(measured, capture_output=True, text=True, check=True).stdout

@@ -161,7 +161,7 @@ def _live(run: Path, folder: Path) -> dict[str, float]:
         writer.write(rng.integers(0, 256, (320, 240, 3), dtype=np.uint8))
     writer.release()
     done = subprocess.run(
-        [sys.executable, "-m", "t2twin", "live", str(run), str(path)],
+        [sys.executable, "-m", "t2twin", "live", "--run", str(run), str(path)],
         capture_output=True, text=True, check=True, cwd=ROOT,
         preexec_fn=lambda: os.sched_setaffinity(0, {min(os.sched_getaffinity(0))}),
     )  # fmt: skip

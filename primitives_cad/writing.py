@@ -26,6 +26,9 @@ MAX_STEM_CHARACTERS = 40
 in_hand: set[Path] = set()
 """What this process is writing just now; while there is any, it is ended with care."""
 
+new_folders: list[Path] = []
+"""Folders that were made for what is in hand."""
+
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
@@ -41,6 +44,7 @@ def whole_file(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{stem}.{writer}.part{path.suffix}")
     made = _missing(path.parent)
     in_hand.add(temporary)
+    new_folders.extend(made)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
@@ -125,6 +129,7 @@ def made_folder(folder: Path) -> Iterator[None]:
     where the path is a file, or it cannot be made.
     """
     made = _missing(folder)
+    new_folders.extend(made)
     try:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -143,6 +148,23 @@ def _remove_empty(folders: list[Path]) -> None:
     for folder in folders:
         with suppress(OSError):
             folder.rmdir()  # fails where something is in it
+        with suppress(ValueError):
+            new_folders.remove(folder)
+
+
+def abandon() -> None:
+    """Removes what is in hand and the folders made for it, of a process that ends at once."""
+    for path in tuple(in_hand):
+        _remove(path)
+    _remove_empty(sorted(new_folders, key=lambda folder: len(folder.parts), reverse=True))
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+        return
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
 
 
 def _missing(folder: Path) -> list[Path]:
@@ -161,10 +183,7 @@ def sweep(folder: Path, names: str = LEFT_OVERS) -> None:
         writer = re.search(r"\.(\d+)\.part", left_over.name)
         if writer is None or _is_running(int(writer[1])):
             continue
-        if left_over.is_dir() and not left_over.is_symlink():
-            shutil.rmtree(left_over, ignore_errors=True)
-        else:
-            left_over.unlink(missing_ok=True)
+        _remove(left_over)
 
 
 def write_json(path: Path, content: Any) -> None:

@@ -1,5 +1,6 @@
 """Every bad input ends with one plain sentence and leaves nothing; odd ones that are fine work."""
 
+import sys
 from collections.abc import Iterator
 from functools import cache
 
@@ -8,6 +9,7 @@ import pytest
 from benchmarks import bad_inputs
 from benchmarks.inputs.case import Base, Case, replaced
 from benchmarks.inputs.tried import guard_connections, try_case
+from t2twin.primitives_cad.errors import T2TwinError
 
 FEWEST = 700
 
@@ -59,13 +61,18 @@ def test_there_are_enough_of_them():
     assert sum(case.fine for case in cases) >= FEWEST // 10
 
 
+def _says_more(box, base):
+    print("a warning of another library", file=sys.stderr)
+    raise T2TwinError("it is wrong")
+
+
 @pytest.mark.parametrize(
     "case, fault",
     [
         (Case("fine after all", ("shapes",)), "status 0"),
         (Case("not fine", ("press", "nothing"), fine=True), "status 2"),
         (Case("another sentence", ("press", "nothing"), says="teapot"), "does not say 'teapot'"),
-        (Case("not refused by the parser", ("shapes", "--x")), "not one sentence"),
+        (Case("two lines", (), call=_says_more), "not one sentence but 2 lines"),
         (Case("leaves", ("press", "circle-1", "--out", "out")), "left out"),
         (Case("a connection", ("simdata", "--scale", "smoke", "--scheduler", "tcp://localhost:1",
                                "--out", "out")), "connected to"),

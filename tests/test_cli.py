@@ -82,8 +82,8 @@ def open_mesh(path):
         (("train", "resnet18", "--data", "empty"), "empty"),
         (("train", "alexnet", "--data", "empty"), "touch2touch"),
         (("evaluate", "norun", "--data", "empty"), "empty"),
-        (("translate", "norun", "text.png"), "text.png"),
-        (("translate", "norun", "missing.png"), "missing.png"),
+        (("translate", "--run", "norun", "text.png"), "text.png"),
+        (("translate", "--run", "norun", "missing.png"), "missing.png"),
         (("report", "--data", "empty"), "empty"),
     ],
 )

@@ -96,7 +96,16 @@ def test_every_step_writes_its_own_folder_only(as_nobody, out):
     as_nobody("-c", MAKE_DATA)
     as_nobody("-m", "t2twin", "train", "resnet18", "--data", "OUT/data", "--preset", "smoke",
               "--out", "OUT/run")  # fmt: skip
-    as_nobody("-m", "t2twin", "translate", "OUT/run", "OUT/press/digit.png", "--out", "OUT/counts")
+    as_nobody(
+        "-m",
+        "t2twin",
+        "translate",
+        "--run",
+        "OUT/run",
+        "OUT/press/digit.png",
+        "--out",
+        "OUT/counts",
+    )
     assert (out / "counts/counts.csv").is_file()
     made = {path.name for path in out.iterdir()} - {"touch"}
     assert made == {"temporary", "press", "data", "run", "counts"}

@@ -81,7 +81,7 @@ def test_file_says_what_it_is(run_dir: Path, session) -> None:
 def test_command_writes_into_the_runs_folder(
     run_dir: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["export", str(run_dir)])
+    main(["export", "--run", str(run_dir)])
     path = run_dir / f"{run_dir.name}.onnx"
     onnx.checker.check_model(path, full_check=True)
     assert f"written to {path}" in capsys.readouterr().out

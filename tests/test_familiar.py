@@ -66,7 +66,7 @@ def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
     noise = np.random.default_rng(0).integers(0, 256, (320, 240, 3), dtype=np.uint8)
     Image.fromarray(noise).save(tmp_path / "noise.png")
     Image.new("RGB", (240, 320), "white").save(tmp_path / "white.png")
-    main(["translate", str(folder), str(tmp_path), "--out", str(tmp_path / "out")])
+    main(["translate", "--run", str(folder), str(tmp_path), "--out", str(tmp_path / "out")])
     said = capsys.readouterr().err
     assert "2 of 8 pictures are unlike all that" in said and "noise.png (1 " in said
     assert "1 overexposed" in said
@@ -75,7 +75,16 @@ def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
     assert [entry.get("looks") for entry in entries[5:]] == [
         None, "of another light or sensor", "overexposed",
     ]  # fmt: skip
-    main(["translate", str(folder), str(tmp_path / "1.png"), "--out", str(tmp_path / "out2")])
+    main(
+        [
+            "translate",
+            "--run",
+            str(folder),
+            str(tmp_path / "1.png"),
+            "--out",
+            str(tmp_path / "out2"),
+        ]
+    )
     assert "unlike" not in capsys.readouterr().err
 
 

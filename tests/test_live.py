@@ -1,7 +1,7 @@
 """Live: frames from a video, a folder and a camera; the newest is translated, the rest dropped."""
 
-import io
 import json
+import os
 import sys
 import threading
 import time
@@ -12,9 +12,12 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
+from t2twin.live.folder import Folder
 from t2twin.live.follow import follow
+from t2twin.live.frame import Frame
 from t2twin.live.newest import Newest
-from t2twin.live.sources import Folder, Frame, Video, _opencv, open_source
+from t2twin.live.skipped import Skipped
+from t2twin.live.sources import Video, _opencv, open_source
 from t2twin.primitives_cad.errors import T2TwinError
 
 HZ, FRAMES = 30.0, 24
@@ -43,15 +46,47 @@ def run(untrained_runs):
 
 
 class Listed:
-    """A source of frames that are there at once, then ends."""
+    """A source of frames, each of which waits for `more`, then ends."""
 
-    def __init__(self, count, pause_s=0.0):
+    def __init__(self, count, more=lambda number: None):
         self.left = [Frame(frame(n), n, None, time.perf_counter()) for n in range(count)]
-        self.pause_s = pause_s
+        self.more = more
 
     def read(self):
-        time.sleep(self.pause_s)
-        return self.left.pop(0) if self.left else None
+        if not self.left:
+            return None
+        self.more(self.left[0].number)
+        return self.left.pop(0)
+
+
+@pytest.fixture
+def no_waiting(monkeypatch):
+    """A clock that moves by what is slept: the pauses, s."""
+    slept = []
+
+    class Clock:
+        @staticmethod
+        def perf_counter():
+            return sum(slept)
+
+        monotonic = perf_counter
+
+        @staticmethod
+        def sleep(seconds):
+            slept.append(seconds)
+
+    monkeypatch.setattr("t2twin.live.sources.time", Clock)
+    monkeypatch.setattr("t2twin.live.skipped.time", Clock)
+    return slept
+
+
+def silent(message):
+    """For sources whose reports are not looked at."""
+
+
+def write(path, image, modified_s):
+    Image.fromarray(image).save(path)
+    os.utime(path, (modified_s, modified_s))
 
 
 def grey(image):
@@ -61,14 +96,13 @@ def grey(image):
 # Sources
 
 
-def test_a_video_s_frames_arrive_as_if_it_were_played(video):
+def test_a_video_s_frames_arrive_as_if_it_were_played(video, no_waiting):
     source = open_source(str(video))
-    started = time.perf_counter()
     frames = []
     while (each := source.read()) is not None:
-        assert time.perf_counter() >= each.arrived_s
+        assert sum(no_waiting) >= each.arrived_s
         frames.append(each)
-    assert time.perf_counter() - started >= (FRAMES - 1) / HZ
+    assert sum(no_waiting) == pytest.approx((FRAMES - 1) / HZ)
     assert [each.number for each in frames] == [grey(each.image) for each in frames]
     assert [each.number for each in frames] == list(range(FRAMES))
     assert frames[0].image.shape == (320, 240, 3)
@@ -79,7 +113,7 @@ def test_frames_are_turned_upright(turn_deg, corner, tmp_path):
     image = np.zeros((24, 32), np.uint8)
     image[0, 0] = 255
     Image.fromarray(image).save(tmp_path / "a.png")
-    seen = Folder(tmp_path, turn_deg).read()
+    seen = Folder(tmp_path, turn_deg, silent).read()
     assert seen is not None and seen.image[corner] == 255
     assert seen.image.shape == ((24, 32) if turn_deg == 0 else (32, 24))
 
@@ -95,32 +129,85 @@ def test_colours_are_red_green_blue(tmp_path):
 
 def test_a_folder_gives_its_newest_and_then_what_arrives(tmp_path):
     for number in range(3):
-        Image.fromarray(frame(number)).save(tmp_path / f"{number}.png")
-        time.sleep(0.01)
+        write(tmp_path / f"{number}.png", frame(number), 1000 + number)
     (tmp_path / "notes.txt").write_text("no image")
-    source = Folder(tmp_path)
+    source = Folder(tmp_path, 0, silent)
     first = source.read()
     assert first is not None and first.name == "2.png"
-    buffer = io.BytesIO()
-    Image.fromarray(frame(9)).save(buffer, "PNG")
-    content = buffer.getvalue()
-
-    def arrive():
-        (tmp_path / "9.png").write_bytes(content[: len(content) // 2])  # half of it at first
-        time.sleep(0.2)
-        (tmp_path / "9.png").write_bytes(content)
-
-    threading.Thread(target=arrive).start()
+    write(tmp_path / "9.png", frame(9), 1010)
     second = source.read()
     assert second is not None and (second.name, grey(second.image)) == ("9.png", 9)
     assert [first.number, second.number] == [0, 1]
 
 
-def test_a_file_that_stays_broken_is_named(tmp_path, monkeypatch):
-    monkeypatch.setattr("t2twin.live.sources.PATIENCE_S", 0.05)
+def test_a_half_written_frame_is_waited_for(tmp_path):
+    write(tmp_path / "whole.png", frame(9), 1010)
+    content = (tmp_path / "whole.png").read_bytes()
+    (tmp_path / "whole.png").unlink()
+    source, half = Folder(tmp_path, 0, silent), threading.Event()
+
+    def tries(name, version, image=source._image):
+        seen = image(name, version)
+        if seen is None:
+            half.set()
+        return seen
+
+    source._image = tries
+
+    def arrive():
+        (tmp_path / "9.png").write_bytes(content[: len(content) // 2])
+        half.wait()  # until it was tried in vain
+        (tmp_path / "9.png").write_bytes(content)
+
+    writer = threading.Thread(target=arrive)
+    writer.start()
+    seen = source.read()
+    writer.join()
+    assert half.is_set() and seen is not None and grey(seen.image) == 9
+
+
+def test_a_file_written_again_is_a_new_frame(tmp_path):
+    source = Folder(tmp_path, 0, silent)
+    for number in range(5):
+        Image.fromarray(frame(number)).save(tmp_path / ".new.png")
+        (tmp_path / ".new.png").replace(tmp_path / "latest.png")
+        seen = source.read()
+        assert seen is not None and (seen.number, grey(seen.image)) == (number, number)
+
+
+def test_a_file_that_stays_broken_is_skipped_and_reported(tmp_path):
+    reports = []
+    source = Folder(tmp_path, 0, reports.append, patience_s=0.0)
     (tmp_path / "a.png").write_text("no image")
-    with pytest.raises(T2TwinError, match=r"a\.png cannot be read as an image"):
-        Folder(tmp_path).read()
+    write(tmp_path / "b.png", frame(3), 1000)  # older, and whole
+    first = source.read()
+    assert first is not None and first.name == "b.png"
+    threading.Thread(target=lambda: _write_when(reports, tmp_path / "c.png")).start()
+    second = source.read()
+    assert second is not None and second.name == "c.png"
+    assert len(reports) == 1 and "a.png cannot be read as an image" in reports[0]
+
+
+def _write_when(reports, path):
+    while not reports:
+        time.sleep(0.001)
+    write(path, frame(4), time.time())
+
+
+def test_skipped_frames_are_reported_now_and_then(no_waiting):
+    reports = []
+    skipped = Skipped(reports.append)
+    for _ in range(40):
+        skipped.add("a.png is damaged")
+        no_waiting.append(0.25)  # ten seconds in all
+    assert len(reports) == 2 and "21 frames skipped" in reports[1]
+
+
+def test_a_folder_that_is_closed_ends(tmp_path):
+    source = Folder(tmp_path, 0, silent)
+    newest = Newest(source)
+    newest.close()
+    assert newest.take() is None
 
 
 @pytest.mark.parametrize(
@@ -145,13 +232,22 @@ def test_without_opencv_it_says_what_brings_it(video, monkeypatch):
 
 
 def test_a_slow_taker_gets_the_newest_frame():
-    newest = Newest(Listed(50, pause_s=0.002))
-    taken = []
-    while (each := newest.take(taken[-1] if taken else -1)) is not None:
-        taken.append(each.number)
-        time.sleep(0.02)
-    assert taken == sorted(set(taken)) and taken[-1] == 49 and len(taken) < 25
-    assert newest.read == 50 and newest.ended
+    took = threading.Event()
+
+    def more(number):
+        if number == 30:  # twenty-nine came meanwhile
+            took.wait()
+
+    newest = Newest(Listed(50, more))
+    while newest.read < 30:
+        time.sleep(0.001)
+    first = newest.take()
+    took.set()
+    while not newest.ended:
+        time.sleep(0.001)
+    last = newest.take(29)
+    taken = [each and each.number for each in (first, last, newest.take(49))]
+    assert taken == [29, 49, None] and newest.read == 50
 
 
 def test_several_take_from_one_source():
@@ -175,7 +271,7 @@ def test_a_source_s_error_comes_through():
 
 
 def test_each_line_has_the_counts_of_its_frame(run, video):
-    lines, said = [], []
+    lines, said, before_s = [], [], time.time()
     pace = follow(run, open_source(str(video)), lines.append, said.append)
     records = [json.loads(line) for line in lines]
     assert pace.done == len(records) and pace.came == FRAMES
@@ -186,13 +282,13 @@ def test_each_line_has_the_counts_of_its_frame(run, video):
         expected = np.rint(run.predict(decoded[record["frame"]])).astype(int)
         assert record["counts"] == expected.tolist()
         assert record["latency_ms"] > 0 and record["like_training"] is True
-        assert abs(record["time_s"] - time.time()) < 60
+        assert before_s <= record["time_s"] <= time.time()
     assert f"{FRAMES - len(records)} of {FRAMES} dropped" in said[-1]
     assert "frames/s" in said[-1] and "latency" in said[-1]
 
 
 def test_the_command_writes_lines_and_says_its_pace(untrained_runs, video, capsys):
-    main(["live", str(untrained_runs[1]), str(video), "--frames", "3"])
+    main(["live", "--run", str(untrained_runs[1]), str(video), "--frames", "3"])
     said = capsys.readouterr()
     assert [len(json.loads(line)["counts"]) for line in said.out.splitlines()] == [20] * 3
     assert said.err.startswith("t2twin: ") and "frames/s" in said.err
@@ -201,10 +297,11 @@ def test_the_command_writes_lines_and_says_its_pace(untrained_runs, video, capsy
 @pytest.mark.parametrize(
     "arguments, words",
     [
-        (("nowhere", "video"), "nowhere"),
-        (("{run}", "nowhere"), "no source"),
-        (("{run}", "{video}", "--frames", "0"), "--frames"),
-        (("{run}", "{video}", "--layout", "none"), "layout"),
+        (("--run", "nowhere", "video"), "nowhere"),
+        (("--run", "{run}", "nowhere"), "no source"),
+        (("--run", "{run}", "{video}", "--frames", "0"), "--frames"),
+        (("--run", "{run}", "{video}", "--layout", "none"), "layout"),
+        (("{run}", "{video}"), "--run RUN"),
     ],
 )
 def test_bad_input_is_one_sentence(
@@ -221,6 +318,33 @@ def test_bad_input_is_one_sentence(
 def test_a_frame_unlike_the_training_is_said_once(run, monkeypatch):
     said, lines = [], []
     monkeypatch.setattr(type(run), "is_familiar", lambda self, pixels: np.zeros(len(pixels), bool))
-    follow(run, Listed(5, pause_s=0.05), lines.append, said.append)
+    source = Listed(5, lambda number: _wait_for(lambda: len(lines) >= number))
+    follow(run, source, lines.append, said.append)
+    assert len(lines) == 5
     assert all(json.loads(line)["like_training"] is False for line in lines)
     assert sum("unlike all" in sentence for sentence in said) == 1
+
+
+def _wait_for(holds):
+    while not holds():
+        time.sleep(0.001)
+
+
+def test_a_field_run_gives_standard_deviations_and_force():
+    run = t2twin.load("field")
+    lines, background = [], np.full((64, 48, 3), 90, np.uint8)
+    follow(run, Listed(1), lines.append, silent, background=background)
+    record, size = json.loads(lines[0]), run.config.preset.size
+    small = run.pixels_of(background)[0]
+    assert small.shape == (size, size, 3)
+    expected = run.estimate(frame(0), small)
+    assert record["counts"] == np.rint(expected.counts).astype(int).tolist()
+    assert record["counts_std"] == np.rint(expected.counts_std).astype(int).tolist()
+    assert expected.force_n is not None and expected.force_std_n is not None
+    assert record["force_n"] == pytest.approx(float(expected.force_n), abs=1e-3)
+    assert record["force_std_n"] == pytest.approx(float(expected.force_std_n), abs=1e-3)
+
+
+def test_a_background_frame_is_for_field_runs_only(run):
+    with pytest.raises(T2TwinError, match="takes no background frame"):
+        follow(run, Listed(1), silent, silent, background=frame(0))

@@ -222,11 +222,11 @@ def test_a_config_of_an_older_version_goes_the_papers_way(run_dir: Path, tmp_pat
 @pytest.mark.parametrize(
     "words",
     [
-        ("translate", "{run}", "x.png", "--out", "out"),
+        ("translate", "--run", "{run}", "x.png", "--out", "out"),
         ("evaluate", "{run}", "--data", "{data}", "--out", "out"),
-        ("export", "{run}", "--out", "x.onnx"),
+        ("export", "--run", "{run}", "--out", "x.onnx"),
         ("report", "--data", "{data}", "--runs", "{run}", "--out", "out"),
-        ("live", "{run}", "frames"),
+        ("live", "--run", "{run}", "frames"),
     ],
     ids=lambda words: words[0],
 )

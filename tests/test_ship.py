@@ -49,13 +49,17 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
     assert card.index("## Measured") < card.index("## What it is not good for")
 
 
-def test_a_folder_of_that_name_comes_first(runs, tmp_path, monkeypatch) -> None:
+def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert find_run("field") == HOME / "field"
     shutil.copytree(runs[1], tmp_path / "field")
-    assert find_run("field") == Path("field")
-    with pytest.raises(T2TwinError, match=r"there is no run fild; .* that ships: .*field"):
+    assert find_run("field") == HOME / "field"
+    assert find_run("./field") == find_run(Path("field")) == Path("field")
+    shutil.rmtree(tmp_path / "field")
+    with pytest.raises(T2TwinError, match=r"there is no run fild; .* a pretrained run: .*field"):
         find_run("fild")
+    with pytest.raises(T2TwinError, match=r"there is no run \./field"):
+        find_run("./field")
 
 
 def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:

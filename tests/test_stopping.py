@@ -11,7 +11,13 @@ from waiting import PATIENCE_S
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.folder_lock import LOCK, locked
-from t2twin.primitives_cad.writing import sweep, temporary_folder, whole_file
+from t2twin.primitives_cad.writing import (
+    move_into,
+    sweep,
+    temporary_folder,
+    whole_file,
+    write_json,
+)
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
@@ -32,12 +38,13 @@ heed_signals()
 try:
     with locked(Path("a/b")), whole_file(Path("a/b/c.txt")) as temporary:
         temporary.write_text("half")
-        print(sorted(os.listdir("a/b")), flush=True)
-        signal.pause()
+        {then}
 except Stopped as stop:
     sys.exit(say_stopped(stop.number))
 """
 
+TELL = "print(sorted(os.listdir('a/b')), flush=True); signal.pause()"
+"""Tells what is in the folder, and waits for a signal."""
 
 LOADING = """
 import runpy, signal, sys
@@ -86,20 +93,49 @@ def test_a_command_is_stopped_at_once(number, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("number", STATUS)
-def test_what_is_half_written_goes(number, tmp_path):
+def stopped_while_writing(then, tmp_path, *numbers):
+    """Runs WRITING, sends a signal after each line that it prints, and returns its end."""
     process = subprocess.Popen(
-        [sys.executable, "-c", WRITING],
+        [sys.executable, "-c", WRITING.format(then=then)],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         preexec_fn=heed,
     )  # fmt: skip
     assert process.stdout is not None
-    there = process.stdout.readline()
-    assert LOCK in there and ".part.txt" in there
-    process.send_signal(number)
+    told = []
+    for number in numbers:
+        told.append(process.stdout.readline())
+        process.send_signal(number)
     said = process.communicate(timeout=PATIENCE_S)[1]
     assert said == "t2twin: stopped; the same command begins again\n"
-    assert process.returncode == STATUS[number]
+    assert process.returncode == STATUS[numbers[-1]]
+    return told
+
+
+@pytest.mark.parametrize("number", STATUS)
+def test_what_is_half_written_goes(number, tmp_path):
+    (there,) = stopped_while_writing(TELL, tmp_path, number)
+    assert LOCK in there and ".part.txt" in there
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("number", STATUS)
+def test_what_is_half_written_goes_where_a_signal_comes_in_an_import(number, tmp_path):
+    """An exception in there may become an ImportError."""
+    (tmp_path / "slow.py").write_text(
+        f"import os, signal\ntry:\n    {TELL}\nexcept BaseException:\n    raise ImportError\n"
+    )
+    (there,) = stopped_while_writing("import slow", tmp_path, number)
+    assert LOCK in there and ".part.txt" in there
+    assert [path.name for path in tmp_path.iterdir() if path.name != "__pycache__"] == ["slow.py"]
+
+
+def test_a_second_signal_ends_what_does_not_end(tmp_path):
+    then = f"""
+        try:
+            {TELL}
+        except Stopped:
+            {TELL}"""
+    stopped_while_writing(then, tmp_path, signal.SIGTERM, signal.SIGINT)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -157,3 +193,34 @@ def test_a_file_in_the_way_is_named(place, tmp_path):
     ):
         temporary.touch()
     assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "device"])
+def test_only_files_are_replaced(kind, tmp_path):
+    path = tmp_path / "x.json"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/null")
+    before = path.lstat()
+    with pytest.raises(T2TwinError, match=r"x\.json cannot be written: it is a"):
+        write_json(path, {})
+    assert path.lstat() == before and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_was_made_for_nothing_goes(tmp_path):
+    with pytest.raises(KeyError), whole_file(tmp_path / "new/folder/x.txt"):
+        raise KeyError
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_files_are_moved_all_or_none(tmp_path):
+    (tmp_path / "b").mkdir()
+    with temporary_folder(tmp_path, "new") as folder:
+        for name in ("a", "b"):
+            (folder / name).touch()
+        with pytest.raises(T2TwinError, match="b cannot be written"):
+            move_into(tmp_path, sorted(folder.iterdir()))
+    assert [path.name for path in tmp_path.iterdir()] == ["b"]

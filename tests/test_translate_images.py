@@ -279,8 +279,8 @@ def test_command_prints_a_few_and_writes_all(
     (tmp_path / "frames").mkdir()
     for number, frame in enumerate(frames):
         Image.fromarray(frame).save(tmp_path / "frames" / f"{number}.png")
-    main(["translate", str(run_dir), str(tmp_path / "frames"), "--out", str(tmp_path / "out"),
-          "--no-pictures"])  # fmt: skip
+    main(["translate", "--run", str(run_dir), str(tmp_path / "frames"), "--no-pictures",
+          "--out", str(tmp_path / "out")])  # fmt: skip
     said = capsys.readouterr().out.splitlines()
     assert len(said) == 7
     assert said[5:] == ["and 4 more", f"written to {tmp_path / 'out'}"]

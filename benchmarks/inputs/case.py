@@ -34,8 +34,8 @@ class Case:
 
     arguments: of t2twin; paths are below the box, {data}, {touch2touch}, {resnet18} and
     {evaluation} are those of the Base. make: lays out the inputs. says: what the sentence must
-    hold, in small letters. fine: valid though odd, so that it must succeed. parsed: refused by the
-    command line's parser, which says so in a frame. statuses: that a refusal may end with.
+    hold, in small letters. fine: valid though odd, so that it must succeed. statuses: that a
+    refusal may end with.
     call: Python to run in place of a command line, with the box and the base; a T2TwinError that it
     raises ends the case as it would end a command.
     """
@@ -45,7 +45,6 @@ class Case:
     make: Make = nothing
     says: str = ""
     fine: bool = False
-    parsed: bool = False
     statuses: tuple[int, ...] = (REFUSED,)
     call: Make | None = None
 

@@ -190,7 +190,7 @@ def _own_result(box: Path, base: Base) -> None:
     (box / "out/x.png").write_bytes(PNG)
 
 
-ASK = ("translate", "{resnet18}")
+ASK = ("translate", "--run", "{resnet18}")
 OUT = ("--out", "out")
 
 PLACES: tuple[tuple[str, Make, tuple[str, ...], str], ...] = (

@@ -111,7 +111,7 @@ PRESS = ("press", "circle-1", "--sensor", "cyskin", "--out", "out", "--layout")
 ASKED = (
     PRESS,
     ("simdata", "--scale", "smoke", "--out", "out", "--layout"),
-    ("export", "{touch2touch}", "--out", "x.onnx", "--layout"),
+    ("export", "--run", "{touch2touch}", "--out", "x.onnx", "--layout"),
     ("import-pairs", "pairs.csv", "--out", "out", "--layout"),
 )
 """Commands that take a layout; the cases are asked of them in turn."""

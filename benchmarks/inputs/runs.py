@@ -15,9 +15,9 @@ from benchmarks.inputs.json_changes import WRONG, Change, changed
 
 OUT = ("--out", "out")
 USERS: tuple[tuple[str, ...], ...] = (
-    ("translate", "run", "x.png", *OUT),
+    ("translate", "--run", "run", "x.png", *OUT),
     ("evaluate", "run", "--data", "{data}", "--split", "val", *OUT),
-    ("export", "run", "--out", "x.onnx"),
+    ("export", "--run", "run", "--out", "x.onnx"),
     ("report", "--data", "{data}", "--runs", "run", *OUT),
     ("train", "resnet18", "--data", "{data}", "--preset", "smoke", "--epochs", "1", "--out", "run"),
 )
@@ -213,7 +213,7 @@ def cases() -> Iterator[Case]:
         yield Case(
             f"train into a run with another {change[0]}", USERS[4], _config(change), "another"
         )
-    for user in (*USERS[:4], ("live", "run", "{data}"), ("studio", "--run", "run")):
+    for user in (*USERS[:4], ("live", "--run", "run", "{data}"), ("studio", "--run", "run")):
         yield Case(f"{user[0]} by a run the other way", user, _turned, "gives no counts")
     other_model = ("train", "touch2touch", *USERS[4][2:])
     yield Case("train into a run the other way", other_model, _turned, "another direction")

@@ -108,8 +108,6 @@ def _of_end(case: Case, status: int, out: str, err: str) -> list[str]:
         return faults + ([f"status {status} though it is fine"] if status else [])
     if status not in case.statuses:
         faults.append(f"status {status}")
-    if case.parsed:
-        return faults
     lines = [line for line in re.split(r"[\r\n]+", err) if line and not PROGRESS.search(line)]
     if status == 1:
         lines = [line for line in out.splitlines() if line]

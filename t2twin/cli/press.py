@@ -113,7 +113,19 @@ def summary(sensor: str, contact: "Contact") -> str:
         words += "; it did not settle"
     if contact.bottomed:
         words += "; it bottomed out: the base plate (the lowest flat face) touched"
-    return words
+    return words + _off_sensor(contact)
+
+
+def _off_sensor(contact: "Contact") -> str:
+    """In words, that a shape's middle lies beside the sensor; nothing where it lies on it."""
+    places = (contact.command.x_mm, contact.x_mm), (contact.command.y_mm, contact.y_mm)
+    if all(abs(at) <= abs(axis).max() for at, axis in places):
+        return ""
+    half_x, half_y = (abs(axis).max() for _, axis in places)
+    return (
+        "; its middle lies off the sensor, whose soft layer reaches "
+        f"{half_x:.1f} mm to each side and {half_y:.1f} mm up and down"
+    )
 
 
 def show(path: Path) -> None:

@@ -45,26 +45,36 @@ class Folder:
     """A folder of PNG and JPEG files: first the newest that is there, then those that arrive.
 
     A file that is written again is a new frame. One that is not whole is waited for, one that stays
-    so for PATIENCE_S after its last change is skipped and reported. Subfolders, hidden files, pipes
+    so for patience_s after its last change is skipped and reported. Subfolders, hidden files, pipes
     and devices are left out. Raises T2TwinError where the folder cannot be listed.
     """
 
-    def __init__(self, path: Path, turn_deg: int, report: Report) -> None:
-        self._path, self._turn_deg, self._count = path, turn_deg, 0
+    def __init__(
+        self, path: Path, turn_deg: int, report: Report, patience_s: float = PATIENCE_S
+    ) -> None:
+        self._path, self._turn_deg, self._patience_s = path, turn_deg, patience_s
+        self._count = 0
         self._skipped = Skipped(report)
         self._done: dict[str, Version] = {}  # files whose present content needs no more reading
         self._unreadable: dict[str, tuple[Version, float]] = {}  # and since when, monotonic, s
         self._full_look_due_s = 0.0  # monotonic
+        self._closed = False
         older = sorted(self._listed().items(), key=_age)[:-1]
         self._done.update(older)
 
-    def read(self) -> Frame:
-        """Waits for the next frame. Raises T2TwinError where the folder is gone."""
-        while True:
+    def read(self) -> Frame | None:
+        """Waits for the next frame; None once it is closed. Raises T2TwinError where the folder is
+        gone."""
+        while not self._closed:
             frame = self._newest()
             if frame is not None:
                 return frame
             time.sleep(POLL_S)
+        return None
+
+    def close(self) -> None:
+        """Ends the waiting of `read`."""
+        self._closed = True
 
     def _newest(self) -> Frame | None:
         """The newest readable frame that was not read yet. Older ones are left out from then on."""
@@ -91,7 +101,7 @@ class Folder:
         """A file's image, None where it is not whole or was changed meanwhile."""
         path, now_s = self._path / name, time.monotonic()
         known, since_s = self._unreadable.get(name, (version, now_s))
-        waited = known == version and now_s - since_s >= PATIENCE_S
+        waited = known == version and now_s - since_s >= self._patience_s
         if known == version and name in self._unreadable and not waited:
             return None  # it was tried already
         try:

@@ -62,7 +62,23 @@ def follow(
     frame_of_unit = None if background is None else _background(run, background)
     blank = np.zeros((run.config.preset.size,) * 2, np.uint8)
     _predict(run, run.pixels_of(blank, frame_of_unit))  # the first prediction is slow
-    newest, pace = Newest(source), Pace()
+    newest = Newest(source)
+    try:
+        return _follow(run, newest, write, say, most_frames, frame_of_unit)
+    finally:
+        newest.close()
+
+
+def _follow(
+    run: TrainedTranslator,
+    newest: Newest,
+    write: Callable[[str], None],
+    say: Callable[[str], None],
+    most_frames: int | None,
+    background: np.ndarray | None,
+) -> Pace:
+    """background: at the run's size, as _background returns it. The rest as for `follow`."""
+    pace = Pace()
     said_s, warned, waiting = pace.began_s, False, False
     last = -1
     while most_frames is None or pace.done < most_frames:
@@ -76,7 +92,7 @@ def follow(
                 say(f"no new frame for {SAY_EVERY_S:g} s; waiting for the next one")
             continue
         last, waiting = frame.number, False
-        pixels = run.pixels_of(frame.image, frame_of_unit)
+        pixels = run.pixels_of(frame.image, background)
         predicted = _predict(run, pixels)
         familiar = bool(run.is_familiar(pixels)[0])
         now_s = time.perf_counter()

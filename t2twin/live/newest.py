@@ -16,7 +16,7 @@ class Newest:
         self.read = 0
         self._source = source
         self._frame: Frame | None = None
-        self._ended = False
+        self._ended = self._closed = False
         self._error: Exception | None = None
         self._changed = Condition()
         # A daemon: nobody waits for a camera when the process is stopped.
@@ -34,6 +34,13 @@ class Newest:
                 raise self._error
             return None
 
+    def close(self) -> None:
+        """Reads no more frames; does not wait for the one that is being read."""
+        self._closed = True
+        close = getattr(self._source, "close", None)
+        if close is not None:
+            close()
+
     @property
     def ended(self) -> bool:
         """Whether the source has ended."""
@@ -42,7 +49,7 @@ class Newest:
 
     def _run(self) -> None:
         try:
-            while (frame := self._source.read()) is not None:
+            while not self._closed and (frame := self._source.read()) is not None:
                 with self._changed:
                     self._frame, self.read = frame, frame.number + 1
                     self._changed.notify_all()

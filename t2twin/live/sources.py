@@ -30,6 +30,10 @@ TURNS_DEG = (0, 90, 180, 270)
 """How far frames may be turned, clockwise, to stand upright."""
 
 
+HEAD_BYTES = 4096
+"""Bytes of a file that are looked at to tell text from a video (assumed)."""
+
+
 class Source(Protocol):
     """Frames one after another."""
 
@@ -121,8 +125,9 @@ class Video:
 
     def __init__(self, path: Path, turn_deg: int = 0, report: Report = _silent) -> None:
         cv2 = _opencv()
-        self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-        if not self._capture.isOpened():
+        # FFmpeg draws text as a video, and follows playlists to other files.
+        self._capture = None if _is_text(path) else cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
+        if self._capture is None or not self._capture.isOpened():
             raise T2TwinError(f"{path} cannot be read as a video; give a file that players play")
         hz = self._capture.get(cv2.CAP_PROP_FPS)
         if not MIN_HZ <= hz <= MAX_HZ:
@@ -165,6 +170,17 @@ def _is_picture(path: Path) -> bool:
     except T2TwinError:
         return False
     return True
+
+
+def _is_text(path: Path) -> bool:
+    """Whether a file begins with text, as no video does. Raises OSError where it is unreadable."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    try:
+        words = head.decode()
+    except UnicodeDecodeError as error:
+        words = head[: error.start].decode() if error.start > len(head) - 4 else "\0"
+    return all(character.isprintable() or character in "\t\r\n\x1b" for character in words)
 
 
 def _upright(bgr: np.ndarray, turn_deg: int) -> np.ndarray:

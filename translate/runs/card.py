@@ -152,7 +152,7 @@ import t2twin
 counts = t2twin.load({json.dumps(name)}).predict(frame)
 {ESTIMATE.format(json.dumps(name)) if config.model == "field" else ""}```
 
-or `t2twin translate {name} FOLDER_OF_IMAGES`. It needs `config.json` and `{BEST}`.
+or `t2twin translate FOLDER_OF_IMAGES --run {name}`. It needs `config.json` and `{BEST}`.
 
 | | type | unit | what |
 |---|---|---|---|
