@@ -77,8 +77,7 @@ def generate(
     worker is lost.
     """
     folder = Path(folder).absolute()
-    if workers is not None and workers < 1:
-        raise T2TwinError(f"{workers} workers cannot work; allowed are 1 and more")
+    pool.check_workers(workers)
     check_seed(0 if seed is None else seed)
     if world == PAPER and scale is None:
         scale, world = PAPER, None

@@ -20,8 +20,18 @@ LOOK_SECONDS = 0.5
 """How often the number of pairs made is looked at, s."""
 
 
+MAX_WORKERS = 1000
+"""Most processes that may be asked for (assumed: more than any one machine has cores)."""
+
+
 class _StoppedError(Exception):
     """Another worker has failed."""
+
+
+def check_workers(workers: int | None) -> None:
+    """Raises T2TwinError for a number of processes that cannot be; None is as many as cores."""
+    if workers is not None and not 1 <= workers <= MAX_WORKERS:
+        raise T2TwinError(f"{workers} workers cannot work; allowed are 1 to {MAX_WORKERS}")
 
 
 def run(
