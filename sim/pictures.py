@@ -26,8 +26,8 @@ _ERRORS = (
 """What Pillow raises for files that are no images, damaged, cut short or far too large."""
 
 PNG_END = b"IEND\xaeB`\x82"
-"""The type and the checksum of a PNG file's last chunk, which is empty (PNG, third edition, 11.2.5).
-Pillow reads a file that is cut off before it, once all rows are there."""
+"""The type and the checksum of a PNG file's last chunk, which is empty (PNG, third edition,
+11.2.5). Pillow reads a file that is cut off before it, once all rows are there."""
 
 MAX_FILE_BYTES = 100_000_000
 """Largest image file that is read, bytes (assumed: MAX_PIXELS uncompressed, of 64 bits each)."""
