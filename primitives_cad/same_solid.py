@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import trimesh
+from scipy import sparse
 
 SAME_SHARE = 0.02
 """Solids are the same where each number differs by less than this share (assumed: twice what a
@@ -32,9 +33,7 @@ class KnownSolids:
 def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
     """(bodies, 4): area^(3/2) / volume and the principal second moments / volume^(5/3), rising,
     of each body that encloses a volume."""
-    labels = trimesh.graph.connected_component_labels(
-        mesh.face_adjacency, node_count=len(mesh.faces)
-    )
+    labels = _bodies(mesh.faces.view(np.ndarray), len(mesh.vertices))
     corners = mesh.vertices.view(np.ndarray)[mesh.faces] - mesh.bounds.mean(axis=0)
     # Each triangle and the middle are a tetrahedron; inward ones count as negative.
     volumes = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
@@ -49,6 +48,13 @@ def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
     volume, moments = np.abs(volume), moments * np.sign(volume)[:, None, None]
     principal = np.linalg.eigvalsh(moments) / volume[:, None] ** (5 / 3)
     return np.concatenate([(area**1.5 / volume)[:, None], principal], axis=1)
+
+
+def _bodies(faces: np.ndarray, corners: int) -> np.ndarray:
+    """(t,): the number of the body of each triangle (t, 3), all that hang together by corners."""
+    rows, columns = faces[:, :2].ravel(), faces[:, 1:].ravel()
+    edges = sparse.coo_matrix((np.ones(rows.size, bool), (rows, columns)), (corners, corners))
+    return sparse.csgraph.connected_components(edges, directed=False)[1][faces[:, 0]]
 
 
 def _sums(labels: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -25,11 +25,12 @@ _ERRORS = (
 )
 """What Pillow raises for files that are no images, damaged, cut short or far too large."""
 
-PNG_END = b"IEND\xae\x42\x60\x82"
-"""The end of a PNG's last chunk, whose checksum is always the same (PNG specification, 11.2.5)."""
+PNG_END = b"IEND\xaeB`\x82"
+"""The type and the checksum of a PNG file's last chunk, which is empty (PNG, third edition,
+11.2.5). Pillow reads a file that is cut off before it, once all rows are there."""
 
-READ_BYTES = 2**20
-"""Bytes that are searched at a time, so that a large file takes little memory (assumed)."""
+MAX_FILE_BYTES = 100_000_000
+"""Largest image file that is read, bytes (assumed: MAX_PIXELS uncompressed, of 64 bits each)."""
 
 _opening = Lock()
 """Filters of warnings are the whole process's: one thread at a time changes them."""
@@ -44,11 +45,14 @@ def open_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> Im
     with _opened(source, formats) as image:
         try:
             image.load()
-            if image.format == "PNG" and not _has_end(source):
-                raise OSError("image file is truncated")
-            return ImageOps.exif_transpose(image)
+            whole = ImageOps.exif_transpose(image)
         except _ERRORS as error:
             raise T2TwinError(f"it is damaged ({error})") from error
+    if image.format == "PNG" and PNG_END not in (
+        source if isinstance(source, bytes) else source.read_bytes()
+    ):
+        raise T2TwinError("it is damaged (it is cut off before its end)")
+    return whole
 
 
 def check_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> None:
@@ -56,20 +60,14 @@ def check_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> N
     _opened(source, formats).close()
 
 
-def _has_end(source: Path | bytes) -> bool:
-    """Whether the last chunk of a PNG is there: Pillow takes a file that was cut before it."""
-    tail = b""
-    with io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file:
-        while block := file.read(READ_BYTES):
-            if PNG_END in tail + block:
-                return True
-            tail = block[-len(PNG_END) :]
-    return False
-
-
 def _opened(source: Path | bytes, formats: tuple[str, ...]) -> Image.Image:
-    if isinstance(source, Path) and not source.is_file():
-        raise T2TwinError("it is not there" if not source.exists() else "it is not a file")
+    if isinstance(source, Path):
+        if not source.is_file():
+            raise T2TwinError("it is not there" if not source.exists() else "it is not a file")
+        if (size := source.stat().st_size) > MAX_FILE_BYTES:
+            raise T2TwinError(
+                f"it has {size / 1e6:,.0f} MB; at most {MAX_FILE_BYTES / 1e6:,.0f} MB are allowed"
+            )
     readable = io.BytesIO(source) if isinstance(source, bytes) else source
     try:
         with _opening, warnings.catch_warnings():

@@ -55,3 +55,24 @@ def test_a_bomb_and_a_pipe_are_refused_in_a_sentence(tmp_path, recwarn):
     with pytest.raises(T2TwinError, match="it is not a file"):
         open_image(tmp_path / "pipe.png")
     assert not recwarn.list
+
+
+@pytest.mark.parametrize("kept", [-1, -12, -20, 0.9])
+def test_an_image_that_is_cut_off_is_refused(kept, digit, tmp_path):
+    """Even where only the checksum of its last rows, or its last chunk, is missing."""
+    digit.save(tmp_path / "whole.png")
+    content = (tmp_path / "whole.png").read_bytes()
+    end = kept if kept < 0 else round(kept * len(content))
+    (tmp_path / "cut.png").write_bytes(content[:end])
+    (tmp_path / "longer.png").write_bytes(content + b"more")
+    assert open_image(tmp_path / "longer.png").size == (240, 320)
+    with pytest.raises(T2TwinError, match=r"cut\.png cannot be read as an image: it is damaged"):
+        open_image(tmp_path / "cut.png")
+
+
+def test_a_very_large_file_is_not_opened(tmp_path):
+    with (tmp_path / "sparse.png").open("wb") as file:
+        file.write(b"\x89PNG\r\n\x1a\n")
+        file.truncate(10**12)
+    with pytest.raises(T2TwinError, match="at most 100 MB"):
+        open_image(tmp_path / "sparse.png")

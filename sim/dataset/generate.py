@@ -52,17 +52,6 @@ MADE_WITH = {
 }
 """How a message names a field of info.json that differs; the rest are "another" and their name."""
 
-MAX_WORKERS = 1024
-"""Most processes that press at once (assumed: more than one machine has cores)."""
-
-
-def check_workers(workers: int | None) -> None:
-    """Raises T2TwinError for a number of workers that is not from 1 to MAX_WORKERS."""
-    if workers is not None and not 1 <= checks.whole_number(workers, "workers") <= MAX_WORKERS:
-        raise T2TwinError(
-            f"{workers} workers cannot work; allowed are 1 and more, up to {MAX_WORKERS}"
-        )
-
 
 def generate(
     folder: str | Path,
@@ -88,7 +77,7 @@ def generate(
     worker is lost.
     """
     folder = checks.path(folder, "folder").absolute()
-    check_workers(workers)
+    pool.check_workers(workers)
     check_seed(0 if seed is None else seed)
     if world == PAPER and scale is None:
         scale, world = PAPER, None

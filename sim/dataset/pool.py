@@ -12,6 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
 
+from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset.shard import Made, Making, make_shard
 from t2twin.sim.world.plan import Batch
@@ -20,8 +21,18 @@ LOOK_SECONDS = 0.5
 """How often the number of pairs made is looked at, s."""
 
 
+MAX_WORKERS = 1000
+"""Most processes that may be asked for (assumed: more than any one machine has cores)."""
+
+
 class _StoppedError(Exception):
     """Another worker has failed."""
+
+
+def check_workers(workers: int | None) -> None:
+    """Raises T2TwinError for a number of processes that cannot be; None is as many as cores."""
+    if workers is not None and not 1 <= checks.whole_number(workers, "workers") <= MAX_WORKERS:
+        raise T2TwinError(f"{workers} workers cannot work; allowed are 1 to {MAX_WORKERS}")
 
 
 def run(

@@ -7,6 +7,7 @@ import pyarrow.parquet as pq
 
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.reading import opened, read_file
+from t2twin.sim.column_names import check_names
 from t2twin.sim.csv_table import ERRORS, read_csv, rows
 
 SUFFIXES = (".csv", ".parquet")
@@ -51,6 +52,7 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
         raise T2TwinError(f"{path} cannot be read as a table of pairs{reason}") from error
     if not len(table):
         raise T2TwinError(f"{path} holds no pairs")
+    check_names(table.column_names, (), path, others=True)
     return table, places
 
 

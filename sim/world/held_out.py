@@ -11,6 +11,10 @@ from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.sim.world.plan import solids_in
 from t2twin.sim.world.recipe import NAMED, Recipe
 
+SHARED = ("clamp/handle",)
+"""Keypoints whose surface a primitive has too, so that it is in the training set anyway: the ball
+at the end of the clamp's handle is hemisphere-4's."""
+
 
 def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
     """Raises T2TwinError where a user's solid that is not only for the test is a test object.
@@ -46,7 +50,11 @@ def test_solids(cache_dir: str | None = None) -> KnownSolids:
 
 @cache
 def test_surfaces(cache_dir: str | None = None) -> KnownSurfaces:
-    """The surfaces of all tools at their keypoints."""
+    """The surfaces of all tools at their keypoints, but for those that are SHARED."""
     return KnownSurfaces(
-        {name: catalogue.load(name, cache_dir).surface for name in catalogue.OBJECTS}
+        {
+            name: catalogue.load(name, cache_dir).surface
+            for name in catalogue.OBJECTS
+            if name not in SHARED
+        }
     )

@@ -24,10 +24,9 @@ from t2twin.primitives_cad.folder_lock import is_empty, locked
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.dataset.generate import generate
-from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE, calibrate
-from t2twin.sim.digit.calibrate.certainty import check_tolerance
-from t2twin.sim.digit.calibrate.frames import read_frame, read_frames, upright_frame
-from t2twin.sim.digit.calibrate.known import Tolerance, read_known
+from t2twin.sim.dataset.pool import check_workers
+from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE, Inputs, calibrate, read_inputs
+from t2twin.sim.digit.calibrate.known import Tolerance
 from t2twin.sim.digit.camera import Camera
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
@@ -90,17 +89,22 @@ class Road:
     workers: int | None
     tolerance: Tolerance
 
-    @property
-    def asked(self) -> str:
-        """Digest of the frames and numbers that the calibration is fitted to. Raises T2TwinError
-        for numbers that cannot be."""
-        untouched, frames, names = read_frames(self.background, self.presses)
-        known = read_known(self.presses, names, self.ball_diameter_mm)
-        check_tolerance(known, self.camera, self.tolerance)
-        digest = hashlib.sha256(untouched.tobytes() + frames.tobytes())
-        numbers = (names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance)
+    def read(self) -> Inputs:
+        """The frames and numbers that the calibration is fitted to. Raises T2TwinError for those
+        that cannot be used."""
+        return read_inputs(
+            self.background, self.presses, self.ball_diameter_mm, self.held_out, self.camera,
+            self.tolerance,
+        )  # fmt: skip
+
+    def digest(self, given: Inputs) -> str:
+        """Of those frames and numbers."""
+        digest = hashlib.sha256(given.untouched.tobytes() + given.frames.tobytes())
+        numbers = (
+            given.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
+        )  # fmt: skip
         digest.update(repr(numbers).encode())
-        for values in (known.diameters_mm, known.depths_mm, known.forces_n):
+        for values in (given.known.diameters_mm, given.known.depths_mm, given.known.forces_n):
             digest.update(values.tobytes())
         return digest.hexdigest()
 
@@ -146,27 +150,27 @@ def adapt(
         raise T2TwinError(
             f"minutes is {minutes:g}; it must be from {MINUTES[0]:g} to {MINUTES[1]:g}"
         )
-    asked = road.asked
+    check_workers(workers)
+    given = road.read()
+    asked = road.digest(given)
     fitted = _kept(road, asked)
     clock = _Clock(say)
     with locked(road.out):
         with clock.step("light"):
-            fitted = fitted or _fit(road, asked, say)
-        _write_world(road)
-    calibration = str(road.out / CALIBRATION)
-    with clock.step("data"):
-        generate(road.out / DATA, world=road.out / WORLD, workers=workers)
-    with clock.step("training"):
-        run_dir = road.out / model
-        part = TRAINING_PART * minutes
-        train(model, road.out / DATA, "cpu", run_dir, minutes=part, start=road.start)
-    with clock.step("check"):
-        run = load_run(run_dir)
-        untouched = upright_frame(read_frame(road.background))
-        judged = judge_each(run, _felt(road, fitted, calibration), untouched)
-        adapted = record_of(run, judged, untouched, fitted, clock.minutes)
-        write_adapt_page(road.out, run, judged, adapted)
-    write_record(road.out, adapted)
+            fitted = fitted or _kept(road, asked) or _fit(road, asked, say)
+            _write_world(road)
+        with clock.step("data"):
+            generate(road.out / DATA, world=road.out / WORLD, workers=workers)
+        with clock.step("training"):
+            run_dir = road.out / model
+            part = TRAINING_PART * minutes
+            train(model, road.out / DATA, "cpu", run_dir, minutes=part, start=road.start)
+        with clock.step("check"):
+            run = load_run(run_dir)
+            judged = judge_each(run, _felt(road, given, fitted), given.untouched)
+            adapted = record_of(run, judged, given.untouched, fitted, clock.minutes)
+            write_adapt_page(road.out, run, judged, adapted)
+        write_record(road.out, adapted)
     return adapted
 
 
@@ -217,14 +221,13 @@ def _write_world(road: Road) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _felt(road: Road, fitted: Fitted, calibration: str) -> list[Felt]:
+def _felt(road: Road, given: Inputs, fitted: Fitted) -> list[Felt]:
     """The held-out presses, as the twin makes them."""
     balls = [_ball(road, diameter_mm) for diameter_mm in fitted.diameters_mm]
-    sensors = SensorPair(Digit(calibration=calibration, noise_grey=NOISE_GREY))
-    _, frames, names = read_frames(road.background, road.presses)
-    chosen = [names.index(one.name) for one in fitted.held_out]
+    sensors = SensorPair(Digit(calibration=str(road.out / CALIBRATION), noise_grey=NOISE_GREY))
+    chosen = [given.names.index(one.name) for one in fitted.held_out]
     return felt_by_the_twin(
-        [names[index] for index in chosen], fitted.poses, frames[chosen], balls, sensors
+        [given.names[index] for index in chosen], fitted.poses, given.frames[chosen], balls, sensors
     )
 
 

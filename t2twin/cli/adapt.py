@@ -51,7 +51,7 @@ def adapt(
         workers: Processes that press at once; as many as there are cores unless given.
     """
     from t2twin.adapt.road import adapt as walk
-    from t2twin.sim.dataset.generate import check_workers
+    from t2twin.sim.dataset.pool import check_workers
     from t2twin.sim.digit.calibrate.known import Tolerance
     from t2twin.sim.digit.calibrate.words import lines_of
     from t2twin.sim.digit.camera import Camera

@@ -10,7 +10,7 @@ from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.certainty import Certainty, certainty_of, check_tolerance
 from t2twin.sim.digit.calibrate.frames import clean_background, read_frames, touched_patch
-from t2twin.sim.digit.calibrate.known import FORCES, Tolerance, read_known
+from t2twin.sim.digit.calibrate.known import FORCES, Known, Tolerance, read_known
 from t2twin.sim.digit.calibrate.noise import measured_noise
 from t2twin.sim.digit.calibrate.scale import Presses, fitted
 from t2twin.sim.digit.calibrate.scores import (
@@ -63,6 +63,24 @@ class CalibrationReport:
 
 
 @dataclass(frozen=True)
+class Inputs:
+    """What a calibration is fitted to, checked.
+
+    untouched: (ROWS, COLUMNS, 3) uint8, the background. frames: (n, ROWS, COLUMNS, 3) uint8, the
+    presses, and names, their files'. known: what else is known of each. patches: (n, 2) row and
+    column of each contact, px. train, test: indices of the presses to fit to and of those held out.
+    """
+
+    untouched: np.ndarray
+    frames: np.ndarray
+    names: list[str]
+    known: Known
+    patches: np.ndarray
+    train: list[int]
+    test: list[int]
+
+
+@dataclass(frozen=True)
 class _Placed:
     """Frames (n, ROWS, COLUMNS, 3) uint8, where they are touched (n, 2) rows and columns, px, and
     their poses (n, 3)."""
@@ -70,6 +88,33 @@ class _Placed:
     frames: np.ndarray
     patches: np.ndarray
     poses: np.ndarray
+
+
+def read_inputs(
+    background: Path,
+    presses: Path,
+    ball_diameter_mm: float,
+    held_out: int | None,
+    camera: Camera,
+    tolerance: Tolerance | None,
+) -> Inputs:
+    """Reads all that a calibration is fitted to; see `calibrate`.
+
+    Raises T2TwinError for frames or numbers that cannot be used.
+    """
+    untouched, frames, names = read_frames(background, presses)
+    known = read_known(presses, names, ball_diameter_mm)
+    if tolerance is not None:
+        check_tolerance(known, camera, tolerance)
+    first_held_out = _first_held_out(len(frames), held_out, presses)
+    patches = _patches(frames, untouched, names)
+    train, test = _different(frames, first_held_out, presses)
+    if known.has_depths and not known.of(train).has_depths:
+        raise T2TwinError(
+            f"{presses / FORCES} gives displacements of presses that are held out only; give some "
+            "of earlier ones"
+        )
+    return Inputs(untouched, frames, names, known, patches, train, test)
 
 
 def calibrate(
@@ -98,23 +143,15 @@ def calibrate(
     camera = Camera() if camera is None else checks.instance(camera, "camera", Camera)
     if held_out is not None:
         checks.whole_number(held_out, "held_out")
-    checks.function(say, "say")
-    untouched, frames, names = read_frames(background, presses)
-    known = read_known(presses, names, ball_diameter_mm)
     if tolerance is not None:
         checks.instance(tolerance, "tolerance", Tolerance)
-        check_tolerance(known, camera, tolerance)
-    first_held_out = _first_held_out(len(frames), held_out, presses)
-    patches = _patches(frames, untouched, names)
-    train, test = _different(frames, first_held_out, presses)
-    if known.has_depths and not known.of(train).has_depths:
-        raise T2TwinError(
-            f"{presses / FORCES} gives displacements of presses that are held out only; give some "
-            "of earlier ones"
-        )
+    checks.function(say, "say")
+    given = read_inputs(background, presses, ball_diameter_mm, held_out, camera, tolerance)
+    untouched, frames, names, patches = given.untouched, given.frames, given.names, given.patches
+    train, test = given.train, given.test
 
     def chosen(presses: list[int], clean: np.ndarray) -> Presses:
-        return Presses(clean, frames[presses], patches[presses], known.of(presses))
+        return Presses(clean, frames[presses], patches[presses], given.known.of(presses))
 
     say(f"fitting to {len(train)} presses")
     clean = clean_background(untouched, frames[train])
