@@ -1,11 +1,15 @@
 """Inner loops compiled by numba, their machine code kept in the cache home.
 
-numba itself notices a change in a loop's own file only, while parts of other files may be compiled
-into it. So what is kept goes by all sources in the loop's folder and in this one as well.
+A loop is compiled at its first call, or read from the cache home where it was compiled before.
+numba's own cache is not used: it notices a change in a loop's own file only, while parts of other
+files may be compiled into it, and it unpickles files without a check. Here machine code is kept by
+all sources in the loop's folder and in this one, and is read only while it is intact.
 """
 
 import hashlib
+import pickle
 import shutil
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -14,36 +18,96 @@ from typing import Any
 
 import numba
 from numba.core import config
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.serialize import dumps
 
 from t2twin.primitives_cad.cache_home import cache_home, is_writable
+from t2twin.primitives_cad.checked_file import read_checked, try_write_checked
 
 DIGITS = 16
 """Hexadecimal digits of a folder's name, 64 bits: no two will share one."""
+
+SUFFIX = ".loop"
+"""Of the files that hold machine code."""
 
 _lock = RLock()
 _config: Any = config
 _njit: Any = numba.njit
 """numba's, whose types pyright cannot see."""
 
+_before_compiling: list[Callable[[], None]] = []
+
+
+def before_compiling(notify: Callable[[], None]) -> None:
+    """Call notify once, before this process compiles its first loop that is not kept yet."""
+    _before_compiling[:] = [notify]
+
 
 def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
     """A decorator as numba.njit's, which takes the same but for `cache`.
 
-    Where nothing can be kept, the loop is compiled in every process anew. A folder that the user
-    has given to numba (NUMBA_CACHE_DIR) is taken instead of the cache home.
+    A loop with a signature takes arguments of these types only. Where nothing can be kept, the loop
+    is compiled in every process. A folder that the user has given to numba (NUMBA_CACHE_DIR) is
+    used instead of the cache home.
     """
 
-    def compile_loop(loop: Callable) -> Any:
+    def declare(loop: Callable) -> Any:
+        dispatcher = _njit(**options)(loop)
         with _lock:
-            given = _config.CACHE_DIR
-            kept = _kept_in(given, Path(loop.__code__.co_filename).parent)
-            _config.CACHE_DIR = str(kept or "")
-            try:
-                return _njit(*signature, cache=kept is not None, **options)(loop)
-            finally:
-                _config.CACHE_DIR = given  # a user's own loops are none of ours
+            folder = _kept_in(_config.CACHE_DIR, Path(loop.__code__.co_filename).parent)
+        dispatcher._cache = _MachineCode(folder, f"{loop.__module__}.{loop.__qualname__}")
 
-    return compile_loop
+        def compile_declared(*_: Any, **__: Any) -> Any:
+            # What numba calls for argument types that are not compiled yet.
+            with _lock:
+                for each in signature:
+                    dispatcher.compile(each)
+                dispatcher.disable_compile()
+                vars(dispatcher).pop("_compile_for_args", None)
+            return dispatcher
+
+        if signature:
+            dispatcher._compile_for_args = compile_declared
+        return dispatcher
+
+    return declare
+
+
+class _MachineCode(NullCache):
+    """The machine code of one loop, a file for each signature and kind of processor.
+
+    folder: None keeps nothing.
+    """
+
+    def __init__(self, folder: Path | None, name: str) -> None:
+        self._folder, self._name = folder, name
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """What numba compiled earlier, ready to be called, or None."""
+        target_context.refresh()
+        path, key = self._file(sig, target_context)
+        content = None if path is None else read_checked(path, key)
+        if content is None:
+            if _before_compiling:
+                _before_compiling.pop()()
+            return None
+        return CompileResult._rebuild(target_context, *pickle.loads(content))
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what numba has compiled, where that is possible."""
+        path, key = self._file(sig, data.target_context)
+        if path is not None:
+            try_write_checked(path, key, dumps(data._reduce()))
+
+    def _file(self, sig: Any, target_context: Any) -> tuple[Path | None, bytes]:
+        """Where the machine code is kept, and all that it depends on besides the sources."""
+        machine = target_context.codegen().magic_tuple()
+        key = repr((self._name, sig, numba.__version__, sys.version, machine)).encode()
+        if self._folder is None:
+            return None, key
+        short = self._name.removeprefix("t2twin.")
+        return self._folder / f"{short}-{_digest(key)}{SUFFIX}", key
 
 
 @cache
