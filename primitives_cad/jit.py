@@ -10,7 +10,9 @@ import hashlib
 import pickle
 import shutil
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from threading import RLock
@@ -24,6 +26,7 @@ from numba.core.serialize import dumps
 
 from t2twin.primitives_cad.cache_home import cache_home, is_writable
 from t2twin.primitives_cad.checked_file import read_checked, try_write_checked
+from t2twin.primitives_cad.compile_ahead import announce_compiling, wait_for_helper
 
 DIGITS = 16
 """Hexadecimal digits of a folder's name, 64 bits: no two will share one."""
@@ -36,12 +39,27 @@ _config: Any = config
 _njit: Any = numba.njit
 """numba's, whose types pyright cannot see."""
 
-_before_compiling: list[Callable[[], None]] = []
+
+_preparing_s = 0.0
+_depth = 0
 
 
-def before_compiling(notify: Callable[[], None]) -> None:
-    """Call notify once, before this process compiles its first loop that is not kept yet."""
-    _before_compiling[:] = [notify]
+def preparing_s() -> float:
+    """Seconds that this process has compiled or read loops with a signature."""
+    return _preparing_s
+
+
+@contextmanager
+def _timed() -> Iterator[None]:
+    """Counts what `preparing_s` returns; loops that are compiled for another one count once."""
+    global _preparing_s, _depth
+    started, _depth = time.perf_counter(), _depth + 1
+    try:
+        yield
+    finally:
+        _depth -= 1
+        if _depth == 0:
+            _preparing_s += time.perf_counter() - started
 
 
 def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
@@ -58,17 +76,25 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
             folder = _kept_in(_config.CACHE_DIR, Path(loop.__code__.co_filename).parent)
         dispatcher._cache = _MachineCode(folder, f"{loop.__module__}.{loop.__qualname__}")
 
-        def compile_declared(*_: Any, **__: Any) -> Any:
-            # What numba calls for argument types that are not compiled yet.
-            with _lock:
+        def compile_declared() -> None:
+            with _lock, _timed():
                 for each in signature:
                     dispatcher.compile(each)
                 dispatcher.disable_compile()
-                vars(dispatcher).pop("_compile_for_args", None)
+                for name in ("_compile_for_args", "get_call_template"):
+                    vars(dispatcher).pop(name, None)
+
+        def compile_for_args(*_: Any, **__: Any) -> Any:
+            compile_declared()
             return dispatcher
 
-        if signature:
-            dispatcher._compile_for_args = compile_declared
+        def get_call_template(*given: Any) -> Any:
+            compile_declared()
+            return dispatcher.get_call_template(*given)
+
+        if signature:  # what numba calls for types that are not compiled yet
+            dispatcher._compile_for_args = compile_for_args
+            dispatcher.get_call_template = get_call_template
         return dispatcher
 
     return declare
@@ -88,9 +114,11 @@ class _MachineCode(NullCache):
         target_context.refresh()
         path, key = self._file(sig, target_context)
         content = None if path is None else read_checked(path, key)
+        if content is None and path is not None and "t2twin.sim.digit." in self._name:
+            wait_for_helper()
+            content = read_checked(path, key)
         if content is None:
-            if _before_compiling:
-                _before_compiling.pop()()
+            announce_compiling()
             return None
         return CompileResult._rebuild(target_context, *pickle.loads(content))
 
