@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad.checked_file import read_checked, write_checked
+from t2twin.primitives_cad.checksum import read_checked, write_checked
 from t2twin.primitives_cad.shape import HeightMap, Shape
 
 KEY_DIGITS = 16
@@ -76,11 +76,11 @@ def fetch(folder: Path | None, label: str, content: bytes, build: Callable[[], S
     digest = key(label, content)
     stem = re.sub(r"[^A-Za-z0-9_-]+", "-", label)
     path = folder / f"{stem}.{digest}{SUFFIX}"
-    kept = _read(path, digest.encode())
+    kept = _read(path)
     if kept is not None:
         return kept
     made = build()
-    write_checked(path, digest.encode(), _packed(made))
+    write_checked(path, _packed(made))
     for stale in folder.glob(f"{stem}.{'[0-9a-f]' * KEY_DIGITS}{SUFFIX}"):
         if stale != path:
             stale.unlink(missing_ok=True)
@@ -120,9 +120,9 @@ def key(label: str, content: bytes = b"") -> str:
     return hashlib.sha256(made_from).hexdigest()[:KEY_DIGITS]
 
 
-def _read(path: Path, key: bytes) -> Shape | None:
+def _read(path: Path) -> Shape | None:
     """The kept shape, or None."""
-    content = read_checked(path, key)
+    content = read_checked(path)
     if content is None:
         return None
     with np.load(io.BytesIO(content), allow_pickle=False) as kept:

@@ -65,6 +65,7 @@ def load(
     Raises T2TwinError for a name that is not in the catalogue, a file that cannot be pressed, and
     a scale that is not positive or not for a file.
     """
+    folder = kept_in(cache_dir)
     name = str(name_or_path)
     if scale is not None and name in NAMES:
         raise T2TwinError(f"{name} is a shape of the catalogue, in mm; a scale is for files only")
@@ -84,7 +85,6 @@ def load(
     files.check_scale(scale)
     content = hashlib.sha256(files.read_bytes(path)).digest()
     made_from = f"{path.suffix.lower()} {scale}".encode() + content
-    folder = kept_in(cache_dir)
     return cache.fetch(folder, cache.file_label(path), made_from, lambda: _file(path, scale))
 
 

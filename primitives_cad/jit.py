@@ -12,7 +12,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from threading import RLock
@@ -25,8 +25,9 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
 from t2twin.primitives_cad.cache_home import cache_home, is_writable
-from t2twin.primitives_cad.checked_file import read_checked, try_write_checked
+from t2twin.primitives_cad.checksum import read_checked, write_checked
 from t2twin.primitives_cad.compile_ahead import announce_compiling, wait_for_helper
+from t2twin.primitives_cad.errors import T2TwinError
 
 DIGITS = 16
 """Hexadecimal digits of a folder's name, 64 bits: no two will share one."""
@@ -112,11 +113,11 @@ class _MachineCode(NullCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What numba compiled earlier, ready to be called, or None."""
         target_context.refresh()
-        path, key = self._file(sig, target_context)
-        content = None if path is None else read_checked(path, key)
+        path = self._file(sig, target_context)
+        content = None if path is None else read_checked(path)
         if content is None and path is not None and "t2twin.sim.digit." in self._name:
             wait_for_helper()
-            content = read_checked(path, key)
+            content = read_checked(path)
         if content is None:
             announce_compiling()
             return None
@@ -124,18 +125,19 @@ class _MachineCode(NullCache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep what numba has compiled, where that is possible."""
-        path, key = self._file(sig, data.target_context)
+        path = self._file(sig, data.target_context)
         if path is not None:
-            try_write_checked(path, key, dumps(data._reduce()))
+            with suppress(T2TwinError):  # then it is compiled the next time too
+                write_checked(path, dumps(data._reduce()))
 
-    def _file(self, sig: Any, target_context: Any) -> tuple[Path | None, bytes]:
-        """Where the machine code is kept, and all that it depends on besides the sources."""
-        machine = target_context.codegen().magic_tuple()
-        key = repr((self._name, sig, numba.__version__, sys.version, machine)).encode()
+    def _file(self, sig: Any, target_context: Any) -> Path | None:
+        """Where the machine code is kept, by all that it depends on besides the sources."""
         if self._folder is None:
-            return None, key
+            return None
+        machine = target_context.codegen().magic_tuple()
+        made_from = repr((self._name, sig, numba.__version__, sys.version, machine)).encode()
         short = self._name.removeprefix("t2twin.")
-        return self._folder / f"{short}-{_digest(key)}{SUFFIX}", key
+        return self._folder / f"{short}-{_digest(made_from)}{SUFFIX}"
 
 
 @cache

@@ -9,9 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.primitives_cad.cache_home import cache_home
-from t2twin.primitives_cad.checked_file import read_checked, try_write_checked
+from t2twin.primitives_cad.checksum import read_checked, write_checked
+from t2twin.primitives_cad.errors import T2TwinError
 
-SUFFIX = ".npy.kept"
+DIGITS = 16
+"""Hexadecimal digits of a file's name, 64 bits: no two will share one."""
+
+SUFFIX = ".npy"
 
 MAX_FILES = 200
 """Most arrays of one kind (assumed: some dozen elastomers); the oldest are removed."""
@@ -26,15 +30,15 @@ def kept_array(kind: str, key: str, source: str, compute: Callable[[], np.ndarra
     home = cache_home()
     if home is None:
         return compute()
-    whole_key = key.encode() + Path(source).read_bytes()
-    path = home / kind / f"{hashlib.sha256(whole_key).hexdigest()[:16]}{SUFFIX}"
-    content = read_checked(path, whole_key)
+    digest = hashlib.sha256(key.encode() + Path(source).read_bytes()).hexdigest()
+    path = home / kind / f"{digest[:DIGITS]}{SUFFIX}"
+    content = read_checked(path)
     if content is not None:
         return np.load(io.BytesIO(content), allow_pickle=False)
     values, packed = compute(), io.BytesIO()
     np.save(packed, values)
-    try_write_checked(path, whole_key, packed.getvalue())
-    with suppress(OSError):  # another process may remove them at the same time
+    with suppress(T2TwinError, OSError):  # no room, or another process may remove them
+        write_checked(path, packed.getvalue())
         kept = sorted(path.parent.glob(f"*{SUFFIX}"), key=lambda each: each.stat().st_mtime)
         for oldest in kept[:-MAX_FILES]:
             oldest.unlink()
