@@ -80,6 +80,8 @@ def fetch(folder: Path | None, label: str, content: bytes, build: Callable[[], S
     if kept is not None:
         return kept
     made = build()
+    if os.path.lexists(path) and not path.is_file():
+        return made  # nothing can be kept under this name
     write_checked(path, _packed(made))
     for stale in folder.glob(f"{stem}.{'[0-9a-f]' * KEY_DIGITS}{SUFFIX}"):
         if stale != path:
