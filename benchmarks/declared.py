@@ -557,9 +557,24 @@ STUDIO = Benchmark(
     entries=("t2twin.cli.studio", "t2twin.cli.live"),
 )
 
+FIRST_PRESS = Benchmark(
+    name="first_press",
+    measures="How long `t2twin press` takes with an empty cache, and after that.",
+    minutes=2,
+    figures=(
+        Figure("first.wall_s", "s", most=15.0),
+        Figure("first.processor_s", "s"),
+        Figure("later.wall_s", "s", most=2.0),
+        Figure("later.processor_s", "s"),
+    ),
+    arguments=(Argument("rounds", "empty caches", int, 3, nargs="?"),),
+    entries=("t2twin.cli.press",),
+)
+
 BENCHMARKS = (
     PRESS, DOME, DIGIT_RENDER, PHI, GAIN, LATENCY, TRAINING, KILLS, BAD_INPUTS, CALIBRATION,
     ANCHORS, UNTOUCHED, REAL, UNITS, PICTURES, REGRESSION, DATASET, TRANSLATION, PROBES,
     RANDOM_PRESSES, SPEED, WORLD_RATE, WORLD_RUNS, FIELD, OTHER_WAY, SHAPE_LOSS, STUDIO,
+    FIRST_PRESS,
 )  # fmt: skip
 """In the order in which they run."""

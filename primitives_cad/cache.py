@@ -1,20 +1,20 @@
-"""Prepared shapes kept on disk, each under a name that says what made it."""
+"""Shapes of a user's files, kept on disk once they are prepared."""
 
 import hashlib
+import io
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypeVar
 
 import msgspec
 import numpy as np
 import trimesh
 
+from t2twin.primitives_cad.checksum import read_checked, write_checked
 from t2twin.primitives_cad.shape import HeightMap, Shape
-from t2twin.primitives_cad.writing import whole_file
 
 KEY_DIGITS = 16
 """Hexadecimal digits of a digest, 64 bits: no two things that are kept will share one."""
@@ -23,18 +23,24 @@ MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
 """Distributions whose version can change a mesh."""
 
 NOT_MAKERS = (
+    "bundled_shapes.py",
     "cache_home.py",
     "checks.py",
     "checksum.py",
+    "compile_ahead.py",
     "errors.py",
     "export.py",
     "folder_lock.py",
+    "jit.py",
+    "kept_array.py",
     "machine.py",
     "progress.py",
     "reading.py",
     "same_solid.py",
     "same_surface.py",
     "sheet.py",
+    "stl_bytes.py",
+    "write_bundled.py",
     "writing.py",
 )
 """Sources of this package that no kept mesh or surface depends on."""
@@ -42,7 +48,8 @@ NOT_MAKERS = (
 RANDOM_SHAPES = "random_shapes"
 """The folder of this package that makes random shapes."""
 
-Kept = TypeVar("Kept")
+SUFFIX = ".shape"
+"""Of the files that hold prepared shapes."""
 
 
 @dataclass(frozen=True)
@@ -60,49 +67,26 @@ def fetch(folder: Path | None, label: str, content: bytes, build: Callable[[], S
     """The kept shape of this label and content, or the one that `build` makes, then kept.
 
     folder: where it is kept, None to keep nothing.
-    label: a catalogue name, or what file_label gives; one shape is kept for each.
+    label: what file_label gives; one shape is kept for each.
     content: bytes that the shape is made from besides this package's own code.
     Raises T2TwinError where the folder cannot be written.
     """
-
-    def pack(shape: Shape) -> dict[str, np.ndarray]:
-        about = _About(shape.name, shape.spacing_mm, shape.parameters, shape.base_mm, shape.notes)
-        return {
-            "about": np.array(msgspec.json.encode(about).decode()),
-            "vertices": shape.mesh.vertices,
-            "faces": shape.mesh.faces.astype(np.int32),
-            "heights_mm": shape.surface.heights_mm,
-            "x_mm": shape.surface.x_mm,
-            "y_mm": shape.surface.y_mm,
-        }
-
-    def unpack(kept: Mapping[str, np.ndarray]) -> Shape:
-        about = msgspec.json.decode(str(kept["about"]), type=_About)
-        return Shape(
-            name=about.name,
-            mesh=trimesh.Trimesh(kept["vertices"], kept["faces"], process=False),
-            surface=HeightMap(kept["heights_mm"], kept["x_mm"], kept["y_mm"]),
-            spacing_mm=about.spacing_mm,
-            parameters=about.parameters,
-            base_mm=about.base_mm,
-            notes=about.notes,
-        )
-
-    return _fetch(_path(folder, label, content), build, pack, unpack)
-
-
-def fetch_mesh(
-    folder: Path | None, label: str, build: Callable[[], trimesh.Trimesh]
-) -> trimesh.Trimesh:
-    """The kept mesh of this label, or the one that `build` makes, then kept; as `fetch`."""
-
-    def pack(mesh: trimesh.Trimesh) -> dict[str, np.ndarray]:
-        return {"vertices": mesh.vertices, "faces": mesh.faces.astype(np.int32)}
-
-    def unpack(kept: Mapping[str, np.ndarray]) -> trimesh.Trimesh:
-        return trimesh.Trimesh(kept["vertices"], kept["faces"], process=False)
-
-    return _fetch(_path(folder, label, b"mesh"), build, pack, unpack)
+    if folder is None:
+        return build()
+    digest = key(label, content)
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", label)
+    path = folder / f"{stem}.{digest}{SUFFIX}"
+    kept = _read(path)
+    if kept is not None:
+        return kept
+    made = build()
+    if os.path.lexists(path) and not path.is_file():
+        return made  # nothing can be kept under this name
+    write_checked(path, _packed(made))
+    for stale in folder.glob(f"{stem}.{'[0-9a-f]' * KEY_DIGITS}{SUFFIX}"):
+        if stale != path:
+            stale.unlink(missing_ok=True)
+    return made
 
 
 def file_label(path: Path) -> str:
@@ -138,37 +122,34 @@ def key(label: str, content: bytes = b"") -> str:
     return hashlib.sha256(made_from).hexdigest()[:KEY_DIGITS]
 
 
-def is_kept(folder: Path | None, label: str, content: bytes = b"") -> bool:
-    """Whether `fetch` would find a shape of this label and content without making it."""
-    path = _path(folder, label, content)
-    return path is not None and path.is_file()
-
-
-def _fetch(
-    path: Path | None,
-    build: Callable[[], Kept],
-    pack: Callable[[Kept], dict[str, np.ndarray]],
-    unpack: Callable[[Mapping[str, np.ndarray]], Kept],
-) -> Kept:
-    if path is None:
-        return build()
-    try:
-        # Opened here: NumPy leaves a damaged file open.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
-            return unpack(kept)
-    except Exception:  # what a damaged file raises is of many kinds
-        pass  # not there yet, or damaged: made anew
-    made = build()
-    with whole_file(path) as temporary:
-        np.savez_compressed(temporary, **pack(made))  # pyright: ignore[reportArgumentType]
-    for stale in path.parent.glob(f"{path.name.split('.')[0]}.{'[0-9a-f]' * KEY_DIGITS}.npz"):
-        if stale != path:
-            stale.unlink(missing_ok=True)
-    return made
-
-
-def _path(folder: Path | None, label: str, content: bytes) -> Path | None:
-    if folder is None:
+def _read(path: Path) -> Shape | None:
+    """The kept shape, or None."""
+    content = read_checked(path)
+    if content is None:
         return None
-    stem = re.sub(r"[^A-Za-z0-9_-]+", "-", label.replace("/", "--"))
-    return folder / f"{stem}.{key(label, content)}.npz"
+    with np.load(io.BytesIO(content), allow_pickle=False) as kept:
+        about = msgspec.json.decode(str(kept["about"]), type=_About)
+        return Shape(
+            name=about.name,
+            mesh=trimesh.Trimesh(kept["vertices"], kept["faces"], process=False),
+            surface=HeightMap(kept["heights_mm"], kept["x_mm"], kept["y_mm"]),
+            spacing_mm=about.spacing_mm,
+            parameters=about.parameters,
+            base_mm=about.base_mm,
+            notes=about.notes,
+        )
+
+
+def _packed(shape: Shape) -> bytes:
+    about = _About(shape.name, shape.spacing_mm, shape.parameters, shape.base_mm, shape.notes)
+    packed = io.BytesIO()
+    np.savez_compressed(
+        packed,
+        about=np.array(msgspec.json.encode(about).decode()),
+        vertices=shape.mesh.vertices,
+        faces=shape.mesh.faces.astype(np.int32),
+        heights_mm=shape.surface.heights_mm,
+        x_mm=shape.surface.x_mm,
+        y_mm=shape.surface.y_mm,
+    )
+    return packed.getvalue()

@@ -4,16 +4,19 @@ import difflib
 import hashlib
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import trimesh
 
-from t2twin.primitives_cad import cache, checks, families, files
+from t2twin.primitives_cad import bundled_shapes, checks, families
 from t2twin.primitives_cad.cache_home import cache_home
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.families import PRIMITIVES
-from t2twin.primitives_cad.random_shapes import shape as random_shape
+from t2twin.primitives_cad.random_shapes import seeds
 from t2twin.primitives_cad.shape import Keypoint, Shape
+
+if TYPE_CHECKING:
+    import trimesh
 
 KEYPOINTS: dict[str, tuple[str, ...]] = {
     "pliers": ("jaw-tip", "teeth", "pivot", "handle"),
@@ -55,9 +58,9 @@ def load(
     (`random-17`), or of a user's file.
 
     The file is of one of files.SUFFIXES, its pressing side up (+z).
-    cache_dir: where meshes and height maps are kept between calls, None for the folder `shapes` of
-    the cache home. What is kept is used only while the code that made it, or the file's content, is
-    the same.
+    cache_dir: where the prepared shapes of files are kept between calls, None for the folder
+    `shapes` of the cache home. They are used only while the code that made them and the file's
+    content are the same.
     scale: mm in one of the file's units, None for what the file says, else 1: see files.read_solid.
     Raises T2TwinError for a name that is not in the catalogue, a file that cannot be pressed, and
     a scale that is not positive or not for a file.
@@ -66,14 +69,16 @@ def load(
     name = str(name_or_path)
     if scale is not None and name in NAMES:
         raise T2TwinError(f"{name} is a shape of the catalogue, in mm; a scale is for files only")
-    if name in PRIMITIVES:
-        return cache.fetch(folder, name, b"", lambda: _primitive(name))
-    if name in OBJECTS:
-        return cache.fetch(folder, name, b"", lambda: _object(name, folder))
-    if (seed := random_shape.seed_of(name)) is not None:
+    if name in NAMES:
+        return bundled_shapes.BundledShape(name, **_properties(name))
+    if (seed := seeds.seed_of(name)) is not None:
         if scale is not None:
             raise T2TwinError(f"{name} is a random shape, in mm; a scale is for files only")
-        return random_shape.RandomShape(seed)
+        from t2twin.primitives_cad.random_shapes.shape import RandomShape
+
+        return RandomShape(seed)
+    from t2twin.primitives_cad import cache, files
+
     path = Path(name_or_path)
     if path.suffix.lower() not in files.SUFFIXES and not path.is_file():
         raise T2TwinError(_unknown(name))
@@ -84,28 +89,22 @@ def load(
 
 
 def kept_in(cache_dir: str | Path | None) -> Path | None:
-    """Where prepared shapes are kept, see `load`; None where none can be."""
+    """Where the prepared shapes of files are kept, see `load`; None where none can be."""
     if cache_dir is not None:
         return checks.path(cache_dir, "cache_dir")
     home = cache_home()
     return None if home is None else home / "shapes"
 
 
-def is_kept(name: str, cache_dir: str | Path | None = None) -> bool:
-    """Whether a shape of the catalogue is there already, so that `load` need not make it."""
-    return cache.is_kept(kept_in(cache_dir), name)
-
-
-def tool_mesh(tool: str, cache_dir: str | Path | None = None) -> trimesh.Trimesh:
-    """A tool's watertight mesh in its own frame, mm, kept between calls as `load` does.
+def tool_mesh(tool: str) -> "trimesh.Trimesh":
+    """A tool's watertight mesh in its own frame, mm.
 
     Raises T2TwinError for a name that is not a tool's.
     """
-    from t2twin.primitives_cad import tools
+    import trimesh
 
     _check_tool(tool)
-    folder = kept_in(cache_dir)
-    return cache.fetch_mesh(folder, tool, lambda: tools.mesh(tool))
+    return trimesh.Trimesh(*bundled_shapes.read_mesh(tool), process=False)
 
 
 def keypoints(tool: str) -> tuple[Keypoint, ...]:
@@ -127,6 +126,8 @@ def _check_tool(tool: str) -> None:
 def _unknown(name: str) -> str:
     """What to say of a name that is not in the catalogue: which names are near, what else is
     allowed."""
+    from t2twin.primitives_cad import files
+
     also = f"a path to a file of {', '.join(files.SUFFIXES)} is also allowed"
     if name in TOOLS:
         choices = ", ".join(f"{name}/{keypoint}" for keypoint in KEYPOINTS[name])
@@ -156,34 +157,42 @@ def spacing_mm(name: str) -> tuple[float, float]:
     return OBJECT_SPACING_MM if name in OBJECTS else families.spacings_mm(name)
 
 
-def _primitive(name: str) -> Shape:
+def build(name: str, tool: "trimesh.Trimesh | None" = None) -> Shape:
+    """A shape of the catalogue made from its CAD solid, as the bundled one was.
+
+    tool: the tool's mesh, of a shape that is a tool's keypoint.
+    """
     from t2twin.primitives_cad import solids, surface
     from t2twin.primitives_cad.tessellate import tessellate_symmetric
 
-    mesh, heights = surface.stand(tessellate_symmetric(solids.primitive(name)))
-    return Shape(
-        name=name,
-        mesh=mesh,
-        surface=heights,
-        spacing_mm=spacing_mm(name),
-        parameters=families.parameters(name),
-        base_mm=-families.FEATURE_HEIGHT_MM,
-    )
-
-
-def _object(name: str, folder: Path | None) -> Shape:
-    from t2twin.primitives_cad import surface, tools
-
-    tool, _, at = name.partition("/")
-    keypoint = next(each for each in tools.keypoints(tool) if each.name == at)
-    mesh = tool_mesh(tool, folder)
-    mesh.apply_transform(upright(keypoint))
+    if name in PRIMITIVES:
+        mesh = tessellate_symmetric(solids.primitive(name))
+    else:
+        assert tool is not None
+        mesh = tool.copy().apply_transform(keypoint_transform(name))
     mesh, heights = surface.stand(mesh)
-    return Shape(name=name, mesh=mesh, surface=heights, spacing_mm=spacing_mm(name))
+    return Shape(name=name, mesh=mesh, surface=heights, **_properties(name))
+
+
+def keypoint_transform(name: str) -> np.ndarray:
+    """(4, 4) transform from a tool's frame that brings the keypoint of a shape to the origin."""
+    tool, _, at = name.partition("/")
+    return upright(next(each for each in keypoints(tool) if each.name == at))
+
+
+def _properties(name: str) -> dict[str, Any]:
+    """What a shape of the catalogue has besides its mesh and its surface."""
+    if name in OBJECTS:
+        return {"spacing_mm": OBJECT_SPACING_MM}
+    return {
+        "spacing_mm": families.spacings_mm(name),
+        "parameters": families.parameters(name),
+        "base_mm": -families.FEATURE_HEIGHT_MM,
+    }
 
 
 def _file(path: Path, scale: float | None) -> Shape:
-    from t2twin.primitives_cad import surface
+    from t2twin.primitives_cad import files, surface
 
     mesh, notes = files.read_solid(path, scale)
     mesh, heights = surface.stand(mesh)

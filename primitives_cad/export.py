@@ -52,20 +52,19 @@ class _Manifest:
     shapes: tuple[Entry, ...]
 
 
-def export(out_dir: str | Path, cache_dir: str | Path | None = None) -> Path:
+def export(out_dir: str | Path) -> Path:
     """Write NAME.step and NAME.stl of the 32 primitives, the 5 tools and the mosaic, in mm.
 
     Beside them manifest.json says what each is. A shape whose files are there, made by the same
-    code, is not made again. cache_dir: as for catalogue.load. Returns the manifest's path.
+    code, is not made again. Returns the manifest's path.
     Raises T2TwinError where the folder cannot be written.
     """
     folder = checks.path(out_dir, "out_dir")
-    catalogue.kept_in(cache_dir)  # raises for what is no path
     with locked(folder):
-        return _export(folder, cache_dir)
+        return _export(folder)
 
 
-def _export(folder: Path, cache_dir: str | Path | None) -> Path:
+def _export(folder: Path) -> Path:
     path = folder / MANIFEST
     before = _read(path)
     entries: dict[str, Entry] = {}
@@ -73,7 +72,7 @@ def _export(folder: Path, cache_dir: str | Path | None) -> Path:
     for name in Progress(names, desc="primitives and tools", unit="shape"):
         entry = before.get(name)
         if entry is None or not _still_there(folder, entry):
-            entry = _write_shape(folder, name, cache_dir)
+            entry = _write_shape(folder, name)
             # Kept up to date so that an interrupted export continues.
             _write_manifest(path, {**before, **entries, name: entry})
         entries[name] = entry
@@ -108,7 +107,7 @@ def _still_there(folder: Path, entry: Entry) -> bool:
     )
 
 
-def _write_shape(folder: Path, name: str, cache_dir: str | Path | None) -> Entry:
+def _write_shape(folder: Path, name: str) -> Entry:
     """Both files of one shape; returns its entry in the manifest."""
     import cadquery as cq
 
@@ -121,7 +120,7 @@ def _write_shape(folder: Path, name: str, cache_dir: str | Path | None) -> Entry
         about = {"places_mm": mosaic.places(), "pitch_mm": mosaic.PITCH_MM}
     elif name in catalogue.TOOLS:
         solid = tools.solid(name)
-        mesh = catalogue.tool_mesh(name, cache_dir)
+        mesh = catalogue.tool_mesh(name)
         about = {
             "split": "test",
             "spacing_mm": catalogue.OBJECT_SPACING_MM,
@@ -129,7 +128,7 @@ def _write_shape(folder: Path, name: str, cache_dir: str | Path | None) -> Entry
         }
     else:
         solid = solids.primitive(name)
-        shape = catalogue.load(name, cache_dir)
+        shape = catalogue.load(name)
         mesh = shape.mesh
         about = {
             "family": families.family(name),

@@ -14,12 +14,14 @@ Frames, the same in the whole project. Lengths are in mm.
 """
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
-from scipy import ndimage
 
 from t2twin.primitives_cad.errors import T2TwinError
+
+if TYPE_CHECKING:
+    import trimesh
 
 NOTHING_MM = -1.0e3
 """Height given where the solid has no surface, mm: far below any layer's thickness."""
@@ -50,6 +52,8 @@ class HeightMap:
 
     def sample(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Heights at points of the shape frame, bilinear, as many as x; NOTHING_MM outside."""
+        from scipy import ndimage  # which a press does without
+
         rows = (y_mm - self.y_mm[0]) / self.pitch_mm
         columns = (x_mm - self.x_mm[0]) / self.pitch_mm
         return ndimage.map_coordinates(
@@ -85,9 +89,14 @@ class Shape:
     """
 
     name: str
-    mesh: trimesh.Trimesh
+    mesh: "trimesh.Trimesh"
     surface: HeightMap
     spacing_mm: tuple[float, float]
     parameters: dict[str, float] = field(default_factory=dict)
     base_mm: float | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def triangles(self) -> tuple[np.ndarray, np.ndarray]:
+        """Vertices (n, 3), mm, and faces (m, 3) of the mesh."""
+        return self.mesh.vertices, self.mesh.faces

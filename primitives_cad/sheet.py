@@ -56,11 +56,8 @@ CREASE_MM, CREASE_STRENGTH, CREASE_STEP = 1.6, 0.30, 3
 of a pixel it is worked out."""
 
 
-def draw_sheet(path: str | Path, cache_dir: str | Path | None = None) -> Path:
-    """Write the contact sheet of the 32 primitives and 5 tools as a PNG; returns its path.
-
-    cache_dir: as for catalogue.load.
-    """
+def draw_sheet(path: str | Path) -> Path:
+    """Write the contact sheet of the 32 primitives and 5 tools as a PNG; returns its path."""
     rows = len(catalogue.PRIMITIVES) // COLUMNS
     width = COLUMNS * TILE_PX[0]
     page = Image.new("RGB", (width, rows * TILE_PX[1] + TOOL_PX[1]), tuple(PAPER.tolist()))
@@ -71,7 +68,7 @@ def draw_sheet(path: str | Path, cache_dir: str | Path | None = None) -> Path:
             index = catalogue.PRIMITIVES.index(name)
             # One column a family, one row a version.
             corner = (index // rows * TILE_PX[0], index % rows * TILE_PX[1])
-            mesh = catalogue.load(name, cache_dir).mesh
+            mesh = catalogue.load(name).mesh
             tile, _ = draw(mesh, PRIMITIVE_VIEW, TILE_PX, RESIN)
             page.paste(Image.fromarray(tile), corner)
             _label(pen, name, (corner[0] + TILE_PX[0] / 2, corner[1] + TILE_PX[1] - LABEL_PX))
@@ -80,7 +77,7 @@ def draw_sheet(path: str | Path, cache_dir: str | Path | None = None) -> Path:
             corner = (column * width // len(catalogue.TOOLS), rows * TILE_PX[1])
             points = catalogue.keypoints(name)
             tile, places = draw(
-                catalogue.tool_mesh(name, cache_dir),
+                catalogue.tool_mesh(name),
                 TOOL_VIEWS[name],
                 TOOL_PX,
                 STEEL,

@@ -9,6 +9,7 @@ import numpy as np
 from PIL import Image
 
 from t2twin.primitives_cad.folder_lock import locked
+from t2twin.primitives_cad.stl_bytes import binary_stl
 from t2twin.primitives_cad.writing import move_into, temporary_folder
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.press import scene
@@ -34,7 +35,7 @@ def write_press(folder: Path, digit: DigitTouch | None, cyskin: CySkinTouch | No
         (temporary / "press.json").write_text(json.dumps(_summary(digit, cyskin), indent=1) + "\n")
         mesh_file = scene.mesh_name(shape)
         if mesh_file is not None:
-            shape.mesh.export(temporary / mesh_file)
+            (temporary / mesh_file).write_bytes(binary_stl(*shape.triangles))
         for sensor, contact in contacts.items():
             _write_contact(temporary, sensor, contact, mesh_file)
         if digit is not None:

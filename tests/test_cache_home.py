@@ -7,10 +7,12 @@ import tempfile
 from pathlib import Path
 
 import pytest
+import trimesh
 
 from t2twin.primitives_cad import cache_home, catalogue
 from t2twin.primitives_cad.cache_home import VARIABLE
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.shape import Shape
 
 ROOT = Path(__file__).parents[1]
 
@@ -27,6 +29,12 @@ def homeless(tmp_path, monkeypatch):
     return tmp_path / "temporary"
 
 
+def load_file(folder: Path) -> Shape:
+    """A shape of a file, which is prepared where it is not kept."""
+    (folder / "box.stl").write_bytes(trimesh.creation.box().export(file_type="stl"))
+    return catalogue.load(folder / "box.stl")
+
+
 def own(temporary):
     return temporary / f"t2twin-{os.getuid()}"
 
@@ -40,8 +48,8 @@ def test_a_user_s_cache_is_where_the_system_has_it(tmp_path, monkeypatch):
 def test_the_variable_names_another_folder(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(tmp_path / "here/it/is"))
     assert cache_home.cache_home() == tmp_path / "here/it/is"
-    catalogue.load("hemisphere-4")
-    assert {path.suffix for path in (tmp_path / "here/it/is/shapes").iterdir()} == {".npz"}
+    load_file(tmp_path)
+    assert [path.suffix for path in (tmp_path / "here/it/is/shapes").iterdir()] == [".shape"]
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv(VARIABLE, str(tmp_path / "file"))
     with pytest.raises(T2TwinError, match=r"T2TWIN_CACHE is .+ which cannot be written"):
@@ -78,8 +86,9 @@ def test_what_others_could_have_laid_there_is_not_used(homeless, monkeypatch, wr
 def test_without_any_folder_shapes_are_made_and_not_kept(homeless, tmp_path, monkeypatch):
     own(homeless).touch()
     monkeypatch.chdir(tmp_path)
+    load_file(tmp_path)
     before = sorted(tmp_path.rglob("*"))
-    assert catalogue.load("hemisphere-4").mesh.is_watertight
+    assert load_file(tmp_path).mesh.is_watertight
     assert sorted(tmp_path.rglob("*")) == before
 
 

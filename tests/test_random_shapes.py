@@ -8,7 +8,8 @@ from t2twin.primitives_cad import catalogue, surface
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.random_shapes import features, relief
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
-from t2twin.primitives_cad.random_shapes.shape import PITCH_MM, RELIEF_MM, RandomShape, seed_of
+from t2twin.primitives_cad.random_shapes.seeds import seed_of
+from t2twin.primitives_cad.random_shapes.shape import PITCH_MM, RELIEF_MM, RandomShape
 from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 

@@ -8,6 +8,7 @@ from threading import Event
 
 import pytest
 
+from t2twin.primitives_cad import compile_ahead
 from t2twin.primitives_cad.cache_home import VARIABLE
 from t2twin.studio import ready
 from t2twin.studio.translators import Translators
@@ -35,15 +36,15 @@ def test_the_second_process_compiles_all_that_a_picture_needs(tmp_path):
         subprocess.run(
             [sys.executable, "-c", script], env=environment, check=True, stdin=subprocess.PIPE
         )
-        return {path.name for path in tmp_path.rglob("*.nbc") if "digit-" in str(path)}
+        return {path.name for path in tmp_path.rglob("*.loop") if "digit-" in str(path)}
 
-    made = run(ready.COMPILE_OPTICS.replace(WATCHING, ""))
+    made = run(compile_ahead.COMPILE_OPTICS.replace(WATCHING, ""))
     press = "import t2twin; t2twin.press('random-17')"
     assert len(made) >= 8 and run(press) == made
 
 
 def test_the_second_process_ends_with_the_first(tmp_path):
-    script = ready.COMPILE_OPTICS.replace(
+    script = compile_ahead.COMPILE_OPTICS.replace(
         "import numpy", "import time; time.sleep(60)\nimport numpy"
     )
     process = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE)
@@ -56,14 +57,17 @@ def test_the_second_process_ends_with_the_first(tmp_path):
 
 def test_it_compiles_only_where_nothing_is_kept(tmp_path, monkeypatch):
     started = []
-    monkeypatch.setattr(ready.subprocess, "Popen", lambda *given, **_: started.append(given))
-    monkeypatch.setattr(ready.os, "cpu_count", lambda: 2)
+    monkeypatch.setattr(compile_ahead, "_helper", None)
+    monkeypatch.setattr(
+        compile_ahead.subprocess, "Popen", lambda *given, **_: started.append(given)
+    )
+    monkeypatch.setattr(compile_ahead, "cores", lambda: 2)
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    ready._compiling_optics()
+    assert compile_ahead.compile_optics_ahead() is True
     assert len(started) == 1
     (tmp_path / "numba/digit-0").mkdir(parents=True)
-    ready._compiling_optics()
+    assert compile_ahead.compile_optics_ahead() is False
     assert len(started) == 1
 
 
@@ -82,10 +86,12 @@ def test_translators_are_loaded_after_a_page_has_its_picture(untrained_runs, tmp
     translators = Watched()
     translators.search(untrained_runs)
     shared = ready.Shared(translators, tmp_path, is_seen=Seen())
-    monkeypatch.setattr(ready, "_press", lambda *_: order.append(shared.can_press.is_set()))
+    monkeypatch.setattr(ready, "_press", lambda _: order.append(shared.can_press.is_set()))
     ready.get_ready(shared, search=False)
     assert order == [False, "seen", translators.chosen] and shared.can_press.is_set()
 
 
-WATCHING = next(line + "\n" for line in ready.COMPILE_OPTICS.splitlines() if "Thread" in line)
+WATCHING = next(
+    line + "\n" for line in compile_ahead.COMPILE_OPTICS.splitlines() if "Thread" in line
+)
 """The line that ends the second process with the first."""

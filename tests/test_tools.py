@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from t2twin.primitives_cad import cache, catalogue, tools
+from t2twin.primitives_cad import catalogue, tools
 from t2twin.primitives_cad.shape import Keypoint
-from t2twin.primitives_cad.tessellate import CHORDAL_MM, tessellate
 
 NEAR_MM = 12.0
 """Within this distance of the press axis the keypoint is among the highest places, mm."""
@@ -23,17 +22,6 @@ def solids():
     return {tool: tools.solid(tool) for tool in catalogue.TOOLS}
 
 
-@pytest.fixture(scope="module")
-def folder(solids, shape_cache):
-    """The session's prepared shapes with the tools' meshes among them, made of these solids."""
-    for tool, solid in solids.items():
-        chordal = tools.CHORDAL_MM.get(tool, CHORDAL_MM)
-        cache.fetch_mesh(
-            shape_cache, tool, lambda solid=solid, chordal=chordal: tessellate(solid, chordal)
-        )
-    return shape_cache
-
-
 def distance_mm(mesh: trimesh.Trimesh, point: np.ndarray) -> tuple[float, np.ndarray]:
     """From a point to a mesh, mm, and the nearest triangle's normal."""
     corners = mesh.triangles
@@ -46,11 +34,11 @@ def distance_mm(mesh: trimesh.Trimesh, point: np.ndarray) -> tuple[float, np.nda
 
 
 @pytest.mark.parametrize("tool", catalogue.TOOLS)
-def test_each_tool_is_one_closed_solid(tool, solids, folder):
+def test_each_tool_is_one_closed_solid(tool, solids):
     solid = solids[tool]
     assert solid.isValid()
     assert len(solid.Solids()) == 1
-    mesh = catalogue.tool_mesh(tool, folder)
+    mesh = catalogue.tool_mesh(tool)
     assert mesh.is_watertight
     assert mesh.body_count == 1
     assert mesh.volume == pytest.approx(solid.Volume(), rel=2e-3)
@@ -58,14 +46,14 @@ def test_each_tool_is_one_closed_solid(tool, solids, folder):
 
 
 @pytest.mark.parametrize("tool", catalogue.TOOLS)
-def test_chordal_error_of_tools(tool, solids, folder):
+def test_chordal_error_of_tools(tool, solids):
     import cadquery as cq
     from OCP.BRepExtrema import (
         BRepExtrema_DistShapeShape,  # pyright: ignore[reportAttributeAccessIssue]
     )
 
     shell = cq.Compound.makeCompound(solids[tool].Faces()).wrapped
-    mesh = catalogue.tool_mesh(tool, folder)
+    mesh = catalogue.tool_mesh(tool)
     chosen = np.random.default_rng(0).choice(len(mesh.faces), 120)
     for point in mesh.triangles_center[chosen]:
         vertex = cq.Vertex.makeVertex(*point).wrapped
@@ -82,19 +70,19 @@ def test_tools_have_the_catalogue_s_keypoints():
 
 
 @pytest.mark.parametrize("name", catalogue.OBJECTS)
-def test_keypoint_lies_on_the_tool_and_faces_outwards(name, folder):
+def test_keypoint_lies_on_the_tool_and_faces_outwards(name):
     tool, _, at = name.partition("/")
     keypoint = next(each for each in catalogue.keypoints(tool) if each.name == at)
     assert np.linalg.norm(keypoint.direction) == pytest.approx(1.0, abs=1e-4)
-    apart, normal = distance_mm(catalogue.tool_mesh(tool, folder), np.array(keypoint.point_mm))
+    apart, normal = distance_mm(catalogue.tool_mesh(tool), np.array(keypoint.point_mm))
     assert apart < PROMISED_MM
     # A corner's triangles stand up to 60 degrees off the direction between them.
     assert normal @ keypoint.direction > 0.5
 
 
 @pytest.mark.parametrize("name", catalogue.OBJECTS)
-def test_a_sensor_reaches_the_keypoint(name, folder):
-    shape = catalogue.load(name, folder)
+def test_a_sensor_reaches_the_keypoint(name):
+    shape = catalogue.load(name)
     assert shape.spacing_mm == (1.5, 1.5)
     assert shape.mesh.is_watertight
     heights = shape.surface

@@ -1,9 +1,11 @@
 """A tactile image as a picture: colours on a scale of counts, the taxels marked."""
 
+from functools import cache
+from pathlib import Path
+
 import numpy as np
 from PIL import Image, ImageDraw
 
-from t2twin.primitives_cad.cache_home import matplotlib_home
 from t2twin.translate.phi import PX_PER_MM
 
 SCALE = 2
@@ -74,7 +76,12 @@ def _faded(colours: np.ndarray, std: np.ndarray) -> np.ndarray:
 
 def _colours(values: np.ndarray) -> np.ndarray:
     """(R, C) in [0, 1] -> (R, C, 3) uint8, matplotlib's viridis."""
-    matplotlib_home()
-    from matplotlib import colormaps
+    colours = _viridis()
+    return colours[np.minimum(values.clip(0.0, 1.0) * len(colours), len(colours) - 1).astype(int)]
 
-    return colormaps["viridis"](values.clip(0.0, 1.0), bytes=True)[..., :3]
+
+@cache
+def _viridis() -> np.ndarray:
+    """(256, 3) uint8, as matplotlib has it, whose import takes as long as a press."""
+    with np.load(Path(__file__).parent / "viridis.npz") as file:
+        return file["colours"]

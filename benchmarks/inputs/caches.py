@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 import t2twin
+from benchmarks.inputs import kept_files
 from benchmarks.inputs.case import Base, Case, Make, copied, replaced
 from benchmarks.inputs.images import PNG
 from benchmarks.inputs.runs import USERS
@@ -167,3 +168,4 @@ def cases() -> Iterator[Case]:
                     "[" * 100_000):  # fmt: skip
         name = f"counts of an earlier call: {content[:30]!r}"
         yield Case(name, USERS[0], _earlier_counts(content), fine=True)
+    yield from kept_files.cases()

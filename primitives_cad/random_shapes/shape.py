@@ -5,15 +5,12 @@ from functools import cached_property
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.random_shapes.features import Composition, draw_composition
 from t2twin.primitives_cad.random_shapes.relief import heights_mm
+from t2twin.primitives_cad.random_shapes.seeds import PREFIX
 from t2twin.primitives_cad.random_shapes.solid import solid_under
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.primitives_cad.surface import REACH_MM
-
-PREFIX = "random-"
-MOST_SEED = 2**63 - 1
 
 PITCH_MM = 0.1
 """Pitch of a random shape's height map, mm (assumed: two pixels of a DIGIT, a fifth of the
@@ -70,20 +67,6 @@ class RandomShape(Shape):
 
     def __reduce__(self) -> tuple[type["RandomShape"], tuple[int]]:
         return RandomShape, (self.seed,)
-
-
-def seed_of(name: str) -> int | None:
-    """The seed of `random-17`, None for any other name. Raises T2TwinError where it is none."""
-    if not name.startswith(PREFIX) or "." in name or "/" in name:
-        return None
-    digits = name.removeprefix(PREFIX)
-    is_number = digits.isascii() and digits.isdigit() and len(digits) <= len(str(MOST_SEED))
-    if not (is_number and digits == str(int(digits)) and int(digits) <= MOST_SEED):
-        raise T2TwinError(
-            f"{name} is no random shape; they are called {PREFIX}0, {PREFIX}1 and so on to "
-            f"{PREFIX}{MOST_SEED}"
-        )
-    return int(digits)
 
 
 def _drawn(seed: int) -> tuple[Composition, HeightMap]:

@@ -12,7 +12,6 @@ from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.reading import read_file
 from t2twin.sim.column_names import check_names
-from t2twin.sim.typed_csv import read_rows
 from t2twin.sim.typed_json import read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
@@ -103,6 +102,8 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
             f"no taxel layout {source}; known are {known}, or a path to .json or .csv"
         )
     if path.suffix.lower() == ".csv":
+        from t2twin.sim.typed_csv import read_rows  # imports pyarrow, which JSON does without
+
         rows = read_rows(path, _Taxel, "a layout")
     else:
         rows = read_json(path, _File, 1).taxels

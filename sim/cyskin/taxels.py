@@ -7,9 +7,9 @@ it thins, the capacitance rises as area over gap, and the reading counts that ri
 from functools import lru_cache
 
 import numpy as np
-from scipy import special
 
 from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.kept_array import kept_array
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.press.elastomer import Elastomer
 from t2twin.sim.press.layer import base_stress
@@ -98,14 +98,29 @@ def _weights(
 def _spread(
     distance_mm: np.ndarray, thickness_mm: float, poisson: float, diameter_mm: float
 ) -> np.ndarray:
-    """Mean stress on a round pad from a unit point force at a distance, 1/mm^2: Hankel transform.
+    """Mean stress on a round pad from a unit point force at a distance, 1/mm^2.
+
+    Kept between processes.
+    """
+    r = np.linspace(0.0, float(distance_mm.max()) + 0.1, 600)
+    key = repr((thickness_mm, poisson, diameter_mm, float(r[-1])))
+    profile = kept_array(
+        "taxels", key, __file__, lambda: _hankel(r, thickness_mm, poisson, diameter_mm)
+    )
+    return np.interp(distance_mm, r, profile)
+
+
+def _hankel(
+    r_mm: np.ndarray, thickness_mm: float, poisson: float, diameter_mm: float
+) -> np.ndarray:
+    """`_spread` at distances (n,) by a Hankel transform, 1/mm^2.
 
     The integrand is the base's stress times the disc's transform 2 J1(k a) / (k a).
     """
+    from scipy import special
+
     k = np.linspace(1e-4, 25.0 / thickness_mm, 3000)
     radius = diameter_mm / 2
     disc = 2 * special.j1(k * radius) / (k * radius)
     spectrum = base_stress(k, thickness_mm, poisson) * disc * k / (2 * np.pi)
-    r = np.linspace(0.0, float(distance_mm.max()) + 0.1, 600)
-    profile = np.trapezoid(spectrum * special.j0(r[:, None] * k), k, axis=1)
-    return np.interp(distance_mm, r, profile)
+    return np.trapezoid(spectrum * special.j0(r_mm[:, None] * k), k, axis=1)

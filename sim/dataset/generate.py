@@ -289,9 +289,9 @@ def _seconds(todo: list[Batch], making: Making, workers: int) -> float:
         if making.recipe.parts[batch.part].shapes != RANDOM
         for name in batch.shapes
     ]
-    new = sum(not catalogue.is_kept(name, making.cache) for name in named)
+    files = sum(name not in catalogue.NAMES for name in named)
     drawn_light = making.recipe.light.kind == "drawn"
-    seconds = new * SECONDS_PER_SHAPE
+    seconds = files * SECONDS_PER_SHAPE
     for batch in todo:
         drawn = drawn_light or batch.indices is None
         seconds += batch.pairs * (SECONDS_PER_DRAWN_PAIR if drawn else SECONDS_PER_PAIR)

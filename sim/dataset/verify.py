@@ -15,7 +15,7 @@ from t2twin.primitives_cad import catalogue, checks
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.machine import cores
 from t2twin.primitives_cad.progress import Progress
-from t2twin.primitives_cad.random_shapes.shape import seed_of
+from t2twin.primitives_cad.random_shapes.seeds import seed_of
 from t2twin.sim.dataset.columns import FIELD, POSE, UNTOUCHED, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.png import decode_png

@@ -22,6 +22,8 @@ thickness: both this model and the reference smooth the deflection by a Gaussian
 (assumed).
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from t2twin.sim.digit import illumination, picture, white
@@ -43,21 +45,38 @@ class BakedModel:
         self, calibration: Calibration, shadows: bool = True, gel: Elastomer = DIGIT_GEL
     ) -> None:
         self.calibration = calibration
-        self._rays = Rays(calibration.camera, gel, shadows)
         self._leds = Leds(calibration.leds_mm, calibration.sizes_mm)
         self._table = picture.encoding_table(calibration.gamma)
         self._light = picture.light_of_greys(calibration.gamma)
-        self.background = np.ascontiguousarray(calibration.background)
+        self._shadows, self._gel = shadows, gel
+
+    # Computed at the first picture: many a press needs none, and the loops take long to compile.
+
+    @cached_property
+    def _rays(self) -> Rays:
+        return Rays(self.calibration.camera, self._gel, self._shadows)
+
+    @cached_property
+    def _gain(self) -> np.ndarray:
+        return _gains(self._rays, self.calibration.response)
+
+    @cached_property
+    def _rest_light(self) -> np.ndarray:
+        return self._light_at_rest(self._rays)
+
+    @cached_property
+    def background(self) -> np.ndarray:
         """(ROWS, COLUMNS, 3) uint8: this gel, untouched."""
-        self._gain = _gains(self._rays, calibration.response)
-        self._rest_light = self._light_at_rest(self._rays)
-        if gel == DIGIT_GEL:
-            return
-        own_rays = Rays(calibration.camera, DIGIT_GEL, shadows)
-        if not np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
-            # the background is of the DIGIT's own gel: the LEDs' light moves with the surface
-            own = self._light_at_rest(own_rays)
-            self.background = self._picture(self._rest_light - own, (0, ROWS, 0, COLUMNS))
+        of_own_gel = np.ascontiguousarray(self.calibration.background)
+        if self._gel == DIGIT_GEL:
+            return of_own_gel
+        own_rays = Rays(self.calibration.camera, DIGIT_GEL, self._shadows)
+        if np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
+            return of_own_gel
+        # the background is of the DIGIT's own gel: the LEDs' light moves with the surface
+        own = self._light_at_rest(own_rays)
+        change = self._rest_light - own
+        return self._encoded(of_own_gel, change, (0, ROWS, 0, COLUMNS))
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
@@ -82,20 +101,21 @@ class BakedModel:
         Raises T2TwinError for another grid's shape or values that are not finite.
         """
         change, pixels = self._change(self._rays.coated(surface_mm))
-        return self._picture(change, pixels, keys, noise_grey, noise)
+        return self._encoded(self.background, change, pixels, keys, noise_grey, noise)
 
-    def _picture(
+    def _encoded(
         self,
+        background: np.ndarray,
         change: np.ndarray,
         pixels: Region,
         keys: white.Keys = NO_KEYS,
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
-        """The background and a change of its light (RGB, S) in a region, as grey levels."""
+        """A background and a change of its light (RGB, S) in a region, as grey levels."""
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
         picture.encode(
-            change, self.background, self._light, self._table, pixels, keys, white.quantiles(),
+            change, background, self._light, self._table, pixels, keys, white.quantiles(),
             np.float32(noise_grey), noise, out,
         )  # fmt: skip
         return out

@@ -59,7 +59,8 @@ def incidence(
             slope_x[n], slope_y[n] = _slopes(z, fi, fj, i, j, per_slope)
             rows[n], columns[n] = fi, fj
         for k in range(leds.shape[0]):
-            top, bottom, left, right = shadowed[k]
+            top, bottom = shadowed[k, 0], shadowed[k, 1]
+            left, right = shadowed[k, 2], shadowed[k, 3]
             for n in range(across.size):
                 part[k, n] = _ONE
                 if top <= rows[n] < bottom and left <= columns[n] < right:

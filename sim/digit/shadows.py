@@ -73,7 +73,11 @@ def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight, sh
     shadowed[:] = 0
     if caster[1] <= caster[0] or caster[3] <= caster[2]:
         return
-    nearest = heights[caster[0] : caster[1], caster[2] : caster[3]].min() - _BIAS
+    nearest = heights[caster[0], caster[2]]
+    for i in range(caster[0], caster[1]):
+        for j in range(caster[2], caster[3]):
+            nearest = min(nearest, heights[i, j])
+    nearest = nearest - _BIAS
     columns = heights.shape[1]
     fars, begins = np.empty(columns, dtype=np.float32), np.empty(columns, dtype=np.float32)
     ends = np.empty(columns, dtype=np.float32)
@@ -105,7 +109,8 @@ def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight, sh
                 top, bottom = min(top, i), max(bottom, i + 1)
                 left, right = min(left, j), max(right, j + 1)
         if bottom > top:
-            shadowed[k] = (top, bottom, left, right)
+            shadowed[k, 0], shadowed[k, 1] = top, bottom
+            shadowed[k, 2], shadowed[k, 3] = left, right
 
 
 @inlined
@@ -205,9 +210,8 @@ def soften(sight, shadowed, softened):
     half, quarter = np.float32(0.5), np.float32(0.25)
     down = np.empty(nx, dtype=np.float32)
     for k in range(sight.shape[0]):
-        first, end, left, right = shadowed[k]
-        left, right = max(left, 1), min(right, nx - 1)
-        for i in range(max(first, 1), min(end, ny - 1)):
+        left, right = max(shadowed[k, 2], 1), min(shadowed[k, 3], nx - 1)
+        for i in range(max(shadowed[k, 0], 1), min(shadowed[k, 1], ny - 1)):
             above, row, below = sight[k, i - 1], sight[k, i], sight[k, i + 1]
             filled = softened[k, i]
             for j in range(nx):

@@ -10,7 +10,6 @@ import math
 from functools import cache
 
 import numpy as np
-from scipy.special import ndtri
 
 from t2twin.sim.digit.compiled import inlined, jit
 
@@ -37,6 +36,8 @@ def quantiles() -> np.ndarray:
 
     As good as drawing normals, once the result is rounded to grey levels.
     """
+    from scipy.special import ndtri
+
     count = 2**BITS
     return ndtri((np.arange(count) + 0.5) / count).astype(np.float32)
 

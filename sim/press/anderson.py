@@ -19,7 +19,10 @@ def _eliminate(system):
     """Solves (k, k + 1) equations into their last column; False where they have no one solution."""
     size = len(system)
     for k in range(size):
-        pivot = k + np.argmax(np.abs(system[k:, k]))
+        pivot = k
+        for i in range(k, size):
+            if not abs(system[i, k]) <= abs(system[pivot, k]):  # larger, or not a number
+                pivot = i
         if not abs(system[pivot, k]) > 0.0:
             return False
         for m in range(size + 1):

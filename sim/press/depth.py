@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import root_scalar
 
 from t2twin.primitives_cad import checks
 from t2twin.primitives_cad.errors import T2TwinError
@@ -33,6 +32,8 @@ def force_at_depth(
     depth_mm = checks.real(depth_mm, "depth_mm")
     if not (np.isfinite(depth_mm) and depth_mm > 0):
         raise T2TwinError(f"a depth of {depth_mm:g} mm cannot be pressed; it must be above 0")
+    from scipy.optimize import root_scalar  # a press of a force does without
+
     known: dict[float, float] = {}
 
     def beyond(log_n: float) -> float:

@@ -124,9 +124,12 @@ def _even_blocks(surface: HeightMap) -> np.ndarray:
     known = _even.get(id(surface))
     if known is not None and known[0]() is surface:
         return known[1]
-    heights = np.ascontiguousarray(surface.heights_mm, np.float32)
-    low, high = np.empty((2, *(-(-side // BLOCK) for side in heights.shape)), np.float32)
-    _ranges(heights, low, high)
+    heights = np.asarray(surface.heights_mm, np.float32)
+    rows, columns = (np.arange(0, side, BLOCK) for side in heights.shape)
+    low, high = (
+        extreme.reduceat(extreme.reduceat(heights, rows, axis=0), columns, axis=1)
+        for extreme in (np.minimum, np.maximum)
+    )
     low, high = ndimage.minimum_filter(low, 3), ndimage.maximum_filter(high, 3)
     blocks = np.where(low == high, low, UNEVEN).astype(np.float32)
     place = id(surface)
@@ -151,17 +154,6 @@ def _lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
 
 _LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"
 """Types of what `_lookup` gives, so that compiling happens at import and not within a press."""
-
-
-@compiled("void(f4[:, ::1], f4[:, ::1], f4[:, ::1])", nogil=True)
-def _ranges(heights, low, high):
-    """The lowest and the highest point of each block."""
-    low[:], high[:] = np.inf, -np.inf
-    for i in range(heights.shape[0]):
-        lows, highs, row = low[i // BLOCK], high[i // BLOCK], heights[i]
-        for j in range(row.size):
-            lows[j // BLOCK] = min(lows[j // BLOCK], row[j])
-            highs[j // BLOCK] = max(highs[j // BLOCK], row[j])
 
 
 @compiled(inline="always")

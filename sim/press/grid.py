@@ -3,8 +3,6 @@
 import numpy as np
 from scipy import ndimage
 
-from t2twin.primitives_cad.jit import compiled
-
 Window = tuple[slice, slice]
 """Rows and columns of a part of a grid."""
 
@@ -18,9 +16,11 @@ cubics."""
 
 def window_around(mask: np.ndarray) -> Window:
     """The window that holds the mask, (rows, columns) bool, within its grid."""
-    first_row, last_row, first_column, last_column = _bounds(np.ascontiguousarray(mask))
-    rows, columns = mask.shape
-    return side_around(first_row, last_row, rows), side_around(first_column, last_column, columns)
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return (
+        side_around(int(rows[0]), int(rows[-1]), mask.shape[0]),
+        side_around(int(columns[0]), int(columns[-1]), mask.shape[1]),
+    )
 
 
 def side_around(first: int, last: int, length: int) -> slice:
@@ -28,19 +28,6 @@ def side_around(first: int, last: int, length: int) -> slice:
     size = min(-(-(last + 1 - first) // WINDOW_STEP) * WINDOW_STEP, length)
     start = min(first, length - size)
     return slice(start, start + size)
-
-
-@compiled("UniTuple(i8, 4)(b1[:, ::1])", nogil=True)
-def _bounds(mask):
-    """First and last row and column with something in it."""
-    rows, columns = mask.shape
-    first_row, last_row, first_column, last_column = rows, -1, columns, -1
-    for i in range(rows):
-        for j in range(columns):
-            if mask[i, j]:
-                first_row, last_row = min(first_row, i), i
-                first_column, last_column = min(first_column, j), max(last_column, j)
-    return first_row, last_row, first_column, last_column
 
 
 def span(window: Window) -> tuple[int, int]:
@@ -89,35 +76,15 @@ def places(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def grown(mask: np.ndarray, cells: int) -> np.ndarray:
     """The mask and so many cells around it, corners too."""
-    more = np.zeros(mask.shape, bool)
-    _grow(np.ascontiguousarray(mask), cells, more)
-    return more
-
-
-@compiled("void(b1[:, ::1], i8, b1[:, ::1])", nogil=True)
-def _grow(mask, cells, more):
-    rows, columns = mask.shape
-    across = np.empty(columns, np.bool_)
-    for i in range(rows):
-        row, any_here = mask[i], False
-        for j in range(columns):
-            any_here |= row[j]
-        if not any_here:
-            continue
-        last = -cells - 1  # the last true one so far, then the next one seen from the end
-        for j in range(columns):
-            if row[j]:
-                last = j
-            across[j] = j - last <= cells
-        last = columns + cells
-        for j in range(columns - 1, -1, -1):
-            if row[j]:
-                last = j
-            across[j] |= last - j <= cells
-        for k in range(max(i - cells, 0), min(i + cells + 1, rows)):
-            filled = more[k]
-            for j in range(columns):
-                filled[j] |= across[j]
+    down = mask.copy()
+    for step in range(1, cells + 1):
+        down[step:] |= mask[:-step]
+        down[:-step] |= mask[step:]
+    across = down.copy()
+    for step in range(1, cells + 1):
+        across[:, step:] |= down[:, :-step]
+        across[:, :-step] |= down[:, step:]
+    return across
 
 
 def repeated(coarse: np.ndarray, per_side: int) -> np.ndarray:
@@ -166,19 +133,13 @@ def middles(fine: np.ndarray, per_side: int) -> np.ndarray:
     if per_side == 1:
         return fine - ndimage.laplace(fine, mode="nearest") / 24
     for _ in range(2):  # along the rows' axis, twice, turned over in between
-        values = np.empty((len(fine) // per_side, fine.shape[1]))
-        _between_rows(np.ascontiguousarray(fine), per_side, MIDDLE_WEIGHTS, values)
+        fine = np.ascontiguousarray(fine)
+        after = np.arange(len(fine) // per_side) * per_side + per_side // 2
+        # The four cells around each middle, moved inwards at a rim.
+        first = np.clip(after - 2, 0, len(fine) - 4)
+        weights = MIDDLE_WEIGHTS[after - 1 - first]
+        values = weights[:, :1] * fine[first]
+        for k in range(1, 4):
+            values += weights[:, k : k + 1] * fine[first + k]
         fine = values.T
     return fine
-
-
-@compiled("void(f8[:, ::1], i8, f8[:, ::1], f8[:, ::1])", nogil=True)
-def _between_rows(fine, per_side, weights, values):
-    for m in range(len(values)):
-        after = m * per_side + per_side // 2
-        # The four cells around each middle, moved inwards at a rim.
-        first = min(max(after - 2, 0), len(fine) - 4)
-        w = weights[after - 1 - first]
-        a, b, c, d = fine[first], fine[first + 1], fine[first + 2], fine[first + 3]
-        for j in range(fine.shape[1]):
-            values[m, j] = w[0] * a[j] + w[1] * b[j] + w[2] * c[j] + w[3] * d[j]

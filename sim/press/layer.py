@@ -9,11 +9,12 @@ from functools import lru_cache
 from threading import Lock
 
 import numpy as np
-from scipy import fft, special
+from scipy import fft
 from scipy.fft import next_fast_len
-from scipy.interpolate import CubicSpline
 
 from t2twin.primitives_cad.jit import compiled
+from t2twin.primitives_cad.kept_array import kept_array
+from t2twin.sim.press.cubic_spline import CubicSpline
 from t2twin.sim.press.elastomer import Elastomer
 
 THICKNESSES = 17
@@ -222,7 +223,7 @@ def _answers(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarray
     thinnest, thickest = float(thickness.min()), float(thickness.max())
     if thickest - thinnest < 1e-6:
         profile = _base_part(np.array([thickest]), radii, elastomer, pitch)[0]
-        kernel = half_space + pitch**2 * CubicSpline(radii, profile)(distance)
+        kernel = half_space + pitch**2 * CubicSpline(0.0, radii[-1], profile)(distance)
         return np.ones((1, *thickness.shape), np.float32), kernel[None].astype(np.float32), kernel
 
     levels = np.linspace(thinnest, thickest, THICKNESSES)
@@ -234,23 +235,37 @@ def _answers(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarray
     apart = (profiles - mean) * ring
     _, _, axes = np.linalg.svd(np.sqrt(shares)[:, None] * apart, full_matrices=False)
     axes = axes[:COMPONENTS]
-    along = CubicSpline(levels, apart @ axes.T)
+    along = CubicSpline(thinnest, thickest, apart @ axes.T)
     weights = np.concatenate([np.ones((1, *thickness.shape)), np.moveaxis(along(thickness), -1, 0)])
-    smooth = CubicSpline(radii, np.concatenate([mean[None], axes / ring]), axis=1)(distance)
-    kernels = pitch**2 * smooth
+    smooth = (CubicSpline(0.0, radii[-1], each)(distance) for each in (mean, *(axes / ring)))
+    kernels = pitch**2 * np.stack(list(smooth))
     kernels[0] += half_space
-    softest = np.tensordot(np.concatenate([[1.0], along(thickest)]), kernels, 1)
+    softest = np.tensordot(np.concatenate([[1.0], along(np.array(thickest))]), kernels, 1)
     return weights.astype(np.float32), kernels.astype(np.float32), softest
 
 
 def _base_part(
     thicknesses_mm: np.ndarray, radii_mm: np.ndarray, elastomer: Elastomer, pitch_mm: float
 ) -> np.ndarray:
-    """What a layer's base takes from a half-space's answer to a point load: Hankel transform.
+    """What a layer's base takes from a half-space's answer to a point load.
 
-    (thicknesses, radii), mm/MPa per mm^2, averaged over a loaded and an answering cell.
+    (thicknesses, radii), mm/MPa per mm^2, averaged over a loaded and an answering cell. Kept
+    between processes, as it takes a tenth of a second.
     """
-    young, poisson = elastomer.young_mpa, elastomer.poisson
+    poisson, farthest = elastomer.poisson, float(radii_mm[-1])
+    key = repr((thicknesses_mm.tolist(), farthest, radii_mm.size, poisson, pitch_mm))
+    of_unit_modulus = kept_array(
+        "layers", key, __file__, lambda: _hankel(thicknesses_mm, radii_mm, poisson, pitch_mm)
+    )
+    return of_unit_modulus / elastomer.young_mpa
+
+
+def _hankel(
+    thicknesses_mm: np.ndarray, radii_mm: np.ndarray, poisson: float, pitch_mm: float
+) -> np.ndarray:
+    """`_base_part` for a modulus of 1 MPa: Hankel transform."""
+    from scipy import special
+
     reach = SMOOTH_REACH / float(thicknesses_mm.min())
     step = min(
         2 * np.pi / radii_mm[-1] / HANKEL_POINTS_A_WAVE,
@@ -266,8 +281,7 @@ def _base_part(
     rule *= step / 3 * np.exp(-((k * pitch_mm) ** 2) / 12) / (2 * np.pi)
     taken = np.stack(
         [
-            k * compliance_mm_per_mpa(k, float(thickness), young, poisson)
-            - 2 * (1 - poisson**2) / young
+            k * compliance_mm_per_mpa(k, float(thickness), 1.0, poisson) - 2 * (1 - poisson**2)
             for thickness in thicknesses_mm
         ]
     )

@@ -134,7 +134,7 @@ def _solid_elements(contact: Contact, mesh_file: str) -> tuple[str, str]:
 
 def mesh_name(shape: Shape) -> str | None:
     """The name of the STL file for a scene; None where MuJoCo would not read it."""
-    return "shape.stl" if 0 < len(shape.mesh.faces) <= MOST_FACES else None
+    return "shape.stl" if 0 < len(shape.triangles[1]) <= MOST_FACES else None
 
 
 def view(path: Path) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
 
 from t2twin.primitives_cad.jit import compiled
 
@@ -62,12 +61,27 @@ def _axis(places: bytes, lines: bytes) -> tuple[_Rows, _Rows]:
     """Values at places to coefficients, and these to what is at lines. Both float64."""
     at = np.frombuffer(places)
     between = np.clip(np.frombuffer(lines), at[0], at[-1])
-    knots = make_interp_spline(at, np.zeros(at.size), DEGREE).t
-    through = BSpline.design_matrix(at, knots, DEGREE).toarray()
-    return (
-        _banded(np.linalg.inv(through)),
-        _banded(BSpline.design_matrix(between, knots, DEGREE).toarray()),
-    )
+    # not-a-knot: the second and the last but one place are no knots
+    knots = np.concatenate([np.repeat(at[0], DEGREE + 1), at[2:-2], np.repeat(at[-1], DEGREE + 1)])
+    return _banded(np.linalg.inv(_b_splines(knots, at))), _banded(_b_splines(knots, between))
+
+
+def _b_splines(knots: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(places, knots - DEGREE - 1) values of the B-splines at places, by the recurrence of de Boor
+    and Cox (de Boor, A Practical Guide to Splines, 1978)."""
+    last = knots.size - DEGREE - 2
+    interval = np.clip(np.searchsorted(knots, places, side="right") - 1, DEGREE, last)
+    values = np.zeros((places.size, knots.size - 1))
+    values[np.arange(places.size), interval] = 1.0
+    for degree in range(1, DEGREE + 1):
+        lengths = knots[degree:] - knots[:-degree]
+        parts = np.divide(
+            places[:, None] - knots[:-degree], lengths, where=lengths > 0,
+            out=np.zeros((places.size, lengths.size)),
+        )  # fmt: skip
+        rests = np.where(lengths > 0, 1.0 - parts, 0.0)
+        values = parts[:, :-1] * values[:, :-1] + rests[:, 1:] * values[:, 1:]
+    return values
 
 
 def _banded(matrix: np.ndarray) -> _Rows:

@@ -26,6 +26,7 @@ from t2twin.cli import (
     translate,
 )
 from t2twin.cli.parser_errors import one_sentence
+from t2twin.primitives_cad.compile_ahead import before_compiling
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.writing import FULL
 from t2twin.stopping import Stopped, say_stopped
@@ -53,6 +54,7 @@ COMMANDS = {
 def main(arguments: list[str] | None = None) -> None:
     """Run a subcommand; exit with 2 and one sentence where what was given cannot be used."""
     given = sys.argv[1:] if arguments is None else arguments
+    before_compiling(_say_compiling)
     try:
         _run(given)
         if sys.stdout is not None:
@@ -68,6 +70,14 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(say_stopped(signal.SIGINT))
     except Stopped as stop:
         sys.exit(say_stopped(stop.number))
+
+
+def _say_compiling() -> None:
+    print(
+        "t2twin: compiling the numerical loops for this machine (once, 10 to 20 s)",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def _run(given: list[str]) -> None:

@@ -65,6 +65,7 @@ def press(
 
     import t2twin
     from t2twin.press_folder import scene_path, write_press
+    from t2twin.primitives_cad.compile_ahead import compile_optics_ahead
     from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
     from t2twin.sim.seeds import check_seed
     from t2twin.twin import other_elastomer, press_command
@@ -82,6 +83,8 @@ def press(
         print(f"t2twin: {slow_picture()}", file=sys.stderr)
     deep = sensors.cyskin if sensor == "cyskin" else sensors.digit
     command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, deep)
+    if sensor != "cyskin":
+        compile_optics_ahead()
     digit = sensors.digit.touch(solid, command, rng) if sensor != "cyskin" else None
     cyskin = sensors.cyskin.touch(solid, command, rng) if sensor != "digit" else None
     folder = out or Path("runs/press") / solid.name.replace("/", "-")

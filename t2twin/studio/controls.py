@@ -6,7 +6,7 @@ from typing import Any
 import viser
 
 from t2twin.primitives_cad import catalogue, families
-from t2twin.primitives_cad.random_shapes.shape import PREFIX, seed_of
+from t2twin.primitives_cad.random_shapes.seeds import PREFIX, seed_of
 from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.press.elastomer import CYSKIN_COVER
 from t2twin.sim.world.presses import MOST_SEED as MOST_SHAPE

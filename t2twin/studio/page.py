@@ -13,7 +13,6 @@ from typing import Any
 import viser
 from viser import _messages
 
-from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.taxels import pad_weights
@@ -290,9 +289,6 @@ class Page:
     def _make_look(self) -> None:
         session = self._ready_session()
         state, runs = self._state, self._runs
-        if state.shape in catalogue.NAMES and not catalogue.is_kept(state.shape):
-            with self._notices.busy(f"Making {state.shape}", "Once; it is kept for the next time."):
-                session.shape(state)
         loaded = self._shared.translators.are_loaded(runs)
         look = session.look(state, runs if loaded else ())
         scales = scales_of(look)

@@ -11,7 +11,7 @@ import numpy as np
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.random_shapes.shape import seed_of
+from t2twin.primitives_cad.random_shapes.seeds import seed_of
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, LAYOUTS
 from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.press.force import check_force

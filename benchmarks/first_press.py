@@ -1,0 +1,71 @@
+"""How long `t2twin press wrench/ring` takes with an empty cache, and after that.
+
+    python -m benchmarks.first_press [ROUNDS]
+
+Each round starts with an empty cache home, as on a machine where nothing has been compiled, and
+runs the command once and then LATER times. Wall time is what a user waits; processor time, user and
+system, of the command and the processes that it starts, depends less on what else the machine does.
+"""
+
+import os
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from benchmarks.declared import FIRST_PRESS
+from benchmarks.evidence.run import main
+from t2twin.primitives_cad.cache_home import VARIABLE
+from t2twin.primitives_cad.machine import cores
+
+SHAPE = "wrench/ring"
+
+LATER = 3
+"""Later calls in each round."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    first, later = [], []
+    for _ in tqdm(range(options.rounds), desc="first press", unit="round"):
+        with tempfile.TemporaryDirectory() as folder:
+            first.append(_press(Path(folder)))
+            later += [_press(Path(folder)) for _ in range(LATER)]
+    return {
+        "shape": SHAPE,
+        "cores": cores(),
+        "rounds": options.rounds,
+        "first": _medians(first),
+        "later": _medians(later),
+    }
+
+
+def _press(folder: Path) -> tuple[float, float]:
+    """Wall and processor seconds of one call with its cache home in a folder."""
+    environment = os.environ | {VARIABLE: str(folder / "cache")}
+    environment.pop("NUMBA_CACHE_DIR", None)
+    command = [sys.executable, "-m", "t2twin", "press", SHAPE, "--out", str(folder / "press")]
+    before, started = _processor_s(), time.perf_counter()
+    subprocess.run(command, env=environment, check=True, capture_output=True)
+    return time.perf_counter() - started, _processor_s() - before
+
+
+def _processor_s() -> float:
+    """Processor seconds of all processes that this one has waited for, and of theirs."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def _medians(measured: list[tuple[float, float]]) -> dict[str, float]:
+    wall, processor = (statistics.median(each) for each in zip(*measured, strict=True))
+    return {"wall_s": round(wall, 2), "processor_s": round(processor, 2)}
+
+
+if __name__ == "__main__":
+    main(FIRST_PRESS)

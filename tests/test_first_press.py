@@ -1,0 +1,151 @@
+"""The first press: nothing slow is imported, the catalogue is bundled, loops are compiled once."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib import colormaps
+
+from t2twin.primitives_cad import bundled_shapes, catalogue, tools
+from t2twin.primitives_cad.cache_home import VARIABLE
+from t2twin.primitives_cad.kept_array import kept_array
+from t2twin.primitives_cad.stl_bytes import binary_stl
+from t2twin.sim.press.cubic_spline import CubicSpline
+from t2twin.translate.picture import _colours
+
+SLOW = (
+    "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "scipy.interpolate",
+    "scipy.optimize", "torch", "trimesh",
+)  # fmt: skip
+"""Imports that a press of a shape of the catalogue does without."""
+
+PRESS = f"""
+import sys
+from t2twin.cli import main
+main(["press", "square-2", "--out", "out"])
+print("slow:", sorted(set({SLOW!r}) & set(sys.modules)))
+"""
+
+NOTICE = "t2twin: compiling"
+
+QUICK = ("square-2", "hemisphere-1", "allen-key/bend")
+"""Shapes whose solids are quick to make."""
+
+MESH_MM = 1e-9
+"""Largest difference of a bundled vertex from the CAD's, mm: rounding of a transform."""
+
+
+def test_a_press_imports_nothing_slow_and_says_when_it_compiles(tmp_path):
+    """The first process compiles all but the optics, which need minutes of a busy machine."""
+
+    def press(*more: str) -> subprocess.CompletedProcess:
+        script = PRESS.replace('"--out"', '"--sensor", "cyskin", "--out"') if more else PRESS
+        environment = os.environ | dict(each.split("=", 1) for each in more)
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", script],
+            cwd=tmp_path, env=environment, capture_output=True, text=True,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert "slow: []" in done.stdout
+        return done
+
+    press()
+    assert press().stderr == ""
+    empty = ("NUMBA_CACHE_DIR=", f"{VARIABLE}={tmp_path / 'cache'}")
+    first, second = press(*empty), press(*empty)
+    assert first.stderr.startswith(NOTICE) and first.stderr.count("\n") == 1
+    assert second.stderr == ""
+    assert first.stdout.splitlines()[1] == second.stdout.splitlines()[1]  # the counts
+
+
+def test_a_refusal_comes_before_anything_is_compiled(tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": "", VARIABLE: str(tmp_path / "cache")}
+    command = [sys.executable, "-m", "t2twin", "press", "square-2", "--force-n", "-1"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("t2twin: ") and done.stderr.count("\n") == 1
+    assert NOTICE not in done.stderr
+    assert not list(tmp_path.rglob("*.loop"))
+
+
+def assert_as_made(name: str, tool=None) -> None:
+    made = catalogue.build(name, tool)
+    bundled = bundled_shapes.read_surface(name)
+    np.testing.assert_array_equal(bundled.heights_mm, made.surface.heights_mm)
+    np.testing.assert_array_equal(bundled.x_mm, made.surface.x_mm)
+    np.testing.assert_array_equal(bundled.y_mm, made.surface.y_mm)
+    vertices, faces = bundled_shapes.read_mesh(name)
+    np.testing.assert_array_equal(faces, made.mesh.faces)
+    np.testing.assert_allclose(vertices, made.mesh.vertices, rtol=0, atol=MESH_MM)
+    loaded = catalogue.load(name)
+    assert loaded.parameters == made.parameters and loaded.base_mm == made.base_mm
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_bundled_shapes_are_those_of_the_cad(name):
+    """Run `python -m t2twin.primitives_cad.write_bundled` after a change of the CAD."""
+    is_tool = name in catalogue.OBJECTS
+    assert_as_made(name, tools.mesh(name.partition("/")[0]) if is_tool else None)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("tool", ["", *catalogue.TOOLS])
+def test_all_bundled_shapes_are_those_of_the_cad(tool):
+    if not tool:
+        for name in catalogue.PRIMITIVES:
+            assert_as_made(name)
+        return
+    mesh = tools.mesh(tool)
+    np.testing.assert_array_equal(bundled_shapes.read_mesh(tool)[0], mesh.vertices)
+    for keypoint in catalogue.KEYPOINTS[tool]:
+        assert_as_made(f"{tool}/{keypoint}", mesh)
+
+
+def test_bundled_shapes_are_small():
+    files = list(bundled_shapes.FOLDER.glob("*.npz"))
+    assert len(files) == len(catalogue.NAMES) + len(catalogue.TOOLS)
+    assert sum(path.stat().st_size for path in files) < 5_000_000
+
+
+def test_an_stl_file_has_the_triangles(tmp_path):
+    vertices, faces = bundled_shapes.read_mesh("square-2")
+    (tmp_path / "square.stl").write_bytes(binary_stl(vertices, faces))
+    from t2twin.primitives_cad.files import read_solid
+
+    mesh, notes = read_solid(tmp_path / "square.stl", None)
+    assert not notes and len(mesh.faces) == len(faces)
+    assert mesh.volume == pytest.approx(catalogue.load("square-2").mesh.volume, rel=1e-5)
+
+
+@pytest.mark.parametrize("count", [4, 5, 6, 17, 200])
+def test_the_cubic_spline_is_scipy_s(count):
+    from scipy import interpolate
+
+    rng = np.random.default_rng(count)
+    values, at = rng.normal(size=(count, 2)), rng.uniform(0.3, 2.7, (7, 5))
+    expected = interpolate.CubicSpline(np.linspace(0.3, 2.7, count), values)(at)
+    np.testing.assert_allclose(CubicSpline(0.3, 2.7, values)(at), expected, atol=1e-11)
+
+
+def test_the_colours_are_matplotlib_s_viridis():
+    values = np.random.default_rng(0).uniform(-0.2, 1.2, (40, 50))
+    values[0, :2] = 0.0, 1.0
+    expected = colormaps["viridis"](values.clip(0.0, 1.0), bytes=True)[..., :3]
+    np.testing.assert_array_equal(_colours(values), expected)
+
+
+def test_an_array_is_computed_once_for_each_key(tmp_path, monkeypatch):
+    monkeypatch.setenv(VARIABLE, str(tmp_path))
+    computed = []
+
+    def compute() -> np.ndarray:
+        computed.append(1)
+        return np.arange(4.0)
+
+    for key in ("a", "a", "b"):
+        np.testing.assert_array_equal(kept_array("arrays", key, __file__, compute), np.arange(4.0))
+    assert len(computed) == 2
+    assert len(list(Path(tmp_path / "arrays").iterdir())) == 2
