@@ -36,11 +36,13 @@ def parts() -> Iterator:
 def base(small_dataset, trained, products) -> Base:
     from t2twin.translate.evaluation.evaluate import evaluate_both
 
-    runs = [trained(model, small_dataset, 1) for model in ("touch2touch", "resnet18")]
-    evaluation = products.make(
-        "evaluation", lambda folder: evaluate_both(runs, small_dataset, folder)
+    touch2touch, resnet18 = (
+        trained(model, small_dataset, 1) for model in ("touch2touch", "resnet18")
     )
-    return Base(small_dataset, *runs, evaluation)
+    evaluation = products.make(
+        "evaluation", lambda folder: evaluate_both([touch2touch, resnet18], small_dataset, folder)
+    )
+    return Base(small_dataset, touch2touch, resnet18, evaluation)
 
 
 @pytest.mark.parametrize("kind, part", list(parts()))
