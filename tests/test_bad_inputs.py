@@ -11,7 +11,7 @@ from benchmarks.inputs.case import Base, Case, replaced
 from benchmarks.inputs.tried import guard_connections, try_case
 from t2twin.primitives_cad.errors import T2TwinError
 
-FEWEST = 700
+FEWEST = 1600
 
 PART = 20
 """Cases of one test, at most: few enough that the workers end together."""
