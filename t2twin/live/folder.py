@@ -12,8 +12,6 @@ import numpy as np
 from t2twin.live.frame import Frame, turned
 from t2twin.live.skipped import Report, Skipped
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.batch import SUFFIXES
-from t2twin.translate.data.images import open_image
 
 POLL_S = 0.002
 """How often a folder is looked into, s: an eighth of a 60 Hz camera's period."""
@@ -99,6 +97,8 @@ class Folder:
 
     def _image(self, name: str, version: Version) -> np.ndarray | None:
         """A file's image, None where it is not whole or was changed meanwhile."""
+        from t2twin.translate.data.images import open_image  # imports torch
+
         path, now_s = self._path / name, time.monotonic()
         known, since_s = self._unreadable.get(name, (version, now_s))
         waited = known == version and now_s - since_s >= self._patience_s
@@ -139,6 +139,8 @@ class Folder:
         return listed
 
     def _names(self) -> list[str]:
+        from t2twin.translate.batch import SUFFIXES  # imports torch, as above
+
         try:
             with os.scandir(self._path) as entries:
                 names = [entry.name for entry in entries]

@@ -1,18 +1,14 @@
 """The newest frame of a source; those that nobody took in time are dropped."""
 
 from threading import Condition, Thread
-from typing import TYPE_CHECKING
 
-from t2twin.live.frame import Frame
-
-if TYPE_CHECKING:  # imports torch, without which the studio starts
-    from t2twin.live.sources import Source
+from t2twin.live.sources import Frame, Source
 
 
 class Newest:
     """Reads a source in a thread of its own from now on. read: how many frames came so far."""
 
-    def __init__(self, source: "Source") -> None:
+    def __init__(self, source: Source) -> None:
         self.read = 0
         self._source = source
         self._frame: Frame | None = None

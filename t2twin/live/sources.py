@@ -11,7 +11,6 @@ from t2twin.live.folder import PATIENCE_S, POLL_S, Folder
 from t2twin.live.frame import Frame, turned
 from t2twin.live.skipped import Report
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.data.images import open_image
 
 LIKELY_HZ = 60.0
 """Rate of a video that does not state its own: a DIGIT's (digit-interface)."""
@@ -84,6 +83,8 @@ def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
 
     Raises T2TwinError where it cannot be read as an image.
     """
+    from t2twin.translate.data.images import open_image  # imports torch
+
     return turned(np.asarray(open_image(path)), turn_deg)
 
 
