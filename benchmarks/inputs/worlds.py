@@ -5,7 +5,6 @@ import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import trimesh
 
 from benchmarks.inputs.case import Base, Case, Make, holding
@@ -182,11 +181,16 @@ def _tool(name: str, turn_rad: float = 0.0, scale: float = 1.0, more: bool = Fal
 
 
 def _part_of_a_tool(folder: Path) -> None:
-    """What lies within 16 mm of a keypoint that faces up, as a mesh of its own."""
-    mesh = catalogue.load("wrench/shank").mesh
-    for normal in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)):
-        mesh = mesh.slice_plane(-25.0 * np.array(normal), normal, cap=True)
-    mesh.export(folder / "mine.stl")
+    """What lies about a keypoint that faces up, as a solid of its own."""
+    import cadquery as cq
+
+    from t2twin.primitives_cad import tools
+
+    held_out.test_solids(), held_out.test_surfaces()
+    (at,) = (each for each in tools.keypoints("wrench") if each.name == "shank")
+    block = cq.Workplane().box(60.0, 60.0, 60.0).translate((at.point_mm[0] + 10.0, 0.0, 0.0))
+    part = tools.solid("wrench").intersect(block.val())  # pyright: ignore[reportArgumentType]
+    cq.exporters.export(cq.Workplane(part), str(folder / "mine.step"))
 
 
 BAD_SOLIDS: tuple[tuple[str, Make, str], ...] = (
