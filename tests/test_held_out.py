@@ -58,6 +58,7 @@ def test_every_tool_is_found_however_it_lies(tools):
         assert known.same_as(mirrored) == name
 
 
+@pytest.mark.exhaustive
 def test_a_tool_of_coarser_triangles_is_found(tools):
     from t2twin.primitives_cad import tessellate
     from t2twin.primitives_cad import tools as solids
