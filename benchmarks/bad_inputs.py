@@ -17,6 +17,7 @@ from tqdm import tqdm
 from benchmarks.declared import BAD_INPUTS
 from benchmarks.evidence.run import main
 from benchmarks.inputs import (
+    adaptations,
     arguments,
     caches,
     calibrations,
@@ -41,6 +42,7 @@ KINDS: dict[str, Callable[[], Iterator[Case]]] = {
     "images": images.cases,
     "layouts": layouts.cases,
     "calibrations": calibrations.cases,
+    "adaptations": adaptations.cases,
     "tables": tables.cases,
     "datasets": datasets.cases,
     "runs": runs.cases,

@@ -12,7 +12,7 @@ from solid_files import SIDES_MM, box, glb_of, model, obj_text, part, taken_apar
 import t2twin
 from t2twin.primitives_cad import catalogue, files
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.formats import bodies, threemf
+from t2twin.primitives_cad.formats import bodies, obj, threemf
 
 VOLUME_MM3 = 72.0
 
@@ -244,6 +244,86 @@ def test_a_glb_s_data_may_stand_in_its_description(tmp_path):
     about["buffers"][0]["uri"] = "data:base64," + base64.b64encode(binary).decode()
     glb_of(tmp_path / "own.glb", about)
     assert files.read_solid(tmp_path / "own.glb")[0].volume == pytest.approx(72.0, rel=1e-5)
+
+
+def test_a_glb_s_nodes_place_its_parts(tmp_path):
+    """A node with another below it, placed by numbers of both kinds; a strip."""
+    corners = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], np.float32) / 100.0
+    strip = np.array([1, 0, 2, 3], np.uint8)  # two of the four triangles
+    faces = np.array([(0, 1, 3), (1, 2, 3)], np.uint16)
+    binary = corners.tobytes() + strip.tobytes() + faces.tobytes()
+    views = ((0, 48), (48, 4), (52, 12))
+    about = {
+        "buffers": [{"byteLength": len(binary)}],
+        "bufferViews": [{"buffer": 0, "byteOffset": at, "byteLength": n} for at, n in views],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5121, "count": 4, "type": "SCALAR"},
+            {"bufferView": 2, "componentType": 5123, "count": 6, "type": "SCALAR"},
+        ],
+        "meshes": [
+            {
+                "primitives": [
+                    {"attributes": {"POSITION": 0}, "indices": 1, "mode": 5},
+                    {"attributes": {"POSITION": 0}, "indices": 2},
+                    {"attributes": {"POSITION": 0}, "mode": 0},
+                ]
+            }
+        ],
+        "nodes": [
+            {"children": [1], "rotation": [0, np.sqrt(0.5), 0, np.sqrt(0.5)], "scale": [2, 1, 1]},
+            {"mesh": 0, "matrix": [*(1, 0, 0, 0), *(0, 3, 0, 0), *(0, 0, 1, 0), *(5, 0, 0, 1)]},
+        ],
+        "scenes": [{"nodes": [0]}],
+    }
+    glb_of(tmp_path / "four.glb", about, binary)
+    mesh, _ = files.read_solid(tmp_path / "four.glb")
+    assert mesh.is_watertight and mesh.volume == pytest.approx(10.0**3 / 6 * 2 * 3, rel=1e-5)
+    # x is doubled, then turned to -z, which is +y of the shape; y, tripled, is up
+    np.testing.assert_allclose(mesh.extents, (10.0, 20.0, 30.0), rtol=1e-5)
+
+
+def test_a_3mf_names_its_model(tmp_path):
+    """By its relationships: the usual name is not looked for, where another is given."""
+    relations = (
+        '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+        '<Relationship Id="a" Type="http://example.org/thumbnail" Target="/x.png"/><Relationship '
+        'Id="b" Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel" '
+        'Target="/other/main.model"/></Relationships>'
+    )
+    small, large = (
+        model(part(1, box(sides)), '<item objectid="1"/>') for sides in ((1, 1, 1), SIDES_MM)
+    )
+    with zipfile.ZipFile(tmp_path / "named.3mf", "w") as archive:
+        archive.writestr("_rels/.rels", relations)
+        archive.writestr("3D/3dmodel.model", small)
+        archive.writestr("other/main.model", large)
+    assert files.read_solid(tmp_path / "named.3mf")[0].volume == pytest.approx(72.0)
+
+
+def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path, monkeypatch):
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    ring = [(5 * np.cos(a), 5 * np.sin(a)) for a in turn]
+    corners = [f"v {x} {y} {z}" for z in (0, 5) for x, y in ring]
+    sides = [(i + 1, (i + 1) % 400 + 1, (i + 1) % 400 + 401, i + 401) for i in range(400)]
+    faces = [range(400, 0, -1), range(401, 801), *sides]
+    lines = corners + ["f " + " ".join(map(str, face)) for face in faces]
+    (tmp_path / "prism.obj").write_text("\ufeff" + "\r".join(lines), encoding="utf-8")
+    mesh, _ = files.read_solid(tmp_path / "prism.obj")
+    assert mesh.volume == pytest.approx(np.pi * 25 * 5, rel=1e-3)
+    monkeypatch.setattr(obj, "MAX_FACE_CORNERS", 399)
+    with pytest.raises(T2TwinError, match="a face of 400 corners; at most 399"):
+        files.read_solid(tmp_path / "prism.obj")
+
+
+def test_corners_without_triangles_are_bounded_too(tmp_path, monkeypatch):
+    threemf_of(tmp_path / "block.3mf", model(part(1, box()), '<item objectid="1"/>'))
+    box().export(tmp_path / "block.obj")
+    y_up(box(unit_mm=1000.0)).export(tmp_path / "block.glb")
+    monkeypatch.setattr(bodies, "MAX_CORNERS", 7)
+    for name in ("block.3mf", "block.obj", "block.glb"):
+        with pytest.raises(T2TwinError, match="more than the 7 corners"):
+            files.read_solid(tmp_path / name)
 
 
 def test_bounds_are_those_that_are_named(tmp_path, monkeypatch):

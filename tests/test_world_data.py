@@ -344,7 +344,7 @@ def test_a_folder_of_solids_is_a_world_but_not_of_tools(tmp_path, shape_cache, s
     assert info.pairs["train"] == 2 and list(info.files or {}) == [str(solids / "mine.stl")]
     assert verify(tmp_path / "data") == []
     shapes("wrench/shank").mesh.export(solids / "innocent.stl")
-    with pytest.raises(T2TwinError, match="the same surface as wrench/shank"):
+    with pytest.raises(T2TwinError, match="is the tool wrench"):
         generate(tmp_path / "other", world=path, workers=1, cache=shape_cache)
     assert not (tmp_path / "other").exists()
 

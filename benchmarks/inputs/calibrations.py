@@ -1,8 +1,9 @@
 """Calibration files, and the frames that calibrations are fitted to."""
 
 import io
+import os
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +144,20 @@ def _unlike(content: bytes) -> tuple[tuple[str, bytes], ...]:
     return (*FRAMES[:3], ("press_9.png", content))
 
 
+def _beside(name: str, lay: Callable[[Path], object]) -> Make:
+    """Good frames, and beside them what `lay` makes."""
+
+    def make(box: Path, base: Base) -> None:
+        good_frames(box, base)
+        lay(box / "presses" / name)
+
+    return make
+
+
+_table_folder = _beside("forces.csv", Path.mkdir)
+_table_fifo = _beside("forces.csv", os.mkfifo)
+_press_fifo = _beside("press_9.png", os.mkfifo)
+
 BAD_FRAMES: tuple[tuple[str, Make, str], ...] = (
     ("no background", frames(None, *FRAMES), "background.png"),
     ("an empty background", frames(b"", *FRAMES), "background.png"),
@@ -161,6 +176,16 @@ BAD_FRAMES: tuple[tuple[str, Make, str], ...] = (
     ("presses of nothing", frames(UNTOUCHED, *((f"{n}.png", UNTOUCHED) for n in range(4))), ""),
     ("one press four times", frames(UNTOUCHED, *((f"{n}.png", PNG) for n in range(4))), ""),
     ("GIF called PNG", frames(UNTOUCHED, *_unlike(encoded(frame(), "GIF"))), "press_9.png"),
+    ("a press without its end", frames(UNTOUCHED, *_unlike(PNG[:-12])), "press_9.png"),
+    ("a press without its last byte", frames(UNTOUCHED, *_unlike(PNG[:-1])), "press_9.png"),
+    ("a background without its end", frames(UNTOUCHED[:-12], *FRAMES), "background.png"),
+    ("half a JPEG", frames(UNTOUCHED, *FRAMES[:3], ("press_9.jpg", JPEG[: len(JPEG) // 2])),
+     "press_9.jpg"),
+    ("a press that is a TIFF", frames(UNTOUCHED, *_unlike(encoded(frame(), "TIFF"))),
+     "press_9.png"),
+    ("a table that is a folder", _table_folder, "forces.csv"),
+    ("a table that is a FIFO", _table_fifo, "forces.csv"),
+    ("a press that is a FIFO", _press_fifo, "press_9.png"),
     ("16 bits", frames(UNTOUCHED, *_unlike(encoded(Image.fromarray(
         np.zeros((320, 240), np.uint16))))), "8 bits"),
     ("all of another size", frames(encoded(frame(size=(120, 160))), *(
@@ -185,11 +210,33 @@ BAD_TABLES: tuple[tuple[str, bytes], ...] = (
     ("a depth of 0", b"file,depth_mm\npress_0.png,0\n"),
     ("a ball of 40 mm", b"file,ball_diameter_mm\npress_0.png,40\n"),
     ("not UTF-8", b"file,force_n\npress_\xff.png,1\n"),
+    ("a misspelt force", b"file,froce_n\npress_0.png,1\n"),
+    ("a misspelt depth", b"file,depht_mm\npress_0.png,1\n"),
+    ("a force without its unit", b"file,force\npress_0.png,1\n"),
+    ("a depth in another unit", b"file,depth_um\npress_0.png,900\n"),
+    ("capitals", b"file,Force_N\npress_0.png,1\n"),
+    ("a space before a column's name", b"file, force_n\npress_0.png,1\n"),
+    ("a column of notes", b"file,force_n,note\npress_0.png,1,good\n"),
+    ("a column without a name", b"file,force_n,\npress_0.png,1,\n"),
+    ("a column twice", b"file,force_n,force_n\npress_0.png,1,2\n"),
+    ("the files twice", b"file,file\npress_0.png,press_1.png\n"),
+    ("a force of nan", b"file,force_n\npress_0.png,nan\n"),
+    ("a depth of NaN", b"file,depth_mm\npress_0.png,NaN\n"),
+    ("a ball of nan", b"file,ball_diameter_mm\npress_0.png,nan\n"),
+    ("a force of 1e400", b"file,force_n\npress_0.png,1e400\n"),
+    ("a force of NA", b"file,force_n\npress_0.png,NA\n"),
+    ("a force of null", b"file,force_n\npress_0.png,null\n"),
+    ("a force with its unit", b"file,force_n\npress_0.png,1 N\n"),
+    ("a force of -inf", b"file,force_n\npress_0.png,-inf\n"),
+    ("a depth that is true", b"file,depth_mm\npress_0.png,true\n"),
+    ("a force with two commas", b"file;force_n\npress_0.png;1,000,5\n"),
+    ("semicolons and nan", b"file;force_n\npress_0.png;nan\n"),
+    ("an open quote", b'file,force_n\n"press_0.png,1\n'),
 )
 """forces.csv beside frames, which are as they should be."""
 
 
-def _with_table(content: bytes) -> Make:
+def with_table(content: bytes) -> Make:
     return frames(UNTOUCHED, *FRAMES, ("forces.csv", content))
 
 
@@ -206,7 +253,7 @@ def cases() -> Iterator[Case]:
     for name, make, says in BAD_FRAMES:
         yield Case(f"frames: {name}", CALIBRATE, make, says)
     for name, content in BAD_TABLES:
-        yield Case(f"forces.csv: {name}", CALIBRATE, _with_table(content), "forces.csv")
+        yield Case(f"forces.csv: {name}", CALIBRATE, with_table(content), "forces.csv")
     alone = ("calibrate", "--background", "background.png", "--out", "out")
     yield Case("frames: the background alone", alone, frames(UNTOUCHED), fine=True)
     for name, content in (("text", b"grey"), ("cut", UNTOUCHED[:200]), ("a bomb", bomb())):

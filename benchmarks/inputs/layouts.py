@@ -74,6 +74,10 @@ BAD_JSON: tuple[tuple[str, str | bytes], ...] = (
     ("all in one place", json.dumps({"taxels": [{"x_mm": 1, "y_mm": 1}] * 5})),
     ("6,000 taxels", _grid(78, 0.2)),
     ("100,000 levels deep", "[" * 100_000),
+    ("a pad without its unit", json.dumps({"taxels": taxels(pad_diameter=4)})),
+    ("a pad misspelt", json.dumps({"taxels": taxels(pad_diamter_mm=4)})),
+    ("a pad in cm", json.dumps({"taxels": taxels(pad_diameter_cm=0.4)})),
+    ("X beside x", json.dumps({"taxels": taxels(X_mm=4)})),
     ("of format 9", json.dumps({"format": 9, "taxels": taxels()})),
 )
 
@@ -91,6 +95,15 @@ BAD_CSV: tuple[tuple[str, str | bytes], ...] = (
     ("inf", "x_mm,y_mm\n1,2\ninf,4\n5,6\n"),
     ("not text", b"\xff\xfe\x00\x01\x02"),
     ("an open quote", 'x_mm,y_mm\n"1,2\n3,4\n5,6\n'),
+    ("a pad without its unit", "x_mm,y_mm,pad_diameter\n1,2,3\n3,4,3\n5,9,3\n"),
+    ("a column of notes", "x_mm,y_mm,note\n1,2,a\n3,4,b\n5,9,c\n"),
+    ("x twice", "x_mm,y_mm,x_mm\n1,2,1\n3,4,3\n5,9,5\n"),
+    ("a pad of nan", "x_mm,y_mm,pad_diameter_mm\n1,2,nan\n3,4,3\n5,9,3\n"),
+    ("a pad of infinity", "x_mm,y_mm,pad_diameter_mm\n1,2,inf\n3,4,3\n5,9,3\n"),
+    ("spaces before names", "x_mm, y_mm\n1,2\n3,4\n5,9\n"),
+    ("capitals", "X_MM,Y_MM\n1,2\n3,4\n5,9\n"),
+    ("NA", "x_mm,y_mm\n1,2\nNA,4\n5,6\n"),
+    ("1e400", "x_mm,y_mm\n1,2\n1e400,4\n5,6\n"),
     ("pads of nothing", "x_mm,y_mm,pad_diameter_mm\n1,2,0\n3,4,0\n5,9,0\n"),
 )
 

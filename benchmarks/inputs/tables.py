@@ -102,6 +102,19 @@ BAD_CSV: tuple[tuple[str, str | bytes, str], ...] = (
     ("shapes that differ in / alone", _more("shape", _third("a/b", "a-b")), "same"),
     ("a shape with a null byte", _more("shape", _third("a\0b", "c")), ""),
     ("a shape of 300 letters", _more("shape", _third("s" * 300, "c")), "shape"),
+    ("a misspelt force", _more("froce_n", [1.0] * PAIRS), "force_n"),
+    ("a force without its unit", _more("force", [1.0] * PAIRS), "force_n"),
+    ("a force in kg", _more("force_kg", [1.0] * PAIRS), "force_n"),
+    ("a turn in degrees", _more("yaw_deg", [1.0] * PAIRS), "yaw_rad"),
+    ("a place in cm", _more("x_cm", [1.0] * PAIRS), "x_mm"),
+    ("Split", _more("Split", ["train"] * PAIRS), "split"),
+    ("splits", _more("splits", ["train"] * PAIRS), "split"),
+    ("shapes", _more("shapes", ["a"] * PAIRS), "shape"),
+    ("familly", _more("familly", ["a"] * PAIRS), "family"),
+    ("a space before split", _more(" split", ["train"] * PAIRS), "split"),
+    ("note twice", _more("note,note", ["a,b"] * PAIRS), "note"),
+    ("y infinite", _more("y_mm", _third("-inf", 0.5)), "y_mm"),
+    ("a place of NA", _more("y_mm", _third("NA", 0.5)), "y_mm"),
     ("x not a number", _more("x_mm", _third("nan", 0.5)), "x_mm"),
     ("a force not a number", _more("force_n", _third("NaN", 0.5)), "force_n"),
     ("an open quote", _table().replace("3.png", '"3.png'), "pairs.csv"),
@@ -152,6 +165,19 @@ def _set_third(name: str, value: Any) -> Make:
     return _parquet(lambda columns: columns[name].__setitem__(2, value))
 
 
+def _repeated(box: Path, base: Base) -> None:
+    """One picture of 4 MB in 500 rows, which Parquet keeps once."""
+    picture = pa.array([b"\0" * 4_000_000])
+    indices = pa.array([0] * 500, pa.int32())
+    pictures = pa.DictionaryArray.from_arrays(indices, picture)
+    pq.write_table(
+        pa.table({"image": pictures, "taxels": [[1] * TAXELS] * 500}),
+        box / "pairs.parquet",
+        compression="zstd",
+        store_schema=False,
+    )
+
+
 def _whole() -> bytes:
     file = io.BytesIO()
     pq.write_table(pa.table({"image": PICTURES, "taxels": [[1] * TAXELS] * PAIRS}), file)
@@ -183,6 +209,13 @@ BAD_PARQUET: tuple[tuple[str, Make, str], ...] = (
     ("taxels of lists", _set("taxels", [[[1]] * TAXELS] * PAIRS), "row 1"),
     ("taxels of 1e12", _set_third("taxels", [10**12] * TAXELS), "row 3"),
     ("split of numbers", _set("split", list(range(PAIRS))), ""),
+    ("both kinds of counts", _set("taxel_0", list(range(PAIRS))), "both"),
+    ("a misspelt force", _set("force_N", [1.0] * PAIRS), "force_n"),
+    ("a misspelt split", _set("splt", ["train"] * PAIRS), "split"),
+    ("x not a number", _set("x_mm", [float("nan")] * PAIRS), "x_mm"),
+    ("a force of infinity", _set("force_n", [float("inf")] * PAIRS), "force_n"),
+    ("rows of 2 GB in a small file", _repeated, "MB of rows"),
+    ("a FIFO", lambda box, base: os.mkfifo(box / "pairs.parquet"), "pairs.parquet"),
     ("x of text", _set("x_mm", ["left"] * PAIRS), "x_mm"),
     ("x of lists", _set("x_mm", [[1.0]] * PAIRS), "x_mm"),
 )
@@ -193,6 +226,8 @@ GOOD_PARQUET: tuple[tuple[str, Make], ...] = (
     ("counts as floats", _set("taxels", [[float(n)] * TAXELS for n in range(PAIRS)])),
     ("counts of 8 bits", _set("taxels", [np.full(TAXELS, n, np.uint8) for n in range(PAIRS)])),
     ("shapes of numbers", _set("shape", list(range(PAIRS)))),
+    ("more columns", _set("note", ["mine"] * PAIRS)),
+    ("columns of a dataset", _set("digit_depth_mm", [1.0] * PAIRS)),
     ("poses null", _set("x_mm", [None] * PAIRS)),
 )
 

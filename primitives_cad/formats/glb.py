@@ -19,6 +19,9 @@ METRE_MM = 1000.0
 UPRIGHT = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
 """From glTF's frame, y up (the same section), to one with z up."""
 
+VERSION = 2
+"""The version of glTF that is read (glTF 2.0, 4.4.2)."""
+
 FILE_HEADER_BYTES, CHUNK_HEADER_BYTES = 12, 8
 """Three words at the beginning of the file, two at the beginning of each chunk (glTF 2.0, 4.4)."""
 
@@ -31,6 +34,9 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
     content = path.read_bytes()
     if not content.startswith(b"glTF"):
         raise ValueError("it is not GLB: it does not begin with the word glTF")
+    version = int.from_bytes(content[4:8], "little")
+    if version != VERSION:
+        raise ValueError(f"it is of version {version} of glTF; version {VERSION} is read")
     try:
         chunks = dict(_chunks(content))
         about = msgspec.json.decode(chunks[JSON_CHUNK], type=gltf.Description)
@@ -60,11 +66,13 @@ def _bodies(about: gltf.Description, buffers: gltf.Buffers) -> Iterator[Body]:
     if about.meshes and not about.nodes:
         raise ValueError("it is damaged: it has no nodes, which place its triangles")
     waiting = [(node, UPRIGHT) for node in about.roots()]
-    visited = 0
+    seen: set[int] = set()
     while waiting:
         number, above = waiting.pop()
-        visited += 1
-        if visited > MAX_PLACES:
+        if number in seen:
+            raise ValueError("it is damaged: a node stands below two others, or below itself")
+        seen.add(number)
+        if len(seen) > MAX_PLACES:
             raise ValueError(f"its parts stand at more than the {MAX_PLACES:,} allowed places")
         node = about.nodes[number]
         with np.errstate(over="ignore", invalid="ignore"):

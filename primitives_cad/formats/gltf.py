@@ -164,18 +164,16 @@ class Buffers:
             raise KeyError(kind)
         columns = 3 if kind == "VEC3" else 1
         dtype = np.dtype(TYPES[accessor.component_type])
-        data = self._buffer(view.buffer)[view.byte_offset : view.byte_offset + view.byte_length]
-        try:
-            array = np.ndarray(
-                (accessor.count, columns),
-                dtype,
-                data,
-                accessor.byte_offset,
-                (view.byte_stride or columns * dtype.itemsize, dtype.itemsize),
-            )
-        except (ValueError, TypeError):
-            raise KeyError(number) from None
+        width = columns * dtype.itemsize
+        stride = view.byte_stride or width
+        end = accessor.byte_offset + stride * max(accessor.count - 1, 0) + width
+        data = self._buffer(view.buffer)
+        # NumPy takes an empty buffer for one of any size.
+        if end > view.byte_length or view.byte_offset + view.byte_length > len(data):
+            raise KeyError(number)
         check_corners(accessor.count)
+        start = view.byte_offset + accessor.byte_offset
+        array = np.ndarray((accessor.count, columns), dtype, data, start, (stride, dtype.itemsize))
         return array if kind == "VEC3" else array[:, 0]
 
     def _buffer(self, number: int) -> memoryview:

@@ -165,12 +165,12 @@ def adapt(
             run_dir = road.out / model
             part = TRAINING_PART * minutes
             train(model, road.out / DATA, "cpu", run_dir, minutes=part, start=road.start)
-        with clock.step("check"):
-            run = load_run(run_dir)
-            judged = judge_each(run, _felt(road, given, fitted), given.untouched)
-            adapted = record_of(run, judged, given.untouched, fitted, clock.minutes)
-            write_adapt_page(road.out, run, judged, adapted)
-        write_record(road.out, adapted)
+    with clock.step("check"):  # without the lock, which the page takes itself
+        run = load_run(run_dir)
+        judged = judge_each(run, _felt(road, given, fitted), given.untouched)
+        adapted = record_of(run, judged, given.untouched, fitted, clock.minutes)
+        write_adapt_page(road.out, run, judged, adapted)
+    write_record(road.out, adapted)
     return adapted
 
 

@@ -1,0 +1,48 @@
+"""Names of columns: misspelt ones are refused, with the name that was meant."""
+
+import pytest
+
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.column_names import check_names, nearest
+from t2twin.sim.dataset.columns import SCHEMA
+
+KNOWN = ("file", "force_n", "depth_mm", "ball_diameter_mm")
+
+
+@pytest.mark.parametrize(
+    "name, meant",
+    [
+        ("froce_n", "force_n"),
+        ("force", "force_n"),
+        ("force_kg", "force_n"),
+        ("Force (N)", "force_n"),
+        (" force_n", "force_n"),
+        ("Depth MM", "depth_mm"),
+        ("depth_um", "depth_mm"),
+        ("ball_diamter_mm", "ball_diameter_mm"),
+        ("note", None),
+        ("", None),
+    ],
+)
+def test_a_misspelt_name_is_near_the_right_one(name, meant):
+    assert nearest(name, KNOWN) == meant
+    words = f"did you mean {meant}" if meant else "may be file, force_n"
+    with pytest.raises(T2TwinError, match=words):
+        check_names(["file", name], KNOWN, "forces.csv")
+
+
+def test_known_names_are_near_to_themselves_and_to_no_other():
+    for name in SCHEMA.names:
+        assert nearest(name, SCHEMA.names) == name
+    check_names(SCHEMA.names, SCHEMA.names, "pairs.csv")
+
+
+def test_a_column_twice_is_refused():
+    with pytest.raises(T2TwinError, match="two columns note"):
+        check_names(["file", "note", "note"], KNOWN, "pairs.csv", others=True)
+
+
+def test_others_may_be_allowed_but_no_misspelt_ones():
+    check_names(["file", "note", "z_mm"], KNOWN, "pairs.csv", others=True)
+    with pytest.raises(T2TwinError, match=r"has a key 'depht_mm', .* did you mean depth_mm"):
+        check_names(["depht_mm"], KNOWN, "a taxel", others=True, what="key")

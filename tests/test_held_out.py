@@ -1,0 +1,120 @@
+"""Tools in a user's world are found, whole or in part; what is none is not taken for one."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad.same_solid import KnownSolids, invariants
+from t2twin.primitives_cad.same_surface import KnownSurfaces
+from t2twin.sim.world.held_out import SHARED, check_held_out
+from t2twin.sim.world.recipe import Part, Place, Recipe
+
+
+@pytest.fixture(scope="module")
+def tools(shape_cache):
+    return {tool: catalogue.tool_mesh(tool, shape_cache) for tool in catalogue.TOOLS}
+
+
+@pytest.fixture
+def world(tmp_path, shape_cache):
+    """Checks a world of one folder, which has these meshes."""
+
+    def check(split="train", val_share=0.0, **meshes):
+        folder = tmp_path / "solids"
+        folder.mkdir()
+        for name, mesh in meshes.items():
+            mesh.export(folder / f"{name}.stl")
+        part = Part(str(folder), split=split, presses=1, place=Place(1.0), val_share=val_share)
+        check_held_out(Recipe("own", (part,)), shape_cache)
+
+    return check
+
+
+def turned(mesh, seed, scale=1.0):
+    other = mesh.copy()
+    rng = np.random.default_rng(seed)
+    other.apply_transform(trimesh.transformations.random_rotation_matrix(rng.random(3)))
+    other.apply_translation(rng.normal(0.0, 50.0, 3))
+    other.apply_scale(scale)
+    return other
+
+
+def test_a_box_has_the_numbers_of_a_box():
+    sides = np.array((2.0, 3.0, 6.0))
+    found = invariants(turned(trimesh.creation.box(sides), 0, 3.0))
+    second = np.sort(sides**2) / 12.0 * sides.prod() ** (1.0 - 5 / 3)
+    np.testing.assert_allclose(found, [[72.0**1.5 / 36.0, *second]])
+
+
+def test_every_tool_is_found_however_it_lies(tools):
+    known = KnownSolids(tools)
+    for seed, (name, mesh) in enumerate(tools.items()):
+        assert known.same_as(mesh) == name
+        assert known.same_as(turned(mesh, seed, 0.7)) == name
+        mirrored = mesh.copy()
+        mirrored.apply_transform(np.diag((-1.0, 1.0, 1.0, 1.0)))
+        assert known.same_as(mirrored) == name
+
+
+@pytest.mark.exhaustive
+def test_a_tool_of_coarser_triangles_is_found(tools):
+    from t2twin.primitives_cad import tessellate
+    from t2twin.primitives_cad import tools as solids
+
+    coarse = tessellate.tessellate(solids.solid("wrench"), 0.05)
+    assert len(coarse.faces) < len(tools["wrench"].faces) / 3
+    assert KnownSolids(tools).same_as(coarse) == "wrench"
+
+
+def test_no_primitive_is_taken_for_a_tool(tools, shapes):
+    known = KnownSolids(tools)
+    surfaces = KnownSurfaces(
+        {name: shapes(name).surface for name in catalogue.OBJECTS if name not in SHARED}
+    )
+    for name in catalogue.PRIMITIVES:
+        assert known.same_as(shapes(name).mesh) is None, name
+        assert surfaces.same_as(shapes(name).surface) is None, name
+
+
+def test_what_is_shared_is_a_primitive_s_surface(shapes):
+    assert SHARED == ("clamp/handle",)
+    known = KnownSurfaces({"hemisphere-4": shapes("hemisphere-4").surface})
+    assert known.same_as(shapes("clamp/handle").surface) == "hemisphere-4"
+
+
+def test_a_world_with_a_whole_tool_is_refused(world, tools):
+    block = trimesh.creation.box((9.0, 8.0, 7.0))
+    with pytest.raises(T2TwinError, match=r"b\.stl is the tool allen-key"):
+        world(a=block, b=turned(tools["allen-key"], 3))
+
+
+def test_a_tool_beside_another_body_is_refused(world, tools):
+    block = trimesh.creation.box((9.0, 8.0, 7.0), transform=np.eye(4) + np.eye(4, k=3) * 80.0)
+    both = trimesh.util.concatenate([block, tools["allen-key"]])
+    with pytest.raises(T2TwinError, match="is the tool allen-key"):
+        world(both=both)
+
+
+def test_a_part_of_a_tool_is_refused(world):
+    """Cut out about the keypoint, which lies 10 mm from the middle of what is left."""
+    import cadquery as cq
+
+    from t2twin.primitives_cad import tessellate
+    from t2twin.primitives_cad import tools as solids
+
+    at = solids.keypoints("wrench")[2]
+    assert at.name == "shank"
+    block = cq.Workplane().box(60.0, 60.0, 60.0).translate((at.point_mm[0] + 10.0, 0.0, 0.0))
+    part = solids.solid("wrench").intersect(block.val())  # pyright: ignore[reportArgumentType]
+    with pytest.raises(T2TwinError, match="the same surface as wrench/shank"):
+        world(part=tessellate.tessellate(part))
+
+
+def test_only_a_part_that_is_for_the_test_alone_may_have_tools(world, tools, tmp_path):
+    world("test", 0.0, tool=tools["allen-key"])
+    (tmp_path / "solids/tool.stl").unlink()
+    (tmp_path / "solids").rmdir()
+    with pytest.raises(T2TwinError, match="is the tool allen-key"):
+        world("test", 0.5, tool=tools["allen-key"])
