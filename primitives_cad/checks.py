@@ -154,7 +154,7 @@ def _as_float(value: Real) -> float:
     try:
         return float(value)
     except OverflowError:  # a whole number beyond the largest float
-        return math.inf
+        return math.inf if value > 0 else -math.inf
 
 
 def _items(values: object, name: str, of: str) -> Sequence[object]:
