@@ -70,6 +70,10 @@ MORE: Mapping[str, tuple[Call, object, str]] = {
         lambda value, box, base: t2twin.translate_images([PICTURE], "out", pictures=value),
         "no", "True or False",
     ),
+    "a Shape without a surface": (
+        lambda value, box, base: t2twin.press(t2twin.Shape("a", value, value, (1.0, 1.0))),
+        None, "surface is None",
+    ),
     "a scale for a Shape": (
         lambda value, box, base: t2twin.load_shape(t2twin.load_shape("circle-1"), value),
         2.0, "for files only",
@@ -193,8 +197,8 @@ def cases() -> Iterator[Case]:
     yield from _images()
     yield from _wrong(api_calls.NUMBERS, api_values.NO_NUMBERS, "")
     yield from _wrong(api_calls.WHOLE_NUMBERS, api_values.NO_WHOLE_NUMBERS, "")
-    yield from _wrong(api_calls.PATHS, no_path, "expected a path")
-    yield from _wrong(api_calls.OPTIONAL_PATHS, no_given_path, "expected a path")
+    yield from _wrong(api_calls.PATHS, no_path, "expected a")
+    yield from _wrong(api_calls.OPTIONAL_PATHS, no_given_path, "expected a")
     yield from _wrong(api_calls.LISTS, api_values.NO_LISTS)
     yield from _wrong(api_calls.OBJECTS, api_values.NO_OBJECTS)
     yield from _wrong(api_calls.WORDS, api_values.NO_WORDS, "")
