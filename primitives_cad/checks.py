@@ -4,6 +4,7 @@ Each check takes the value and the name of its argument, and returns the value a
 it. NumPy's scalars are numbers; bool is not a number.
 """
 
+import errno
 import math
 import os
 from collections.abc import Sequence
@@ -23,6 +24,8 @@ Kind = TypeVar("Kind")
 
 def real(value: object, name: str) -> float:
     """A number as a float, which may be infinite or NaN. Raises T2TwinError for anything else."""
+    if type(value) is float:  # the usual case, quickly
+        return value
     if not isinstance(value, Real) or isinstance(value, bool):
         raise _wrong(value, name, "a number")
     return _as_float(value)
@@ -60,12 +63,20 @@ def flag(value: object, name: str) -> bool:
 
 
 def path(value: object, name: str) -> Path:
-    """A path. Raises T2TwinError for what is no text and no path, and for empty text."""
+    """A path. Raises T2TwinError for what is no text and no path, and for text that names nothing:
+    empty, too long for the file system, or with characters that no file name has."""
     if not isinstance(value, str | os.PathLike):
         raise _wrong(value, name, "a path")
     text = os.fspath(value)
-    if not isinstance(text, str) or not text or "\0" in text:
+    if not isinstance(text, str) or not text:
         raise _wrong(value, name, "a path")
+    try:
+        os.lstat(text)
+    except ValueError:  # a null character, or a character that cannot be encoded
+        raise _wrong(value, name, "a path") from None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise _wrong(value, name, "a shorter path") from None
     return Path(text)
 
 
@@ -154,7 +165,7 @@ def _as_float(value: Real) -> float:
     try:
         return float(value)
     except OverflowError:  # a whole number beyond the largest float
-        return math.inf
+        return math.inf if value > 0 else -math.inf
 
 
 def _items(values: object, name: str, of: str) -> Sequence[object]:

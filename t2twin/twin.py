@@ -10,7 +10,7 @@ import numpy as np
 from t2twin.press_folder import write_press
 from t2twin.primitives_cad import catalogue, checks
 from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.shape import Shape
+from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
 from t2twin.sim.press.depth import force_at_depth
 from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
@@ -186,6 +186,7 @@ def load_shape(shape: str | Path | Shape, scale: float | None = None) -> Shape:
     if not isinstance(shape, Shape):
         checks.path(shape, "shape")
         return catalogue.load(shape, scale=scale)
+    checks.instance(shape.surface, "the shape's surface", HeightMap)
     if scale is not None:
         raise T2TwinError(f"{shape.name} is a Shape, in mm; a scale is for files only")
     return shape

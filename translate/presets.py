@@ -211,11 +211,13 @@ PRESETS: dict[Model, dict[str, Preset]] = {
 
 def find_preset(model: str, preset: str | Preset) -> Preset:
     """The preset of that name for that model. Raises T2TwinError that lists the valid names."""
-    if checks.text(model, "model") not in PRESETS:
+    checks.text(model, "model")
+    if model not in PRESETS:
         raise T2TwinError(f"there is no model {model!r}; it must be one of {', '.join(MODELS)}")
     if isinstance(preset, Preset):
         return preset
-    if checks.text(preset, "preset") not in PRESETS[model]:
+    checks.text(preset, "preset")
+    if preset not in PRESETS[model]:
         names = ", ".join(PRESETS[model])
         raise T2TwinError(f"{model} has no preset {preset!r}; it must be one of {names}")
     return PRESETS[model][preset]

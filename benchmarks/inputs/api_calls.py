@@ -36,7 +36,7 @@ def files(box: Path, base: Base) -> None:
 
 
 def calibrate(**changed: Any) -> object:
-    arguments = {"ball_diameter_mm": 5.0} | changed
+    arguments: dict[str, Any] = {"ball_diameter_mm": 5.0} | changed
     return t2twin.calibrate(PICTURE, PRESSES, **arguments)
 
 
@@ -230,7 +230,5 @@ ARRAYS: Mapping[str, Call] = {
     "picture_of counts": lambda value, box, base: turned_round(base.touch2touch).picture_of(value),
     "Layout x_mm": lambda value, box, base: layout(x_mm=value),
     "Layout pad_diameter_mm": lambda value, box, base: layout(pad_diameter_mm=value),
-    "at_layout x_mm": lambda value, box, base: field_run().at_layout(
-        value, [float(n) for n in range(20)], "mine"
-    ),
+    "at_layout x_mm": lambda value, box, base: field_run().at_layout(value, value, "mine"),
 }

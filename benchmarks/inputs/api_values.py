@@ -26,6 +26,8 @@ NO_PATHS: dict[str, object] = {
     "bytes": b"x",
     "empty": "",
     "a NUL": "a\0",
+    "too long": "x" * 5000,
+    "no text": "\ud800",
 }
 NO_LISTS: dict[str, object] = {
     "None": None,

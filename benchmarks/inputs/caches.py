@@ -59,7 +59,7 @@ def _in_place(put: Callable[[Path], object]) -> Make:
     return make
 
 
-def _cached(user: Callable[[Base], object], damage: Callable[[Path], object]) -> Make:
+def _cached(user: Callable[[Base], np.ndarray], damage: Callable[[Path], object]) -> Make:
     """Calls what keeps one file in the cache, damages the file, and calls it again."""
 
     def call(box: Path, base: Base) -> None:
