@@ -78,13 +78,26 @@ def open_mesh(path):
         (("press", "square-2", "--x-mm", "60"), "beside"),
         (("press", "square-2", "--thickness-mm", "-1"), "thickness_mm"),
         (("simdata", "--scale", "huge"), "smoke, small, paper"),
-        (("simdata", "--scale", "smoke", "--workers", "0"), "1 and more"),
+        (("simdata", "--scale", "smoke", "--workers", "0"), "allowed are 1 to 1000"),
         (("train", "resnet18", "--data", "empty"), "empty"),
         (("train", "alexnet", "--data", "empty"), "touch2touch"),
         (("evaluate", "norun", "--data", "empty"), "empty"),
         (("translate", "--run", "norun", "text.png"), "text.png"),
         (("translate", "--run", "norun", "missing.png"), "missing.png"),
         (("report", "--data", "empty"), "empty"),
+        (("press", "square-2", "--scale=abc"), "--scale is 'abc'; expected a number"),
+        (("press", "square-2", "--optics", "PyRender"), "expected baked or pyrender"),
+        (("press", "square-2", "--yaw", "3"), "did you mean --yaw-deg?"),
+        (("pres", "square-2"), "did you mean press?"),
+        (("train", "resnet18"), "--data is missing; see t2twin train --help"),
+        (("press", "random-01"), "random-0, random-1"),
+        (("simdata", "--scale", "smoke", "--workers", "100000"), "allowed are 1 to 1000"),
+        (("translate", "field", "text.png"), "--run field"),
+        (("translate", "text.png", "--untouched", "text.png"), "--untouched is now --background"),
+        (("export", "field"), "--run RUN"),
+        (("export", "--out", ""), "a folder"),
+        (("export", "--out", "text.png"), "already exists"),
+        (("export", "--out", "/dev/null", "--force"), "a device"),
     ],
 )
 def test_bad_input_is_one_sentence_and_status_2(tmp_path, capsys, arguments, words):
@@ -122,6 +135,13 @@ def test_press_leaves_its_scene_and_says_where_there_is_no_display(tmp_path, cap
     assert (tmp_path / "out/scene_cyskin.xml").is_file()
     assert (tmp_path / "out/shape.stl").is_file()
     assert "no display" in capsys.readouterr().out
+
+
+def test_press_says_that_a_shape_lies_off_the_sensor(capsys):
+    run("press", "square-2", "--x-mm", "14", "--sensor", "digit", "--out", "out")
+    assert "its middle lies off the sensor" in capsys.readouterr().out
+    run("press", "square-2", "--x-mm", "3", "--sensor", "digit", "--out", "out")
+    assert "off the sensor" not in capsys.readouterr().out
 
 
 def test_press_says_that_a_shape_bottoms_out(tmp_path, capsys):

@@ -63,8 +63,11 @@ def write_tables(
 def earlier_files(out_dir: Path) -> set[Path]:
     """What an earlier call says it left in a folder besides its counts: pictures, and standard
     deviations; nothing where nothing says so."""
+    path = out_dir / COUNTS_JSON
+    if not path.is_file():  # a pipe would be waited for
+        return set()
     try:
-        images = json.loads((out_dir / COUNTS_JSON).read_text())["images"]
+        images = json.loads(path.read_text())["images"]
         names = {str(entry.get("tactile_image", "")) for entry in images}
         said = any("counts_std" in entry for entry in images)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):

@@ -1,10 +1,7 @@
 """Sources and options of `live`: no frames, odd videos, folders that change meanwhile."""
 
 import os
-import shutil
-import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -13,19 +10,12 @@ from PIL import Image
 
 from benchmarks.inputs.case import Base, Case, Make, holding
 from benchmarks.inputs.images import JPEG, PNG, bomb, encoded, frame
-from t2twin.live.folder import Folder
-from t2twin.live.frame import Frame
+from benchmarks.inputs.live_folders import CHANGING, require
 from t2twin.live.sources import open_source
-from t2twin.primitives_cad.errors import T2TwinError
 
 LIVE = ("live", "--run", "{resnet18}")
 FIELD = ("live", "d", "--frames", "1")
 ONE = ("--frames", "1")
-STEP_S = 0.02
-"""Pause between two writes of a folder's files, s (assumed: a camera of 50 Hz)."""
-
-SHORT_PATIENCE_S = 0.2
-"""Patience with unreadable files in the cases below, s, so that they are quick."""
 
 
 def video(
@@ -38,12 +28,13 @@ def video(
         from t2twin.live.sources import _opencv
 
         cv2 = _opencv()
-        writer = cv2.VideoWriter(str(box / "v.avi"), cv2.VideoWriter.fourcc(*codec), hz, size)
+        temporary = box / f"temporary{Path(name).suffix}"
+        writer = cv2.VideoWriter(str(temporary), cv2.VideoWriter.fourcc(*codec), hz, size)
         for number in range(frames):
             writer.write(np.ascontiguousarray(np.asarray(frame(number, size))[:, :, ::-1]))
         writer.release()
-        content = (box / "v.avi").read_bytes()
-        (box / "v.avi").unlink()
+        content = temporary.read_bytes()
+        temporary.unlink()
         (box / os.fsdecode(name)).write_bytes(content[: int(part * len(content))])
 
     return make
@@ -159,7 +150,7 @@ def cases() -> Iterator[Case]:
     yield Case("background of another size", (*FIELD, "--background", "b.png"),
                _bad_background(small), fine=True)  # fmt: skip
     yield from _folders()
-    for name, call in CHANGING.items():
+    for name, call in (CHANGING | REPORTED).items():
         yield Case(f"folder: {name}", (), call=call, fine=True)
 
 
@@ -200,8 +191,8 @@ def _folders() -> Iterator[Case]:
         yield Case(f"folder with {name}", (*LIVE, "d", *ONE), make, fine=True)
     yield Case("a link to a folder", (*LIVE, "link", *ONE), _link, fine=True)
     for mode in ("L", "LA", "RGBA", "P", "1", "I;16"):
-        make = folder() if mode == "RGB" else _of_mode(mode)
-        yield Case(f"folder with a frame of mode {mode}", (*LIVE, "d", *ONE), make, fine=True)
+        words = (*LIVE, "d", *ONE)
+        yield Case(f"folder with a frame of mode {mode}", words, _of_mode(mode), fine=True)
 
 
 def _of_mode(mode: str) -> Make:
@@ -216,233 +207,18 @@ def _of_mode(mode: str) -> Make:
     return make
 
 
-# Folders that change while they are read
-
-
-class Watched:
-    """A folder source in an empty folder, with what it reported."""
-
-    def __init__(self, box: Path) -> None:
-        self.path = box / "frames"
-        self.path.mkdir()
-        self.reports: list[str] = []
-        self.source = Folder(self.path, 0, self.reports.append, SHORT_PATIENCE_S)
-
-    def frames(self, write: Callable[[Path], None], last: int) -> list[Frame]:
-        """Those that are read while `write` writes, until one of grey level `last`."""
-        error: list[BaseException] = []
-
-        def run() -> None:
-            try:
-                write(self.path)
-            except BaseException as failure:  # it is raised again below
-                error.append(failure)
-                self.source.close()
-
-        writer = threading.Thread(target=run)
-        writer.start()
-        seen: list[Frame] = []
-        while (each := self.source.read()) is not None:
-            seen.append(each)
-            if _grey(each) == last:
-                break
-        writer.join()
-        if error:
-            raise error[0]
-        if not seen or _grey(seen[-1]) != last:
-            raise AssertionError(f"frame {last} did not come")
-        return seen
-
-
-def _png(grey: int) -> bytes:
-    """A frame that is known by its grey level; noise makes it a large file."""
-    image = np.asarray(frame(grey)).copy()
-    image[:160] = grey
-    return encoded(Image.fromarray(image))
-
-
-def _grey(seen: Frame) -> int:
-    return int(seen.image[0, 0, 0])
-
-
-def _in_place(path: Path, content: bytes, parts: int = 4) -> None:
-    """Written part by part, as cameras' programs do that know nothing of renaming."""
-    with path.open("wb") as file:
-        for part in np.array_split(np.frombuffer(content, np.uint8), parts):
-            file.write(part.tobytes())
-            file.flush()
-            time.sleep(STEP_S / parts)
-    time.sleep(STEP_S)
-
-
-def _renamed(path: Path, content: bytes) -> None:
-    temporary = path.with_suffix(".tmp")
-    temporary.write_bytes(content)
-    temporary.replace(path)
-    time.sleep(STEP_S)
-
-
-def _require(holds: bool, what: str) -> None:
-    if not holds:
-        raise AssertionError(what)
-
-
-def _rising(seen: list[Frame]) -> None:
-    greys = [_grey(each) for each in seen]
-    _require(greys == sorted(set(greys)), f"frames came as {greys}")
-    numbers = [each.number for each in seen]
-    _require(numbers == sorted(set(numbers)), f"frames are numbered {numbers}")
-
-
-def _many(write: Callable[[Path, bytes], None], name: str, box: Path, base: Base) -> None:
-    """name: of each file, with its number in place of {}."""
-    watched, count = Watched(box), 20
-
-    def run(path: Path) -> None:
-        for number in range(count + 1):
-            write(path / name.format(number), _png(100 + number))
-
-    seen = watched.frames(run, 100 + count)
-    _rising(seen)
-    _require(len(seen) > 2, f"{len(seen)} frames of {count + 1} came")
-    _require(not watched.reports, f"reported {watched.reports}")
-
-
-def _damaged_between(box: Path, base: Base) -> None:
-    watched = Watched(box)
-
-    def run(path: Path) -> None:
-        for number in range(10):
-            (path / f"{number}-bad.png").write_bytes(PNG[:500])
-            _renamed(path / f"{number}.png", _png(100 + number))
-
-    _rising(watched.frames(run, 109))
-
-
-def _damaged_alone(box: Path, base: Base) -> None:
-    watched = Watched(box)
-
-    def run(path: Path) -> None:
-        for number in range(5):
-            (path / f"{number}.png").write_bytes(b"no image")
-        while not watched.reports:
-            time.sleep(STEP_S)
-        _renamed(path / "good.png", _png(100))
-
-    watched.frames(run, 100)
-    _require(len(watched.reports) == 1, f"{len(watched.reports)} reports, one is enough")
-    _require("skipped" in watched.reports[0], watched.reports[0])
-
-
-def _vanishing(box: Path, base: Base) -> None:
-    watched = Watched(box)
-
-    def run(path: Path) -> None:
-        for number in range(30):
-            (path / f"{number}.png").write_bytes(_png(100 + number))
-            (path / f"{number}.png").unlink()
-        _renamed(path / "last.png", _png(200))
-
-    watched.frames(run, 200)
-
-
-def _written_again(box: Path, base: Base) -> None:
-    """Files of earlier names come again with a new content."""
-    watched = Watched(box)
-
-    def run(path: Path) -> None:
-        for number in range(12):
-            _renamed(path / f"{number % 3}.png", _png(100 + number))
-
-    _rising(watched.frames(run, 111))
-
-
-def _old_time(box: Path, base: Base) -> None:
-    """A frame that is copied with its time of change is new too."""
-    watched = Watched(box)
-
-    def run(path: Path) -> None:
-        _renamed(path / "a.png", _png(100))
-        (path / ".b.png").write_bytes(_png(101))
-        os.utime(path / ".b.png", (1000, 1000))
-        (path / ".b.png").replace(path / "b.png")
-
-    _require(_grey(watched.frames(run, 101)[-1]) == 101, "the copied frame did not come")
-
-
-def _other_size(box: Path, base: Base) -> None:
-    watched = Watched(box)
-
-    def run(path: Path) -> None:
-        for number, size in enumerate(((240, 320), (320, 240), (64, 48), (1, 1))):
-            content = encoded(Image.new("RGB", size, (100 + number,) * 3))
-            _renamed(path / "latest.png", content)
-
-    _rising(watched.frames(run, 103))
-
-
-def _entries_arrive(box: Path, base: Base) -> None:
-    watched = Watched(box)
-
-    def run(path: Path) -> None:
-        os.mkfifo(path / "a.png")
-        (path / "b.png").mkdir()
-        (path / "c.png").symlink_to("/dev/zero")
-        (path / "d.png").symlink_to("nowhere")
-        _renamed(path / "e.png", _png(100))
-
-    watched.frames(run, 100)
-    _require(not watched.reports, f"reported {watched.reports}")
-
-
-def _gone(box: Path, base: Base) -> None:
-    watched = Watched(box)
-    try:
-        watched.frames(shutil.rmtree, 100)
-    except T2TwinError as error:
-        _require("is gone" in str(error), str(error))
-    else:
-        raise AssertionError("the folder went without a word")
-
-
-def _in_vain(box: Path, base: Base) -> None:
-    """A file in the folder's place."""
-    watched = Watched(box)
-    watched.path.rmdir()
-    watched.path.write_text("a file")
-    try:
-        watched.source.read()
-    except T2TwinError as error:
-        _require("is gone" in str(error), str(error))
-    else:
-        raise AssertionError("the folder went without a word")
-
-
 def _reported_video(make: Make, said: str, box: Path, base: Base) -> None:
     make(box, base)
     reports: list[str] = []
     source = open_source(str(box / "v.avi"), report=reports.append)
     while source.read() is not None:
         pass
-    _require(len(reports) == 1 and said in reports[0], f"reported {reports}")
+    require(len(reports) == 1 and said in reports[0], f"reported {reports}")
 
 
-CHANGING: dict[str, Make] = {
-    "each frame written in place": partial(_many, _in_place, "{}.png"),
-    "each frame renamed": partial(_many, _renamed, "{}.png"),
-    "one file replaced again and again": partial(_many, _renamed, "latest.png"),
-    "one file written in place again and again": partial(_many, _in_place, "latest.png"),
-    "two files in turn": _written_again,
-    "damaged frames between good ones": _damaged_between,
-    "damaged frames, then a good one": _damaged_alone,
-    "frames that vanish": _vanishing,
-    "a frame with an old time": _old_time,
-    "frames of another size": _other_size,
-    "pipes and folders that arrive": _entries_arrive,
-    "it goes": _gone,
-    "a file in its place": _in_vain,
-    "none, a video of 0.01 Hz": partial(_reported_video, video("v.avi", 0.01, 2), "frames/s"),
-    "none, a cut video": partial(
+REPORTED: dict[str, Make] = {
+    "none, but a video of 0.01 Hz": partial(_reported_video, video("v.avi", 0.01, 2), "frames/s"),
+    "none, but a cut video": partial(
         _reported_video, video("v.avi", 500.0, 40, part=0.5), "ends after"
     ),
 }

@@ -139,7 +139,7 @@ def cases() -> Iterator[Case]:
                     f"{command} where {name} is a {what}",
                     (*words, "--out", "out"),
                     _in_the_way(name, put),
-                    f"{name} cannot be written",
+                    name if command == "report" else f"{name} cannot be written",
                 )
     yield from _in_python()
 

@@ -73,7 +73,7 @@ class Refusal:
             return self._missing(event) if unknown is None else self._unrecognized(unknown)
         if isinstance(event, _errors.InvalidChoice):
             name = _name(event.argument)
-            return f"{name} is {event.value!r}; expected {_one_of(event.choices)}"
+            return f"{name} is {event.value!r}; expected {_expected(event.argument)}"
         if isinstance(event, _errors.BadValue):
             # An unknown option in an argument's place is the reason why that is missing.
             name, positional = _name(event.argument), event.argument.is_positional()
@@ -116,8 +116,8 @@ class Refusal:
 
     def _unknown_option(self) -> str | None:
         """The first word that looks like an option and is none."""
-        known = (*self._options(), "--help") if self._command is not None else ()
-        for word in self._given[1:]:
+        known = ("--help", *(() if self._command is None else self._options()))
+        for word in self._given:
             name = word.partition("=")[0].replace("_", "-")
             if name.startswith("--") and name != "--" and name not in known:
                 return word
@@ -142,7 +142,10 @@ def _name(argument: Any) -> str:
 def _expected(argument: Any) -> str:
     lowered = argument.lowered
     if lowered.choices:
-        return _one_of(lowered.choices)
+        # tyro takes None for an option that may be left out, and forgets the order of the others.
+        optional = "None" in lowered.choices
+        named = [name for name in lowered.choices if name != "None"]
+        return _one_of(sorted(named) if optional else named)
     metavar = str(lowered.metavar)
     return EXPECTED.get(metavar, metavar)
 

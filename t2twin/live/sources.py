@@ -93,9 +93,10 @@ class Camera:
 
     def __init__(self, number: str, turn_deg: int = 0) -> None:
         cv2 = _opencv()
-        possible = len(number) <= MAX_CAMERA_DIGITS
-        self._capture = cv2.VideoCapture(int(number)) if possible else None
-        if self._capture is None or not self._capture.isOpened():
+        self._capture = cv2.VideoCapture()
+        if len(number) <= MAX_CAMERA_DIGITS:
+            self._capture.open(int(number))
+        if not self._capture.isOpened():
             raise T2TwinError(
                 f"camera {number} cannot be opened; give the number of one that is there and that "
                 "no other program uses"
@@ -127,8 +128,10 @@ class Video:
     def __init__(self, path: Path, turn_deg: int = 0, report: Report = _silent) -> None:
         cv2 = _opencv()
         # FFmpeg draws text as a video, and follows playlists to other files.
-        self._capture = None if _is_text(path) else cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-        if self._capture is None or not self._capture.isOpened():
+        self._capture = cv2.VideoCapture()
+        if not _is_text(path):
+            self._capture.open(str(path), cv2.CAP_FFMPEG)
+        if not self._capture.isOpened():
             raise T2TwinError(f"{path} cannot be read as a video; give a file that players play")
         hz = self._capture.get(cv2.CAP_PROP_FPS)
         if not MIN_HZ <= hz <= MAX_HZ:
