@@ -83,6 +83,7 @@ def test_translators_are_loaded_after_a_page_has_its_picture(untrained_runs, tmp
     translators = Watched()
     translators.search(untrained_runs)
     shared = ready.Shared(translators, tmp_path, is_seen=Seen())
+    monkeypatch.setattr(ready, "_compiling_optics", lambda: None)
     monkeypatch.setattr(ready, "_press", lambda *_: order.append(shared.can_press.is_set()))
     ready.get_ready(shared, search=False)
     assert order == [False, "seen", translators.chosen] and shared.can_press.is_set()
