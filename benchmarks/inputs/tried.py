@@ -20,8 +20,8 @@ from benchmarks.inputs.case import REFUSED, Base, Case
 from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
 
-PATIENCE_SECONDS = 60
-"""Longest that a case may take, s; longer is a hang."""
+PATIENCE_SECONDS = 240
+"""Longest that a case may take, s; longer is a hang. Other processes may share the cores."""
 
 CLASS_NAME = re.compile(r"\b[A-Z]\w*[a-z](?:Error|Exception|Warning)\b")
 """Names of Python's exceptions, which are no words for a user."""
