@@ -31,7 +31,7 @@ def homeless(tmp_path, monkeypatch):
 
 def load_file(folder: Path) -> Shape:
     """A shape of a file, which is prepared where it is not kept."""
-    (folder / "box.stl").write_bytes(trimesh.creation.box().export(file_type="stl"))
+    trimesh.creation.box().export(folder / "box.stl")
     return catalogue.load(folder / "box.stl")
 
 
