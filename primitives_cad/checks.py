@@ -161,7 +161,7 @@ def _short_repr(value: object) -> str:
     return said if len(said) <= MAX_SHOWN else f"{said[:MAX_SHOWN]}..."
 
 
-def _as_float(value: Real) -> float:
+def _as_float(value: Any) -> float:
     try:
         return float(value)
     except OverflowError:  # a whole number beyond the largest float
