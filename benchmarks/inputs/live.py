@@ -15,6 +15,7 @@ from t2twin.live.sources import open_source
 
 LIVE = ("live", "--run", "{resnet18}")
 FIELD = ("live", "d", "--frames", "1")
+TRANSLATE = ("translate", "d/newest.png", "--out", "out")
 ONE = ("--frames", "1")
 
 
@@ -141,8 +142,10 @@ def cases() -> Iterator[Case]:
     yield Case("a run that is none", ("live", "d", "--run", "d"), folder(), "config.json")
     for name, content in (("text", b"no image"), ("cut", PNG[:-20]), ("cut in half", PNG[:9999]),
                           ("a bomb", bomb()), ("empty", b"")):  # fmt: skip
-        words = (*FIELD, "--background", "b.png")
-        yield Case(f"background: {name}", words, _bad_background(content), "b.png")
+        for command in (FIELD, TRANSLATE):
+            words = (*command, "--background", "b.png")
+            make = _bad_background(content)
+            yield Case(f"{command[0]} with a background: {name}", words, make, "b.png")
     yield Case(
         "background: a folder", (*FIELD, "--background", "b.png"), _background_folder, "b.png"
     )
