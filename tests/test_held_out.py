@@ -1,5 +1,7 @@
 """Tools in a user's world are found, whole or in part; what is none is not taken for one."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 import trimesh
@@ -21,7 +23,7 @@ def tools(shape_cache):
 def world(tmp_path, shape_cache):
     """Checks a world of one folder, which has these meshes."""
 
-    def check(split="train", val_share=0.0, **meshes):
+    def check(split: Literal["train", "test"] = "train", val_share=0.0, **meshes):
         folder = tmp_path / "solids"
         folder.mkdir()
         for name, mesh in meshes.items():
