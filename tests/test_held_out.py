@@ -15,8 +15,8 @@ from t2twin.sim.world.recipe import Part, Place, Recipe
 
 
 @pytest.fixture(scope="module")
-def tools(shape_cache):
-    return {tool: catalogue.tool_mesh(tool, shape_cache) for tool in catalogue.TOOLS}
+def tools():
+    return {tool: catalogue.tool_mesh(tool) for tool in catalogue.TOOLS}
 
 
 @pytest.fixture
