@@ -27,8 +27,8 @@ class KnownSolids:
     def same_as(self, mesh: trimesh.Trimesh) -> str | None:
         """The name of the first one that a body of a mesh is the same as, or None."""
         ratios = invariants(mesh)[:, None] / self._numbers[None]
-        same = (np.abs(ratios - 1.0) < SAME_SHARE).all(axis=-1).any(axis=0)
-        return next((name for name, is_same in zip(self.names, same, strict=True) if is_same), None)
+        same = np.flatnonzero((np.abs(ratios - 1.0) < SAME_SHARE).all(axis=-1).any(axis=0))
+        return self.names[same[0]] if same.size else None
 
 
 def invariants(mesh: trimesh.Trimesh) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Tools in a user's world are found, whole or in part; what is none is not taken for one."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 import trimesh
@@ -13,15 +15,15 @@ from t2twin.sim.world.recipe import Part, Place, Recipe
 
 
 @pytest.fixture(scope="module")
-def tools(shape_cache):
-    return {tool: catalogue.tool_mesh(tool, shape_cache) for tool in catalogue.TOOLS}
+def tools():
+    return {tool: catalogue.tool_mesh(tool) for tool in catalogue.TOOLS}
 
 
 @pytest.fixture
 def world(tmp_path, shape_cache):
     """Checks a world of one folder, which has these meshes."""
 
-    def check(split="train", val_share=0.0, **meshes):
+    def check(split: Literal["train", "test"] = "train", val_share=0.0, **meshes):
         folder = tmp_path / "solids"
         folder.mkdir()
         for name, mesh in meshes.items():

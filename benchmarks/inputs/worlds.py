@@ -164,11 +164,17 @@ def _solids(*lay: Callable[[Path], object]) -> Make:
     return make
 
 
+def _prepare_tools() -> None:
+    """What takes long where no shape is kept, before the case begins."""
+    held_out.test_solids()
+    held_out.test_surfaces()
+
+
 def _tool(name: str, turn_rad: float = 0.0, scale: float = 1.0, more: bool = False):
     """Lays out a tool as a mesh, turned, scaled, or with another body beside it."""
 
     def lay(folder: Path) -> None:
-        held_out.test_solids(), held_out.test_surfaces()  # what takes long, before the case
+        _prepare_tools()
         mesh = catalogue.tool_mesh(name)
         mesh.apply_transform(trimesh.transformations.rotation_matrix(turn_rad, (1.0, 0.3, -0.2)))
         mesh.apply_scale(scale)
@@ -186,7 +192,7 @@ def _part_of_a_tool(folder: Path) -> None:
 
     from t2twin.primitives_cad import tools
 
-    held_out.test_solids(), held_out.test_surfaces()
+    _prepare_tools()
     (at,) = (each for each in tools.keypoints("wrench") if each.name == "shank")
     block = cq.Workplane().box(60.0, 60.0, 60.0).translate((at.point_mm[0] + 10.0, 0.0, 0.0))
     part = tools.solid("wrench").intersect(block.val())  # pyright: ignore[reportArgumentType]

@@ -30,7 +30,7 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
             continue
         for path in Progress(solids_in(part.shapes), desc="held-out check", unit="solid"):
             shape = catalogue.load(path, cache_dir)
-            if tool := test_solids(kept_in).same_as(shape.mesh):
+            if tool := test_solids().same_as(shape.mesh):
                 is_test = f"is the tool {tool}"
             elif place := test_surfaces(kept_in).same_as(shape.surface):
                 is_test = f"presses with the same surface as {place}"
@@ -43,9 +43,9 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
 
 
 @cache
-def test_solids(cache_dir: str | None = None) -> KnownSolids:
+def test_solids() -> KnownSolids:
     """All tools, whole."""
-    return KnownSolids({tool: catalogue.tool_mesh(tool, cache_dir) for tool in catalogue.TOOLS})
+    return KnownSolids({tool: catalogue.tool_mesh(tool) for tool in catalogue.TOOLS})
 
 
 @cache
