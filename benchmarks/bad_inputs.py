@@ -30,6 +30,7 @@ from benchmarks.inputs import (
     python_api,
     runs,
     shapes,
+    studio_messages,
     tables,
     worlds,
 )
@@ -53,6 +54,7 @@ KINDS: dict[str, Callable[[], Iterator[Case]]] = {
     "python_api": python_api.cases,
     "live": live.cases,
     "outputs": outputs.cases,
+    "studio_messages": studio_messages.cases,
 }
 """What is tried, by what is bad about it."""
 

@@ -5,6 +5,7 @@ import json
 import shutil
 import zipfile
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,15 +16,19 @@ import t2twin
 from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.press.depth import TOLERANCE_MM
+from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world.protocol import indices, press_at, scale_of
-from t2twin.studio import cards, solids, uploads
+from t2twin.studio import cards, solids, transfers, uploads
 from t2twin.studio.colours import colour_table, coloured
 from t2twin.studio.press_state import PressState, protocol_press, read_query
 from t2twin.studio.session import STEPS, Session
 from t2twin.studio.take_away import AGAIN, zipped
-from t2twin.studio.translators import MAKE_ONE, Translators
+from t2twin.studio.translators import LEVEL, MAKE_ONE, Translators
+from t2twin.translate.runs.shipped import DEFAULT_RUN
 
 SHAPE = "hemisphere-4"
+NOWHERE = Path("/nonexistent")
+"""A folder that holds no runs."""
 
 
 @pytest.fixture(scope="module")
@@ -173,13 +178,14 @@ def test_a_layout_on_a_line_has_counts_and_no_tactile_image(session, tmp_path):
 # Translators
 
 
-def test_runs_are_found_and_their_errors_are_known(untrained_runs):
+def test_runs_are_found_and_their_errors_are_known(untrained_runs, tmp_path):
     translators = Translators()
     folders = {folder.name: folder for folder in untrained_runs}
-    translators.search(untrained_runs)
-    assert len(translators.names) == 2 and translators.chosen == translators.names
+    translators.search(untrained_runs, tmp_path)
+    assert len(translators.names) == 3 and translators.chosen == translators.names
+    assert translators.names[0] == DEFAULT_RUN
     own = Session(translators)
-    seen = own.look(PressState(SHAPE), translators.chosen)
+    seen = own.look(PressState(SHAPE), translators.chosen[1:])
     for each in seen.translations:
         run = t2twin.load(folders[each.model])
         assert np.allclose(each.counts, run.predict(seen.touch.image), atol=0.5)
@@ -192,8 +198,8 @@ def test_runs_are_found_and_their_errors_are_known(untrained_runs):
 
 def test_the_truth_of_another_layout_is_that_at_the_runs_own_taxels(untrained_runs):
     translators = Translators()
-    translators.search([untrained_runs[1]])
-    seen = Session(translators).look(PressState(SHAPE, layout="cyskin-63"), translators.chosen)
+    translators.search([untrained_runs[1]], NOWHERE)
+    seen = Session(translators).look(PressState(SHAPE, layout="cyskin-63"), translators.chosen[1:])
     truth = seen.translations[0].truth
     assert truth is not None
     assert np.rint(truth).astype(int).tolist() == t2twin.press(SHAPE).counts.tolist()
@@ -202,7 +208,7 @@ def test_the_truth_of_another_layout_is_that_at_the_runs_own_taxels(untrained_ru
 def test_a_run_is_loaded_apart_from_its_first_use(untrained_runs):
     translators = Translators()
     assert not translators.are_known
-    translators.search([untrained_runs[0]])
+    translators.search([untrained_runs[0]], NOWHERE)
     assert translators.are_known and not translators.are_loaded(translators.chosen)
     translators.load(translators.chosen)
     assert translators.are_loaded(translators.chosen)
@@ -227,8 +233,9 @@ def test_runs_are_found_below_a_folder(untrained_runs, tmp_path):
     (tmp_path / "b/damaged/config.json").write_text("{")
     translators = Translators()
     translators.search(below=tmp_path)
-    assert set(translators.names) == {"a/resnet18", "a/touch2touch", "b/newer"}
-    assert len(translators.chosen) == 2 and "a/touch2touch" in translators.chosen
+    assert set(translators.names) == {DEFAULT_RUN, "a/resnet18", "a/touch2touch", "b/newer"}
+    assert len(translators.chosen) == 3 and "a/touch2touch" in translators.chosen
+    assert translators.chosen[0] == DEFAULT_RUN
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):
@@ -236,9 +243,64 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path):
         Translators().search([tmp_path])
     translators = Translators()
     translators.search(below=tmp_path)
-    assert translators.names == ()
+    assert translators.names == (DEFAULT_RUN,)
     with pytest.raises(T2TwinError, match="no run"):
         translators.of_image(np.zeros((320, 240, 3), np.uint8), ["x"])
+
+
+@pytest.fixture(scope="module")
+def pretrained(session):
+    """A press and what the pretrained run predicts of it."""
+    translators = Translators()
+    translators.search(below=NOWHERE)
+    return Session(translators).look(PressState(SHAPE, force_n=6.0), translators.chosen)
+
+
+def test_the_pretrained_run_gives_intervals_and_the_force(pretrained):
+    (translation,) = pretrained.translations
+    background = SensorPair().digit.untouched()
+    estimate = t2twin.load(DEFAULT_RUN).estimate(pretrained.touch.image, background)
+    assert np.allclose(translation.counts, estimate.counts, atol=0.5)
+    for end, same in zip(translation.interval, estimate.interval(LEVEL), strict=True):
+        assert np.allclose(end, same, atol=0.5)
+    force = translation.force
+    assert force.value == pytest.approx(float(estimate.force_n), abs=1e-3)
+    assert force.low < force.value < force.high
+    assert translation.compared and 10 < translation.covered <= 20
+
+
+def test_intervals_and_force_are_on_the_card(pretrained):
+    (translation,) = pretrained.translations
+    page = cards.pictures_html(pretrained, cards.scales_of(pretrained), runs_known=True)
+    low, high = (np.rint(end).astype(int) for end in translation.interval)
+    assert all(f"{a:,} to {b:,}" in page for a, b in zip(low, high, strict=True))
+    force = translation.force
+    assert f"{force.low:.1f} to {force.high:.1f}" in page and "<td>6.00</td>" in page
+    assert f"{translation.covered} of 20 taxels" in page
+    assert page.count('data-name="intervals"') == 1
+
+
+def test_a_run_without_intervals_has_a_card_without_them(untrained_runs):
+    translators = Translators()
+    translators.search(untrained_runs, NOWHERE)
+    seen = Session(translators).look(PressState(SHAPE), translators.chosen[1:])
+    page = cards.pictures_html(seen, cards.scales_of(seen), runs_known=True)
+    assert 'data-name="intervals"' not in page and "interval" not in page
+
+
+def test_a_frame_is_compared_with_a_background_frame(pretrained):
+    translators = Translators()
+    translators.search(below=NOWHERE)
+    background = SensorPair().digit.untouched()
+    without, compared = (
+        translators.of_image(pretrained.touch.image, translators.chosen, frame)
+        for frame in (None, background)
+    )
+    assert compared[0].compared and not without[0].compared
+    assert np.array_equal(compared[0].counts, pretrained.translations[0].counts)
+    assert not np.array_equal(without[0].counts, compared[0].counts)
+    page = cards.frame_html((background, "a.png"), (background, "<b>.png"), compared)
+    assert 'data-name="background"' in page and "&lt;b&gt;.png" in page and cards.COMPARED in page
 
 
 # What is drawn
@@ -314,7 +376,7 @@ def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
         ("frame", "a.npz", 3, r"\.png"),
         ("calibration", "a.pkl", 3, r"\.npz"),
         ("layout", "", 3, r"\.csv"),
-        ("shape", "a.stl", uploads.MOST_BYTES + 1, "64 MB"),
+        ("shape", "a.stl", transfers.MOST_BYTES + 1, "64 MB"),
     ],
 )
 def test_a_file_of_another_kind_or_too_large_is_refused(kind, name, size, words, tmp_path):

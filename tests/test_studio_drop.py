@@ -2,12 +2,11 @@
 which order things come."""
 
 import base64
-import time
 
 import numpy as np
 import pytest
 import trimesh
-from browser import PATIENCE_MS, browser, canvas, chromium
+from browser import PATIENCE_MS, browser, canvas, chromium, wait_until
 from trimesh.exchange.stl import export_stl
 
 import t2twin
@@ -86,10 +85,7 @@ def opened(chrome, served):
 
 def await_that(holds):
     """Waits until something holds, which it must within a minute."""
-    until = time.monotonic() + PATIENCE_MS / 1000
-    while not holds():
-        assert time.monotonic() < until
-        time.sleep(0.05)
+    wait_until(holds)
 
 
 def counts_on(tab):
@@ -157,7 +153,7 @@ def test_what_was_chosen_is_remembered(opened, chrome):
 def test_pictures_come_before_the_scene_and_alone(opened):
     """With the scene in one message they would wait until it is drawn."""
     tab, page = opened(PressState(SHAPE))
-    time.sleep(1.0)
+    await_that(lambda: any(SURFACES & set(batch) for batch in tab.evaluate("batches")))
     for force_n in (5.0, 6.0, 7.0):
         tab.evaluate("window.batches.length = 0")
         page.controls.take({"force_n": force_n})

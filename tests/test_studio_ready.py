@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import time
 from threading import Event
 
 import pytest
@@ -45,14 +44,16 @@ def test_the_second_process_compiles_all_that_a_picture_needs(tmp_path):
 
 def test_the_second_process_ends_with_the_first(tmp_path):
     script = compile_ahead.COMPILE_OPTICS.replace(
-        "import numpy", "import time; time.sleep(60)\nimport numpy"
+        "import numpy", "print(flush=True); threading.Event().wait()\nimport numpy"
     )
-    process = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE)
-    assert process.stdin is not None
-    time.sleep(0.5)
-    assert process.poll() is None
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    assert process.stdin is not None and process.stdout is not None
+    assert process.stdout.readline() and process.poll() is None
     process.stdin.close()
-    assert process.wait(10) == 0
+    assert process.wait(60) == 0
+    process.stdout.close()
 
 
 def test_it_compiles_only_where_nothing_is_kept(tmp_path, monkeypatch):

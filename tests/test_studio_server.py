@@ -2,9 +2,9 @@
 
 import socket
 import threading
-import time
 
 import pytest
+from PIL import Image
 
 from t2twin.cli import main
 from t2twin.studio.server import is_own
@@ -15,16 +15,16 @@ from t2twin.studio.worker import NewestFirst
 
 def test_only_the_newest_is_done():
     done, asked, settled = [], [0], []
-    go = threading.Event()
+    go, begun = threading.Event(), threading.Event()
 
     def work():
         done.append(asked[0])
+        begun.set()
         go.wait(5)
 
     worker = NewestFirst(work, lambda: settled.append(1), quiet_s=0.01)
     worker.ask()
-    while not done:
-        time.sleep(0.001)
+    assert begun.wait(5)
     for asked[0] in range(1, 101):
         worker.ask()
     go.set()
@@ -42,11 +42,19 @@ def test_only_the_newest_is_done():
         (("--port", "70000"), "0 to 65535"),
         (("--port", "-1"), "0 to 65535"),
         (("--source", "nowhere"), "no source"),
+        (("--source", "{picture}"), "is a picture"),
+        (("--background", "{folder}"), "cannot be read as an image"),
+        (("--background", "nowhere.png"), "cannot be read as an image"),
+        (("--allow-origin", "evil.example"), "is not an origin"),
+        (("--allow-origin", "http://evil.example/path"), "is not an origin"),
+        (("--allow-origin", "null"), "is not an origin"),
     ],
 )
 def test_the_studio_refuses_in_one_sentence(arguments, words, tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
-        main(["studio", *[word.format(folder=tmp_path) for word in arguments]])
+        Image.new("RGB", (240, 320)).save(tmp_path / "frame.png")
+        places = {"folder": tmp_path, "picture": tmp_path / "frame.png"}
+        main(["studio", *[word.format(**places) for word in arguments]])
     said = capsys.readouterr()
     assert stop.value.code == 2 and said.out == ""
     assert words in said.err and said.err.count("\n") == 1

@@ -28,8 +28,8 @@ from t2twin.studio.messages import read_message
 MAX_MESSAGE = 2**20
 """Largest message of a client, bytes: twice a part of an upload (viser's page sends 512 KiB)."""
 
-MAX_CLIENTS = 32
-"""Most pages at once (assumed: a class; each computes its presses on the same cores)."""
+MAX_CLIENTS = 12
+"""Most pages at once (assumed; each holds some 50 MB and presses on the same cores)."""
 
 MAX_SOCKETS = 256
 """Most open sockets at once, those of pages that are being loaded among them (assumed)."""
