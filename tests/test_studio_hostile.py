@@ -1,0 +1,82 @@
+"""Hostile clients of the studio are refused or bounded, and others are served meanwhile."""
+
+import pytest
+from browser import PATIENCE_MS, browser, free_port
+
+from benchmarks.studio_client import Client, target, try_connect
+from benchmarks.studio_hostile import SCRIPTS, SLOW, attack
+from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.studio.gate import Origin, read_origin
+from t2twin.studio.log import MAX_LINE, Log, one_line
+
+
+@pytest.fixture(scope="module")
+def studio():
+    with target() as studio:
+        yield studio
+
+
+@pytest.fixture(scope="module")
+def other(studio):
+    """A client that every script leaves alone."""
+    client = Client(studio.address).open_page()
+    yield client
+    client.close()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.exhaustive] if name in SLOW else [])
+        for name in SCRIPTS
+    ],
+)
+def test_a_hostile_client_is_refused_or_bounded(name, studio, other):
+    assert attack(name, studio, other)["faults"] == []
+
+
+def test_there_are_enough_scripts():
+    assert len(SCRIPTS) >= 20
+
+
+def test_an_allowed_origin_and_host_may_connect():
+    with target("--allow-origin", "https://lab.example", "--allow-origin", "http://x:1") as studio:
+        for origin in ("https://lab.example", "http://x:1", studio.address, None):
+            assert try_connect(studio.address, origin=origin) == 101
+        assert try_connect(studio.address, origin="http://lab.example") == 403
+        assert len(studio.lines) == 1 and "http://lab.example" in studio.lines[0]
+
+
+def test_a_link_cannot_lead_the_page_to_another_server(studio):
+    """viser's page connects to whatever its link names."""
+    port = free_port()
+    with browser() as chrome:
+        tab, refused = chrome.new_page(), []
+        tab.on("console", lambda message: refused.append(message.text))
+        tab.goto(f"{studio.address}/?websocket=ws://127.0.0.1:{port}")
+        with tab.expect_event(
+            "console", lambda message: "Content Security" in message.text, timeout=PATIENCE_MS
+        ):
+            pass
+
+
+@pytest.mark.parametrize(
+    "text", ["null", "", "http://", "evil", "ftp://x", "http://a/b", "http://a:x", "http://u@a"]
+)
+def test_what_is_no_origin_is_refused(text):
+    with pytest.raises(T2TwinError, match="is not an origin"):
+        read_origin(text)
+
+
+def test_an_origin_has_the_port_of_its_scheme():
+    assert read_origin("https://Lab.example") == Origin("https", "lab.example", 443)
+    assert str(read_origin("http://[::1]:8080")) == "http://[::1]:8080"
+
+
+def test_lines_are_limited_and_hold_no_control_characters(capsys):
+    log = Log(burst=3, per_s=0.0)
+    for number in range(10):
+        log(f"line {number}\n\x1b[31m")
+    said = capsys.readouterr().err
+    assert said.count("\n") == 3 and "\x1b" not in said
+    assert len(one_line("x" * 10_000)) == MAX_LINE
