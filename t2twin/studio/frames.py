@@ -1,12 +1,17 @@
-"""The source of frames that a studio was started with, which all its pages share."""
+"""The source of frames that a studio was started with, which all its pages share.
+
+What opens it is imported with it: the studio listens before that.
+"""
 
 from pathlib import Path
 from threading import Lock
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from t2twin.live.newest import Newest
-from t2twin.live.sources import Source, open_source
+if TYPE_CHECKING:
+    from t2twin.live.newest import Newest
+    from t2twin.live.sources import Source
 
 Named = tuple[np.ndarray, str]
 """A frame, (h, w, 3) or (h, w) uint8, and what it is called."""
@@ -19,6 +24,8 @@ class Frames:
     """
 
     def __init__(self, name: str) -> None:
+        from t2twin.live.sources import open_source
+
         self.name = f"camera {name}" if name.isdigit() else Path(name).name
         self._given = name
         self._source: Source | None = open_source(name)
@@ -27,6 +34,9 @@ class Frames:
 
     def newest(self) -> Newest:
         """Its newest frame from now on; a video that has ended begins again."""
+        from t2twin.live.newest import Newest
+        from t2twin.live.sources import open_source
+
         with self._lock:
             if self._newest is None or self._newest.ended:
                 self._newest = Newest(self._source or open_source(self._given))
