@@ -32,7 +32,7 @@ class Frames:
         self._newest: Newest | None = None
         self._lock = Lock()
 
-    def newest(self) -> Newest:
+    def newest(self) -> "Newest":
         """Its newest frame from now on; a video that has ended begins again."""
         from t2twin.live.newest import Newest
         from t2twin.live.sources import open_source
