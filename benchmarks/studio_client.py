@@ -46,11 +46,12 @@ CAMERA = {
 
 class Client:
     """A connection to a studio. controls: what can be set, by label: uuid and properties.
-    pictures: how often it was sent new ones."""
+    pictures: how often it was sent new ones. has_intervals: whether the pretrained run's were among
+    them."""
 
     def __init__(self, address: str, **options: Any) -> None:
         self.controls: dict[str, dict[str, Any]] = {}
-        self.pictures, self._force_n = 0, 5.0
+        self.pictures, self.has_intervals, self._force_n = 0, False, 5.0
         self._socket = websockets.sync.client.connect(
             address.replace("http", "ws", 1),
             subprotocols=[PROTOCOL],
@@ -99,6 +100,12 @@ class Client:
             return False
         return True
 
+    def take(self) -> None:
+        """Reads what there is."""
+        with contextlib.suppress(ConnectionClosed, TimeoutError):
+            while True:
+                self._read(0.0)
+
     def wait_closed(self) -> bool:
         """Whether the studio closes the connection."""
         self.wait_for(lambda: False)
@@ -123,6 +130,7 @@ class Client:
             updates = message.get("updates")
             if isinstance(updates, dict) and "data-name" in str(updates.get("content")):
                 self.pictures += 1
+                self.has_intervals |= 'data-name="intervals"' in updates["content"]
 
 
 def try_connect(address: str, **options: Any) -> int:

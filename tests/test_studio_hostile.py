@@ -20,6 +20,7 @@ def studio():
 def other(studio):
     """A client that every script leaves alone."""
     client = Client(studio.address).open_page()
+    assert client.wait_for(lambda: client.has_intervals)
     yield client
     client.close()
 
