@@ -23,11 +23,15 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
 from benchmarks import ROOT
+from t2twin.primitives_cad.errors import T2TwinError
 
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
 PATIENCE_S = 60.0
 """How long an answer is waited for, s."""
+
+OPEN_S = 300.0
+"""How long a page's first picture is waited for, s: it may have to compile."""
 
 CAMERA = {
     "type": "ViewerCameraMessage",
@@ -79,7 +83,8 @@ class Client:
     def open_page(self) -> "Client":
         """Waits for the page's first pictures."""
         self.send(CAMERA)
-        self.wait_for(lambda: self.pictures > 0)
+        if not self.wait_for(lambda: self.pictures > 0, OPEN_S):
+            raise T2TwinError(f"the page shows nothing after {OPEN_S:g} s")
         return self
 
     def serves(self) -> bool:
@@ -89,10 +94,10 @@ class Client:
         self.set("force, N", self._force_n)
         return self.wait_for(lambda: self.pictures > known)
 
-    def wait_for(self, holds: Callable[[], bool]) -> bool:
+    def wait_for(self, holds: Callable[[], bool], patience_s: float = PATIENCE_S) -> bool:
         """Reads until something holds; False where the studio closed the connection, or took too
         long."""
-        until_s = time.monotonic() + PATIENCE_S
+        until_s = time.monotonic() + patience_s
         try:
             while not holds():
                 self._read(until_s - time.monotonic())

@@ -23,11 +23,12 @@ from benchmarks.studio_client import (
     target,
     try_connect,
 )
+from t2twin.studio.log import BURST
 
 MAX_GROWTH_MB = 300.0
 """Most that the studio may hold more after a script than before it, MB."""
 
-MAX_LINES = 60
+MAX_LINES = 1.2 * BURST
 """Most lines that one script may have printed."""
 
 PART_BYTES = 512 * 1024
