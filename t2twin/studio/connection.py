@@ -28,7 +28,7 @@ from t2twin.studio.messages import read_message
 MAX_MESSAGE = 2**20
 """Largest message of a client, bytes: twice a part of an upload (viser's page sends 512 KiB)."""
 
-MAX_CLIENTS = 12
+MAX_CLIENTS = 8
 """Most pages at once (assumed; each holds some 50 MB and presses on the same cores)."""
 
 MAX_SOCKETS = 256

@@ -83,6 +83,10 @@ class Page:
         self._shared.uploads.leave(self._client)
         shutil.rmtree(self._own_folder, ignore_errors=True)
 
+    def join(self, timeout_s: float) -> None:
+        """Waits until the press that was begun before `close` is done."""
+        self._worker.join(timeout_s)
+
     def wait(self, timeout_s: float) -> bool:
         """Until the page shows its newest state, files and translators and all; False where that
         took longer."""

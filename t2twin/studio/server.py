@@ -46,6 +46,9 @@ HOST, PORT = "127.0.0.1", 8080
 MOST_PORT = 65_535
 """The largest number of a port (RFC 9293)."""
 
+LAST_PRESS_S = 60.0
+"""How long the last press of a page is waited for before its memory is given back, s."""
+
 FOLDER = "t2twin-studio"
 """What the names of the folders for clients' files begin with, among the temporary ones."""
 
@@ -117,6 +120,7 @@ class Studio:
         page = self.pages.pop(client.client_id, None)
         if page is not None:
             page.close()
+            page.join(LAST_PRESS_S)
             del page
             _release_memory()
 

@@ -19,7 +19,8 @@ class NewestFirst:
         self._asked, self._ended, self._busy = False, False, False
         self._changed = Condition()
         # A daemon: the process must not wait for a press when it is stopped.
-        Thread(target=self._run, daemon=True).start()
+        self._thread = Thread(target=self._run, daemon=True)
+        self._thread.start()
 
     def ask(self) -> None:
         """From here on there is something new."""
@@ -32,6 +33,10 @@ class NewestFirst:
         with self._changed:
             self._ended = True
             self._changed.notify_all()
+
+    def join(self, timeout_s: float) -> None:
+        """Waits until the work that was begun before `end` is done."""
+        self._thread.join(timeout_s)
 
     def wait(self, timeout_s: float) -> bool:
         """Until there is nothing to do; False where that took longer."""
