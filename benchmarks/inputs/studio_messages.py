@@ -93,7 +93,7 @@ VALUES = {
     "Noise": (1, 0.0, "yes", None, [], float("nan")),
     "Kind": (5, None, "no such kind", "/etc/passwd", ["square"], {"a": 1}, True),
     "Taxels": ("/etc/passwd", "../layouts/cyskin-20", "", None, 3),
-    "Array": ("none", "ALL", None, 7),
+    "Array": ("nothing", "ALL", None, 7),
     "Shape as": ("wire", None, 1),
     "Seed": (-1, 1.5, 2**60, "1", None, float("nan")),
     "Number": (-1, 0.5, 1e300, "17", None),
