@@ -1,5 +1,6 @@
 """Messages that no page of the studio sends: one line each, and the studio goes on."""
 
+import atexit
 import json
 import subprocess
 import sys
@@ -214,4 +215,11 @@ def _studio() -> subprocess.Popen:
         cwd=ROOT, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    atexit.register(_end, process)
     return process
+
+
+def _end(process: subprocess.Popen) -> None:
+    """The process ends with its standard input."""
+    with process:
+        process.communicate()
