@@ -204,7 +204,9 @@ def try_message(studio: Target, client: Client, request: dict[str, Any]) -> dict
         client.send_raw(bytes.fromhex(request["raw"]) if "raw" in request else request["text"])
     serves = client.serves()
     if not serves and not client.is_open:
-        serves = Client(studio.address).open_page().serves()
+        another = Client(studio.address).open_page()
+        serves = another.serves()
+        another.close()
     return {"lines": studio.lines[known:], "serves": serves}
 
 

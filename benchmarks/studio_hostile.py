@@ -121,6 +121,9 @@ def many_sockets(studio: Target) -> None:
     with contextlib.ExitStack() as stack:
         for _ in range(400):
             stack.enter_context(_connection(studio))
+    until_s = time.monotonic() + PATIENCE_S  # it has to notice that they are closed
+    while try_connect(studio.address) != 101 and time.monotonic() < until_s:
+        time.sleep(0.1)
     _serves_others(studio)
 
 

@@ -264,7 +264,8 @@ def test_the_pretrained_run_gives_intervals_and_the_force(pretrained):
     for end, same in zip(translation.interval, estimate.interval(LEVEL), strict=True):
         assert np.allclose(end, same, atol=0.5)
     force = translation.force
-    assert force.value == pytest.approx(float(estimate.force_n), abs=1e-3)
+    assert estimate.force_n is not None
+    assert force.value == pytest.approx(estimate.force_n.item(), abs=1e-3)
     assert force.low < force.value < force.high
     assert translation.compared and 10 < translation.covered <= 20
 

@@ -1,5 +1,6 @@
 """Messages that no page of the studio sends: one line each, and the studio goes on."""
 
+import atexit
 import json
 import subprocess
 import sys
@@ -93,7 +94,7 @@ VALUES = {
     "Noise": (1, 0.0, "yes", None, [], float("nan")),
     "Kind": (5, None, "no such kind", "/etc/passwd", ["square"], {"a": 1}, True),
     "Taxels": ("/etc/passwd", "../layouts/cyskin-20", "", None, 3),
-    "Array": ("none", "ALL", None, 7),
+    "Array": ("nothing", "ALL", None, 7),
     "Shape as": ("wire", None, 1),
     "Seed": (-1, 1.5, 2**60, "1", None, float("nan")),
     "Number": (-1, 0.5, 1e300, "17", None),
@@ -214,4 +215,11 @@ def _studio() -> subprocess.Popen:
         cwd=ROOT, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     assert process.stdout is not None and process.stdout.readline() == "ready\n"
+    atexit.register(_end, process)
     return process
+
+
+def _end(process: subprocess.Popen) -> None:
+    """The process ends with its standard input."""
+    with process:
+        process.communicate()

@@ -160,7 +160,7 @@ def _check_number(
         raise T2TwinError(f"{label!r} is {_short(value)}; expected a finite number")
     if whole and value != int(value):
         raise T2TwinError(f"{label!r} is {_short(value)}; expected a whole number")
-    off = TOLERANCE * (high - low) if math.isfinite(high - low) else 0.0
+    off = TOLERANCE * (high - low) if math.isfinite(high - low) and not whole else 0.0
     if not low - off <= value <= high + off:
         raise T2TwinError(f"{label!r} is {_short(value)}; expected {low:g} to {high:g}")
 
