@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from t2twin.primitives_cad import cache, catalogue, export, families, mosaic, sheet
+from t2twin.primitives_cad import cache, catalogue, export, families, files, mosaic, sheet
 from t2twin.primitives_cad.errors import T2TwinError
 
 
@@ -179,7 +179,7 @@ def few(monkeypatch):
 
 def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monkeypatch):
     out = tmp_path / "out"
-    manifest = json.loads(export.export(out, tmp_path / "kept").read_text())
+    manifest = json.loads(export.export(out).read_text())
     entries = {entry["name"]: entry for entry in manifest["shapes"]}
     assert list(entries) == ["circle-empty-2", "hemisphere-3", "allen-key", "mosaic"]
     assert entries["hemisphere-3"]["split"] == "val"
@@ -187,13 +187,13 @@ def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monke
     assert len(entries["allen-key"]["keypoints"]) == 4
     for name, entry in entries.items():
         for suffix in (".stl", ".step"):
-            mesh, notes = catalogue.files.read_solid(out / f"{name}{suffix}")
+            mesh, notes = files.read_solid(out / f"{name}{suffix}")
             assert notes == ()
             assert mesh.volume == pytest.approx(entry["volume_mm3"], rel=2e-3)
     assert {file.suffix for file in out.iterdir()} == {".step", ".stl", ".json"}
     times = {file: file.stat().st_mtime_ns for file in out.iterdir()}
     (out / "hemisphere-3.stl").unlink()
-    export.export(out, tmp_path / "kept")
+    export.export(out)
     changed = {file.name for file in out.iterdir() if file.stat().st_mtime_ns != times.get(file)}
     assert {"hemisphere-3.stl", "hemisphere-3.step"} <= changed
     assert not changed & {"mosaic.step", "mosaic.stl", "allen-key.stl", "circle-empty-2.stl"}

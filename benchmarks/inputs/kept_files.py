@@ -41,7 +41,7 @@ def _shape(box: Path) -> np.ndarray:
 
     path = box / "box.stl"
     if not path.exists():
-        path.write_bytes(trimesh.creation.box((6.0, 4.0, 3.0)).export(file_type="stl"))
+        trimesh.creation.box((6.0, 4.0, 3.0)).export(path)
     return catalogue.load(path, box / "cache/shapes").surface.heights_mm
 
 
