@@ -79,6 +79,8 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
 
         def compile_declared() -> None:
             with _lock, _timed():
+                if not dispatcher._can_compile:  # another thread was first
+                    return
                 for each in signature:
                     dispatcher.compile(each)
                 dispatcher.disable_compile()

@@ -175,7 +175,7 @@ def test_it_is_said(stated):
         ("file,force_n\npress_00.png,1.5\npress_00.png,1.6\n", "names press_00.png twice"),
         ("file,force_n\npress_00.png,0\n", r"line 2: force_n must be a number at least 0.01"),
         ("file,force_n\npress_00.png,soft\n", r"line 2: force_n is text; it must be a number"),
-        ("file,force_n\npress_00.png,inf\n", r"line 2: force_n must be a number at most 100"),
+        ("file,force_n\npress_00.png,inf\n", r"line 2: force_n is inf; it must be a finite"),
         ("file,depth_mm\npress_00.png,7\n", r"line 2: depth_mm must be a number at most 4"),
         ("file,ball_diameter_mm\npress_00.png,40\n", r"line 2: ball_diameter_mm must be a number"),
     ],

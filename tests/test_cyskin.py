@@ -125,8 +125,8 @@ def test_layouts_from_json_and_csv_agree(tmp_path):
         ("x_mm,y_mm\n0,0\n1,1\n", "at least 3"),
         ("x_mm,y_mm\n0,0\n1,1\n1,1\n", "in one place"),
         ("x_mm,y_mm\n0,0\n1,abc\n1,1\n", "y_mm is text; it must be a number"),
-        ("a,b\n0,0\n", "no column x_mm; its columns are a, b"),
-        ("x_mm,y_mm\n0,0\n1,nan\n1,1\n", "line 3: y_mm is missing"),
+        ("a,b\n0,0\n", "has a column 'a', which is not read; its columns may be x_mm"),
+        ("x_mm,y_mm\n0,0\n1,nan\n1,1\n", "line 3: y_mm is nan; it must be a finite number"),
     ],
 )
 def test_a_bad_layout_is_one_sentence(tmp_path, content, message):

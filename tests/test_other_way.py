@@ -28,6 +28,7 @@ from t2twin.translate.presets import PRESETS, Preset
 from t2twin.translate.runs import shipped
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import read_log
+from t2twin.translate.runs.shipped import DEFAULT_RUN
 from t2twin.translate.touch2touch import Touch2Touch
 from t2twin.translate.train import train
 
@@ -280,7 +281,7 @@ def test_a_run_of_the_papers_way_draws_no_pictures(untrained_runs: list[Path]) -
 def test_the_studio_passes_it_over_and_refuses_it_by_name(run_dir: Path) -> None:
     translators = Translators()
     translators.search(below=run_dir.parent)
-    assert translators.names == ()
+    assert translators.names == (DEFAULT_RUN,)
     with pytest.raises(T2TwinError, match="gives no counts"):
         translators.search([run_dir])
 

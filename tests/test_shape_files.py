@@ -112,9 +112,10 @@ def test_an_unknown_name_lists_the_near_ones(wrong, near, tmp_path):
 
 
 def test_the_second_load_is_read_and_the_same(tmp_path, monkeypatch):
-    first = catalogue.load("bump-1", tmp_path)
-    monkeypatch.setattr(catalogue, "_primitive", lambda name: pytest.fail("was made again"))
-    second = catalogue.load("bump-1", tmp_path)
+    path = block(tmp_path / "block.stl")
+    first = catalogue.load(path, tmp_path / "kept")
+    monkeypatch.setattr(catalogue, "_file", lambda *_: pytest.fail("was made again"))
+    second = catalogue.load(path, tmp_path / "kept")
     np.testing.assert_array_equal(first.mesh.vertices, second.mesh.vertices)
     np.testing.assert_array_equal(first.mesh.faces, second.mesh.faces)
     np.testing.assert_array_equal(first.surface.heights_mm, second.surface.heights_mm)
@@ -124,14 +125,15 @@ def test_the_second_load_is_read_and_the_same(tmp_path, monkeypatch):
 
 
 def test_damaged_or_stale_copies_are_not_used(tmp_path, monkeypatch):
-    catalogue.load("square-1", tmp_path)
-    (kept,) = tmp_path.iterdir()
+    path, folder = block(tmp_path / "block.stl"), tmp_path / "kept"
+    catalogue.load(path, folder)
+    (kept,) = folder.iterdir()
     kept.write_bytes(kept.read_bytes()[:200])
-    again = catalogue.load("square-1", tmp_path)
+    again = catalogue.load(path, folder)
     assert again.mesh.is_watertight
     monkeypatch.setattr(cache, "version", lambda name: "another")
-    catalogue.load("square-1", tmp_path)
-    (newer,) = tmp_path.iterdir()
+    catalogue.load(path, folder)
+    (newer,) = folder.iterdir()
     assert newer != kept
 
 
@@ -167,7 +169,7 @@ def test_the_code_s_digest_follows_the_libraries(monkeypatch):
 def test_a_file_in_the_cache_s_place_is_an_error(tmp_path):
     (tmp_path / "kept").write_text("in the way")
     with pytest.raises(T2TwinError, match="writable"):
-        catalogue.load("square-1", tmp_path / "kept")
+        catalogue.load(block(tmp_path / "block.stl"), tmp_path / "kept")
 
 
 @pytest.fixture

@@ -309,7 +309,7 @@ def test_a_wrong_part_is_one_sentence(changed, said, tmp_path, capsys):
     ("arguments", "said"),
     [
         (["--world", "nowhere"], "there is no world"),
-        (["--world", "gone.toml"], "cannot be read"),
+        (["--world", "gone.toml"], "there is no file gone.toml"),
         (["--world", "open", "--scale", "smoke"], "--scale does not go with --world"),
         (["--world", "open", "--layout", "cyskin-63"], "--layout does not go with"),
         (["--world", "open", "--seed", "9999999999"], "at most"),
