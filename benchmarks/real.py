@@ -21,8 +21,8 @@ import numpy as np
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import REAL
 from benchmarks.evidence.run import main
-from t2twin.adapt.judged import Felt, counts_of, felt_by_the_twin, judge_each
-from t2twin.adapt.record import Scores, trivial_percent
+from t2twin.adaptation.judged import Felt, counts_of, felt_by_the_twin, judge_each
+from t2twin.adaptation.record import Scores, trivial_percent
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.calibrate import calibrate

@@ -15,7 +15,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from t2twin.adapt.road import adapt
+    from t2twin.adaptation.road import adapt
     from t2twin.primitives_cad.errors import T2TwinError
     from t2twin.primitives_cad.export import export as export_shapes
     from t2twin.primitives_cad.shape import Shape
@@ -55,7 +55,7 @@ _HOMES = {
     "TrainedTranslator": "t2twin.translate.predict:TrainedTranslator",
     "T2TwinError": "t2twin.primitives_cad.errors:T2TwinError",
     "export_shapes": "t2twin.primitives_cad.export:export",
-    "adapt": "t2twin.adapt.road:adapt",
+    "adapt": "t2twin.adaptation.road:adapt",
     "calibrate": "t2twin.sim.digit.calibrate.calibrate:calibrate",
     "guess_light": "t2twin.sim.digit.calibrate.untouched:guess_light",
     "make_dataset": "t2twin.sim.dataset.generate:generate",

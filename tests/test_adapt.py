@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES
 
-from t2twin.adapt import road
-from t2twin.adapt.fitted import PRESSES, read_fitted
-from t2twin.adapt.judged import felt_by_the_twin, judge
-from t2twin.adapt.record import RECORD, Scores
-from t2twin.adapt.road import adapt
+from t2twin.adaptation import road
+from t2twin.adaptation.fitted import PRESSES, read_fitted
+from t2twin.adaptation.judged import felt_by_the_twin, judge
+from t2twin.adaptation.record import RECORD, Scores
+from t2twin.adaptation.road import adapt
 from t2twin.cli import main
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.errors import T2TwinError

@@ -50,7 +50,7 @@ def adapt(
             forces are known.
         workers: Processes that press at once; as many as there are cores unless given.
     """
-    from t2twin.adapt.road import adapt as walk
+    from t2twin.adaptation.road import adapt as walk
     from t2twin.sim.dataset.pool import check_workers
     from t2twin.sim.digit.calibrate.known import Tolerance
     from t2twin.sim.digit.calibrate.words import lines_of

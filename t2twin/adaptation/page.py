@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from t2twin.adapt.judged import FAINT_COUNTS, Judged
-from t2twin.adapt.record import Adapted, Scores
+from t2twin.adaptation.judged import FAINT_COUNTS, Judged
+from t2twin.adaptation.record import Adapted, Scores
 from t2twin.report import markup
 from t2twin.report.figures import (
     colour_bar,

@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from t2twin.adapt.fitted import Fitted
-from t2twin.adapt.judged import Felt, Judged, Judgement, counts_of
+from t2twin.adaptation.fitted import Fitted
+from t2twin.adaptation.judged import Felt, Judged, Judgement, counts_of
 from t2twin.primitives_cad.writing import whole_file
 from t2twin.sim.digit.calibrate.certainty import Certainty
 from t2twin.translate.predict import TrainedTranslator

@@ -13,10 +13,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from t2twin.adapt.fitted import CALIBRATION, Fitted, read_fitted, write_fitted
-from t2twin.adapt.judged import Felt, felt_by_the_twin, judge_each
-from t2twin.adapt.page import write_adapt_page
-from t2twin.adapt.record import Adapted, record_of, write_record
+from t2twin.adaptation.fitted import CALIBRATION, Fitted, read_fitted, write_fitted
+from t2twin.adaptation.judged import Felt, felt_by_the_twin, judge_each
+from t2twin.adaptation.page import write_adapt_page
+from t2twin.adaptation.record import Adapted, record_of, write_record
 from t2twin.primitives_cad import catalogue, checks
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.errors import T2TwinError
