@@ -101,6 +101,7 @@ def walked(unit, tmp_path_factory):
     return out, adapted
 
 
+@pytest.mark.exhaustive
 def test_the_road_leads_to_a_run_that_is_checked_on_the_frames_kept_out(walked):
     out, adapted = walked
     assert adapted.presses == HELD_OUT and list(adapted.minutes) == list(road.STEPS)

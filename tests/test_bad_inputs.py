@@ -76,8 +76,11 @@ def _says_more(box, base):
         (Case("another sentence", ("press", "nothing"), says="teapot"), "does not say 'teapot'"),
         (Case("two lines", (), call=_says_more), "not one sentence but 2 lines"),
         (Case("leaves", ("press", "circle-1", "--out", "out")), "left out"),
-        (Case("a connection", ("simdata", "--scale", "smoke", "--scheduler", "tcp://localhost:1",
-                               "--out", "out")), "connected to"),
+        pytest.param(
+            Case("a connection", ("simdata", "--scale", "smoke", "--scheduler", "tcp://localhost:1",
+                                  "--out", "out")),
+            "connected to", marks=pytest.mark.exhaustive,  # Dask tries for 20 s
+        ),
     ],
 )  # fmt: skip
 def test_what_is_unclean_is_seen(case, fault, base, tmp_path):

@@ -139,6 +139,7 @@ def run_loop(folder: Path, **environment: str) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.exhaustive
 def test_compiled_loops_are_kept_until_a_part_of_them_changes(tmp_path):
     (tmp_path / "loop.py").write_text(LOOP)
     (tmp_path / "part.py").write_text(PART.format(1.0))

@@ -101,6 +101,7 @@ def test_the_truth_lies_within_the_stated_ranges(stated, true_forces_n):
         )
 
 
+@pytest.mark.exhaustive
 def test_anchors_find_scale_and_modulus(anchored, true_forces_n):
     sure = json.loads((anchored / "calibration.json").read_text())["certainty"]
     assert (sure["depths_known"], sure["forces_known"]) == (3, PRESSES - 3)

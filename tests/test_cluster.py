@@ -64,6 +64,7 @@ def digests(folder):
     return {path: shard.sha256 for path, shard in read_info(folder).shards.items()}
 
 
+@pytest.mark.exhaustive
 def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cache):
     generate(tmp_path / "here", "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     data = tmp_path / "there"

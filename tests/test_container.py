@@ -83,6 +83,7 @@ def left_open() -> set[Path]:
     return {path for path in found if path.exists() and path.stat().st_uid == NOBODY}
 
 
+@pytest.mark.exhaustive
 def test_a_press_writes_its_own_folder_only(as_nobody, out):
     as_nobody("-m", "t2twin", "press", "hemisphere-4", "--sensor", "cyskin", "--out", "OUT/touch")
     assert (out / "touch/cyskin.json").is_file()

@@ -114,6 +114,7 @@ def test_another_seed_gives_other_noise_and_the_same_poses(made, tmp_path, shape
     assert table.column("image") != before.column("image")
 
 
+@pytest.mark.exhaustive
 def test_a_run_killed_again_and_again_ends_with_the_same_bytes(made, tmp_path, shape_cache):
     folder = tmp_path / "killed"
     script = (

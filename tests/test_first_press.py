@@ -38,6 +38,7 @@ MESH_MM = 1e-9
 """Largest difference of a bundled vertex from the CAD's, mm: rounding of a transform."""
 
 
+@pytest.mark.exhaustive
 def test_a_press_imports_nothing_slow_and_says_when_it_compiles(tmp_path):
     """The first process compiles all but the optics, which need minutes of a busy machine."""
 

@@ -70,6 +70,7 @@ def test_a_tool_of_coarser_triangles_is_found(tools):
     assert KnownSolids(tools).same_as(coarse) == "wrench"
 
 
+@pytest.mark.exhaustive
 def test_no_primitive_is_taken_for_a_tool(tools, shapes):
     known = KnownSolids(tools)
     surfaces = KnownSurfaces(

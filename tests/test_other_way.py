@@ -76,6 +76,7 @@ def test_the_networks_keep_their_form(data_dir: Path) -> None:
     assert all(torch.equal(ours[key], paper[key]) for key in ours)
 
 
+@pytest.mark.exhaustive
 def test_overfits_one_batch(data_dir: Path) -> None:
     """Eight pairs seen again and again are drawn by heart, to 2 % of full scale."""
     torch.set_num_threads(1)

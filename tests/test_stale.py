@@ -92,6 +92,7 @@ def test_a_changed_constant_of_the_shapes_makes_stale_what_presses_them(copy, ed
     assert all(words == said for words in reasons.values())
 
 
+@pytest.mark.exhaustive
 def test_a_changed_tool_is_a_changed_shape(copy, edit):
     edit("primitives_cad/tools/wrench.py", "_MM = ", "_MM = 1e-9 + ")
     assert "primitives_cad.tools.wrench" in stale_by_name(copy)["press"][0]
@@ -113,6 +114,7 @@ def test_changed_code_makes_stale_what_measures_it_and_is_named(copy, edit):
     assert not {"press", "dome", "digit_render", "gain"} & set(reasons)
 
 
+@pytest.mark.exhaustive
 def test_a_benchmark_s_own_code_its_references_and_the_calibration_count(copy, edit):
     edit("benchmarks/oracle.py", "ALIASES = 4", "ALIASES = 5")
     assert stale_by_name(copy) == {"press": ["benchmarks.oracle"]}
@@ -160,6 +162,7 @@ def outcome(edit, monkeypatch):
     return content
 
 
+@pytest.mark.exhaustive
 def test_the_same_outcome_confirms_results(outcome, copy):
     before = read_results(DATASET.results)
     assert "law" in stale_by_name(copy)["dataset"][0]

@@ -134,11 +134,13 @@ def test_a_depth_is_pressed_and_the_force_follows(opened):
     assert depth.value == pytest.approx(page.look.touch.digit.depth_mm)
 
 
+@pytest.mark.exhaustive
 def test_it_is_dark_where_the_browser_is(opened):
     tab, _ = opened(PressState(SHAPE), color_scheme="dark")
     await_that(lambda: np.median(canvas(tab)) < 60)
 
 
+@pytest.mark.exhaustive
 def test_what_was_chosen_is_remembered(opened, chrome):
     context = chrome.new_context(viewport=WIDE)
     tab, _ = opened(PressState(SHAPE), context)

@@ -279,6 +279,7 @@ def fits(tab, size):
     assert min(small) >= SMALLEST_PX
 
 
+@pytest.mark.exhaustive
 def test_two_busy_clients_end_with_the_right_state(desk, opened, served, tmp_path):
     """A tenth of what benchmarks/studio.py does; its figure for memory needs all of it."""
     tab, page = desk

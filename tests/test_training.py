@@ -189,6 +189,7 @@ def test_the_discriminator_takes_its_share_of_the_rate(data_dir: Path, tmp_path:
     assert moved[0.2] == {"generator": True, "discriminator": True}
 
 
+@pytest.mark.exhaustive
 def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> None:
     """Started as torchrun starts them, over gloo: it learns, and one of them keeps the log."""
     with socket.socket() as free:

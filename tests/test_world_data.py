@@ -180,6 +180,7 @@ def test_forces_and_untouched_presses(made):
     assert taxels(tools).sum(axis=1)[1] > 2 * taxels(tools).sum(axis=1)[0]
 
 
+@pytest.mark.exhaustive
 def test_same_seed_same_bytes_however_made(made, recipe_file, tmp_path, shape_cache):
     generate(tmp_path / "two", world=recipe_file, workers=2, cache=shape_cache, shapes=TOOL)
     assert digests(tmp_path / "two") == digests(made)
