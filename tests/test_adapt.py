@@ -131,6 +131,7 @@ def test_the_road_leads_to_a_run_that_is_checked_on_the_frames_kept_out(walked):
     assert f"{adapted.real.rmse_percent:.2f} %" in page
 
 
+@pytest.mark.exhaustive
 def test_what_is_done_is_not_done_again(walked, unit, monkeypatch):
     out, adapted = walked
     before = (out / "field" / "best.safetensors").read_bytes()
@@ -153,6 +154,7 @@ def refused(capsys, *arguments):
     return said
 
 
+@pytest.mark.exhaustive
 def test_what_cannot_be_walked_is_refused(walked, unit, tmp_path, capsys):
     out, _ = walked
     given = ("--background", unit / "background.png", "--presses", unit)
@@ -173,6 +175,7 @@ def test_what_cannot_be_walked_is_refused(walked, unit, tmp_path, capsys):
     assert not fresh.exists()
 
 
+@pytest.mark.exhaustive
 def test_a_spoilt_file_of_an_earlier_start_is_one_sentence(walked, unit, tmp_path):
     out = shutil.copytree(walked[0], tmp_path / "copy")
     (out / PRESSES).write_text("{}")

@@ -116,6 +116,7 @@ def test_anchors_find_scale_and_modulus(anchored, true_forces_n):
         assert press["depth_mm"]["high"] < 1.15 * press["depth_mm"]["low"]
 
 
+@pytest.mark.exhaustive
 def test_a_fitted_modulus_is_pressed_into(anchored, shapes):
     calibration = Calibration.load(anchored / "calibration.npz")
     assert calibration.young_mpa == pytest.approx(YOUNG_MPA, rel=0.04)
