@@ -49,7 +49,7 @@ def compile_optics_ahead() -> bool:
         return False
     # A folder that the user has given to numba is used instead: t2twin.primitives_cad.jit.
     kept = Path(os.environ.get("NUMBA_CACHE_DIR") or home / "numba")
-    if any(kept.glob("digit-*")):
+    if any(kept.glob("digit-*/*/*.loop")):
         return False
     _helper = subprocess.Popen(
         [sys.executable, "-c", COMPILE_OPTICS],

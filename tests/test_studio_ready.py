@@ -67,9 +67,11 @@ def test_it_compiles_only_where_nothing_is_kept(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     assert compile_ahead.compile_optics_ahead() is True
     assert len(started) == 1
-    (tmp_path / "numba/digit-0").mkdir(parents=True)
+    (tmp_path / "numba/digit-0/0").mkdir(parents=True)
+    assert compile_ahead.compile_optics_ahead() is True  # an empty folder holds no loop
+    (tmp_path / "numba/digit-0/0/optics.loop").touch()
     assert compile_ahead.compile_optics_ahead() is False
-    assert len(started) == 1
+    assert len(started) == 2
 
 
 def test_translators_are_loaded_after_a_page_has_its_picture(untrained_runs, tmp_path, monkeypatch):
