@@ -121,9 +121,7 @@ def many_sockets(studio: Target) -> None:
     with contextlib.ExitStack() as stack:
         for _ in range(400):
             stack.enter_context(_connection(studio))
-    until_s = time.monotonic() + PATIENCE_S  # it has to notice that they are closed
-    while try_connect(studio.address) != 101 and time.monotonic() < until_s:
-        time.sleep(0.1)
+    _wait_for_room(studio)
     _serves_others(studio)
 
 
@@ -340,11 +338,19 @@ def _serves_others(studio: Target) -> None:
 
 @contextlib.contextmanager
 def _page(studio: Target) -> Iterator[Client]:
+    _wait_for_room(studio)
     client = Client(studio.address).open_page()
     try:
         yield client
     finally:
         client.close()
+
+
+def _wait_for_room(studio: Target) -> None:
+    """Wait until the studio has noticed that earlier clients are gone."""
+    until_s = time.monotonic() + PATIENCE_S
+    while try_connect(studio.address) != 101 and time.monotonic() < until_s:
+        time.sleep(0.1)
 
 
 def _begin(client: Client, transfer: str, size: int, parts: int, **other: str) -> None:

@@ -76,9 +76,7 @@ def path(value: object, name: str) -> Path:
         raise _wrong(value, name, "a path") from None
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
-            raise T2TwinError(
-                f"{name} is {_short_repr(value)}, which is too long for a path"
-            ) from None
+            raise T2TwinError(f"{name} is {_short_repr(value)}; expected a shorter path") from None
     return Path(text)
 
 

@@ -49,7 +49,7 @@ def test_a_place_that_is_no_folder_is_found_first(
     assert (
         said.startswith("t2twin: ")
         and said.count("\n") == 1
-        and (out in said or "too long" in said)
+        and (out in said or "shorter path" in said)
     )
     assert files(tmp_path) == before
 

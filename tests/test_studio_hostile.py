@@ -1,7 +1,9 @@
 """Hostile clients of the studio are refused or bounded, and others are served meanwhile."""
 
+import socket
+
 import pytest
-from browser import PATIENCE_MS, browser, free_port
+from browser import PATIENCE_MS, browser
 
 from benchmarks.studio_client import Client, target, try_connect
 from benchmarks.studio_hostile import SCRIPTS, SLOW, attack
@@ -49,14 +51,20 @@ def test_an_allowed_origin_and_host_may_connect():
 
 
 def test_a_link_cannot_lead_the_page_to_another_server(studio):
-    """viser's page connects to whatever its link names."""
-    port = free_port()
-    with browser() as chrome:
-        tab = chrome.new_page()
-        with tab.expect_event(
-            "console", lambda message: "Content Security" in message.text, timeout=PATIENCE_MS
+    """viser's page connects to the server that its link names."""
+    with browser() as chrome, socket.create_server(("127.0.0.1", 0)) as server:
+        tab, port = chrome.new_page(), server.getsockname()[1]
+        with tab.expect_console_message(
+            lambda message: "is not connected" in message.text, timeout=PATIENCE_MS
         ):
             tab.goto(f"{studio.address}/?websocket=ws://127.0.0.1:{port}")
+        with tab.expect_console_message(
+            lambda message: "Connected!" in message.text, timeout=PATIENCE_MS
+        ):
+            tab.goto(studio.address)
+        server.setblocking(False)
+        with pytest.raises(BlockingIOError):  # nobody has connected
+            server.accept()
 
 
 @pytest.mark.parametrize(

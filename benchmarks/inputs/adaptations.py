@@ -21,7 +21,7 @@ BAD_NUMBERS: tuple[tuple[str, tuple[str, ...], str], ...] = (
     ("a start that is not there", ("--start", "gone"), "gone"),
     ("a start of another model", ("--model", "field", "--start", "{resnet18}"), "resnet18"),
     ("all held out", ("--held-out", "8"), "held out"),
-    ("none held out", ("--held-out", "0"), "held out"),
+    ("none held out", ("--held-out", "0"), "held_out"),
     ("a ball of nan", ("--ball-diameter-mm", "nan"), "ball"),
     ("a ball of 0", ("--ball-diameter-mm", "0"), "ball"),
     ("a ball of inches", ("--ball-diameter-mm", "0.19"), "ball"),

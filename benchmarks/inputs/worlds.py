@@ -219,8 +219,8 @@ BAD_SOLIDS: tuple[tuple[str, Make, str], ...] = (
 
 ARGUMENTS = (
     (("--world", "nowhere"), "there is no world"),
-    (("--world", ""), "there is no world"),
-    (("--world", "gone.toml"), "cannot be read"),
+    (("--world", ""), "expected a path"),
+    (("--world", "gone.toml"), "there is no file gone.toml"),
     (("--world", "/dev/null"), "there is no world"),
     (("--world", "open", "--scale", "smoke"), "does not go with"),
     (("--world", "open", "--calibration", "c.npz"), "does not go with"),
