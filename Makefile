@@ -45,7 +45,7 @@ demo: SHIPPED := field
 demo: setup
 	$(MAKE) primitives
 	$(MAKE) simdata SCALE=small
-	$(MAKE) train-all SCALE=small MINUTES=2.5
+	$(MAKE) train-all SCALE=small MINUTES=2
 	$(MAKE) evaluate SCALE=small SHIPPED=$(SHIPPED)
 	$(MAKE) report SCALE=small SHIPPED=$(SHIPPED)
 
