@@ -45,7 +45,7 @@ demo: SHIPPED := field
 demo: setup
 	$(MAKE) primitives
 	$(MAKE) simdata SCALE=small
-	$(MAKE) train-all SCALE=small MINUTES=2
+	$(MAKE) train-all SCALE=small MINUTES=1.3
 	$(MAKE) evaluate SCALE=small SHIPPED=$(SHIPPED)
 	$(MAKE) report SCALE=small SHIPPED=$(SHIPPED)
 
@@ -97,11 +97,11 @@ train-all: setup
 	$(BIN)/t2twin train resnet18 --data $(DATA) --preset $(PRESET) --out $(RUNS)/resnet18 $(MINUTES_FLAG)
 
 evaluate: setup
-	$(BIN)/t2twin evaluate $(RUNS)/touch2touch $(RUNS)/resnet18 $(SHIPPED) --data $(DATA) --split both \
+	$(BIN)/t2twin evaluate $(SHIPPED) $(RUNS)/touch2touch $(RUNS)/resnet18 --data $(DATA) --split both \
 		--out $(RUNS)/evaluate
 
 report: setup
-	$(BIN)/t2twin report --data $(DATA) --runs $(RUNS)/touch2touch $(RUNS)/resnet18 $(SHIPPED) --out $(RUNS)/report
+	$(BIN)/t2twin report --data $(DATA) --runs $(SHIPPED) $(RUNS)/touch2touch $(RUNS)/resnet18 --out $(RUNS)/report
 
 studio: setup
 	$(BIN)/t2twin studio --port $(PORT)

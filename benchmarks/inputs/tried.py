@@ -20,7 +20,7 @@ from benchmarks.inputs.case import REFUSED, Base, Case
 from t2twin.cli import main
 from t2twin.primitives_cad.errors import T2TwinError
 
-PATIENCE_SECONDS = 240
+PATIENCE_SECONDS = 120
 """Longest that a case may take, s; longer is a hang. Other processes may share the cores."""
 
 CLASS_NAME = re.compile(r"\b[A-Z]\w*[a-z](?:Error|Exception|Warning)\b")

@@ -74,7 +74,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 def _say_compiling() -> None:
     print(
-        "t2twin: compiling the numerical loops for this machine (once, 10 to 20 s)",
+        "t2twin: compiling numerical loops for their first use on this machine (up to 20 s)",
         file=sys.stderr,
         flush=True,
     )
