@@ -23,7 +23,7 @@ WORD = re.compile(rb"vertex", re.IGNORECASE)
 END = re.compile(rb"endsolid", re.IGNORECASE)
 FACET = re.compile(rb"facet", re.IGNORECASE)
 
-AT_ONCE = 30_000
+BATCH_SIZE = 30_000
 """Corners of a text file that are read at once (assumed: a few MB)."""
 
 
@@ -62,7 +62,7 @@ def _corners(text: bytes, start: int, end: int) -> np.ndarray:
     """(n, 3): the corners between two places of a text, three for each triangle."""
     corners = (found[1] for found in CORNER.finditer(text, start, end))
     parts, count = [np.zeros(0)], 0
-    while few := tuple(islice(corners, AT_ONCE)):
+    while few := tuple(islice(corners, BATCH_SIZE)):
         count += len(few)
         check_triangles(count // 3)
         parts.append(_numbers(b" ".join(few)))
