@@ -63,7 +63,7 @@ class ImageFile:
         return np.array(np.load(self.path, mmap_mode="r")[own])
 
 
-class Frames(Protocol):
+class BackgroundFrames(Protocol):
     """Background frames, chosen by the numbers of pairs."""
 
     def __getitem__(self, index: np.ndarray | slice) -> np.ndarray: ...
@@ -77,7 +77,7 @@ class Pictures:
     """
 
     images: ImageFile
-    untouched: Frames | None = None
+    untouched: BackgroundFrames | None = None
 
     def __len__(self) -> int:
         return len(self.images)
