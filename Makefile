@@ -45,7 +45,7 @@ demo: SHIPPED := field
 demo: setup
 	$(MAKE) primitives
 	$(MAKE) simdata SCALE=small
-	$(MAKE) train-all SCALE=small MINUTES=1.3
+	$(MAKE) train-all SCALE=small MINUTES=1.1
 	$(MAKE) evaluate SCALE=small SHIPPED=$(SHIPPED)
 	$(MAKE) report SCALE=small SHIPPED=$(SHIPPED)
 

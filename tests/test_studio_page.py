@@ -25,6 +25,8 @@ from t2twin.studio.transfers import MOST_BYTES
 SHAPE = "hemisphere-4"
 STATE = PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0)
 BLOCK = 20
+MOST_GREYS_OFF = 24
+SETTLED_AFTER = 2
 SMALLEST_PX = 9
 WIDE, PHONE = {"width": 1400, "height": 900}, {"width": 420, "height": 860}
 
@@ -82,7 +84,23 @@ def drawn(tab, page):
     """Waits until the browser shows the page's newest state."""
     assert page.wait(60)
     await_that(lambda: counts_on(tab) == page.look.touch.counts.tolist())
-    frames(tab)  # the scene is drawn after the pictures
+    settled(tab)  # the scene is drawn after the pictures
+
+
+def settled(tab):
+    """Waits until the scene no longer changes: the browser loads meshes and textures one by one.
+    Gives the scene, (h, w, 3) uint8."""
+    seen = [canvas(tab)]
+
+    def unchanged():
+        frames(tab)
+        seen.append(canvas(tab))
+        return len(seen) > SETTLED_AFTER and all(
+            alike(seen[-1], seen[-1 - back]) for back in range(1, SETTLED_AFTER + 1)
+        )
+
+    await_that(unchanged)
+    return seen[-1]
 
 
 def await_that(holds):
@@ -128,6 +146,11 @@ def coarse(pixels):
     return blocks.mean(axis=(1, 3))
 
 
+def alike(one, other):
+    """Whether two pictures of the scene show the same."""
+    return np.abs(coarse(one) - coarse(other)).max() < MOST_GREYS_OFF
+
+
 def test_the_page_shows_what_press_gives(desk, tmp_path):
     tab, page = desk
     main([*STATE.command_line().split()[1:], "--out", str(tmp_path / "out")])
@@ -144,7 +167,7 @@ def test_the_page_asks_for_nothing_from_elsewhere(desk, served):
 
 def test_the_scene_follows_the_slider(desk):
     tab, page = desk
-    before, seen = canvas(tab), picture(tab, "digit")
+    before, seen = settled(tab), picture(tab, "digit")
     assert len(np.unique(before.reshape(-1, 3), axis=0)) > 500  # and no blank canvas
     set_slider(tab, page, "force_n", 12)
     assert page.state.force_n == 12.0
@@ -155,7 +178,7 @@ def test_the_scene_follows_the_slider(desk):
     assert counts_on(tab) == touch.counts.tolist()
     set_slider(tab, page, "force_n", 5)
     assert np.array_equal(picture(tab, "digit"), seen)
-    assert np.abs(coarse(canvas(tab)) - coarse(before)).max() < 24
+    await_that(lambda: alike(canvas(tab), before))
 
 
 def test_each_translator_has_its_picture_and_error(desk):
@@ -258,6 +281,7 @@ def test_dark_is_dark(desk):
     tab.get_by_text("Dark", exact=True).click()
     await_that(lambda: np.median(canvas(tab)) < 60)
     tab.get_by_text("Dark", exact=True).click()
+    await_that(lambda: np.median(canvas(tab)) > 200)
 
 
 def test_on_a_desk_all_of_it_fits(desk):
