@@ -20,17 +20,17 @@ from PIL import Image
 
 from benchmarks.declared import ANCHORS
 from benchmarks.evidence.run import main
-from t2twin.sim.digit import deflections
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.certainty import Certainty, Span
 from t2twin.sim.digit.calibrate.forces import BallForces
 from t2twin.sim.digit.calibrate.frames import clean_background, touched_patch
-from t2twin.sim.digit.calibrate.known import FORCES, Known
+from t2twin.sim.digit.calibrate.measurements import FORCES, Known
 from t2twin.sim.digit.calibrate.scale import Presses, fitted
+from t2twin.sim.digit.calibrate.uncertainty import Certainty, Span
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
-from t2twin.sim.press.elastomer import DIGIT_GEL
 
 SCALE_PX_PER_MM, YOUNG_MPA = 18.0, 0.42
 """Of the twins; stated are 19.2 px/mm and assumed 0.5 MPa."""
@@ -70,9 +70,9 @@ def _frames(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The untouched frame and those of the presses, (n, 320, 240, 3) uint8."""
     optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE_PX_PER_MM))
-    still = optics.render(0.0 * deflections.ball(0.0, 0.0, 1.0), rng, NOISE_GREY)
+    still = optics.render(0.0 * probe_surfaces.ball(0.0, 0.0, 1.0), rng, NOISE_GREY)
     surfaces = (
-        deflections.ball(x_mm, y_mm, depth_mm, diameter_mm / 2)
+        probe_surfaces.ball(x_mm, y_mm, depth_mm, diameter_mm / 2)
         for (x_mm, y_mm, depth_mm), diameter_mm in zip(poses, diameters_mm, strict=True)
     )
     return still, np.array([optics.render(surface, rng, NOISE_GREY) for surface in surfaces])

@@ -25,15 +25,15 @@ from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase, shards_sha256
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.paper_scale import presses_sha256
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.report import contents, duplicates, forces
-from t2twin.report.dataset import Dataset, read_dataset
-from t2twin.report.figures import figure
-from t2twin.report.scan import scan
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
+from t2twin.core.records import decode_json
+from t2twin.report.dataset import contents, duplicates, forces
+from t2twin.report.dataset.scan import scan
+from t2twin.report.dataset.tables import Dataset, read_dataset
+from t2twin.report.html.figures import figure
 from t2twin.sim.dataset.store import LOG
 from t2twin.sim.dataset.timing import RunTiming
-from t2twin.sim.typed_json import decode_json
 
 PICTURES = ROOT / "docs" / "pictures"
 SENSORS = ("digit", "cyskin")

@@ -12,7 +12,7 @@ DRAWING = tuple(
 )
 """Parts of the report that draw or write, and count nothing."""
 
-PHYSICS = ("t2twin.sim.press", "t2twin.sim.digit", "t2twin.sim.cyskin", "t2twin.primitives_cad")
+PHYSICS = ("t2twin.sim.contact", "t2twin.sim.digit", "t2twin.sim.cyskin", "t2twin.primitives_cad")
 """What a training's or a frame's time does not depend on: the pairs' content."""
 
 PRESS = Benchmark(
@@ -129,7 +129,7 @@ LATENCY = Benchmark(
         Figure("presets.*.torch_ratio"),
         Figure("presets.*.plain_ratio"),
     ),
-    apart_from=("t2twin.sim.press", "t2twin.sim.digit", "t2twin.sim.dataset"),
+    apart_from=("t2twin.sim.contact", "t2twin.sim.digit", "t2twin.sim.dataset"),
     shapes=False,
 )
 
@@ -205,8 +205,8 @@ TRANSLATION = Benchmark(
         Argument("--report", "the report's folder", Path, required=True, metavar="DIR"),
         Argument("--layouts", "evaluations on other layouts", Path, (), "*", metavar="DIR"),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
-    apart_from=(*DRAWING, "t2twin.report.qualitative"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
+    apart_from=(*DRAWING, "t2twin.report.sections.qualitative"),
     times=("runs.*.minutes",),
     confirmable=True,
 )
@@ -227,7 +227,7 @@ PROBES = Benchmark(
             metavar="FILE",
         ),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
     confirmable=True,
 )
 
@@ -244,7 +244,7 @@ KILLS = Benchmark(
         Argument("--kills", "how many; keeps nothing unless 20", int, 20, thins=True),
         Argument("--seed", "of the moments", int, 0),
     ),
-    entries=("t2twin.cli.simdata", "t2twin.sim.dataset.generate"),
+    entries=("t2twin.cli.dataset", "t2twin.sim.dataset.generate"),
     shapes=False,
 )
 
@@ -260,7 +260,7 @@ BAD_INPUTS = Benchmark(
         Figure("bombs_gib", "GiB", most=1.0),
         Figure("minutes", "minutes"),
     ),
-    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
     shapes=False,
 )
 
@@ -274,7 +274,7 @@ FAULTS = Benchmark(
         Argument("--commands", "keeps nothing unless all", str, None, "*", metavar="NAME",
                  thins=True),
     ),
-    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
     shapes=False,
 )  # fmt: skip
 
@@ -292,7 +292,7 @@ CALIBRATION = Benchmark(
         Figure("scores.do_nothing.psnr_db", "dB"),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
-    apart_from=("t2twin.sim.digit.calibrate.certainty",),
+    apart_from=("t2twin.sim.digit.calibrate.uncertainty",),
     shapes=False,
 )
 
@@ -328,7 +328,7 @@ UNTOUCHED = Benchmark(
         Figure("drawn_singly_psnr_db", "dB"),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
-    apart_from=("t2twin.sim.digit.calibrate.certainty",),
+    apart_from=("t2twin.sim.digit.calibrate.uncertainty",),
     shapes=False,
 )
 
@@ -364,7 +364,7 @@ UNITS = Benchmark(
         Figure("pictures.*.shipped.mean_percentile", "%", most=95.0),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
-    apart_from=("t2twin.sim.digit.calibrate.certainty",),
+    apart_from=("t2twin.sim.digit.calibrate.uncertainty",),
     shapes=False,
 )
 
@@ -443,7 +443,7 @@ WORLD_RUNS = Benchmark(
         Figure("on.*.test.*.overall.rmse_percent", "%"),
     ),
     arguments=(Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
 )
 
 FIELD = Benchmark(
@@ -478,7 +478,7 @@ FIELD = Benchmark(
             metavar="FILE",
         ),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
 )
 
 OTHER_WAY = Benchmark(
@@ -501,7 +501,7 @@ OTHER_WAY = Benchmark(
         Argument("run", "folder of t2twin train --direction cyskin-to-digit", Path),
         Argument("--data", "the dataset", Path, required=True, metavar="DIR"),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
     apart_from=(*DRAWING, "benchmarks.other_way_picture"),
 )
 
@@ -520,7 +520,7 @@ SHAPE_LOSS = Benchmark(
         Argument("--shaped", "the same with", Path, nargs="+", required=True, metavar="RUN"),
         Argument("--data", "the dataset", Path, required=True, metavar="DIR"),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
 )
 
 REGRESSION = Benchmark(

@@ -20,13 +20,13 @@ from tqdm import tqdm
 from benchmarks.declared import DIGIT_RENDER, LEAST_PSNR_DB, LEAST_SSIM
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad.catalogue import NAMES, load
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.surface import surface_on
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from t2twin.sim.digit.optics import DigitOptics
-from t2twin.sim.digit.reference import ReferenceRenderer
-from t2twin.sim.press.elastomer import DIGIT_GEL
-from t2twin.sim.press.engine import DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.records import PressCommand
-from t2twin.sim.press.surface import surface_on
+from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 
 FORCE_N = 8.0
 HALF_CROP_PX = 50

@@ -22,17 +22,20 @@ from benchmarks.declared import FIELD
 from benchmarks.evidence.run import main
 from benchmarks.probes import Probes, errors, kept_probes
 from benchmarks.world_runs import called, figures
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.world.protocol import FORCE_N
-from t2twin.translate.estimate import half_width
-from t2twin.translate.evaluation.certainty import NAMED_KEPT, NAMED_LEVEL, certainty
-from t2twin.translate.evaluation.predictions import read_predictions
+from t2twin.translate.evaluation.metrics.reliability import (
+    NAMED_KEPT,
+    NAMED_LEVEL,
+    certainty,
+)
+from t2twin.translate.evaluation.predictions import read_predictions, steps_taken
 from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.rows import steps_taken
-from t2twin.translate.predict import load_run
+from t2twin.translate.inference.predictor import load_run
 from t2twin.translate.runs.config import BEST, load_config
 from t2twin.translate.runs.log import read_log
+from t2twin.translate.uncertainty.estimate import half_width
 
 
 def measure(options: Namespace) -> dict[str, Any]:

@@ -15,9 +15,9 @@ from scipy.special import j1
 
 from benchmarks.oracle import Answer, Waves, kernel, solve
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.press.elastomer import Elastomer
-from t2twin.sim.press.records import PressCommand
 
 DEEPEST_MM = 10.0
 """How far below a shape's top it is still looked at, mm: deeper than every layer."""

@@ -21,14 +21,13 @@ from scipy.spatial import KDTree
 from benchmarks.declared import OTHER_WAY
 from benchmarks.evidence.run import main
 from benchmarks.other_way_picture import PICTURE, Split, draw
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.digit.camera import DIGIT_CAMERA
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
+from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.sensors import Digit
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.direction import CYSKIN_TO_DIGIT
-from t2twin.translate.evaluation.drawn_pictures import (
+from t2twin.translate.evaluation.metrics.image_metrics import (
     CONTACT_GREY,
     DETAILS_MM,
     PictureFigures,
@@ -39,8 +38,9 @@ from t2twin.translate.evaluation.drawn_pictures import (
     replicates,
     scores,
 )
-from t2twin.translate.evaluation.rows import steps_taken
-from t2twin.translate.predict import load
+from t2twin.translate.evaluation.predictions import steps_taken
+from t2twin.translate.inference.predictor import load
+from t2twin.translate.models.presets import CYSKIN_TO_DIGIT
 
 SPLITS = ("val", "test")
 

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from benchmarks import ROOT
-from t2twin.report.figures import figure, rings, tactile_image
-from t2twin.sim.digit.camera import DIGIT_CAMERA
+from t2twin.report.html.figures import figure, rings, tactile_image
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.translate.data.pairs import DataInfo, Pairs
-from t2twin.translate.phi import Phi
 
 PICTURE = ROOT / "docs" / "pictures" / "other_way.png"
 

@@ -19,7 +19,7 @@ from scipy.spatial import Delaunay
 from benchmarks.declared import PHI
 from benchmarks.evidence.run import main
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.phi import Phi
+from t2twin.sim.cyskin.phi import Phi
 
 BATCH = 64
 ONE_BY_ONE = 8

@@ -16,14 +16,14 @@ from PIL import Image, ImageDraw
 from benchmarks import ROOT
 from benchmarks.declared import PICTURES
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad import catalogue, sheet
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.files import whole_file
+from t2twin.primitives_cad import catalogue, contact_sheet
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.cyskin.tactile_image import tactile_picture
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world.protocol import FORCE_N
-from t2twin.translate.phi import Phi
-from t2twin.translate.picture import tactile_picture
 
 PICTURE = ROOT / "docs" / "pictures" / "presses.png"
 
@@ -85,9 +85,9 @@ def _drawn_shape(name: str) -> Image.Image:
     tool = name.split("/")[0]
     is_tool = tool in catalogue.TOOLS
     mesh = catalogue.tool_mesh(tool) if is_tool else catalogue.load(name).mesh
-    view = sheet.TOOL_VIEWS[tool] if is_tool else sheet.PRIMITIVE_VIEW
-    drawing = Image.fromarray(sheet.draw(mesh, view, SHAPE_PX, sheet.STEEL)[0])
-    ImageDraw.Draw(drawing).text((6, 4), name, fill=sheet.INK, font_size=15)
+    view = contact_sheet.TOOL_VIEWS[tool] if is_tool else contact_sheet.PRIMITIVE_VIEW
+    drawing = Image.fromarray(contact_sheet.draw(mesh, view, SHAPE_PX, contact_sheet.STEEL)[0])
+    ImageDraw.Draw(drawing).text((6, 4), name, fill=contact_sheet.INK, font_size=15)
     return drawing
 
 

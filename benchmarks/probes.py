@@ -24,24 +24,24 @@ from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.paper_scale import presses_sha256, settings
-from t2twin.primitives_cad import catalogue, surface
+from t2twin.core.files import whole_file
+from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.shape import Shape
-from t2twin.primitives_cad.tessellate import tessellate
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.press.records import PressCommand
+from t2twin.primitives_cad.solids import tessellate
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world import protocol
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.evaluation.baselines import (
+from t2twin.translate.evaluation.evaluate import run_names
+from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     MEAN_ARRAY,
     NEAREST_NEIGHBOUR,
     mean_array,
     nearest_neighbour,
 )
-from t2twin.translate.evaluation.evaluate import run_names
-from t2twin.translate.predict import load_run
+from t2twin.translate.inference.predictor import load_run
 
 if TYPE_CHECKING:
     import cadquery as cq
@@ -140,7 +140,7 @@ def solids() -> dict[str, "cq.Workplane"]:
 
 def shape_of(name: str, solid: "cq.Workplane") -> Shape:
     """A solid as a shape, its own origin kept: a file's would be moved to its middle."""
-    mesh, heights = surface.stand(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
+    mesh, heights = height_map.stand(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
     return Shape(name, mesh, heights, spacing_mm=catalogue.OBJECT_SPACING_MM)
 
 

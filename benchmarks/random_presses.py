@@ -29,15 +29,15 @@ from tqdm import tqdm
 from benchmarks import ROOT
 from benchmarks.declared import RANDOM_PRESSES
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad import catalogue, sheet
-from t2twin.primitives_cad.machine import cores
+from t2twin.core.files import whole_file
+from t2twin.core.machine import cores
+from t2twin.primitives_cad import catalogue, contact_sheet
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import Shape
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.report.figures import figure
+from t2twin.report.html.figures import figure
+from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.dataset.touching import draw_touch
-from t2twin.sim.press.records import Contact, PressCommand
+from t2twin.sim.dataset.rejection_sampling import draw_touch
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import test_surfaces
@@ -300,13 +300,22 @@ def _histograms(axis: Axes, values: np.ndarray, tools: np.ndarray, label: str) -
 def draw_shapes() -> None:
     """The first random shapes of all, from above and aside."""
     rows, columns = SHEET
-    page = Image.new("RGB", (columns * TILE_PX[0], rows * TILE_PX[1]), tuple(sheet.PAPER.tolist()))
+    page = Image.new(
+        "RGB", (columns * TILE_PX[0], rows * TILE_PX[1]), tuple(contact_sheet.PAPER.tolist())
+    )
     pen = ImageDraw.Draw(page)
     for seed, (left, top) in enumerate(_tiles(rows, columns)):
         mesh = RandomShape(seed).mesh
-        tile, _ = sheet.draw(mesh, sheet.PRIMITIVE_VIEW, TILE_PX, sheet.RESIN)
+        tile, _ = contact_sheet.draw(
+            mesh, contact_sheet.PRIMITIVE_VIEW, TILE_PX, contact_sheet.RESIN
+        )
         page.paste(Image.fromarray(tile), (left, top))
-        pen.text((left + 6, top + TILE_PX[1] - 18), f"random-{seed}", fill=sheet.INK, font_size=11)
+        pen.text(
+            (left + 6, top + TILE_PX[1] - 18),
+            f"random-{seed}",
+            fill=contact_sheet.INK,
+            font_size=11,
+        )
     with whole_file(SHAPES_PICTURE) as temporary:
         page.save(temporary, format="PNG", optimize=True)
 

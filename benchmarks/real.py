@@ -21,15 +21,15 @@ import numpy as np
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import REAL
 from benchmarks.evidence.run import main
-from t2twin.adaptation.judged import Felt, counts_of, felt_by_the_twin, judge_each
+from t2twin.adaptation.real_frame_evaluation import Felt, counts_of, felt_by_the_twin, judge_each
 from t2twin.adaptation.record import Scores, trivial_percent
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
-from t2twin.translate.predict import TrainedTranslator, load_run
+from t2twin.translate.inference.predictor import TrainedTranslator, load_run
 
 
 def measure(options: Namespace) -> dict[str, Any]:

@@ -19,13 +19,13 @@ import numpy as np
 
 from benchmarks.declared import SHAPE_LOSS
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.evaluation.bootstrap import interval, replicates
-from t2twin.translate.evaluation.metrics import compare
-from t2twin.translate.evaluation.rows import steps_taken
-from t2twin.translate.phi import Phi
-from t2twin.translate.predict import TrainedTranslator, load_run
+from t2twin.translate.evaluation.metrics.array_errors import compare
+from t2twin.translate.evaluation.metrics.bootstrap import interval, replicates
+from t2twin.translate.evaluation.predictions import steps_taken
+from t2twin.translate.inference.predictor import TrainedTranslator, load_run
 from t2twin.translate.runs.config import RunConfig
 
 SPLITS = ("val", "test")

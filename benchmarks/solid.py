@@ -1,6 +1,6 @@
 """The real gel as a solid: finite elements of its dome, its free sides and its bonded base.
 
-An independent answer to what `t2twin.sim.press.layer` takes for a laterally unbounded layer of
+An independent answer to what `t2twin.sim.contact.layer` takes for a laterally unbounded layer of
 the local thickness. Small strain, linear elastic; trilinear hexahedra with mean dilatation (Hughes,
 The Finite Element Method, 1987, section 4.5), which do not lock near incompressibility. The base
 is bonded, sides and top are free. A rigid shape, given by its gaps over the top's nodes, is
@@ -17,8 +17,8 @@ from itertools import product
 import numpy as np
 from scipy import linalg, sparse
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.press.elastomer import Elastomer
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
 
 LAYERS_TIMES_PITCH_MM = 3.0
 """Layers of elements times the columns' pitch, mm: 6 layers at 0.5 mm, 12 at 0.25 mm."""

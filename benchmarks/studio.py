@@ -27,15 +27,15 @@ from benchmarks import ROOT
 from benchmarks.declared import STUDIO
 from benchmarks.evidence.run import main
 from benchmarks.studio_events import act
-from t2twin.primitives_cad.cache_home import VARIABLE
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.studio.cards import pictures_html, scales_of
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import studio
 from t2twin.studio.session import Session
-from t2twin.studio.solids import as_glb, elastomer_part, taxels_part
 from t2twin.studio.translators import Translators
+from t2twin.studio.view.cards import pictures_html, scales_of
+from t2twin.studio.view.solids import as_glb, elastomer_part, taxels_part
 
 PICTURE = ROOT / "docs" / "pictures" / "studio.png"
 SIZE = {"width": 1400, "height": 900}

@@ -11,8 +11,8 @@ import trimesh
 from viser import UploadedFile, _messages
 
 import t2twin
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.studio import notices
+from t2twin.core.errors import T2TwinError
+from t2twin.studio.controls import notices
 from t2twin.studio.page import Page
 from t2twin.studio.server import Studio
 

@@ -23,7 +23,7 @@ from benchmarks.studio_client import (
     target,
     try_connect,
 )
-from t2twin.studio.log import BURST
+from t2twin.studio.transport.log import BURST
 
 MAX_GROWTH_MB = 300.0
 """Most that the studio may hold more after a script than before it, MB."""

@@ -33,21 +33,19 @@ from torch.utils.data import DataLoader, Dataset
 from benchmarks.declared import TRAINING
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.world import protocol
-from t2twin.translate.build import TRANSLATORS, has_bf16
-from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
-from t2twin.translate.data.pairs import DataInfo, load_info, load_pairs
-from t2twin.translate.distributed import use_all_cores
-from t2twin.translate.loop import load_examples
-from t2twin.translate.networks.patchgan import PatchGAN
+from t2twin.translate.data.pairs import DataInfo, Examples, load_info, load_pairs
+from t2twin.translate.models.distributed import use_all_cores
+from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model, Preset
+from t2twin.translate.networks.pix2pix import PatchGAN, UNet
 from t2twin.translate.networks.resnet18 import ResNet18
-from t2twin.translate.networks.unet import UNet
-from t2twin.translate.phi import Phi
-from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model, Preset
+from t2twin.translate.runs.build import TRANSLATORS, has_bf16
 from t2twin.translate.runs.log import read_log
-from t2twin.translate.train import train
+from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import load_examples
 
 PRESET = "cpu"
 ROUNDS = 3

@@ -23,10 +23,10 @@ from benchmarks.declared import TRANSLATION
 from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase, rounded, sha256_of
 from benchmarks.paper_scale import presses_sha256, settings
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.report.qualitative import chosen, row_picture
-from t2twin.report.report_data import ReportData, read_report_data
-from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.core.files import whole_file
+from t2twin.report.data import ReportData, read_report_data
+from t2twin.report.sections.qualitative import chosen, row_picture
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
 from t2twin.translate.evaluation.records import read_evaluation
 
 PICTURE = ROOT / "docs" / "pictures" / "samples.png"

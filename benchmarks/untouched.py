@@ -21,16 +21,16 @@ from scipy.optimize import nnls
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import UNTOUCHED
 from benchmarks.evidence.run import main
-from t2twin.sim.digit import deflections
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.background_light import drawn_lights, mean_light
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frames, touched_patch
 from t2twin.sim.digit.calibrate.scores import Score, crop_scores, mean_score
-from t2twin.sim.digit.calibrate.untouched import drawn_lights, mean_light
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.digit.camera.response import linear
 from t2twin.sim.digit.optics import DigitOptics
-from t2twin.sim.digit.picture import linear
-from t2twin.sim.digit.unit_light import DrawnLight, untouched_light
+from t2twin.sim.digit.randomization.lighting import DrawnLight, untouched_light
 
 DRAWN = 1000
 """Units that one is chosen among."""
@@ -75,7 +75,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     untouched, frames, names = read_frames(background, options.frames)
     last = _shown(untouched, report.real, report.surfaces_mm)
     balls = [
-        deflections.ball(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
+        probe_surfaces.ball(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
         for x_mm, y_mm, depth_mm in report.training_poses
     ]
     trained = frames[[names.index(name) for name in report.trained]]

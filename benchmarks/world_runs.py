@@ -15,8 +15,8 @@ import msgspec
 
 from benchmarks.declared import WORLD_RUNS
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.evaluation.certainty import NAMED_KEPT, NAMED_LEVEL
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.evaluation.metrics.reliability import NAMED_KEPT, NAMED_LEVEL
 from t2twin.translate.evaluation.records import ModelRow, read_evaluation
 
 SPLITS = ("val", "test")

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from t2twin.core.files import whole_file
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
-from t2twin.primitives_cad.writing import whole_file
 
 if TYPE_CHECKING:
     import cadquery as cq

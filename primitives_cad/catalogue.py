@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2twin.primitives_cad import bundled_shapes, checks, families
-from t2twin.primitives_cad.cache_home import cache_home
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.families import PRIMITIVES
+from t2twin.core import arguments
+from t2twin.core.cache_dir import cache_home
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import bundled_shapes, primitive_parameters
+from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
 from t2twin.primitives_cad.random_shapes import seeds
 from t2twin.primitives_cad.shape import Keypoint, Shape
 
@@ -48,7 +49,11 @@ def split(name: str) -> str:
         return "test"
     if name not in PRIMITIVES:
         raise T2TwinError(_unknown(name))
-    return "val" if families.version(name) == families.VALIDATION_VERSION else "train"
+    return (
+        "val"
+        if primitive_parameters.version(name) == primitive_parameters.VALIDATION_VERSION
+        else "train"
+    )
 
 
 def load(
@@ -77,21 +82,24 @@ def load(
         from t2twin.primitives_cad.random_shapes.shape import RandomShape
 
         return RandomShape(seed)
-    from t2twin.primitives_cad import cache, files
+    from t2twin.primitives_cad import shape_cache
+    from t2twin.primitives_cad.mesh_io import read
 
     path = Path(name_or_path)
-    if path.suffix.lower() not in files.SUFFIXES and not path.is_file():
+    if path.suffix.lower() not in read.SUFFIXES and not path.is_file():
         raise T2TwinError(_unknown(name))
-    files.check_scale(scale)
-    content = hashlib.sha256(files.read_bytes(path)).digest()
+    read.check_scale(scale)
+    content = hashlib.sha256(read.read_bytes(path)).digest()
     made_from = f"{path.suffix.lower()} {scale}".encode() + content
-    return cache.fetch(folder, cache.file_label(path), made_from, lambda: _file(path, scale))
+    return shape_cache.fetch(
+        folder, shape_cache.file_label(path), made_from, lambda: _file(path, scale)
+    )
 
 
 def kept_in(cache_dir: str | Path | None) -> Path | None:
     """Where the prepared shapes of files are kept, see `load`; None where none can be."""
     if cache_dir is not None:
-        return checks.path(cache_dir, "cache_dir")
+        return arguments.path(cache_dir, "cache_dir")
     home = cache_home()
     return None if home is None else home / "shapes"
 
@@ -126,17 +134,17 @@ def _check_tool(tool: str) -> None:
 def _unknown(name: str) -> str:
     """What to say of a name that is not in the catalogue: which names are near, what else is
     allowed."""
-    from t2twin.primitives_cad import files
+    from t2twin.primitives_cad.mesh_io import read
 
-    also = f"a path to a file of {', '.join(files.SUFFIXES)} is also allowed"
+    also = f"a path to a file of {', '.join(read.SUFFIXES)} is also allowed"
     if name in TOOLS:
         choices = ", ".join(f"{name}/{keypoint}" for keypoint in KEYPOINTS[name])
         return f"{name!r} is a tool and is pressed at a keypoint: {choices}; {also}"
     # A family or a tool by itself is near, but not a shape: what it holds is named instead.
     groups = {
         **{
-            kind: tuple(n for n in PRIMITIVES if families.family(n) == kind)
-            for kind in families.FAMILIES
+            kind: tuple(n for n in PRIMITIVES if primitive_parameters.family(n) == kind)
+            for kind in primitive_parameters.FAMILIES
         },
         **{tool: tuple(n for n in OBJECTS if n.startswith(tool + "/")) for tool in TOOLS},
     }
@@ -154,7 +162,7 @@ def _unknown(name: str) -> str:
 
 def spacing_mm(name: str) -> tuple[float, float]:
     """Spacings along x and y of the protocol's grid on a shape of the catalogue, mm."""
-    return OBJECT_SPACING_MM if name in OBJECTS else families.spacings_mm(name)
+    return OBJECT_SPACING_MM if name in OBJECTS else primitive_parameters.spacings_mm(name)
 
 
 def build(name: str, tool: "trimesh.Trimesh | None" = None) -> Shape:
@@ -162,15 +170,15 @@ def build(name: str, tool: "trimesh.Trimesh | None" = None) -> Shape:
 
     tool: the tool's mesh, of a shape that is a tool's keypoint.
     """
-    from t2twin.primitives_cad import solids, surface
-    from t2twin.primitives_cad.tessellate import tessellate_symmetric
+    from t2twin.primitives_cad import height_map, solids
+    from t2twin.primitives_cad.solids import tessellate_symmetric
 
     if name in PRIMITIVES:
         mesh = tessellate_symmetric(solids.primitive(name))
     else:
         assert tool is not None
         mesh = tool.copy().apply_transform(keypoint_transform(name))
-    mesh, heights = surface.stand(mesh)
+    mesh, heights = height_map.stand(mesh)
     return Shape(name=name, mesh=mesh, surface=heights, **_properties(name))
 
 
@@ -185,24 +193,25 @@ def _properties(name: str) -> dict[str, Any]:
     if name in OBJECTS:
         return {"spacing_mm": OBJECT_SPACING_MM}
     return {
-        "spacing_mm": families.spacings_mm(name),
-        "parameters": families.parameters(name),
-        "base_mm": -families.FEATURE_HEIGHT_MM,
+        "spacing_mm": primitive_parameters.spacings_mm(name),
+        "parameters": primitive_parameters.parameters(name),
+        "base_mm": -primitive_parameters.FEATURE_HEIGHT_MM,
     }
 
 
 def _file(path: Path, scale: float | None) -> Shape:
-    from t2twin.primitives_cad import files, surface
+    from t2twin.primitives_cad import height_map
+    from t2twin.primitives_cad.mesh_io import read
 
-    mesh, notes = files.read_solid(path, scale)
-    mesh, heights = surface.stand(mesh)
-    spacing = min(families.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
+    mesh, notes = read.read_solid(path, scale)
+    mesh, heights = height_map.stand(mesh)
+    spacing = min(primitive_parameters.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(
         name=os.fsencode(path.stem).decode(errors="replace"),  # a file's name may be no text
         mesh=mesh,
         surface=heights,
         spacing_mm=(spacing, spacing),
-        base_mm=surface.base_mm(heights),
+        base_mm=height_map.base_mm(heights),
         notes=notes,
     )
 

@@ -3,15 +3,16 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import cadquery as cq
 import msgspec
 import trimesh
 
-from t2twin.primitives_cad import cache, catalogue, checks, families
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.folder_lock import locked
-from t2twin.primitives_cad.progress import Progress
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import locked, whole_file, write_json
+from t2twin.core.progress import Progress
+from t2twin.primitives_cad import catalogue, primitive_parameters, shape_cache
 from t2twin.primitives_cad.shape import Keypoint
-from t2twin.primitives_cad.writing import whole_file, write_json
 
 MANIFEST = "manifest.json"
 MOSAIC = "mosaic"
@@ -59,7 +60,7 @@ def export(out_dir: str | Path) -> Path:
     code, is not made again. Returns the manifest's path.
     Raises T2TwinError where the folder cannot be written.
     """
-    folder = checks.path(out_dir, "out_dir")
+    folder = arguments.path(out_dir, "out_dir")
     with locked(folder):
         return _export(folder)
 
@@ -99,7 +100,7 @@ def _write_manifest(path: Path, entries: dict[str, Entry]) -> None:
 
 
 def _still_there(folder: Path, entry: Entry) -> bool:
-    if entry.made_by != cache.key(entry.name):
+    if entry.made_by != shape_cache.key(entry.name):
         return False
     files = [folder / f"{entry.name}{suffix}" for suffix in SUFFIXES]
     return all(
@@ -109,15 +110,14 @@ def _still_there(folder: Path, entry: Entry) -> bool:
 
 def _write_shape(folder: Path, name: str) -> Entry:
     """Both files of one shape; returns its entry in the manifest."""
-    import cadquery as cq
 
-    from t2twin.primitives_cad import mosaic, solids, tessellate, tools
+    from t2twin.primitives_cad import print_plate, solids, tools
 
     mesh: trimesh.Trimesh
     if name == MOSAIC:
-        solid = mosaic.solid()
-        mesh = tessellate.tessellate(solid)
-        about = {"places_mm": mosaic.places(), "pitch_mm": mosaic.PITCH_MM}
+        solid = print_plate.solid()
+        mesh = solids.tessellate(solid)
+        about = {"places_mm": print_plate.places(), "pitch_mm": print_plate.PITCH_MM}
     elif name in catalogue.TOOLS:
         solid = tools.solid(name)
         mesh = catalogue.tool_mesh(name)
@@ -131,8 +131,8 @@ def _write_shape(folder: Path, name: str) -> Entry:
         shape = catalogue.load(name)
         mesh = shape.mesh
         about = {
-            "family": families.family(name),
-            "version": families.version(name),
+            "family": primitive_parameters.family(name),
+            "version": primitive_parameters.version(name),
             "split": catalogue.split(name),
             "parameters_mm": shape.parameters,
             "spacing_mm": shape.spacing_mm,
@@ -150,9 +150,9 @@ def _write_shape(folder: Path, name: str) -> Entry:
         volume_mm3=round(solid.Volume(), 3),
         bounding_box_mm=tuple(tuple(round(float(x), 4) for x in corner) for corner in mesh.bounds),
         triangles=len(mesh.faces),
-        chordal_error_mm=tools.CHORDAL_MM.get(name, tessellate.CHORDAL_MM),
+        chordal_error_mm=tools.CHORDAL_MM.get(name, solids.CHORDAL_MM),
         bytes={
             f"{name}{suffix}": (folder / f"{name}{suffix}").stat().st_size for suffix in SUFFIXES
         },
-        made_by=cache.key(name),
+        made_by=shape_cache.key(name),
     )

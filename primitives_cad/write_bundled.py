@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from t2twin.core.files import whole_file
 from t2twin.primitives_cad import catalogue, tools
 from t2twin.primitives_cad.bundled_shapes import packed, path_of
 from t2twin.primitives_cad.shape import HeightMap
-from t2twin.primitives_cad.writing import whole_file
 
 
 def write(names: tuple[str, ...] = catalogue.NAMES) -> None:

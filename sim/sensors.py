@@ -9,21 +9,21 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.surface import surface_on
+from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
-from t2twin.sim.digit.camera import optical_grid
-from t2twin.sim.digit.leds import DIGIT_LEDS
+from t2twin.sim.digit.camera.pinhole import optical_grid
+from t2twin.sim.digit.light.leds import DIGIT_LEDS
 from t2twin.sim.digit.optics import FRAMES, NOISE_GREY, DigitOptics
+from t2twin.sim.digit.randomization.unit import Unit
 from t2twin.sim.digit.rendered import RenderedOptics
-from t2twin.sim.digit.units import Unit
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.records import Contact, PressCommand
-from t2twin.sim.press.surface import surface_on
 
 Renderer = Literal["baked", "pyrender"]
 """What makes the DIGIT's pictures: the baked model, in milliseconds, or pyrender itself, in about
@@ -78,8 +78,8 @@ class Digit:
     elastomer: Elastomer = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checks.instance(self.gel, "gel", Elastomer)
-        checks.choice(self.renderer, "optics", get_args(Renderer))
+        arguments.instance(self.gel, "gel", Elastomer)
+        arguments.choice(self.renderer, "optics", get_args(Renderer))
         light = self.unit.calibration if self.unit else Calibration.load(self._file)
         object.__setattr__(self, "optics", self._optics(light))
         object.__setattr__(self, "elastomer", self._elastomer(light))
@@ -160,7 +160,7 @@ class CySkin:
     flaws: reading.Imperfections = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checks.instance(self.cover, "cover", Elastomer)
+        arguments.instance(self.cover, "cover", Elastomer)
         object.__setattr__(self, "layout", load_layout(self.layout_source))
         object.__setattr__(
             self, "flaws", reading.imperfections(self.imperfections, tuple(self.dead))

@@ -3,7 +3,7 @@
 import os
 import sys
 
-from t2twin.stopping import heed_signals
+from t2twin.core.signals import heed_signals
 
 
 def main() -> None:

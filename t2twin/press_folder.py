@@ -8,16 +8,15 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from t2twin.primitives_cad.folder_lock import locked
-from t2twin.primitives_cad.stl_bytes import binary_stl
-from t2twin.primitives_cad.writing import move_into, temporary_folder
+from t2twin.core.files import locked, move_into, temporary_folder
+from t2twin.primitives_cad.mesh_io.stl import binary_stl
+from t2twin.sim import scene
+from t2twin.sim.contact.elastomer import elastomer_json
+from t2twin.sim.contact.types import Contact
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.cyskin.tactile_image import tactile_picture
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.press import scene
-from t2twin.sim.press.elastomer_json import elastomer_json
-from t2twin.sim.press.records import Contact
 from t2twin.sim.sensors import CySkinTouch, DigitTouch
-from t2twin.translate.phi import Phi
-from t2twin.translate.picture import tactile_picture
 
 VERSIONS = ("t2twin", "mujoco", "numpy")
 """Packages whose versions press.json names."""

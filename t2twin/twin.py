@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 
+from t2twin.core import arguments
+from t2twin.core.arguments import check_seed
+from t2twin.core.errors import T2TwinError
 from t2twin.press_folder import write_press
-from t2twin.primitives_cad import catalogue, checks
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
+from t2twin.sim.contact.depth import force_at_depth
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.types import Contact, PressCommand, check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
-from t2twin.sim.press.depth import force_at_depth
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.force import check_force
-from t2twin.sim.press.records import Contact, PressCommand
-from t2twin.sim.seeds import check_seed
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import CySkin, CySkinTouch, Digit, DigitTouch, Renderer, SensorPair
 from t2twin.sim.world.protocol import FORCE_N
-from t2twin.translate.phi import Phi
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Touch:
         """
         digit = DigitTouch(self.digit, self.image, self.calibration, self.optics)
         cyskin = CySkinTouch(self.cyskin, self.counts, self.layout)
-        write_press(checks.path(folder, "folder"), digit, cyskin)
+        write_press(arguments.path(folder, "folder"), digit, cyskin)
 
 
 class Twin:
@@ -82,8 +82,8 @@ class Twin:
         cover: Elastomer = CYSKIN_COVER,
         optics: Renderer = "baked",
     ) -> None:
-        light = None if calibration is None else str(checks.path(calibration, "calibration"))
-        taxels = str(checks.path(layout, "layout"))
+        light = None if calibration is None else str(arguments.path(calibration, "calibration"))
+        taxels = str(arguments.path(layout, "layout"))
         self.sensors = SensorPair(
             Digit(gel=gel, calibration=light, renderer=optics),
             CySkin(cover=cover, layout_source=taxels, imperfections=imperfections),
@@ -184,9 +184,9 @@ def load_shape(shape: str | Path | Shape, scale: float | None = None) -> Shape:
     name, a file that cannot be pressed, and a scale that is not positive or not for a file.
     """
     if not isinstance(shape, Shape):
-        checks.path(shape, "shape")
+        arguments.path(shape, "shape")
         return catalogue.load(shape, scale=scale)
-    checks.instance(shape.surface, "the shape's surface", HeightMap)
+    arguments.instance(shape.surface, "the shape's surface", HeightMap)
     if scale is not None:
         raise T2TwinError(f"{shape.name} is a Shape, in mm; a scale is for files only")
     return shape
@@ -205,12 +205,12 @@ def press_command(
     a sensor. Raises T2TwinError for a force or depth out of range, for both, and for places not
     finite."""
     x_mm, y_mm, yaw_deg = (
-        checks.number(value, name)
+        arguments.number(value, name)
         for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("yaw_deg", yaw_deg))
     )
     if force_n is not None and depth_mm is not None:
         raise T2TwinError("force_n and depth_mm are both given; a press is of one of them")
-    force = FORCE_N if force_n is None else checks.real(force_n, "force_n")
+    force = FORCE_N if force_n is None else arguments.real(force_n, "force_n")
     check_force(force)
     command = PressCommand(shape.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force)
     if depth_mm is None:

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES
 
-from t2twin.adaptation import road
+from t2twin.adaptation import pipeline
 from t2twin.adaptation.fitted import PRESSES, read_fitted
-from t2twin.adaptation.judged import felt_by_the_twin, judge
+from t2twin.adaptation.pipeline import adapt
+from t2twin.adaptation.real_frame_evaluation import felt_by_the_twin, judge
 from t2twin.adaptation.record import RECORD, Scores
-from t2twin.adaptation.road import adapt
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors import SensorPair
-from t2twin.translate.runs.shipped import HOME
-from t2twin.translate.train import train
+from t2twin.translate.runs.pretrained import HOME
+from t2twin.translate.training.train import train
 
 FULL_SCALE = 40_000.0
 BLACK = np.zeros((320, 240, 3), np.uint8)
@@ -89,14 +89,14 @@ def briefly(model, data_dir, preset, out_dir, minutes, start):
 def walked(unit, tmp_path_factory):
     out = tmp_path_factory.mktemp("adapted") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(road, "SHAPES_A_MINUTE", 25)
-        patch.setattr(road, "train", briefly)
+        patch.setattr(pipeline, "SHAPES_A_MINUTE", 25)
+        patch.setattr(pipeline, "train", briefly)
         said: list[str] = []
         adapted = adapt(
             unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0, say=said.append
         )
     assert [line for line in said if "step" in line] == [
-        f"{name}: step {number} of 4" for number, name in enumerate(road.STEPS, start=1)
+        f"{name}: step {number} of 4" for number, name in enumerate(pipeline.STEPS, start=1)
     ]
     return out, adapted
 
@@ -104,7 +104,7 @@ def walked(unit, tmp_path_factory):
 @pytest.mark.exhaustive
 def test_the_road_leads_to_a_run_that_is_checked_on_the_frames_kept_out(walked):
     out, adapted = walked
-    assert adapted.presses == HELD_OUT and list(adapted.minutes) == list(road.STEPS)
+    assert adapted.presses == HELD_OUT and list(adapted.minutes) == list(pipeline.STEPS)
     assert adapted.optics_psnr_db > 32
     # the frames are the twin's own, so that only the fitted light lies between both
     apart = adapted.real.rmse_percent - adapted.simulated.rmse_percent
@@ -135,8 +135,8 @@ def test_the_road_leads_to_a_run_that_is_checked_on_the_frames_kept_out(walked):
 def test_what_is_done_is_not_done_again(walked, unit, monkeypatch):
     out, adapted = walked
     before = (out / "field" / "best.safetensors").read_bytes()
-    monkeypatch.setattr(road, "calibrate", None)
-    monkeypatch.setattr(road, "train", briefly)
+    monkeypatch.setattr(pipeline, "calibrate", None)
+    monkeypatch.setattr(pipeline, "train", briefly)
     said: list[str] = []
     again = adapt(
         unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0, say=said.append

@@ -8,11 +8,10 @@ import torch
 from torch import nn
 
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.averaging import running_mean
-from t2twin.translate.build import TRANSLATORS
-from t2twin.translate.data.examples import Examples
-from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model
+from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.models.optimizer import running_mean
+from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model
+from t2twin.translate.runs.build import TRANSLATORS
 
 
 def mean_of(part: float, values: list[float]) -> float:

@@ -9,17 +9,17 @@ import pytest
 from ball_frames import POSES, save
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import deflections
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.forces import BallForces, fitted_young_mpa
-from t2twin.sim.digit.calibrate.known import FORCES, Tolerance, read_known
-from t2twin.sim.digit.calibrate.words import lines_of
+from t2twin.sim.digit.calibrate.measurements import FORCES, Tolerance, read_known
+from t2twin.sim.digit.calibrate.record import lines_of
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
-from t2twin.sim.digit.units import UnitDraw, draw_unit
-from t2twin.sim.press.elastomer import DIGIT_GEL
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.digit.randomization.unit import UnitDraw, draw_unit
 from t2twin.sim.sensors import Digit
 
 SCALE, YOUNG_MPA = 18.0, 0.42
@@ -37,10 +37,10 @@ def twin_frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("twin")
     optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE))
     rng = np.random.default_rng(5)
-    still = optics.render(deflections.ball(0, 0, 1.0) * 0, rng, NOISE_GREY)
+    still = optics.render(probe_surfaces.ball(0, 0, 1.0) * 0, rng, NOISE_GREY)
     save(still, folder / "background.png")
     for name, (x_mm, y_mm, depth_mm), ball_mm in zip(NAMES, TRUE_POSES, BALLS_MM, strict=True):
-        surface = deflections.ball(x_mm, y_mm, depth_mm, ball_mm / 2)
+        surface = probe_surfaces.ball(x_mm, y_mm, depth_mm, ball_mm / 2)
         save(optics.render(surface, rng, NOISE_GREY), folder / name)
     return folder
 

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from t2twin.primitives_cad.checksum import (
+from t2twin.core.cached_files import (
     BLOCK_BYTES,
     SIZE,
     add_checksum,

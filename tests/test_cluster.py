@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import pytest
 from waiting import wait_until
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset import cluster
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.shard import Making

@@ -5,10 +5,10 @@ import pytest
 from scipy.spatial import KDTree
 
 from benchmarks.solids import ball
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import Layout, load_layout
-from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import CySkin
 
 

@@ -10,18 +10,13 @@ import pytest
 from pages import read_page
 
 from t2twin.cli import main
-from t2twin.report import (
-    data_page,
-    data_summary,
-    duplicates,
-    outliers,
-    pairs,
-)
-from t2twin.report.dataset import read_dataset
+from t2twin.core.images import decode_png, encode_png
+from t2twin.report import data_page
+from t2twin.report.dataset import duplicates, outliers, pairs, summary
+from t2twin.report.dataset.scan import nearest_others, scan
+from t2twin.report.dataset.tables import read_dataset
 from t2twin.report.page import PAGE
-from t2twin.report.scan import nearest_others, scan
 from t2twin.sim.dataset.info import Shard
-from t2twin.sim.dataset.png import decode_png, encode_png
 from t2twin.sim.dataset.store import read_info, write_info, write_shard
 
 
@@ -45,14 +40,14 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
 def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
     dataset = read_dataset(data_dir)
     looked = scan(dataset, duplicates.noise_grey(dataset))
-    said = data_summary.sentences(dataset, looked)
+    said = summary.sentences(dataset, looked)
     assert len(said) <= 4 and "the 20 counts, each from 0 to 40,000" in said[0]
     assert said[1] == (
         "There are 20 pairs of 8 shapes: 12 for training, 6 for validation, 2 for test."
     )
     assert said[2].startswith("Of the pairs none repeat another one")
     twins = replace(looked, alike_counts=np.where(np.arange(20) < 5, 0.0, np.inf))
-    assert "Of the pairs 25 % repeat" in data_summary.sentences(dataset, twins)[2]
+    assert "Of the pairs 25 % repeat" in summary.sentences(dataset, twins)[2]
     assert "simulated" in said[3]
 
 

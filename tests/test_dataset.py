@@ -17,11 +17,11 @@ import pytest
 from waiting import wait_until
 
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.info import Shard
-from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
     LOG,
     read_info,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
-from t2twin.sim.press.elastomer import DIGIT_GEL
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
 
 
 def test_one_millimetre_at_the_apex_is_the_stated_scale():

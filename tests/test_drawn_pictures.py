@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from t2twin.translate.evaluation.drawn_pictures import (
+from t2twin.translate.evaluation.metrics.image_metrics import (
     CONTACT_GREY,
     DETAILS_MM,
     compare_pictures,

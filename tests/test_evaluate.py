@@ -13,19 +13,19 @@ from PIL import Image
 from spots import write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.evaluation.as_json import as_json
 from t2twin.translate.evaluation.background import OF_CALIBRATION, is_of_default_calibration
-from t2twin.translate.evaluation.baselines import (
+from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
+from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     mean_array,
     nearest_neighbour,
     neighbours,
 )
-from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
 from t2twin.translate.evaluation.predictions import PREDICTIONS, read_predictions
 from t2twin.translate.evaluation.records import (
     FORMAT,
@@ -45,14 +45,14 @@ from t2twin.translate.evaluation.records import (
     ShapeFloor,
     TaxelCounts,
     View,
+    as_json,
     read_evaluation,
     write_evaluation,
 )
 from t2twin.translate.evaluation.table import table
-from t2twin.translate.phi import Phi
-from t2twin.translate.predict import load_run
+from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.log import best_epoch, read_log
-from t2twin.translate.touch2touch import Touch2Touch
 
 FULL_SCALE = 40000.0
 

@@ -13,13 +13,13 @@ from PIL import Image
 from spots import train_smoke, write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.export import export_onnx
-from t2twin.translate.predict import load_run
-from t2twin.translate.presets import PRESETS
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.inference.onnx_export import export_onnx
+from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.config import load_config
-from t2twin.translate.train import train
+from t2twin.translate.training.train import train
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")

@@ -8,11 +8,11 @@ from PIL import Image
 from spots import train_smoke, write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.dataset.png import decode_png
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
 from t2twin.sim.dataset.store import read_split
-from t2twin.translate.familiar import CELLS, familiar_with
 from t2twin.translate.runs.config import CONFIG, load_config
+from t2twin.translate.uncertainty.ood import CELLS, familiar_with
 
 
 @pytest.fixture(scope="module")

@@ -11,18 +11,30 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.report.page import write_report
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import taxels
 from t2twin.sim.cyskin.field import field_counts, field_layout
 from t2twin.sim.cyskin.field_reading import reading_of
 from t2twin.sim.cyskin.layout import Layout, load_layout
 from t2twin.sim.dataset.generate import generate
-from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world.recipe import load_recipe
-from t2twin.translate.batch import translate_files
-from t2twin.translate.calibrated import (
+from t2twin.translate.data.images import to_input
+from t2twin.translate.data.pairs import Examples, load_info, load_pairs
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.metrics.reliability import NAMED_LEVEL, certainty
+from t2twin.translate.evaluation.predictions import read_predictions
+from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.inference.batch import translate_files
+from t2twin.translate.inference.predictor import TrainedTranslator, load_run
+from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.presets import PRESETS
+from t2twin.translate.networks.field_net import FieldNet, grid_of, laid_at
+from t2twin.translate.training.recalibrate import temper
+from t2twin.translate.training.train import train
+from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     Calibration,
     Errors,
@@ -30,20 +42,7 @@ from t2twin.translate.calibrated import (
     factor_at,
     standard_deviation,
 )
-from t2twin.translate.data.examples import Examples
-from t2twin.translate.data.images import to_input
-from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.estimate import Estimate
-from t2twin.translate.evaluation.certainty import NAMED_LEVEL, certainty
-from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.predictions import read_predictions
-from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.field import FieldTranslator
-from t2twin.translate.networks.field_net import FieldNet, grid_of, laid_at
-from t2twin.translate.predict import TrainedTranslator, load_run
-from t2twin.translate.presets import PRESETS
-from t2twin.translate.temper import temper
-from t2twin.translate.train import train
+from t2twin.translate.uncertainty.estimate import Estimate
 
 WORLD = """
 format = 1
@@ -461,19 +460,19 @@ def test_tempered_on_several_worlds(
 def test_a_training_that_was_stopped_ends_as_one_that_was_not(
     run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from t2twin.translate import loop
+    from t2twin.translate.training import trainer
 
-    saved = loop.save_state
+    saved = trainer.save_state
 
     def stop_after_one(path, translator, history) -> None:
         saved(path, translator, history)
         if len(history) == 1:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(loop, "save_state", stop_after_one)
+    monkeypatch.setattr(trainer, "save_state", stop_after_one)
     with pytest.raises(KeyboardInterrupt):
         train("field", data_dir, "smoke", tmp_path / "run", epochs=2)
-    monkeypatch.setattr(loop, "save_state", saved)
+    monkeypatch.setattr(trainer, "save_state", saved)
     train("field", data_dir, "smoke", tmp_path / "run", epochs=2)
     for name in ("best.safetensors", "last.safetensors"):
         own, other = (load_file(folder / name) for folder in (tmp_path / "run", run_dir))
@@ -521,7 +520,7 @@ def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_p
 
 def test_the_onnx_file_says_the_same(run: TrainedTranslator, frame, tmp_path) -> None:
     onnxruntime = pytest.importorskip("onnxruntime")
-    from t2twin.translate.export import export_onnx
+    from t2twin.translate.inference.onnx_export import export_onnx
 
     dense = load_layout("cyskin-63")
     run = run.at_layout(dense.x_mm, dense.y_mm, "cyskin-63", dense.pad_diameter_mm).in_float32()

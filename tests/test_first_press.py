@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.core.cached_files import kept_array
 from t2twin.primitives_cad import bundled_shapes, catalogue, tools
-from t2twin.primitives_cad.cache_home import VARIABLE
-from t2twin.primitives_cad.kept_array import kept_array
-from t2twin.primitives_cad.stl_bytes import binary_stl
-from t2twin.sim.press.cubic_spline import CubicSpline
-from t2twin.translate.picture import _colours
+from t2twin.primitives_cad.mesh_io.stl import binary_stl
+from t2twin.sim.contact.splines import CubicSpline
+from t2twin.sim.cyskin.tactile_image import _colours
 
 SLOW = (
     "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "scipy.interpolate",
@@ -114,7 +114,7 @@ def test_bundled_shapes_are_small():
 def test_an_stl_file_has_the_triangles(tmp_path):
     vertices, faces = bundled_shapes.read_mesh("square-2")
     (tmp_path / "square.stl").write_bytes(binary_stl(vertices, faces))
-    from t2twin.primitives_cad.files import read_solid
+    from t2twin.primitives_cad.mesh_io.read import read_solid
 
     mesh, notes = read_solid(tmp_path / "square.stl", None)
     assert not notes and len(mesh.faces) == len(faces)

@@ -12,13 +12,22 @@ from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import Pairs, load_pairs
-from t2twin.translate.evaluation import bootstrap
-from t2twin.translate.evaluation.baselines import FEATURE_SIZE, NEAREST_NEIGHBOUR, Neighbours
 from t2twin.translate.evaluation.evaluate import _without_runs
 from t2twin.translate.evaluation.findings import findings, gap, paired
-from t2twin.translate.evaluation.lookalikes import CLOSE, floor_of, lookalikes, noise_distance_grey
-from t2twin.translate.evaluation.metrics import GroupedFigures, PairFigures
-from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR, second_reading
+from t2twin.translate.evaluation.metrics import bootstrap
+from t2twin.translate.evaluation.metrics.array_errors import GroupedFigures, PairFigures
+from t2twin.translate.evaluation.metrics.baselines import (
+    FEATURE_SIZE,
+    NEAREST_NEIGHBOUR,
+    Neighbours,
+)
+from t2twin.translate.evaluation.metrics.floors import NOISE_FLOOR, second_reading
+from t2twin.translate.evaluation.metrics.irreducible_error import (
+    CLOSE,
+    floor_of,
+    lookalikes,
+    noise_distance_grey,
+)
 from t2twin.translate.evaluation.records import ModelRow
 
 FULL_SCALE = 40000.0

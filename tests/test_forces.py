@@ -9,10 +9,15 @@ import pytest
 from spots import write_spots
 
 from t2twin.translate.data.pairs import ImageFile, Pairs
-from t2twin.translate.evaluation import bootstrap
-from t2twin.translate.evaluation.bootstrap import draws, replicates, rmse_by_group
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.forces import (
+from t2twin.translate.evaluation.metrics import bootstrap
+from t2twin.translate.evaluation.metrics.array_errors import PairFigures
+from t2twin.translate.evaluation.metrics.bootstrap import (
+    draws,
+    replicates,
+    rmse_by_group,
+)
+from t2twin.translate.evaluation.metrics.forces import (
     FEWEST_PRESSES,
     MEAN_ARRAY_OF_FORCE,
     MOST_FORCES,
@@ -20,7 +25,6 @@ from t2twin.translate.evaluation.forces import (
     force_bins,
     mean_array_of_force,
 )
-from t2twin.translate.evaluation.metrics import PairFigures
 from t2twin.translate.evaluation.records import METRICS, read_evaluation
 
 FULL_SCALE = 40000.0

@@ -45,7 +45,7 @@ def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path):
         (folder / "__init__.py").write_text("raise ImportError('not ours')\n")
     script = work / "script.py"
     script.write_text(
-        "import t2twin, t2twin.sim.sensors, t2twin.translate.phi\n"
+        "import t2twin, t2twin.sim.sensors, t2twin.sim.cyskin.phi\n"
         "print(t2twin.__file__, len(t2twin.shapes()))\n"
     )
     environment = os.environ | {"PYTHONPATH": str(site)}
@@ -68,9 +68,9 @@ def lint(folder: Path) -> subprocess.CompletedProcess:
 @pytest.mark.parametrize(
     "module, wrong",
     [
-        ("primitives_cad/errors.py", "from t2twin.sim.press import grid\n"),
-        ("sim/press/grid.py", "from t2twin.translate import phi\n"),
-        ("sim/press/grid.py", "from t2twin.sim.press import engine\n"),
+        ("t2twin/core/errors.py", "from t2twin.sim.contact import grid\n"),
+        ("sim/contact/grid.py", "from t2twin.translate import phi\n"),
+        ("sim/contact/grid.py", "from t2twin.sim.contact import engine\n"),
     ],
 )
 def test_a_wrong_import_breaks_the_contract(checkout, module, wrong):

@@ -12,7 +12,7 @@ from session import FOLDERS, Products
 
 ROOT = Path(__file__).parents[1]
 ON_THE_SPOT = (
-    "import json, os, platformdirs, sys, t2twin.primitives_cad.cache_home as cache\n"
+    "import json, os, platformdirs, sys, t2twin.core.cache_dir as cache\n"
     "print(json.dumps([os.getcwd(), os.path.expanduser('~'), str(cache.cache_home()),"
     " platformdirs.user_cache_dir(), platformdirs.user_config_dir()]))"
 )
@@ -49,7 +49,7 @@ def test_commands_find_temporary_folders_alone():
 
 def test_runs_of_the_repository_are_not_found():
     from t2twin.studio.translators import Translators
-    from t2twin.translate.runs.shipped import shipped_runs
+    from t2twin.translate.runs.pretrained import shipped_runs
 
     translators = Translators()
     translators.search()

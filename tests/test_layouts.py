@@ -8,14 +8,17 @@ import pytest
 import torch
 from spots import train_smoke, write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.field_of_view import view_on
-from t2twin.translate.evaluation.layout_floor import LAYOUT_FLOOR, seen_through
-from t2twin.translate.layouts import same_layout
-from t2twin.translate.predict import TrainedTranslator, load_run
-from t2twin.translate.touch2touch import Touch2Touch
+from t2twin.translate.evaluation.metrics.floors import (
+    LAYOUT_FLOOR,
+    seen_through,
+    view_on,
+)
+from t2twin.translate.inference.predictor import TrainedTranslator, load_run
+from t2twin.translate.models.layouts import same_layout
+from t2twin.translate.models.touch2touch import Touch2Touch
 
 PITCH_MM = 4.0
 

@@ -12,13 +12,12 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
 from t2twin.live.folder import Folder
 from t2twin.live.follow import follow
-from t2twin.live.frame import Frame
-from t2twin.live.newest import Newest
-from t2twin.live.skipped import Skipped
+from t2twin.live.frame import Frame, Skipped
+from t2twin.live.latest_frame import Newest
 from t2twin.live.sources import Video, _opencv, open_source
-from t2twin.primitives_cad.errors import T2TwinError
 
 HZ, FRAMES = 30.0, 24
 cv2 = _opencv()  # before anything else of it is used, as in the command, so that it is quiet
@@ -76,7 +75,7 @@ def no_waiting(monkeypatch):
             slept.append(seconds)
 
     monkeypatch.setattr("t2twin.live.sources.time", Clock)
-    monkeypatch.setattr("t2twin.live.skipped.time", Clock)
+    monkeypatch.setattr("t2twin.live.frame.time", Clock)
     return slept
 
 

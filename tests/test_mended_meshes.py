@@ -10,8 +10,9 @@ from solid_files import box, glb_of, model, obj_text, part, taken_apart, threemf
 from waiting import no_hang
 
 from t2twin.cli import main
-from t2twin.primitives_cad import catalogue, files
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.mesh_io import read
 
 
 def without(mesh, *triangles):
@@ -53,7 +54,7 @@ def test_a_hole_of_many_corners_is_spanned_flat(tmp_path):
     top = int(whole.vertices[:, 2].argmax())
     around = [face for face in whole.vertex_faces[top] if face >= 0]
     without(whole, *around).export(tmp_path / "ball.stl")
-    mesh, notes = files.read_solid(tmp_path / "ball.stl")
+    mesh, notes = read.read_solid(tmp_path / "ball.stl")
     assert mesh.is_watertight and notes[0].endswith(f"with {len(around) - 2} triangles")
     assert mesh.volume == pytest.approx(whole.volume, rel=0.005)
     assert np.ptp(mesh.vertices[:, 2]) < np.ptp(whole.vertices[:, 2]) - 0.05
@@ -63,7 +64,7 @@ def test_a_hole_of_many_corners_is_spanned_flat(tmp_path):
 def test_holes_that_touch_at_corners_are_closed(middle, tmp_path):
     """The three triangles beside one that stays."""
     without(ball(), *neighbours(ball())[middle]).export(tmp_path / "ball.stl")
-    mesh, (note,) = files.read_solid(tmp_path / "ball.stl")
+    mesh, (note,) = read.read_solid(tmp_path / "ball.stl")
     assert mesh.is_watertight and "3 small holes" in note
     assert mesh.volume == pytest.approx(ball().volume, rel=1e-5)
 
@@ -72,7 +73,7 @@ def test_holes_that_touch_at_corners_are_closed(middle, tmp_path):
 def test_many_lost_triangles_are_found(seed, tmp_path):
     lost = np.random.default_rng(seed).choice(len(ball().faces), 10, replace=False)
     without(ball(), *lost).export(tmp_path / "ball.stl")
-    mesh, (note,) = files.read_solid(tmp_path / "ball.stl")
+    mesh, (note,) = read.read_solid(tmp_path / "ball.stl")
     assert mesh.is_watertight and mesh.is_winding_consistent
     assert "small holes" in note and "with 10 triangles" in note
     assert mesh.volume == pytest.approx(ball().volume, rel=1e-3)
@@ -195,14 +196,14 @@ REFUSED = {
     "device.glb": (lambda path: path.symlink_to("/dev/zero"), PIPE),
     "gone.obj": (lambda path: path.symlink_to("nowhere"), "there is no file"),
     "loop.stl": (lambda path: path.symlink_to(path), "cannot be read"),
-    **{f"empty{suffix}": (raw(b""), "is empty") for suffix in files.SUFFIXES},
+    **{f"empty{suffix}": (raw(b""), "is empty") for suffix in read.SUFFIXES},
     **{
         f"noise{suffix}": (raw(bytes(range(256)) * 9), f"cannot be read as {suffix[1:].upper()}")
-        for suffix in files.SUFFIXES
+        for suffix in read.SUFFIXES
     },
     **{
         f"short{suffix}": (raw(b"\xff\x00"), f"cannot be read as {suffix[1:].upper()}")
-        for suffix in files.SUFFIXES
+        for suffix in read.SUFFIXES
     },
     # STL
     "cut.stl": (raw(stl(box().triangles)[:-70]), "announces 12 triangles and has room for 10"),

@@ -5,19 +5,17 @@ import pytest
 import torch
 from torch import nn
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.build import TRANSLATORS
-from t2twin.translate.data.examples import Examples
-from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.networks.fused import fuse
-from t2twin.translate.networks.patchgan import PatchGAN
+from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.models.optimizer import adamw
+from t2twin.translate.models.presets import find_preset
+from t2twin.translate.models.resnet18 import ResNet18Translator
+from t2twin.translate.models.touch2touch import Touch2Touch
+from t2twin.translate.networks.fold_batchnorm import fuse
+from t2twin.translate.networks.pix2pix import HalfDropout, PatchGAN, UNet
 from t2twin.translate.networks.resnet18 import ResNet18
-from t2twin.translate.networks.unet import HalfDropout, UNet
-from t2twin.translate.optimizer import adamw
-from t2twin.translate.presets import find_preset
-from t2twin.translate.resnet18 import ResNet18Translator
-from t2twin.translate.touch2touch import Touch2Touch
+from t2twin.translate.runs.build import TRANSLATORS
 
 CPU = torch.device("cpu")
 FULL_SCALE = 40_000.0

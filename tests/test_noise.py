@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.noise import measured_noise
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import COLUMNS, ROWS, optical_grid
-from t2twin.sim.digit.noise import Noise
+from t2twin.sim.digit.camera.noise import Noise
+from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, optical_grid
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
 TAPS = np.array([0.2, 0.5, 0.7, 0.5, 0.2])

@@ -15,22 +15,21 @@ from spots import stopped_after_an_epoch, write_spots
 
 import t2twin
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.studio.translators import Translators
-from t2twin.translate.build import build
-from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import to_input
-from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.export import export_onnx
-from t2twin.translate.other_way import OtherWay
-from t2twin.translate.predict import load_run
-from t2twin.translate.presets import PRESETS, Preset
-from t2twin.translate.runs import shipped
+from t2twin.translate.data.pairs import Examples, load_info, load_pairs
+from t2twin.translate.inference.onnx_export import export_onnx
+from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.models.presets import PRESETS, Preset
+from t2twin.translate.models.reverse import OtherWay
+from t2twin.translate.models.touch2touch import Touch2Touch
+from t2twin.translate.runs import pretrained
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import read_log
-from t2twin.translate.runs.shipped import DEFAULT_RUN
-from t2twin.translate.touch2touch import Touch2Touch
-from t2twin.translate.train import train
+from t2twin.translate.runs.pretrained import DEFAULT_RUN
+from t2twin.translate.training.train import train
 
 SMOKE = PRESETS["touch2touch"]["smoke"]
 WAY = "cyskin-to-digit"
@@ -295,9 +294,9 @@ def test_load_run_is_of_translators_to_counts(run_dir: Path) -> None:
 def test_load_run_knows_runs_that_ship_by_their_names(
     untrained_runs: list[Path], run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shipped, "HOME", untrained_runs[0].parent)
+    monkeypatch.setattr(pretrained, "HOME", untrained_runs[0].parent)
     assert load_run(untrained_runs[0].name).run_dir == untrained_runs[0]
-    monkeypatch.setattr(shipped, "HOME", run_dir.parent)
+    monkeypatch.setattr(pretrained, "HOME", run_dir.parent)
     with pytest.raises(T2TwinError, match="gives no counts"):
         load_run(run_dir.name)
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.phi import TACTILE_SHAPE, Phi, barycentric
+from t2twin.sim.cyskin.phi import TACTILE_SHAPE, Phi, barycentric
 
 
 @pytest.fixture(scope="module")

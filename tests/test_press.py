@@ -10,21 +10,21 @@ from scipy.interpolate import RectBivariateSpline
 
 from benchmarks.oracle import kernel, solve
 from benchmarks.solids import ball, block, formula, punch
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
-from t2twin.primitives_cad.random_shapes.relief import heights_mm
+from t2twin.primitives_cad.random_shapes.rasterize import heights_mm
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.sim.press.anderson import Anderson
-from t2twin.sim.press.bed import Bed
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.footprint import footprint
-from t2twin.sim.press.layer import cached_layer
-from t2twin.sim.press.records import PressCommand
-from t2twin.sim.press.spline import on_lines
-from t2twin.sim.press.step import depth_carrying
-from t2twin.sim.press.surface import surface_on
+from t2twin.sim.contact.anderson import Anderson
+from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.footprint import footprint
+from t2twin.sim.contact.layer import cached_layer
+from t2twin.sim.contact.mujoco_pins import Bed
+from t2twin.sim.contact.solver_loops import depth_carrying
+from t2twin.sim.contact.splines import on_lines
+from t2twin.sim.contact.surface import surface_on
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.world import protocol
 
 FLAT = Elastomer("flat", 4.07, 0.5, 0.47, width_mm=18.5, length_mm=18.5, law="linear")

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
+from t2twin.sim.contact.types import PressCommand
 
 SENSORS = ((DIGIT_GEL, DIGIT_PITCH_MM), (CYSKIN_COVER, CYSKIN_PITCH_MM))
 

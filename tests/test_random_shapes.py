@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from t2twin.cli import main
-from t2twin.primitives_cad import catalogue, surface
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.random_shapes import features, relief
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue, height_map
+from t2twin.primitives_cad.random_shapes import features, rasterize
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
 from t2twin.primitives_cad.random_shapes.seeds import seed_of
 from t2twin.primitives_cad.random_shapes.shape import PITCH_MM, RELIEF_MM, RandomShape
@@ -17,7 +17,7 @@ AXIS = np.arange(-200, 201) * 0.1
 
 
 def heights_of(*parts, cuts=(), holes=(), tilt=(0.0, 0.0)):
-    return relief.heights_mm(Composition(parts, cuts, holes, tilt), AXIS, AXIS)
+    return rasterize.heights_mm(Composition(parts, cuts, holes, tilt), AXIS, AXIS)
 
 
 def area_mm2(heights):
@@ -47,7 +47,7 @@ def test_surfaces_are_as_the_frame_has_them():
 def test_the_solid_presses_with_the_surface(seed):
     shape = RandomShape(seed)
     assert shape.mesh.is_watertight and shape.mesh.is_winding_consistent and shape.mesh.volume > 0
-    seen = surface.height_map(shape.mesh, PITCH_MM)
+    seen = height_map.height_map(shape.mesh, PITCH_MM)
     x, y = np.meshgrid(shape.surface.x_mm[1:-1], shape.surface.y_mm[1:-1])
     np.testing.assert_allclose(seen.sample(x, y), shape.surface.heights_mm[1:-1, 1:-1], atol=2e-3)
 
@@ -146,9 +146,9 @@ def test_what_is_drawn_is_of_every_kind():
     rng = np.random.default_rng(0)
     drawn = [features.draw_composition(rng) for _ in range(600)]
     parts = [feature for composition in drawn for feature in composition.features]
-    assert {feature.outline for feature in parts} == set(relief.OUTLINES)
-    assert {feature.profile for feature in parts} == set(relief.PROFILES)
-    assert {feature.teeth for feature in parts} == set(relief.TEETH)
+    assert {feature.outline for feature in parts} == set(rasterize.OUTLINES)
+    assert {feature.profile for feature in parts} == set(rasterize.PROFILES)
+    assert {feature.teeth for feature in parts} == set(rasterize.TEETH)
     assert {len(composition.features) for composition in drawn} == {1, 2, 3, 4}
     widths = 2 * np.array([feature.half_width_mm for feature in parts])
     assert widths.min() < 0.6 and widths[np.isfinite(widths)].max() > 30

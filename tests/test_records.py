@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.dataset.describe import describe
+from t2twin.sim.dataset.build_info import describe
 from t2twin.sim.dataset.info import DatasetInfo, Shard
 from t2twin.sim.dataset.shard import Making
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
@@ -15,7 +15,7 @@ from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.presets import PRESETS
+from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config
 from t2twin.translate.runs.log import (
     EpochRecord,

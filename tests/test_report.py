@@ -15,18 +15,12 @@ from PIL import Image
 
 from t2twin.cli import main
 from t2twin.report import evaluations as report_evaluations
-from t2twin.report import (
-    limits,
-    lookalikes,
-    pairs,
-    qualitative,
-    shapes,
-    summary,
-)
-from t2twin.report.names import name_of
+from t2twin.report.data import ReportData, read_report_data
+from t2twin.report.dataset import pairs, shapes
+from t2twin.report.dataset.pairs import pairs_in_turn
+from t2twin.report.html.labels import name_of
 from t2twin.report.page import LINKS, PAGE, write_report
-from t2twin.report.picks import pairs_in_turn
-from t2twin.report.report_data import ReportData, read_report_data
+from t2twin.report.sections import irreducible_error, limits, qualitative, summary
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.evaluation.predictions import read_predictions, write_predictions
 from t2twin.translate.evaluation.records import (
@@ -177,7 +171,7 @@ def test_errors_by_view_are_those_of_metrics(
 
 def test_lookalikes_are_said_as_they_are(page: Path, evaluations: dict[str, Evaluation]) -> None:
     alike = {s: each.lookalikes for s, each in evaluations.items() if each.lookalikes is not None}
-    said = lookalikes.sentences(alike)
+    said = irreducible_error.sentences(alike)
     assert len(said) == 4 and said[0].startswith("Validation, other shapes")
     training = alike["test"].training
     assert training is not None

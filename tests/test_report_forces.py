@@ -11,12 +11,13 @@ import pytest
 from pages import read_page
 from spots import write_spots
 
-from t2twin.report import by_force, contents
 from t2twin.report.data_page import write_data_report
-from t2twin.report.dataset import read_dataset
-from t2twin.report.names import forces_in_words
+from t2twin.report.dataset import contents
+from t2twin.report.dataset.pairs import pairs_in_turn
+from t2twin.report.dataset.tables import read_dataset
+from t2twin.report.html.labels import forces_in_words
 from t2twin.report.page import write_report
-from t2twin.report.picks import pairs_in_turn
+from t2twin.report.sections import by_force
 from t2twin.sim.dataset.store import read_info, sha256_of, write_info
 from t2twin.translate.evaluation.records import read_evaluation
 

@@ -13,10 +13,10 @@ from PIL import Image
 from spots import train_smoke
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.report import summary
+from t2twin.core.errors import T2TwinError
+from t2twin.report.data import read_report_data
 from t2twin.report.page import LINKS, PAGE, write_report
-from t2twin.report.report_data import read_report_data
+from t2twin.report.sections import summary
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.translate.evaluation.records import FINDINGS, read_evaluation

@@ -6,10 +6,10 @@ import xml.etree.ElementTree as ET
 import pytest
 from matplotlib.figure import Figure
 
-from t2twin.report import markup
-from t2twin.report.figures import figure
-from t2twin.report.names import LONGEST_NAME, name_of, shape_name
-from t2twin.report.style import STYLE
+from t2twin.report.html import markup
+from t2twin.report.html.figures import figure
+from t2twin.report.html.labels import LONGEST_NAME, name_of, shape_name
+from t2twin.report.html.style import STYLE
 
 ODD = [
     "$\\foo_{$", "<script>alert(1)</script>", "x" * 200, "触覚 ☃ é", "two\nlines\x07\x1b", "a--b",

@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import pytest
 
-from t2twin.report import results
+from t2twin.report.sections import results
 from t2twin.translate.evaluation.records import Figures, Intervals, ModelRow
 
 

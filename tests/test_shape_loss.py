@@ -8,17 +8,16 @@ import pytest
 import torch
 from spots import write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.build import build
-from t2twin.translate.data.examples import Examples
-from t2twin.translate.data.pairs import load_info
-from t2twin.translate.evaluation import metrics
-from t2twin.translate.presets import PRESETS, Preset
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.data.pairs import Examples, load_info
+from t2twin.translate.evaluation.metrics import array_errors
+from t2twin.translate.models.presets import PRESETS, Preset
+from t2twin.translate.models.soft_iou_loss import CONTACT_LEVEL, shape_loss
+from t2twin.translate.models.touch2touch import Touch2Touch
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import read_log
-from t2twin.translate.shape_loss import CONTACT_LEVEL, shape_loss
-from t2twin.translate.touch2touch import Touch2Touch
-from t2twin.translate.train import train
+from t2twin.translate.training.train import train
 
 SMOKE = PRESETS["touch2touch"]["smoke"]
 
@@ -72,7 +71,7 @@ def test_it_grows_with_the_distance_and_follows_the_contact_iou() -> None:
 
 
 def test_a_pixel_is_half_in_contact_at_the_level_of_the_contact_iou() -> None:
-    assert CONTACT_LEVEL == metrics.CONTACT_LEVEL
+    assert CONTACT_LEVEL == array_errors.CONTACT_LEVEL
     drawn, real = square(4), square(4)
     drawn[0, 0, 20, 20] = CONTACT_LEVEL * 0.5
     highest = 1 / (1 + CONTACT_LEVEL**2)

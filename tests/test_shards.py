@@ -8,13 +8,13 @@ import pyarrow.parquet as pq
 import pytest
 from spots import write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png, encode_png
 from t2twin.sim.dataset.columns import SCHEMA
 from t2twin.sim.dataset.info import Shard
-from t2twin.sim.dataset.png import decode_png, encode_png
-from t2twin.sim.dataset.shard_table import check_table
 from t2twin.sim.dataset.store import (
     ROWS_AT_ONCE,
+    check_table,
     iter_images,
     read_info,
     read_split,

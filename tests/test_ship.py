@@ -9,15 +9,15 @@ import pytest
 from safetensors.torch import load_file
 from spots import write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.evaluation.certainty import NAMED_LEVEL, certainty
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.predict import load_run
-from t2twin.translate.runs import shipped
+from t2twin.translate.evaluation.metrics.reliability import NAMED_LEVEL, certainty
+from t2twin.translate.evaluation.publish_pretrained import ship
+from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.runs import pretrained
 from t2twin.translate.runs.config import BEST
-from t2twin.translate.runs.shipped import HOME, find_run, shipped_runs
-from t2twin.translate.ship import ship
+from t2twin.translate.runs.pretrained import HOME, find_run, shipped_runs
 
 MOST_BYTES = 16_000_000
 """Of all weights that ship together."""
@@ -40,7 +40,7 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
         if name.endswith(("running_mean", "running_var", "bias")):
             assert kept[name].dtype == tensor.dtype
     pixels = np.random.default_rng(0).integers(0, 256, (4, 64, 64, 3), np.uint8)
-    monkeypatch.setattr(shipped, "HOME", tmp_path / "home")
+    monkeypatch.setattr(pretrained, "HOME", tmp_path / "home")
     monkeypatch.chdir(tmp_path)
     by_name = load_run("resnet18").predict_pixels(pixels)
     np.testing.assert_allclose(by_name, load_run(runs[1]).predict_pixels(pixels), atol=100)

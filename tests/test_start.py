@@ -9,17 +9,17 @@ import pytest
 import torch
 from spots import train_smoke, write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.world.recipe import load_recipe
-from t2twin.translate.build import build
 from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.field import FieldTranslator
-from t2twin.translate.predict import load_run
-from t2twin.translate.presets import PAPER_MODELS, PRESETS
+from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.config import CONFIG, load_config
-from t2twin.translate.start import RATE_SHARE, begin_with, find_start, slower
-from t2twin.translate.train import train
+from t2twin.translate.training.train import train
+from t2twin.translate.training.warm_start import RATE_SHARE, begin_with, find_start, slower
 
 WORLD = """
 format = 1

@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 from waiting import PATIENCE_S
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.folder_lock import LOCK, locked
-from t2twin.primitives_cad.writing import (
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import (
+    LOCK,
+    locked,
     move_into,
     sweep,
     temporary_folder,
@@ -31,9 +32,9 @@ def heed():
 WRITING = """
 import os, signal, sys
 from pathlib import Path
-from t2twin.primitives_cad.folder_lock import locked
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.stopping import Stopped, heed_signals, say_stopped
+from t2twin.core.files import locked
+from t2twin.core.files import whole_file
+from t2twin.core.signals import Stopped, heed_signals, say_stopped
 heed_signals()
 try:
     with locked(Path("a/b")), whole_file(Path("a/b/c.txt")) as temporary:

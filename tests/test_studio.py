@@ -14,17 +14,18 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.press.depth import TOLERANCE_MM
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.depth import TOLERANCE_MM
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world.protocol import indices, press_at, scale_of
-from t2twin.studio import cards, solids, transfers, uploads
-from t2twin.studio.colours import colour_table, coloured
+from t2twin.studio.controls.export_zip import AGAIN, zipped
 from t2twin.studio.press_state import PressState, protocol_press, read_query
 from t2twin.studio.session import STEPS, Session
-from t2twin.studio.take_away import AGAIN, zipped
 from t2twin.studio.translators import LEVEL, MAKE_ONE, Translators
-from t2twin.translate.runs.shipped import DEFAULT_RUN
+from t2twin.studio.transport import transfers, uploads
+from t2twin.studio.view import cards, solids
+from t2twin.studio.view.colors import colour_table, coloured
+from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
 SHAPE = "hemisphere-4"
 NOWHERE = Path("/nonexistent")

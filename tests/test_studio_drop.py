@@ -10,7 +10,7 @@ from browser import PATIENCE_MS, browser, canvas, chromium, wait_until
 from trimesh.exchange.stl import export_stl
 
 import t2twin
-from t2twin.sim.press.depth import TOLERANCE_MM
+from t2twin.sim.contact.depth import TOLERANCE_MM
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import studio
 

@@ -20,7 +20,7 @@ from benchmarks.studio_events import act
 from t2twin.cli import main
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import FOLDER, studio
-from t2twin.studio.transfers import MOST_BYTES
+from t2twin.studio.transport.transfers import MOST_BYTES
 
 SHAPE = "hemisphere-4"
 STATE = PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0)

@@ -7,9 +7,9 @@ from threading import Event
 
 import pytest
 
-from t2twin.primitives_cad import compile_ahead
-from t2twin.primitives_cad.cache_home import VARIABLE
-from t2twin.studio import ready
+from t2twin.core import compile_ahead
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.studio import warmup
 from t2twin.studio.translators import Translators
 
 SLOW = ("torch", "cadquery", "numba", "mujoco", "trimesh")
@@ -88,9 +88,9 @@ def test_translators_are_loaded_after_a_page_has_its_picture(untrained_runs, tmp
 
     translators = Watched()
     translators.search(untrained_runs)
-    shared = ready.Shared(translators, tmp_path, is_seen=Seen())
-    monkeypatch.setattr(ready, "_press", lambda _: order.append(shared.can_press.is_set()))
-    ready.get_ready(shared, search=False)
+    shared = warmup.Shared(translators, tmp_path, is_seen=Seen())
+    monkeypatch.setattr(warmup, "_press", lambda _: order.append(shared.can_press.is_set()))
+    warmup.get_ready(shared, search=False)
     assert order == [False, "seen", translators.chosen] and shared.can_press.is_set()
 
 

@@ -15,18 +15,17 @@ from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from spots import stopped_after_an_epoch, write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate import distributed
-from t2twin.translate import train as training
-from t2twin.translate.build import build
-from t2twin.translate.data.examples import Examples
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.images import to_input
-from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.loop import TrainingLoop
-from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model, find_preset
+from t2twin.translate.data.pairs import Examples, load_info, load_pairs
+from t2twin.translate.models import distributed
+from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model, find_preset
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_state
 from t2twin.translate.runs.config import RunConfig, load_config
-from t2twin.translate.train import train
+from t2twin.translate.training import train as training
+from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import TrainingLoop
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -195,7 +194,14 @@ def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> Non
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "t2twin.translate.train", "resnet18", str(data_dir), "smoke"]
+    command = [
+        sys.executable,
+        "-m",
+        "t2twin.translate.training.train",
+        "resnet18",
+        str(data_dir),
+        "smoke",
+    ]
     shared = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
     processes = [
         subprocess.Popen(

@@ -13,13 +13,13 @@ from safetensors.torch import load_file, save_file
 from spots import train_smoke, write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate import batch
-from t2twin.translate.batch import find_images, translate_images
-from t2twin.translate.build import build
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.predict import load_run
+from t2twin.translate.inference import batch
+from t2twin.translate.inference.batch import find_images, translate_images
+from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_weights
 
 

@@ -11,21 +11,21 @@ import trimesh
 
 from t2twin import Twin
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import deflections
+from t2twin.core.errors import T2TwinError
+from t2twin.core.records import convert
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit import rendered as rendered_optics
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import DIGIT_CAMERA, Camera, optical_grid
+from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera, optical_grid
+from t2twin.sim.digit.light.ray_casting import Rays
 from t2twin.sim.digit.optics import FRAMES, DigitOptics
-from t2twin.sim.digit.rays import Rays
-from t2twin.sim.digit.units import UnitDraw, draw_unit
-from t2twin.sim.press.elastomer import DIGIT_GEL
+from t2twin.sim.digit.randomization.unit import UnitDraw, draw_unit
 from t2twin.sim.sensors import Digit
-from t2twin.sim.typed_json import convert
 
 DRAW = UnitDraw()
 DRAWN = 500
-BALL = deflections.ball(0.5, -1.0, 1.1)
+BALL = probe_surfaces.ball(0.5, -1.0, 1.1)
 
 
 def unit(seed, draw=DRAW, centre=None):

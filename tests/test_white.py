@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from t2twin.sim.digit.white import quantiles, white
+from t2twin.sim.digit.camera.gaussian_noise import quantiles, white
 
 SHAPE = (320, 720)
 

@@ -7,14 +7,15 @@ import pytest
 from msgspec import structs
 
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.field import SPACING_MM, field_counts, field_layout
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.dataset import touching
+from t2twin.sim.dataset import rejection_sampling
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.info import SPLITS
-from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
     LOG,
     read_info,
@@ -25,7 +26,6 @@ from t2twin.sim.dataset.store import (
 )
 from t2twin.sim.dataset.verify import verify
 from t2twin.sim.digit import rendered
-from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world.plan import plan
 from t2twin.sim.world.presses import (
@@ -206,12 +206,12 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     """The second shape and its first stand-in go to the base plate wherever they are pressed."""
     slivers = [f"random-3{number:09d}" for number in (1, 500_000_001)]
     stand_in = "random-3550000001"
-    ask = touching.why_again
+    ask = rejection_sampling.why_again
 
     def why(sample):
         return "on the base plate" if sample.command.shape in slivers else ask(sample)
 
-    monkeypatch.setattr(touching, "why_again", why)
+    monkeypatch.setattr(rejection_sampling, "why_again", why)
     recipe, folder = load_recipe(recipe_file), tmp_path / "stood-in"
     part = structs.replace(recipe.parts[0], untouched_share=0.0, force_n=2.0)
     whole = structs.replace(recipe, parts=(part,))
@@ -224,7 +224,7 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     assert said["redrawn"]["on the base plate"] >= 2 * MOST_ATTEMPTS
     assert verify(folder) == []
     with pytest.raises(T2TwinError, match="random-3000000001 could not be touched in 20 draws"):
-        monkeypatch.setattr(touching, "attempts_of", lambda part: MOST_ATTEMPTS)
+        monkeypatch.setattr(rejection_sampling, "attempts_of", lambda part: MOST_ATTEMPTS)
         generate(tmp_path / "none", world=whole, workers=1, cache=shape_cache)
 
 

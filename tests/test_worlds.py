@@ -7,13 +7,13 @@ import pytest
 from spots import write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_info
-from t2twin.translate.evaluation.forces import MEAN_ARRAY_OF_FORCE
+from t2twin.translate.evaluation.cross_dataset import TABLE, evaluate_worlds, worlds_markdown
+from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.worlds import TABLE, evaluate_worlds, worlds_markdown
 from t2twin.translate.runs.config import CONFIG, load_config
 
 FORCES_N = (0.0, 0.5, 2.0, 8.0)

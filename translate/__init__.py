@@ -2,7 +2,7 @@
 
 import os
 
-from t2twin.primitives_cad.cache_home import cache_home
+from t2twin.core.cache_dir import cache_home
 
 # torch's threads wait by spinning, which on a machine that does anything else beside makes two
 # threads up to eight times slower than one (measured). Read when torch is first imported.

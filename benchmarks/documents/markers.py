@@ -24,8 +24,8 @@ from benchmarks.documents.formats import formatted
 from benchmarks.documents.tables import TABLES
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.values import value
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
 
 FIGURE = re.compile(r"<!--=(?P<path>[^<>]+) (?P<format>\S+?)-->(?P<text>[^<>\n]*)<!--/-->")
 TABLE = re.compile(r"(?m)^<!--table (?P<name>\S+?)-->\n(?P<text>.*?)^<!--/table-->$", re.DOTALL)

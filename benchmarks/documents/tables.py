@@ -8,8 +8,8 @@ from benchmarks.declared import BENCHMARKS
 from benchmarks.documents.formats import formatted
 from benchmarks.evidence.record import RESULTS
 from benchmarks.evidence.results import read_results
-from t2twin.translate.evaluation.forces import MEAN_ARRAY_OF_FORCE
-from t2twin.translate.evaluation.paper import PAPER
+from t2twin.translate.evaluation.metrics.baselines import PAPER
+from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 
 ROWS = {
     "mean-array": "mean array",

@@ -9,9 +9,9 @@ from typing import Any
 import msgspec
 
 from benchmarks.evidence.provenance import Provenance
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.typed_json import convert
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
+from t2twin.core.records import convert
 
 MEASURED_ON = "measured_on"
 """The key of the provenance; all others are the content's."""

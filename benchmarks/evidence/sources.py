@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks import ROOT
 from benchmarks.evidence.record import Benchmark
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 MEASURED = ("t2twin", "benchmarks")
 """Packages whose imports are followed."""

@@ -11,7 +11,7 @@ from PIL import Image
 import t2twin
 from benchmarks.inputs.api_values import FRAME, PICTURE, PRESSES, SMALL, TABLE
 from benchmarks.inputs.case import Base
-from t2twin.translate.predict import TrainedTranslator
+from t2twin.translate.inference.predictor import TrainedTranslator
 
 Call = Callable[[Any, Path, Base], object]
 """Calls the API with a value, in a box, with the good inputs of a base."""
@@ -53,7 +53,7 @@ def field_run() -> TrainedTranslator:
 @cache
 def turned_round(run_dir: Path) -> TrainedTranslator:
     """A run from counts to pictures, of random weights."""
-    from t2twin.translate.build import build
+    from t2twin.translate.runs.build import build
 
     own = run_of(run_dir)
     config = replace(own.config, direction="cyskin-to-digit")

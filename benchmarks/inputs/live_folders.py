@@ -13,9 +13,9 @@ from PIL import Image
 
 from benchmarks.inputs.case import Base, Make
 from benchmarks.inputs.images import PNG, encoded, frame
+from t2twin.core.errors import T2TwinError
 from t2twin.live.folder import Folder
 from t2twin.live.frame import Frame
-from t2twin.primitives_cad.errors import T2TwinError
 
 STEP_S = 0.02
 """Pause between two writes of a folder's files, s (assumed: a camera of 50 Hz)."""

@@ -12,7 +12,7 @@ from typing import Any
 from benchmarks import ROOT
 from benchmarks.inputs.case import Base, Case
 from benchmarks.studio_client import CAMERA
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 DRAG = {
     "type": "SceneNodeDragMessage",

@@ -1,6 +1,6 @@
 """Names of random shapes: `random-0`, `random-1` and so on, by their seeds."""
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 PREFIX = "random-"
 MOST_SEED = 2**63 - 1

@@ -5,12 +5,12 @@ from functools import cached_property
 import numpy as np
 import trimesh
 
+from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.random_shapes.features import Composition, draw_composition
-from t2twin.primitives_cad.random_shapes.relief import heights_mm
+from t2twin.primitives_cad.random_shapes.rasterize import heights_mm
 from t2twin.primitives_cad.random_shapes.seeds import PREFIX
 from t2twin.primitives_cad.random_shapes.solid import solid_under
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.primitives_cad.surface import REACH_MM
 
 PITCH_MM = 0.1
 """Pitch of a random shape's height map, mm (assumed: two pixels of a DIGIT, a fifth of the

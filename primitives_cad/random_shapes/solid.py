@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad.families import PLATE_THICKNESS_MM
+from t2twin.primitives_cad.primitive_parameters import PLATE_THICKNESS_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 
 

@@ -27,9 +27,9 @@ def solid(tool: str) -> "cq.Shape":
 
 def mesh(tool: str) -> "trimesh.Trimesh":
     """A watertight mesh of a tool, mm, in the tool's own frame."""
-    from t2twin.primitives_cad import tessellate
+    from t2twin.primitives_cad import solids
 
-    return tessellate.tessellate(solid(tool), CHORDAL_MM.get(tool, tessellate.CHORDAL_MM))
+    return solids.tessellate(solid(tool), CHORDAL_MM.get(tool, solids.CHORDAL_MM))
 
 
 def keypoints(tool: str) -> tuple[Keypoint, ...]:

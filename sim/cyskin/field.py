@@ -8,11 +8,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from t2twin.primitives_cad.jit import compiled
+from t2twin.core.jit import compiled
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, Elastomer
+from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin import taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, PAD_DIAMETER_MM, Layout, load_layout
-from t2twin.sim.press.elastomer import CYSKIN_COVER, Elastomer
-from t2twin.sim.press.records import Contact
 
 SPACING_MM = 2.5
 """Distance of neighbouring places, mm: a third of the taxels' pitch (assumed: under a cover of some

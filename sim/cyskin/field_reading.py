@@ -17,11 +17,11 @@ from functools import lru_cache
 import numpy as np
 from scipy import special
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, Elastomer
+from t2twin.sim.contact.layer import base_stress
 from t2twin.sim.cyskin.field import field_layout
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
-from t2twin.sim.press.elastomer import CYSKIN_COVER, Elastomer
-from t2twin.sim.press.layer import base_stress
 
 SAME_MM = 1e-3
 """A taxel this near to a place of the field lies on it, mm (assumed: positions are rounded)."""

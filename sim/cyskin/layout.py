@@ -8,11 +8,10 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.reading import read_file
-from t2twin.sim.column_names import check_names
-from t2twin.sim.typed_json import read_json
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.reading import read_file
+from t2twin.core.records import check_names, read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
 DEFAULT_LAYOUT = "cyskin-20"
@@ -60,10 +59,10 @@ class Layout:
     pad_diameter_mm: np.ndarray
 
     def __post_init__(self) -> None:
-        checks.text(self.name, "the layout's name")
+        arguments.text(self.name, "the layout's name")
         n = None
         for name in ("x_mm", "y_mm", "pad_diameter_mm"):
-            values = checks.vector(getattr(self, name), f"{name} of layout {self.name}", n)
+            values = arguments.vector(getattr(self, name), f"{name} of layout {self.name}", n)
             object.__setattr__(self, name, values)
             n = values.size
         assert n is not None
@@ -93,7 +92,7 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
     JSON: {"taxels": [{"x_mm": ..., "y_mm": ..., "pad_diameter_mm": ...}, ...]}; CSV: columns x_mm,
     y_mm and, if wanted, pad_diameter_mm. Raises T2TwinError for anything else.
     """
-    path = LAYOUTS / f"{checks.path(source, 'layout')}.json"
+    path = LAYOUTS / f"{arguments.path(source, 'layout')}.json"
     if not path.exists():
         path = Path(source)
     if not path.is_file():
@@ -102,7 +101,7 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
             f"no taxel layout {source}; known are {known}, or a path to .json or .csv"
         )
     if path.suffix.lower() == ".csv":
-        from t2twin.sim.typed_csv import read_rows  # imports pyarrow, which JSON does without
+        from t2twin.core.tables import read_rows  # imports pyarrow, which JSON does without
 
         rows = read_rows(path, _Taxel, "a layout")
     else:

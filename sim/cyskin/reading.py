@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 
@@ -62,7 +62,7 @@ PRESETS = {
 
 def imperfections(name: str, dead: tuple[int, ...] = ()) -> Imperfections:
     """A preset by name, with dead taxels added. Raises T2TwinError for an unknown name."""
-    if checks.text(name, "imperfections") not in PRESETS:
+    if arguments.text(name, "imperfections") not in PRESETS:
         raise T2TwinError(f"no imperfections called {name!r}; allowed are {', '.join(PRESETS)}")
     return replace(PRESETS[name], dead=dead)
 

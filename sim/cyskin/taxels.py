@@ -8,12 +8,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.kept_array import kept_array
+from t2twin.core.cached_files import kept_array
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.layer import base_stress
+from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.press.elastomer import Elastomer
-from t2twin.sim.press.layer import base_stress
-from t2twin.sim.press.records import Contact
 
 DIELECTRIC_MODULUS_MPA = 0.5
 """Small-strain compressive modulus of the dielectric, MPa (assumed, range 0.2 to 1)."""

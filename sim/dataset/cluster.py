@@ -5,7 +5,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 from uuid import uuid4
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import versions
 from t2twin.sim.dataset.shard import Made, Making, make_shard
 from t2twin.sim.dataset.store import INFO

@@ -12,23 +12,23 @@ from pathlib import Path
 import numpy as np
 from msgspec import structs
 
-from t2twin.primitives_cad import catalogue, checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.folder_lock import is_empty, locked
-from t2twin.primitives_cad.machine import cores
-from t2twin.primitives_cad.progress import Progress
-from t2twin.primitives_cad.writing import LEFT_OVERS
+from t2twin.core import arguments
+from t2twin.core.arguments import check_seed
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import LEFT_OVERS, is_empty, locked
+from t2twin.core.machine import cores
+from t2twin.core.progress import Progress
+from t2twin.primitives_cad import catalogue
+from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.dataset import pool
+from t2twin.sim.dataset.build_info import describe
 from t2twin.sim.dataset.card import card
-from t2twin.sim.dataset.describe import describe
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo, Shard
 from t2twin.sim.dataset.shard import Making
 from t2twin.sim.dataset.store import CARD, INFO, LOG, read_info, sha256_of, write_info, write_whole
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, in_words, peak_memory, process_name
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.digit.rendered import FRAME_SECONDS
-from t2twin.sim.press.layer import cached_layer
-from t2twin.sim.seeds import check_seed
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import check_held_out
@@ -76,7 +76,7 @@ def generate(
     folder holds something else or another process is making it; later where there is no room, or a
     worker is lost.
     """
-    folder = checks.path(folder, "folder").absolute()
+    folder = arguments.path(folder, "folder").absolute()
     pool.check_workers(workers)
     check_seed(0 if seed is None else seed)
     if world == PAPER and scale is None:
@@ -84,10 +84,10 @@ def generate(
     recipe, sensors = _recipe(scale, world, seed, sensors)
     _check_layout(sensors.cyskin)
     if scheduler is not None:
-        checks.text(scheduler, "scheduler")
+        arguments.text(scheduler, "scheduler")
         # Its import says where Dask is missing.
         importlib.import_module("t2twin.sim.dataset.cluster").check_address(scheduler)
-    for name in checks.texts(shapes, "shapes"):
+    for name in arguments.texts(shapes, "shapes"):
         catalogue.split(name)  # raises for an unknown name
     batches = plan(recipe, shapes)
     check_held_out(recipe, cache)
@@ -113,9 +113,9 @@ def _recipe(
             recipe = structs.replace(recipe, seed=seed)
         return recipe, sensors_of(recipe)
     assert scale is not None
-    protocol.scale_of(checks.text(scale, "scale"))
+    protocol.scale_of(arguments.text(scale, "scale"))
     if sensors is not None:
-        checks.instance(sensors, "sensors", SensorPair)
+        arguments.instance(sensors, "sensors", SensorPair)
     sensors, paper = sensors or SensorPair(), load_recipe(PAPER)
     return structs.replace(
         paper,

@@ -27,20 +27,19 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import made_folder, not_written, sweep, temporary_folder
-from t2twin.sim.column_names import check_names
+from t2twin.core import arguments
+from t2twin.core.arguments import check_seed
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import made_folder, not_written, sweep, temporary_folder
+from t2twin.core.images import encode_png, open_picture
+from t2twin.core.records import check_names
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import card
 from t2twin.sim.dataset.columns import FIELD, POSE, SCHEMA, UNIT, UNTOUCHED
 from t2twin.sim.dataset.info import FORMAT, MOST_COUNTS, SPLITS, DatasetInfo, Shard, versions
-from t2twin.sim.dataset.png import encode_png
+from t2twin.sim.dataset.pairs_table import find_table, read_table
 from t2twin.sim.dataset.store import CARD, write_info, write_shard, write_whole
-from t2twin.sim.dataset.table import find_table, read_table
-from t2twin.sim.pictures import open_picture
-from t2twin.sim.seeds import check_seed
 from t2twin.sim.world.plan import file_stem, shard_path
 
 ORIGIN = "imported"
@@ -88,10 +87,10 @@ def import_pairs(
     is missing, cannot be read, differs in size from the others or comes twice, and for counts that
     are too few, too many, or no numbers from 0 to full_scale.
     """
-    table_path = find_table(checks.path(source, "source"))
-    folder = checks.path(folder, "folder").absolute()
-    checks.instance(layout, "layout", Layout)
-    if not 0 < checks.whole_number(full_scale, "full_scale") <= MOST_COUNTS:
+    table_path = find_table(arguments.path(source, "source"))
+    folder = arguments.path(folder, "folder").absolute()
+    arguments.instance(layout, "layout", Layout)
+    if not 0 < arguments.whole_number(full_scale, "full_scale") <= MOST_COUNTS:
         raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MOST_COUNTS}")
     check_seed(seed)
     _check_free(folder)

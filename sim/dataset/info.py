@@ -9,10 +9,10 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.arguments import MOST_SEED
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import MOST_TAXELS, PAD_DIAMETER_MM, Layout
 from t2twin.sim.cyskin.reading import Imperfections
-from t2twin.sim.seeds import MOST_SEED
 from t2twin.sim.world.recipe import PAPER, Recipe
 
 FORMAT = 1
@@ -47,7 +47,7 @@ class Shard:
 
 @dataclass(frozen=True)
 class ElastomerParameters:
-    """A sensor's elastomer as t2twin.sim.press.elastomer.Elastomer has it.
+    """A sensor's elastomer as t2twin.sim.contact.elastomer.Elastomer has it.
 
     A radius is None where the surface is flat: JSON has no infinity. pitch_mm: of the grid on
     which contacts are solved.

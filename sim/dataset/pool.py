@@ -12,8 +12,8 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from pathlib import Path
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.shard import Made, Making, make_shard
 from t2twin.sim.world.plan import Batch
 
@@ -31,7 +31,7 @@ class _StoppedError(Exception):
 
 def check_workers(workers: int | None) -> None:
     """Raises T2TwinError for a number of processes that cannot be; None is as many as cores."""
-    if workers is not None and not 1 <= checks.whole_number(workers, "workers") <= MAX_WORKERS:
+    if workers is not None and not 1 <= arguments.whole_number(workers, "workers") <= MAX_WORKERS:
         raise T2TwinError(f"{workers} workers cannot work; allowed are 1 to {MAX_WORKERS}")
 
 

@@ -9,18 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import encode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.field import field_counts, field_layout
-from t2twin.sim.dataset.columns import schema_of
-from t2twin.sim.dataset.png import encode_png
-from t2twin.sim.dataset.rows import More, row
+from t2twin.sim.dataset.columns import More, row, schema_of
+from t2twin.sim.dataset.rejection_sampling import draw_touch
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
-from t2twin.sim.dataset.touching import draw_touch
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.units import draw_unit
+from t2twin.sim.digit.randomization.unit import draw_unit
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.presses import (

@@ -7,6 +7,9 @@
     DIR/{train,val,test}/SHAPE.parquet, or part-PART-NUMBER.parquet of shapes without end
 
 A shard is written to a temporary name and renamed, so it is whole or absent.
+
+What a shard must hold, checked where it is read: whatever else is there was damaged or made by
+something else.
 """
 
 import hashlib
@@ -24,12 +27,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
+from t2twin.core.records import read_json
 from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, SCHEMA, UNTOUCHED, hugging_face, schema_of
-from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo
-from t2twin.sim.dataset.shard_table import check_table
-from t2twin.sim.typed_json import read_json
+from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
 
 INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
 
@@ -196,3 +198,46 @@ def field(table: pa.Table) -> np.ndarray:
 def _lists(table: pa.Table, name: str) -> np.ndarray:
     column = table.column(name).combine_chunks()
     return column.flatten().to_numpy().reshape(len(column), -1)
+
+
+ALWAYS = ("shape", "family", "split", "index", "taxels")
+"""Columns that have a value in every row; imported pairs may know nothing of the rest."""
+
+
+def check_table(
+    table: pa.Table, columns: list[str], schema: pa.Schema, shard: Shard, info: DatasetInfo
+) -> None:
+    """Raises ValueError, with what is wrong, for a shard's table that is not as it was written.
+
+    columns: those that were asked for. schema: the dataset's. shard, info: what info.json says of
+    the shard and of the dataset.
+    """
+    for name in columns:
+        if name not in table.column_names:
+            raise ValueError(f"it lacks the column {name}")
+        kind, wanted = table.schema.field(name).type, schema.field(name).type
+        if kind != wanted:
+            raise ValueError(f"its column {name} holds {kind} and must hold {wanted}")
+        if name in ALWAYS and table[name].null_count:
+            raise ValueError(f"its column {name} has empty rows")
+        if pa.types.is_floating(kind) and not np.isfinite(table[name].drop_null()).all():
+            raise ValueError(f"its column {name} has values that are not finite")
+    if table.num_rows != shard.pairs:
+        raise ValueError(f"it has {table.num_rows} rows instead of {shard.pairs}")
+    for name, places in (("taxels", info.layout_x_mm), (FIELD, info.field_x_mm or ())):
+        if name in columns:
+            _check_counts(table[name], name, len(places), info.full_scale_counts)
+
+
+def _check_counts(column: pa.ChunkedArray, name: str, places: int, full_scale: int) -> None:
+    rows = column.combine_chunks()
+    lengths = set(rows.value_lengths().to_pylist())
+    if lengths - {places}:
+        named = name if name == "taxels" else f"places of its {name}"
+        raise ValueError(f"it has rows of {min(lengths - {places})} {named} instead of {places}")
+    counts = rows.flatten()
+    if counts.null_count:
+        raise ValueError(f"it has {name} without a count")
+    most = counts.to_numpy().max(initial=0)
+    if most > full_scale:
+        raise ValueError(f"it has a count of {most}, over the full scale of {full_scale}")

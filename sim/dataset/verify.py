@@ -11,16 +11,17 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from t2twin.primitives_cad import catalogue, checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.machine import cores
-from t2twin.primitives_cad.progress import Progress
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
+from t2twin.core.machine import cores
+from t2twin.core.progress import Progress
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.seeds import seed_of
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import FIELD, POSE, UNTOUCHED, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
-from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import INFO, ROWS_AT_ONCE, read_info, sha256_of
-from t2twin.sim.press.records import PressCommand
 from t2twin.sim.world.plan import Batch, name_of, plan, shard_path
 from t2twin.sim.world.presses import attempts_of, draw_press, grid_presses, planned_name
 from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
@@ -51,7 +52,7 @@ def verify(folder: str | Path) -> list[Fault]:
     that pictures decode and counts lie between 0 and full scale. Raises T2TwinError where there is
     no dataset.
     """
-    folder = checks.path(folder, "folder")
+    folder = arguments.path(folder, "folder")
     info = read_info(folder)
     planned = _plan(info)
     faults = list(_files(folder, info, set(planned)))

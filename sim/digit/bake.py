@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.sim.digit import deflections
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibration import (
     DEFAULT_PATH,
     PLACE_TERMS,
@@ -19,11 +19,11 @@ from t2twin.sim.digit.calibration import (
     led_columns,
     place_terms,
 )
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.illumination import COSINE_TERMS
-from t2twin.sim.digit.leds import AMBIENT, DIGIT_LEDS, Led
-from t2twin.sim.digit.rays import Leds, Rays
-from t2twin.sim.digit.reference import GAMMA, ReferenceRenderer
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS, Led
+from t2twin.sim.digit.light.ray_casting import Leds, Rays
+from t2twin.sim.digit.pyrender_renderer import GAMMA, ReferenceRenderer
 
 DARK = 0.05
 """Linear light added to a pixel's own when its error is weighed in grey levels: the ambient's."""
@@ -40,14 +40,14 @@ def fit_presses() -> list[np.ndarray]:
     x, y = optical_grid()
     still = [np.zeros((y.size, x.size))]
     balls = [
-        deflections.ball(x_mm, y_mm, depth_mm, radius_mm)
+        probe_surfaces.ball(x_mm, y_mm, depth_mm, radius_mm)
         for x_mm in (-4.0, 0.0, 4.0)
         for y_mm, depth_mm, radius_mm in ((-6.0, 1.0, 2.35), (-1.5, 1.5, 3.0), (4.0, 0.8, 4.0))
     ]
     edges = [
-        deflections.block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
-        deflections.block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
-        deflections.ring(0.0, 0.0, 0.7, 2.0, 3.5),
+        probe_surfaces.block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
+        probe_surfaces.block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
+        probe_surfaces.ring(0.0, 0.0, 0.7, 2.0, 3.5),
     ]
     return still + balls + edges
 

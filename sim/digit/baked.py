@@ -26,14 +26,15 @@ from functools import cached_property
 
 import numpy as np
 
-from t2twin.sim.digit import illumination, picture, white
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.digit.calibration import Calibration, place_terms
-from t2twin.sim.digit.camera import COLUMNS, ROWS
-from t2twin.sim.digit.illumination import COSINE_TERMS
-from t2twin.sim.digit.rays import Leds, Rays, Region
-from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.digit.camera import gaussian_noise, response
+from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
+from t2twin.sim.digit.light import illumination
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.ray_casting import Leds, Rays, Region
 
-NO_KEYS: white.Keys = (np.uint32(0), np.uint32(0))
+NO_KEYS: gaussian_noise.Keys = (np.uint32(0), np.uint32(0))
 NO_NOISE = np.zeros((0, 0, 0), dtype=np.float32)
 """Stand for no noise."""
 
@@ -46,8 +47,8 @@ class BakedModel:
     ) -> None:
         self.calibration = calibration
         self._leds = Leds(calibration.leds_mm, calibration.sizes_mm)
-        self._table = picture.encoding_table(calibration.gamma)
-        self._light = picture.light_of_greys(calibration.gamma)
+        self._table = response.encoding_table(calibration.gamma)
+        self._light = response.light_of_greys(calibration.gamma)
         self._shadows, self._gel = shadows, gel
 
     # Computed at the first picture: many a press needs none, and the loops take long to compile.
@@ -88,7 +89,7 @@ class BakedModel:
     def render(
         self,
         surface_mm: np.ndarray,
-        keys: white.Keys = NO_KEYS,
+        keys: gaussian_noise.Keys = NO_KEYS,
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
@@ -108,14 +109,14 @@ class BakedModel:
         background: np.ndarray,
         change: np.ndarray,
         pixels: Region,
-        keys: white.Keys = NO_KEYS,
+        keys: gaussian_noise.Keys = NO_KEYS,
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
         """A background and a change of its light (RGB, S) in a region, as grey levels."""
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
-        picture.encode(
-            change, background, self._light, self._table, pixels, keys, white.quantiles(),
+        response.encode(
+            change, background, self._light, self._table, pixels, keys, gaussian_noise.quantiles(),
             np.float32(noise_grey), noise, out,
         )  # fmt: skip
         return out

@@ -7,11 +7,11 @@ from zipfile import is_zipfile
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.digit.camera import COLUMNS, MOST_OFF, ROWS, Camera
-from t2twin.sim.digit.illumination import COSINE_TERMS
-from t2twin.sim.digit.noise import Noise
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
+from t2twin.sim.digit.camera.noise import Noise
+from t2twin.sim.digit.camera.pinhole import COLUMNS, MOST_OFF, ROWS, Camera
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
 """The shipped calibration; written by t2twin.sim.digit.bake."""

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import white
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.digit.baked import BakedModel
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
-from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.digit.camera import gaussian_noise
 
 NOISE_GREY = 2.8
 """Standard deviation of one frame's noise, grey levels. Two real frames differ by 3.2 (mean
@@ -53,7 +53,8 @@ class DigitOptics:
     ) -> np.ndarray:
         """(320, 240, 3) uint8 picture of the gel deflected by surface_mm.
 
-        surface_mm: on t2twin.sim.digit.camera.optical_grid(), rows x columns, mm, positive into the
+        surface_mm: on t2twin.sim.digit.camera.pinhole.optical_grid(), rows x columns, mm, positive
+        into the
             sensor.
         rng: where the noise is drawn from; None gives none.
         noise_grey: its standard deviation, grey levels, the same in every pixel and channel; where
@@ -66,7 +67,7 @@ class DigitOptics:
         if self._noise is not None:
             times = noise_grey / NOISE_GREY
             return self._model.render(surface_mm, noise_grey=times, noise=self._noise.draw(rng))
-        return self._model.render(surface_mm, white.keys(rng), noise_grey)
+        return self._model.render(surface_mm, gaussian_noise.keys(rng), noise_grey)
 
 
 def checked_noise(noise_grey: float) -> float:

@@ -1,14 +1,14 @@
 """Pictures by pyrender itself, frame by frame, instead of by the baked model.
 
 The picture is background + L(deformed) - L(rest), as the baked model's, but L is what pyrender
-renders (t2twin.sim.digit.reference): every LED several points, each with its own shadow map. So an
-untouched gel gives the background exactly. Light and grey levels are linked by the calibration's
-gamma, the noise is the same.
+renders (t2twin.sim.digit.pyrender_renderer): every LED several points, each with its own shadow
+map. So an untouched gel gives the background exactly. Light and grey levels are linked by the
+calibration's gamma, the noise is the same.
 
 A drawn unit's LEDs are given to pyrender by their places, sizes and colours in the picture's
-middle (t2twin.sim.digit.unit_leds). What it cannot be given: how each LED's light differs over the
-picture and with the cosine of incidence from a shipped LED's lobe on lambertian paint, and leaks
-that take light away.
+middle (t2twin.sim.digit.randomization.lighting). What it cannot be given: how each LED's light
+differs over the picture and with the cosine of incidence from a shipped LED's lobe on lambertian
+paint, and leaks that take light away.
 
 The renderer is made where and when it is first used and kept for the next picture, one in a
 process, so that what is described here can be pickled. Its OpenGL belongs to one thread, which all
@@ -21,15 +21,15 @@ from functools import cache
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import picture
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import Camera, optical_grid
-from t2twin.sim.digit.leds import AMBIENT, Led
+from t2twin.sim.digit.camera import response
+from t2twin.sim.digit.camera.gaussian_noise import white
+from t2twin.sim.digit.camera.pinhole import Camera, optical_grid
+from t2twin.sim.digit.light.leds import AMBIENT, Led
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics, checked_noise
-from t2twin.sim.digit.reference import ReferenceRenderer
-from t2twin.sim.digit.white import white
-from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 
 FRAME_SECONDS = 1.1
 """What a picture takes with software OpenGL on two idle cores, s (benchmarks/digit_render.py). Each
@@ -69,7 +69,7 @@ class RenderedOptics:
         if surface_mm.shape != (y.size, x.size):
             raise T2TwinError(
                 f"surface_mm has shape {surface_mm.shape}; it must be {(y.size, x.size)}, "
-                "on t2twin.sim.digit.camera.optical_grid()"
+                "on t2twin.sim.digit.camera.pinhole.optical_grid()"
             )
         if not np.isfinite(surface_mm).all():
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
@@ -85,7 +85,7 @@ class RenderedOptics:
         thread = _thread(os.getpid())
         change = thread.submit(_change, self.leds, self.calibration.camera, self.gel, surface_mm)
         gamma = self.calibration.gamma
-        light = picture.linear(self.background, gamma) + change.result()
+        light = response.linear(self.background, gamma) + change.result()
         return 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / gamma)
 
 

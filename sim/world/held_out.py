@@ -3,9 +3,9 @@
 from functools import cache
 from pathlib import Path
 
+from t2twin.core.errors import T2TwinError
+from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.same_solid import KnownSolids
 from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.sim.world.plan import solids_in

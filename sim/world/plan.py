@@ -4,9 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from t2twin.primitives_cad import catalogue, files
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.families import PRIMITIVES
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.mesh_io import read
+from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
 from t2twin.sim.world.presses import MOST_SEED, grid_indices, random_name
 from t2twin.sim.world.recipe import RANDOM, Part, Recipe, Split
 
@@ -47,7 +48,7 @@ def shard_path(split: str, shape: str) -> str:
 
 def name_of(source: str) -> str:
     """What a shape is called in a row: a file goes by its stem."""
-    return Path(source).stem if Path(source).suffix.lower() in files.SUFFIXES else source
+    return Path(source).stem if Path(source).suffix.lower() in read.SUFFIXES else source
 
 
 def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch]:
@@ -69,12 +70,12 @@ def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch
 def solids_in(folder: str) -> tuple[str, ...]:
     """The solids' files in a recipe's folder, sorted. Raises T2TwinError where there are none."""
     found = sorted(
-        str(path) for path in Path(folder).glob("*") if path.suffix.lower() in files.SUFFIXES
+        str(path) for path in Path(folder).glob("*") if path.suffix.lower() in read.SUFFIXES
     )
     if not found:
         raise T2TwinError(
             f"{folder} holds no solids; shapes must be random, primitives, tools, or a folder with "
-            f"files of {', '.join(files.SUFFIXES)}"
+            f"files of {', '.join(read.SUFFIXES)}"
         )
     return tuple(found)
 

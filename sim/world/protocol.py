@@ -10,10 +10,10 @@ from itertools import product
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.contact.types import PressCommand
 
 FORCE_N = 8.0
 """Commanded force along the press axis, N (Grella et al. 2023)."""

@@ -25,15 +25,15 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct, to_builtins
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.reading import read_file
+from t2twin.core import arguments
+from t2twin.core.arguments import MOST_SEED
+from t2twin.core.errors import T2TwinError
+from t2twin.core.reading import read_file
+from t2twin.core.records import convert
+from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 from t2twin.sim.digit.optics import FRAMES
-from t2twin.sim.digit.unit_draw import UnitDraw
-from t2twin.sim.press.force import FORCE_RANGE_N
-from t2twin.sim.seeds import MOST_SEED
-from t2twin.sim.typed_json import convert
+from t2twin.sim.digit.randomization.ranges import UnitDraw
 
 RECIPES = Path(__file__).parent / "recipes"
 PAPER = "paper"
@@ -191,8 +191,8 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     untouched_frames: bool = True
 
     def __post_init__(self) -> None:
-        for number, part in enumerate(checks.instance(self.parts, "parts", tuple)):
-            checks.instance(part, f"parts[{number}]", Part)
+        for number, part in enumerate(arguments.instance(self.parts, "parts", tuple)):
+            arguments.instance(part, f"parts[{number}]", Part)
         own = [part.shapes for part in self.parts if part.place == "grid"]
         if len(own) != len(set(own)):
             raise T2TwinError(
@@ -216,7 +216,7 @@ def load_recipe(source: str | Path) -> Recipe:
     Raises T2TwinError for an unknown name, a file that cannot be read, and a field that is
     missing, unknown or wrong.
     """
-    path = RECIPES / f"{checks.path(source, 'world')}.toml"
+    path = RECIPES / f"{arguments.path(source, 'world')}.toml"
     if str(source) not in shipped():
         path = Path(source)
         if path.suffix != ".toml":

@@ -10,10 +10,10 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.files import whole_file
+from t2twin.core.records import read_json
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
-from t2twin.sim.digit.calibrate.certainty import Certainty
-from t2twin.sim.typed_json import read_json
+from t2twin.sim.digit.calibrate.uncertainty import Certainty
 
 CALIBRATION, PRESSES = "calibration.npz", "presses.json"
 FORMAT = 2

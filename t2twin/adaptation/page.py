@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from t2twin.adaptation.judged import FAINT_COUNTS, Judged
+from t2twin.adaptation.real_frame_evaluation import FAINT_COUNTS, Judged
 from t2twin.adaptation.record import Adapted, Scores
-from t2twin.report import markup
-from t2twin.report.figures import (
+from t2twin.report.html import markup
+from t2twin.report.html.figures import (
     colour_bar,
     digit_picture,
     digit_width,
@@ -18,11 +18,11 @@ from t2twin.report.figures import (
     tactile_image,
 )
 from t2twin.report.page import write_page
-from t2twin.report.qualitative import BAR_WIDTH, PANEL_IN, ROW_IN
-from t2twin.sim.digit.calibrate.certainty import Span
-from t2twin.sim.digit.calibrate.words import sentences_of
-from t2twin.translate.phi import Phi
-from t2twin.translate.predict import TrainedTranslator
+from t2twin.report.sections.qualitative import BAR_WIDTH, PANEL_IN, ROW_IN
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.digit.calibrate.record import sentences_of
+from t2twin.sim.digit.calibrate.uncertainty import Span
+from t2twin.translate.inference.predictor import TrainedTranslator
 
 TITLE = "A translator of this DIGIT"
 BAR_IN = 0.6

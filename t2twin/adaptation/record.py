@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 
 from t2twin.adaptation.fitted import Fitted
-from t2twin.adaptation.judged import Felt, Judged, Judgement, counts_of
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.digit.calibrate.certainty import Certainty
-from t2twin.translate.predict import TrainedTranslator
+from t2twin.adaptation.real_frame_evaluation import Felt, Judged, Judgement, counts_of
+from t2twin.core.files import whole_file
+from t2twin.sim.digit.calibrate.uncertainty import Certainty
+from t2twin.translate.inference.predictor import TrainedTranslator
 
 RECORD = "adapted.json"
 

@@ -10,37 +10,34 @@ import tyro
 from t2twin.cli import (
     adapt,
     calibrate,
+    dataset,
     doctor,
     evaluate,
     export,
-    import_pairs,
     live,
     press,
-    primitives,
     report,
     shapes,
-    simdata,
     studio,
-    temper,
     train,
     translate,
 )
 from t2twin.cli.parser_errors import one_sentence
-from t2twin.primitives_cad.compile_ahead import before_compiling
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import FULL
-from t2twin.stopping import Stopped, say_stopped
+from t2twin.core.compile_ahead import before_compiling
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import FULL
+from t2twin.core.signals import Stopped, say_stopped
 
 COMMANDS = {
     "shapes": shapes.shapes,
-    "primitives": primitives.primitives,
+    "primitives": shapes.primitives,
     "calibrate": calibrate.calibrate,
     "adapt": adapt.adapt,
     "press": press.press,
-    "simdata": simdata.simdata,
-    "import-pairs": import_pairs.import_pairs,
+    "simdata": dataset.simdata,
+    "import-pairs": dataset.import_pairs,
     "train": train.train,
-    "temper": temper.temper,
+    "temper": train.temper,
     "evaluate": evaluate.evaluate,
     "translate": translate.translate,
     "live": live.live,

@@ -50,11 +50,11 @@ def adapt(
             forces are known.
         workers: Processes that press at once; as many as there are cores unless given.
     """
-    from t2twin.adaptation.road import adapt as walk
+    from t2twin.adaptation.pipeline import adapt as walk
     from t2twin.sim.dataset.pool import check_workers
-    from t2twin.sim.digit.calibrate.known import Tolerance
-    from t2twin.sim.digit.calibrate.words import lines_of
-    from t2twin.sim.digit.camera import Camera
+    from t2twin.sim.digit.calibrate.measurements import Tolerance
+    from t2twin.sim.digit.calibrate.record import lines_of
+    from t2twin.sim.digit.camera.pinhole import Camera
 
     check_workers(workers)  # before the fit, which takes minutes
     camera = Camera(scale_px_per_mm)

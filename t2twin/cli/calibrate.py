@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
-    from t2twin.sim.digit.camera import Camera
+    from t2twin.sim.digit.camera.pinhole import Camera
 
 FILES = ("calibration_strip.png", "calibration.json", "calibration.npz")
 """What is written into --out where there are presses."""
@@ -51,12 +51,11 @@ def calibrate(
         out: Folder for calibration.npz and, where there are presses, calibration.json and
             calibration_strip.png.
     """
-    from t2twin.primitives_cad.errors import T2TwinError
-    from t2twin.primitives_cad.folder_lock import locked
-    from t2twin.primitives_cad.writing import check_replaceable
+    from t2twin.core.errors import T2TwinError
+    from t2twin.core.files import check_replaceable, locked
     from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
-    from t2twin.sim.digit.calibrate.known import Tolerance
-    from t2twin.sim.digit.camera import Camera
+    from t2twin.sim.digit.calibrate.measurements import Tolerance
+    from t2twin.sim.digit.camera.pinhole import Camera
 
     camera = Camera(scale_px_per_mm)
     if presses is None:
@@ -87,8 +86,8 @@ def calibrate(
 
 
 def _guess(background: Path, camera: "Camera", out: Path) -> None:
-    from t2twin.primitives_cad.folder_lock import locked
-    from t2twin.sim.digit.calibrate.untouched import guess_light
+    from t2twin.core.files import locked
+    from t2twin.sim.digit.calibrate.background_light import guess_light
 
     with locked(out):
         guess_light(background, camera, print).save(out / "calibration.npz")
@@ -101,9 +100,8 @@ def _write(report: "CalibrationReport", out: Path) -> None:
     import numpy as np
     from PIL import Image
 
-    from t2twin.primitives_cad.writing import whole_file
-    from t2twin.sim.digit.calibrate.record import write_record
-    from t2twin.sim.digit.calibrate.words import lines_of
+    from t2twin.core.files import whole_file
+    from t2twin.sim.digit.calibrate.record import lines_of, write_record
 
     strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
     with whole_file(out / "calibration_strip.png") as temporary:

@@ -80,7 +80,7 @@ def _packages() -> str:
 def _contact() -> str:
     import numpy as np
 
-    from t2twin.sim.press.bed import borrowed_bed
+    from t2twin.sim.contact.mujoco_pins import borrowed_bed
 
     depth_mm = 0.0
     with borrowed_bed(1) as bed:
@@ -95,8 +95,8 @@ def _contact() -> str:
 def _rendering() -> str:
     import numpy as np
 
-    from t2twin.sim.digit.camera import optical_grid
-    from t2twin.sim.digit.reference import ReferenceRenderer
+    from t2twin.sim.digit.camera.pinhole import optical_grid
+    from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 
     x, y = optical_grid()
     with ReferenceRenderer() as renderer:
@@ -107,7 +107,7 @@ def _rendering() -> str:
 
 
 def _processor() -> str:
-    from t2twin.primitives_cad.machine import cores
+    from t2twin.core.machine import cores
 
     return f"{cores()} cores"
 
@@ -129,7 +129,7 @@ def _disk() -> str:
 
 
 def _cache() -> str:
-    from t2twin.primitives_cad.cache_home import VARIABLE, cache_home
+    from t2twin.core.cache_dir import VARIABLE, cache_home
 
     home = cache_home()
     if home is None:

@@ -38,12 +38,12 @@ def evaluate(
             the images with. Unless given, each pair's own where the dataset holds them, or that of
             the default calibration where the dataset was made with it.
     """
-    from t2twin.primitives_cad.errors import T2TwinError
-    from t2twin.translate.distributed import use_all_cores
+    from t2twin.core.errors import T2TwinError
+    from t2twin.translate.evaluation.cross_dataset import evaluate_worlds, worlds_markdown
     from t2twin.translate.evaluation.evaluate import evaluate as measure
     from t2twin.translate.evaluation.evaluate import evaluate_both, gap_between
     from t2twin.translate.evaluation.table import findings_text
-    from t2twin.translate.evaluation.worlds import evaluate_worlds, worlds_markdown
+    from t2twin.translate.models.distributed import use_all_cores
 
     if not runs:
         raise T2TwinError(
@@ -74,8 +74,12 @@ def evaluate(
 
 
 def _print(evaluations: "dict[str, Evaluation]") -> None:
-    from t2twin.translate.evaluation.force_table import by_force_text
-    from t2twin.translate.evaluation.table import findings_text, lookalikes_text, table
+    from t2twin.translate.evaluation.table import (
+        by_force_text,
+        findings_text,
+        lookalikes_text,
+        table,
+    )
 
     for name, evaluation in evaluations.items():
         print(table(evaluation))

@@ -23,11 +23,11 @@ def export(
             at; the run's own unless given.
         force: Replace the file where it exists.
     """
-    from t2twin.primitives_cad.writing import check_new_file
-    from t2twin.translate.distributed import use_all_cores
-    from t2twin.translate.export import export_onnx
-    from t2twin.translate.predict import load_run
-    from t2twin.translate.runs.shipped import DEFAULT_RUN, HOME
+    from t2twin.core.files import check_new_file
+    from t2twin.translate.inference.onnx_export import export_onnx
+    from t2twin.translate.inference.predictor import load_run
+    from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.runs.pretrained import DEFAULT_RUN, HOME
 
     if out is not None:
         check_new_file(out, force)

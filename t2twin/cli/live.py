@@ -36,13 +36,13 @@ def live(
             with the frames; turned as they are, and of any size. The mean background frame of its
             training unless given.
     """
+    from t2twin.core.errors import T2TwinError
     from t2twin.live.follow import follow
     from t2twin.live.sources import open_background, open_source
-    from t2twin.primitives_cad.errors import T2TwinError
-    from t2twin.translate.direction import check_gives_counts
-    from t2twin.translate.distributed import use_all_cores
-    from t2twin.translate.engine import load
-    from t2twin.translate.runs.shipped import DEFAULT_RUN
+    from t2twin.translate.inference.onnx_runtime import load
+    from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.models.presets import check_gives_counts
+    from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
     if frames is not None and frames < 1:
         raise T2TwinError(f"--frames is {frames}; it must be 1 or more")

@@ -12,7 +12,7 @@ from typing import Any
 
 from tyro import _errors
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 EXPECTED = {"FLOAT": "a number", "INT": "a whole number", "STR": "a name"}
 """What an option takes, by the metavar of its help text; the other metavars say it themselves."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 if TYPE_CHECKING:
-    from t2twin.sim.press.records import Contact
+    from t2twin.sim.contact.types import Contact
 
 
 def press(
@@ -64,10 +64,10 @@ def press(
     import numpy as np
 
     import t2twin
+    from t2twin.core.arguments import check_seed
+    from t2twin.core.compile_ahead import compile_optics_ahead
     from t2twin.press_folder import scene_path, write_press
-    from t2twin.primitives_cad.compile_ahead import compile_optics_ahead
-    from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
-    from t2twin.sim.seeds import check_seed
+    from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
     from t2twin.twin import other_elastomer, press_command
 
     solid = t2twin.load_shape(shape, scale)
@@ -135,7 +135,7 @@ def show(path: Path) -> None:
     """Open a scene where there is a display, else say where it lies."""
     import os
 
-    from t2twin.sim.press.scene import view
+    from t2twin.sim.scene import view
 
     if sys.platform == "linux" and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")

@@ -24,12 +24,12 @@ def report(
             dataset; the folder `evaluate` beside --out unless given. The runs are evaluated anew
             where neither is of them.
     """
-    from t2twin.primitives_cad.errors import T2TwinError
+    from t2twin.core.errors import T2TwinError
 
     if runs:
+        from t2twin.report.data import read_report_data
         from t2twin.report.page import draw_report
-        from t2twin.report.report_data import read_report_data
-        from t2twin.translate.distributed import use_all_cores
+        from t2twin.translate.models.distributed import use_all_cores
 
         use_all_cores()
         report_data = read_report_data(out, data, list(runs), evaluation)

@@ -1,10 +1,18 @@
-"""t2twin shapes"""
+"""t2twin shapes
+
+t2twin primitives
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
 
 
 def shapes() -> None:
     """List the shapes that can be pressed by name, without making them."""
     from t2twin.primitives_cad.catalogue import KEYPOINTS
-    from t2twin.primitives_cad.families import FAMILIES
+    from t2twin.primitives_cad.primitive_parameters import FAMILIES
 
     print("primitives, versions 1 to 4 (3 is for validation):")
     for family, versions in FAMILIES.items():
@@ -15,3 +23,23 @@ def shapes() -> None:
         names = [f"{tool}/{keypoint}" for keypoint in keypoints]
         print("  " + "".join(f"{name:22}" for name in names).rstrip())
     print("and any STL, STEP, OBJ, PLY, 3MF or GLB file, its pressing side up (+z; +y in GLB)")
+
+
+def primitives(
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("data/primitives"),
+) -> None:
+    """Write the 32 primitives and the 5 tools as STEP and STL, the mosaic plate, the contact sheet.
+
+    Args:
+        out: Folder to write into.
+    """
+    from t2twin.primitives_cad.catalogue import NAMES
+    from t2twin.primitives_cad.contact_sheet import draw_sheet
+    from t2twin.primitives_cad.export import export
+
+    export(out)
+    sheet = draw_sheet(out / "contact_sheet.png")
+    print("shapes to press:")
+    for start in range(0, len(NAMES), 4):
+        print("  " + "".join(f"{name:24}" for name in NAMES[start : start + 4]).rstrip())
+    print(f"STEP, STL, mosaic plate and manifest.json in {out}; look at {sheet}")

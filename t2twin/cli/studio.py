@@ -35,8 +35,8 @@ def studio(
     """
     from importlib.util import find_spec
 
-    from t2twin.primitives_cad.errors import T2TwinError
-    from t2twin.stopping import Stopped, say_stopped
+    from t2twin.core.errors import T2TwinError
+    from t2twin.core.signals import Stopped, say_stopped
 
     if find_spec("viser") is None:
         raise T2TwinError(

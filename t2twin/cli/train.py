@@ -1,4 +1,7 @@
-"""t2twin train"""
+"""t2twin train
+
+t2twin temper
+"""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -35,7 +38,7 @@ def train(
         shape_weight: Weight of the loss of the tactile image's shape beside L1's 100; the preset's,
             none, unless given; touch2touch only.
     """
-    from t2twin.translate.train import train as run
+    from t2twin.translate.training.train import train as run
 
     way = "" if direction == "digit-to-cyskin" else f"-{direction}"
     folder = out or Path("runs") / f"{model}{way}"
@@ -43,3 +46,27 @@ def train(
         model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps,
         start=start, direction=direction, shape_weight=shape_weight,
     )  # fmt: skip
+
+
+def temper(
+    run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]],
+    data: Annotated[
+        tuple[Path, ...], tyro.conf.arg(metavar="DIR", help_behavior_hint="(one or more)")
+    ],
+) -> None:
+    """Put a field run's standard deviations right anew, on validation presses of several worlds.
+
+    Args:
+        run: Folder of a trained field run; its best weights keep what is found.
+        data: Folders of datasets whose pairs hold the field, the run's own among them. Each one's
+            validation presses have the same say.
+    """
+    from t2twin.core.errors import T2TwinError
+    from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.training.recalibrate import temper as fit
+
+    if not data:
+        raise T2TwinError("there is no dataset to temper on; give folders with --data")
+    use_all_cores()
+    presses = fit(run, data)
+    print(f"standard deviations fitted on {presses:,} presses; written to {run}")

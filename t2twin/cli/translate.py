@@ -48,9 +48,9 @@ def translate(
     """
     import numpy as np
 
-    from t2twin.translate.batch import find_images, translate_files
-    from t2twin.translate.distributed import use_all_cores
-    from t2twin.translate.runs.shipped import DEFAULT_RUN
+    from t2twin.translate.inference.batch import find_images, translate_files
+    from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
     run = DEFAULT_RUN if run is None else run
     _check_no_run(images)
@@ -77,9 +77,9 @@ def translate(
 
 def _check_no_run(images: tuple[Path, ...]) -> None:
     """Raises T2TwinError where a run stands among the images, as its first argument once did."""
-    from t2twin.primitives_cad.errors import T2TwinError
+    from t2twin.core.errors import T2TwinError
     from t2twin.translate.runs.config import CONFIG
-    from t2twin.translate.runs.shipped import shipped_runs
+    from t2twin.translate.runs.pretrained import shipped_runs
 
     for path in images:
         if (path / CONFIG).is_file() or (str(path) in shipped_runs() and not path.exists()):

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from t2twin.live.frame import Frame, turned
-from t2twin.live.skipped import Report, Skipped
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.live.frame import Frame, Report, Skipped, turned
 
 POLL_S = 0.002
 """How often a folder is looked into, s: an eighth of a 60 Hz camera's period."""
@@ -139,7 +138,7 @@ class Folder:
         return listed
 
     def _names(self) -> list[str]:
-        from t2twin.translate.batch import SUFFIXES  # imports torch, as above
+        from t2twin.translate.inference.batch import SUFFIXES  # imports torch, as above
 
         try:
             with os.scandir(self._path) as entries:

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from t2twin.live.newest import Newest
+from t2twin.core.errors import T2TwinError
+from t2twin.live.latest_frame import Newest
 from t2twin.live.sources import Frame, Source
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.predict import TrainedTranslator
+from t2twin.translate.inference.predictor import TrainedTranslator
 
 SAY_EVERY_S = 5.0
 """How often rate and latency are said, s."""

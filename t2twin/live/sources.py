@@ -7,10 +7,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
 from t2twin.live.folder import PATIENCE_S, POLL_S, Folder
-from t2twin.live.frame import Frame, turned
-from t2twin.live.skipped import Report
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.live.frame import Frame, Report, turned
 
 LIKELY_HZ = 60.0
 """Rate of a video that does not state its own: a DIGIT's (digit-interface)."""
@@ -167,7 +166,7 @@ class Video:
 
 def _is_picture(path: Path) -> bool:
     """Whether a file is a picture by its content, which FFmpeg takes for a video of one frame."""
-    from t2twin.sim.pictures import check_picture
+    from t2twin.core.images import check_picture
 
     try:
         check_picture(path, ("PNG", "JPEG", "BMP", "TIFF"))

@@ -3,12 +3,12 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from t2twin.primitives_cad import checks
-from t2twin.report import contents, data_summary, duplicates, forces, outliers, pairs
-from t2twin.report.dataset import read_dataset
-from t2twin.report.out_folder import check_out
+from t2twin.core import arguments
+from t2twin.report.data import check_out
+from t2twin.report.dataset import contents, duplicates, forces, outliers, pairs, summary
+from t2twin.report.dataset.scan import scan
+from t2twin.report.dataset.tables import read_dataset
 from t2twin.report.page import write_page
-from t2twin.report.scan import scan
 
 TITLE = "The dataset in {}"
 LINKS = {
@@ -28,7 +28,7 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     data: a finished dataset, simulated or imported. Raises T2TwinError, before anything is
     written, where it or the folder cannot be used.
     """
-    out, data = checks.path(out, "out"), checks.path(data, "data")
+    out, data = arguments.path(out, "out"), arguments.path(data, "data")
     check_out(out)
     dataset = read_dataset(data)
     looked = scan(dataset, duplicates.noise_grey(dataset))
@@ -45,4 +45,4 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     if not dataset.info.is_simulated:
         del sections["forces"]  # the owner's pairs know neither forces carried nor depths
     title = TITLE.format(data)
-    return write_page(out, title, lambda: data_summary.section(dataset, looked), sections, LINKS)
+    return write_page(out, title, lambda: summary.section(dataset, looked), sections, LINKS)

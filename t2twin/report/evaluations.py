@@ -8,12 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.evaluation.evaluate import evaluate, run_names
 from t2twin.translate.evaluation.predictions import Predictions, read_predictions
 from t2twin.translate.evaluation.records import Evaluation, read_evaluation
-from t2twin.translate.predict import TrainedTranslator
+from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.runs.config import BEST
 
 BESIDE = "evaluate"

@@ -4,31 +4,27 @@ from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.folder_lock import locked
-from t2twin.primitives_cad.progress import Progress
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.report import (
-    about,
+from t2twin.core import arguments
+from t2twin.core.files import locked, whole_file
+from t2twin.core.progress import Progress
+from t2twin.report.data import PAGE, ReportData, read_report_data
+from t2twin.report.dataset import forces, pairs, shapes
+from t2twin.report.html.style import STYLE
+from t2twin.report.omitted import left_out
+from t2twin.report.sections import (
     by_force,
     by_shape,
     by_view,
-    curves,
-    finding,
-    forces,
+    calibration,
+    irreducible_error,
+    learning_curves,
     limits,
-    lookalikes,
-    pairs,
+    paper_finding,
+    provenance,
     qualitative,
     results,
-    shapes,
     summary,
-    sureness,
 )
-from t2twin.report.left_out import left_out
-from t2twin.report.out_folder import PAGE
-from t2twin.report.report_data import ReportData, read_report_data
-from t2twin.report.style import STYLE
 
 TITLE = "Touch-to-touch translation on a simulated bench"
 WORLD_TITLE = TITLE + ", world {}"
@@ -67,9 +63,9 @@ def write_report(
     Raises T2TwinError, before anything is written, for a dataset or a run that is missing or
     unfinished, and a run that cannot give the dataset's taxel layout.
     """
-    folder, data = checks.path(out, "out"), checks.path(data, "data")
-    given = None if evaluation is None else checks.path(evaluation, "evaluation")
-    report = read_report_data(folder, data, checks.paths(runs, "runs"), given)
+    folder, data = arguments.path(out, "out"), arguments.path(data, "data")
+    given = None if evaluation is None else arguments.path(evaluation, "evaluation")
+    report = read_report_data(folder, data, arguments.paths(runs, "runs"), given)
     return draw_report(folder, report)
 
 
@@ -78,24 +74,24 @@ def draw_report(out: Path, report: ReportData) -> Path:
     missing = left_out(report)
     about_titles = {LINKS[name]: what for name, what in missing.items()}
     sections: dict[str, Callable[[], str]] = {
-        "about": lambda: about.section(report, about_titles),
+        "about": lambda: provenance.section(report, about_titles),
         "results": lambda: results.section(report),
-        "finding": lambda: finding.section(report),
+        "finding": lambda: paper_finding.section(report),
         "by-force": lambda: by_force.section(report),
         "by-view": lambda: by_view.section(report),
-        "sureness": lambda: sureness.section(report),
-        "lookalikes": lambda: lookalikes.section(report),
+        "sureness": lambda: calibration.section(report),
+        "lookalikes": lambda: irreducible_error.section(report),
         "samples": lambda: qualitative.section(report),
         "pairs": lambda: pairs.section(report),
         "shapes": lambda: shapes.section(),
-        "curves": lambda: curves.section(report),
+        "curves": lambda: learning_curves.section(report),
         "forces": lambda: forces.section(report),
         "by-shape": lambda: by_shape.section(report),
         "limits": lambda: limits.section(report),
     }
     if not any(one.has_forces for one in report.evaluations.values()):
         del sections["by-force"]
-    if not sureness.is_said(report.evaluations):
+    if not calibration.is_said(report.evaluations):
         del sections["sureness"]
     return write_page(
         out,

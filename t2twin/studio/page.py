@@ -13,23 +13,29 @@ from typing import Any
 import viser
 from viser import _messages
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.taxels import pad_weights
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.press.elastomer import CYSKIN_COVER
-from t2twin.studio.cards import Scales, again_html, pictures_html, scales_of, welcome_html
-from t2twin.studio.controls import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
-from t2twin.studio.drop import take_dropped
-from t2twin.studio.notices import Notices
+from t2twin.studio.controls.drop import take_dropped
+from t2twin.studio.controls.export_zip import zipped
+from t2twin.studio.controls.notices import Notices
+from t2twin.studio.controls.press import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
+from t2twin.studio.controls.translate_tab import TranslateTab
+from t2twin.studio.controls.view_options import View
 from t2twin.studio.press_state import PressState, is_file
-from t2twin.studio.ready import Shared
-from t2twin.studio.scene import Dragged, Scene
 from t2twin.studio.session import Look, Session
-from t2twin.studio.take_away import zipped
-from t2twin.studio.translate_tab import TranslateTab
-from t2twin.studio.uploads import forget, kept_file
-from t2twin.studio.view import View
+from t2twin.studio.transport.uploads import forget, kept_file
+from t2twin.studio.view.cards import (
+    Scales,
+    again_html,
+    pictures_html,
+    scales_of,
+    welcome_html,
+)
+from t2twin.studio.view.scene import Dragged, Scene
+from t2twin.studio.warmup import Shared
 from t2twin.studio.worker import NewestFirst
 from t2twin.twin import load_shape
 

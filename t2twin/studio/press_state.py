@@ -9,13 +9,13 @@ from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
+from t2twin.core.arguments import check_seed
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.random_shapes.seeds import seed_of
+from t2twin.sim.contact.types import check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, LAYOUTS
 from t2twin.sim.cyskin.reading import PRESETS
-from t2twin.sim.press.force import check_force
-from t2twin.sim.seeds import check_seed
 from t2twin.sim.world.protocol import FORCE_N, indices, press_of, scale_of
 
 FIRST_SHAPE = "square-2"

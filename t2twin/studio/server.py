@@ -21,20 +21,20 @@ from uuid import uuid4
 
 import viser
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import sweep, temporary_folder
-from t2twin.studio.connection import Connection, guarded_server
-from t2twin.studio.frames import Frames, read_frame
-from t2twin.studio.gate import Gate
-from t2twin.studio.messages import (
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import sweep, temporary_folder
+from t2twin.studio.controls.notices import Notices
+from t2twin.studio.frame_source import Frames, read_frame
+from t2twin.studio.translators import Translators
+from t2twin.studio.transport.connection import Connection, guarded_server
+from t2twin.studio.transport.gate import Gate
+from t2twin.studio.transport.messages import (
     FileTransferPart,
     FileTransferStartUpload,
     GuiUpdateMessage,
     check_update,
 )
-from t2twin.studio.notices import Notices
-from t2twin.studio.ready import Shared, get_ready
-from t2twin.studio.translators import Translators
+from t2twin.studio.warmup import Shared, get_ready
 
 if TYPE_CHECKING:
     from t2twin.studio.page import Page

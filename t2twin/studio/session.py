@@ -12,13 +12,13 @@ from threading import Lock
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.studio.press_state import PressState
 from t2twin.studio.translators import Translation, Translators
-from t2twin.translate.phi import Phi
 from t2twin.twin import Touch, load_shape, press_command
 
 TRANSLATING = "translate"

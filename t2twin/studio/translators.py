@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
     from t2twin.sim.cyskin.layout import Layout
-    from t2twin.translate.estimate import Estimate
-    from t2twin.translate.predict import TrainedTranslator
+    from t2twin.translate.inference.predictor import TrainedTranslator
+    from t2twin.translate.uncertainty.estimate import Estimate
     from t2twin.twin import Touch
 
 RUNS = Path("runs")
@@ -112,7 +112,7 @@ class Translators:
         that cannot be read or gives none is left out.
         """
         from t2twin.translate.runs.config import BEST, CONFIG
-        from t2twin.translate.runs.shipped import DEFAULT_RUN, find_run, shipped_runs
+        from t2twin.translate.runs.pretrained import DEFAULT_RUN, find_run, shipped_runs
 
         first = [DEFAULT_RUN] if DEFAULT_RUN in shipped_runs() else []
         folders = {_name(folder): folder for folder in map(find_run, (*first, *given))}
@@ -210,7 +210,7 @@ class Translators:
         )
 
     def _run(self, name: str) -> "TrainedTranslator":
-        from t2twin.translate.predict import load_run
+        from t2twin.translate.inference.predictor import load_run
 
         with self._loading:
             if name not in self._folders:
@@ -225,7 +225,7 @@ class Translators:
 def _name(folder: Path) -> str:
     """A run's name: its folder and the one above it, as trainings are laid out; a pretrained one
     has that by which commands call it."""
-    from t2twin.translate.runs.shipped import HOME
+    from t2twin.translate.runs.pretrained import HOME
 
     folder = folder.absolute()
     return folder.name if folder.parent == HOME.absolute() else "/".join(folder.parts[-2:])
@@ -233,7 +233,7 @@ def _name(folder: Path) -> str:
 
 def _force(estimate: "Estimate") -> Interval | None:
     """The predicted force of one image; None of a run whose presses had one force."""
-    from t2twin.translate.estimate import half_width
+    from t2twin.translate.uncertainty.estimate import half_width
 
     if estimate.force_n is None or estimate.force_std_n is None:
         return None
@@ -243,7 +243,7 @@ def _force(estimate: "Estimate") -> Interval | None:
 
 def _model_of(folder: Path) -> str:
     """Raises T2TwinError for a folder that is no run, and for a run that gives no counts."""
-    from t2twin.translate.direction import check_gives_counts
+    from t2twin.translate.models.presets import check_gives_counts
     from t2twin.translate.runs.config import load_config
 
     config = load_config(folder)

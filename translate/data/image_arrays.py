@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from PIL import Image
 
-from t2twin.primitives_cad.checks import shown
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.arguments import shown
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.images import to_pixels
 
 Images = np.ndarray | Sequence[np.ndarray]

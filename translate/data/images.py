@@ -6,9 +6,9 @@ import numpy as np
 import torch
 from PIL import Image
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit.white import white
-from t2twin.sim.pictures import check_picture, open_picture
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import check_picture, open_picture
+from t2twin.sim.digit.camera.gaussian_noise import white
 
 RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
 RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)

@@ -4,6 +4,8 @@ The cache lies in the data set's folder (`cache/`), one uint8 .npy a split, size
 by the first digits of info.json's SHA-256: another data set in the same folder gets another cache.
 
 Shape letters: P pairs, S image side, c channels, N taxels.
+
+What one step of a training learns from.
 """
 
 import os
@@ -15,16 +17,17 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+import torch
 from numpy.lib import format as npy
 from PIL import Image
 
-from t2twin.primitives_cad.checksum import add_checksum, is_intact
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.progress import Progress
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.cached_files import add_checksum, is_intact
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
+from t2twin.core.images import decode_png
+from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.dataset.columns import FIELD, POSE
-from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
     INFO,
     field,
@@ -35,8 +38,8 @@ from t2twin.sim.dataset.store import (
     split_shards,
     taxels,
 )
+from t2twin.translate.data.background_frames import Untouched, has_untouched, load_untouched
 from t2twin.translate.data.images import to_pixels
-from t2twin.translate.data.untouched import Untouched, has_untouched, load_untouched
 
 CACHE = "cache"
 IMAGES_AT_ONCE = 256
@@ -291,3 +294,17 @@ def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bo
             "--verify` names its shard"
         )
     return to_pixels(Image.fromarray(pixels), size, grey)
+
+
+@dataclass(frozen=True)
+class Examples:
+    """B pairs. images: as `images.to_input` makes them, (B, c, S, S). counts: (B, N) float32.
+
+    field: (B, F) float32, counts, for a translator that learns it. force_n: (B,) float32, 0 where
+    nothing touches.
+    """
+
+    images: torch.Tensor
+    counts: torch.Tensor
+    field: torch.Tensor | None = None
+    force_n: torch.Tensor | None = None

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info, sha256_of
 from t2twin.sim.digit.calibration import DEFAULT_PATH
 from t2twin.sim.digit.optics import DigitOptics
+from t2twin.translate.data.background_frames import has_untouched
 from t2twin.translate.data.images import open_image, to_pixels
-from t2twin.translate.data.untouched import has_untouched
 
 OF_PAIRS, OF_CALIBRATION = "each pair's own", "that of the default calibration"
 """Where frames come from that no file holds."""

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.folder_lock import locked
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import locked, whole_file
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import (
@@ -22,32 +21,44 @@ from t2twin.translate.data.pairs import (
     load_pairs,
     usable_cache,
 )
-from t2twin.translate.estimate import Estimate
-from t2twin.translate.evaluation import bootstrap
 from t2twin.translate.evaluation.background import Background, background_of
-from t2twin.translate.evaluation.baselines import (
+from t2twin.translate.evaluation.findings import findings, gap
+from t2twin.translate.evaluation.metrics import bootstrap
+from t2twin.translate.evaluation.metrics.array_errors import CONTACT_LEVEL
+from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     MEAN_ARRAY,
     NEAREST_NEIGHBOUR,
+    PAPER,
     Neighbours,
     mean_array,
     neighbours,
 )
-from t2twin.translate.evaluation.certainty import with_certainty
-from t2twin.translate.evaluation.field_of_view import FieldOfView, view_on
-from t2twin.translate.evaluation.findings import findings, gap
-from t2twin.translate.evaluation.forces import (
+from t2twin.translate.evaluation.metrics.floors import (
+    LAYOUT_FLOOR,
+    NOISE_FLOOR,
+    FieldOfView,
+    second_reading,
+    seen_through,
+    view_on,
+)
+from t2twin.translate.evaluation.metrics.forces import (
     MEAN_ARRAY_OF_FORCE,
     ForceBin,
     force_bins,
     mean_array_of_force,
 )
-from t2twin.translate.evaluation.layout_floor import LAYOUT_FLOOR, seen_through
-from t2twin.translate.evaluation.lookalikes import NEIGHBOURS, lookalikes
-from t2twin.translate.evaluation.metrics import CONTACT_LEVEL
-from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR, second_reading
-from t2twin.translate.evaluation.paper import PAPER
-from t2twin.translate.evaluation.predictions import Predictions, write_predictions
+from t2twin.translate.evaluation.metrics.irreducible_error import (
+    NEIGHBOURS,
+    lookalikes,
+)
+from t2twin.translate.evaluation.metrics.reliability import with_certainty
+from t2twin.translate.evaluation.predictions import (
+    Predictions,
+    row_of_run,
+    rows_of,
+    write_predictions,
+)
 from t2twin.translate.evaluation.records import (
     FORMAT,
     Bootstrap,
@@ -59,10 +70,10 @@ from t2twin.translate.evaluation.records import (
     write_evaluation,
     write_findings,
 )
-from t2twin.translate.evaluation.rows import row_of_run, rows_of
 from t2twin.translate.evaluation.table import markdown
-from t2twin.translate.layouts import same_layout
-from t2twin.translate.predict import TrainedTranslator, load_run
+from t2twin.translate.inference.predictor import TrainedTranslator, load_run
+from t2twin.translate.models.layouts import same_layout
+from t2twin.translate.uncertainty.estimate import Estimate
 
 TABLE = "results.md"
 VAL, TEST = "val", "test"
@@ -94,8 +105,8 @@ def evaluate(
     Raises T2TwinError for no runs, a folder that is no run, a layout that a run cannot give, a
     background frame that no run uses, and where that split or training has no pairs.
     """
-    data_dir, out_dir = checks.path(data_dir, "data_dir"), checks.path(out_dir, "out_dir")
-    checks.choice(split, "split", ALL_SPLITS)
+    data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
+    arguments.choice(split, "split", ALL_SPLITS)
     info, loaded, frames = check_asked(runs, data_dir, (split,), background)
     with locked(out_dir):
         return _evaluate(loaded, info, data_dir, split, out_dir, frames)
@@ -109,7 +120,7 @@ def check_asked(
 ) -> tuple[DataInfo, list[TrainedTranslator], Background | None]:
     """Reads what `evaluate` needs of a dataset, of runs and of the background frame, which is None
     where no run uses one. Raises T2TwinError as `evaluate` does."""
-    if not checks.paths(runs, "runs"):
+    if not arguments.paths(runs, "runs"):
         raise T2TwinError("there is no run to evaluate; give at least one folder of `train`")
     _check_pairs(data_dir, (*splits, "train"))
     info = load_info(data_dir)
@@ -118,7 +129,7 @@ def check_asked(
         _at(run, info)
     run_names(loaded)
     if any(run.translator.learns_field for run in loaded):
-        file = None if background is None else checks.path(background, "background")
+        file = None if background is None else arguments.path(background, "background")
         return info, loaded, background_of(data_dir, file)
     if background is not None:
         raise T2TwinError(

@@ -10,9 +10,9 @@ from typing import get_args
 
 import numpy as np
 
-from t2twin.translate.evaluation.baselines import MEAN_ARRAY
-from t2twin.translate.evaluation.bootstrap import SEED, draws, interval
-from t2twin.translate.evaluation.metrics import GroupedFigures
+from t2twin.translate.evaluation.metrics.array_errors import GroupedFigures
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY
+from t2twin.translate.evaluation.metrics.bootstrap import SEED, draws, interval
 from t2twin.translate.evaluation.records import (
     Answer,
     Difference,

@@ -5,17 +5,18 @@
 
 Attributes are named as the files' keys. RMSE is the root of the mean squared error of the counts,
 over pairs and taxels: the square root of the loss that Grella et al. 2023 call L3.
+
+Records as JSON has them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import write_json
-from t2twin.sim.typed_json import read_json
-from t2twin.translate.evaluation.as_json import as_json
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import write_json
+from t2twin.core.records import read_json
 
 METRICS = "metrics.json"
 FINDINGS = "findings.json"
@@ -370,3 +371,23 @@ def write_findings(
     """
     findings = {split: evaluation.findings for split, evaluation in evaluations.items()}
     write_json(folder / FINDINGS, as_json(findings | {"gap": gap}))
+
+
+def as_json(value: Any) -> Any:
+    """A record, or a dict of them, in dicts, lists and numbers, as its file holds it.
+
+    A field that may be left out, its default being None, is left out where it is None.
+    """
+    if is_dataclass(value):
+        content = {field.name: getattr(value, field.name) for field in fields(value)}
+        optional = {field.name for field in fields(value) if field.default is not MISSING}
+        return {
+            name: as_json(part)
+            for name, part in content.items()
+            if not (part is None and name in optional)
+        }
+    if isinstance(value, Mapping):
+        return {name: as_json(part) for name, part in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [as_json(part) for part in value]
+    return value

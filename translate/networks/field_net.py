@@ -19,9 +19,14 @@ import numpy as np
 import torch
 from torch import nn
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.calibrated import FORCE_SHARES, PLACE_SHARES, PRESS_SHARES, no_rungs
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
+from t2twin.translate.uncertainty.calibration import (
+    FORCE_SHARES,
+    PLACE_SHARES,
+    PRESS_SHARES,
+    no_rungs,
+)
 
 DIFFERENCE_SCALE = 2.0
 """What the difference from the untouched frame is multiplied by (assumed: a press changes a picture

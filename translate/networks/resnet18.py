@@ -6,7 +6,7 @@ So weights saved from torchvision's resnet18 load with `load_state_dict`.
 import torch
 from torch import nn
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 LEAST_FILTERS = 16
 """Least base width. Below it oneDNN (PyTorch 2.13, AVX-512) writes past its buffer in the backward

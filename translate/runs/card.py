@@ -1,17 +1,19 @@
-"""A run's model card, RUN/README.md: for people, and for the Hugging Face hub."""
+"""A run's model card, RUN/README.md: for people, and for the Hugging Face hub.
+
+What the model card of a run from the CySkin to the DIGIT says of its own.
+"""
 
 import json
 from dataclasses import fields
 from pathlib import Path
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import read_info, split_shards
 from t2twin.translate.data.pairs import load_info
-from t2twin.translate.direction import CYSKIN_TO_DIGIT
-from t2twin.translate.presets import Preset
-from t2twin.translate.runs import other_way_card
+from t2twin.translate.models.presets import CYSKIN_TO_DIGIT, Preset
+from t2twin.translate.runs import card
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, best_epoch, read_log
 
@@ -71,12 +73,12 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
     best, other_way = best_epoch(history), config.direction == CYSKIN_TO_DIGIT
     parts = [
         _head(config, best, info),
-        other_way_card.what(config) if other_way else _what(config),
-        (other_way_card.use if other_way else _use)(run_dir.absolute().name, config),
+        card.what(config) if other_way else _what(config),
+        (card.use if other_way else _use)(run_dir.absolute().name, config),
         _data(config, info),
         _training(config, history, best),
         *filter(None, [_sureness(config)]),
-        other_way_card.limits(info) if other_way else _limits(info),
+        card.limits(info) if other_way else _limits(info),
         f"## Licence\n\n{_licence(info)[1]}\n",
         f"## Citation\n\nThe method:\n\n{CITATION}",
     ]
@@ -112,7 +114,7 @@ def _head(config: RunConfig, best: EpochRecord, info: DatasetInfo) -> str:
         f"    - {{type: rmse, name: {json.dumps(name)}, value: {value}}}" for name, value in metrics
     )
     task = (
-        other_way_card.TASK
+        card.TASK
         if config.direction == CYSKIN_TO_DIGIT
         else "{type: image-to-array, name: DIGIT picture to CySkin counts}"
     )
@@ -229,7 +231,7 @@ def _training(config: RunConfig, history: list[EpochRecord], best: EpochRecord) 
         ("computed in", "bf16" if config.bf16 else "fp32"),
         ("processes", _said(config.processes)),
     ]
-    error = other_way_card.error(best) if best.val_rmse_counts is None else _error(best)
+    error = card.error(best) if best.val_rmse_counts is None else _error(best)
     return f"""## Training
 
 The weights are those of epoch {best.epoch} of the {len(history)} that were trained, the one with
@@ -237,7 +239,7 @@ the lowest error on the validation split: {error}
 It took {spent:.1f} minutes.
 
 {_table(("setting", "value"), rows)}
-`translate/presets.py` says what each setting is and where it comes from.
+`translate/models/presets.py` says what each setting is and where it comes from.
 """
 
 
@@ -275,3 +277,58 @@ def _table(head: tuple[str, str], rows: list[tuple[str, str]]) -> str:
 
 def _said(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+TASK = "{type: array-to-image, name: CySkin counts to DIGIT picture}"
+
+
+def what(config: RunConfig) -> str:
+    return f"""# touch2touch the other way, preset {config.preset.name}
+
+Draws the picture that a DIGIT, a camera behind a soft gel, would take of a touch, from the counts
+that a CySkin, an array of {config.data.x_mm.size} capacitive taxels, gives for it.
+
+It is pix2pix (a U-Net generator, trained against a PatchGAN discriminator and an L1 loss) from the
+tactile image of the counts to the grey picture. It gives no counts.
+"""
+
+
+def use(name: str, config: RunConfig) -> str:
+    size, info = config.preset.size, config.data
+    return f"""## Use
+
+```python
+import t2twin
+picture = t2twin.load({json.dumps(name)}).picture_of(counts)
+```
+
+It needs `config.json` and `{BEST}`. `t2twin translate`, `live`, `export`, `evaluate`, `report` and
+`studio` turn pictures into counts and refuse it.
+
+| | type | unit | what |
+|---|---|---|---|
+| counts | ({info.x_mm.size},) numbers | counts | 0 to {info.full_scale_counts:,.0f}; taxel n lies \
+at `layout_x_mm[n]`, `layout_y_mm[n]` (mm) of `config.json`; also several, (B, {info.x_mm.size}) |
+| picture | ({size}, {size}) uint8 | grey levels | the DIGIT's picture, 320 rows x 240 columns, \
+resized to a square; of several, (B, {size}, {size}) |
+"""
+
+
+def error(best: EpochRecord) -> str:
+    return f"""\
+an RMSE of {best.val_rmse_grey:.1f} grey levels of the pictures' pixels,
+{best.val_rmse_percent:.2f} % of their full scale, 255."""
+
+
+def limits(info: DatasetInfo) -> str:
+    simulated, brought = "simulated touches only", "the two sensors that its pairs came from only"
+    seen = simulated if info.is_simulated else brought
+    return f"""## What it is not good for
+
+- It has seen {seen}. It draws the light and the gel of that DIGIT, not of another.
+- Few counts cannot say what a picture shows: teeth, edges and anything finer than the taxels lie
+  apart are made up, by what the training's shapes were like.
+- The figure above is for validation shapes that are kin to the training shapes, and of whole
+  pictures, most of whose pixels no touch changes much.
+- Nothing drawn here is a measurement.
+"""

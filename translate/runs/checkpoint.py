@@ -11,10 +11,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
+from t2twin.translate.models.base import Translator
 from t2twin.translate.runs.log import EpochRecord, decode_history, encode_history
-from t2twin.translate.translator import Translator
 
 HISTORY = "history"
 

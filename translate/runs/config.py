@@ -16,16 +16,15 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import write_json
+from t2twin.core.arguments import MOST_SEED
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import write_json
+from t2twin.core.records import convert, read_json
 from t2twin.sim.cyskin.layout import LARGEST_PAD_MM
 from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
-from t2twin.sim.seeds import MOST_SEED
-from t2twin.sim.typed_json import convert, read_json
 from t2twin.translate.data.pairs import DataInfo, known
-from t2twin.translate.direction import DIGIT_TO_CYSKIN, check_direction
-from t2twin.translate.familiar import CELLS, Familiar
-from t2twin.translate.presets import MODELS, Preset
+from t2twin.translate.models.presets import DIGIT_TO_CYSKIN, MODELS, Preset, check_direction
+from t2twin.translate.uncertainty.ood import CELLS, Familiar
 
 FORMAT = 1
 """Version of config.json; a file that names none is of this one."""

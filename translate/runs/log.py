@@ -12,9 +12,9 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.typed_json import convert, decode_json
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import whole_file
+from t2twin.core.records import convert, decode_json
 from t2twin.translate.runs.config import LOG
 
 LOSS = "train_"

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit.calibrate.certainty import Certainty, certainty_of, check_tolerance
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.frames import clean_background, read_frames, touched_patch
-from t2twin.sim.digit.calibrate.known import FORCES, Known, Tolerance, read_known
+from t2twin.sim.digit.calibrate.measurements import FORCES, Known, Tolerance, read_known
 from t2twin.sim.digit.calibrate.noise import measured_noise
 from t2twin.sim.digit.calibrate.scale import Presses, fitted
 from t2twin.sim.digit.calibrate.scores import (
@@ -22,8 +21,9 @@ from t2twin.sim.digit.calibrate.scores import (
     repeats_floor,
     untouched_floor,
 )
+from t2twin.sim.digit.calibrate.uncertainty import Certainty, certainty_of, check_tolerance
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import DigitOptics
 
 LEAST_TRAINING = 6
@@ -130,22 +130,25 @@ def calibrate(
 
     background: a frame of the untouched sensor. presses: a folder of frames of a ball pressed
     in, 240 wide, 320 high, PNG or JPEG, and, if some of it is known, `forces.csv` (see
-    t2twin.sim.digit.calibrate.known). camera: its scale and distance; known displacements settle
-    the scale, those of the fitted presses for the scores. say: told how far it is. tolerance: of
-    what is stated; None leaves the ranges that follow from it out, which take most of the time, and
-    with them the gel's modulus.
+    t2twin.sim.digit.calibrate.measurements). camera: its scale and distance; known displacements
+    settle the scale, those of the fitted presses for the scores. say: told how far it is.
+    tolerance: of what is stated; None leaves the ranges that follow from it out, which take most of
+    the time, and with them the gel's modulus.
     Frames that are equal to an earlier one, byte for byte, are left out. The held-out presses
     have no part in anything that is scored but their own poses; then a last fit takes them all.
     Raises T2TwinError for frames or numbers that cannot be used, and for a fit that explains
     nothing.
     """
-    background, presses = checks.path(background, "background"), checks.path(presses, "presses")
-    camera = Camera() if camera is None else checks.instance(camera, "camera", Camera)
+    background, presses = (
+        arguments.path(background, "background"),
+        arguments.path(presses, "presses"),
+    )
+    camera = Camera() if camera is None else arguments.instance(camera, "camera", Camera)
     if held_out is not None:
-        checks.whole_number(held_out, "held_out")
+        arguments.whole_number(held_out, "held_out")
     if tolerance is not None:
-        checks.instance(tolerance, "tolerance", Tolerance)
-    checks.function(say, "say")
+        arguments.instance(tolerance, "tolerance", Tolerance)
+    arguments.function(say, "say")
     given = read_inputs(background, presses, ball_diameter_mm, held_out, camera, tolerance)
     untouched, frames, names, patches = given.untouched, given.frames, given.names, given.patches
     train, test = given.train, given.test

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from t2twin.sim.digit import deflections
-from t2twin.sim.digit.calibrate.geometry import NUDGE, SPREAD, START, leds_of
-from t2twin.sim.digit.calibrate.response import (
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.ridge import (
     FIRST_TERMS,
     LEDS,
     MOST_TERMS,
@@ -26,12 +25,21 @@ from t2twin.sim.digit.calibrate.response import (
     chosen,
     solved,
 )
-from t2twin.sim.digit.calibrate.samples import Square, inner, samples_of, square_about
+from t2twin.sim.digit.calibrate.samples import (
+    NUDGE,
+    SPREAD,
+    START,
+    Square,
+    inner,
+    leds_of,
+    samples_of,
+    square_about,
+)
 from t2twin.sim.digit.calibration import PLACE_TERMS, Calibration, led_columns, place_terms
-from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera
-from t2twin.sim.digit.illumination import COSINE_TERMS
-from t2twin.sim.digit.picture import linear
-from t2twin.sim.digit.rays import Leds, Rays
+from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera
+from t2twin.sim.digit.camera.response import linear
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.ray_casting import Leds, Rays
 
 GAMMA = 1.0
 """Exponent between light and grey levels of a real unit: shading goes with its grey levels
@@ -176,7 +184,7 @@ class BallFit:
         radius_mm, hold, skirt = shape
         depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
         hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
-        return deflections.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
+        return probe_surfaces.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
 
     def _pose_at(self, patch: np.ndarray, radius_mm: float) -> np.ndarray:
         """Where a patch's middle is: the first guess of a pose."""

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.press.depth import force_at_depth
-from t2twin.sim.press.elastomer import DIGIT_GEL
-from t2twin.sim.press.engine import DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.depth import force_at_depth
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.types import PressCommand
 
 
 class BallForces:

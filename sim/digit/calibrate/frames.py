@@ -10,9 +10,9 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter, maximum_filter
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit.camera import COLUMNS, ROWS
-from t2twin.sim.pictures import open_picture
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import open_picture
+from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 FORMATS = ("PNG", "JPEG", "BMP")

@@ -5,7 +5,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import least_squares
 
 from t2twin.sim.digit.calibrate.frames import untouched_pixels
-from t2twin.sim.digit.noise import REACH, TAPS, Noise
+from t2twin.sim.digit.camera.noise import REACH, TAPS, Noise
 
 SLOW_PX = 8.0
 """What varies over more than this is light that drifts, no noise, px (assumed)."""

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.fit import BallFit, State
-from t2twin.sim.digit.calibrate.known import Known
-from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.calibrate.measurements import Known
+from t2twin.sim.digit.camera.pinhole import Camera
 
 SCALES_PX_PER_MM = (10.0, 40.0)
 """Scales that displacements may ask for (assumed: public units have 17.2 to 19.6)."""

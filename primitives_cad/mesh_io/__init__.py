@@ -1,0 +1,1 @@
+"""Reads and repairs the mesh files of users."""

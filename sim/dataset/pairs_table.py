@@ -1,0 +1,72 @@
+"""A user's table of pairs, CSV or Parquet, and where each of its rows stands, for messages."""
+
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from t2twin.core.errors import T2TwinError
+from t2twin.core.reading import opened, read_file
+from t2twin.core.records import check_names
+from t2twin.core.tables import ERRORS, read_csv, rows
+
+SUFFIXES = (".csv", ".parquet")
+
+MAX_PARQUET_BYTES = 1_000_000_000
+"""Most bytes of a Parquet file, as it lies and decoded (assumed: 10,000 pictures of 100 kB)."""
+
+BATCH_ROWS = 64
+"""Rows that are decoded at once (assumed: some MB)."""
+
+
+def find_table(source: Path) -> Path:
+    """The table itself: source, or the one in that folder. Raises T2TwinError."""
+    if source.is_dir():
+        tables = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+        if len(tables) != 1:
+            raise T2TwinError(
+                f"{source} holds {len(tables)} CSV and Parquet files; name the one with the pairs"
+            )
+        return tables[0]
+    if not source.is_file() or source.suffix.lower() not in SUFFIXES:
+        raise T2TwinError(f"{source} is no pairs; give a .csv or .parquet file, or its folder")
+    return source
+
+
+def read_table(path: Path) -> tuple[pa.Table, list[str]]:
+    """The table, and each row's place: "line 2" of a CSV file, "row 1" of Parquet, from 1.
+
+    A CSV file's columns stand between commas, semicolons or tabs, whichever its first line has
+    most of. Raises T2TwinError for a file that cannot be read, is too large, or holds no rows.
+    """
+    is_csv = path.suffix.lower() == ".csv"
+    try:
+        if is_csv:
+            table, places = read_csv(read_file(path))
+        else:
+            table = _read_parquet(path)
+            places = rows(table)
+    except (*ERRORS, OSError) as error:
+        # What is said of Parquet is of its reader's insides.
+        reason = f" ({error})" if is_csv else ""
+        raise T2TwinError(f"{path} cannot be read as a table of pairs{reason}") from error
+    if not len(table):
+        raise T2TwinError(f"{path} holds no pairs")
+    check_names(table.column_names, (), path, others=True)
+    return table, places
+
+
+def _read_parquet(path: Path) -> pa.Table:
+    """All of a Parquet file. Raises T2TwinError where its rows are larger than is allowed, however
+    small the file is."""
+    with opened(path, MAX_PARQUET_BYTES) as stream, pq.ParquetFile(stream) as file:
+        batches, size = [], 0
+        for batch in file.iter_batches(BATCH_ROWS):
+            size += batch.nbytes
+            if size > MAX_PARQUET_BYTES:
+                raise T2TwinError(
+                    f"{path} holds more than {MAX_PARQUET_BYTES / 1e6:,.0f} MB of rows, the most "
+                    "allowed; keep its pictures in files of their own, which a CSV file names"
+                )
+            batches.append(batch)
+        return pa.Table.from_batches(batches, file.schema_arrow)

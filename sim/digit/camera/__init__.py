@@ -1,0 +1,1 @@
+"""The DIGIT's camera: its pinhole, its response, its noise."""

@@ -1,0 +1,154 @@
+"""The DIGIT's camera: a pinhole behind the gel, and the grid on which its gel is described.
+
+Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the picture, y down, z out of the
+sensor), with z = 0 at the apex of the untouched gel. The camera sits at z = -distance_mm on the
+axis and looks along +z. Pixel (row, column) has its centre at those very numbers.
+
+No unit's camera is placed exactly. A shift moves the whole picture by pixels. A tilt is that of the
+gel against the camera, about the apex: a plane added to the untouched surface, while the camera and
+the LEDs stay. So the pixels' rays remain those of a grid, and the picture's middle stays in place,
+where a camera that turned alone would also shift it and take the LEDs' directions along.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+
+ROWS = 320
+"""Rows of the picture (maker's own Python interface)."""
+COLUMNS = 240
+"""Columns of the picture (same)."""
+GRID_PITCH_MM = 0.1
+"""Pitch of the optical grid, mm: two pixels (assumed; half of it changes the picture little)."""
+PARALLAX_STEPS = 6
+"""Fixed-point steps of a ray's meeting with the gel; each one shrinks the error by the surface's
+slope times the ray's (at most 0.4), so what is left is under 0.01 mm."""
+MOST_OFF = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
+"""Largest shift, px, and tilt, degrees (assumed: 5 mm of shift, and a tilt that can be seen)."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole on the sensor's axis.
+
+    scale_px_per_mm: picture scale at the gel's apex; public calibrations of single units give
+        17.2 to 19.6.
+    distance_mm: from the pinhole to the gel's apex; public calibrations give 20.8 to 22.
+    Both are measured figures and both are kept. The vertical field of view of about 60 degrees
+    that TACTO's configuration states does not agree with them: 320 rows at 19.2 px/mm seen from
+    21.4 mm are 42.6 degrees.
+    shift_x_px, shift_y_px: where the axis shows, from the picture's middle, to the right and down.
+    tilt_x_deg, tilt_y_deg: of the gel about the x and the y axis; a positive one moves the gel's
+        lower and right part away from the camera.
+    Raises T2TwinError for values out of range.
+    """
+
+    scale_px_per_mm: float = 19.2
+    distance_mm: float = 21.4
+    shift_x_px: float = 0.0
+    shift_y_px: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            arguments.real(getattr(self, field.name), field.name)
+        if not 1.0 <= self.scale_px_per_mm <= 200.0:
+            raise T2TwinError(
+                f"scale_px_per_mm is {self.scale_px_per_mm:g}; it must lie between 1 and 200"
+            )
+        if not 5.0 <= self.distance_mm <= 200.0:
+            raise T2TwinError(f"distance_mm is {self.distance_mm:g}; it must lie between 5 and 200")
+        for name, most in MOST_OFF.items():
+            value = getattr(self, name)
+            if not abs(value) <= most:
+                raise T2TwinError(
+                    f"{name} is {value:g}; it must lie between {-most:g} and {most:g}"
+                )
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length, px."""
+        return self.scale_px_per_mm * self.distance_mm
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Row and column, px, at which the sensor's axis shows."""
+        return (ROWS - 1) / 2 + self.shift_y_px, (COLUMNS - 1) / 2 + self.shift_x_px
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the gel is not tilted."""
+        return self.tilt_x_deg == 0.0 and self.tilt_y_deg == 0.0
+
+    def tilt_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """What the tilt adds to the gel's z, mm, at points of shapes that go together."""
+        along_x, along_y = np.tan(np.radians([self.tilt_y_deg, self.tilt_x_deg]))
+        return along_x * x_mm + along_y * y_mm
+
+    def project(
+        self, x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(rows, columns), px, of points of the sensor frame, mm; shapes as given."""
+        per_mm = self.focal_px / (self.distance_mm + z_mm)
+        row, column = self.middle
+        return row + per_mm * y_mm, column + per_mm * x_mm
+
+    def rays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes of the pixels' rays, dx/dz (COLUMNS,) and dy/dz (ROWS,)."""
+        return (
+            (np.arange(COLUMNS) - self.middle[1]) / self.focal_px,
+            (np.arange(ROWS) - self.middle[0]) / self.focal_px,
+        )
+
+    def seen_half_extent_mm(self) -> tuple[float, float]:
+        """(half width, half height), mm, of all that the picture can show at or below the apex,
+        of a camera without shift."""
+        return COLUMNS / 2 / self.scale_px_per_mm, ROWS / 2 / self.scale_px_per_mm
+
+    def is_seen(
+        self, x_mm: np.ndarray, y_mm: np.ndarray, margin_mm: float, highest_mm: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Whether the picture can show places along x and along y, bool of their shapes.
+
+        margin_mm: taken beyond it. highest_mm: z of what is farthest from the camera.
+        """
+        widened = 1.0 + max(highest_mm, 0.0) / self.distance_mm
+        half_width, half_height = (half * widened for half in self.seen_half_extent_mm())
+        across, down = (
+            shift / self.scale_px_per_mm * widened for shift in (self.shift_x_px, self.shift_y_px)
+        )
+        return (
+            np.abs(x_mm + across) < half_width + margin_mm,
+            np.abs(y_mm + down) < half_height + margin_mm,
+        )
+
+    def gel_points(self, gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where each pixel's ray meets the untouched gel: x, y, z in mm, each (ROWS, COLUMNS)."""
+        across, down = np.meshgrid(*self.rays())
+        z = np.zeros((ROWS, COLUMNS))
+        for _ in range(PARALLAX_STEPS):
+            x, y = across * (self.distance_mm + z), down * (self.distance_mm + z)
+            z = gel.rest_surface_mm(x, y) + self.tilt_mm(x, y)
+        return across * (self.distance_mm + z), down * (self.distance_mm + z), z
+
+
+DIGIT_CAMERA = Camera()
+
+
+def optical_grid(gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray]:
+    """Axes of the grid on which the optics take the gel's deflection.
+
+    Returns x_mm (nx,) and y_mm (ny,), cell centres, rising, GRID_PITCH_MM apart, symmetric
+    about 0 and covering the gel: 184 and 250 for the DIGIT's.
+    """
+    return _centres(gel.width_mm), _centres(gel.length_mm)
+
+
+def _centres(length_mm: float) -> np.ndarray:
+    count = round(length_mm / GRID_PITCH_MM)
+    return (np.arange(count) - (count - 1) / 2) * GRID_PITCH_MM

@@ -1,0 +1,211 @@
+"""How the LEDs' light falls on the deflected gel, where the camera's rays end.
+
+G is the optical grid (ny, nx), C its shadow grid, P the picture (rows, columns), S the picture's
+lattice of samples: one in the middle of every 2 x 2 pixels and one more beyond each edge
+(rows / 2 + 2, columns / 2 + 2). Regions are (first row, end row, first column, end column).
+All numbers are float32: twice as fast as mixed ones.
+"""
+
+import numpy as np
+
+from t2twin.sim.digit.camera.compiled import bilinear, inlined, jit, jit_finite
+
+COSINE_TERMS = 4
+"""Powers of the cosine of incidence beside the first: m^0 to m^3."""
+GAIN_STRIDE = 2
+"""Rows of S from one to the next of which gains are kept, and taken as linear between: all of them
+would not stay in a processor's nearer memory. It changes one grey level in a thousand, by one."""
+NEAR_ENOUGH_MM = np.float32(2e-3)
+"""A ray whose height changed by less in a step, mm, has met the gel: 0.02 pixels."""
+
+_ZERO, _ONE, _TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+
+
+@jit_finite
+def incidence(
+    z, sight, stride, shadowed, leds, reach_mm, across, down, distance, x0, y0, pitch, region,
+    steps, depth, cosine, weight,
+):  # fmt: skip
+    """Fill regions of depth (S), cosine and weight (LEDs, S): where the rays end, LEDs there.
+
+    z: heights (G), mm. sight: (LEDs, C), a cell of C being stride cells of G; whole outside each
+    LED's region of G, shadowed (LEDs, 4). leds: (LEDs, 3), mm. depth holds the untouched z.
+    across, down: slopes of the samples' rays. distance: from the pinhole to the apex; x0, y0:
+    centre of G's first cell; pitch: G's, mm. cosine: m_k; weight: V_k m_k (REACH / d_k)^2 of the
+    formula in t2twin.sim.digit.baked, 0 where an LED is not seen.
+    A ray's first guess is what the row above was moved by; it takes as many fixed-point steps as
+    it needs, at most steps.
+    A row is worked out in two sweeps: the surface, read here and there, then the LEDs, in vector
+    loops.
+    """
+    per_mm = _ONE / pitch
+    per_slope = per_mm / _TWO
+    reach2 = reach_mm * reach_mm
+    first, end = region[2], region[3]
+    across = across[first:end]
+    slope_x, slope_y = np.empty_like(across), np.empty_like(across)
+    part = np.ones((leds.shape[0], across.size), dtype=np.float32)
+    moved = np.zeros_like(across)
+    rows, columns = np.empty_like(across), np.empty_like(across)
+    shift, per_cell = np.float32(0.5 * (stride - 1)), np.float32(1.0 / stride)
+    for row in range(region[0], region[1]):
+        heights = depth[row, first:end]
+        for n in range(across.size):
+            height, fi, fj, i, j = _meeting(
+                z, across[n], down[row], heights[n] + moved[n], distance, x0, y0, per_mm, steps
+            )
+            moved[n] = height - heights[n]
+            heights[n] = height
+            slope_x[n], slope_y[n] = _slopes(z, fi, fj, i, j, per_slope)
+            rows[n], columns[n] = fi, fj
+        for k in range(leds.shape[0]):
+            top, bottom = shadowed[k, 0], shadowed[k, 1]
+            left, right = shadowed[k, 2], shadowed[k, 3]
+            for n in range(across.size):
+                part[k, n] = _ONE
+                if top <= rows[n] < bottom and left <= columns[n] < right:
+                    part[k, n] = _look_up(
+                        sight[k], (rows[n] - shift) * per_cell, (columns[n] - shift) * per_cell
+                    )
+            _shine(
+                leds[k], part[k], reach2, across, down[row], distance, heights, slope_x, slope_y,
+                cosine[k, row, first:end], weight[k, row, first:end],
+            )  # fmt: skip
+
+
+@inlined
+def _meeting(z, across, down, height, distance, x0, y0, per_mm, steps):
+    """Where a ray meets the surface: its z, its row and column in G as fractions and as cells.
+
+    across, down: the ray's slopes. height: the first guess of its z, mm.
+    """
+    last_i, last_j = z.shape[0] - 3, z.shape[1] - 3
+    step = 0
+    while True:
+        x, y = across * (distance + height), down * (distance + height)
+        fi, fj = (y - y0) * per_mm, (x - x0) * per_mm
+        i, j = min(max(int(fi), 1), last_i), min(max(int(fj), 1), last_j)
+        u, v = fi - np.float32(i), fj - np.float32(j)
+        before = height
+        height = bilinear(z[i, j], z[i, j + 1], z[i + 1, j], z[i + 1, j + 1], u, v)
+        if abs(height - before) < NEAR_ENOUGH_MM or step == steps:
+            break
+        step += 1
+    return height, fi, fj, i, j
+
+
+@inlined
+def _slopes(z, fi, fj, i, j, per_slope):
+    """dz/dx and dz/dy: central differences at the corners of cell (i, j), interpolated."""
+    u, v = fi - np.float32(i), fj - np.float32(j)
+    p, q = _ONE - u, _ONE - v
+    along_x = per_slope * (
+        p * (q * (z[i, j + 1] - z[i, j - 1]) + v * (z[i, j + 2] - z[i, j]))
+        + u * q * (z[i + 1, j + 1] - z[i + 1, j - 1])
+        + u * v * (z[i + 1, j + 2] - z[i + 1, j])
+    )
+    along_y = per_slope * (
+        q * (p * (z[i + 1, j] - z[i - 1, j]) + u * (z[i + 2, j] - z[i, j]))
+        + v * p * (z[i + 1, j + 1] - z[i - 1, j + 1])
+        + v * u * (z[i + 2, j + 1] - z[i, j + 1])
+    )
+    return along_x, along_y
+
+
+@inlined
+def _look_up(sight, row, column):
+    """Sight (C) at a place, in cells."""
+    a = min(max(int(row), 0), sight.shape[0] - 2)
+    b = min(max(int(column), 0), sight.shape[1] - 2)
+    down, across = row - np.float32(a), column - np.float32(b)
+    return bilinear(
+        sight[a, b], sight[a, b + 1], sight[a + 1, b], sight[a + 1, b + 1], down, across
+    )
+
+
+@inlined
+def _shine(
+    led, parts, reach2, across, down, distance, heights, slope_x, slope_y, cosines, weights
+):  # fmt: skip
+    """Fill a row's cosines and weights of one LED, from where its rays end and the slopes there."""
+    led_x, led_y, led_z = led[0], led[1], led[2]
+    for n in range(across.size):
+        height, sx, sy = heights[n], slope_x[n], slope_y[n]
+        reached = distance + height
+        dx, dy = led_x - across[n] * reached, led_y - down * reached
+        dz = led_z - height
+        facing = max(sx * dx + sy * dy - dz, _ZERO)
+        nearness = _ONE / (dx * dx + dy * dy + dz * dz)
+        m = facing * np.sqrt(nearness / (_ONE + sx * sx + sy * sy))
+        cosines[n] = m
+        weights[n] = m * max(parts[n], _ZERO) * reach2 * nearness
+
+
+@jit_finite
+def light(cosine, weight, gain, rest, region, seen):
+    """Fill a region of seen (RGB, S) with the LEDs' light, less rest (RGB, S).
+
+    cosine, weight: (LEDs, S), from incidence. gain: (gain_rows of S, LEDs, RGB, COSINE_TERMS,
+    columns of S), taken as linear between its rows: a row of the picture lies together, its columns
+    next to each other.
+    """
+    first, end = region[2], region[3]
+    leds, colours, columns = gain.shape[1], gain.shape[2], gain.shape[4]
+    between = np.empty((leds, colours, COSINE_TERMS, columns), dtype=np.float32)
+    blended = between.ravel()
+    total = np.empty(end - first, dtype=np.float32)
+    for row in range(region[0], region[1]):
+        above = row // GAIN_STRIDE
+        apart = max(min(GAIN_STRIDE, cosine.shape[1] - 1 - GAIN_STRIDE * above), 1)
+        part = np.float32(row % GAIN_STRIDE) / np.float32(apart)
+        upper, lower = gain[above].ravel(), gain[above + 1].ravel()
+        for n in range(blended.size):
+            blended[n] = upper[n] + part * (lower[n] - upper[n])
+        for c in range(colours):
+            filled, less = seen[c, row, first:end], rest[c, row, first:end]
+            for n in range(total.size):
+                total[n] = -less[n]
+            for k in range(leds):
+                cosines, weights = cosine[k, row, first:end], weight[k, row, first:end]
+                g0, g1 = between[k, c, 0, first:end], between[k, c, 1, first:end]
+                g2, g3 = between[k, c, 2, first:end], between[k, c, 3, first:end]
+                for n in range(total.size):
+                    m = cosines[n]
+                    total[n] += weights[n] * (g0[n] + m * (g1[n] + m * (g2[n] + m * g3[n])))
+            for n in range(total.size):
+                filled[n] = total[n]
+
+
+def gain_rows(rows: int) -> np.ndarray:
+    """(n,) the rows of S that gains are kept of, where it has so many: the last one too."""
+    return np.minimum(GAIN_STRIDE * np.arange((rows - 1) // GAIN_STRIDE + 2), rows - 1)
+
+
+@jit
+def gains(terms, response, gain):
+    """Fill gain, as light takes it, from the response at every sample.
+
+    terms: (gain_rows of S, columns of S, PLACE_TERMS) float32 polynomials of the place. response:
+    (LEDs, RGB, PLACE_TERMS, COSINE_TERMS) float64. Sums are float64, in the polynomials' order;
+    entries of the response that are 0 cost nothing.
+    """
+    rows, columns, places = terms.shape
+    by_term = np.empty((places, columns))
+    total = np.empty(columns)
+    for row in range(rows):
+        for n in range(columns):
+            for i in range(places):
+                by_term[i, n] = terms[row, n, i]
+        for k in range(response.shape[0]):
+            for c in range(response.shape[1]):
+                for j in range(response.shape[3]):
+                    total[:] = 0.0
+                    for i in range(places):
+                        entry = response[k, c, i, j]
+                        if entry != 0.0:
+                            term = by_term[i]
+                            for n in range(columns):
+                                total[n] += entry * term[n]
+                    filled = gain[row, k, c, j]
+                    for n in range(columns):
+                        filled[n] = np.float32(total[n])

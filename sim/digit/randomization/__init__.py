@@ -1,0 +1,1 @@
+"""Domain randomization: sampled DIGIT units."""

@@ -1,0 +1,202 @@
+"""The LEDs of a drawn unit and the light that they leave in each colour.
+
+Relative to an LED's own light at the picture's middle and MIDDLE_COSINE, LED k leaves in colour c
+
+    F_kc(p, m) = own_kc B_k(p) S(m) + leak_kc + irregular_kc(p, m),
+
+with p the place over PLACE_MM, B_k a paraboloid, S a parabola, own_kc 1 for c = k and else 0. All
+is quadratic in the place and in the cosine, so that it is a response of t2twin.sim.digit.baked.
+
+What stands for a drawn unit's LEDs in pyrender: lamps of the same places, sizes and colours.
+
+Each has the lobe of the shipped LED in its place, turned and moved with it: pyrender's shadow maps
+are as fine as that lobe is narrow. Its colour is such that in the picture's middle it gives the
+drawn light. Light that is taken away, as by a negative leak, is left out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.digit.calibration import PLACE_TERMS, place_terms
+from t2twin.sim.digit.camera.pinhole import PARALLAX_STEPS, Camera
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.leds import DIGIT_LEDS, REACH_MM, Led
+from t2twin.sim.digit.randomization.ranges import UnitDraw, evenly, evenly_in_log
+
+AZIMUTHS_DEG = np.array([30.0, 150.0, 270.0])
+"""Of the red, green and blue LED around the gel (TACTO's configuration, maker's notes)."""
+ACROSS_SIGNS = np.array([-1.0, 1.0, 0.0])
+"""Which way across its own direction an LED's light rises: the upper two shine over the middle."""
+MIDDLE_COSINE = 0.4
+"""Cosine of incidence about which a response is drawn (assumed: of the flanks of a press)."""
+DEGREE = 2
+"""Of the responses in the place, as of a fitted one (assumed: what a dozen presses determine)."""
+TERMS = (DEGREE + 1) * (DEGREE + 2) // 2
+IRREGULAR = np.array([[0.0, 0.5, 0.5, 1.0, 1.0, 1.0], [0.2, 1.2, 1.2, 2.0, 2.0, 2.0]])
+"""Standard deviations, at amount 1, of an irregular light's coefficients in the place, and of their
+rise with the cosine (assumed: about those of one real unit's fit)."""
+CURVED = -1.5
+"""Power of gamma by which leaks and irregularity fall (assumed): they are largest, in the one real
+unit's fit, where grey levels are taken for light, and 0 in the rendered light, of gamma 2.2."""
+LARGEST_SIZE = 0.95
+"""Largest radius of a disc, in parts of its height over the apex: what of a larger one is below the
+gel's horizon would be cut off near a press and nowhere else."""
+FACING_COSINE = 0.9
+"""Cosine at which a bulge's brightest place faces an LED (assumed)."""
+SLOPE_STEP_MM = 0.01
+"""Step of the rest surface's difference quotients, mm."""
+
+
+@dataclass(frozen=True)
+class DrawnLight:
+    """LEDs and their light. places_mm: (3, 3). sizes_mm: (3,). response: (3 LEDs, RGB, PLACE_TERMS,
+    COSINE_TERMS), of linear light."""
+
+    places_mm: np.ndarray
+    sizes_mm: np.ndarray
+    response: np.ndarray
+
+
+def draw_light(rng: np.random.Generator, draw: UnitDraw, gamma: float) -> DrawnLight:
+    """The light of a unit whose grey levels are of this gamma."""
+    azimuth = np.radians(AZIMUTHS_DEG + evenly(rng, draw.led_turn_deg, 3))
+    distance_mm = float(evenly_in_log(rng, draw.led_distance_mm))
+    elevation_deg = float(evenly(rng, draw.led_elevation_deg))
+    elevation = np.radians(elevation_deg + evenly(rng, draw.led_elevation_off_deg, 3))
+    towards = np.stack([np.cos(azimuth), -np.sin(azimuth)], axis=1)
+    heights = -distance_mm * np.tan(elevation)
+    places_mm = np.concatenate([distance_mm * towards, heights[:, None]], axis=1)
+    response = _relative(rng, draw, towards, gamma**CURVED)
+    facing = (evenly(rng, draw.facing_grey, 3) / 255.0) ** gamma
+    # at the middle an LED is as far as its place says, and its light falls with the square
+    reach = REACH_MM**2 / (places_mm**2).sum(axis=1) * FACING_COSINE
+    response *= (facing / reach)[None, :, None, None]
+    sizes_mm = np.minimum(evenly_in_log(rng, draw.led_size_mm, 3), LARGEST_SIZE * -heights)
+    return DrawnLight(places_mm, sizes_mm, response)
+
+
+def _relative(
+    rng: np.random.Generator, draw: UnitDraw, towards: np.ndarray, mixed: float
+) -> np.ndarray:
+    """(3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS) the light relative to the colour's own LED.
+
+    mixed: part that is left of leaks and irregularity.
+    """
+    by_power = np.zeros((3, 3, 3, TERMS))  # LED, colour, power of the cosine off the middle, place
+    leaks = mixed * float(evenly(rng, draw.leak_amount)) * evenly(rng, draw.leak_part, (3, 3))
+    amount = mixed * float(evenly(rng, draw.irregular_amount))
+    patterns = amount * rng.standard_normal((3, 3, *IRREGULAR.shape)) * IRREGULAR
+    by_power[:, :, 0, 0] = leaks
+    by_power[:, :, : len(IRREGULAR)] += patterns
+    slopes = evenly(rng, draw.cosine_slope_part, 3)
+    bends = evenly(rng, draw.cosine_bend_part, 3)
+    for k in range(3):
+        beam = _beam(rng, draw, towards[k], ACROSS_SIGNS[k])
+        # an own light is irregular too, but for its level
+        own = by_power[k, k]
+        own[0] += beam - leaks[k, k] * np.eye(TERMS)[0]
+        own[1] += slopes[k] * beam
+        own[2] += bends[k] * beam
+    response = np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS))
+    value, rise, bend = by_power[:, :, 0], by_power[:, :, 1], by_power[:, :, 2]
+    response[:, :, :TERMS, 0] = value - MIDDLE_COSINE * rise + MIDDLE_COSINE**2 * bend
+    response[:, :, :TERMS, 1] = rise - 2.0 * MIDDLE_COSINE * bend
+    response[:, :, :TERMS, 2] = bend
+    return response
+
+
+def _beam(
+    rng: np.random.Generator, draw: UnitDraw, towards: np.ndarray, across_sign: float
+) -> np.ndarray:
+    """(TERMS,) coefficients of an LED's light in the place, 1 in the middle. towards: (2,)."""
+    along, across = evenly(rng, draw.beam_along_part), evenly(rng, draw.beam_across_part)
+    curves, twist = evenly(rng, draw.beam_curve_part, 2), evenly(rng, draw.beam_twist_part)
+    sideways = np.array([-towards[1], towards[0]])
+    rise = along * towards + across_sign * across * sideways
+    return np.array([1.0, rise[0], rise[1], curves[0], twist, curves[1]])
+
+
+def untouched_light(
+    light: DrawnLight, camera: Camera, columns: np.ndarray, rows: np.ndarray
+) -> np.ndarray:
+    """(rows, columns, RGB) light that the LEDs leave on the untouched DIGIT's gel.
+
+    columns, rows: pixels, fractions and pixels beyond the picture too.
+    """
+    across, down = np.meshgrid(
+        (columns - camera.middle[1]) / camera.focal_px, (rows - camera.middle[0]) / camera.focal_px
+    )
+    x, y = across * camera.distance_mm, down * camera.distance_mm
+    z = np.zeros_like(across)
+    for _ in range(PARALLAX_STEPS):
+        z = _surface_mm(camera, x, y)
+        x, y = across * (camera.distance_mm + z), down * (camera.distance_mm + z)
+    slope_x = (_surface_mm(camera, x + SLOPE_STEP_MM, y) - z) / SLOPE_STEP_MM
+    slope_y = (_surface_mm(camera, x, y + SLOPE_STEP_MM) - z) / SLOPE_STEP_MM
+    terms = place_terms(x, y, DEGREE)
+    steep2 = 1.0 + slope_x**2 + slope_y**2
+    seen = np.zeros((*x.shape, 3))
+    for place, response in zip(light.places_mm, light.response, strict=True):
+        dx, dy, dz = place[0] - x, place[1] - y, place[2] - z
+        far2 = dx**2 + dy**2 + dz**2
+        m = np.maximum(slope_x * dx + slope_y * dy - dz, 0.0) / np.sqrt(steep2 * far2)
+        weight = m * REACH_MM**2 / far2
+        powers = m[..., None] ** np.arange(COSINE_TERMS)
+        by_power = np.einsum("rsi,cij->rscj", terms, response[:, :TERMS])
+        seen += weight[..., None] * np.einsum("rscj,rsj->rsc", by_power, powers)
+    return seen
+
+
+def _surface_mm(camera: Camera, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    return DIGIT_GEL.rest_surface_mm(x_mm, y_mm) + camera.tilt_mm(x_mm, y_mm)
+
+
+def at_middle(response: np.ndarray) -> np.ndarray:
+    """(3 LEDs, RGB) the light of a response at the picture's middle and MIDDLE_COSINE."""
+    return np.einsum("kcj,j->kc", response[:, :, 0], MIDDLE_COSINE ** np.arange(COSINE_TERMS))
+
+
+LEAST_IN_BEAM = 0.2
+"""Least part of a lobe's light that the middle counts as getting, so that no LED is too bright."""
+
+
+def leds_like(light: DrawnLight) -> tuple[Led, ...]:
+    """LEDs for t2twin.sim.digit.pyrender_renderer, in the order of the light's."""
+    colours = np.maximum(at_middle(light.response), 0.0)
+    return tuple(
+        _led_like(shipped, place, float(size), colour)
+        for shipped, place, size, colour in zip(
+            DIGIT_LEDS, light.places_mm, light.sizes_mm, colours, strict=True
+        )
+    )
+
+
+def _led_like(shipped: Led, place_mm: np.ndarray, size_mm: float, colour: np.ndarray) -> Led:
+    """A shipped LED moved to another place, of another size and colour."""
+    angle = np.arctan2(-place_mm[1], place_mm[0])
+    radius_mm = float(np.hypot(place_mm[0], place_mm[1]))
+    turn, stretch = angle - np.radians(shipped.angle_deg), radius_mm / shipped.radius_mm
+    cos, sin = stretch * np.cos(turn), stretch * np.sin(turn)
+    aim_x, aim_y, aim_z = shipped.aim_mm
+    # angles rise against y, which runs down the picture
+    aim_mm = (float(cos * aim_x + sin * aim_y), float(cos * aim_y - sin * aim_x), aim_z)
+    colour = colour / max(_in_beam(place_mm, np.array(aim_mm), shipped.beam_rad), LEAST_IN_BEAM)
+    return Led(
+        colour=(float(colour[0]), float(colour[1]), float(colour[2])),
+        angle_deg=float(np.degrees(angle)),
+        radius_mm=radius_mm,
+        z_mm=float(place_mm[2]),
+        size_mm=size_mm,
+        aim_mm=aim_mm,
+        beam_rad=shipped.beam_rad,
+    )
+
+
+def _in_beam(place_mm: np.ndarray, aim_mm: np.ndarray, beam_rad: tuple[float, float]) -> float:
+    """Part of a lobe's light that the gel's apex gets: glTF's spot light, as in pyrender."""
+    axis, middle = aim_mm - place_mm, -place_mm
+    cosine = np.dot(axis, middle) / (np.linalg.norm(axis) * np.linalg.norm(middle))
+    inner, outer = np.cos(beam_rad)
+    return float(np.clip((cosine - outer) / (inner - outer), 0.0, 1.0) ** 2)

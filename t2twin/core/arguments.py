@@ -1,0 +1,198 @@
+"""Checks of the arguments of public functions: a wrong type or value raises one plain sentence.
+
+Each check takes the value and the name of its argument, and returns the value as the function uses
+it. NumPy's scalars are numbers; bool is not a number.
+
+Seeds: one rule for all of them.
+"""
+
+import errno
+import math
+import os
+from collections.abc import Sequence
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+
+MAX_SHOWN = 40
+"""Characters of a value that a message shows (assumed: the sentence stays on one line)."""
+
+Kind = TypeVar("Kind")
+
+
+def real(value: object, name: str) -> float:
+    """A number as a float, which may be infinite or NaN. Raises T2TwinError for anything else."""
+    if type(value) is float:  # the usual case, quickly
+        return value
+    if not isinstance(value, Real) or isinstance(value, bool):
+        raise _wrong(value, name, "a number")
+    return _as_float(value)
+
+
+def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
+    """A finite number from low to high, as a float. Raises T2TwinError for anything else."""
+    found = real(value, name)
+    if not math.isfinite(found):
+        raise T2TwinError(f"{name} is {found:g}; expected a finite number")
+    if not low <= found <= high:
+        raise T2TwinError(f"{name} is {found:g}; expected a number {_between(low, high)}")
+    return found
+
+
+def whole_number(value: object, name: str, low: int | None = None, high: int | None = None) -> int:
+    """A whole number from low to high, as an int; None is no bound.
+
+    Raises T2TwinError for anything else.
+    """
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise _wrong(value, name, "a whole number")
+    found = int(value)
+    if (low is not None and found < low) or (high is not None and found > high):
+        bounds = _between(-math.inf if low is None else low, math.inf if high is None else high)
+        raise _wrong(value, name, f"a whole number {bounds}")
+    return found
+
+
+def flag(value: object, name: str) -> bool:
+    """True or False. Raises T2TwinError for anything else."""
+    if not isinstance(value, bool | np.bool_):
+        raise _wrong(value, name, "True or False")
+    return bool(value)
+
+
+def path(value: object, name: str) -> Path:
+    """A path. Raises T2TwinError for what is no text and no path, and for text that names nothing:
+    empty, too long for the file system, or with characters that no file name has."""
+    if not isinstance(value, str | os.PathLike):
+        raise _wrong(value, name, "a path")
+    text = os.fspath(value)
+    if not isinstance(text, str) or not text:
+        raise _wrong(value, name, "a path")
+    try:
+        os.lstat(text)
+    except ValueError:  # a null character, or a character that cannot be encoded
+        raise _wrong(value, name, "a path") from None
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise T2TwinError(f"{name} is {_short_repr(value)}; expected a shorter path") from None
+    return Path(text)
+
+
+def paths(values: object, name: str) -> list[Path]:
+    """Several paths, of a list or a tuple. Raises T2TwinError for anything else."""
+    return [path(value, f"{name}[{n}]") for n, value in enumerate(_items(values, name, "paths"))]
+
+
+def texts(values: object, name: str) -> list[str]:
+    """Several str, of a list or a tuple. Raises T2TwinError for anything else."""
+    return [text(value, f"{name}[{n}]") for n, value in enumerate(_items(values, name, "names"))]
+
+
+def instance(value: object, name: str, kind: type[Kind]) -> Kind:
+    """An object of this class. Raises T2TwinError for any other."""
+    if not isinstance(value, kind):
+        raise _wrong(value, name, f"an object of the class {kind.__name__}")
+    return value
+
+
+def function(value: object, name: str) -> None:
+    """Raises T2TwinError for what cannot be called."""
+    if not callable(value):
+        raise _wrong(value, name, "a function")
+
+
+def choice(value: object, name: str, allowed: Sequence[str]) -> str:
+    """One of these words. Raises T2TwinError for anything else."""
+    if not isinstance(value, str) or value not in allowed:
+        raise _wrong(value, name, f"one of {', '.join(allowed)}")
+    return value
+
+
+def text(value: object, name: str) -> str:
+    """A str. Raises T2TwinError for anything else."""
+    if not isinstance(value, str):
+        raise _wrong(value, name, "text")
+    return value
+
+
+def array(value: object, name: str) -> np.ndarray:
+    """An array of integers or floats, of any shape. Raises T2TwinError for anything else."""
+    try:
+        found = np.asarray(value)
+    except (ValueError, TypeError, RuntimeError):  # a ragged list; a tensor that needs a gradient
+        found = np.empty(0, object)
+    if found.dtype.kind not in "iuf":
+        raise _wrong(value, name, "an array of numbers")
+    return found
+
+
+def vector(value: object, name: str, size: int | None = None) -> np.ndarray:
+    """(n,) float64, all finite. size: n, None for any. Raises T2TwinError for anything else."""
+    found = array(value, name)
+    if found.ndim != 1 or (size is not None and found.size != size):
+        raise T2TwinError(
+            f"{name} has shape {found.shape}; expected ({'n' if size is None else size},)"
+        )
+    found = found.astype(np.float64)
+    if not np.isfinite(found).all():
+        raise T2TwinError(f"{name} has values that are not finite; expected finite numbers")
+    return found
+
+
+def shown(value: object) -> str:
+    """A value as messages show it, on one line: its repr, or its type where that is long."""
+    kind = type(value).__name__
+    shape: Any = getattr(value, "shape", None)
+    if isinstance(shape, tuple) and shape:
+        return f"of type {kind}, shape {tuple(shape)} and {getattr(value, 'dtype', 'no dtype')}"
+    if value is None or isinstance(value, str | bytes | bool | int | float | complex | Path):
+        said = _short_repr(value)
+        return said if value is None else f"{said} of type {kind}"
+    return f"of type {kind}"
+
+
+def _short_repr(value: object) -> str:
+    if isinstance(value, int) and not isinstance(value, bool) and value.bit_length() > 128:
+        return "a very large number"  # Python does not print integers of thousands of digits
+    said = str(value) if isinstance(value, Path | np.generic) else repr(value)
+    said = "".join(letter if letter.isprintable() else "?" for letter in said)
+    return said if len(said) <= MAX_SHOWN else f"{said[:MAX_SHOWN]}..."
+
+
+def _as_float(value: Any) -> float:
+    try:
+        return float(value)
+    except OverflowError:  # a whole number beyond the largest float
+        return math.inf if value > 0 else -math.inf
+
+
+def _items(values: object, name: str, of: str) -> Sequence[object]:
+    if not isinstance(values, Sequence) or isinstance(values, str | bytes | bytearray):
+        raise _wrong(values, name, f"a list of {of}")
+    return values
+
+
+def _wrong(value: object, name: str, expected: str) -> T2TwinError:
+    return T2TwinError(f"{name} is {shown(value)}; expected {expected}")
+
+
+def _between(low: float, high: float) -> str:
+    if math.isinf(high):
+        return f"of at least {low:g}"
+    return f"of at most {high:g}" if math.isinf(low) else f"from {low:g} to {high:g}"
+
+
+MOST_SEED = 2**63 - 1
+"""The largest seed that NumPy, PyTorch and JSON readers all take for certain."""
+
+
+def check_seed(seed: int) -> None:
+    """Raises T2TwinError for a seed that is not a whole number from 0 to MOST_SEED."""
+    arguments.whole_number(seed, "seed")
+    if not 0 <= seed <= MOST_SEED:
+        raise T2TwinError(f"the seed is {seed}; it must be a whole number from 0 to {MOST_SEED}")

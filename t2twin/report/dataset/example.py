@@ -1,0 +1,44 @@
+"""One press as three pictures: what the DIGIT saw, what the CySkin felt, what a network made of it.
+
+Shape letters: N taxels.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from t2twin.report.dataset.tables import Dataset
+from t2twin.report.html.figures import colour_bar, digit_picture, digit_width, figure, rings
+from t2twin.report.html.figures import tactile_image as draw_tactile
+from t2twin.sim.cyskin.phi import TACTILE_SHAPE
+
+WIDTH_IN, BAR_IN, TITLES_IN = 4.2, 0.7, 0.45
+"""Width of all and of the colour bar, height of the titles, inches."""
+
+BAR_WIDTH = 0.12
+"""Room for the colour bar, in parts of a tactile image's width."""
+
+
+def example(dataset: Dataset, split: str, row: int, translated: np.ndarray | None = None) -> bytes:
+    """A pair of a split as a PNG file's content; translated: (N,) counts, left out if None."""
+    true = np.array(dataset.tables[split]["taxels"][row].as_py(), dtype=np.float32)
+    if translated is None:
+        titles = {"CySkin felt\n(counts)": true}
+    else:
+        titles = {"CySkin felt\n(truth)": true, "network says\n(translated)": translated}
+    picture = dataset.picture(split, row)
+    ratio = digit_width(picture)
+
+    def draw(page: Figure) -> None:
+        axes = page.subplots(1, 1 + len(titles), width_ratios=(ratio, *[1.0] * len(titles)))
+        axes[0].set_title("DIGIT saw\n(picture)")
+        digit_picture(axes[0], picture)
+        most = max(1.0, *(float(counts.max()) for counts in titles.values()))
+        for place, (title, counts) in zip(axes[1:], titles.items(), strict=True):
+            place.set_title(title)
+            drawn = draw_tactile(place, dataset.phi(counts), dataset.phi, (0.0, most))
+            rings(place, dataset.layout.x_mm, dataset.layout.y_mm)
+        colour_bar(page, drawn, axes[-1], BAR_WIDTH, "counts")
+
+    panel_in = (WIDTH_IN - BAR_IN) / (ratio + len(titles))
+    height_in = TITLES_IN + panel_in * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]
+    return figure("png", WIDTH_IN, height_in, draw)

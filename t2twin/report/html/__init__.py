@@ -1,0 +1,1 @@
+"""HTML, colors and figures of the reports."""

@@ -1,0 +1,160 @@
+"""matplotlib figures as bytes, in one style, and the panels that several of them share.
+
+Shape letters: R rows, C columns, N taxels.
+
+A logarithmic axis of forces, marked at doublings of a newton.
+"""
+
+import io
+import warnings
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.ticker import FixedLocator, LogFormatter, NullLocator
+
+from t2twin.sim.cyskin.phi import TACTILE_SHAPE, Phi
+
+STYLE = {
+    "axes.edgecolor": "#666666",
+    "axes.grid": False,
+    "axes.labelcolor": "#222222",
+    "axes.linewidth": 0.6,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 8.5,
+    "font.size": 8.5,
+    "image.interpolation": "nearest",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "lines.linewidth": 1.4,
+    "text.parse_math": False,  # names of shapes may have dollar signs
+    "svg.hashsalt": "t2twin",  # the same figure gives the same bytes
+    "xtick.color": "#444444",
+    "xtick.major.width": 0.6,
+    "ytick.color": "#444444",
+    "ytick.major.width": 0.6,
+}
+DPI = 144
+"""Of pictures; charts are drawn as SVG."""
+
+COUNTS_MAP = "viridis"
+DIFFERENCE_MAP = "RdBu_r"
+"""Colours of counts, perceptually even, and of differences, white at zero."""
+
+RING_MM = 0.7
+"""Radius of the ring that marks a taxel, mm."""
+
+
+def figure(
+    kind: Literal["svg", "png"],
+    width_in: float,
+    height_in: float,
+    draw: Callable[[Figure], None],
+) -> bytes:
+    """A figure's file content. draw: fills the empty figure.
+
+    A letter that the font lacks is drawn as a box.
+    """
+    with rc_context(STYLE), warnings.catch_warnings():  # pyright: ignore[reportArgumentType]
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        # On a busy machine placing a legend may take the second after which matplotlib warns.
+        warnings.filterwarnings("ignore", "Creating legend with loc")
+        page = Figure(figsize=(width_in, height_in), layout="constrained")
+        draw(page)
+        _plain_powers(page)
+        buffer = io.BytesIO()
+        metadata = {"Date": None} if kind == "svg" else {}
+        page.savefig(buffer, format=kind, dpi=DPI, metadata=metadata)
+    return buffer.getvalue()
+
+
+def _plain_powers(page: Figure) -> None:
+    """Logarithmic axes are labelled 100, not as a formula, which STYLE leaves unread."""
+    for axis in (axis for axes in page.axes for axis in (axes.xaxis, axes.yaxis)):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(LogFormatter())
+
+
+def digit_width(picture: np.ndarray) -> float:
+    """Width of a DIGIT image, (R, C, 3), in parts of a tactile image's of the same height."""
+    rows, columns = picture.shape[:2]
+    return columns / rows * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]
+
+
+def digit_picture(axes: Axes, picture: np.ndarray) -> None:
+    """A DIGIT image, (R, C, 3) uint8, without axes."""
+    axes.imshow(picture)
+    axes.set_axis_off()
+
+
+def tactile_image(
+    axes: Axes,
+    image: np.ndarray,
+    phi: Phi,
+    limits: tuple[float, float],
+    colour_map: str = COUNTS_MAP,
+) -> AxesImage:
+    """A tactile image or a difference of two, (R, C) counts, on axes in mm, in a thin frame.
+
+    limits: counts at the two ends of the colours.
+    """
+    axes.set(xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set(visible=True, linewidth=0.4, color="#aaaaaa")
+    return axes.imshow(
+        image, cmap=colour_map, vmin=limits[0], vmax=limits[1], extent=extent_mm(phi)
+    )
+
+
+def rings(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, colour: str = "white") -> None:
+    """Marks the taxels. x_mm, y_mm: (N,)."""
+    from matplotlib.collections import EllipseCollection
+
+    size = np.full(x_mm.size, 2 * RING_MM)
+    axes.add_collection(
+        EllipseCollection(
+            size,
+            size,
+            np.zeros(x_mm.size),
+            units="xy",
+            offsets=np.column_stack([x_mm, y_mm]),
+            offset_transform=axes.transData,
+            facecolors="none",
+            edgecolors=colour,
+            linewidths=0.5,
+        )
+    )
+
+
+def colour_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:
+    """Beside an image, with its scale in counts. width: in parts of the image's."""
+    bar = page.colorbar(drawn, ax=axes, fraction=width, pad=0.06, aspect=28, format="{x:,.0f}")
+    bar.ax.spines["outline"].set_linewidth(0.4)
+    bar.ax.tick_params(labelsize=7, length=2)
+    bar.set_label(title, fontsize=7)
+
+
+def extent_mm(phi: Phi) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of a tactile image, mm; y points down."""
+    columns, rows = phi.centres_mm
+    half = (columns[1] - columns[0]) / 2
+    return columns[0] - half, columns[-1] + half, rows[-1] + half, rows[0] - half
+
+
+BEYOND = 1.15
+"""Room at either end, a factor."""
+
+
+def force_axis(axes: Axes, low_n: float, high_n: float) -> None:
+    """Makes x such an axis. low_n, high_n: the outermost forces, above 0 N."""
+    axes.set_xscale("log")
+    axes.set_xlim(low_n / BEYOND, high_n * BEYOND)
+    marks = 2.0 ** np.arange(np.ceil(np.log2(low_n / BEYOND)), np.log2(high_n * BEYOND) + 1e-9)
+    axes.xaxis.set_major_locator(FixedLocator(marks.tolist() or [low_n]))
+    axes.xaxis.set_minor_locator(NullLocator())

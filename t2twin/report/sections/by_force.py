@@ -1,0 +1,132 @@
+"""The error against the force of the press, of data with several forces."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from t2twin.report.data import ReportData
+from t2twin.report.html import markup
+from t2twin.report.html.figures import figure, force_axis
+from t2twin.report.html.labels import BASELINE_COLOURS, SPLIT_NAMES, colours, name_of
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.metrics.floors import NOISE_FLOOR
+from t2twin.translate.evaluation.metrics.forces import (
+    FEWEST_PRESSES,
+    MEAN_ARRAY_OF_FORCE,
+)
+from t2twin.translate.evaluation.records import Evaluation, ForceFigures
+from t2twin.translate.evaluation.table import force_cell, force_rows
+
+WIDTH_IN, HEIGHT_IN, LEGEND_IN = 9.0, 2.7, 0.4
+"""Width of the chart, height of a split's and of the legend, inches."""
+
+MOST_PERCENT = 150.0
+"""Where the axis of percents ends (assumed: what lies above is worse than not to look)."""
+
+DASHED: dict[str, Any] = {"linestyle": (0, (6, 3)), "linewidth": 1.0}
+
+
+def section(report: ReportData) -> str:
+    """A chart and a table of every split with several forces."""
+    evaluations = {s: one for s, one in report.evaluations.items() if one.has_forces}
+    height = LEGEND_IN + HEIGHT_IN * len(evaluations)
+    content = figure("svg", WIDTH_IN, height, lambda page: _draw(page, report, evaluations))
+    text = (
+        "A light press gives small counts, and any error in them is small. So the error is given "
+        "at each force, and beside it in percent of what the mean array of that force is off by: "
+        "a predictor that knows how hard was pressed and nothing of the picture."
+    )
+    note = (
+        "Left: RMSE in counts, with its interval by bootstrap over shapes. Right: the same in "
+        f"percent of the mean array's at that force; the axis ends at {MOST_PERCENT:g} %. Points "
+        "stand at the mean force of their pairs. That mean array is of the training presses of "
+        f"such forces, or where training has fewer than {FEWEST_PRESSES} of them, of the presses "
+        "that are evaluated."
+    )
+    tables = [_table(split, one) for split, one in evaluations.items()]
+    return markup.section(
+        "by-force",
+        "Error by force",
+        [
+            markup.paragraph(text),
+            markup.picture(
+                content, "svg", "Error against force, in counts and in parts of the mean", note=note
+            ),
+            markup.items(sentences(evaluations)),
+            *tables,
+        ],
+    )
+
+
+def sentences(evaluations: dict[str, Evaluation]) -> list[str]:
+    """What runs say of presses that touch nothing, and how they do at the ends of the forces."""
+    said = []
+    for split, evaluation in evaluations.items():
+        for name, row in evaluation.runs.items():
+            touched = [one for one in row.by_force if one.of_mean_array is not None]
+            parts = [
+                f"{100 * (one.of_mean_array or 0):.0f} % of the mean array's at {one.mean_n:.3g} N"
+                for one in dict.fromkeys((touched[0], touched[-1]) if touched else ())
+            ]
+            untouched = [one for one in row.by_force if one.phantom_counts is not None]
+            parts += [
+                f"where nothing is touched it gives {one.phantom_counts:,.0f} counts in sum, "
+                f"{one.rmse_counts:,.0f} RMSE"
+                for one in untouched
+            ]
+            said.append(f"{SPLIT_NAMES[split].capitalize()}, {name_of(name)}: {'; '.join(parts)}.")
+    return said
+
+
+def _table(split: str, evaluation: Evaluation) -> str:
+    """Forces downwards, models across; intervals in pale rows below."""
+    rows = {name: row for name, row in evaluation.models.items() if name != NOISE_FLOOR}
+    heads = [[(SPLIT_NAMES[split].capitalize(), 1), *((name_of(name), 1) for name in rows)]]
+    titles = force_rows(evaluation)[0][1:]
+    lines = []
+    for place, title in enumerate(titles):
+        cells = [row.by_force[place] for row in rows.values()]
+        lines.append([title.replace("-", "–"), *(force_cell(one) for one in cells)])
+        lines.append(["", *(_span(one) for one in cells)])
+    return markup.table(heads, [("", lines)])
+
+
+def _span(one: ForceFigures) -> str:
+    return "" if one.interval is None else f"{one.interval.low:,.0f}–{one.interval.high:,.0f}"
+
+
+def _draw(page: Figure, report: ReportData, evaluations: dict[str, Evaluation]) -> None:
+    grid = page.subplots(len(evaluations), 2, squeeze=False)
+    for (counts, percents), (split, evaluation) in zip(grid, evaluations.items(), strict=True):
+        _lines(counts, report, evaluation, percent=False)
+        _lines(percents, report, evaluation, percent=True)
+        counts.set(title=SPLIT_NAMES[split], xlabel="force, N", ylabel="RMSE, counts")
+        counts.set_yscale("log")
+        percents.set(title=SPLIT_NAMES[split], xlabel="force, N", ylabel="% of the mean array's")
+        percents.set_ylim(0, MOST_PERCENT)
+    page.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+
+
+def _lines(axes: Axes, report: ReportData, evaluation: Evaluation, percent: bool) -> None:
+    colour_of = BASELINE_COLOURS | colours(list(report.runs))
+    ends = []
+    for name in (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOUR, *report.runs):
+        touched = [one for one in evaluation.models[name].by_force if one.phantom_counts is None]
+        drawn = [one for one in touched if not percent or one.of_mean_array is not None]
+        forces = [one.mean_n for one in drawn]
+        values = [100 * (one.of_mean_array or 0) if percent else one.rmse_counts for one in drawn]
+        style = DASHED if name in BASELINE_COLOURS else {"marker": "o", "markersize": 3}
+        axes.plot(forces, values, color=colour_of[name], label=name_of(name), **style)
+        if name in report.runs and not percent:
+            _band(axes, drawn, colour_of[name])
+        ends += forces
+    force_axis(axes, min(ends), max(ends))
+
+
+def _band(axes: Axes, drawn: Sequence[ForceFigures], colour: str) -> None:
+    known = [(one.mean_n, *one.interval) for one in drawn if one.interval is not None]
+    if known:
+        forces, low, high = zip(*known, strict=True)
+        axes.fill_between(forces, low, high, color=colour, alpha=0.15, linewidth=0)

@@ -1,0 +1,116 @@
+"""The error of every shape of validation and test: primitives, and tools at their keypoints."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from t2twin.primitives_cad import catalogue
+from t2twin.report.data import ReportData
+from t2twin.report.html import markup
+from t2twin.report.html.figures import figure
+from t2twin.report.html.labels import BASELINE_COLOURS, SPLIT_NAMES, colours, name_of, shape_name
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.records import Figures
+
+WIDTH_IN, BAR_IN, FURNITURE_IN = 4.2, 0.30, 1.3
+"""Width of a split's chart, which is whole on a phone; height of a shape, and of the rest."""
+
+TITLES = {"val": "validation primitives", "test": "tools at their keypoints"}
+"""Of the paper's protocol."""
+
+MOST_BARS = 60
+"""Shapes that are drawn one by one, and families (assumed: a page of paper)."""
+COUNTS_TICKS = 4
+MARKS: dict[str, dict[str, Any]] = {
+    MEAN_ARRAY: {"marker": "|", "markersize": 13, "markeredgewidth": 2.0},
+    NEAREST_NEIGHBOUR: {"marker": "D", "markersize": 5, "markeredgecolor": "white"},
+}
+
+
+def section(report: ReportData) -> str:
+    """A chart a split: bars for the runs, marks for the trivial predictors."""
+    many = [split for split in report.evaluations if not _by_shape(report, split)]
+    text = (
+        f"RMSE over the pairs of each {'shape or family' if many else 'shape'}. Bars: the "
+        "trained models; marks: what the trivial predictors reach on the same pairs."
+    )
+    if many:
+        text += (
+            f" More than {MOST_BARS} shapes are drawn by family: "
+            f"{' and '.join(SPLIT_NAMES[split] for split in many)}; of more families than that, "
+            "those with most pairs."
+        )
+    charts = [_chart(report, split) for split in report.evaluations]
+    return markup.section(
+        "by-shape",
+        "Error by shape",
+        [markup.paragraph(text, "note"), markup.grid(charts, "grid halves")],
+    )
+
+
+def _chart(report: ReportData, split: str) -> str:
+    height = FURNITURE_IN + BAR_IN * len(_shapes(report, split))
+    content = figure("svg", WIDTH_IN, height, lambda page: _draw(page, report, split))
+    alt = f"Bar chart of the error of every shape, {SPLIT_NAMES[split]}"
+    return markup.picture(content, "svg", alt, width="narrow")
+
+
+def _shapes(report: ReportData, split: str) -> list[str]:
+    """In the catalogue's order; of too many shapes their families."""
+    there = _errors(report, split, MEAN_ARRAY)
+    if len(there) > MOST_BARS:
+        return sorted(there, key=lambda name: -there[name].pairs)[:MOST_BARS]
+    return [name for name in catalogue.NAMES if name in there] + [
+        name for name in there if name not in catalogue.NAMES
+    ]
+
+
+def _by_shape(report: ReportData, split: str) -> bool:
+    return 0 < len(report.evaluations[split].models[MEAN_ARRAY].by_shape) <= MOST_BARS
+
+
+def _errors(report: ReportData, split: str, model: str) -> dict[str, Figures]:
+    """A model's figures by shape, or by family where shapes are too many."""
+    row = report.evaluations[split].models[model]
+    return row.by_shape if _by_shape(report, split) else row.by_family
+
+
+def _draw(page: Figure, report: ReportData, split: str) -> None:
+    axes = page.subplots()
+    _bars(axes, report, split)
+    most = max(
+        figures.rmse_counts
+        for other, evaluation in report.evaluations.items()
+        for model in evaluation.models
+        for figures in _errors(report, other, model).values()
+    )
+    axes.set(xlim=(0, 1.05 * most or 1), ylim=(len(_shapes(report, split)) - 0.4, -0.6))
+    page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+
+def _bars(axes: Axes, report: ReportData, split: str) -> None:
+    shapes = _shapes(report, split)
+    colour_of = colours(list(report.runs))
+    places = np.arange(len(shapes))
+    height = 0.8 / len(report.runs)
+
+    def errors(name: str) -> list[float]:
+        figures = _errors(report, split, name)
+        return [figures[shape].rmse_counts for shape in shapes]
+
+    for i, name in enumerate(report.runs):
+        offset = (i - (len(report.runs) - 1) / 2) * height
+        axes.barh(places + offset, errors(name), height, color=colour_of[name], label=name_of(name))
+    for name, style in MARKS.items():
+        axes.plot(
+            errors(name), places, color=BASELINE_COLOURS[name], label=name_of(name),
+            linestyle="none", **style,
+        )  # fmt: skip
+    axes.set_yticks(places, [shape_name(shape) for shape in shapes])
+    titles = TITLES if report.info.is_protocol else SPLIT_NAMES
+    axes.set(xlabel="RMSE, counts", title=titles[split])
+    axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
+    axes.xaxis.set_major_formatter("{x:,.0f}")

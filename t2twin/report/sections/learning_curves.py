@@ -1,0 +1,103 @@
+"""Learning curves from the runs' logs."""
+
+import math
+from collections.abc import Mapping
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from t2twin.report.data import ReportData
+from t2twin.report.html import markup
+from t2twin.report.html.figures import figure
+from t2twin.report.html.labels import BASELINE_COLOURS, colours, name_of
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.records import ModelRow
+from t2twin.translate.runs.log import best_epoch
+
+WIDTH_IN, HEIGHT_IN = 9.0, 3.4
+LOSSES = {"adversarial": "-", "l1": "--", "discriminator": ":"}
+"""pix2pix's losses as a log names them, and how each is drawn."""
+
+
+def section(report: ReportData) -> str:
+    """RMSE an epoch on the left, the adversarial training's own losses on the right."""
+    text = (
+        "Left: RMSE on the validation pairs of each run's own data (solid; the dot is the epoch "
+        "that was kept) and, for ResNet18, which trains on the mean squared error, on the training "
+        "pairs as they were seen (dashed; with dropout or augmentation where the preset has them, "
+        "so it may lie above). touch2touch never trains on that error; its own losses are on the "
+        "right: what its generator pays for being found out, the L1 distance (mean absolute "
+        "difference) with its weight, and the discriminator's loss."
+    )
+    content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report))
+    alt = "Validation and training error by epoch, with the trivial predictors as lines"
+    return markup.section("curves", "Learning", [markup.picture(content, "svg", alt, note=text)])
+
+
+def _draw(page: Figure, report: ReportData) -> None:
+    adversarial = [name for name in report.runs if "l1" in report.histories[name][0].train]
+    axes = page.subplots(1, 2 if adversarial else 1, squeeze=False)[0]
+    _errors(axes[0], report)
+    if adversarial:
+        _losses(axes[1], report, adversarial)
+
+
+def _errors(axes: Axes, report: ReportData) -> None:
+    colour_of = colours(list(report.runs))
+    full_scale = report.layout.full_scale_counts
+    for name, history in report.histories.items():
+        epochs = [record.epoch for record in history]
+        validation = [full_scale * record.val_rmse_percent / 100 for record in history]
+        marker = "o" if len(history) == 1 else ""
+        label = f"{name_of(name)}, validation"
+        axes.plot(epochs, validation, color=colour_of[name], label=label, marker=marker)
+        best = best_epoch(history)
+        lowest = full_scale * best.val_rmse_percent / 100
+        axes.plot(best.epoch, lowest, "o", color=colour_of[name], markersize=5)
+        if "l3" in history[0].train:
+            seen = [full_scale * math.sqrt(record.train["l3"]) for record in history]
+            label = f"{name_of(name)}, training"
+            axes.plot(epochs, seen, "--", color=colour_of[name], label=label, marker=marker)
+    models = _of_own_validation(report)
+    for name in (MEAN_ARRAY, NEAREST_NEIGHBOUR) if models else ():
+        level = models[name].overall.rmse_counts
+        axes.axhline(
+            level, color=BASELINE_COLOURS[name], linewidth=1, linestyle=(0, (6, 3)),
+            label=f"{name_of(name)}, validation",
+        )  # fmt: skip
+    axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
+    axes.yaxis.set_major_formatter("{x:,.0f}")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend()
+
+
+def _of_own_validation(report: ReportData) -> Mapping[str, ModelRow]:
+    """What was evaluated on the validation pairs that the curves are of; empty of any others."""
+    evaluation = report.evaluations.get("val")
+    if evaluation is None or not all(row.same_data for row in evaluation.runs.values()):
+        return {}
+    return evaluation.models
+
+
+def _losses(axes: Axes, report: ReportData, names: list[str]) -> None:
+    colour_of = colours(list(report.runs))
+    for name in names:
+        weight = report.runs[name].config.preset.l1_weight
+        factors = {"adversarial": 1.0, "l1": weight, "discriminator": 1.0}
+        labels = {
+            "adversarial": "generator, adversarial",
+            "l1": f"generator, {weight:g} × L1",
+            "discriminator": "discriminator",
+        }
+        for loss, style in LOSSES.items():
+            history = report.histories[name]
+            epochs = [record.epoch for record in history]
+            values = [factors[loss] * record.train[loss] for record in history]
+            axes.plot(
+                epochs, values, style, color=colour_of[name],
+                label=f"{name_of(name)}, {labels[loss]}",
+            )  # fmt: skip
+    axes.set(xlabel="epoch", ylabel="training loss", yscale="log")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.legend()

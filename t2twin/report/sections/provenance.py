@@ -1,0 +1,146 @@
+"""The dataset, the machine, how long the runs took, and what is not drawn of them."""
+
+from collections.abc import Mapping
+
+from t2twin.core.machine import cores, processor
+from t2twin.report.data import ReportData
+from t2twin.report.html import markup
+from t2twin.report.html.labels import SPLIT_NAMES, forces_in_words, name_of
+from t2twin.translate.evaluation.table import trained_on
+from t2twin.translate.runs.log import best_epoch
+
+NETWORKS = (
+    "Both networks are those of Grella, Albini, Cannata and Maiolino, Touch-to-Touch Translation "
+    "(IROS 2023)"
+)
+WORLD = (
+    f"{NETWORKS}; the presses are not, but those of the world {{}}. Everything here is simulated: "
+    "no figure below was measured on a sensor."
+)
+SIMULATED = (
+    f"{NETWORKS}, and so is the protocol. Everything here is simulated: no figure below was "
+    "measured on a sensor, except where it says so."
+)
+IMPORTED = f"{NETWORKS}. The pairs were brought in by their owner, with `t2twin import-pairs`."
+
+PRIMITIVES_AND_TOOLS = {
+    "train": "{pairs:,} pairs of {shapes} primitives",
+    "val": "{pairs:,} pairs of {shapes} primitives, versions that training never saw",
+    "test": "{pairs:,} pairs of hand tools, at {shapes} keypoints",
+}
+OF_SHAPES = "{pairs:,} pairs of {shapes:,} shapes"
+
+
+def section(report: ReportData, left_out: Mapping[str, str]) -> str:
+    """On which data, with which runs; left_out: titles of sections not drawn, what they lack."""
+    parts = [markup.paragraph(_origin(report)), _dataset(report), *_runs(report)]
+    if left_out:
+        named = ", ".join(f"{title} ({missing})" for title, missing in left_out.items())
+        parts.append(markup.paragraph(f"Left out, each with what is lacking: {named}."))
+    return markup.section("about", "Data and runs", parts)
+
+
+def _origin(report: ReportData) -> str:
+    if report.info.is_protocol:
+        return SIMULATED
+    return WORLD.format(report.info.world_name) if report.info.is_simulated else IMPORTED
+
+
+def _dataset(report: ReportData) -> str:
+    info = report.info
+    versions = ", ".join(f"{name} {version}" for name, version in info.versions.items())
+    kind = "Scale" if info.is_protocol else "World"
+    scale = [(kind, f"{info.world_name}, seed {info.seed}")] if info.is_simulated else []
+    forces = report.forces_n
+    pressed = [("Forces", forces_in_words(forces))] if forces.size else []
+    return markup.facts(
+        [
+            *scale,
+            *((SPLIT_NAMES[split].capitalize(), _pairs(report, split)) for split in report.tables),
+            *pressed,
+            (
+                "Taxels",
+                f"{report.layout.x_mm.size} (layout {report.layout.layout}), saturated at "
+                f"{report.layout.full_scale_counts:,.0f} counts",
+            ),
+            ("Versions", versions),
+            ("This page's machine", f"{cores()} cores, {processor()}"),
+        ]
+    )
+
+
+def _pairs(report: ReportData, split: str) -> str:
+    shapes = report.tables[split]["shape"].to_pylist()
+    words = PRIMITIVES_AND_TOOLS[split] if report.info.is_protocol else OF_SHAPES
+    return words.format(pairs=len(shapes), shapes=len(set(shapes)))
+
+
+def _runs(report: ReportData) -> list[str]:
+    """The table of runs, and what must be known of those trained on something else."""
+    titles = (
+        "Run", "Trained on", "Pairs", "Steps", "Preset", "Image, px", "Parameters", "Epochs",
+        "Best epoch", "Minutes",
+    )  # fmt: skip
+    rows = [_run(report, name) for name in report.runs]
+    parts = [
+        markup.table([[(title, 1) for title in titles]], [("", rows)]),
+        markup.paragraph(
+            "Minutes are the sum of the epochs' times in each run's log, training and validation; "
+            "parameters are those of the network that predicts.",
+            "note",
+        ),
+    ]
+    models = report.evaluation.runs
+    other = {
+        name_of(name): f"{model.trained_layout}, read from {_read_from(report, name)}"
+        for name, model in models.items()
+        if model.trained_layout != report.layout.layout
+    }
+    if other:
+        named = ", ".join(f"{name} ({layout})" for name, layout in other.items())
+        parts.append(
+            markup.paragraph(
+                f"Trained on another taxel layout than {report.layout.layout}: {named}."
+            )
+        )
+    elsewhere = [
+        f"{name_of(name)} ({trained_on(model)[0]})"
+        for name, model in models.items()
+        if not model.same_data
+    ]
+    if elsewhere:
+        parts.append(
+            markup.paragraph(
+                f"Trained on another dataset than this one: {', '.join(elsewhere)}. The rows of no "
+                "run, such as the nearest neighbour, know this one's training pairs."
+            )
+        )
+    return parts
+
+
+def _read_from(report: ReportData, name: str) -> str:
+    """What another layout is read from."""
+    told = report.runs[name].translator.learns_field
+    return "the field that it tells" if told else "the tactile images that the generator draws"
+
+
+def _run(report: ReportData, name: str) -> list[str]:
+    """A run's row."""
+    run, history = report.runs[name], report.histories[name]
+    preset = run.config.preset
+    parameters = sum(p.numel() for p in run.translator.predictor.parameters())
+    return [
+        name_of(name),
+        *trained_on(report.evaluation.runs[name]),
+        preset.name,
+        f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
+        f"{parameters / 1e6:.2f} M",
+        f"{len(history)}",
+        f"{best_epoch(history).epoch}",
+        minutes(sum(record.seconds for record in history)),
+    ]
+
+
+def minutes(seconds: float) -> str:
+    """To a tenth below ten minutes, whole above."""
+    return f"{seconds / 60:.1f}" if seconds < 600 else f"{seconds / 60:,.0f}"

@@ -1,0 +1,1 @@
+"""What a user of a page can change."""

@@ -1,0 +1,1 @@
+"""Connections, messages and files of clients."""

@@ -1,0 +1,1 @@
+"""What a page shows: the scene and the cards."""

@@ -1,0 +1,1 @@
+"""The translators: networks with their training step and their prediction."""

@@ -1,0 +1,1 @@
+"""Predicted uncertainty: estimates, their calibration, out-of-distribution detection."""
