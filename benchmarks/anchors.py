@@ -25,9 +25,9 @@ from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.forces import BallForces
 from t2twin.sim.digit.calibrate.frames import clean_background, touched_patch
-from t2twin.sim.digit.calibrate.measurements import FORCES, Known
+from t2twin.sim.digit.calibrate.measurements import FORCES, Measurements
 from t2twin.sim.digit.calibrate.scale import Presses, fitted
-from t2twin.sim.digit.calibrate.uncertainty import Certainty, Span
+from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
@@ -84,7 +84,7 @@ def _lost_db(
     """By how many decibels a fit at a scale that is off is worse than at the true one."""
     patches = np.array([touched_patch(frame, background) for frame in frames])
     nothing = np.full(PRESSES, np.nan)
-    known = Known(diameters_mm, nothing, nothing)
+    known = Measurements(diameters_mm, nothing, nothing)
     presses = Presses(clean_background(background, frames), frames, patches, known)
     true = fitted(presses, Camera(SCALE_PX_PER_MM)).state
     errors = {off: fitted(presses, Camera(off * SCALE_PX_PER_MM), true).state.error for off in OFF}
@@ -93,7 +93,7 @@ def _lost_db(
 
 def _certainty(
     background: np.ndarray, frames: np.ndarray, known: Mapping[str, np.ndarray]
-) -> Certainty:
+) -> CalibrationUncertainty:
     """Of a calibration of these frames. known: columns of the table, for as many first presses."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -113,7 +113,9 @@ def _certainty(
     return certainty
 
 
-def _beside(certainty: Certainty, poses: np.ndarray, forces_n: np.ndarray) -> dict[str, Any]:
+def _beside(
+    certainty: CalibrationUncertainty, poses: np.ndarray, forces_n: np.ndarray
+) -> dict[str, Any]:
     """How far from the truth, in percent, and how many ranges hold it."""
     depths = [press.depth_mm for press in certainty.presses]
     forces = [press.force_n for press in certainty.presses if press.force_n is not None]
@@ -131,16 +133,16 @@ def _beside(certainty: Certainty, poses: np.ndarray, forces_n: np.ndarray) -> di
     }
 
 
-def _percent(span: Span, truth: float) -> float:
+def _percent(span: Bounds, truth: float) -> float:
     return abs(100.0 * (span.at / truth - 1.0))
 
 
-def _off_percent(spans: list[Span], truth: np.ndarray) -> float:
+def _off_percent(spans: list[Bounds], truth: np.ndarray) -> float:
     """The mean over presses."""
     return float(np.mean([_percent(of, one) for of, one in zip(spans, truth, strict=True)]))
 
 
-def _inside(spans: list[Span], truth: np.ndarray) -> int:
+def _inside(spans: list[Bounds], truth: np.ndarray) -> int:
     return sum(bool(of.low <= one <= of.high) for of, one in zip(spans, truth, strict=True))
 
 

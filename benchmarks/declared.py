@@ -4,7 +4,7 @@ from pathlib import Path
 
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 
-LEAST_PSNR_DB, LEAST_SSIM = 32.0, 0.95
+MIN_PSNR_DB, MIN_SSIM = 32.0, 0.95
 """Of the baked picture at the contact, against the rendered one."""
 
 DRAWING = tuple(
@@ -67,9 +67,9 @@ DIGIT_RENDER = Benchmark(
     measures="How near the baked DIGIT picture is to the rendered reference, and what each costs.",
     minutes=8,
     figures=(
-        Figure("least_psnr_db", "dB", least=LEAST_PSNR_DB),
+        Figure("least_psnr_db", "dB", least=MIN_PSNR_DB),
         Figure("median_psnr_db", "dB"),
-        Figure("least_ssim", least=LEAST_SSIM),
+        Figure("least_ssim", least=MIN_SSIM),
         Figure("median_ssim"),
         Figure("baked_ms", "ms", most=5.0),
         Figure("baked_best_ms", "ms"),
@@ -189,7 +189,7 @@ TRANSLATION = Benchmark(
     measures="The errors of trained translators beside the trivial rows and the floors.",
     minutes=4,
     figures=(
-        # A quarter of the mean array's, and the nearest neighbour's, on validation; three quarters
+        # A quarter of the mean array's, and the nearest neighbor's, on validation; three quarters
         # of the better of the two on the objects.
         Figure("ratios.val.*.of_mean_array", most=0.25),
         Figure("ratios.val.*.of_nearest_neighbour", most=1.0),

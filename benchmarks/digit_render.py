@@ -17,7 +17,7 @@ import numpy as np
 from skimage.metrics import structural_similarity
 from tqdm import tqdm
 
-from benchmarks.declared import DIGIT_RENDER, LEAST_PSNR_DB, LEAST_SSIM
+from benchmarks.declared import DIGIT_RENDER, MIN_PSNR_DB, MIN_SSIM
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad.catalogue import NAMES, load
 from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
@@ -72,7 +72,7 @@ def psnr(wanted: np.ndarray, given: np.ndarray) -> float:
 
 
 def ssim(wanted: np.ndarray, given: np.ndarray) -> float:
-    """Mean structural similarity over the colours."""
+    """Mean structural similarity over the colors."""
     return float(np.mean(structural_similarity(wanted, given, channel_axis=2, data_range=255)))
 
 
@@ -131,8 +131,8 @@ def _scores(rows: list[dict[str, Any]]) -> dict[str, float]:
         "median_psnr_db": statistics.median(psnrs),
         "least_ssim": min(ssims),
         "median_ssim": statistics.median(ssims),
-        "share_under_least_psnr": float(np.mean(np.array(psnrs) < LEAST_PSNR_DB)),
-        "share_under_least_ssim": float(np.mean(np.array(ssims) < LEAST_SSIM)),
+        "share_under_least_psnr": float(np.mean(np.array(psnrs) < MIN_PSNR_DB)),
+        "share_under_least_ssim": float(np.mean(np.array(ssims) < MIN_SSIM)),
     }
 
 

@@ -90,7 +90,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def _figures(figures: Mapping[str, PictureFigures], pairs: Pairs) -> dict[str, Any]:
-    """Every row's scores with their intervals, and what is drawn less the nearest neighbour's."""
+    """Every row's scores with their intervals, and what is drawn less the nearest neighbor's."""
     resampled = {name: replicates(one, pairs.shapes) for name, one in figures.items()}
     rows = {name: asdict(scores(one)) for name, one in figures.items()}
     over = {name: rows[DRAWN][name] - value for name, value in rows[NEAREST].items()}
@@ -113,7 +113,7 @@ def _nearest(train: Pairs, pairs: Pairs) -> np.ndarray:
 
 
 def _mm_per_px(size: int) -> tuple[float, float]:
-    """Millimetres that a row and a column of a square picture are apart."""
+    """Millimeters that a row and a column of a square picture are apart."""
     half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
     return 2 * half_height / size, 2 * half_width / size
 

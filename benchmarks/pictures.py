@@ -40,7 +40,7 @@ TACTILE_PX = (240, 330)
 GAP_PX = 16
 
 BRIGHTEST = 1.2
-"""Counts of the brightest colour, in parts of the press's largest."""
+"""Counts of the brightest color, in parts of the press's largest."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:

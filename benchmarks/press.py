@@ -61,7 +61,7 @@ PUNCH_RADIUS_MM = 3.0
 
 HALVED = {
     "FINER": (*contact_solver.FINER, 2 * contact_solver.FINER[-1]),
-    "FEWEST_PINS": 4 * contact_solver.FEWEST_PINS,
+    "MIN_PINS": 4 * contact_solver.MIN_PINS,
     "STAGES": tuple((pitch_mm / 2, tolerance) for pitch_mm, tolerance in contact_solver.STAGES),
 }
 """The engine's choices that halve its pins and its layer's grid, with half the contact's grid."""

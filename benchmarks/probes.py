@@ -5,7 +5,7 @@
 Nine plain solids of edges, faces and ribs that leave the DIGIT's view, neither primitives nor
 tools, are pressed as the protocol presses the objects: 3 x 3 places by 7 orientations. Gives the
 RMSE in percent of full scale for each run and, beside them, for the mean array and the nearest
-neighbour of the training set, by solid. What a preset or an augmentation is worth is read here.
+neighbor of the training set, by solid. What a preset or an augmentation is worth is read here.
 """
 
 import hashlib
@@ -37,9 +37,9 @@ from t2twin.translate.evaluation.evaluate import run_names
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     MEAN_ARRAY,
-    NEAREST_NEIGHBOUR,
+    NEAREST_NEIGHBOR,
     mean_array,
-    nearest_neighbour,
+    nearest_neighbor,
 )
 from t2twin.translate.inference.predictor import load_run
 
@@ -94,7 +94,7 @@ def rows(probes: Probes, runs: Sequence[Path], data: Path) -> dict[str, dict[str
     loaded = [load_run(run) for run in runs]
     predictions = {
         MEAN_ARRAY: np.broadcast_to(mean_array(train), probes.counts.shape),
-        NEAREST_NEIGHBOUR: nearest_neighbour(train, np.stack(small)),
+        NEAREST_NEIGHBOR: nearest_neighbor(train, np.stack(small)),
     }
     for name, run in zip(run_names(loaded), loaded, strict=True):
         predictions[name] = run.predict(probes.images)

@@ -37,11 +37,11 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.report.html.figures import figure
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.dataset.rejection_sampling import draw_touch
+from t2twin.sim.dataset.rejection_sampling import sample_until_contact
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import test_surfaces
-from t2twin.sim.world.presses import Drawn, draw_force, random_name
+from t2twin.sim.world.presses import PressSample, random_name, sample_force
 from t2twin.sim.world.recipe import Part, load_recipe
 
 SHAPES_PICTURE = ROOT / "docs" / "pictures" / "random_shapes.png"
@@ -184,7 +184,7 @@ def _press(
     """One press, drawn until it touches the features, as a dataset's."""
     took_ms = 0.0
 
-    def press_it(shape: Shape, drawn: Drawn) -> Sample:
+    def press_it(shape: Shape, drawn: PressSample) -> Sample:
         nonlocal took_ms
         start = time.thread_time()
         sample = sensors.press(shape, drawn.command, drawn.rng)
@@ -195,7 +195,7 @@ def _press(
         made.again[why] += 1
 
     try:
-        touch = draw_touch(part, shape, number, press, (SEED, 0), press_it, again)
+        touch = sample_until_contact(part, shape, number, press, (SEED, 0), press_it, again)
     except Exception as error:
         made.exceptions.append(f"{shape.name}: {type(error).__name__}: {error}")
         return
@@ -233,7 +233,7 @@ def press_tool(name: str) -> list[tuple[float, ...]]:
     for index in protocol.indices(name, protocol.scale_of("paper")):
         rng = np.random.default_rng((SEED, place, index))
         at = protocol.press_at(shape, index)
-        force_n = draw_force(rng, forces)
+        force_n = sample_force(rng, forces)
         command = PressCommand(name, at.x_mm, at.y_mm, at.yaw_rad, force_n)
         rows.append(_values(sensors.press(shape, command, rng)))
     return rows

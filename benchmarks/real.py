@@ -21,8 +21,8 @@ import numpy as np
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import REAL
 from benchmarks.evidence.run import main
-from t2twin.adaptation.real_frame_evaluation import Felt, counts_of, felt_by_the_twin, judge_each
-from t2twin.adaptation.record import Scores, trivial_percent
+from t2twin.adaptation.real_frame_evaluation import Felt, counts_of, judge_each, simulate_reference
+from t2twin.adaptation.record import AdaptationScores, trivial_percent
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.sim.digit.calibrate.calibrate import calibrate
@@ -48,7 +48,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
         ball = write_ball(Path(folder) / "ball.step", BALL_DIAMETER_MM)
         balls = [ball] * len(report.held_out)
-        felt = felt_by_the_twin(report.held_out, report.poses, report.real, balls, sensors)
+        felt = simulate_reference(report.held_out, report.poses, report.real, balls, sensors)
     untouched = upright_frame(read_frame(background))
     nothing, constant = trivial_percent(felt, next(iter(runs.values())))
     return {
@@ -62,8 +62,8 @@ def measure(options: Namespace) -> dict[str, Any]:
 def _scores(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarray) -> dict[str, Any]:
     judged = judge_each(run, felt, untouched)
     return {
-        "real": asdict(Scores.of([one.real for one in judged])),
-        "simulated": asdict(Scores.of([one.simulated for one in judged])),
+        "real": asdict(AdaptationScores.of([one.real for one in judged])),
+        "simulated": asdict(AdaptationScores.of([one.simulated for one in judged])),
         "untouched_counts": float(np.max(counts_of(run, untouched, untouched))),
     }
 

@@ -49,7 +49,7 @@ from t2twin.translate.training.trainer import load_examples
 
 PRESET = "cpu"
 ROUNDS = 3
-LEAST_STEPS = 24
+MIN_STEPS = 24
 """Steps of a round, at least; as many epochs as that takes."""
 PAPER_STEPS = 3
 """Timed steps of preset paper, after one that is not counted."""
@@ -74,7 +74,7 @@ class PngPairs(Dataset):
                 size, Image.Resampling.BILINEAR
             )
         scaled = np.asarray(pixels, dtype=np.float32) / 255.0
-        scaled = 2.0 * scaled[:, :, None] - 1.0 if self.preset.grey else _normalised(scaled)
+        scaled = 2.0 * scaled[:, :, None] - 1.0 if self.preset.grey else _normalized(scaled)
         counts = torch.tensor(row["taxels"], dtype=torch.float32)
         return torch.from_numpy(np.ascontiguousarray(scaled.transpose(2, 0, 1))), counts
 
@@ -168,7 +168,7 @@ def _measure(model: Model, data_dir: Path, folder: Path) -> dict[str, Any]:
     preset = PRESETS[model][PRESET]
     splits = {split: PngPairs(data_dir, split, preset) for split in ("train", "val")}
     steps = len(splits["train"]) // preset.batch
-    epochs = -(-LEAST_STEPS // steps)
+    epochs = -(-MIN_STEPS // steps)
     ours, plain = [], []
     with ProcessPoolExecutor(1, get_context("spawn")) as apart:
         for number in range(ROUNDS):
@@ -193,7 +193,7 @@ def _loading(preset: Preset, data_dir: Path) -> float:
     pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
     rng = np.random.default_rng(0)
     seconds = []
-    for _ in range(LEAST_STEPS):
+    for _ in range(MIN_STEPS):
         started = time.perf_counter()
         load_examples(pairs, rng.permutation(len(pairs))[: preset.batch], preset, rng)
         seconds.append(time.perf_counter() - started)
@@ -256,7 +256,7 @@ def _adam(network: nn.Module, preset: Preset) -> torch.optim.Adam:
     )
 
 
-def _normalised(pixels: np.ndarray) -> np.ndarray:
+def _normalized(pixels: np.ndarray) -> np.ndarray:
     return (pixels - RGB_MEAN) / RGB_STD
 
 

@@ -26,7 +26,7 @@ from benchmarks.paper_scale import presses_sha256, settings
 from t2twin.core.files import whole_file
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.sections.qualitative import chosen, row_picture
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import read_evaluation
 
 PICTURE = ROOT / "docs" / "pictures" / "samples.png"
@@ -101,7 +101,7 @@ def figures(report: ReportData) -> dict[str, Any]:
 
 
 def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Each run's error in parts of the mean array's, of the nearest neighbour's, of the lower of
+    """Each run's error in parts of the mean array's, of the nearest neighbor's, of the lower of
     the two, and of what presses of the split that look alike differ by; by split and run."""
     parts: dict[str, dict[str, dict[str, float | None]]] = {}
     for split in SHOWN:
@@ -109,8 +109,8 @@ def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | Non
         alike = content["lookalikes"][split]["split"]["extrapolated_rmse_counts"]
         bounds = {
             "of_mean_array": errors[MEAN_ARRAY],
-            "of_nearest_neighbour": errors[NEAREST_NEIGHBOUR],
-            "of_best_trivial": min(errors[MEAN_ARRAY], errors[NEAREST_NEIGHBOUR]),
+            "of_nearest_neighbour": errors[NEAREST_NEIGHBOR],
+            "of_best_trivial": min(errors[MEAN_ARRAY], errors[NEAREST_NEIGHBOR]),
             "of_lookalikes": alike,
         }
         parts[split] = {

@@ -25,7 +25,7 @@ from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 from t2twin.sim.digit.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
-from t2twin.sim.digit.randomization.unit import Unit, UnitDraw, draw_unit
+from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
 
 PICTURE = ROOT / "docs" / "pictures" / "units.png"
 DRAWN = 300
@@ -61,7 +61,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def drawn(number: int) -> Unit:
     """One unit of the shipped distribution."""
-    return draw_unit(np.random.default_rng([SEED, number]), UnitDraw())
+    return sample_unit(np.random.default_rng([SEED, number]), UnitRanges())
 
 
 def _cost() -> dict[str, float]:
@@ -84,17 +84,17 @@ def _cost() -> dict[str, float]:
 
 
 def _own(unit: Unit) -> np.ndarray:
-    """(3,) each LED's light in its own colour, in the picture's middle."""
+    """(3,) each LED's light in its own color, in the picture's middle."""
     return np.diag(at_middle(unit.calibration.response))
 
 
 def _leaks(unit: Unit) -> np.ndarray:
-    """(6,) light in other colours there, in parts of the colour's own LED's."""
+    """(6,) light in other colors there, in parts of the color's own LED's."""
     return (at_middle(unit.calibration.response) / _own(unit))[~np.eye(3, dtype=bool)]
 
 
 def _irregularity(unit: Unit) -> float:
-    """Root mean square, over LEDs and other colours, of the coefficients in the place."""
+    """Root mean square, over LEDs and other colors, of the coefficients in the place."""
     powers = MIDDLE_COSINE ** np.arange(unit.calibration.response.shape[-1])
     places = np.einsum("kcij,j->kci", unit.calibration.response, powers)[:, :, 1:TERMS]
     parts = (places / _own(unit)[None, :, None])[~np.eye(3, dtype=bool)]

@@ -5,7 +5,7 @@
 FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project. Every
 light shows the presses at the places and depths that the fitted one finds in them: the light that
 ships, it on the unit's own background, the drawn unit whose LEDs explain that background best, the
-same with each colour bent to explain it, the mean of the best, the mean of all drawn units (what
+same with each color bent to explain it, the mean of the best, the mean of all drawn units (what
 `t2twin calibrate --background` gives), and the light fitted to the first presses. Scored are the
 last presses, and the first ones too, which no light but the fitted one has seen, as plain balls.
 """
@@ -43,7 +43,7 @@ BLOCK_PX = 10
 @dataclass(frozen=True)
 class Explained:
     """A drawn unit and how its LEDs explain the untouched frame: gains (RGB) and an even light in
-    each colour, and by how much it is missed then, root mean square, grey levels."""
+    each color, and by how much it is missed then, root mean square, grey levels."""
 
     light: Calibration
     gains: np.ndarray
@@ -51,7 +51,7 @@ class Explained:
 
     @property
     def bent(self) -> Calibration:
-        """Each colour as bright as the frame asks for."""
+        """Each color as bright as the frame asks for."""
         return replace(self.light, response=self.light.response * self.gains[None, :, None, None])
 
 

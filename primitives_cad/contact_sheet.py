@@ -96,7 +96,7 @@ def draw(
     mesh: trimesh.Trimesh,
     view_deg: tuple[float, float],
     size_px: tuple[int, int],
-    colour: np.ndarray,
+    color: np.ndarray,
     points_mm: Sequence[Sequence[float]] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
     """A mesh drawn without perspective, to fill a picture: (height, width, 3) uint8.
@@ -126,7 +126,7 @@ def draw(
     triangles = triangles - (*middle, triangles[:, :, 2].max())
     half_columns, half_rows = (side * OVERSAMPLING // 2 for side in size_px)
     depth = highest(triangles, pitch, half_rows, half_columns)[1:-1, 1:-1][::-1]
-    picture = _shade(depth, pitch, colour)
+    picture = _shade(depth, pitch, color)
     picture = picture[: size_px[1] * OVERSAMPLING, : size_px[0] * OVERSAMPLING]
     blocks = picture.reshape(size_px[1], OVERSAMPLING, size_px[0], OVERSAMPLING, 3)
     coarse = blocks.mean(axis=(1, 3))
@@ -135,8 +135,8 @@ def draw(
     return np.clip(coarse, 0.0, 255.0).astype(np.uint8), places
 
 
-def _shade(depth: np.ndarray, pitch: float, colour: np.ndarray) -> np.ndarray:
-    """(rows, columns, 3) colours of a depth picture, rows downwards, mm."""
+def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
+    """(rows, columns, 3) colors of a depth picture, rows downwards, mm."""
     solid = depth != NOTHING_MM
     floor = float(depth[solid].min())
     filled = np.where(solid, depth, floor)
@@ -160,7 +160,7 @@ def _shade(depth: np.ndarray, pitch: float, colour: np.ndarray) -> np.ndarray:
     around = around.repeat(CREASE_STEP, 0).repeat(CREASE_STEP, 1)[: len(filled), : filled.shape[1]]
     crease = np.clip(1.0 - CREASE_STRENGTH * np.clip(around - filled, 0.0, None), 0.45, 1.0)
     light = (AMBIENT + KEY * key + FILL * fill) * crease
-    shaded = light[..., None] * colour + (GLOSS * gloss * crease)[..., None] * 255.0
+    shaded = light[..., None] * color + (GLOSS * gloss * crease)[..., None] * 255.0
     return np.where(solid[..., None], shaded, PAPER)
 
 

@@ -14,7 +14,7 @@ REACH_MM = 32.0
 """How far from the press axis a sensor can feel, mm (assumed: half the diagonal of a 28 x 46 mm
 cover, 27 mm, and 4.5 mm, the largest offset from the middle of a tool's or a file's shape)."""
 
-MOST_CELLS = 1_500_000
+MAX_CELLS = 1_500_000
 """Largest map that is made without being asked for by pitch (assumed)."""
 
 FACE_MM = 0.02
@@ -43,7 +43,7 @@ def stand(
 ) -> tuple[trimesh.Trimesh, HeightMap]:
     """A mesh (mm) moved along z so that its highest point within reach is at 0, and its surface.
 
-    pitch_mm: None takes PITCH_MM, doubled until the map has at most MOST_CELLS.
+    pitch_mm: None takes PITCH_MM, doubled until the map has at most MAX_CELLS.
     reach_mm: half the side of the square about the press axis that is looked at.
     The grid has a point on the axis, is symmetric about it, and ends in a rim of NOTHING_MM.
     Raises T2TwinError where the mesh has no surface within reach.
@@ -91,7 +91,7 @@ def base_mm(surface: HeightMap) -> float | None:
 def highest(triangles: np.ndarray, pitch_mm: float, rows: int, columns: int) -> np.ndarray:
     """(2 rows + 3, 2 columns + 3) highest z of (n, 3, 3) float64 triangles over a grid, mm.
 
-    The grid is centred on the axis; its outermost points, and those with nothing over them, are
+    The grid is centerd on the axis; its outermost points, and those with nothing over them, are
     NOTHING_MM. The heights are those of the flat triangles themselves, without interpolation.
     """
     heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM)
@@ -101,7 +101,7 @@ def highest(triangles: np.ndarray, pitch_mm: float, rows: int, columns: int) -> 
 
 def _pitch_for(half_x: float, half_y: float) -> float:
     pitch = PITCH_MM
-    while (2 * half_x / pitch + 3) * (2 * half_y / pitch + 3) > MOST_CELLS:
+    while (2 * half_x / pitch + 3) * (2 * half_y / pitch + 3) > MAX_CELLS:
         pitch *= 2.0
     return pitch
 
@@ -115,7 +115,7 @@ def _raster(triangles, pitch, rows, columns, heights):  # pragma: no cover - com
         cx, cy, cz = triangles[index, 2]
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         if area == 0.0:
-            continue  # seen edge-on: its outline belongs to its neighbours
+            continue  # seen edge-on: its outline belongs to its neighbors
         turn = 1.0 if area > 0.0 else -1.0
         ab = np.hypot(bx - ax, by - ay)
         bc = np.hypot(cx - bx, cy - by)

@@ -64,7 +64,7 @@ rounding for line-smooth, else of the shape's outline (outer, for circle-empty);
 thickness; curvature: radius of the bump's spherical cap; length: along y, all beyond the 16.7 mm
 that a DIGIT sees."""
 
-LEAST_SPACING_MM = 1.0
+MIN_SPACING_MM = 1.0
 """Least spacing of the press grid, mm, so that presses on narrow shapes differ (assumed; Grella et
 al. 2023 use 1.4 for a square, and their grid covers each primitive)."""
 
@@ -119,7 +119,7 @@ def cap_radius_mm(height_mm: float, curvature_mm: float) -> float:
 def spacing_mm(extent: float) -> float:
     """Spacing of a 7 x 7 grid of presses that covers a feature of this extent (mm), mm."""
     steps = round(extent / GRID_INTERVALS / SPACING_STEP_MM)
-    return round(max(steps * SPACING_STEP_MM, LEAST_SPACING_MM), 2)
+    return round(max(steps * SPACING_STEP_MM, MIN_SPACING_MM), 2)
 
 
 def spacings_mm(name: str) -> tuple[float, float]:

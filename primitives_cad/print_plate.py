@@ -7,8 +7,8 @@ from t2twin.primitives_cad.solids import feature, plate
 
 PITCH_MM = (31.0, 56.0)
 """Distance from one primitive to the next along x and y, mm (assumed, so that no press touches a
-neighbour: the sum of half the diagonal of a DIGIT's gel, the protocol's largest offset and half the
-neighbour. Along x, where the largest square and circle stand beside the largest empty circle, that
+neighbor: the sum of half the diagonal of a DIGIT's gel, the protocol's largest offset and half the
+neighbor. Along x, where the largest square and circle stand beside the largest empty circle, that
 is 15.5 + 8.3 + 6.5 mm; along y, where lines follow lines, 15.5 + 20.2 + 20 mm. The plate still
 fits a printer's bed of 250 mm)."""
 

@@ -35,7 +35,7 @@ FINE_MM = 0.4
 """Distance of the points that are compared in the end, mm."""
 
 ASIDE_MM = 0.1
-"""How far aside a height may be found, mm: at a wall that is millimetres up or down."""
+"""How far aside a height may be found, mm: at a wall that is millimeters up or down."""
 
 SAME_MM, SAME_SHARE = 0.1, 0.95
 """Surfaces are the same where so large a share of the points that are felt differs by less (mm):

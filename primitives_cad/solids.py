@@ -1,5 +1,5 @@
 """CadQuery solids of the primitives, in the shape frame: top of the feature at z = 0, base
-plate below it, centred on the press axis.
+plate below it, centerd on the press axis.
 
 Triangles from CadQuery solids.
 """
@@ -26,7 +26,7 @@ def primitive(name: str) -> cq.Shape:
 
 
 def plate(width_mm: float, length_mm: float) -> cq.Workplane:
-    """A base plate centred on the axis, its top FEATURE_HEIGHT_MM below z = 0."""
+    """A base plate centerd on the axis, its top FEATURE_HEIGHT_MM below z = 0."""
     return (
         cq.Workplane()
         .workplane(offset=-FEATURE_HEIGHT_MM - PLATE_THICKNESS_MM)

@@ -21,10 +21,10 @@ STEP_S = 0.02
 SINK_MM = 0.05
 """How far below the pins' dots the pad's surface is drawn, mm, so that both are seen."""
 
-MOST_FORCE = 4.0
+MAX_FORCE = 4.0
 """Greatest force of the actuator over the commanded one."""
 
-MOST_FACES = 200_000
+MAX_FACES = 200_000
 """Triangles of a mesh that MuJoCo reads."""
 
 PALE, DEEP = np.array([0.75, 0.8, 0.85]), np.array([0.85, 0.1, 0.1])
@@ -86,7 +86,7 @@ def scene(contact: Contact, mesh_file: str | None) -> str:
   </worldbody>
   <contact>{pairs}</contact>
   <actuator>
-    <motor name="force_n" joint="down" ctrlrange="{-MOST_FORCE * command.force_n:g} 0"/>
+    <motor name="force_n" joint="down" ctrlrange="{-MAX_FORCE * command.force_n:g} 0"/>
   </actuator>
   <keyframe>
     <key name="rest" qpos="{-contact.depth_mm:.9g} {heights}" ctrl="{-command.force_n:g}"/>
@@ -99,11 +99,11 @@ def _pin_elements(bed: PinState) -> tuple[str, str, str]:
     """The pins' bodies, the shape's balls over them, and the pairs that may touch, as MJCF."""
     stiffness = bed.stiffness_n_per_mm
     forces = stiffness * np.maximum(bed.deflection_mm - bed.spring_rest_mm, 0.0)
-    colours = PALE + (DEEP - PALE) * (forces / forces.max())[:, None]
+    colors = PALE + (DEEP - PALE) * (forces / forces.max())[:, None]
     pins, over, pairs = [], [], []
     for i in range(bed.x_mm.size):
         x, y, z = bed.x_mm[i], bed.y_mm[i], bed.rest_mm[i]
-        red, green, blue = colours[i]
+        red, green, blue = colors[i]
         pins.append(
             f'<body name="pin{i}" pos="{x:.6g} {y:.6g} {z:.9g}">'
             f'<joint class="pin" stiffness="{stiffness[i]:.9g}" '
@@ -134,7 +134,7 @@ def _solid_elements(contact: Contact, mesh_file: str) -> tuple[str, str]:
 
 def mesh_name(shape: Shape) -> str | None:
     """The name of the STL file for a scene; None where MuJoCo would not read it."""
-    return "shape.stl" if 0 < len(shape.triangles[1]) <= MOST_FACES else None
+    return "shape.stl" if 0 < len(shape.triangles[1]) <= MAX_FACES else None
 
 
 def view(path: Path) -> None:

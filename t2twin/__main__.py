@@ -3,12 +3,12 @@
 import os
 import sys
 
-from t2twin.core.signals import heed_signals
+from t2twin.core.signals import install_handlers
 
 
 def main() -> None:
     """Run the command line; signals are heeded before the rest is loaded, which takes a while."""
-    heed_signals()
+    install_handlers()
     _open_standard_streams()
 
     from t2twin.cli import main as run

@@ -12,8 +12,8 @@ from ball_frames import BALL_MM, HELD_OUT, POSES
 from t2twin.adaptation import pipeline
 from t2twin.adaptation.fitted import PRESSES, read_fitted
 from t2twin.adaptation.pipeline import adapt
-from t2twin.adaptation.real_frame_evaluation import felt_by_the_twin, judge
-from t2twin.adaptation.record import RECORD, Scores
+from t2twin.adaptation.real_frame_evaluation import judge, simulate_reference
+from t2twin.adaptation.record import RECORD, AdaptationScores
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
@@ -60,7 +60,7 @@ def test_each_figure_sees_its_own_fault():
     assert 1.5 < beside.centroid_mm < 4.0
     apart = judge(fake_run(bump(0.0, -16.0) + bump(0.0, 16.0)), BLACK, truth, 4.0, BLACK)
     assert apart.blobs == 2
-    scores = Scores.of([harder, apart])
+    scores = AdaptationScores.of([harder, apart])
     assert scores.one_blob == 1
     assert scores.rmse_percent == pytest.approx(
         np.sqrt((harder.rmse_percent**2 + apart.rmse_percent**2) / 2)
@@ -71,7 +71,7 @@ def test_the_twin_goes_as_deep_as_the_frame_says(tmp_path):
     ball = write_ball(tmp_path / "ball.step", BALL_MM)
     frames = np.zeros((2, 320, 240, 3), np.uint8)
     poses = np.array([[1.0, -0.5, 0.9], [-2.0, 1.0, 1.2]])
-    shallow, deep = felt_by_the_twin(["a", "b"], poses, frames, [ball, ball], SensorPair())
+    shallow, deep = simulate_reference(["a", "b"], poses, frames, [ball, ball], SensorPair())
     assert 0.5 < shallow.force_n < deep.force_n < 12.0
     layout = load_layout("cyskin-20")
     for one, pose in zip((shallow, deep), poses, strict=True):

@@ -20,7 +20,7 @@ from t2twin.sim.digit.calibrate.frames import (
     touched_patch,
     upright_frame,
 )
-from t2twin.sim.digit.calibrate.ridge import MOST_TERMS, Sums, chosen
+from t2twin.sim.digit.calibrate.ridge import MAX_TERMS, Sums, chosen
 from t2twin.sim.digit.calibrate.scores import cut_and_paste, repeats_floor, score, untouched_floor
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
@@ -77,7 +77,7 @@ def test_held_out_presses_score_near_the_noise(report):
 
 
 def test_a_unit_of_another_make_is_not_what_ships(report, unit):
-    """The fit must come from the frames: the colours handed round, it follows them."""
+    """The fit must come from the frames: the colors handed round, it follows them."""
     optics = DigitOptics(report.calibration)
     picture = optics.render(probe_surfaces.ball(0.5, 0.2, 1.0, BALL_MM / 2))
     wanted = DigitOptics.load().render(probe_surfaces.ball(0.5, 0.2, 1.0, BALL_MM / 2))
@@ -137,12 +137,12 @@ def test_light_that_drifts_is_the_frames_own():
 
 def sums_of(powers, presses, rng, noise):
     """What a fit needs of presses whose light has a known response, of this degree in the place."""
-    response = rng.normal(0.0, 1.0, (3, MOST_TERMS.entries))
-    of_most = np.tile(np.repeat(MOST_TERMS.place_degrees <= powers, 4), 3)
+    response = rng.normal(0.0, 1.0, (3, MAX_TERMS.entries))
+    of_most = np.tile(np.repeat(MAX_TERMS.place_degrees <= powers, 4), 3)
     response *= np.where(of_most, 1.0, 0.0)
     made = []
     for _ in range(presses):
-        columns = rng.normal(0.0, 1.0, (400, MOST_TERMS.entries))
+        columns = rng.normal(0.0, 1.0, (400, MAX_TERMS.entries))
         shown = columns @ response.T + rng.normal(0.0, noise, (400, 3))
         made.append(Sums.of(columns, shown))
     return made

@@ -19,7 +19,7 @@ from t2twin.sim.digit.calibrate.measurements import FORCES, Tolerance, read_know
 from t2twin.sim.digit.calibrate.record import lines_of
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
-from t2twin.sim.digit.randomization.unit import UnitDraw, draw_unit
+from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.sensors import Digit
 
 SCALE, YOUNG_MPA = 18.0, 0.42
@@ -128,7 +128,7 @@ def test_a_fitted_modulus_is_pressed_into(anchored, shapes):
         for of in (digit, assumed)
     )
     assert soft.depth_mm > 1.05 * hard.depth_mm
-    unit = draw_unit(np.random.default_rng(0), UnitDraw(), calibration)
+    unit = sample_unit(np.random.default_rng(0), UnitRanges(), calibration)
     assert assumed.with_unit(unit).elastomer == digit.elastomer
     linear = replace(DIGIT_GEL, young_mpa=0.5, law="linear")
     assert Digit(gel=linear, calibration=digit.calibration).elastomer == linear

@@ -14,7 +14,7 @@ from waiting import wait_until
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset import cluster
 from t2twin.sim.dataset.generate import generate
-from t2twin.sim.dataset.shard import Making
+from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import INFO, LOG, read_info
 from t2twin.sim.dataset.verify import verify
 from t2twin.sim.sensors import SensorPair
@@ -109,7 +109,7 @@ def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
     assert not (tmp_path / "refused").exists()
     batch = Batch("train/square-1.parquet", "train", 0, ("square-1",), (0,), (0,), 1)
     elsewhere = str(tmp_path / "elsewhere")
-    making = Making(load_recipe("paper"), SensorPair(), elsewhere, str(shape_cache))
+    making = ShardContext(load_recipe("paper"), SensorPair(), elsewhere, str(shape_cache))
     with scheduler() as address, worker(address, tmp_path):
         for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "does not see")):
             with pytest.raises(T2TwinError, match=said):

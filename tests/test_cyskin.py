@@ -99,10 +99,10 @@ def test_the_default_layout_is_a_triangular_grid():
 
 
 def test_the_denser_layout_holds_the_default_one():
-    """And one more taxel midway between any two neighbours: a triangular grid of half the pitch."""
+    """And one more taxel midway between any two neighbors: a triangular grid of half the pitch."""
     coarse, fine = load_layout(), load_layout("cyskin-63")
     places, of = (np.stack([each.x_mm, each.y_mm], 1) for each in (fine, coarse))
-    assert fine.size == 20 + 43  # 3 x 5 + 4 x 4 + 3 x 4 pairs of neighbours
+    assert fine.size == 20 + 43  # 3 x 5 + 4 x 4 + 3 x 4 pairs of neighbors
     apart, _ = KDTree(places).query(of)
     assert apart.max() < 1e-3
     nearest = KDTree(places).query(places, k=2)[0][:, 1]

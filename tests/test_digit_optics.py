@@ -92,9 +92,9 @@ def test_without_shadows_every_led_is_missed_on_its_far_side(optics):
     rows, columns = np.mgrid[:ROWS, :COLUMNS]
     for channel, led in enumerate(DIGIT_LEDS):
         weight = np.clip(lost[..., channel] - 25, 0, None)  # the LED's own channel, mostly
-        centre = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
+        center = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
         angle = np.radians(led.angle_deg)
-        assert (centre - middle) @ np.array([np.sin(angle), -np.cos(angle)]) > 15
+        assert (center - middle) @ np.array([np.sin(angle), -np.cos(angle)]) > 15
 
 
 def test_a_wall_hides_half_the_led_where_similar_triangles_say():
@@ -130,8 +130,8 @@ def test_noise_has_the_stated_deviation_and_comes_from_the_generator(optics):
     noise = first.astype(float) - optics.background
     assert noise.mean() == pytest.approx(0.0, abs=0.03)
     assert noise.std() == pytest.approx(np.hypot(3.0, np.sqrt(1 / 12)), rel=0.02)
-    neighbours = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
-    assert abs(neighbours) < 0.01
+    neighbors = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
+    assert abs(neighbors) < 0.01
 
 
 def test_no_generator_or_no_deviation_gives_no_noise(optics):

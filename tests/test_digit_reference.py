@@ -1,4 +1,4 @@
-"""Truths of the reference picture: light, colour, shadow and symmetry."""
+"""Truths of the reference picture: light, color, shadow and symmetry."""
 
 from dataclasses import replace
 
@@ -16,7 +16,7 @@ from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer, encode
 X_MM, Y_MM = np.meshgrid(*optical_grid())
 FLAT = np.zeros(X_MM.shape)
 PURE = tuple(
-    replace(led, colour=colour) for led, colour in zip(DIGIT_LEDS, np.eye(3).tolist(), strict=True)
+    replace(led, color=color) for led, color in zip(DIGIT_LEDS, np.eye(3).tolist(), strict=True)
 )
 GREY_AMBIENT = (0.03, 0.03, 0.03)
 
@@ -43,7 +43,7 @@ def test_with_the_leds_off_only_the_ambient_light_is_left(ball):
     assert np.abs(picture - expected).max() <= 1
 
 
-def test_leds_with_exchanged_colours_exchange_the_channels(ball, ball_picture):
+def test_leds_with_exchanged_colors_exchange_the_channels(ball, ball_picture):
     exchanged = render(ball, permuted(PURE, (1, 0, 2)))
     np.testing.assert_array_equal(exchanged, ball_picture[..., [1, 0, 2]])
 
@@ -80,10 +80,10 @@ def test_each_led_casts_its_shadow_on_the_far_side(ball, ball_picture):
     for channel, led in enumerate(PURE):
         weight = np.clip(lost[..., channel] - 10, 0, None)
         assert weight.sum() > 0
-        centre = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
+        center = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
         angle = np.radians(led.angle_deg)
         away = np.array([np.sin(angle), -np.cos(angle)])
-        assert (centre - middle) @ away > 15  # pixels
+        assert (center - middle) @ away > 15  # pixels
 
 
 def test_a_gel_pressed_flat_everywhere_shows_no_edges():

@@ -92,7 +92,7 @@ def test_where_no_file_can_be_kept_pytorch_computes(
 def test_the_oldest_files_go(
     run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(onnx_runtime, "MOST_KEPT", 1)
+    monkeypatch.setattr(onnx_runtime, "MAX_KEPT", 1)
     kept.mkdir()
     (kept / "older.onnx").write_bytes(b"")
     load(run_dir).predict(frames)

@@ -23,8 +23,8 @@ from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     mean_array,
-    nearest_neighbour,
-    neighbours,
+    nearest_neighbor,
+    neighbors,
 )
 from t2twin.translate.evaluation.predictions import PREDICTIONS, read_predictions
 from t2twin.translate.evaluation.records import (
@@ -38,13 +38,13 @@ from t2twin.translate.evaluation.records import (
     Finding,
     Interval,
     Intervals,
-    LookAlikeFloor,
-    LookAlikes,
+    IrreducibleError,
+    IrreducibleErrorFloor,
     ModelRow,
     PaperRow,
     ShapeFloor,
     TaxelCounts,
-    View,
+    ViewSummary,
     as_json,
     read_evaluation,
     write_evaluation,
@@ -79,31 +79,31 @@ def test_mean_array_is_the_best_constant(data_dir: Path) -> None:
         assert np.square(pairs.counts - other).mean() > error
 
 
-def test_nearest_neighbour_of_the_training_images_is_themselves(data_dir: Path) -> None:
+def test_nearest_neighbor_of_the_training_images_is_themselves(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
-    assert np.array_equal(nearest_neighbour(pairs, pairs.images), pairs.counts)
+    assert np.array_equal(nearest_neighbor(pairs, pairs.images), pairs.counts)
 
 
-def test_nearest_neighbour_is_by_euclid(data_dir: Path) -> None:
+def test_nearest_neighbor_is_by_euclid(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
     queries = load_pairs(data_dir, "val", FEATURE_SIZE, grey=False).images
-    nearest_counts = nearest_neighbour(pairs, queries)
+    nearest_counts = nearest_neighbor(pairs, queries)
     stored = pairs.images[:].astype(float).reshape(len(pairs), -1)
     for image, counts in zip(queries[:].astype(float), nearest_counts, strict=True):
         nearest = np.linalg.norm(stored - image.ravel(), axis=1).argmin()
         assert np.array_equal(counts, pairs.counts[nearest])
 
 
-def test_neighbours_pass_over_their_own_shape(data_dir: Path) -> None:
+def test_neighbors_pass_over_their_own_shape(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
     shapes = np.where(np.arange(len(pairs)) % 2 == 0, "a", "b")
-    near = neighbours(pairs.images, pairs.images, 3, (shapes, shapes))
+    near = neighbors(pairs.images, pairs.images, 3, (shapes, shapes))
     assert (shapes[near.index] != shapes[:, None]).all()
     stored = pairs.images[:].astype(float).reshape(len(pairs), -1)
     apart = np.sqrt(np.square(stored[:, None] - stored[None]).mean(axis=2))
     apart[shapes[:, None] == shapes[None]] = np.inf
     np.testing.assert_allclose(near.distance_grey, np.sort(apart, axis=1)[:, :3], rtol=1e-5)
-    alone = neighbours(pairs.images, pairs.images, 2, (np.full(48, "a"), np.full(48, "a")))
+    alone = neighbors(pairs.images, pairs.images, 2, (np.full(48, "a"), np.full(48, "a")))
     assert np.isinf(alone.distance_grey).all()
 
 
@@ -169,18 +169,18 @@ def test_records_come_back_from_their_file(tmp_path: Path) -> None:
     spans = {field.name: None for field in fields(Intervals)} | {"ssim": Interval(0.25, 0.5)}
     row = ModelRow(absent, {"bump-3": absent}, {"bump": absent}, Intervals(**spans))
     alike = AlikePairs(3, 0.5, 100.0)
-    floor = LookAlikeFloor(
+    floor = IrreducibleErrorFloor(
         alike, AlikePairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
         {"under": None, "near": 2.0}, {"bump-3": ShapeFloor(alike, None)},
     )  # fmt: skip
     evaluation = Evaluation(
         format=FORMAT, split="val", pairs=3, full_scale_counts=40000.0, contact_level=0.1,
         info_sha256="0" * 64, layout="cyskin-20",
-        view=View(12.5, 16.5, 7.5, TaxelCounts(4, 12, 4)),
+        view=ViewSummary(12.5, 16.5, 7.5, TaxelCounts(4, 12, 4)),
         models={"mean-array": row, "resnet18": replace(row, run="run", same_data=False)},
         bootstrap=Bootstrap("shapes", 1, 1000, 0, 0.95),
         paired={"ssim": Difference(0.1, None)},
-        lookalikes=LookAlikes(0.3, 0.6, floor, None),
+        lookalikes=IrreducibleError(0.3, 0.6, floor, None),
         paper={"resnet18": PaperRow(4867, 12.17)},
         findings={
             "lower-error": Finding("Lower?", "yes", "rmse_counts", 5.0, Interval(1.0, 9.0),
@@ -333,7 +333,7 @@ def test_a_field_run_is_given_the_background_of_the_default_calibration(
     assert found.background == OF_CALIBRATION
     run, pairs = load_run("field"), load_pairs(small_dataset, "val", 96, grey=False)
     frame = DigitOptics.load().background
-    expected = run.estimate_pixels(run.with_untouched(pairs.images[:], run.pixels_of(frame)[0]))
+    expected = run.estimate_pixels(run.with_background(pairs.images[:], run.pixels_of(frame)[0]))
     predictions = read_predictions(tmp_path / "default").by_model["field"]
     np.testing.assert_allclose(predictions, expected.counts, atol=0.5)
     assert not np.allclose(predictions, run.predict_pixels(pairs.images[:]), atol=0.5)

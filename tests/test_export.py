@@ -148,7 +148,7 @@ def test_cards_lines_of_code_work(
     assert names["counts"].shape == (20,)
 
 
-def test_card_of_pairs_brought_in_gives_no_licence_away(data_dir: Path, tmp_path: Path) -> None:
+def test_card_of_pairs_brought_in_gives_no_license_away(data_dir: Path, tmp_path: Path) -> None:
     folder = write_spots(tmp_path / "data")
     info = json.loads((folder / "info.json").read_text())
     del info["scale"]

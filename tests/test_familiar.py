@@ -12,7 +12,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.sim.dataset.store import read_split
 from t2twin.translate.runs.config import CONFIG, load_config
-from t2twin.translate.uncertainty.ood import CELLS, familiar_with
+from t2twin.translate.uncertainty.ood import CELLS, fit_ood_detector
 
 
 @pytest.fixture(scope="module")
@@ -26,8 +26,8 @@ def test_distances_are_in_spreads_of_the_cells():
     rng = np.random.default_rng(0)
     pixels = rng.integers(90, 110, (100, 61, 61, 3)).astype(np.uint8)
     pixels[::2] += 20  # all cells move together by 20
-    known = familiar_with(pixels)
-    assert known is not None and familiar_with(pixels[:99]) is None
+    known = fit_ood_detector(pixels)
+    assert known is not None and fit_ood_detector(pixels[:99]) is None
     assert known.mean.shape == (CELLS * CELLS * 3,)
     np.testing.assert_allclose(known.mean, 109.5, atol=2.0)
     np.testing.assert_allclose(known.spread, 10.0, atol=1.0)
@@ -42,7 +42,7 @@ def test_how_a_picture_is_wrong_is_told():
     down, across = np.mgrid[0:64, 0:64] / 63.0
     scene = np.stack([200 * across, 200 * down * (1 - across), 60 + 80 * down], axis=-1)
     pixels = np.clip(scene + rng.normal(0, 12, (120, 1, 1, 3)), 0, 255).astype(np.uint8)
-    known = familiar_with(pixels)
+    known = fit_ood_detector(pixels)
     assert known is not None
     wrong = {
         "": pixels[0],

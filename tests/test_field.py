@@ -36,10 +36,10 @@ from t2twin.translate.training.recalibrate import temper
 from t2twin.translate.training.train import train
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
-    Calibration,
     Errors,
+    UncertaintyCalibration,
     calibration_of,
-    factor_at,
+    interpolate_scale,
     standard_deviation,
 )
 from t2twin.translate.uncertainty.estimate import Estimate
@@ -118,7 +118,7 @@ def test_a_turned_picture_is_told_by_the_untouched_frame(
     data_dir: Path, run: TrainedTranslator
 ) -> None:
     pixels = load_pairs(data_dir, "train", 64, grey=False, with_field=True).pictures[:]
-    assert set(run.looks(pixels)) == {""} and run.is_familiar(pixels).all()
+    assert set(run.looks(pixels)) == {""} and run.in_distribution(pixels).all()
     for turned, how in (
         (pixels[:, ::-1, ::-1], "upside down"),
         (pixels[:, :, ::-1], "mirrored"),
@@ -127,7 +127,7 @@ def test_a_turned_picture_is_told_by_the_untouched_frame(
         strange = np.concatenate([turned[..., :3], pixels[..., 3:]], axis=-1)
         assert set(run.looks(strange)) == {how}
     others = np.concatenate([pixels[..., :3], np.roll(pixels[..., 3:], 4, axis=0)], axis=-1)
-    assert all(run.looks(others)) and not run.is_familiar(others).any()
+    assert all(run.looks(others)) and not run.in_distribution(others).any()
     assert set(run.looks(others[..., :3])) == {""}  # 24 pairs tell nothing of the training
 
 
@@ -165,8 +165,8 @@ def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
     places, view = field_layout(), (6.25, 8.0)
     assert grid_of(places.x_mm) == (12, 18)
     reading = laid_at(places.x_mm, places.y_mm, view, 12)
-    centres = (np.arange(12) + 0.5) / 12 * 2 - 1
-    x, y = np.meshgrid(centres * view[0], centres * view[1])
+    centers = (np.arange(12) + 0.5) / 12 * 2 - 1
+    x, y = np.meshgrid(centers * view[0], centers * view[1])
     within = (np.abs(places.x_mm) < x.max()) & (np.abs(places.y_mm) < y.max())
     assert within.sum() > 20
     for cells, at in ((x, places.x_mm), (y, places.y_mm)):
@@ -232,7 +232,7 @@ def errors_of(true: torch.Tensor, spread: torch.Tensor, seed: int) -> Errors:
     )
 
 
-def held_by(found: Calibration, errors: Errors) -> torch.Tensor:
+def held_by(found: UncertaintyCalibration, errors: Errors) -> torch.Tensor:
     """(P, F) whether intervals of 90 % hold."""
     std = standard_deviation(errors.spread.log(), found.place, found.press)
     return errors.field.abs() <= HALF_WIDTH * std
@@ -248,7 +248,7 @@ def test_intervals_hold_as_much_among_small_spreads_as_among_large() -> None:
     assert [float(part.mean()) for part in by_size] == pytest.approx([0.9] * 10, abs=0.02)
     std = standard_deviation(spread.log(), found.place, found.press)
     assert float(std.square().mean() / errors.field.square().mean()) == pytest.approx(1.0, abs=0.1)
-    factor = factor_at(torch.zeros(1), found.force)
+    factor = interpolate_scale(torch.zeros(1), found.force)
     assert float(factor) == pytest.approx(0.5, rel=0.06)
 
 
@@ -292,7 +292,7 @@ def test_a_larger_spread_never_makes_a_smaller_standard_deviation(presses: int) 
     spread = torch.exp(2 * torch.randn(presses, 5, generator=generator) - 5)
     found = calibration_of([errors_of(torch.full_like(spread, 0.01), spread, 0)])
     steps = torch.linspace(-14.0, 2.0, 1000)
-    std = steps + factor_at(steps, found.place).log()
+    std = steps + interpolate_scale(steps, found.place).log()
     assert (std.diff() >= -1e-5).all()
 
 
@@ -307,7 +307,7 @@ def test_weights_of_an_earlier_version_keep_their_temperatures(run: TrainedTrans
     spread = torch.tensor([[0.001, 0.01, 0.09]])
     std = standard_deviation(spread.log(), other.place_rungs, other.press_rungs)
     torch.testing.assert_close(std, 0.02 * (spread / 0.01) ** 1.5)
-    assert float(factor_at(torch.zeros(()), other.force_rungs)) == pytest.approx(3.0)
+    assert float(interpolate_scale(torch.zeros(()), other.force_rungs)) == pytest.approx(3.0)
 
 
 def test_certainty_of_what_is_right_by_half() -> None:
@@ -356,14 +356,14 @@ def test_estimates(run: TrainedTranslator, frame: np.ndarray) -> None:
 
 
 def test_drawn_fields_spread_as_is_said(run: TrainedTranslator, frame: np.ndarray) -> None:
-    told, drawn = run.estimate(frame), run.draw_fields(frame, 3000, seed=1)
+    told, drawn = run.estimate(frame), run.sample_fields(frame, 3000, seed=1)
     assert drawn.shape == (3000, 216)
     clear = (told.field > 4 * told.field_std) & (told.field < 40_000 - 4 * told.field_std)
     if clear.any():
         ratio = drawn[:, clear].std(axis=0) / told.field_std[clear]
         assert np.abs(ratio - 1).max() < 0.1
-    assert (drawn >= 0).all() and not np.array_equal(drawn, run.draw_fields(frame, 3000, seed=2))
-    np.testing.assert_array_equal(drawn, run.draw_fields(frame, 3000, seed=1))
+    assert (drawn >= 0).all() and not np.array_equal(drawn, run.sample_fields(frame, 3000, seed=2))
+    np.testing.assert_array_equal(drawn, run.sample_fields(frame, 3000, seed=1))
 
 
 def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: TrainedTranslator) -> None:

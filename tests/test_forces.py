@@ -18,9 +18,9 @@ from t2twin.translate.evaluation.metrics.bootstrap import (
     rmse_by_group,
 )
 from t2twin.translate.evaluation.metrics.forces import (
-    FEWEST_PRESSES,
+    MAX_FORCES,
     MEAN_ARRAY_OF_FORCE,
-    MOST_FORCES,
+    MIN_PRESSES,
     by_force,
     force_bins,
     mean_array_of_force,
@@ -61,11 +61,11 @@ def test_few_forces_are_a_bin_each() -> None:
 
 def test_many_forces_lie_in_bins_as_wide_in_the_logarithm() -> None:
     """Two a doubling, edges at whole powers of two; empty ones are not there; 0 is its own."""
-    forces = np.concatenate([np.linspace(0.5, 0.7, MOST_FORCES), [1.0, 11.9, 0.0, np.nan]])
+    forces = np.concatenate([np.linspace(0.5, 0.7, MAX_FORCES), [1.0, 11.9, 0.0, np.nan]])
     bins = force_bins(presses(forces), presses(np.array([4.0])))
     edges = [(round(one.low_n, 2), round(one.high_n, 2)) for one in bins]
     assert edges == [(0, 0), (0.5, 0.71), (1.0, 1.41), (11.31, 16.0)]
-    assert [one.members.size for one in bins] == [1, MOST_FORCES, 1, 1]  # an unknown one in none
+    assert [one.members.size for one in bins] == [1, MAX_FORCES, 1, 1]  # an unknown one in none
 
 
 def test_presses_of_unknown_force_are_in_no_bin() -> None:
@@ -76,7 +76,7 @@ def test_presses_of_unknown_force_are_in_no_bin() -> None:
 
 def test_the_mean_array_of_a_force_is_its_training_presses() -> None:
     """2 N are trained on often enough, 4 N once too seldom: there it is the split's own mean."""
-    trained = np.repeat([2.0, 4.0], [FEWEST_PRESSES, FEWEST_PRESSES - 1])
+    trained = np.repeat([2.0, 4.0], [MIN_PRESSES, MIN_PRESSES - 1])
     train = presses(trained, np.tile(500.0 * trained[:, None], (1, 20)))
     pairs = presses(np.array([2.0, 4.0, 4.0, 2.0]))
     bins = force_bins(pairs, train)

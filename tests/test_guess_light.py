@@ -12,14 +12,14 @@ from t2twin.sim.digit.calibrate.scores import crop_scores, mean_score
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import DigitOptics
-from t2twin.sim.digit.randomization.unit import draw_unit
+from t2twin.sim.digit.randomization.unit import sample_unit
 
 FEW = 60
 
 
 @pytest.fixture(scope="module")
 def background():
-    return draw_unit(np.random.default_rng((9, 0)), DRAW).calibration.background
+    return sample_unit(np.random.default_rng((9, 0)), DRAW).calibration.background
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_the_mean_errs_less_than_the_drawn_ones(lights):
     places = np.array([(163.0, 129.0)])
     mean, singly = [], []
     for number in range(1, 7):
-        unit = draw_unit(np.random.default_rng((9, number)), DRAW).calibration
+        unit = sample_unit(np.random.default_rng((9, number)), DRAW).calibration
         own = drawn_lights(unit.background, unit.camera, FEW)
         wanted = DigitOptics(unit).render(surface)[None]
 

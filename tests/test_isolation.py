@@ -49,11 +49,11 @@ def test_commands_find_temporary_folders_alone():
 
 def test_runs_of_the_repository_are_not_found():
     from t2twin.studio.translators import Translators
-    from t2twin.translate.runs.pretrained import shipped_runs
+    from t2twin.translate.runs.pretrained import pretrained_runs
 
     translators = Translators()
     translators.search()
-    assert set(translators.names) <= set(shipped_runs())
+    assert set(translators.names) <= set(pretrained_runs())
 
 
 def test_a_product_is_made_once_and_a_change_of_it_is_seen(tmp_path):

@@ -16,7 +16,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.live.folder import Folder
 from t2twin.live.follow import follow
 from t2twin.live.frame import Frame, Skipped
-from t2twin.live.latest_frame import Newest
+from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.sources import Video, _opencv, open_source
 
 HZ, FRAMES = 30.0, 24
@@ -117,7 +117,7 @@ def test_frames_are_turned_upright(turn_deg, corner, tmp_path):
     assert seen.image.shape == ((24, 32) if turn_deg == 0 else (32, 24))
 
 
-def test_colours_are_red_green_blue(tmp_path):
+def test_colors_are_red_green_blue(tmp_path):
     writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 60, (64, 64))
     writer.write(np.full((64, 64, 3), (10, 10, 240), np.uint8))  # OpenCV has blue first
     writer.release()
@@ -204,7 +204,7 @@ def test_skipped_frames_are_reported_now_and_then(no_waiting):
 
 def test_a_folder_that_is_closed_ends(tmp_path):
     source = Folder(tmp_path, 0, silent)
-    newest = Newest(source)
+    newest = LatestFrame(source)
     newest.close()
     assert newest.take() is None
 
@@ -237,7 +237,7 @@ def test_a_slow_taker_gets_the_newest_frame():
         if number == 30:  # twenty-nine came meanwhile
             took.wait()
 
-    newest = Newest(Listed(50, more))
+    newest = LatestFrame(Listed(50, more))
     while newest.read < 30:
         time.sleep(0.001)
     first = newest.take()
@@ -250,7 +250,7 @@ def test_a_slow_taker_gets_the_newest_frame():
 
 
 def test_several_take_from_one_source():
-    newest = Newest(Listed(3))
+    newest = LatestFrame(Listed(3))
     while not newest.ended:
         time.sleep(0.001)
     both = [newest.take(1), newest.take(1)]
@@ -263,7 +263,7 @@ def test_a_source_s_error_comes_through():
             raise T2TwinError("the camera is gone")
 
     with pytest.raises(T2TwinError, match="gone"):
-        Newest(Broken()).take()
+        LatestFrame(Broken()).take()
 
 
 # Lines
@@ -316,7 +316,9 @@ def test_bad_input_is_one_sentence(
 
 def test_a_frame_unlike_the_training_is_said_once(run, monkeypatch):
     said, lines = [], []
-    monkeypatch.setattr(type(run), "is_familiar", lambda self, pixels: np.zeros(len(pixels), bool))
+    monkeypatch.setattr(
+        type(run), "in_distribution", lambda self, pixels: np.zeros(len(pixels), bool)
+    )
     source = Listed(5, lambda number: _wait_for(lambda: len(lines) >= number))
     follow(run, source, lines.append, said.append)
     assert len(lines) == 5

@@ -22,7 +22,7 @@ def without(mesh, *triangles):
     return kept
 
 
-def neighbours(mesh):
+def neighbors(mesh):
     """The triangles beside each triangle."""
     beside = [[] for _ in mesh.faces]
     for a, b in mesh.face_adjacency:
@@ -63,7 +63,7 @@ def test_a_hole_of_many_corners_is_spanned_flat(tmp_path):
 @pytest.mark.parametrize("middle", [3, 100, 777])
 def test_holes_that_touch_at_corners_are_closed(middle, tmp_path):
     """The three triangles beside one that stays."""
-    without(ball(), *neighbours(ball())[middle]).export(tmp_path / "ball.stl")
+    without(ball(), *neighbors(ball())[middle]).export(tmp_path / "ball.stl")
     mesh, (note,) = read.read_solid(tmp_path / "ball.stl")
     assert mesh.is_watertight and "3 small holes" in note
     assert mesh.volume == pytest.approx(ball().volume, rel=1e-5)

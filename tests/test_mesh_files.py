@@ -121,9 +121,9 @@ def test_a_scale_is_for_files_only(tmp_path):
 @pytest.mark.parametrize(
     "name, sides, hint",
     [
-        ("m.stl", (0.03, 0.02, 0.01), "in metres, --scale 1000 makes it 30 mm large"),
+        ("m.stl", (0.03, 0.02, 0.01), "in meters, --scale 1000 makes it 30 mm large"),
         ("in.stl", (0.4, 0.3, 0.2), "in inches, --scale 25.4 makes it 10.16 mm large"),
-        ("um.ply", (30000.0, 2e4, 1e4), "in micrometres, --scale 0.001 makes it 30 mm large"),
+        ("um.ply", (30000.0, 2e4, 1e4), "in micrometers, --scale 0.001 makes it 30 mm large"),
         ("mm.glb", SIDES_MM, "in mm, --scale 1 makes it 6 mm large"),
     ],
 )
@@ -199,7 +199,7 @@ def test_a_3mf_build_takes_parts_from_other_models(tmp_path):
 def test_an_obj_solid_of_several_materials_is_one(tmp_path):
     (tmp_path / "secret.mtl").symlink_to("/dev/zero")  # would be read without end
     lines = obj_text(corners_of(), quads()).splitlines()
-    coloured = [
+    colored = [
         "mtllib secret.mtl",
         *lines[:8],
         "usemtl red",
@@ -207,7 +207,7 @@ def test_an_obj_solid_of_several_materials_is_one(tmp_path):
         "usemtl blue",
         *lines[11:],
     ]
-    (tmp_path / "two.obj").write_text("\n".join(coloured))
+    (tmp_path / "two.obj").write_text("\n".join(colored))
     mesh, notes = read.read_solid(tmp_path / "two.obj")
     assert mesh.is_watertight and mesh.volume == pytest.approx(72.0) and notes == ()
 

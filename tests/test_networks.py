@@ -144,7 +144,7 @@ def test_paper_preset_trains_the_published_networks() -> None:
     [("touch2touch", 2e-4, (0.5, 0.999)), ("resnet18", 1e-3, (0.9, 0.999))],
 )
 def test_adam_is_set_as_in_the_paper(model: str, rate: float, betas: tuple[float, float]) -> None:
-    """The settings of the optimisers themselves, which hold every weight once, without decay."""
+    """The settings of the optimizers themselves, which hold every weight once, without decay."""
     preset = replace(find_preset(model, "paper"), filters=16)
     translator = TRANSLATORS[model](preset, info(), CPU, False)
     assert translator.optimizers.keys() == translator.networks.keys()

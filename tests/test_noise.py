@@ -22,12 +22,12 @@ def noise() -> Noise:
 
 
 def alike(drawn, rows, columns):
-    """How alike pixels so far apart are, all colours together."""
+    """How alike pixels so far apart are, all colors together."""
     pairs = drawn[rows:, columns:], drawn[: ROWS - rows, : COLUMNS - columns]
     return float(np.mean(pairs[0] * pairs[1]) / np.mean(drawn**2))
 
 
-def test_noise_has_the_spread_and_the_neighbours_it_says(noise):
+def test_noise_has_the_spread_and_the_neighbors_it_says(noise):
     drawn = noise.draw(np.random.default_rng(0))
     covariance = np.cov(drawn.reshape(-1, 3).T)
     np.testing.assert_allclose(covariance, MIX @ MIX.T, atol=0.25)

@@ -22,7 +22,7 @@ from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.inference.onnx_export import export_onnx
 from t2twin.translate.inference.predictor import load_run
 from t2twin.translate.models.presets import PRESETS, Preset
-from t2twin.translate.models.reverse import OtherWay
+from t2twin.translate.models.reverse import CySkinToDigit
 from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs import pretrained
 from t2twin.translate.runs.build import build
@@ -80,7 +80,7 @@ def test_overfits_one_batch(data_dir: Path) -> None:
     """Eight pairs seen again and again are drawn by heart, to 2 % of full scale."""
     torch.set_num_threads(1)
     ours = translator(data_dir, replace(SMOKE, learning_rate=2e-3), WAY)
-    assert isinstance(ours, OtherWay)
+    assert isinstance(ours, CySkinToDigit)
     pairs = load_pairs(data_dir, "train", SMOKE.size, SMOKE.grey)
     torch.manual_seed(0)  # dropout
     pixels, counts = pairs.images[:8].astype(np.float32), torch.from_numpy(pairs.counts[:8])
@@ -152,13 +152,13 @@ def test_jitter_is_not_put_on_what_is_drawn(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = []
-    step = OtherWay.step
+    step = CySkinToDigit.step
 
-    def watched(self: OtherWay, examples: Examples) -> dict[str, float]:
+    def watched(self: CySkinToDigit, examples: Examples) -> dict[str, float]:
         seen.append(examples.images.numpy().copy())
         return step(self, examples)
 
-    monkeypatch.setattr(OtherWay, "step", watched)
+    monkeypatch.setattr(CySkinToDigit, "step", watched)
     train("touch2touch", data_dir, replace(SMOKE, noise=0.1), tmp_path, epochs=1, direction=WAY)
     grey = (np.concatenate(seen) + 1.0) * 127.5
     np.testing.assert_allclose(grey, np.rint(grey), atol=1e-3)
@@ -256,12 +256,12 @@ def test_commands_that_want_counts_refuse_it_in_one_sentence(
     [
         lambda run, frame: run.predict(frame),
         lambda run, frame: run.estimate(frame),
-        lambda run, frame: run.draw_fields(frame, 2),
+        lambda run, frame: run.sample_fields(frame, 2),
         lambda run, frame: run.tactile_images(frame),
         lambda run, frame: export_onnx(run, "x.onnx"),
         lambda run, frame: t2twin.load(run.run_dir, layout="cyskin-63"),
     ],
-    ids=["predict", "estimate", "draw_fields", "tactile_images", "export_onnx", "layout"],
+    ids=["predict", "estimate", "sample_fields", "tactile_images", "export_onnx", "layout"],
 )
 def test_a_loaded_run_gives_no_counts(
     ask: Callable, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -48,7 +48,7 @@ def test_resize_is_by_area(phi: Phi, counts: np.ndarray) -> None:
 
 def test_linear_field_is_exact_inside_the_hull_and_zero_outside(phi: Phi) -> None:
     layout = load_layout()
-    x_mm, y_mm = np.meshgrid(*phi.centres_mm)
+    x_mm, y_mm = np.meshgrid(*phi.centers_mm)
     image = phi(1000.0 + 30.0 * layout.x_mm - 20.0 * layout.y_mm)
     plane = 1000.0 + 30.0 * x_mm - 20.0 * y_mm
     np.testing.assert_allclose(image[phi.hull], plane[phi.hull], rtol=1e-5)
@@ -70,7 +70,7 @@ def test_weights_are_barycentric(phi: Phi) -> None:
 
 def test_one_taxel_peaks_at_its_place(phi: Phi) -> None:
     layout = load_layout()
-    columns_mm, rows_mm = phi.centres_mm
+    columns_mm, rows_mm = phi.centers_mm
     for n in range(layout.size):
         row, column = np.unravel_index(phi(np.eye(layout.size)[n]).argmax(), TACTILE_SHAPE)
         assert abs(columns_mm[column] - layout.x_mm[n]) < 1.5 / 8.8

@@ -84,8 +84,8 @@ def test_chordal_error_on_the_largest_curved_primitives():
             "height", radius
         )
         mesh.update_faces(faces)
-        centre = np.array([0.0, 0.0, -radius])
-        error = np.abs(np.linalg.norm(on_triangles(mesh, rng) - centre, axis=1) - radius)
+        center = np.array([0.0, 0.0, -radius])
+        error = np.abs(np.linalg.norm(on_triangles(mesh, rng) - center, axis=1) - radius)
         assert len(mesh.faces) > 100
         assert error.max() < CHORDAL_MM
     radius = primitive_parameters.parameters("circle-4")["radius"]
@@ -116,7 +116,7 @@ def test_the_grid_covers_the_feature():
             strict=True,
         ):
             covered = primitive_parameters.GRID_INTERVALS * spacing
-            if spacing > primitive_parameters.LEAST_SPACING_MM:
+            if spacing > primitive_parameters.MIN_SPACING_MM:
                 assert covered == pytest.approx(extent, abs=0.16)
             else:
                 assert covered >= extent - 0.16

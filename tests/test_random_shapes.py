@@ -89,7 +89,7 @@ def test_a_half_plane_is_all_that_lies_beyond_its_edge(turn, profile):
 
 
 def test_irregular_polygons_keep_their_corners():
-    """Also where a side lies so far out that its neighbours meet before it."""
+    """Also where a side lies so far out that its neighbors meet before it."""
     rng = np.random.default_rng(5)
     for number in (3, 4, 5, 6, 8) * 4:
         apart = 4.0 * np.exp(0.25 * rng.standard_normal(number))
@@ -144,7 +144,7 @@ def test_the_higher_feature_is_felt():
 
 def test_what_is_drawn_is_of_every_kind():
     rng = np.random.default_rng(0)
-    drawn = [features.draw_composition(rng) for _ in range(600)]
+    drawn = [features.sample_composition(rng) for _ in range(600)]
     parts = [feature for composition in drawn for feature in composition.features]
     assert {feature.outline for feature in parts} == set(rasterize.OUTLINES)
     assert {feature.profile for feature in parts} == set(rasterize.PROFILES)

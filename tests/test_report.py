@@ -254,7 +254,7 @@ def test_pairs_are_picked_in_turn(report_data: ReportData) -> None:
 
 
 def test_pictures_are_those_of_their_rows(report_data: ReportData) -> None:
-    """Translated again, a sample's picture gives the very counts that the evaluation gave."""
+    """A sample's image translated again gives the counts of the evaluation."""
     for row in range(report_data.tables["val"].num_rows):
         again = report_data.runs["resnet18"].predict([report_data.picture("val", row)])
         expected = report_data.predictions["val"].by_model["resnet18"][row]

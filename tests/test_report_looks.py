@@ -1,4 +1,4 @@
-"""How the pages look: names that come from outside, two schemes of colours, narrow screens."""
+"""How the pages look: names that come from outside, two schemes of colors, narrow screens."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -14,20 +14,20 @@ from t2twin.report.html.style import STYLE
 ODD = [
     "$\\foo_{$", "<script>alert(1)</script>", "x" * 200, "触覚 ☃ é", "two\nlines\x07\x1b", "a--b",
 ]  # fmt: skip
-LEAST_CONTRAST = 4.5
+MIN_CONTRAST = 4.5
 """Of text to its ground (WCAG 2.1, 1.4.3)."""
 
 
 def scheme(dark: bool) -> dict[str, str]:
-    """The colours by name; what the dark one does not name is as by day."""
+    """The colors by name; what the dark one does not name is as by day."""
     roots = re.findall(r":root \{(.*?)\}", STYLE, re.DOTALL)
     day, night = (dict(re.findall(r"(--\w+): (#\w+)", root)) for root in roots[:2])
     return day | night if dark else day
 
 
-def luminance(colour: str) -> float:
+def luminance(color: str) -> float:
     """Relative luminance of #rgb or #rrggbb (WCAG 2.1)."""
-    digits = colour[1:] if len(colour) == 7 else "".join(2 * digit for digit in colour[1:])
+    digits = color[1:] if len(color) == 7 else "".join(2 * digit for digit in color[1:])
     parts = [int(digits[i : i + 2], 16) / 255 for i in (0, 2, 4)]
     linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
@@ -35,16 +35,16 @@ def luminance(colour: str) -> float:
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_text_is_legible_by_day_and_by_night(dark: bool) -> None:
-    colours = scheme(dark)
-    ground = luminance(colours["--paper"])
+    colors = scheme(dark)
+    ground = luminance(colors["--paper"])
     assert (ground < 0.05) is dark
     for name in ("--ink", "--soft", "--pale", "--link"):
-        low, high = sorted((ground, luminance(colours[name])))
-        assert (high + 0.05) / (low + 0.05) >= LEAST_CONTRAST, name
-    assert luminance(colours["--card"]) > 0.8  # pictures are drawn for a light ground
+        low, high = sorted((ground, luminance(colors[name])))
+        assert (high + 0.05) / (low + 0.05) >= MIN_CONTRAST, name
+    assert luminance(colors["--card"]) > 0.8  # pictures are drawn for a light ground
 
 
-def test_every_colour_belongs_to_a_scheme() -> None:
+def test_every_color_belongs_to_a_scheme() -> None:
     rest = re.sub(r":root \{.*?\}", "", STYLE, flags=re.DOTALL)
     assert not re.findall(r"#[0-9a-f]{3}", rest)
 

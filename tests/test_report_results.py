@@ -32,5 +32,5 @@ def test_sentences_follow_the_numbers(
     split: str, errors: tuple[float, float, float], said: str
 ) -> None:
     where = {"val": "validation", "test": "test"}[split]
-    expected = f"On {where}, ResNet18 is {said} the nearest neighbour."
+    expected = f"On {where}, ResNet18 is {said} the nearest neighbor."
     assert results.sentences({split: models(*errors)}) == [expected]

@@ -33,7 +33,7 @@ def step_of_block(path, sides=(6.0, 4.0, 3.0)):
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".STL", ".step", ".StP"])
-def test_a_user_s_solid_is_centred_below_the_axis(suffix, tmp_path):
+def test_a_user_s_solid_is_centerd_below_the_axis(suffix, tmp_path):
     made = tmp_path / "block.made.step" if suffix.lower() != ".stl" else tmp_path / "block.made.stl"
     (step_of_block if suffix.lower() != ".stl" else block)(made)
     path = made.rename(tmp_path / f"block{suffix}")

@@ -17,9 +17,9 @@ from t2twin.translate.evaluation.publish_pretrained import ship
 from t2twin.translate.inference.predictor import load_run
 from t2twin.translate.runs import pretrained
 from t2twin.translate.runs.config import BEST
-from t2twin.translate.runs.pretrained import HOME, find_run, shipped_runs
+from t2twin.translate.runs.pretrained import HOME, pretrained_runs, resolve_run
 
-MOST_BYTES = 16_000_000
+MAX_BYTES = 16_000_000
 """Of all weights that ship together."""
 
 
@@ -51,15 +51,15 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
 
 def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert find_run("field") == HOME / "field"
+    assert resolve_run("field") == HOME / "field"
     shutil.copytree(runs[1], tmp_path / "field")
-    assert find_run("field") == HOME / "field"
-    assert find_run("./field") == find_run(Path("field")) == Path("field")
+    assert resolve_run("field") == HOME / "field"
+    assert resolve_run("./field") == resolve_run(Path("field")) == Path("field")
     shutil.rmtree(tmp_path / "field")
     with pytest.raises(T2TwinError, match=r"there is no run fild; .* a pretrained run: .*field"):
-        find_run("fild")
+        resolve_run("fild")
     with pytest.raises(T2TwinError, match=r"there is no run \./field"):
-        find_run("./field")
+        resolve_run("./field")
 
 
 def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:
@@ -77,8 +77,8 @@ def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:
 
 
 def test_all_that_ships_is_small() -> None:
-    assert "field" in shipped_runs()
-    assert sum(path.stat().st_size for path in HOME.rglob("*")) < MOST_BYTES
+    assert "field" in pretrained_runs()
+    assert sum(path.stat().st_size for path in HOME.rglob("*")) < MAX_BYTES
 
 
 def test_the_card_says_what_is_measured(protocol_dataset: Path) -> None:

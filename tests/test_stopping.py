@@ -34,8 +34,8 @@ import os, signal, sys
 from pathlib import Path
 from t2twin.core.files import locked
 from t2twin.core.files import whole_file
-from t2twin.core.signals import Stopped, heed_signals, say_stopped
-heed_signals()
+from t2twin.core.signals import Stopped, install_handlers, say_stopped
+install_handlers()
 try:
     with locked(Path("a/b")), whole_file(Path("a/b/c.txt")) as temporary:
         temporary.write_text("half")

@@ -24,7 +24,7 @@ from t2twin.studio.session import STEPS, Session
 from t2twin.studio.translators import LEVEL, MAKE_ONE, Translators
 from t2twin.studio.transport import transfers, uploads
 from t2twin.studio.view import cards, solids
-from t2twin.studio.view.colors import colour_table, coloured
+from t2twin.studio.view.colors import color_table, colored
 from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
 SHAPE = "hemisphere-4"
@@ -308,9 +308,9 @@ def test_a_frame_is_compared_with_a_background_frame(pretrained):
 # What is drawn
 
 
-def test_colours_go_from_one_end_of_the_map_to_the_other():
-    table = colour_table()
-    assert np.array_equal(coloured(np.array([0.0, 5.0, 9.0]), 5.0), table[[0, 255, 255]])
+def test_colors_go_from_one_end_of_the_map_to_the_other():
+    table = color_table()
+    assert np.array_equal(colored(np.array([0.0, 5.0, 9.0]), 5.0), table[[0, 255, 255]])
 
 
 @pytest.mark.parametrize(
@@ -378,7 +378,7 @@ def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
         ("frame", "a.npz", 3, r"\.png"),
         ("calibration", "a.pkl", 3, r"\.npz"),
         ("layout", "", 3, r"\.csv"),
-        ("shape", "a.stl", transfers.MOST_BYTES + 1, "64 MB"),
+        ("shape", "a.stl", transfers.MAX_BYTES + 1, "64 MB"),
     ],
 )
 def test_a_file_of_another_kind_or_too_large_is_refused(kind, name, size, words, tmp_path):

@@ -20,12 +20,12 @@ from benchmarks.studio_events import act
 from t2twin.cli import main
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import FOLDER, studio
-from t2twin.studio.transport.transfers import MOST_BYTES
+from t2twin.studio.transport.transfers import MAX_BYTES
 
 SHAPE = "hemisphere-4"
 STATE = PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0)
 BLOCK = 20
-MOST_GREYS_OFF = 24
+MAX_GREYS_OFF = 24
 SETTLED_AFTER = 2
 SMALLEST_PX = 9
 WIDE, PHONE = {"width": 1400, "height": 900}, {"width": 420, "height": 860}
@@ -148,7 +148,7 @@ def coarse(pixels):
 
 def alike(one, other):
     """Whether two pictures of the scene show the same."""
-    return np.abs(coarse(one) - coarse(other)).max() < MOST_GREYS_OFF
+    return np.abs(coarse(one) - coarse(other)).max() < MAX_GREYS_OFF
 
 
 def test_the_page_shows_what_press_gives(desk, tmp_path):
@@ -245,7 +245,7 @@ def test_a_file_is_pressed_and_a_bad_one_is_refused_as_by_the_command(desk, tmp_
 def test_a_file_that_is_too_large_is_dropped_as_it_comes(desk, tmp_path):
     tab, page = desk
     with (tmp_path / "large.stl").open("wb") as file:
-        file.truncate(MOST_BYTES + 1)
+        file.truncate(MAX_BYTES + 1)
     upload(tab, page.controls.upload_shape, tmp_path / "large.stl")
     tab.get_by_text("at most 64 MB are allowed").wait_for()
     assert page._client.gui._current_file_upload_states == {}

@@ -8,7 +8,7 @@ from PIL import Image
 
 from t2twin.cli import main
 from t2twin.studio.server import is_own
-from t2twin.studio.worker import NewestFirst
+from t2twin.studio.worker import LatestOnlyWorker
 
 # The newest first
 
@@ -22,7 +22,7 @@ def test_only_the_newest_is_done():
         begun.set()
         go.wait(5)
 
-    worker = NewestFirst(work, lambda: settled.append(1), quiet_s=0.01)
+    worker = LatestOnlyWorker(work, lambda: settled.append(1), quiet_s=0.01)
     worker.ask()
     assert begun.wait(5)
     for asked[0] in range(1, 101):

@@ -25,7 +25,7 @@ from t2twin.translate.runs.checkpoint import load_state
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.training import train as training
 from t2twin.translate.training.train import train
-from t2twin.translate.training.trainer import TrainingLoop
+from t2twin.translate.training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -131,11 +131,11 @@ def test_stops_early_and_keeps_the_best(
     errors = iter([900.0, 500.0, 700.0, 600.0, 100.0])
     weights = []
 
-    def validate(self: TrainingLoop) -> float:
+    def validate(self: Trainer) -> float:
         weights.append(self.translator.predictor.state_dict()["fc.weight"].clone())
         return next(errors)
 
-    monkeypatch.setattr(TrainingLoop, "_validate", validate)
+    monkeypatch.setattr(Trainer, "_validate", validate)
     preset = replace(PRESETS["resnet18"]["smoke"], patience=2)
     outcome = train("resnet18", data_dir, preset, tmp_path)
     assert (outcome.epochs, outcome.best_epoch, outcome.best_rmse_counts) == (4, 2, 500.0)
@@ -146,7 +146,7 @@ def test_stops_early_and_keeps_the_best(
 def test_minutes_bound_the_epochs(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(TrainingLoop, "_measure", lambda self: 20.0)
+    monkeypatch.setattr(Trainer, "_measure", lambda self: 20.0)
     train("resnet18", data_dir, "smoke", tmp_path, minutes=1.1)
     assert load_config(tmp_path).planned_epochs == 3
     assert len(records(tmp_path)) == 3

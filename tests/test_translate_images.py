@@ -1,4 +1,4 @@
-"""Translating image files: any size and colour in, counts and tactile images out, one sentence
+"""Translating image files: any size and color in, counts and tactile images out, one sentence
 for what cannot be used."""
 
 import csv
@@ -64,7 +64,7 @@ def test_files_say_what_was_predicted(run_dir: Path, digit: Image.Image, tmp_pat
         assert len(np.unique(np.asarray(picture).reshape(-1, 3), axis=0)) > 50
 
 
-def test_any_size_and_colour_is_translated(
+def test_any_size_and_color_is_translated(
     run_dir: Path, digit: Image.Image, tmp_path: Path
 ) -> None:
     digit.resize((640, 480)).save(tmp_path / "large.jpg")
@@ -85,8 +85,8 @@ def test_grey_is_all_that_touch2touch_sees(
     digit.save(tmp_path / "colour.png")
     digit.convert("L").save(tmp_path / "grey.png")
     paths = [tmp_path / "colour.png", tmp_path / "grey.png"]
-    colour, grey = translate_images(paths, tmp_path / "out", run_dir)
-    same = np.allclose(colour, grey, atol=1.0)
+    color, grey = translate_images(paths, tmp_path / "out", run_dir)
+    same = np.allclose(color, grey, atol=1.0)
     assert same == (run_dir.name == "touch2touch")
 
 
@@ -195,7 +195,7 @@ def test_folder_of_many_is_as_one_by_one(
     run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """More than fits in one batch, and a last batch that is smaller: every row is its image's."""
-    monkeypatch.setattr(batch, "AT_ONCE", 5)
+    monkeypatch.setattr(batch, "BATCH_SIZE", 5)
     frames = load_pairs(data_dir, "train", 64, grey=False).images[:23]
     (tmp_path / "frames").mkdir()
     for number, frame in enumerate(frames):
@@ -222,7 +222,7 @@ def test_file_cut_in_its_middle_leaves_earlier_outputs_as_they_were(
     run_dir: Path, digit: Image.Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Found only when it is decoded, after others were translated."""
-    monkeypatch.setattr(batch, "AT_ONCE", 1)
+    monkeypatch.setattr(batch, "BATCH_SIZE", 1)
     out = tmp_path / "out"
     digit.save(tmp_path / "a.png")
     translate_images([tmp_path / "a.png"], out, run_dir)

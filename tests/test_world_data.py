@@ -29,11 +29,11 @@ from t2twin.sim.digit import rendered
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world.plan import plan
 from t2twin.sim.world.presses import (
-    MOST_ATTEMPTS,
-    draw_force,
-    draw_press,
+    MAX_ATTEMPTS,
     name_at,
     planned_name,
+    sample_force,
+    sample_press,
 )
 from t2twin.sim.world.recipe import ForceRange, Place, load_recipe, shipped
 
@@ -221,10 +221,10 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     assert names[4:8] == [stand_in] * 4
     assert len(set(poses)) == 16 and not {*slivers} & {*names}
     (said,) = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
-    assert said["redrawn"]["on the base plate"] >= 2 * MOST_ATTEMPTS
+    assert said["redrawn"]["on the base plate"] >= 2 * MAX_ATTEMPTS
     assert verify(folder) == []
     with pytest.raises(T2TwinError, match="random-3000000001 could not be touched in 20 draws"):
-        monkeypatch.setattr(rejection_sampling, "attempts_of", lambda part: MOST_ATTEMPTS)
+        monkeypatch.setattr(rejection_sampling, "attempts_of", lambda part: MAX_ATTEMPTS)
         generate(tmp_path / "none", world=whole, workers=1, cache=shape_cache)
 
 
@@ -249,7 +249,7 @@ def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):
 
 def test_draws_keep_to_their_distributions():
     part = load_recipe("open").parts[0]
-    drawn = [draw_press(part, "random-0", n, k, (0, 0), 0).command for n in range(500)
+    drawn = [sample_press(part, "random-0", n, k, (0, 0), 0).command for n in range(500)
              for k in range(4)]  # fmt: skip
     forces = np.array([command.force_n for command in drawn])
     assert 0.01 < (forces == 0).mean() < 0.035
@@ -261,7 +261,7 @@ def test_draws_keep_to_their_distributions():
     left_out = ForceRange(0.5, 12.0, ((2.7, 3.3), (5.4, 6.6)))
     rng = np.random.default_rng(0)
     for _ in range(2000):
-        force = draw_force(rng, left_out)
+        force = sample_force(rng, left_out)
         assert not 2.7 <= force <= 3.3 and not 5.4 <= force <= 6.6
 
 

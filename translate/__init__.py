@@ -12,7 +12,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 # before it is imported.
 os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
 
-# torch's compiler, which nothing here uses, makes a folder when an optimiser is first made: in the
+# torch's compiler, which nothing here uses, makes a folder when an optimizer is first made: in the
 # temporary one, under the user's name, which not every user has.
 _home = cache_home()
 if _home is not None:

@@ -13,7 +13,7 @@ from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 
 ROWS = {
     "mean-array": "mean array",
-    "nearest-neighbour": "nearest neighbour",
+    "nearest-neighbour": "nearest neighbor",
     "noise-floor": "noise floor",
     "touch2touch": "touch2touch",
     "resnet18": "ResNet18",
@@ -309,7 +309,7 @@ LIGHTS = {
     "shipped": "the light that ships, its own background",
     "shipped_on_own_background": "the light that ships, the unit's background",
     "nearest": "the drawn unit whose LEDs explain the background best",
-    "nearest_bent": "the same, each colour bent to it",
+    "nearest_bent": "the same, each color bent to it",
     "mean_of_nearest": "the mean of the {averaged} best",
     "mean_of_all": "the mean of all drawn units: `--background` alone",
     "fitted": "fitted to the first presses",

@@ -93,8 +93,8 @@ NUMBERS: Mapping[str, Call] = {
 
 WHOLE_NUMBERS: Mapping[str, Call] = {
     "press seed": partial(_press, "seed"),
-    "draw_fields number": lambda value, box, base: field_run().draw_fields(SMALL, value),
-    "draw_fields seed": lambda value, box, base: field_run().draw_fields(SMALL, 1, seed=value),
+    "sample_fields number": lambda value, box, base: field_run().sample_fields(SMALL, value),
+    "sample_fields seed": lambda value, box, base: field_run().sample_fields(SMALL, 1, seed=value),
     "make_dataset seed": lambda value, box, base: t2twin.make_dataset("out", "smoke", seed=value),
     "make_dataset workers": lambda value, box, base: t2twin.make_dataset(
         "out", "smoke", workers=value

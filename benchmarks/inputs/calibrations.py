@@ -206,7 +206,7 @@ BAD_TABLES: tuple[tuple[str, bytes], ...] = (
     ("a force below 0", b"file,force_n\npress_0.png,-1\n"),
     ("a force without end", b"file,force_n\npress_0.png,inf\n"),
     ("a force of 1e9", b"file,force_n\npress_0.png,1e9\n"),
-    ("a depth in micrometres", b"file,depth_mm\npress_0.png,900\n"),
+    ("a depth in micrometers", b"file,depth_mm\npress_0.png,900\n"),
     ("a depth of 0", b"file,depth_mm\npress_0.png,0\n"),
     ("a ball of 40 mm", b"file,ball_diameter_mm\npress_0.png,40\n"),
     ("not UTF-8", b"file,force_n\npress_\xff.png,1\n"),

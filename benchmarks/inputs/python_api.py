@@ -26,11 +26,11 @@ from benchmarks.inputs.api_values import FRAME, NO_IMAGE, PICTURE, SMALL
 from benchmarks.inputs.case import Base, Case
 
 MORE: Mapping[str, tuple[Call, object, str]] = {
-    "draw_fields of 10^9": (
-        lambda value, box, base: field_run().draw_fields(SMALL, value), 10**9, "expected a whole",
+    "sample_fields of 10^9": (
+        lambda value, box, base: field_run().sample_fields(SMALL, value), 10**9, "expected a whole",
     ),
-    "draw_fields of many images": (
-        lambda value, box, base: field_run().draw_fields([SMALL] * 3, value), 50_000, "in all",
+    "sample_fields of many images": (
+        lambda value, box, base: field_run().sample_fields([SMALL] * 3, value), 50_000, "in all",
     ),
     "estimate of no image": (
         lambda value, box, base: field_run().estimate(value), [], "at least one",
@@ -129,7 +129,7 @@ FINE: Mapping[str, Callable[[Base], object]] = {
     "a tuple of sizes": lambda base: field_run().predict((FRAME, SMALL, GREY)).shape == (3, 20),
     "an empty list": lambda base: field_run().predict([]).shape == (0, 20),
     "an empty batch": lambda base: run_of(base.resnet18).predict(FRAME[None][:0]).shape == (0, 20),
-    "fields of no image": lambda base: field_run().draw_fields([], 3).shape == (0, 3, 216),
+    "fields of no image": lambda base: field_run().sample_fields([], 3).shape == (0, 3, 216),
     "tactile images of none": lambda base: (
         run_of(base.resnet18).tactile_images([]).shape == (0, 396, 240)
     ),
@@ -146,7 +146,7 @@ FINE: Mapping[str, Callable[[Base], object]] = {
     ),
     "a level of NumPy": lambda base: field_run().estimate(FRAME).interval(np.float64(0.5)),
     "a number of fields of NumPy": lambda base: (
-        field_run().draw_fields(FRAME, COUNT).shape == (2, 216)
+        field_run().sample_fields(FRAME, COUNT).shape == (2, 216)
     ),
     "taxels in lists": lambda base: field_run().at_layout(**TAXELS).predict(FRAME).shape == (3,),
     "a Shape": lambda base: t2twin.load_shape(t2twin.load_shape("circle-1")).name == "circle-1",
@@ -177,7 +177,7 @@ def _images() -> Iterator[Case]:
     users: Mapping[str, Call] = {
         "predict": lambda value, box, base: field_run().predict(value),
         "estimate": lambda value, box, base: field_run().estimate(value),
-        "draw_fields": lambda value, box, base: field_run().draw_fields(value, 2),
+        "sample_fields": lambda value, box, base: field_run().sample_fields(value, 2),
         "tactile_images": lambda value, box, base: run_of(base.touch2touch).tactile_images(value),
         "pixels_of": lambda value, box, base: run_of(base.resnet18).pixels_of(value),
     }

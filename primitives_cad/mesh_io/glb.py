@@ -1,4 +1,4 @@
-"""GLB, the one-file form of glTF 2.0: metres, y up.
+"""GLB, the one-file form of glTF 2.0: meters, y up.
 
 Only what lies in the file itself is read: no other file, no address, no picture.
 """

@@ -32,7 +32,7 @@ class Buffer(Struct, frozen=True, rename="camel"):
     uri: str | None = None
 
 
-class View(Struct, frozen=True, rename="camel"):
+class BufferView(Struct, frozen=True, rename="camel"):
     buffer: Index
     byte_length: Size
     byte_offset: Size = 0
@@ -55,7 +55,7 @@ class Primitive(Struct, frozen=True, rename="camel"):
     mode: Annotated[int, Meta(ge=0, le=FAN)] = TRIANGLES
 
 
-class Mesh(Struct, frozen=True, rename="camel"):
+class GltfMesh(Struct, frozen=True, rename="camel"):
     primitives: tuple[Primitive, ...]
 
 
@@ -87,7 +87,7 @@ class Node(Struct, frozen=True, rename="camel"):
         return transform
 
 
-class Scene(Struct, frozen=True, rename="camel"):
+class GltfScene(Struct, frozen=True, rename="camel"):
     nodes: tuple[Index, ...] = ()
 
 
@@ -95,11 +95,11 @@ class Description(Struct, frozen=True, rename="camel"):
     """What a file consists of. Everything refers to others by their places in these lists."""
 
     buffers: tuple[Buffer, ...] = ()
-    buffer_views: tuple[View, ...] = ()
+    buffer_views: tuple[BufferView, ...] = ()
     accessors: tuple[Accessor, ...] = ()
-    meshes: tuple[Mesh, ...] = ()
+    meshes: tuple[GltfMesh, ...] = ()
     nodes: tuple[Node, ...] = ()
-    scenes: tuple[Scene, ...] = ()
+    scenes: tuple[GltfScene, ...] = ()
     scene: Index = 0
     extensions_required: tuple[str, ...] = ()
 

@@ -9,7 +9,7 @@ import trimesh
 from t2twin.primitives_cad.mesh_io.bodies import joined
 
 FOLDED_RAD = np.pi - 1e-6
-"""Angle between the normals of neighbouring triangles that lie on one another (assumed)."""
+"""Angle between the normals of neighboring triangles that lie on one another (assumed)."""
 
 
 def read(path: Path) -> tuple[trimesh.Trimesh, float]:

@@ -37,7 +37,7 @@ places, of 0.2 mm and more at none."""
 LARGEST_MM = 1000.0
 """Greatest size of a solid, mm (assumed: more is a file in other units)."""
 
-UNITS_MM = {"metres": 1000.0, "inches": 25.4, "mm": 1.0, "micrometres": 0.001}
+UNITS_MM = {"metres": 1000.0, "inches": 25.4, "mm": 1.0, "micrometers": 0.001}
 """Units that a file of an unlikely size may be in, mm."""
 
 LIKELY_MM = 30.0

@@ -13,7 +13,7 @@ HOLES_SHARE = 0.01
 """Largest share of a surface that is put over its holes (assumed: a few triangles that a mesh
 lost, and no face)."""
 
-MOST_RIM_EDGES = 2000
+MAX_RIM_EDGES = 2000
 """Most edges around holes that are looked at (assumed: more is a surface, not a solid)."""
 
 THINNEST_MM = 1e-6
@@ -93,7 +93,7 @@ def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str]:
 def _rims(mesh: trimesh.Trimesh, edges: np.ndarray) -> list[list[int]]:
     """Corners around each hole, from the edges (n, 2) around all, or nothing where those do not
     close, or are too many."""
-    if len(edges) > MOST_RIM_EDGES:
+    if len(edges) > MAX_RIM_EDGES:
         return []
     onward: dict[int, list[int]] = {}
     for a, b in edges.tolist():

@@ -84,14 +84,14 @@ FIRST_OFF_MM, OTHERS_OFF_MM, CUT_OFF_MM = 1.5, 6.0, 3.0
 """How far from the press axis the first feature, the others, and cuts and holes lie: standard
 deviation along x and y, mm."""
 
-SAME_HEIGHT_SHARE, MOST_LOWER_MM = 0.4, 1.2
+SAME_HEIGHT_SHARE, MAX_LOWER_MM = 0.4, 1.2
 """How many of the features after the first are as high, and how much lower the others are at most
 (uniformly, mm)."""
 
 PARALLEL_SHARE = 0.4
 """How many of the features after the first stand parallel to it, as ribs and jaws do."""
 
-TILT_SHARE, MOST_TILT_DEG = 0.35, 3.0
+TILT_SHARE, MAX_TILT_DEG = 0.35, 3.0
 """How many shapes are tilted, and by how much at most (uniformly, degrees)."""
 
 
@@ -139,7 +139,7 @@ class Composition:
     tilt: tuple[float, float]
 
 
-def draw_composition(rng: np.random.Generator) -> Composition:
+def sample_composition(rng: np.random.Generator) -> Composition:
     """A random shape's composition."""
     count = int(rng.choice(NUMBERS, p=NUMBER_SHARES))
     features: list[Feature] = []
@@ -153,7 +153,7 @@ def draw_composition(rng: np.random.Generator) -> Composition:
         holes.append((float(x), float(y), _log_uniform(rng, HOLE_RADIUS_MM)))
     slope, direction = 0.0, _turn(rng)
     if rng.random() < TILT_SHARE:
-        slope = float(np.tan(np.radians(rng.uniform(0.0, MOST_TILT_DEG))))
+        slope = float(np.tan(np.radians(rng.uniform(0.0, MAX_TILT_DEG))))
     tilt = (slope * float(np.cos(direction)), slope * float(np.sin(direction)))
     return Composition(tuple(features), tuple(cuts), tuple(holes), tilt)
 
@@ -169,7 +169,7 @@ def _draw_feature(rng: np.random.Generator, first: Feature | None) -> Feature:
         turn = first.turn_rad
     lower = 0.0
     if first is not None and rng.random() >= SAME_HEIGHT_SHARE:
-        lower = float(rng.uniform(0.0, MOST_LOWER_MM))
+        lower = float(rng.uniform(0.0, MAX_LOWER_MM))
     sizes = _draw_sizes(rng, kind)
     x, y = _on_its_line(rng, sizes, float(x), float(y), turn)
     curve = _draw_curve(rng, profile, float(sizes["half_width_mm"]), float(sizes["wall_mm"]))

@@ -17,7 +17,7 @@ _BAR, _HALF_PLANE, _DISC, _RING, _POLYGON = range(5)
 _FLAT, _ROUNDED, _ROD, _WEDGE = range(4)
 _POINTED, _SQUARE = 1, 2
 
-MOST_SIDES = 8
+MAX_SIDES = 8
 VALUES = 16
 """Numbers that a feature is for the compiled loop."""
 
@@ -27,7 +27,7 @@ def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> 
     0; NOTHING_MM where there is no feature. x_mm, y_mm: rising, equally spaced by the same."""
     features = composition.features
     values = np.array([_values(feature) for feature in features])
-    sides = np.full((len(features), MOST_SIDES, 3), np.nan)
+    sides = np.full((len(features), MAX_SIDES, 3), np.nan)
     for n, feature in enumerate(features):
         for k, (angle, apart) in enumerate(feature.sides):
             sides[n, k] = np.cos(angle), np.sin(angle), apart

@@ -3,7 +3,7 @@
 from t2twin.core.errors import T2TwinError
 
 PREFIX = "random-"
-MOST_SEED = 2**63 - 1
+MAX_SEED = 2**63 - 1
 
 
 def seed_of(name: str) -> int | None:
@@ -11,10 +11,10 @@ def seed_of(name: str) -> int | None:
     if not name.startswith(PREFIX) or "." in name or "/" in name:
         return None
     digits = name.removeprefix(PREFIX)
-    is_number = digits.isascii() and digits.isdigit() and len(digits) <= len(str(MOST_SEED))
-    if not (is_number and digits == str(int(digits)) and int(digits) <= MOST_SEED):
+    is_number = digits.isascii() and digits.isdigit() and len(digits) <= len(str(MAX_SEED))
+    if not (is_number and digits == str(int(digits)) and int(digits) <= MAX_SEED):
         raise T2TwinError(
             f"{name} is no random shape; they are called {PREFIX}0, {PREFIX}1 and so on to "
-            f"{PREFIX}{MOST_SEED}"
+            f"{PREFIX}{MAX_SEED}"
         )
     return int(digits)

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from t2twin.primitives_cad.height_map import REACH_MM
-from t2twin.primitives_cad.random_shapes.features import Composition, draw_composition
+from t2twin.primitives_cad.random_shapes.features import Composition, sample_composition
 from t2twin.primitives_cad.random_shapes.rasterize import heights_mm
 from t2twin.primitives_cad.random_shapes.seeds import PREFIX
 from t2twin.primitives_cad.random_shapes.solid import solid_under
@@ -26,10 +26,10 @@ SPACING_MM = (1.5, 1.5)
 STREAM = 1_701
 """Keeps these draws apart from all others of the same seed."""
 
-MOST_TRIES = 100
+MAX_TRIES = 100
 """Compositions that are drawn until one leaves something to press; one in some hundred does not."""
 
-LEAST_AREA_MM2 = 0.1
+MIN_AREA_MM2 = 0.1
 """Least area of a shape's features near the press axis, mm2, for it to be pressed."""
 
 NEAR_MM = 6.0
@@ -77,14 +77,14 @@ def _drawn(seed: int) -> tuple[Composition, HeightMap]:
     inside = axis[1:-1]
     near = np.abs(inside) <= NEAR_MM
     rng = np.random.default_rng((STREAM, seed))
-    for _ in range(MOST_TRIES):
-        composition = draw_composition(rng)
+    for _ in range(MAX_TRIES):
+        composition = sample_composition(rng)
         heights = np.full((axis.size, axis.size), NOTHING_MM, np.float32)
         heights[1:-1, 1:-1] = drawn = heights_mm(composition, inside, inside)
         top = drawn.max()
         there = drawn[np.ix_(near, near)] > top - RELIEF_MM / 2
-        if there.sum() * PITCH_MM**2 >= LEAST_AREA_MM2:
+        if there.sum() * PITCH_MM**2 >= MIN_AREA_MM2:
             relief = np.maximum(drawn - top, -np.float32(RELIEF_MM))
             heights[1:-1, 1:-1] = relief
             return composition, HeightMap(heights, axis, axis)
-    raise AssertionError(f"{PREFIX}{seed}: nothing was drawn in {MOST_TRIES} tries")
+    raise AssertionError(f"{PREFIX}{seed}: nothing was drawn in {MAX_TRIES} tries")

@@ -31,7 +31,7 @@ def solid_under(surface: HeightMap) -> trimesh.Trimesh:
     faces += [np.column_stack([rim, under, under_on]), np.column_stack([rim, under_on, on])]
     middle = len(top) + rim.size
     faces.append(np.column_stack([np.full(rim.size, middle), under_on, under]))
-    centre = np.array([[*top[:, :2].mean(axis=0), floor]])
+    center = np.array([[*top[:, :2].mean(axis=0), floor]])
     return trimesh.Trimesh(
-        np.concatenate([top, below, centre]), np.concatenate(faces), process=False
+        np.concatenate([top, below, center]), np.concatenate(faces), process=False
     )

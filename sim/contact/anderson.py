@@ -72,7 +72,7 @@ class Anderson:
     """Steps of a fixed-point iteration combined so that the residual is least.
 
     Walker and Ni, SIAM J. Numer. Anal. 49, 2011: of all mixtures of the last steps, with weights
-    that add up to 1, take the one whose linearised residual g(x) - x is smallest.
+    that add up to 1, take the one whose linearized residual g(x) - x is smallest.
     size: unknowns, n.
     """
 

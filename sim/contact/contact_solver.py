@@ -20,8 +20,8 @@ from t2twin.primitives_cad.shape import NOTHING_MM, Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.fixed_point import (
     GUESSES,
+    InitialGuess,
     Solution,
-    Start,
     by_law,
     spring_compliance,
     winkler_depth_mm,
@@ -58,7 +58,7 @@ FINER = (1, 2, 4)
 """Numbers of pins along a survey's cell that a press chooses from: one where the shape is even,
 and the largest at its edges and where it is not."""
 
-FEWEST_PINS = 200
+MIN_PINS = 200
 """Pins that the contact is expected to cover, at least, where they can be made so fine."""
 
 AT_EDGES = 2
@@ -182,7 +182,7 @@ def _settled(stages: "_Stages", earlier: _Equilibrium | None) -> _Equilibrium:
     return _Equilibrium(stages, last, solution, pressure, settled)
 
 
-def _moved(earlier: _Equilibrium, window: Window, rows: int) -> Start:
+def _moved(earlier: _Equilibrium, window: Window, rows: int) -> InitialGuess:
     """What an equilibrium gives to begin with in another window, of so many rows of fine cells."""
     pressure = earlier.solution.fine_pressure_mpa()
     before, now = len(pressure) // span(earlier.stages.window)[0], rows // span(window)[0]
@@ -191,7 +191,7 @@ def _moved(earlier: _Equilibrium, window: Window, rows: int) -> Start:
     both = common(old, new)
     moved = np.zeros(span(new))
     moved[within(both, new)] = pressure[within(both, old)]
-    return Start(moved, earlier.solution.depth_mm)
+    return InitialGuess(moved, earlier.solution.depth_mm)
 
 
 def _fine_surface(survey: "_Survey", equilibrium: _Equilibrium) -> np.ndarray:
@@ -289,7 +289,7 @@ class _Survey:
 
 def _finer(cells_in_contact: float) -> int:
     """How many pins along a survey's cell make the contact cover enough of them."""
-    enough = (finer for finer in FINER if cells_in_contact * finer**2 >= FEWEST_PINS)
+    enough = (finer for finer in FINER if cells_in_contact * finer**2 >= MIN_PINS)
     return next(enough, FINER[-1])
 
 

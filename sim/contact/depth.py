@@ -15,7 +15,7 @@ TOLERANCE_MM = 1e-3
 FIRST_N, STEP = 1.0, 4.0
 """Force that the search begins at, N, and the factor of its steps away from there."""
 
-MOST_PRESSES = 60
+MAX_PRESSES = 60
 """Presses after which a search that does not end is given up."""
 
 
@@ -38,7 +38,7 @@ def force_at_depth(
     def beyond(log_n: float) -> float:
         """How much deeper than asked a force goes, mm."""
         if log_n not in known:
-            if len(known) == MOST_PRESSES:
+            if len(known) == MAX_PRESSES:
                 raise T2TwinError(
                     f"no force was found that gives a depth of {depth_mm:g} mm; take another depth"
                 )

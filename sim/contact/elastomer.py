@@ -42,7 +42,7 @@ class Elastomer:
 
     thickness_mm: at the thickest place.
     young_mpa, poisson: small-strain modulus (MPa) and Poisson's ratio.
-    width_mm, length_mm: extent along x and y, centred on the origin.
+    width_mm, length_mm: extent along x and y, centerd on the origin.
     dome_width_radius_mm, dome_length_radius_mm: radii of the outer surface along x and y;
         inf means flat. The surface is flat for dome_flat_mm either side of the middle in y.
     law: how deflection follows the linear layer's: "linear" as it is, or "stiffening" as a

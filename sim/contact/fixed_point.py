@@ -33,21 +33,21 @@ SPRING_SHARE = 0.8
 """A pin's compliance over the layer's largest. 0.6 to 1 settle equally fast."""
 
 REACHES_MM, GAINS = (0.125, 0.25, 0.5), (2.0, 2.0, 1.0)
-"""How far about a pin, mm, its part of a step is compared with its neighbours', and how much of the
+"""How far about a pin, mm, its part of a step is compared with its neighbors', and how much of the
 difference is added (`t2twin.sim.contact.solver_loops.sharpen`): nearly half as many last steps as
 without. Reaches of less than a fine cell are left out. Gains twice as large overshoot."""
 
-LEAST_STEPS = 2
+MIN_STEPS = 2
 """Steps at least, so that pins which had been missed are felt before all counts as settled."""
 
-MOST_STEPS = 40
+MAX_STEPS = 40
 """Steps after which whole ones are given up; of a thousand contacts six need more than 25."""
 
 SMALLER = ((0.3, 60), (0.1, 400))
 """Shares of a step that are then taken one after the other, and the most steps of each: two in
 three that run in circles settle three times as fast with the larger one."""
 
-LEAST_SLOPE, STIFFER_LEAST_SLOPE = 0.02, 0.002
+MIN_SLOPE, STIFFER_LEAST_SLOPE = 0.02, 0.002
 """Least share of a pin's compliance that stiffening leaves: keeps the springs finite. The second is
 for presses that do not settle with the first: where the layer is pressed almost through, springs
 so much softer than it go past their place and back."""
@@ -61,7 +61,7 @@ GUESSES = 3
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialGuess:
     """Where a press begins. pressure_mpa: (rows, columns) of the window's fine cells."""
 
     pressure_mpa: np.ndarray
@@ -76,12 +76,14 @@ class Solution:
     judged: whether MuJoCo has the last word; a rough start does without.
     """
 
-    def __init__(self, pins: Pins, force_n: float, start: Start | None, judged: bool) -> None:
+    def __init__(
+        self, pins: Pins, force_n: float, start: InitialGuess | None, judged: bool
+    ) -> None:
         self.pins = pins
         self.force_n = force_n
         self.compiling_s = 0.0
         self._judged = judged
-        self._least_slope = LEAST_SLOPE
+        self._least_slope = MIN_SLOPE
         if start is not None:
             self.pressure_mpa = pins.gathered(start.pressure_mpa)
             self.depth_mm = start.depth_mm
@@ -118,12 +120,12 @@ class Solution:
         Where whole steps run in circles, as they may about a place that is pressed almost through,
         it goes on in smaller ones, and then with stiffer springs.
         """
-        if self._solve(tolerance, 1.0, MOST_STEPS):
+        if self._solve(tolerance, 1.0, MAX_STEPS):
             return True
         if any(self._solve(tolerance, step, most) for step, most in SMALLER):
             return True
         self._least_slope = STIFFER_LEAST_SLOPE
-        return self._solve(tolerance, 1.0, MOST_STEPS)
+        return self._solve(tolerance, 1.0, MAX_STEPS)
 
     def _solve(self, tolerance: float, step: float, steps_left: int) -> bool:
         while True:
@@ -165,7 +167,7 @@ class Solution:
             )  # fmt: skip
             deflection, pressure = self.depth_mm - gap, np.empty(gap.size)
             change = carried(deflection, rest, local, area, ahead, pressure)
-            if steps < LEAST_STEPS:  # pins that were missed have not been felt yet
+            if steps < MIN_STEPS:  # pins that were missed have not been felt yet
                 change = np.inf
             last = change < tolerance or steps == most_steps
             if last and self._judged and not self._missed().any():  # else it goes on with more pins

@@ -25,7 +25,7 @@ MIDDLE_WEIGHT = 1 - 1 / (12 * 0.4**2)
 """Weight of a cell's middle in its mean height, the corners' being the rest: exact where the
 height is quadratic, the corner samples lying 0.4 cells off the middle both ways."""
 
-LEAST_COVER = 0.1
+MIN_COVER = 0.1
 """Cells of which the shape covers less than this share count as free."""
 
 
@@ -91,7 +91,7 @@ class Footprint:
         peaks = highest(self.peaks_mm, per_side)
         covered = sums(self.shares, per_side)
         heights = np.where(self.shares > 0, self.heights_mm, 0.0)
-        mean = sums(self.shares * heights, per_side) / np.maximum(covered, LEAST_COVER)
+        mean = sums(self.shares * heights, per_side) / np.maximum(covered, MIN_COVER)
         return Footprint(np.where(covered > 0, mean, NOTHING_MM), covered / per_side**2, peaks)
 
 
@@ -102,7 +102,7 @@ def footprint(
     y_mm: np.ndarray,
     looked_at: np.ndarray | None = None,
 ) -> Footprint:
-    """The footprint on cells with centres x_mm (nx,), y_mm (ny,), mm, equally spaced.
+    """The footprint on cells with centers x_mm (nx,), y_mm (ny,), mm, equally spaced.
 
     looked_at: bool on coarser cells, of a whole number of these each; over the others nothing is
         said to stand. None looks at all.
@@ -289,15 +289,15 @@ def _footprint(
                 along[n], below[n] = columns[n] + aside[FEW[k]], rows[n] + ahead[FEW[k]]
             _heights_along(heights, along, below, count, few[k])
         for n in range(count):
-            j, centre = chosen[n], few[0, n]
-            low, high, total = centre, centre, np.float32(0.0)
+            j, center = chosen[n], few[0, n]
+            low, high, total = center, center, np.float32(0.0)
             for k in range(1, FEW.size):
                 height = few[k, n]
                 low, high, total = min(low, height), max(high, height), total + height
             # Where middle and corners lie near each other, they say it all.
             if high - low <= STEEPEST * cell:
                 if low > NOTHING_MM / 2:
-                    mean[i, j] = MIDDLE_WEIGHT * centre + (1 - MIDDLE_WEIGHT) * total / 4
+                    mean[i, j] = MIDDLE_WEIGHT * center + (1 - MIDDLE_WEIGHT) * total / 4
                     share[i, j] = 1.0
                 peak[i, j] = high
                 continue
@@ -310,7 +310,7 @@ def _footprint(
                 if samples[k] >= lowest and samples[k] > NOTHING_MM / 2:
                     covered += 1
                     total += samples[k]
-            if covered >= LEAST_COVER * samples.size:
+            if covered >= MIN_COVER * samples.size:
                 share[i, j] = covered / samples.size
                 mean[i, j] = total / covered
                 peak[i, j] = high

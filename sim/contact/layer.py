@@ -33,7 +33,7 @@ HANKEL_POINTS_A_WAVE = 25
 HANKEL_RADII = 500
 """Distances at which the transform is worked out, and splined between."""
 
-MOST_KEPT_BYTES = 100_000_000
+MAX_KEPT_BYTES = 100_000_000
 """Most memory for the transforms that a layer keeps: the windows of a hundred presses and more."""
 
 WHOLE = (slice(None), slice(None))
@@ -84,7 +84,7 @@ class Layer:
     """One elastomer's linear answer on a grid of square cells.
 
     Cells of pitch_mm, each cut into per_side x per_side finer ones.
-    rows, columns: the fine grid. pitch_mm: its cell. x_mm (columns,), y_mm (rows,): cell centres.
+    rows, columns: the fine grid. pitch_mm: its cell. x_mm (columns,), y_mm (rows,): cell centers.
     softest_mm_per_mpa: the largest deflection per pressure over all wavelengths, mm/MPa.
     weights: (n, rows, columns) float32, how much of each kernel's answer a place gives.
     """
@@ -167,7 +167,7 @@ class Layer:
         with self._lock:
             kept = self._transforms
             kept[rows, columns] = made
-            while len(kept) > 1 and sum(each.nbytes for each in kept.values()) > MOST_KEPT_BYTES:
+            while len(kept) > 1 and sum(each.nbytes for each in kept.values()) > MAX_KEPT_BYTES:
                 kept.popitem(last=False)
         return made
 

@@ -29,7 +29,7 @@ from t2twin.core.cached_files import read_checked, write_checked
 from t2twin.core.errors import T2TwinError
 
 BALL_MM = 1.0
-"""Radius of pins' and shape's balls, mm; more than any step's penetration. Balls of neighbours
+"""Radius of pins' and shape's balls, mm; more than any step's penetration. Balls of neighbors
 may overlap, for each touches only its own partner."""
 
 TOUCH_MM = 1e-3
@@ -46,7 +46,7 @@ stands on more than a few pins, and its contact stays stiff."""
 POOL_SIZES = (128, 192, 256, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 6144, 8192)
 """Numbers of pins for which a model is compiled; a press takes the smallest that fits."""
 
-FEWEST_KEPT = 1024
+MIN_KEPT = 1024
 """Pins from which on a compiled model is kept."""
 
 DIGITS = 16
@@ -89,7 +89,7 @@ def mjcf(pins: int) -> str:
 def _model(pins: int) -> mujoco.MjModel:
     """The compiled bed. Large ones are kept in the cache home, as MuJoCo takes four seconds to read
     one of 8,192 pins, and a twentieth of one to load it."""
-    home = cache_home() if pins >= FEWEST_KEPT else None
+    home = cache_home() if pins >= MIN_KEPT else None
     if home is None:
         return mujoco.MjModel.from_xml_string(mjcf(pins))
     text = mjcf(pins)

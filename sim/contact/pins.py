@@ -12,7 +12,7 @@ import numpy as np
 
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM
-from t2twin.sim.contact.footprint import LEAST_COVER, STEEPEST, Footprint
+from t2twin.sim.contact.footprint import MIN_COVER, STEEPEST, Footprint
 from t2twin.sim.contact.grid import Window, side_around
 from t2twin.sim.contact.layer import Layer
 
@@ -227,7 +227,7 @@ def _cover(heights, shares, wall, rows, columns, sides, cover):
             for j in range(columns[n], columns[n] + side):
                 if heights[i, j] >= lowest:
                     covered += shares[i, j]
-        if covered < LEAST_COVER * side**2:
+        if covered < MIN_COVER * side**2:
             continue
         for i in range(rows[n], rows[n] + side):
             for j in range(columns[n], columns[n] + side):
@@ -252,7 +252,7 @@ def _gather(heights, cover, surface, edges, first_touch, rows, columns, sides, g
                     distance += part * (-surface[i, j] - heights[i, j] - first_touch)
                     giving += part**2 * edges[i, j]
         gap[n] = distance / total if total > 0.0 else np.inf
-        edge[n] = giving / max(total, LEAST_COVER)
+        edge[n] = giving / max(total, MIN_COVER)
         covered[n] = total
 
 
@@ -290,4 +290,4 @@ def _at_edges(cover, own, more):
             if inner and j + 1 < columns:
                 inner = cover[i, j + 1] > 0.0
             if not inner:
-                more[i, j] = own * (EDGE_SHARE / max(share, LEAST_COVER) - EDGE_RISE)
+                more[i, j] = own * (EDGE_SHARE / max(share, MIN_COVER) - EDGE_RISE)

@@ -10,7 +10,7 @@ import numpy as np
 from t2twin.core.jit import compiled
 from t2twin.sim.contact.elastomer import stiffened
 
-MOST_NEWTON_STEPS = 200
+MAX_NEWTON_STEPS = 200
 """Steps of Newton's method on a convex, piecewise linear function: it ends far sooner, as each step
 leaves out pins that the next one does not take up again."""
 
@@ -52,7 +52,7 @@ def depth_carrying(force, tops, stiffness):
     the force is convex in the depth: exact after a finite number of steps.
     """
     depth = np.inf
-    for _ in range(MOST_NEWTON_STEPS):
+    for _ in range(MAX_NEWTON_STEPS):
         total, moment = 0.0, 0.0
         for n in range(tops.size):
             if tops[n] < depth:

@@ -69,14 +69,14 @@ def _second_differences(values: np.ndarray) -> np.ndarray:
 
 
 DEGREE = 3
-LEAST_WEIGHT = 1e-7
+MIN_WEIGHT = 1e-7
 """Weights of values on coefficients that are left out: they fall to a quarter with each place, and
 single precision has no more."""
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Sums of neighbouring rows. first: (m,) int64, the first row of each sum. weights: (m, k)
+    """Sums of neighboring rows. first: (m,) int64, the first row of each sum. weights: (m, k)
     float32, of it and of those after it."""
 
     first: np.ndarray
@@ -142,7 +142,7 @@ def _b_splines(knots: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 def _banded(matrix: np.ndarray) -> _Rows:
     """The rows of a matrix (m, n) without what is next to nothing at their ends."""
-    there = np.abs(matrix) > LEAST_WEIGHT
+    there = np.abs(matrix) > MIN_WEIGHT
     first = there.argmax(axis=1)
     width = int((matrix.shape[1] - there[:, ::-1].argmax(axis=1) - first).max())
     first = np.minimum(first, matrix.shape[1] - width)

@@ -15,7 +15,7 @@ from t2twin.sim.cyskin import taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, PAD_DIAMETER_MM, Layout, load_layout
 
 SPACING_MM = 2.5
-"""Distance of neighbouring places, mm: a third of the taxels' pitch (assumed: under a cover of some
+"""Distance of neighboring places, mm: a third of the taxels' pitch (assumed: under a cover of some
 mm nothing finer arrives)."""
 
 STEPS_MM = np.array([[SPACING_MM * np.sqrt(0.75), SPACING_MM / 2], [0.0, SPACING_MM]])

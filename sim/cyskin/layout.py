@@ -25,7 +25,7 @@ LARGEST_PAD_MM = 50.0
 CLOSEST_MM = 0.1
 """Taxels nearer than this are one place, mm."""
 
-MOST_TAXELS = 2000
+MAX_TAXELS = 2000
 """Most taxels of a layout (assumed: more than any published array of the cover's size)."""
 
 
@@ -49,8 +49,8 @@ class _File:
 class Layout:
     """Taxels in the sensor frame.
 
-    x_mm, y_mm: (n,) centres. pad_diameter_mm: (n,). Raises T2TwinError for fewer than 3 or more
-    than MOST_TAXELS taxels, for values that are no finite numbers, and for taxels at one place.
+    x_mm, y_mm: (n,) centers. pad_diameter_mm: (n,). Raises T2TwinError for fewer than 3 or more
+    than MAX_TAXELS taxels, for values that are no finite numbers, and for taxels at one place.
     """
 
     name: str
@@ -68,8 +68,8 @@ class Layout:
         assert n is not None
         if n < 3:
             raise T2TwinError(f"layout {self.name} has {n} taxels; it needs at least 3")
-        if n > MOST_TAXELS:
-            raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MOST_TAXELS} can be")
+        if n > MAX_TAXELS:
+            raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MAX_TAXELS} can be")
         if (self.pad_diameter_mm <= 0).any():
             raise T2TwinError(f"layout {self.name} has a pad size that is no positive number")
         apart = np.hypot(*(v[:, None] - v[None] for v in (self.x_mm, self.y_mm)))

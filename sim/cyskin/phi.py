@@ -1,7 +1,7 @@
 """phi turns an array of taxels into a one-channel tactile image, phi^-1 reads it back.
 
 I = phi(Y) = A Y: barycentric interpolation over the Delaunay triangles of the taxel positions
-(Grella et al. 2023), taken at the pixel centres, zero outside the taxels' convex hull. A is built
+(Grella et al. 2023), taken at the pixel centers, zero outside the taxels' convex hull. A is built
 once for a layout and an image size. phi^-1 is A's left inverse (A^T A)^-1 A^T: it gives back
 exactly the Y that made an image, and the nearest Y in the sense of least squares for an image that
 no Y made, which is what a generator draws.
@@ -42,11 +42,11 @@ class Phi:
     """phi and phi^-1 for one taxel layout and one image size.
 
     x_mm, y_mm: (N,) taxel positions, mm, sensor frame (x along columns, y along rows), the
-        image's centre at the origin.
+        image's center at the origin.
     shape: rows and columns of the image. px_per_mm: its scale; pixels are square.
 
     Attributes: `matrix`, A as a sparse (R*C, N) array; `hull`, (R, C) bool, where a pixel
-    centre lies inside the taxels' convex hull; `centres_mm`, the x of the columns and the y of the
+    center lies inside the taxels' convex hull; `centers_mm`, the x of the columns and the y of the
     rows.
 
     Raises T2TwinError for fewer than three taxels, two taxels in one place, taxels on one line,
@@ -65,8 +65,8 @@ class Phi:
         points = _checked_positions(x_mm, y_mm, half_mm)
         columns_mm = (np.arange(shape[1]) + 0.5) / px_per_mm - half_mm[0]
         rows_mm = (np.arange(shape[0]) + 0.5) / px_per_mm - half_mm[1]
-        centres = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
-        matrix = barycentric(points, centres)
+        centers = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
+        matrix = barycentric(points, centers)
         matrix.data.clip(0.0, 1.0, out=matrix.data)  # rounding leaves some just outside
         self._set(matrix, _inverse_of_all(matrix, shape), shape, (columns_mm, rows_mm))
 
@@ -76,11 +76,11 @@ class Phi:
         matrix: sparse.csr_array,
         inverse: np.ndarray,
         shape: tuple[int, int],
-        centres_mm: tuple[np.ndarray, np.ndarray],
+        centers_mm: tuple[np.ndarray, np.ndarray],
     ) -> Phi:
         """phi of an A, (R*C, N), that is there already, and of what reads its images, (R*C, N)."""
         phi = cls.__new__(cls)
-        phi._set(matrix, inverse, shape, centres_mm)
+        phi._set(matrix, inverse, shape, centers_mm)
         return phi
 
     def _set(
@@ -88,11 +88,11 @@ class Phi:
         matrix: sparse.csr_array,
         inverse: np.ndarray,
         shape: tuple[int, int],
-        centres_mm: tuple[np.ndarray, np.ndarray],
+        centers_mm: tuple[np.ndarray, np.ndarray],
     ) -> None:
         self.matrix = matrix
         self.shape = shape
-        self.centres_mm = centres_mm
+        self.centers_mm = centers_mm
         self.hull = (matrix.sum(axis=1) > 0).reshape(shape)
         # A has three entries a row, yet one dense product is some three times faster than the
         # sparse one, because it writes the batch image by image.
@@ -134,8 +134,8 @@ class Phi:
         columns = _area_weights(self.shape[1], shape[1])
         resize = sparse.kron(rows, columns, format="csr")
         matrix = sparse.csr_array(resize @ self.matrix)
-        centres_mm = (columns @ self.centres_mm[0], rows @ self.centres_mm[1])
-        return Phi._of_matrix(matrix, _inverse_of_all(matrix, shape), shape, centres_mm)
+        centers_mm = (columns @ self.centers_mm[0], rows @ self.centers_mm[1])
+        return Phi._of_matrix(matrix, _inverse_of_all(matrix, shape), shape, centers_mm)
 
     def reading_only(self, pixels: np.ndarray) -> Phi:
         """The same phi, with a phi^-1 that reads the counts from these pixels alone.
@@ -149,7 +149,7 @@ class Phi:
             "the taxels lie too close together, or too near the rim, to be told apart in the "
             f"pixels that are read of an image of {self.shape[0]} x {self.shape[1]}",
         )
-        return Phi._of_matrix(self.matrix, inverse, self.shape, self.centres_mm)
+        return Phi._of_matrix(self.matrix, inverse, self.shape, self.centers_mm)
 
     def to_torch(self, counts: torch.Tensor) -> torch.Tensor:
         """phi on tensors, differentiable. counts: (B, N). Returns (B, 1, R, C), same device."""
@@ -219,7 +219,7 @@ def _checked_positions(x_mm: np.ndarray, y_mm: np.ndarray, half_mm: np.ndarray) 
         raise T2TwinError(
             f"taxel {n} at x {points[n, 0]:g} mm, y {points[n, 1]:g} mm is outside the tactile "
             f"image, which reaches {half_mm[0]:.2f} mm in x and {half_mm[1]:.2f} mm in y either "
-            "side of its centre"
+            "side of its center"
         )
     return points
 

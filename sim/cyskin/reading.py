@@ -23,7 +23,7 @@ class Imperfections:
     drift_share, drift_counts: share of taxel baselines that have wandered, and the standard
         deviation of those, counts. 0.15 and 620 put 95 % within 600, as measured.
     hysteresis: largest share of a count still missing after loading (assumed).
-    crosstalk: share of each nearest neighbour's count that leaks in (assumed).
+    crosstalk: share of each nearest neighbor's count that leaks in (assumed).
     gain_spread: standard deviation of the taxels' gains around 1, fixed for an array (assumed).
     dead: indices of taxels that read nothing.
     """
@@ -81,7 +81,7 @@ def read(
     """
     n = layout.size
     gains = 1 + flaws.gain_spread * np.random.default_rng(array_seed).standard_normal(n)
-    signal = gains * (true_counts + flaws.crosstalk * (_neighbours(layout) @ true_counts))
+    signal = gains * (true_counts + flaws.crosstalk * (_neighbors(layout) @ true_counts))
     signal *= 1 - flaws.hysteresis * rng.random(n)
     signal[list(flaws.dead)] = 0.0
     wandered = rng.random(n) < flaws.drift_share
@@ -90,8 +90,8 @@ def read(
     return np.rint(np.clip(readings, 0, FULL_SCALE_COUNTS).mean(axis=0)).astype(np.uint16)
 
 
-def _neighbours(layout: Layout) -> np.ndarray:
-    """1 where two taxels are nearest neighbours: within 1.2 of the layout's least distance."""
+def _neighbors(layout: Layout) -> np.ndarray:
+    """1 where two taxels are nearest neighbors: within 1.2 of the layout's least distance."""
     apart = np.hypot(
         layout.x_mm[:, None] - layout.x_mm[None], layout.y_mm[:, None] - layout.y_mm[None]
     )

@@ -1,4 +1,4 @@
-"""A tactile image as a picture: colours on a scale of counts, the taxels marked."""
+"""A tactile image as a picture: colors on a scale of counts, the taxels marked."""
 
 from functools import cache
 from pathlib import Path
@@ -20,11 +20,11 @@ UNIT_SIZE = 18
 """Sizes of the picture's furniture, picture pixels."""
 
 HALF_FADED_PART = 0.05
-"""Standard deviation at which a colour is half white, parts of full scale (assumed: the errors of
+"""Standard deviation at which a color is half white, parts of full scale (assumed: the errors of
 what lies beyond the view)."""
 
 STEPS = 5
-"""Labels on the colour bar."""
+"""Labels on the color bar."""
 
 
 def tactile_picture(
@@ -34,28 +34,28 @@ def tactile_picture(
     full_scale: float,
     std: np.ndarray | None = None,
 ) -> Image.Image:
-    """RGB picture of a tactile image with a colour bar.
+    """RGB picture of a tactile image with a color bar.
 
-    image: (R, C), counts. x_mm, y_mm: (N,) taxel positions, mm, marked with rings. The colours go
+    image: (R, C), counts. x_mm, y_mm: (N,) taxel positions, mm, marked with rings. The colors go
     from zero to full_scale (counts), so that pictures can be compared. std: (R, C), counts, its
-    standard deviations; the colours fade to white where the image is not sure: half way at
+    standard deviations; the colors fade to white where the image is not sure: half way at
     HALF_FADED_PART of full scale.
     """
     rows, columns = image.shape[0] * SCALE, image.shape[1] * SCALE
     picture = Image.new("RGB", (columns + 3 * MARGIN + BAR_WIDTH + LABELS_WIDTH, rows + 2 * MARGIN))
     picture.paste("white", (0, 0, *picture.size))
-    colours = _colours(image / full_scale)
+    colors = _colors(image / full_scale)
     if std is not None:
-        colours = _faded(colours, std / full_scale)
-    large = Image.fromarray(colours).resize((columns, rows), Image.Resampling.BILINEAR)
+        colors = _faded(colors, std / full_scale)
+    large = Image.fromarray(colors).resize((columns, rows), Image.Resampling.BILINEAR)
     picture.paste(large, (MARGIN, MARGIN))
     draw = ImageDraw.Draw(picture)
     for x, y in zip(x_mm, y_mm, strict=True):
-        centre = (MARGIN + columns / 2 + x * PX_PER_MM * SCALE,
+        center = (MARGIN + columns / 2 + x * PX_PER_MM * SCALE,
                   MARGIN + rows / 2 + y * PX_PER_MM * SCALE)  # fmt: skip
-        draw.circle(centre, TAXEL_RADIUS, outline="white")
+        draw.circle(center, TAXEL_RADIUS, outline="white")
     left = columns + 2 * MARGIN
-    bar = _colours(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))
+    bar = _colors(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))
     picture.paste(Image.fromarray(bar), (left, MARGIN))
     draw.text((left, MARGIN - 4), "counts", "black", anchor="ls", font_size=UNIT_SIZE)
     # The first and the last label stand within the bar's height, clear of the unit above it.
@@ -67,17 +67,17 @@ def tactile_picture(
     return picture
 
 
-def _faded(colours: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """(R, C, 3) uint8, the colours drawn to white by standard deviations, (R, C), parts of full
+def _faded(colors: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """(R, C, 3) uint8, the colors drawn to white by standard deviations, (R, C), parts of full
     scale."""
     kept = (HALF_FADED_PART / (HALF_FADED_PART + std))[..., None]
-    return np.rint(kept * colours + (1.0 - kept) * 255.0).astype(np.uint8)
+    return np.rint(kept * colors + (1.0 - kept) * 255.0).astype(np.uint8)
 
 
-def _colours(values: np.ndarray) -> np.ndarray:
+def _colors(values: np.ndarray) -> np.ndarray:
     """(R, C) in [0, 1] -> (R, C, 3) uint8, matplotlib's viridis."""
-    colours = _viridis()
-    return colours[np.minimum(values.clip(0.0, 1.0) * len(colours), len(colours) - 1).astype(int)]
+    colors = _viridis()
+    return colors[np.minimum(values.clip(0.0, 1.0) * len(colors), len(colors) - 1).astype(int)]
 
 
 @cache

@@ -15,14 +15,14 @@ from t2twin.sim.dataset.info import (
     Parameters,
     versions,
 )
-from t2twin.sim.dataset.shard import Making
+from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.recipe import NAMED, RANDOM
 
 
-def describe(making: Making, scale: str | None, batches: list[Batch]) -> DatasetInfo:
+def describe(making: ShardContext, scale: str | None, batches: list[Batch]) -> DatasetInfo:
     """The info of a dataset of which no shard is made yet."""
     recipe, sensors = making.recipe, making.sensors
     layout = sensors.cyskin.layout

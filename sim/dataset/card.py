@@ -24,7 +24,7 @@ COLUMNS = """\
 
 
 HEAD = """---
-license: {licence}
+license: {license}
 task_categories: [image-to-image, tabular-regression]
 tags: [tactile, digit, cyskin{tag}]
 configs:
@@ -40,8 +40,8 @@ configs:
 def card(info: DatasetInfo) -> str:
     """README.md of a dataset."""
     if info.is_simulated:
-        return HEAD.format(licence="mit", tag=", simulation") + _simulated(info)
-    return HEAD.format(licence="unknown", tag="") + _imported(info)
+        return HEAD.format(license="mit", tag=", simulation") + _simulated(info)
+    return HEAD.format(license="unknown", tag="") + _imported(info)
 
 
 def _more_columns(info: DatasetInfo) -> str:
@@ -82,7 +82,7 @@ contact leaves in each sensor; depths, carried forces and flags are that contact
 one press, taken by both sensors; one of 0 N touches nothing.
 
 Made by t2twin {info.versions["t2twin"]} with MuJoCo {info.versions["mujoco"]}; all parameters
-stand in `info.json`. Licence: MIT.
+stand in `info.json`. License: MIT.
 """
 
 
@@ -105,7 +105,7 @@ and `taxels` computed from the pressure that the simulated contact leaves in eac
 carried forces and flags are that contact's own. A pair is one press, taken by both sensors.
 
 Made by t2twin {info.versions["t2twin"]} with MuJoCo {info.versions["mujoco"]}; all parameters
-stand in `info.json`. Licence: MIT.
+stand in `info.json`. License: MIT.
 """
 
 
@@ -116,7 +116,7 @@ def _imported(info: DatasetInfo) -> str:
 {pairs["train"]} training, {pairs["val"]} validation and {pairs["test"]} test pairs of a camera
 sensor's picture and the counts of {len(info.layout_x_mm)} taxels (layout {info.layout},
 saturated at {info.full_scale_counts:,}). They are the owner's; where they come from and under
-which licence they may be used is for the owner to say. Columns that the owner did not have are
+which license they may be used is for the owner to say. Columns that the owner did not have are
 empty.
 
 {COLUMNS}"""

@@ -7,7 +7,7 @@ from uuid import uuid4
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import versions
-from t2twin.sim.dataset.shard import Made, Making, make_shard
+from t2twin.sim.dataset.shard import ShardContext, ShardResult, make_shard
 from t2twin.sim.dataset.store import INFO
 from t2twin.sim.world.plan import Batch
 
@@ -47,12 +47,12 @@ def check_address(address: str) -> None:
 
 
 def run(
-    making: Making,
+    making: ShardContext,
     todo: list[Batch],
     address: str,
     needed: dict[str, str],
     progress: Callable[[int], object],
-) -> Generator[tuple[Batch, Made]]:
+) -> Generator[tuple[Batch, ShardResult]]:
     """Make the shards on the cluster, each yielded as it is done.
 
     needed: versions that every worker must have. progress: called with the pairs of each shard.
@@ -104,11 +104,11 @@ def _connect(address: str) -> Client:
 class _GiveMaking(WorkerPlugin):
     """Carries what shards are made with to each worker once, also to those that come later."""
 
-    def __init__(self, making: Making) -> None:
+    def __init__(self, making: ShardContext) -> None:
         self.making = making
 
 
-def _work(batch: Batch, plugin: str, needed: dict[str, str]) -> Made:
+def _work(batch: Batch, plugin: str, needed: dict[str, str]) -> ShardResult:
     """One shard on a worker of the cluster."""
     worker = get_worker()
     here = versions()

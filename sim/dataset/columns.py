@@ -83,7 +83,7 @@ if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset 
 
 
 @dataclass(frozen=True)
-class More:
+class ExtraColumns:
     """What a pair of most worlds holds besides. unit: the number of its DIGIT in the part. field:
     (n,) uint16 or None. untouched: that DIGIT's picture untouched, PNG bytes, or None."""
 
@@ -100,7 +100,7 @@ def row(
     index: int,
     family: str,
     split: str,
-    more: More | None,
+    more: ExtraColumns | None,
 ) -> dict[str, Any]:
     """A press as a row of the table. sample: None where nothing touched, at rest, without depth and
     force. counts: (n,) uint16. picture: the image as PNG bytes."""

@@ -1,4 +1,4 @@
-"""Making a dataset shard by shard, here or on a cluster, continued where it stopped."""
+"""Makes a dataset shard by shard, here or on a cluster; a stopped one continues."""
 
 import importlib
 import json
@@ -24,7 +24,7 @@ from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.build_info import describe
 from t2twin.sim.dataset.card import card
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo, Shard
-from t2twin.sim.dataset.shard import Making
+from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import CARD, INFO, LOG, read_info, sha256_of, write_info, write_whole
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, in_words, peak_memory, process_name
 from t2twin.sim.digit.optics import NOISE_GREY
@@ -92,7 +92,9 @@ def generate(
     batches = plan(recipe, shapes)
     check_held_out(recipe, cache)
     kept = catalogue.kept_in(cache)
-    making = Making(recipe, sensors, str(folder), None if kept is None else str(kept.absolute()))
+    making = ShardContext(
+        recipe, sensors, str(folder), None if kept is None else str(kept.absolute())
+    )
     wanted = describe(making, scale, batches)
     with locked(folder):
         return _make_whole(making, batches, wanted, workers or cores(), scheduler)
@@ -143,7 +145,7 @@ def sensors_of(recipe: Recipe) -> SensorPair:
 
 
 def _make_whole(
-    making: Making,
+    making: ShardContext,
     batches: list[Batch],
     wanted: DatasetInfo,
     workers: int,
@@ -173,7 +175,11 @@ def _leave_nothing(folder: Path) -> None:
 
 
 def _go_on(
-    making: Making, batches: list[Batch], info: DatasetInfo, workers: int, scheduler: str | None
+    making: ShardContext,
+    batches: list[Batch],
+    info: DatasetInfo,
+    workers: int,
+    scheduler: str | None,
 ) -> DatasetInfo:
     """Make the shards that are not there; returns the info of the whole dataset."""
     folder = Path(making.folder)
@@ -239,7 +245,7 @@ def _is_made(folder: Path, batch: Batch, info: DatasetInfo) -> bool:
 
 
 def _make(
-    making: Making, todo: list[Batch], info: DatasetInfo, workers: int, scheduler: str | None
+    making: ShardContext, todo: list[Batch], info: DatasetInfo, workers: int, scheduler: str | None
 ) -> DatasetInfo:
     """Make the shards, each entered into info.json as it is done. Returns the info with all."""
     workers, folder = min(workers, len(todo)), Path(making.folder)
@@ -281,7 +287,7 @@ def _make(
     return info
 
 
-def _seconds(todo: list[Batch], making: Making, workers: int) -> float:
+def _seconds(todo: list[Batch], making: ShardContext, workers: int) -> float:
     """About how long so many workers take, s."""
     named = [
         name

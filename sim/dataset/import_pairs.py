@@ -37,7 +37,7 @@ from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import card
 from t2twin.sim.dataset.columns import FIELD, POSE, SCHEMA, UNIT, UNTOUCHED
-from t2twin.sim.dataset.info import FORMAT, MOST_COUNTS, SPLITS, DatasetInfo, Shard, versions
+from t2twin.sim.dataset.info import FORMAT, MAX_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.pairs_table import find_table, read_table
 from t2twin.sim.dataset.store import CARD, write_info, write_shard, write_whole
 from t2twin.sim.world.plan import file_stem, shard_path
@@ -90,8 +90,8 @@ def import_pairs(
     table_path = find_table(arguments.path(source, "source"))
     folder = arguments.path(folder, "folder").absolute()
     arguments.instance(layout, "layout", Layout)
-    if not 0 < arguments.whole_number(full_scale, "full_scale") <= MOST_COUNTS:
-        raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MOST_COUNTS}")
+    if not 0 < arguments.whole_number(full_scale, "full_scale") <= MAX_COUNTS:
+        raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MAX_COUNTS}")
     check_seed(seed)
     _check_free(folder)
     pairs = _with_splits(_read(table_path, layout, full_scale), seed)

@@ -9,9 +9,9 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from t2twin.core.arguments import MOST_SEED
+from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.layout import MOST_TAXELS, PAD_DIAMETER_MM, Layout
+from t2twin.sim.cyskin.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
 from t2twin.sim.cyskin.reading import Imperfections
 from t2twin.sim.world.recipe import PAPER, Recipe
 
@@ -20,7 +20,7 @@ FORMAT = 1
 
 SPLITS = ("train", "val", "test")
 
-MOST_COUNTS = 65_535
+MAX_COUNTS = 65_535
 """The largest count that a shard's column of uint16 holds."""
 
 PACKAGES = ("t2twin", "mujoco", "numpy", "scipy", "numba", "cadquery", "pillow", "pyarrow")
@@ -126,12 +126,12 @@ class DatasetInfo:
     layout: str
     layout_x_mm: tuple[float, ...]
     layout_y_mm: tuple[float, ...]
-    full_scale_counts: Annotated[int, Meta(ge=1, le=MOST_COUNTS)]
+    full_scale_counts: Annotated[int, Meta(ge=1, le=MAX_COUNTS)]
     versions: dict[str, str]
     shards: dict[str, Shard]
     image_shape: tuple[Size, Size, Size] | None = None
     scale: str | None = None
-    seed: Annotated[int, Meta(ge=0, le=MOST_SEED)] | None = None
+    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] | None = None
     origin: str | None = None
     parameters: Parameters | None = None
     pad_diameter_mm: tuple[Positive, ...] | None = None
@@ -146,7 +146,7 @@ class DatasetInfo:
             raise ValueError(f"pairs must name the splits {', '.join(SPLITS)} and no others")
         check_layout(self.layout_x_mm, self.layout_y_mm)
         field = len(self.field_x_mm or ())
-        if field != len(self.field_y_mm or ()) or field > MOST_TAXELS:
+        if field != len(self.field_y_mm or ()) or field > MAX_TAXELS:
             raise ValueError("field_x_mm and field_y_mm must be one of each for each place")
         pads = self.parameters.cyskin.pad_diameter_mm if self.parameters else self.pad_diameter_mm
         if pads is not None and len(pads) != len(self.layout_x_mm):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.dataset.shard import Made, Making, make_shard
+from t2twin.sim.dataset.shard import ShardContext, ShardResult, make_shard
 from t2twin.sim.world.plan import Batch
 
 LOOK_SECONDS = 0.5
@@ -36,8 +36,8 @@ def check_workers(workers: int | None) -> None:
 
 
 def run(
-    making: Making, todo: list[Batch], workers: int, progress: Callable[[int], object]
-) -> Generator[tuple[Batch, Made]]:
+    making: ShardContext, todo: list[Batch], workers: int, progress: Callable[[int], object]
+) -> Generator[tuple[Batch, ShardResult]]:
     """Make the shards, each yielded as it is done.
 
     progress: called with the number of pairs made since the last call. Raises T2TwinError where a
@@ -57,7 +57,7 @@ def run(
 
 def _run(
     making: Path, todo: list[Batch], workers: int, progress: Callable[[int], object]
-) -> Generator[tuple[Batch, Made]]:
+) -> Generator[tuple[Batch, ShardResult]]:
     """making: the file that the workers read it from."""
     context = multiprocessing.get_context("spawn")
     made, stop, started = context.Value("i", 0), context.Event(), context.Event()
@@ -111,7 +111,7 @@ def _signals_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-_making: Making
+_making: ShardContext
 _made = None
 _stop = None
 
@@ -133,7 +133,7 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _work(batch: Batch) -> Made:
+def _work(batch: Batch) -> ShardResult:
     return make_shard(batch, _making, _count)
 
 

@@ -8,44 +8,44 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import BesidePadError
 from t2twin.sim.sensors import Sample
-from t2twin.sim.world.presses import Drawn, attempts_of, draw_press
+from t2twin.sim.world.presses import PressSample, attempts_of, sample_press
 from t2twin.sim.world.recipe import Part
 
 
 @dataclass(frozen=True)
-class Touch:
+class AcceptedPress:
     """What came of a draw. shape: the planned one or its stand-in. sample: None where the press is
     an untouched one. attempt: which draw it was."""
 
     shape: Shape
-    drawn: Drawn
+    drawn: PressSample
     sample: Sample | None
     attempt: int
 
 
-def draw_touch(
+def sample_until_contact(
     part: Part,
     shape: Shape,
     number: int,
     press: int,
     seed: tuple[int, ...],
-    press_it: Callable[[Shape, Drawn], Sample],
+    press_it: Callable[[Shape, PressSample], Sample],
     again: Callable[[str], None],
     first: int = 0,
-) -> Touch:
+) -> AcceptedPress:
     """Draws a press of a part until it touches the shape's features and settles.
 
-    shape, number, press, seed: as for presses.draw_press. press_it: presses what was drawn. again:
-    told why a draw was refused. first: attempts that need not be made, as none touched.
+    shape, number, press, seed: as for presses.sample_press. press_it: presses what was drawn.
+    again: told why a draw was refused. first: attempts that need not be made, as none touched.
     Raises T2TwinError where no draw touched.
     """
     planned = shape.name
     for attempt in range(first, attempts_of(part)):
-        drawn = draw_press(part, planned, number, press, seed, attempt)
+        drawn = sample_press(part, planned, number, press, seed, attempt)
         if drawn.command.shape != shape.name:
             shape = catalogue.load(drawn.command.shape)
         if drawn.is_untouched:
-            return Touch(shape, drawn, None, attempt)
+            return AcceptedPress(shape, drawn, None, attempt)
         try:
             sample = press_it(shape, drawn)
         except BesidePadError:
@@ -53,7 +53,7 @@ def draw_touch(
             continue
         why = why_again(sample)
         if why is None:
-            return Touch(shape, drawn, sample, attempt)
+            return AcceptedPress(shape, drawn, sample, attempt)
         again(why)
     raise T2TwinError(
         f"{planned} could not be touched in {attempts_of(part)} draws; take places nearer to the "

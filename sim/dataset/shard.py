@@ -1,4 +1,4 @@
-"""Making one shard: its presses, seen and felt, row by row."""
+"""Makes one shard of a dataset, row by row."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -14,26 +14,26 @@ from t2twin.core.images import encode_png
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.field import field_counts, field_layout
-from t2twin.sim.dataset.columns import More, row, schema_of
-from t2twin.sim.dataset.rejection_sampling import draw_touch
+from t2twin.sim.dataset.columns import ExtraColumns, row, schema_of
+from t2twin.sim.dataset.rejection_sampling import sample_until_contact
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.randomization.unit import draw_unit
+from t2twin.sim.digit.randomization.unit import sample_unit
 from t2twin.sim.sensors import Sample, SensorPair
 from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.presses import (
     FRAME_STREAM,
-    MOST_ATTEMPTS,
+    MAX_ATTEMPTS,
     UNIT_STREAM,
-    Drawn,
+    PressSample,
     grid_presses,
 )
 from t2twin.sim.world.recipe import Part, Recipe
 
 
 @dataclass(frozen=True)
-class Making:
+class ShardContext:
     """What all shards of a dataset are made with. cache: as for catalogue.load."""
 
     recipe: Recipe
@@ -43,7 +43,7 @@ class Making:
 
 
 @dataclass(frozen=True)
-class Made:
+class ShardResult:
     """A shard that was made: its sha256, the time it took, and by which process.
 
     peak_memory: the most that the process has held up to now, bytes. redrawn: how many presses were
@@ -57,7 +57,7 @@ class Made:
     redrawn: dict[str, int] = field(default_factory=dict)
 
 
-def make_shard(batch: Batch, making: Making, progress: Callable[[], object]) -> Made:
+def make_shard(batch: Batch, making: ShardContext, progress: Callable[[], object]) -> ShardResult:
     """Press, look, feel and write. Calls progress after each pair.
 
     Raises T2TwinError where a press of the grid did not settle, one that is drawn cannot be drawn
@@ -69,7 +69,7 @@ def make_shard(batch: Batch, making: Making, progress: Callable[[], object]) -> 
     # Rows are made while the shard is being written; what is left of its time is the writing.
     watch = shard.watch
     watch.seconds["writing"] += time.process_time() - start - watch.total
-    return Made(digest, watch, process_name(), peak_memory(), shard.redrawn)
+    return ShardResult(digest, watch, process_name(), peak_memory(), shard.redrawn)
 
 
 def family_of(shape: str) -> str:
@@ -80,14 +80,14 @@ def family_of(shape: str) -> str:
 class _Shard:
     """One shard in the making."""
 
-    def __init__(self, batch: Batch, making: Making, progress: Callable[[], object]) -> None:
+    def __init__(self, batch: Batch, making: ShardContext, progress: Callable[[], object]) -> None:
         self.batch, self.recipe, self.progress = batch, making.recipe, progress
         self.sensors, self.cache = making.sensors, making.cache
         self.part: Part = making.recipe.parts[batch.part]
         self.watch = Stopwatch()
         self.redrawn: dict[str, int] = {}
         light = making.recipe.light
-        self._centre = (
+        self._center = (
             Calibration.load(light.calibration)
             if light.kind == "drawn" and light.calibration is not None
             else None
@@ -112,7 +112,7 @@ class _Shard:
                     yield self._drawn_row(shape, number, press)
                     self.progress()
 
-    def _grid_sample(self, shape: Shape, drawn: Drawn, number: int) -> Sample:
+    def _grid_sample(self, shape: Shape, drawn: PressSample, number: int) -> Sample:
         sample = self._press(shape, drawn, number)
         if not (sample.digit.settled and sample.cyskin.settled):
             raise T2TwinError(
@@ -122,7 +122,7 @@ class _Shard:
 
     def _drawn_row(self, shape: Shape, number: int, press: int) -> dict[str, Any]:
         """A press that is drawn, and again as long as it touches nothing that was meant."""
-        touch = draw_touch(
+        touch = sample_until_contact(
             self.part,
             shape,
             number,
@@ -132,17 +132,17 @@ class _Shard:
             self._again,
             self._refused.get(number, 0),
         )
-        self._refused[number] = touch.attempt - touch.attempt % MOST_ATTEMPTS
+        self._refused[number] = touch.attempt - touch.attempt % MAX_ATTEMPTS
         return self._row(touch.shape, touch.drawn, number, touch.sample)
 
     def _again(self, why: str) -> None:
         self.redrawn[why] = self.redrawn.get(why, 0) + 1
 
-    def _press(self, shape: Shape, drawn: Drawn, number: int) -> Sample:
+    def _press(self, shape: Shape, drawn: PressSample, number: int) -> Sample:
         sensors = self._sensors(drawn, number)
         return sensors.press(shape, drawn.command, drawn.rng, self.watch.running)
 
-    def _sensors(self, drawn: Drawn, number: int) -> SensorPair:
+    def _sensors(self, drawn: PressSample, number: int) -> SensorPair:
         """Those of a press: another DIGIT for each shape or press, where light is drawn."""
         light = self.recipe.light
         if light.kind == "fixed":
@@ -151,12 +151,12 @@ class _Shard:
         if self._lit is None or self._lit[0] != number_of_unit:
             seed = (self.recipe.seed, UNIT_STREAM, self.batch.part, number_of_unit)
             with self.watch.running("light"):
-                unit = draw_unit(np.random.default_rng(seed), light.draw, self._centre)
+                unit = sample_unit(np.random.default_rng(seed), light.draw, self._center)
                 digit = self.sensors.digit.with_unit(unit)
             self._lit = (number_of_unit, replace(self.sensors, digit=digit))
         return self._lit[1]
 
-    def _unit(self, drawn: Drawn, number: int) -> int:
+    def _unit(self, drawn: PressSample, number: int) -> int:
         """Which of the part's DIGITs takes a press."""
         light = self.recipe.light
         if light.kind == "fixed":
@@ -164,7 +164,7 @@ class _Shard:
         return number if light.each == "shape" else number * self.batch.presses + drawn.index
 
     def _row(
-        self, shape: Shape, drawn: Drawn, number: int, sample: Sample | None
+        self, shape: Shape, drawn: PressSample, number: int, sample: Sample | None
     ) -> dict[str, Any]:
         family, split = family_of(shape.name), self.batch.split
         sensors = self._sensors(drawn, number)
@@ -180,8 +180,8 @@ class _Shard:
         return row(drawn.command, sample, counts, picture, drawn.index, family, split, more)
 
     def _more(
-        self, sensors: SensorPair, drawn: Drawn, number: int, sample: Sample | None
-    ) -> More | None:
+        self, sensors: SensorPair, drawn: PressSample, number: int, sample: Sample | None
+    ) -> ExtraColumns | None:
         """What a pair of most worlds holds besides."""
         recipe = self.recipe
         if not recipe.has_more:
@@ -195,7 +195,7 @@ class _Shard:
                     else field_counts(sample.cyskin)
                 )
         untouched = self._untouched_frame(sensors, unit) if recipe.untouched_frames else None
-        return More(unit, counts, untouched)
+        return ExtraColumns(unit, counts, untouched)
 
     def _untouched_frame(self, sensors: SensorPair, unit: int) -> bytes:
         """The picture of a DIGIT untouched, one for all its presses, as PNG bytes."""

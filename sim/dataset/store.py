@@ -38,7 +38,7 @@ INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
 ROWS_AT_ONCE = 128
 """Rows written together, a row group: some 9 MB, what a shard in the making takes of memory."""
 
-MOST_DICTIONARY_BYTES = 32_000_000
+MAX_DICTIONARY_BYTES = 32_000_000
 """Room for the pictures of a row group's untouched DIGITs, one a row at most."""
 
 
@@ -53,7 +53,7 @@ def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema = 
     if UNTOUCHED in schema.names:
         # one picture serves all rows of a DIGIT: a dictionary holds it once a row group
         repeated.append(f"{UNTOUCHED}.bytes")
-        dictionary_bytes = MOST_DICTIONARY_BYTES
+        dictionary_bytes = MAX_DICTIONARY_BYTES
     with _durable(path) as file:
         # Pictures are compressed already; a dictionary pays for the names only.
         writer = pq.ParquetWriter(

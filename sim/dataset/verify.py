@@ -23,7 +23,7 @@ from t2twin.sim.dataset.columns import FIELD, POSE, UNTOUCHED, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import INFO, ROWS_AT_ONCE, read_info, sha256_of
 from t2twin.sim.world.plan import Batch, name_of, plan, shard_path
-from t2twin.sim.world.presses import attempts_of, draw_press, grid_presses, planned_name
+from t2twin.sim.world.presses import attempts_of, grid_presses, planned_name, sample_press
 from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
 
 ARRAYS = ("image", "taxels")
@@ -206,7 +206,7 @@ def planned_presses(
 
     def attempts(name: str, number: int, press: int) -> Iterator[PressCommand]:
         for attempt in range(attempts_of(part)):
-            yield draw_press(part, name, number, press, seed, attempt).command
+            yield sample_press(part, name, number, press, seed, attempt).command
 
     return {
         (name, press): partial(attempts, name, number, press)

@@ -58,7 +58,7 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
         x, y = optical_grid()
         background = renderer.render(np.zeros((y.size, x.size)))
     pure = tuple(
-        replace(led, colour=(float(k == 0), float(k == 1), float(k == 2)))
+        replace(led, color=(float(k == 0), float(k == 1), float(k == 2)))
         for k, led in enumerate(leds)
     )
     surfaces = fit_presses()
@@ -74,8 +74,8 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
         distance_mm=DIGIT_CAMERA.distance_mm,
     )
     table = fit_response(blank, surfaces, renders)
-    colours = np.array([led.colour for led in leds])
-    calibration = replace(blank, response=np.einsum("kij,kc->kcij", table, colours))
+    colors = np.array([led.color for led in leds])
+    calibration = replace(blank, response=np.einsum("kij,kc->kcij", table, colors))
     calibration.save(out)
     return calibration
 

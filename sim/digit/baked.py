@@ -1,7 +1,7 @@
 """The baked optical model: the picture's light in closed form, in milliseconds.
 
 For a point p of the gel with unit normal n (towards the camera), the light that LED k leaves
-in colour c is
+in color c is
 
     L_kc = V_k m_k (REACH / d_k)^2 sum_ij R_kcij P_i(x, y) m_k^j,      m_k = max(n . l_k, 0)
 

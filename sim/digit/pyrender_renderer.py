@@ -2,8 +2,8 @@
 
 The only module that touches pyrender, which is unmaintained. It therefore sets the GL platform
 before the import, gives numpy 2 back the one name pyrender still asks for, tells PyOpenGL the name
-that Python 3.12 gave a type, and keeps the scene in millimetres: pyrender's shadow bias is an
-absolute number that swallows every shadow of a scene in metres. pyrender shadows spot and
+that Python 3.12 gave a type, and keeps the scene in millimeters: pyrender's shadow bias is an
+absolute number that swallows every shadow of a scene in meters. pyrender shadows spot and
 directional lights only, hence the spots.
 
 An LED with a size casts soft shadows. The renderer gives each LED a handful of points over its
@@ -123,7 +123,7 @@ class ReferenceRenderer:
         self._leds = [
             self._scene.add(
                 pyrender.SpotLight(
-                    color=np.array(led.colour),
+                    color=np.array(led.color),
                     intensity=np.pi * REACH_MM**2 / ALBEDO,
                     innerConeAngle=led.beam_rad[0],
                     outerConeAngle=led.beam_rad[1],

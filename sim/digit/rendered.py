@@ -5,7 +5,7 @@ renders (t2twin.sim.digit.pyrender_renderer): every LED several points, each wit
 map. So an untouched gel gives the background exactly. Light and grey levels are linked by the
 calibration's gamma, the noise is the same.
 
-A drawn unit's LEDs are given to pyrender by their places, sizes and colours in the picture's
+A drawn unit's LEDs are given to pyrender by their places, sizes and colors in the picture's
 middle (t2twin.sim.digit.randomization.lighting). What it cannot be given: how each LED's light
 differs over the picture and with the cosine of incidence from a shipped LED's lobe on lambertian
 paint, and leaks that take light away.
@@ -44,7 +44,7 @@ LED_POINTS = 8
 class RenderedOptics:
     """As DigitOptics, but pyrender makes each picture: about FRAME_SECONDS.
 
-    leds: in the order and colours of the calibration's light. The calibration gives the camera, the
+    leds: in the order and colors of the calibration's light. The calibration gives the camera, the
     background and the gamma. Raises T2TwinError, at the first picture, where there is no OpenGL.
     """
 

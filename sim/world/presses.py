@@ -18,10 +18,10 @@ frames apart, in one seed."""
 SEEDS_A_WORLD = 1_000_000_000
 """Random shapes of a world are called by numbers from its seed times this on."""
 
-MOST_SEED = 9_000_000_000
+MAX_SEED = 9_000_000_000
 """Largest seed of a world of random shapes: theirs stay below the largest of all."""
 
-MOST_ATTEMPTS = 20
+MAX_ATTEMPTS = 20
 """How often a press is drawn until it touches the shape's features and settles."""
 
 STAND_INS = 8
@@ -33,7 +33,7 @@ FIRST_STAND_IN, STAND_INS_APART = 500_000_000, 50_000_000
 
 
 @dataclass(frozen=True)
-class Drawn:
+class PressSample:
     """One press of a part. index: its number among the shape's. command: force 0 where nothing
     touches. rng: what its noise is drawn from."""
 
@@ -53,12 +53,12 @@ def random_name(seed: int, number: int) -> str:
 
 def attempts_of(part: Part) -> int:
     """How many draws a press of a part has: random shapes have stand-ins."""
-    return MOST_ATTEMPTS * (1 + STAND_INS) if part.shapes == RANDOM else MOST_ATTEMPTS
+    return MAX_ATTEMPTS * (1 + STAND_INS) if part.shapes == RANDOM else MAX_ATTEMPTS
 
 
 def name_at(name: str, attempt: int) -> str:
     """What is pressed at an attempt: the shape, or one of its stand-ins."""
-    which = attempt // MOST_ATTEMPTS
+    which = attempt // MAX_ATTEMPTS
     if which == 0:
         return name
     number = int(name.removeprefix(PREFIX)) + FIRST_STAND_IN + (which - 1) * STAND_INS_APART
@@ -74,7 +74,9 @@ def planned_name(name: str) -> str:
     return random_name(world, number)
 
 
-def grid_presses(part: Part, name: str, indices: tuple[int, ...], seed: int) -> Iterator[Drawn]:
+def grid_presses(
+    part: Part, name: str, indices: tuple[int, ...], seed: int
+) -> Iterator[PressSample]:
     """The protocol's presses of a shape by these indices, with the part's force or forces.
 
     Of a list of forces an index counts the grid's presses, and the forces of each.
@@ -86,10 +88,10 @@ def grid_presses(part: Part, name: str, indices: tuple[int, ...], seed: int) -> 
         command = protocol.press_of(name, spacing, at)
         force = forces[which]
         if isinstance(force, ForceRange):
-            force = draw_force(np.random.default_rng((seed, FORCE_STREAM, place, index)), force)
+            force = sample_force(np.random.default_rng((seed, FORCE_STREAM, place, index)), force)
         if force != command.force_n:
             command = PressCommand(name, command.x_mm, command.y_mm, command.yaw_rad, float(force))
-        yield Drawn(index, command, np.random.default_rng((seed, place, index)))
+        yield PressSample(index, command, np.random.default_rng((seed, place, index)))
 
 
 def grid_indices(part: Part, name: str) -> tuple[int, ...]:
@@ -99,14 +101,14 @@ def grid_indices(part: Part, name: str) -> tuple[int, ...]:
     return tuple(index * forces + which for index in at for which in range(forces))
 
 
-def draw_press(
+def sample_press(
     part: Part, name: str, number: int, press: int, seed: tuple[int, ...], attempt: int
-) -> Drawn:
+) -> PressSample:
     """A press that is no grid's.
 
     name, number: the planned shape's, and its place in its part. press: its place among the
     shape's. seed: the world's seed and the part's number. attempt: how many draws were refused
-    before; after MOST_ATTEMPTS of a random shape a stand-in is pressed (name_at).
+    before; after MAX_ATTEMPTS of a random shape a stand-in is pressed (name_at).
     """
     rng = np.random.default_rng((*seed, PRESS_STREAM, number, press, attempt))
     assert isinstance(part.place, Place)
@@ -116,14 +118,14 @@ def draw_press(
         assert part.place.uniform_mm is not None
         x, y = rng.uniform(-part.place.uniform_mm, part.place.uniform_mm, 2)
     yaw = rng.uniform(0.0, 2.0 * np.pi)
-    force = draw_force(rng, part.force_n)
+    force = sample_force(rng, part.force_n)
     if rng.random() < part.untouched_share:
         force = 0.0
     command = PressCommand(name_at(name, attempt), float(x), float(y), float(yaw), force)
-    return Drawn(press, command, rng)
+    return PressSample(press, command, rng)
 
 
-def draw_force(rng: np.random.Generator, forces: float | tuple[float, ...] | ForceRange) -> float:
+def sample_force(rng: np.random.Generator, forces: float | tuple[float, ...] | ForceRange) -> float:
     """A force, N: the one there is, one of a list, or one of a range."""
     if isinstance(forces, tuple):
         return float(forces[int(rng.integers(len(forces)))])

@@ -66,7 +66,7 @@ SCALES = {
 
 
 STRIDE = 5
-"""Orientations by which kept points differ: coprime to 12 and 7, so that neighbours differ well."""
+"""Orientations by which kept points differ: coprime to 12 and 7, so that neighbors differ well."""
 
 
 def grid_of(name: str) -> Grid:

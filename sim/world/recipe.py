@@ -26,14 +26,14 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, Struct, to_builtins
 
 from t2twin.core import arguments
-from t2twin.core.arguments import MOST_SEED
+from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.reading import read_file
 from t2twin.core.records import convert
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 from t2twin.sim.digit.optics import FRAMES
-from t2twin.sim.digit.randomization.ranges import UnitDraw
+from t2twin.sim.digit.randomization.ranges import UnitRanges
 
 RECIPES = Path(__file__).parent / "recipes"
 PAPER = "paper"
@@ -55,10 +55,10 @@ MIN_FORCE_SHARE = 0.1
 MAX_FORCES = 100
 """Most forces in a list, and most ranges that are left out (assumed)."""
 
-MOST_SHAPES, MOST_PRESSES = 1_000_000, 10_000
+MAX_SHAPES, MAX_PRESSES = 1_000_000, 10_000
 """Most random shapes of a part, and most presses of a shape (assumed: weeks of two cores)."""
 
-MOST_FRAMES = 10_000
+MAX_FRAMES = 10_000
 """Most frames averaged for a picture (assumed: minutes of a camera)."""
 
 FARTHEST_MM = 25.0
@@ -126,8 +126,8 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
 
     shapes: str
     split: Literal["train", "val", "test", "by-version"] = "train"
-    count: Annotated[int, Meta(ge=1, le=MOST_SHAPES)] | None = None
-    presses: Annotated[int, Meta(ge=1, le=MOST_PRESSES)] | None = None
+    count: Annotated[int, Meta(ge=1, le=MAX_SHAPES)] | None = None
+    presses: Annotated[int, Meta(ge=1, le=MAX_PRESSES)] | None = None
     place: Literal["grid"] | Place = "grid"
     scale: Literal["smoke", "small", "paper"] = "paper"
     force_n: Force | Annotated[tuple[Force, ...], Meta(max_length=MAX_FORCES)] | ForceRange = 8.0
@@ -168,8 +168,8 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     calibration: str | None = None
     each: Literal["shape", "press"] = "shape"
     optics: Literal["baked", "pyrender"] = "baked"
-    draw: UnitDraw = UnitDraw()
-    frames: Annotated[int, Meta(ge=1, le=MOST_FRAMES)] = FRAMES
+    draw: UnitRanges = UnitRanges()
+    frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES)] = FRAMES
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
@@ -183,7 +183,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     name: Annotated[str, Meta(min_length=1, max_length=60)]
     parts: Annotated[tuple[Part, ...], Meta(min_length=1, max_length=50)]
     format: Literal[1] = FORMAT
-    seed: Annotated[int, Meta(ge=0, le=MOST_SEED)] = 0
+    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] = 0
     layout: str = DEFAULT_LAYOUT
     imperfections: Literal["none", "white", "untouched", "all"] = "white"
     light: Light = Light()
@@ -248,7 +248,7 @@ def checked(recipe: Recipe) -> Recipe:
 
 def _check_draw(given: dict[str, Any], path: Path) -> None:
     """A dataclass takes any key without a word; one that is misspelt shall not pass."""
-    known = [field.name for field in fields(UnitDraw)]
+    known = [field.name for field in fields(UnitRanges)]
     for name in given:
         if name not in known:
             raise T2TwinError(

@@ -13,7 +13,7 @@ import numpy as np
 from t2twin.core.files import whole_file
 from t2twin.core.records import read_json
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
-from t2twin.sim.digit.calibrate.uncertainty import Certainty
+from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
 
 CALIBRATION, PRESSES = "calibration.npz", "presses.json"
 FORMAT = 2
@@ -44,7 +44,7 @@ class Fitted:
     psnr_db: float
     ssim: float
     held_out: tuple[HeldOut, ...]
-    certainty: Certainty
+    certainty: CalibrationUncertainty
 
     @property
     def poses(self) -> np.ndarray:

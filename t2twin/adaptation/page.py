@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from t2twin.adaptation.real_frame_evaluation import FAINT_COUNTS, Judged
-from t2twin.adaptation.record import Adapted, Scores
+from t2twin.adaptation.record import AdaptationScores, Adapted
 from t2twin.report.html import markup
 from t2twin.report.html.figures import (
-    colour_bar,
+    color_bar,
     digit_picture,
     digit_width,
     figure,
@@ -21,12 +21,12 @@ from t2twin.report.page import write_page
 from t2twin.report.sections.qualitative import BAR_WIDTH, PANEL_IN, ROW_IN
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.digit.calibrate.record import sentences_of
-from t2twin.sim.digit.calibrate.uncertainty import Span
+from t2twin.sim.digit.calibrate.uncertainty import Bounds
 from t2twin.translate.inference.predictor import TrainedTranslator
 
 TITLE = "A translator of this DIGIT"
 BAR_IN = 0.6
-"""Width of the colour bar, inches."""
+"""Width of the color bar, inches."""
 
 
 def write_adapt_page(
@@ -70,7 +70,7 @@ def _opening(adapted: Adapted) -> str:
     return markup.items(sentences) + markup.table(heads, [("", rows)])
 
 
-def _cells(scores: Scores) -> tuple[str, ...]:
+def _cells(scores: AdaptationScores) -> tuple[str, ...]:
     return (
         f"{scores.rmse_percent:.2f}",
         f"{scores.centroid_mm:.2f}",
@@ -83,7 +83,7 @@ def _presses(run: TrainedTranslator, judged: Sequence[Judged]) -> str:
     text = (
         "For each press: the real frame and what the translator makes of it, the twin's frame of "
         "the same press and what it makes of that, and what the twin's CySkin feels. Rings mark "
-        "the taxels; colours are the same along a row."
+        "the taxels; colors are the same along a row."
     )
     figures = [_press(run, one) for one in judged]
     return markup.section("presses", "Presses", [markup.paragraph(text, "note"), *figures])
@@ -124,7 +124,7 @@ def _draw(page: Figure, run: TrainedTranslator, judged: Judged) -> None:
         place.set_title(title)
         drawn = tactile_image(place, phi(counts), phi, (0.0, most))
         rings(place, layout.x_mm, layout.y_mm)
-    colour_bar(page, drawn, axes[4], BAR_WIDTH, "counts")
+    color_bar(page, drawn, axes[4], BAR_WIDTH, "counts")
 
 
 def _certainty(adapted: Adapted) -> str:
@@ -142,7 +142,7 @@ def _certainty(adapted: Adapted) -> str:
     )
 
 
-def _cells_of(span: Span | None) -> tuple[str, str, str]:
+def _cells_of(span: Bounds | None) -> tuple[str, str, str]:
     if span is None:
         return "", "", ""
     return f"{span.at:.2f}", f"{span.low:.2f}", f"{span.high:.2f}"

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from t2twin.adaptation.fitted import CALIBRATION, Fitted, read_fitted, write_fitted
 from t2twin.adaptation.page import write_adapt_page
-from t2twin.adaptation.real_frame_evaluation import Felt, felt_by_the_twin, judge_each
+from t2twin.adaptation.real_frame_evaluation import Felt, judge_each, simulate_reference
 from t2twin.adaptation.record import Adapted, record_of, write_record
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -32,7 +32,7 @@ from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
 from t2twin.translate.inference.predictor import load_run
 from t2twin.translate.models.presets import find_preset
-from t2twin.translate.runs.pretrained import HOME, shipped_runs
+from t2twin.translate.runs.pretrained import HOME, pretrained_runs
 from t2twin.translate.training.train import train
 from t2twin.translate.training.warm_start import run_of_model
 
@@ -74,7 +74,7 @@ frames = 1
 
 
 @dataclass(frozen=True)
-class Road:
+class AdaptConfig:
     """Where the road begins, and where it leads."""
 
     background: Path
@@ -136,7 +136,7 @@ def adapt(
     """
     find_preset(model, "cpu")
     minutes = arguments.real(minutes, "minutes")
-    road = Road(
+    road = AdaptConfig(
         arguments.path(background, "background"),
         arguments.path(presses, "presses"),
         ball_diameter_mm,
@@ -180,11 +180,11 @@ def _start(start: str | Path | None, model: str) -> Path | None:
     """The folder of the run to begin with. Raises T2TwinError for one that is not there, or is of
     another model."""
     if start is None:
-        return HOME / model if model in shipped_runs() else None
+        return HOME / model if model in pretrained_runs() else None
     return run_of_model(start, model)[0]
 
 
-def _kept(road: Road, asked: str) -> Fitted | None:
+def _kept(road: AdaptConfig, asked: str) -> Fitted | None:
     """The calibration that an earlier start made. Raises T2TwinError where it was asked something
     else, or the folder holds other things."""
     if not road.out.is_dir() or is_empty(road.out):
@@ -199,7 +199,7 @@ def _kept(road: Road, asked: str) -> Fitted | None:
     return fitted
 
 
-def _fit(road: Road, asked: str, say: Callable[[str], object]) -> Fitted:
+def _fit(road: AdaptConfig, asked: str, say: Callable[[str], object]) -> Fitted:
     report = calibrate(
         road.background, road.presses, road.ball_diameter_mm, road.held_out, road.camera, say,
         road.tolerance,
@@ -208,7 +208,7 @@ def _fit(road: Road, asked: str, say: Callable[[str], object]) -> Fitted:
     return write_fitted(road.out, report, asked, road.ball_diameter_mm)
 
 
-def _write_world(road: Road) -> None:
+def _write_world(road: AdaptConfig) -> None:
     """The recipe, unless an earlier start wrote it: what was begun is ended as it was."""
     if (road.out / WORLD).is_file():
         return
@@ -223,17 +223,17 @@ def _write_world(road: Road) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _felt(road: Road, given: Inputs, fitted: Fitted) -> list[Felt]:
+def _felt(road: AdaptConfig, given: Inputs, fitted: Fitted) -> list[Felt]:
     """The held-out presses, as the twin makes them."""
     balls = [_ball(road, diameter_mm) for diameter_mm in fitted.diameters_mm]
     sensors = SensorPair(Digit(calibration=str(road.out / CALIBRATION), noise_grey=NOISE_GREY))
     chosen = [given.names.index(one.name) for one in fitted.held_out]
-    return felt_by_the_twin(
+    return simulate_reference(
         [given.names[index] for index in chosen], fitted.poses, given.frames[chosen], balls, sensors
     )
 
 
-def _ball(road: Road, diameter_mm: float) -> Shape:
+def _ball(road: AdaptConfig, diameter_mm: float) -> Shape:
     """As a shape; others than the one that was asked for have a file of their own."""
     own = diameter_mm == road.ball_diameter_mm
     path = road.out / (BALL if own else f"ball-{diameter_mm:g}.step")

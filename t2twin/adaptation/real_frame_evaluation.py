@@ -70,7 +70,7 @@ class Judged:
     simulated: Judgement
 
 
-def felt_by_the_twin(
+def simulate_reference(
     names: Sequence[str],
     poses: np.ndarray,
     frames: np.ndarray,

@@ -10,14 +10,14 @@ import numpy as np
 from t2twin.adaptation.fitted import Fitted
 from t2twin.adaptation.real_frame_evaluation import Felt, Judged, Judgement, counts_of
 from t2twin.core.files import whole_file
-from t2twin.sim.digit.calibrate.uncertainty import Certainty
+from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
 from t2twin.translate.inference.predictor import TrainedTranslator
 
 RECORD = "adapted.json"
 
 
 @dataclass(frozen=True)
-class Scores:
+class AdaptationScores:
     """Of a translator over the held-out presses, against the twin's CySkin.
 
     rmse_percent: root of the mean square over all of them, of full scale. centroid_mm: the median.
@@ -32,7 +32,7 @@ class Scores:
     held_percent: float | None
 
     @classmethod
-    def of(cls, each: Sequence[Judgement]) -> "Scores":
+    def of(cls, each: Sequence[Judgement]) -> "AdaptationScores":
         return cls(
             rmse_percent=float(np.sqrt(np.mean([one.rmse_percent**2 for one in each]))),
             centroid_mm=float(np.median([one.centroid_mm for one in each])),
@@ -59,13 +59,13 @@ class Adapted:
     presses: int
     optics_psnr_db: float
     optics_ssim: float
-    real: Scores
-    simulated: Scores
+    real: AdaptationScores
+    simulated: AdaptationScores
     nothing_rmse_percent: float
     constant_rmse_percent: float
     untouched_counts: float
     minutes: dict[str, float]
-    certainty: Certainty
+    certainty: CalibrationUncertainty
 
 
 def record_of(
@@ -82,8 +82,8 @@ def record_of(
         presses=len(judged),
         optics_psnr_db=fitted.psnr_db,
         optics_ssim=fitted.ssim,
-        real=Scores.of([one.real for one in judged]),
-        simulated=Scores.of([one.simulated for one in judged]),
+        real=AdaptationScores.of([one.real for one in judged]),
+        simulated=AdaptationScores.of([one.simulated for one in judged]),
         nothing_rmse_percent=nothing,
         constant_rmse_percent=constant,
         untouched_counts=float(np.max(counts_of(run, background, background))),

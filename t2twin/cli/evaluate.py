@@ -77,7 +77,7 @@ def _print(evaluations: "dict[str, Evaluation]") -> None:
     from t2twin.translate.evaluation.table import (
         by_force_text,
         findings_text,
-        lookalikes_text,
+        irreducible_error_text,
         table,
     )
 
@@ -88,5 +88,5 @@ def _print(evaluations: "dict[str, Evaluation]") -> None:
         if evaluation.findings:
             print(findings_text(evaluation.findings))
         if evaluation.lookalikes:
-            print(lookalikes_text(evaluation.lookalikes, name))
+            print(irreducible_error_text(evaluation.lookalikes, name))
         print()

@@ -44,7 +44,7 @@ def press(
         force_n: Commanded force, N; 8 unless given.
         depth_mm: Instead of a force: how far the shape travels from its first touch, mm, into the
             DIGIT's gel, or into the CySkin's cover where that alone is touched.
-        scale: mm in one of the file's units: 1000 for metres, 25.4 for inches. Unless given, what
+        scale: mm in one of the file's units: 1000 for meters, 25.4 for inches. Unless given, what
             the file says (3MF, GLB, STEP), else 1.
         out: Folder to write into; runs/press/SHAPE unless given.
         thickness_mm: Another elastomer's thickness, mm. With any of these three the elastomer is

@@ -79,8 +79,8 @@ def _check_no_run(images: tuple[Path, ...]) -> None:
     """Raises T2TwinError where a run stands among the images, as its first argument once did."""
     from t2twin.core.errors import T2TwinError
     from t2twin.translate.runs.config import CONFIG
-    from t2twin.translate.runs.pretrained import shipped_runs
+    from t2twin.translate.runs.pretrained import pretrained_runs
 
     for path in images:
-        if (path / CONFIG).is_file() or (str(path) in shipped_runs() and not path.exists()):
+        if (path / CONFIG).is_file() or (str(path) in pretrained_runs() and not path.exists()):
             raise T2TwinError(f"{path} is a run, not an image; give it as --run {path}")

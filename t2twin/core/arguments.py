@@ -187,12 +187,12 @@ def _between(low: float, high: float) -> str:
     return f"of at most {high:g}" if math.isinf(low) else f"from {low:g} to {high:g}"
 
 
-MOST_SEED = 2**63 - 1
+MAX_SEED = 2**63 - 1
 """The largest seed that NumPy, PyTorch and JSON readers all take for certain."""
 
 
 def check_seed(seed: int) -> None:
-    """Raises T2TwinError for a seed that is not a whole number from 0 to MOST_SEED."""
+    """Raises T2TwinError for a seed that is not a whole number from 0 to MAX_SEED."""
     arguments.whole_number(seed, "seed")
-    if not 0 <= seed <= MOST_SEED:
-        raise T2TwinError(f"the seed is {seed}; it must be a whole number from 0 to {MOST_SEED}")
+    if not 0 <= seed <= MAX_SEED:
+        raise T2TwinError(f"the seed is {seed}; it must be a whole number from 0 to {MAX_SEED}")

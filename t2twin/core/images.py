@@ -3,7 +3,7 @@
 Pictures as PNG, small and quick for pictures whose entropy is camera noise.
 
 Noise leaves nothing for LZ77 to find, so the search for repeats is left out: every row is
-predicted from its left and upper neighbours, which halves the noise that a prediction adds, and
+predicted from its left and upper neighbors, which halves the noise that a prediction adds, and
 what is left is Huffman coded. On pictures of `t2twin simdata` that takes a quarter of the bytes and
 two thirds of the time off Pillow's quickest setting.
 """
@@ -20,7 +20,7 @@ from PIL import Image, ImageOps
 
 from t2twin.core.errors import T2TwinError
 
-MOST_PIXELS = 12_000_000
+MAX_PIXELS = 12_000_000
 """Most pixels of an image (assumed: 4,000 x 3,000, more than any tactile camera has). Their number
 stands in a file's header, so that a small file cannot ask for all the memory."""
 
@@ -51,7 +51,7 @@ def open_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> Im
     """An image, decoded and upright (by EXIF), in the mode that it is stored in.
 
     source: a file, or its content. Raises T2TwinError with the reason alone, for the caller to say
-    of which image: no file, another format, damaged, or more than MOST_PIXELS.
+    of which image: no file, another format, damaged, or more than MAX_PIXELS.
     """
     with _opened(source, formats) as image:
         try:
@@ -85,21 +85,21 @@ def _opened(source: Path | bytes, formats: tuple[str, ...]) -> Image.Image:
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             image = Image.open(readable, formats=formats)
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-        raise T2TwinError(f"it has more than {MOST_PIXELS:,} pixels, the most allowed") from None
+        raise T2TwinError(f"it has more than {MAX_PIXELS:,} pixels, the most allowed") from None
     except _ERRORS:
         raise T2TwinError(f"it is no whole {' or '.join(formats)} image") from None
     width, height = image.size
-    if width * height > MOST_PIXELS:
+    if width * height > MAX_PIXELS:
         image.close()
         raise T2TwinError(
-            f"it is {width} wide, {height} high; at most {MOST_PIXELS:,} pixels are allowed"
+            f"it is {width} wide, {height} high; at most {MAX_PIXELS:,} pixels are allowed"
         )
     return image
 
 
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 EIGHT_BIT_RGB = (8, 2, 0, 0, 0)
-"""Bit depth, colour type, and the one compression, filter method and interlace that are meant."""
+"""Bit depth, color type, and the one compression, filter method and interlace that are meant."""
 
 AVERAGE = 3
 """Number of the row filter that predicts the mean of left and above (PNG specification, 9.2)."""

@@ -33,7 +33,7 @@ class Stopped(BaseException):
         self.number = number
 
 
-def heed_signals() -> None:
+def install_handlers() -> None:
     """From here on SIGNALS end the process: by Stopped where something is being written, else at
     once. One that the parent process had ignored stays ignored."""
     for number in SIGNALS:

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.live.latest_frame import Newest
+from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.sources import Frame, Source
 from t2twin.translate.inference.predictor import TrainedTranslator
 
 SAY_EVERY_S = 5.0
 """How often rate and latency are said, s."""
 
-MOST_LATENCIES = 100_000
+MAX_LATENCIES = 100_000
 """Latencies that are kept for the last word, half an hour's; bounds memory."""
 
 
@@ -29,7 +29,7 @@ class Pace:
     began_s: float = field(default_factory=time.perf_counter)
     done: int = 0
     came: int = 0
-    latencies_ms: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_LATENCIES))
+    latencies_ms: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LATENCIES))
 
     def __str__(self) -> str:
         seconds = max(time.perf_counter() - self.began_s, 1e-9)
@@ -62,7 +62,7 @@ def follow(
     frame_of_unit = None if background is None else _background(run, background)
     blank = np.zeros((run.config.preset.size,) * 2, np.uint8)
     _predict(run, run.pixels_of(blank, frame_of_unit))  # the first prediction is slow
-    newest = Newest(source)
+    newest = LatestFrame(source)
     try:
         return _follow(run, newest, write, say, most_frames, frame_of_unit)
     finally:
@@ -71,7 +71,7 @@ def follow(
 
 def _follow(
     run: TrainedTranslator,
-    newest: Newest,
+    newest: LatestFrame,
     write: Callable[[str], None],
     say: Callable[[str], None],
     most_frames: int | None,
@@ -94,7 +94,7 @@ def _follow(
         last, waiting = frame.number, False
         pixels = run.pixels_of(frame.image, background)
         predicted = _predict(run, pixels)
-        familiar = bool(run.is_familiar(pixels)[0])
+        familiar = bool(run.in_distribution(pixels)[0])
         now_s = time.perf_counter()
         latency_ms = 1e3 * (now_s - frame.arrived_s)
         write(json.dumps(_line(frame, predicted, familiar, latency_ms)))

@@ -5,7 +5,7 @@ from threading import Condition, Thread
 from t2twin.live.sources import Frame, Source
 
 
-class Newest:
+class LatestFrame:
     """Reads a source in a thread of its own from now on. read: how many frames came so far."""
 
     def __init__(self, source: Source) -> None:

@@ -55,7 +55,7 @@ def open_source(name: str, turn_deg: int = 0, report: Report = _silent) -> Sourc
     if turn_deg not in TURNS_DEG:
         raise T2TwinError(f"frames cannot be turned by {turn_deg}; allowed are {TURNS_DEG}")
     if name.isascii() and name.isdigit():
-        return Camera(name, turn_deg)
+        return CameraSource(name, turn_deg)
     path = Path(name)
     try:
         if name and path.is_dir():
@@ -87,7 +87,7 @@ def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
     return turned(np.asarray(open_image(path)), turn_deg)
 
 
-class Camera:
+class CameraSource:
     """A camera of this machine. Raises T2TwinError where it cannot be opened."""
 
     def __init__(self, number: str, turn_deg: int = 0) -> None:

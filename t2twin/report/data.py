@@ -16,8 +16,8 @@ from t2twin.translate.evaluation.records import Evaluation, Finding, write_findi
 from t2twin.translate.inference.predictor import TrainedTranslator, load_run
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
-from t2twin.translate.runs.pretrained import find_run
-from t2twin.translate.training.early_stopping import reason_to_stop
+from t2twin.translate.runs.pretrained import resolve_run
+from t2twin.translate.training.early_stopping import stop_reason
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def read_report_data(
     check_out(out)
     if not runs:
         raise T2TwinError("there is no run to report on; give at least one folder of `train`")
-    runs = [find_run(run) for run in runs]
+    runs = [resolve_run(run) for run in runs]
     dataset, splits = read_dataset(data), splits_there(data)
     histories = [read_log(run) for run in runs]
     for run, history in zip(runs, histories, strict=True):
@@ -84,7 +84,7 @@ def read_report_data(
 
 
 def _check_finished(run_dir: Path, config: RunConfig, history: list[EpochRecord]) -> None:
-    if reason_to_stop(config, history) is None:
+    if stop_reason(config, history) is None:
         raise T2TwinError(
             f"{run_dir} is unfinished after {len(history)} of {config.planned_epochs} epochs; the "
             "same `t2twin train` command ends it"

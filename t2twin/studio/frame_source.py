@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from t2twin.live.latest_frame import Newest
+    from t2twin.live.latest_frame import LatestFrame
     from t2twin.live.sources import Source
 
 Named = tuple[np.ndarray, str]
@@ -29,17 +29,17 @@ class Frames:
         self.name = f"camera {name}" if name.isdigit() else Path(name).name
         self._given = name
         self._source: Source | None = open_source(name)
-        self._newest: Newest | None = None
+        self._newest: LatestFrame | None = None
         self._lock = Lock()
 
-    def newest(self) -> "Newest":
+    def newest(self) -> "LatestFrame":
         """Its newest frame from now on; a video that has ended begins again."""
-        from t2twin.live.latest_frame import Newest
+        from t2twin.live.latest_frame import LatestFrame
         from t2twin.live.sources import open_source
 
         with self._lock:
             if self._newest is None or self._newest.ended:
-                self._newest = Newest(self._source or open_source(self._given))
+                self._newest = LatestFrame(self._source or open_source(self._given))
                 self._source = None
             return self._newest
 

@@ -21,9 +21,9 @@ from t2twin.sim.digit.calibration import Calibration
 from t2twin.studio.controls.drop import take_dropped
 from t2twin.studio.controls.export_zip import zipped
 from t2twin.studio.controls.notices import Notices
-from t2twin.studio.controls.press import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
+from t2twin.studio.controls.press import MAX_SLIDER_N, MIN_SLIDER_N, QUIET, Controls
 from t2twin.studio.controls.translate_tab import TranslateTab
-from t2twin.studio.controls.view_options import View
+from t2twin.studio.controls.view_options import ViewOptions
 from t2twin.studio.press_state import PressState, is_file
 from t2twin.studio.session import Look, Session
 from t2twin.studio.transport.uploads import forget, kept_file
@@ -36,7 +36,7 @@ from t2twin.studio.view.cards import (
 )
 from t2twin.studio.view.scene import Dragged, Scene
 from t2twin.studio.warmup import Shared
-from t2twin.studio.worker import NewestFirst
+from t2twin.studio.worker import LatestOnlyWorker
 from t2twin.twin import load_shape
 
 DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
@@ -78,7 +78,7 @@ class Page:
         self._loop = client.gui._event_loop
         self._scene = Scene(client, self._drag)
         self._build()
-        self._worker = NewestFirst(self._show_newest, self._settle)
+        self._worker = LatestOnlyWorker(self._show_newest, self._settle)
         self.runs_changed()
         self._worker.ask()
 
@@ -156,7 +156,7 @@ class Page:
         gui.main_panel.set_width(CONTROLS_PX)
         gui.add_html(welcome_html())
         self.controls = Controls(self._client, self._state, self.change, self._notices.guarded)
-        self._view = View(self._client, self._scene.arrange, lambda: self._worker.ask())
+        self._view = ViewOptions(self._client, self._scene.arrange, lambda: self._worker.ask())
         self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
         self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
         self._add_take_away()
@@ -286,7 +286,7 @@ class Page:
             changes = {"yaw_deg": start.yaw_deg + DEGREES_A_MM * along_x}
         else:
             force = self._force_from - NEWTONS_A_MM * along_z
-            changes = {"force_n": min(max(force, LEAST_SLIDER_N), MOST_SLIDER_N)}
+            changes = {"force_n": min(max(force, MIN_SLIDER_N), MAX_SLIDER_N)}
         # Tenths, as the sliders have them: what is dragged by hand needs no more.
         self.controls.take({name: round(float(value), 1) for name, value in changes.items()})
 

@@ -21,7 +21,7 @@ from t2twin.sim.world.protocol import FORCE_N, indices, press_of, scale_of
 FIRST_SHAPE = "square-2"
 """What a new page shows."""
 
-MOST_QUERY = 2000
+MAX_QUERY = 2000
 """Longest query of a link that is read, characters (assumed: ten times what one has)."""
 
 
@@ -95,8 +95,8 @@ def read_query(query: str) -> PressState:
 
     Raises T2TwinError for values that a page could not have made, files among them.
     """
-    if len(query) > MOST_QUERY:
-        raise T2TwinError(f"the link is longer than the {MOST_QUERY:,} characters that one can be")
+    if len(query) > MAX_QUERY:
+        raise T2TwinError(f"the link is longer than the {MAX_QUERY:,} characters that one can be")
     given = dict(parse_qsl(query))
     values: dict[str, Any] = {}
     for name in ("shape", "layout", "imperfections"):

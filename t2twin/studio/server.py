@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 HOST, PORT = "127.0.0.1", 8080
 """Where the page is unless asked otherwise: on this machine alone."""
 
-MOST_PORT = 65_535
+MAX_PORT = 65_535
 """The largest number of a port (RFC 9293)."""
 
 LAST_PRESS_S = 60.0
@@ -204,8 +204,8 @@ def is_own(host: str) -> bool:
 def _check_free(host: str, port: int) -> None:
     """Raises T2TwinError where host and port cannot be listened at; viser would try for ever."""
     is_own(host)
-    if not 0 <= port <= MOST_PORT:
-        raise T2TwinError(f"port {port} cannot be listened at; allowed are 0 to {MOST_PORT}")
+    if not 0 <= port <= MAX_PORT:
+        raise T2TwinError(f"port {port} cannot be listened at; allowed are 0 to {MAX_PORT}")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         with socket.socket(family, socket.SOCK_STREAM) as tried:

@@ -34,7 +34,7 @@ LEVEL = 0.9
 
 
 @dataclass(frozen=True)
-class Interval:
+class CountInterval:
     """A predicted value, N, with the ends of its interval of LEVEL."""
 
     value: float
@@ -63,7 +63,7 @@ class Translation:
     milliseconds: float
     truth: np.ndarray | None = None
     interval: tuple[np.ndarray, np.ndarray] | None = None
-    force: Interval | None = None
+    force: CountInterval | None = None
     compared: bool = False
 
     @property
@@ -112,10 +112,10 @@ class Translators:
         that cannot be read or gives none is left out.
         """
         from t2twin.translate.runs.config import BEST, CONFIG
-        from t2twin.translate.runs.pretrained import DEFAULT_RUN, find_run, shipped_runs
+        from t2twin.translate.runs.pretrained import DEFAULT_RUN, pretrained_runs, resolve_run
 
-        first = [DEFAULT_RUN] if DEFAULT_RUN in shipped_runs() else []
-        folders = {_name(folder): folder for folder in map(find_run, (*first, *given))}
+        first = [DEFAULT_RUN] if DEFAULT_RUN in pretrained_runs() else []
+        folders = {_name(folder): folder for folder in map(resolve_run, (*first, *given))}
         models = {name: _model_of(folder) for name, folder in folders.items()}
         self._first, self._given = tuple(folders)[: len(first)], tuple(folders)[len(first) :]
         weights = [path.with_name(BEST) for path in below.glob("**/" + CONFIG)]
@@ -201,7 +201,7 @@ class Translators:
             counts[0],
             layout,
             tactile[0],
-            bool(run.is_familiar(pixels)[0]),
+            bool(run.in_distribution(pixels)[0]),
             milliseconds,
             None if touch is None else _truth(touch, layout),
             interval,
@@ -231,14 +231,14 @@ def _name(folder: Path) -> str:
     return folder.name if folder.parent == HOME.absolute() else "/".join(folder.parts[-2:])
 
 
-def _force(estimate: "Estimate") -> Interval | None:
+def _force(estimate: "Estimate") -> CountInterval | None:
     """The predicted force of one image; None of a run whose presses had one force."""
     from t2twin.translate.uncertainty.estimate import half_width
 
     if estimate.force_n is None or estimate.force_std_n is None:
         return None
     value, half = float(estimate.force_n[0]), half_width(LEVEL) * float(estimate.force_std_n[0])
-    return Interval(value, max(value - half, 0.0), value + half)
+    return CountInterval(value, max(value - half, 0.0), value + half)
 
 
 def _model_of(folder: Path) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from threading import Condition, Thread
 
 
-class NewestFirst:
+class LatestOnlyWorker:
     """Does `work` in a thread of its own, again whenever it was asked for since it last began.
 
     work: done once for any number of calls of `ask` that come meanwhile. then: done where nothing

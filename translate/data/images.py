@@ -18,7 +18,7 @@ RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)
 def open_image(path: Path) -> Image.Image:
     """An image file as grey ("L") or RGB, 8 bits, upright.
 
-    Takes grey, colour, palette and 16-bit images, with or without transparency, which is dropped.
+    Takes grey, color, palette and 16-bit images, with or without transparency, which is dropped.
     Raises T2TwinError where the file is missing, is no whole PNG or JPEG, or is far too large.
     """
     try:
@@ -75,7 +75,7 @@ def to_input(pixels: np.ndarray) -> torch.Tensor:
     """What the networks take. pixels: (B, S, S, c) float32 in [0, 1]: grey, RGB, or RGB with
     the DIGIT's untouched frame after the picture (c = 6).
 
-    Returns (B, c, S, S) float32, channels last in memory: grey in [-1, 1], RGB normalised.
+    Returns (B, c, S, S) float32, channels last in memory: grey in [-1, 1], RGB normalized.
     """
     if pixels.shape[-1] == 1:
         scaled = 2.0 * pixels - 1.0

@@ -1,6 +1,6 @@
 """One split of a data set, ready to train on: images decoded once into a cache, counts in memory.
 
-The cache lies in the data set's folder (`cache/`), one uint8 .npy a split, size and colour, named
+The cache lies in the data set's folder (`cache/`), one uint8 .npy a split, size and color, named
 by the first digits of info.json's SHA-256: another data set in the same folder gets another cache.
 
 Shape letters: P pairs, S image side, c channels, N taxels.
@@ -216,9 +216,9 @@ def load_pairs(
     more = [FIELD] if with_field else []
     table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels", *more])
     counts = taxels(table)
-    colour, name = "grey" if grey else "rgb", info.sha256[:12]
+    color, name = "grey" if grey else "rgb", info.sha256[:12]
     folder = cache_dir or data_dir / CACHE
-    cache = folder / f"{split}-{size}-{colour}-{name}.npy"
+    cache = folder / f"{split}-{size}-{color}-{name}.npy"
     shape = (table.num_rows, size, size, 1 if grey else 3)
     if not _is_whole(cache, shape):
         shards = split_shards(stored, split)

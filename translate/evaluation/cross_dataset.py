@@ -8,7 +8,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.files import whole_file
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.translate.evaluation.evaluate import check_asked, evaluate, evaluate_both, splits_there
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.records import Evaluation, ModelRow
 from t2twin.translate.evaluation.table import spanned, trained_on
@@ -17,7 +17,7 @@ TABLE = "worlds.md"
 BOTH = "both"
 """Validation and test, where a dataset has them."""
 
-TRIVIAL = (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOUR)
+TRIVIAL = (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR)
 
 BothSplits = Mapping[str, Evaluation]
 
@@ -72,7 +72,7 @@ def worlds_markdown(worlds: Mapping[str, BothSplits]) -> str:
         + "\nThe same in parts of the mean array's, which knows the force where there are "
         "several:\n\n"
         + _markdown(worlds, _of_mean_array)
-        + "\nThe mean arrays and the nearest neighbour are of each dataset's own training pairs.\n"
+        + "\nThe mean arrays and the nearest neighbor are of each dataset's own training pairs.\n"
     )
 
 

@@ -28,11 +28,11 @@ from t2twin.translate.evaluation.metrics.array_errors import CONTACT_LEVEL
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     MEAN_ARRAY,
-    NEAREST_NEIGHBOUR,
+    NEAREST_NEIGHBOR,
     PAPER,
-    Neighbours,
+    Neighbors,
     mean_array,
-    neighbours,
+    neighbors,
 )
 from t2twin.translate.evaluation.metrics.floors import (
     LAYOUT_FLOOR,
@@ -49,7 +49,7 @@ from t2twin.translate.evaluation.metrics.forces import (
     mean_array_of_force,
 )
 from t2twin.translate.evaluation.metrics.irreducible_error import (
-    NEIGHBOURS,
+    NEIGHBORS,
     lookalikes,
 )
 from t2twin.translate.evaluation.metrics.reliability import with_certainty
@@ -66,7 +66,7 @@ from t2twin.translate.evaluation.records import (
     Finding,
     PaperRow,
     TaxelCounts,
-    View,
+    ViewSummary,
     write_evaluation,
     write_findings,
 )
@@ -151,7 +151,7 @@ def _evaluate(
     applied = {name: _at(run, info) for name, run in trained.items()}
     cache = usable_cache(data_dir, out_dir)
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, False, cache) for s in (split, "train"))
-    near = neighbours(train.images, pairs.images, NEIGHBOURS, progress=NEAREST_NEIGHBOUR)
+    near = neighbors(train.images, pairs.images, NEIGHBORS, progress=NEAREST_NEIGHBOR)
     bins = force_bins(pairs, train)
     predictions = _without_runs(data_dir, pairs, train, near, bins)
     predictions |= _layout_floor(loaded, info, pairs)
@@ -273,13 +273,13 @@ def _paper(data_dir: Path, split: str) -> dict[str, PaperRow]:
 
 
 def _without_runs(
-    data_dir: Path, pairs: Pairs, train: Pairs, near: Neighbours, bins: tuple[ForceBin, ...]
+    data_dir: Path, pairs: Pairs, train: Pairs, near: Neighbors, bins: tuple[ForceBin, ...]
 ) -> dict[str, np.ndarray]:
     """(P, N) counts of the trivial predictors, and of the noise floor where it is known."""
     rows = {MEAN_ARRAY: np.tile(mean_array(train), (len(pairs), 1))}
     if len(bins) > 1:
         rows[MEAN_ARRAY_OF_FORCE] = mean_array_of_force(bins, pairs, train)
-    rows[NEAREST_NEIGHBOUR] = train.counts[near.index[:, 0]]
+    rows[NEAREST_NEIGHBOR] = train.counts[near.index[:, 0]]
     again = second_reading(pairs.counts, read_info(data_dir))
     return rows if again is None else rows | {NOISE_FLOOR: again}
 
@@ -320,8 +320,8 @@ def _of_runs(
     return predictions, estimates
 
 
-def _view(view: FieldOfView) -> View:
-    return View(
+def _view(view: FieldOfView) -> ViewSummary:
+    return ViewSummary(
         width_mm=2 * view.half_width_mm,
         height_mm=2 * view.half_height_mm,
         pitch_mm=view.pitch_mm,

@@ -105,7 +105,7 @@ def write_predictions(folder: Path, predictions: Predictions) -> None:
         )
 
 
-MOST_SHAPES = 200
+MAX_SHAPES = 200
 """Shapes of a split that figures are given of one by one (assumed: nobody reads more)."""
 
 
@@ -122,7 +122,7 @@ def rows_of(
     """
     phi = Phi(info.x_mm, info.y_mm)
     full_scale = info.full_scale_counts
-    few = np.unique(pairs.shapes).size <= MOST_SHAPES
+    few = np.unique(pairs.shapes).size <= MAX_SHAPES
     rows, resampled = {}, {}
     for name, predicted in predictions.items():
         progress = f"figures of {name}"

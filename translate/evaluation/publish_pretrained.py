@@ -23,7 +23,7 @@ from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.config import BEST, CONFIG, LOG, load_config
 from t2twin.translate.runs.pretrained import HOME
 
-FEWEST_NUMBERS = 1000
+MIN_NUMBERS = 1000
 """Numbers in a tensor of at least two axes from which it goes into half precision (assumed: less
 than a hundredth of all are in smaller ones)."""
 
@@ -71,7 +71,7 @@ def ship(run_dir: Path, evaluations: Sequence[Path] = (), home: Path = HOME) -> 
 
 
 def _halved(name: str, tensor: torch.Tensor) -> torch.Tensor:
-    learnt = tensor.dim() >= 2 and tensor.numel() >= FEWEST_NUMBERS and not name.endswith(KEPT)
+    learnt = tensor.dim() >= 2 and tensor.numel() >= MIN_NUMBERS and not name.endswith(KEPT)
     return tensor.half() if learnt else tensor
 
 

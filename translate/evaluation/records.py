@@ -120,7 +120,7 @@ class ForceFigures:
 
 
 @dataclass(frozen=True)
-class Certainty:
+class UncertaintyMetrics:
     """How sure a run is, and how right it is in that (module certainty).
 
     levels: shares of the counts that its intervals are said to hold; held: those that they do.
@@ -153,7 +153,7 @@ class ModelRow:
     """One row of the results: a trained run, a trivial predictor, or a floor.
 
     by_shape, by_family: figures by the names of shapes and of families; by_shape is empty where
-    there are more than rows.MOST_SHAPES. interval: of the overall figures. by_force: by rising
+    there are more than rows.MAX_SHAPES. interval: of the overall figures. by_force: by rising
     force; empty where no force is known, and in files of older versions. The rest is None where the
     row is no run. run: its folder as it was given. weights_sha256: of its best.safetensors.
     same_data: whether it was trained on the dataset that it is evaluated on. trained_layout: the
@@ -176,7 +176,7 @@ class ModelRow:
     trained_pairs: int | None = None
     trained_steps: int | None = None
     by_force: tuple[ForceFigures, ...] = ()
-    certainty: Certainty | None = None
+    certainty: UncertaintyMetrics | None = None
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class TaxelCounts:
 
 
 @dataclass(frozen=True)
-class View:
+class ViewSummary:
     """The rectangle that the DIGIT sees, the layout's pitch, and the taxels about it."""
 
     width_mm: float
@@ -256,11 +256,11 @@ class ShapeFloor:
 
 
 @dataclass(frozen=True)
-class LookAlikeFloor:
+class IrreducibleErrorFloor:
     """What the look-alikes in one place say; module lookalikes says how.
 
     nearest: each press and its nearest. close: those of them within the noise. curve: groups of
-    all neighbours by distance. extrapolated_rmse_counts, with its interval over shapes: the
+    all neighbors by distance. extrapolated_rmse_counts, with its interval over shapes: the
     difference read at the noise's distance; parts: the same of each group of taxels.
     """
 
@@ -274,17 +274,17 @@ class LookAlikeFloor:
 
 
 @dataclass(frozen=True)
-class LookAlikes:
+class IrreducibleError:
     """Presses that look alike, among other shapes of the split and among training pairs.
 
     noise_grey: distance of two pictures of one press. close_grey: below it two pictures count as
-    nearly the same. split, training: None where there are no neighbours.
+    nearly the same. split, training: None where there are no neighbors.
     """
 
     noise_grey: float
     close_grey: float
-    split: LookAlikeFloor | None
-    training: LookAlikeFloor | None
+    split: IrreducibleErrorFloor | None
+    training: IrreducibleErrorFloor | None
 
 
 @dataclass(frozen=True)
@@ -319,11 +319,11 @@ class Evaluation:
     contact_level: float
     info_sha256: str
     layout: str
-    view: View
+    view: ViewSummary
     models: dict[str, ModelRow]
     bootstrap: Bootstrap
     paired: dict[str, Difference]
-    lookalikes: LookAlikes | None
+    lookalikes: IrreducibleError | None
     paper: dict[str, PaperRow]
     findings: dict[str, Finding]
     world: str | None = None

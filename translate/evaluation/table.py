@@ -16,7 +16,7 @@ from t2twin.translate.evaluation.records import (
     Finding,
     ForceFigures,
     Interval,
-    LookAlikes,
+    IrreducibleError,
     ModelRow,
     PaperRow,
 )
@@ -146,7 +146,7 @@ def answered(finding: Finding) -> str:
     )
 
 
-def lookalikes_text(lookalikes: LookAlikes, split: str) -> str:
+def irreducible_error_text(lookalikes: IrreducibleError, split: str) -> str:
     """What the pictures' look-alikes say of the error that stays."""
     lines = [
         f"Pictures of one press differ by {lookalikes.noise_grey:.2f} grey levels (noise). Nearest "

@@ -23,12 +23,12 @@ from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.tactile_image import tactile_picture
 from t2twin.translate.data.images import check_image, open_image, to_pixels
 from t2twin.translate.inference.outputs import (
-    Translated,
+    TranslationResult,
     earlier_files,
     output_names,
     write_tables,
 )
-from t2twin.translate.inference.predictor import AT_ONCE, TrainedTranslator, load_run
+from t2twin.translate.inference.predictor import BATCH_SIZE, TrainedTranslator, load_run
 from t2twin.translate.runs.pretrained import DEFAULT_RUN
 from t2twin.translate.uncertainty.estimate import Estimate, joined
 
@@ -73,13 +73,13 @@ def translate_files(
     pictures: bool = True,
     bf16: bool = False,
     background: str | Path | None = None,
-) -> Translated:
+) -> TranslationResult:
     """Translates image files; writes counts.csv, counts.json and a picture of each tactile image.
 
     A field run also writes counts_std.csv, the standard deviation of each count, and its pictures
     fade where it is not sure.
 
-    paths: PNG or JPEG files, or folders of them (see `find_images`), any size, grey, colour or
+    paths: PNG or JPEG files, or folders of them (see `find_images`), any size, grey, color or
     16-bit; upright as the DIGIT gives them, rows along the sensor's length. Pictures are named by
     their inputs, `press.png` for `press.jpg`; of two inputs with one name the second gets
     `press-2.png`. layout: a taxel layout's name or file that a touch2touch run is read at, its own
@@ -132,17 +132,17 @@ def _translate(
     folder: Path,
     pool: ThreadPoolExecutor,
     untouched: Path | None,
-) -> Translated:
+) -> TranslationResult:
     """Writes the pictures into a folder; names: theirs, or none."""
     frame = None if untouched is None else _frame(run, untouched)
     counts = np.empty((len(images), run.config.data.x_mm.size), np.float32)
     looks: list[str] = []
     told: list[Estimate] = []
     with Progress(
-        total=len(images), desc="translating", unit="image", disable=len(images) <= AT_ONCE
+        total=len(images), desc="translating", unit="image", disable=len(images) <= BATCH_SIZE
     ) as bar:
         for part, pixels in _batches(run, images, pool):
-            seen = pixels if frame is None else run.with_untouched(pixels, frame)
+            seen = pixels if frame is None else run.with_background(pixels, frame)
             looks += run.looks(seen)
             tactile, stds = None, repeat(None)
             if run.translator.learns_field:
@@ -158,7 +158,7 @@ def _translate(
                 save = partial(_save_picture, run, folder)
                 list(pool.map(save, tactile, names[part], stds))
             bar.update(len(pixels))
-    return Translated(counts, looks, joined(told) if told else None)
+    return TranslationResult(counts, looks, joined(told) if told else None)
 
 
 def _batches(
@@ -168,8 +168,8 @@ def _batches(
     preset = run.config.preset
     read = partial(_read, size=preset.size, grey=preset.grey)
     waiting: deque[tuple[slice, list[Future[np.ndarray]]]] = deque()
-    for start in range(0, len(images), AT_ONCE):
-        part = slice(start, start + AT_ONCE)
+    for start in range(0, len(images), BATCH_SIZE):
+        part = slice(start, start + BATCH_SIZE)
         waiting.append((part, [pool.submit(read, path) for path in images[part]]))
         if len(waiting) > AHEAD:
             first, reads = waiting.popleft()

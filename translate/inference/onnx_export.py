@@ -133,10 +133,10 @@ def _random_pixels(run: TrainedTranslator) -> np.ndarray:
 
 def _about(run: TrainedTranslator, outputs: tuple[str, ...]) -> str:
     preset, info = run.config.preset, run.config.data
-    colour = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
+    color = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
     return (
         f"{run.config.model} of t2twin: DIGIT images to the counts of {info.x_mm.size} taxels. "
-        f"Input {INPUT}: {preset.size} x {preset.size} pixels, {colour}, float32 in [0, 1], "
+        f"Input {INPUT}: {preset.size} x {preset.size} pixels, {color}, float32 in [0, 1], "
         f"upright, resized bilinearly with antialiasing. Outputs {', '.join(outputs)}: float32, "
         f"counts from 0 to {info.full_scale_counts:g}, forces in newtons."
     )

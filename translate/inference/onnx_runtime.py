@@ -39,7 +39,7 @@ ENGINES = ("onnx", "torch")
 FOLDER = "onnx"
 """Where the files are kept, below the cache home."""
 
-MOST_KEPT = 20
+MAX_KEPT = 20
 """Files that are kept, the last made (assumed: some 200 MB of preset cpu)."""
 
 
@@ -144,10 +144,10 @@ def _made(run: TrainedTranslator, place: Path) -> bytes:
 
 
 def _remove_older(folder: Path) -> None:
-    """Removes all files but the last MOST_KEPT."""
+    """Removes all files but the last MAX_KEPT."""
     with suppress(OSError):  # another process may remove them at the same time
         kept = sorted(folder.glob("*.onnx"), key=lambda each: each.lstat().st_mtime)
-        for older in kept[:-MOST_KEPT]:
+        for older in kept[:-MAX_KEPT]:
             older.unlink()
 
 

@@ -20,7 +20,7 @@ COUNTS_STD_CSV = "counts_std.csv"
 
 
 @dataclass(frozen=True)
-class Translated:
+class TranslationResult:
     """What became of B images, in the order of `find_images`.
 
     counts: (B, N) float32. looks: (B,) in words how each is unlike the pictures that the run was
@@ -37,7 +37,7 @@ def write_tables(
     run: TrainedTranslator,
     images: list[Path],
     names: list[str],
-    translated: Translated,
+    translated: TranslationResult,
     untouched: Path | None,
 ) -> list[str]:
     """Writes counts.csv and counts.json, and counts_std.csv of a field run. Returns their names.
@@ -98,7 +98,9 @@ def _head(run: TrainedTranslator) -> dict[str, Any]:
     }
 
 
-def _entry(translated: Translated, number: int, image: str, name: str | None) -> dict[str, Any]:
+def _entry(
+    translated: TranslationResult, number: int, image: str, name: str | None
+) -> dict[str, Any]:
     entry: dict[str, Any] = {"image": image}
     if name is not None:
         entry["tactile_image"] = name

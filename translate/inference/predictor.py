@@ -28,19 +28,19 @@ from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import ImageFile, Pictures
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.field_readout import Told
+from t2twin.translate.models.field_readout import FieldPrediction
 from t2twin.translate.models.layouts import checked_counts, same_layout, same_pads
 from t2twin.translate.models.presets import CYSKIN_TO_DIGIT, check_gives_counts
-from t2twin.translate.models.reverse import OtherWay
+from t2twin.translate.models.reverse import CySkinToDigit
 from t2twin.translate.networks.fold_batchnorm import fuse
 from t2twin.translate.runs.build import build, has_bf16
 from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
-from t2twin.translate.runs.pretrained import DEFAULT_RUN, find_run
+from t2twin.translate.runs.pretrained import DEFAULT_RUN, resolve_run
 from t2twin.translate.uncertainty.estimate import Estimate, joined
-from t2twin.translate.uncertainty.ood import LIKE, looks_beside
+from t2twin.translate.uncertainty.ood import LIKE, compare_with_background
 
-AT_ONCE = 64
+BATCH_SIZE = 64
 """Images in one batch; bounds memory."""
 
 MAX_FIELDS = 100_000
@@ -103,7 +103,7 @@ class TrainedTranslator:
         told = self.estimate_pixels(self._pixels(frames, background))
         return told.first() if is_one else told
 
-    def draw_fields(
+    def sample_fields(
         self,
         images: Images,
         number: int,
@@ -142,7 +142,7 @@ class TrainedTranslator:
             some = pixels[part]
             said = None if self.engine is None else self.engine(some)
             if said is not None:
-                known = [said.get(name) for name in Told._fields]
+                known = [said.get(name) for name in FieldPrediction._fields]
             else:
                 told = field.tell(to_input(some.astype(np.float32) / 255.0))
                 known = [None if each is None else each.cpu().numpy() for each in told]
@@ -162,7 +162,7 @@ class TrainedTranslator:
     def predict_pixels(
         self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None
     ) -> np.ndarray:
-        """The same for images already at the run's size and colour, (B, S, S, c) uint8; of a field
+        """The same for images already at the run's size and color, (B, S, S, c) uint8; of a field
         run also with their DIGITs' untouched frames after them, c = 6.
 
         progress: a name to show a bar under, or None.
@@ -191,7 +191,7 @@ class TrainedTranslator:
         return tactile[0] if is_one else tactile
 
     def counts_and_tactile_images(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Both at once, of images already at the run's size and colour, (B, S, S, c) uint8.
+        """Both at once, of images already at the run's size and color, (B, S, S, c) uint8.
 
         Returns (B, N) and (B, R, C) float32, counts.
         """
@@ -201,7 +201,7 @@ class TrainedTranslator:
         counts, tactile = self.translator.counts_and_tactile_images(inputs)
         return counts.cpu().numpy(), tactile.cpu().numpy()
 
-    def is_familiar(self, pixels: np.ndarray) -> np.ndarray:
+    def in_distribution(self, pixels: np.ndarray) -> np.ndarray:
         """(B,) bool: whether images, as for `predict_pixels`, look like nothing strange."""
         return np.array([not said for said in self.looks(pixels)], bool)
 
@@ -217,7 +217,7 @@ class TrainedTranslator:
         found = [LIKE] * len(pixels) if known is None else known.looks(pictures)
         if pixels.shape[-1] <= pictures.shape[-1]:
             return found
-        beside = looks_beside(pictures, pixels[..., 3:])
+        beside = compare_with_background(pictures, pixels[..., 3:])
         return [said or other for said, other in zip(found, beside, strict=True)]
 
     def at_layout(
@@ -271,7 +271,7 @@ class TrainedTranslator:
         Returns (S, S) or (B, S, S) uint8, grey, S the run's image side; the DIGIT's own pictures
         are 320 by 240. Raises T2TwinError for the other runs, and for what cannot be counts.
         """
-        if not isinstance(self.translator, OtherWay):
+        if not isinstance(self.translator, CySkinToDigit):
             raise T2TwinError(
                 f"{self.run_dir} is a {self.config.direction} run, which draws no DIGIT pictures; "
                 f"a run of `t2twin train touch2touch --direction {CYSKIN_TO_DIGIT}` does"
@@ -312,7 +312,7 @@ class TrainedTranslator:
         if background is None:
             return pixels
         frame = one_image(background, "background", ONE)
-        return self.with_untouched(pixels, resized([frame], preset.size, preset.grey)[0])
+        return self.with_background(pixels, resized([frame], preset.size, preset.grey)[0])
 
     def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
         """Raises T2TwinError for an array that is not as `pixels_of` returns it."""
@@ -321,7 +321,7 @@ class TrainedTranslator:
             preset = self.config.preset
             check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
 
-    def with_untouched(self, pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    def with_background(self, pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
         """(B, S, S, 6) uint8: pixels, (B, S, S, 3), with a frame, (S, S, 3), after each.
 
         Raises T2TwinError for a run that does not look at one.
@@ -354,7 +354,7 @@ def load(
     torch's threads and random numbers stay as they are.
     Raises T2TwinError where the folder holds no run, and for a layout that it cannot be read at.
     """
-    run_dir, bf16 = find_run(run), arguments.flag(bf16, "bf16")
+    run_dir, bf16 = resolve_run(run), arguments.flag(bf16, "bf16")
     config = load_config(run_dir)
     here = replace(config, bf16=bf16 and config.preset.bf16 and has_bf16())
     translator = build(here)
@@ -369,5 +369,5 @@ def load(
 
 
 def _parts(size: int, progress: str | None) -> list[slice] | Progress:
-    parts = [slice(start, start + AT_ONCE) for start in range(0, size, AT_ONCE)]
+    parts = [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
     return parts if progress is None else Progress(parts, desc=progress, unit="batch")

@@ -32,9 +32,9 @@ from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.distributed import average_gradients
 from t2twin.translate.models.field_image import FieldDrawing
 from t2twin.translate.models.field_readout import (
-    LEAST_FORCE_SCALE,
-    Teller,
-    Told,
+    MIN_FORCE_SCALE,
+    FieldPrediction,
+    FieldReadout,
     knows_force,
     log_force,
 )
@@ -58,7 +58,7 @@ the RMSE falls by 13 % instead of 4; 3 and 8 are as good (measured)."""
 LOOKED_AT = 2000
 """Pictures whose mean stands for the mean frame where the pairs hold no frames (assumed)."""
 
-AT_ONCE = 64
+BATCH_SIZE = 64
 """Images in one batch where nothing is learnt; bounds memory."""
 
 
@@ -136,7 +136,7 @@ class FieldTranslator:
         """(B, 3 or 6, S, S) -> counts (B, N), within zero and full scale. In evaluation mode."""
         return self.tell(images).counts
 
-    def tell(self, images: torch.Tensor) -> Told:
+    def tell(self, images: torch.Tensor) -> FieldPrediction:
         """All that is told of images, (B, 3, S, S), or (B, 6, S, S) with their DIGITs' frames."""
         with torch.inference_mode():
             return self.teller(self._say(images))
@@ -164,8 +164,8 @@ class FieldTranslator:
     def _errors(self, pairs: Pairs) -> Iterator[tuple[torch.Tensor, ...]]:
         """Of batches of pairs, what Errors holds."""
         assert pairs.field is not None
-        for start in range(0, len(pairs), AT_ONCE):
-            part = slice(start, start + AT_ONCE)
+        for start in range(0, len(pairs), BATCH_SIZE):
+            part = slice(start, start + BATCH_SIZE)
             said = self._say(to_input(pairs.pictures[part].astype(np.float32) / 255.0))
             field = torch.from_numpy(pairs.field[part].astype(np.float32)).to(self.device)
             force = torch.from_numpy(pairs.force_n[part].astype(np.float32)).to(self.device)
@@ -174,9 +174,9 @@ class FieldTranslator:
             yield off, said.log_spread.exp(), force_off, said.force_log_spread.exp()
 
     @cached_property
-    def teller(self) -> Teller:
+    def teller(self) -> FieldReadout:
         """What reads its layout from the field."""
-        return Teller(self.predictor, reading_of(self.layout), self.full_scale)
+        return FieldReadout(self.predictor, reading_of(self.layout), self.full_scale)
 
     @cached_property
     def drawing(self) -> FieldDrawing:
@@ -188,7 +188,7 @@ class FieldTranslator:
         other = copy(self)
         other.layout = layout
         reading = reading_of(layout)
-        other.teller = Teller(self.predictor, reading, self.full_scale)
+        other.teller = FieldReadout(self.predictor, reading, self.full_scale)
         return other
 
     def in_float32(self) -> Self:
@@ -212,7 +212,7 @@ class FieldTranslator:
 
     def _force_wanted(self, force_n: torch.Tensor) -> torch.Tensor:
         middle, scale = self.predictor.force_scale  # a run that is read has no other
-        return (log_force(force_n) - middle) / scale.clamp(min=LEAST_FORCE_SCALE)
+        return (log_force(force_n) - middle) / scale.clamp(min=MIN_FORCE_SCALE)
 
     def _some_with_mean_frame(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 6, S, S): the mean frame where there is none, and for a part of those with one."""
@@ -237,7 +237,7 @@ class FromPixels(nn.Module):
     mean: torch.Tensor
     std: torch.Tensor
 
-    def __init__(self, network: FieldNet, teller: Teller, drawing: FieldDrawing) -> None:
+    def __init__(self, network: FieldNet, teller: FieldReadout, drawing: FieldDrawing) -> None:
         super().__init__()
         self.network = deepcopy(network).cpu()
         self.teller = deepcopy(teller).cpu()

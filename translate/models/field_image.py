@@ -24,11 +24,11 @@ class FieldDrawing(nn.Module):
             (np.arange(size) + 0.5) / PX_PER_MM - size / PX_PER_MM / 2
             for size in reversed(TACTILE_SHAPE)
         )
-        centres = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
-        matrix = barycentric(np.column_stack([x_mm, y_mm]), centres)
+        centers = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
+        matrix = barycentric(np.column_stack([x_mm, y_mm]), centers)
         inside = np.diff(matrix.indptr) == 3
-        corners = np.zeros((centres.shape[0], 3), np.int64)
-        weights = np.zeros((centres.shape[0], 3), np.float32)
+        corners = np.zeros((centers.shape[0], 3), np.int64)
+        weights = np.zeros((centers.shape[0], 3), np.float32)
         corners[inside] = matrix.indices.reshape(-1, 3)
         weights[inside] = matrix.data.reshape(-1, 3).clip(0.0, 1.0)
         self.register_buffer("corners", torch.from_numpy(np.ascontiguousarray(corners.T)))

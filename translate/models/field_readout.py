@@ -11,17 +11,17 @@ import torch
 from torch import nn
 
 from t2twin.translate.networks.field_net import FieldNet, FieldParts
-from t2twin.translate.uncertainty.calibration import factor_at, standard_deviation
+from t2twin.translate.uncertainty.calibration import interpolate_scale, standard_deviation
 
 FORCE_OFFSET_N = 0.1
 """What is added to a force before its logarithm is taken, N (assumed: where nothing touches it is
 zero, and the least press has half a newton)."""
 
-LEAST_FORCE_SCALE = 1e-3
+MIN_FORCE_SCALE = 1e-3
 """Least spread of the logarithm of the training's forces that says they are several (assumed)."""
 
 
-class Told(NamedTuple):
+class FieldPrediction(NamedTuple):
     """What is told of B images. counts, counts_std: (B, N), counts. field, field_std: (B, F),
     counts. force_n, force_std_n: (B,), N, None of a run whose presses had one force."""
 
@@ -33,7 +33,7 @@ class Told(NamedTuple):
     force_std_n: torch.Tensor | None
 
 
-class Teller(nn.Module):
+class FieldReadout(nn.Module):
     """Reads a layout from a field, of a network with its calibration.
 
     reading: (N, F), times the field's counts those of the taxels. full_scale: counts.
@@ -57,7 +57,7 @@ class Teller(nn.Module):
             self.register_buffer(name, getattr(network, name).detach().clone())
         self.to(network.correlation.device)
 
-    def forward(self, said: FieldParts) -> Told:
+    def forward(self, said: FieldParts) -> FieldPrediction:
         """Counts lie within zero and full scale."""
         field = (said.mean * self.full_scale).clamp(0.0, self.full_scale)
         std = standard_deviation(said.log_spread, self.place_rungs, self.press_rungs)
@@ -67,14 +67,16 @@ class Teller(nn.Module):
         parts = (field_std[:, None, :] * self.reading) @ self.factor
         counts_std = parts.square().sum(dim=2).sqrt()
         if not self.knows_force:
-            return Told(counts, counts_std, field, field_std, None, None)
+            return FieldPrediction(counts, counts_std, field, field_std, None, None)
         lifted = torch.exp(said.force * self.force_scale[1] + self.force_scale[0])
-        spread = said.force_log_spread.exp() * factor_at(said.force_log_spread, self.force_rungs)
+        spread = said.force_log_spread.exp() * interpolate_scale(
+            said.force_log_spread, self.force_rungs
+        )
         spread = spread * self.force_scale[1]
         force = (lifted - FORCE_OFFSET_N).clamp(min=0.0)
-        return Told(counts, counts_std, field, field_std, force, lifted * spread)
+        return FieldPrediction(counts, counts_std, field, field_std, force, lifted * spread)
 
-    def drawn(self, told: Told, number: int, seed: int) -> torch.Tensor:
+    def drawn(self, told: FieldPrediction, number: int, seed: int) -> torch.Tensor:
         """(B, number, F) fields as they may be, counts, from the told distribution."""
         generator = torch.Generator().manual_seed(seed)
         shape = (told.field.shape[0], number, told.field.shape[1])
@@ -90,4 +92,4 @@ def log_force(force_n: torch.Tensor) -> torch.Tensor:
 
 def knows_force(network: FieldNet) -> bool:
     """Whether the presses that a network was trained on had several forces."""
-    return float(network.force_scale[1]) > LEAST_FORCE_SCALE
+    return float(network.force_scale[1]) > MIN_FORCE_SCALE

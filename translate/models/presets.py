@@ -124,7 +124,7 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             filters=64,  # He et al. 2016
             batch=8,  # Grella et al. 2023
             learning_rate=1e-3,  # Grella et al. 2023, fixed
-            beta1=0.9,  # assumed: Adam as it comes; the paper names no optimiser
+            beta1=0.9,  # assumed: Adam as it comes; the paper names no optimizer
             epochs=200,  # assumed
             patience=20,  # assumed
         ),

@@ -49,7 +49,7 @@ class ResNet18Translator:
     def step(self, examples: Examples) -> dict[str, float]:
         """One step on L3, the mean squared error, of counts in parts of full scale.
 
-        images: (B, 3, S, S) normalised. Returns the loss by name.
+        images: (B, 3, S, S) normalized. Returns the loss by name.
         """
         optimizer = self.optimizers["resnet18"]
         optimizer.zero_grad()

@@ -20,7 +20,7 @@ WHITE_GREY = 255.0
 """The picture's full scale, grey levels."""
 
 
-class OtherWay(Touch2Touch):
+class CySkinToDigit(Touch2Touch):
     """The networks of a touch2touch that draws pictures; it gives no counts."""
 
     draws = False

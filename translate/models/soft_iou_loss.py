@@ -23,11 +23,11 @@ SHARPNESS = 2
 """Power by which that part rises about the level (assumed: it is 0.2 at half the level and 0.8 at
 twice; the higher the power, the fewer pixels have a gradient)."""
 
-LEAST_FELT = 0.01
+MIN_FELT = 0.01
 """A real image with no pixel above this part of full scale has no shape (assumed: a few times the
 counts that noise makes of nothing)."""
 
-LEAST_UNION = 0.5
+MIN_UNION = 0.5
 """Keeps the overlap of two images of nothing from being divided by nothing, pixels: less than the
 highest pixel of any image with a shape."""
 
@@ -42,14 +42,14 @@ def shape_loss(drawn: torch.Tensor, real: torch.Tensor) -> torch.Tensor:
     across = (1, 2, 3)
     both = torch.minimum(ours, wanted).sum(across)
     either = torch.maximum(ours, wanted).sum(across)
-    has_shape = real.amax(across) > LEAST_FELT
-    apart = 1.0 - both / either.clamp(min=LEAST_UNION)
+    has_shape = real.amax(across) > MIN_FELT
+    apart = 1.0 - both / either.clamp(min=MIN_UNION)
     return (apart * has_shape).sum() / has_shape.sum().clamp(min=1)
 
 
 def _in_contact(images: torch.Tensor) -> torch.Tensor:
     """(B, 1, S, S): the part by which each pixel is in contact. An image's maximum is taken as it
     is: making the highest pixel higher is no way to draw another shape."""
-    most = images.detach().amax((1, 2, 3), keepdim=True).clamp(min=LEAST_FELT)
+    most = images.detach().amax((1, 2, 3), keepdim=True).clamp(min=MIN_FELT)
     height = (images / (CONTACT_LEVEL * most)) ** SHARPNESS
     return height / (1.0 + height)

@@ -5,7 +5,7 @@ for what lies beyond the view and for what the picture says as a whole. Its maps
 canvas where the view lies, so that what is seen in a place is said of that place. A small decoder
 goes over the two, and beside the mean it tells the spread.
 
-The field's places are columns of evenly spaced ones, each column off its neighbours by half a
+The field's places are columns of evenly spaced ones, each column off its neighbors by half a
 place; the decoder takes them as a grid of columns by rows.
 
 Shape letters: B batch, S image side, F places, D columns and E places in each, F = D * E, G numbers
@@ -25,23 +25,23 @@ from t2twin.translate.uncertainty.calibration import (
     FORCE_SHARES,
     PLACE_SHARES,
     PRESS_SHARES,
-    no_rungs,
+    identity_knots,
 )
 
 DIFFERENCE_SCALE = 2.0
 """What the difference from the untouched frame is multiplied by (assumed: a press changes a picture
-by some tenths of what the pictures' colours spread over)."""
+by some tenths of what the pictures' colors spread over)."""
 
-MOST_POOLED = 4
+MAX_POOLED = 4
 """Most cells along either side of the last map that the vector is made from (assumed)."""
 
 CANVAS = 32
 """Channels of the canvas that the vector lays (assumed)."""
 
-LEAST_SPREAD = 2.5e-4
+MIN_SPREAD = 2.5e-4
 """Least spread of the field, parts of full scale (assumed: 10 counts, twice a reading's noise)."""
 
-LEAST_FORCE_SPREAD = 0.01
+MIN_FORCE_SPREAD = 0.01
 """Least spread of the force, in parts of that of the training's (assumed)."""
 
 
@@ -72,7 +72,7 @@ class FieldNet(nn.Module):
     height that the picture shows, mm. size: S. filters: base width of the ResNet18.
 
     Kept with the weights, and not learnt: mean_frame, (3, S, S), the mean of the world's untouched
-    frames, normalised; field_mean, (F,), and field_variance, the mean over the places, in parts of
+    frames, normalized; field_mean, (F,), and field_variance, the mean over the places, in parts of
     full scale and of its square; force_scale, (2,), mean and spread of the forces' logarithm;
     place_rungs, press_rungs, force_rungs, (2, K), what makes spreads standard deviations, and
     correlation, (F, F), of the field's errors (module calibrated).
@@ -102,7 +102,7 @@ class FieldNet(nn.Module):
         self.grid = grid_of(x_mm)
         self.encoder = ResNet18(0, filters, channels=6)
         cells = -(-size // 32)
-        self.pooled = max(n for n in range(1, MOST_POOLED + 1) if cells % n == 0)
+        self.pooled = max(n for n in range(1, MAX_POOLED + 1) if cells % n == 0)
         self.pool = nn.AvgPool2d(cells // self.pooled) if cells > self.pooled else nn.Identity()
         width, vector = 2 * filters, 8 * filters
         self.gather = nn.Linear(8 * filters * self.pooled**2, vector)
@@ -130,7 +130,7 @@ class FieldNet(nn.Module):
         self.register_buffer("field_variance", torch.ones(()))
         self.register_buffer("force_scale", torch.tensor([0.0, 0.0]))
         for name, shares in RUNGS.items():
-            self.register_buffer(name, no_rungs(len(shares)))
+            self.register_buffer(name, identity_knots(len(shares)))
         self.register_buffer("correlation", torch.eye(x_mm.size))
 
     def _load_from_state_dict(
@@ -140,9 +140,9 @@ class FieldNet(nn.Module):
         of_field, of_force = state_dict.pop(f"{prefix}temperature", torch.ones(2)).log()
         power = state_dict.pop(f"{prefix}power", torch.ones(()))
         for name, shares in RUNGS.items():
-            rungs = no_rungs(len(shares))
+            rungs = identity_knots(len(shares))
             if name == "place_rungs":
-                rungs[0] = torch.linspace(math.log(LEAST_SPREAD), 0.0, len(shares))
+                rungs[0] = torch.linspace(math.log(MIN_SPREAD), 0.0, len(shares))
                 rungs[1] = of_field + (power - 1.0) * (rungs[0] - math.log(EARLIER_MIDDLE))
             elif name == "force_rungs":
                 rungs[1] = of_force
@@ -150,7 +150,7 @@ class FieldNet(nn.Module):
         super()._load_from_state_dict(state_dict, prefix, *rest)
 
     def forward(self, images: torch.Tensor) -> FieldParts:
-        """images: (B, 6, S, S), normalised, the picture and the untouched frame."""
+        """images: (B, 6, S, S), normalized, the picture and the untouched frame."""
         picture, frame = images.split(3, dim=1)
         seen = torch.cat([picture, DIFFERENCE_SCALE * (picture - frame)], dim=1)
         fine, coarse, last = self.encoder.maps(seen)
@@ -166,9 +166,9 @@ class FieldNet(nn.Module):
         scale = self.field_variance.sqrt()
         return FieldParts(
             self.field_mean + scale * mean,
-            _at_least(LEAST_SPREAD, scale.log() + spread),
+            _at_least(MIN_SPREAD, scale.log() + spread),
             self.force(vector).float()[:, 0],
-            _at_least(LEAST_FORCE_SPREAD, self.force_spread(still).float()[:, 0]),
+            _at_least(MIN_FORCE_SPREAD, self.force_spread(still).float()[:, 0]),
         )
 
     def _lay(self, seen: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
@@ -200,7 +200,7 @@ def laid_at(
 ) -> np.ndarray:
     """(side * side, F) float32: what each cell of a map of the view gives to each place.
 
-    Bilinear between the cells' centres, the map being zero from half a cell beyond its rim on.
+    Bilinear between the cells' centers, the map being zero from half a cell beyond its rim on.
     """
     across, down = (
         _hat((at / (2 * half) + 0.5) * side - 0.5, side)

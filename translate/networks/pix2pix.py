@@ -44,7 +44,7 @@ class UNet(nn.Module):
                 width,
                 activate=level > 0,
                 # One pixel has no statistics of its own, and pix2pix leaves the first block bare.
-                normalise=0 < level < levels - 1,
+                normalize=0 < level < levels - 1,
             )
             for level, width in enumerate(widths)
         )
@@ -59,7 +59,7 @@ class UNet(nn.Module):
         self.head = nn.Sequential(
             nn.Identity(), nn.ConvTranspose2d(2 * widths[0], channels_out, 4, 2, 1), nn.Tanh()
         )
-        self.apply(initialise)
+        self.apply(initialize)
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         """(B, channels_in, S, S) -> (B, channels_out, S, S), both in [-1, 1]."""
@@ -84,7 +84,7 @@ class HalfDropout(nn.Dropout):
         return input * torch.empty_like(input, dtype=torch.uint8).random_(2).mul_(2)
 
 
-def initialise(module: nn.Module) -> None:
+def initialize(module: nn.Module) -> None:
     """Weights from N(0, 0.02), batch norm's scale from N(1, 0.02), no offsets: as in pix2pix."""
     if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
         nn.init.normal_(module.weight, 0.0, INITIAL_STD)
@@ -95,10 +95,10 @@ def initialise(module: nn.Module) -> None:
         nn.init.zeros_(module.bias)
 
 
-def _encoder_block(channels: int, width: int, activate: bool, normalise: bool) -> nn.Sequential:
+def _encoder_block(channels: int, width: int, activate: bool, normalize: bool) -> nn.Sequential:
     layers: list[nn.Module] = [nn.LeakyReLU(0.2)] if activate else []
     layers.append(nn.Conv2d(channels, width, 4, 2, 1, bias=False))
-    if normalise:
+    if normalize:
         layers.append(nn.BatchNorm2d(width))
     return nn.Sequential(*layers)
 
@@ -131,7 +131,7 @@ class PatchGAN(nn.Module):
             ]
         layers.append(nn.Conv2d(filters * 8, 1, 4, 1, 1))
         self.layers = nn.Sequential(*layers)
-        self.apply(initialise)
+        self.apply(initialize)
 
     def forward(self, condition: torch.Tensor, image: torch.Tensor) -> torch.Tensor:
         """(B, c, S, S) and (B, c', S, S) -> (B, 1, S/8 - 2, S/8 - 2) logits, positive for real."""

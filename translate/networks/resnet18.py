@@ -8,7 +8,7 @@ from torch import nn
 
 from t2twin.core.errors import T2TwinError
 
-LEAST_FILTERS = 16
+MIN_FILTERS = 16
 """Least base width. Below it oneDNN (PyTorch 2.13, AVX-512) writes past its buffer in the backward
 pass of the strided 1 x 1 convolutions, where its threads do not share a batch evenly (measured with
 a guard page behind every tensor)."""
@@ -39,15 +39,15 @@ class ResNet18(nn.Module):
     """ResNet18 with `outputs` numbers at the end, or without an end where it is 0.
 
     filters: base width, 64 in the published network, which has 11,689,512 parameters at 1000
-    outputs. channels: of the images. Raises T2TwinError for fewer than LEAST_FILTERS.
+    outputs. channels: of the images. Raises T2TwinError for fewer than MIN_FILTERS.
     """
 
     def __init__(self, outputs: int, filters: int = 64, channels: int = 3):
         super().__init__()
-        if filters < LEAST_FILTERS:
+        if filters < MIN_FILTERS:
             raise T2TwinError(
                 f"a ResNet18 of base width {filters} cannot be trained safely; it must be at least "
-                f"{LEAST_FILTERS}"
+                f"{MIN_FILTERS}"
             )
         self.conv1 = nn.Conv2d(channels, filters, 7, 2, 3, bias=False)
         self.bn1 = nn.BatchNorm2d(filters)

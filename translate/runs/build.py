@@ -9,7 +9,7 @@ from t2twin.translate.models.distributed import device
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import CYSKIN_TO_DIGIT
 from t2twin.translate.models.resnet18 import ResNet18Translator
-from t2twin.translate.models.reverse import OtherWay
+from t2twin.translate.models.reverse import CySkinToDigit
 from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.config import RunConfig
 
@@ -28,7 +28,7 @@ def build(config: RunConfig) -> Translator:
     """
     with torch.random.fork_rng(devices=[]):  # weights are drawn on the CPU, whatever the device
         torch.default_generator.manual_seed(config.seed)
-        kind = OtherWay if config.direction == CYSKIN_TO_DIGIT else TRANSLATORS[config.model]
+        kind = CySkinToDigit if config.direction == CYSKIN_TO_DIGIT else TRANSLATORS[config.model]
         return kind(config.preset, config.data, device(), config.bf16)
 
 

@@ -79,20 +79,20 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
         _training(config, history, best),
         *filter(None, [_sureness(config)]),
         card.limits(info) if other_way else _limits(info),
-        f"## Licence\n\n{_licence(info)[1]}\n",
+        f"## License\n\n{_license(info)[1]}\n",
         f"## Citation\n\nThe method:\n\n{CITATION}",
     ]
     with whole_file(run_dir / CARD) as temporary:
         temporary.write_text("\n".join(parts))
 
 
-def _licence(info: DatasetInfo) -> tuple[str, str]:
+def _license(info: DatasetInfo) -> tuple[str, str]:
     """For the hub, and in words."""
     if info.is_simulated:
         return "mit", "MIT, as t2twin's."
     return "unknown", (
-        "t2twin's code is under the MIT licence. These weights were trained on pairs that were "
-        "brought in; under which licence they may be used is for the owner of the pairs to say."
+        "t2twin's code is under the MIT license. These weights were trained on pairs that were "
+        "brought in; under which license they may be used is for the owner of the pairs to say."
     )
 
 
@@ -119,7 +119,7 @@ def _head(config: RunConfig, best: EpochRecord, info: DatasetInfo) -> str:
         else "{type: image-to-array, name: DIGIT picture to CySkin counts}"
     )
     return f"""---
-license: {_licence(info)[0]}
+license: {_license(info)[0]}
 library_name: t2twin
 {pipeline}tags: {json.dumps(tags)}
 model-index:
@@ -145,7 +145,7 @@ Turns the picture of a DIGIT, a camera behind a soft gel, into the counts that a
 
 def _use(name: str, config: RunConfig) -> str:
     preset, info = config.preset, config.data
-    colour = "turned to grey" if preset.grey else "in colour"
+    color = "turned to grey" if preset.grey else "in color"
     return f"""## Use
 
 ```python
@@ -163,7 +163,7 @@ columns), channels in the order red, green, blue; also several, (B, h, w, 3) |
 | counts | ({info.x_mm.size},) float32 | counts | 0 to {info.full_scale_counts:,.0f}; taxel n lies \
 at `layout_x_mm[n]`, `layout_y_mm[n]` (mm) of `config.json` |
 {_estimate_rows(config) if config.model == "field" else ""}
-Any size of picture is resized to {preset.size} x {preset.size} pixels, {colour}. OpenCV gives
+Any size of picture is resized to {preset.size} x {preset.size} pixels, {color}. OpenCV gives
 channels as blue, green, red: turn them round first.
 """
 

@@ -1,4 +1,4 @@
-"""A training's state in one safetensors file: networks, optimisers, and the epochs so far.
+"""A training's state in one safetensors file: networks, optimizers, and the epochs so far.
 
 Random numbers need no place in it: every epoch draws from its own generators, seeded by
 (seed, epoch).

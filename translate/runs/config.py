@@ -16,15 +16,15 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from t2twin.core.arguments import MOST_SEED
+from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
 from t2twin.core.records import convert, read_json
 from t2twin.sim.cyskin.layout import LARGEST_PAD_MM
-from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
+from t2twin.sim.dataset.info import MAX_COUNTS, check_layout, is_sha256
 from t2twin.translate.data.pairs import DataInfo, known
 from t2twin.translate.models.presets import DIGIT_TO_CYSKIN, MODELS, Preset, check_direction
-from t2twin.translate.uncertainty.ood import CELLS, Familiar
+from t2twin.translate.uncertainty.ood import CELLS, OODDetector
 
 FORMAT = 1
 """Version of config.json; a file that names none is of this one."""
@@ -33,7 +33,7 @@ MOST = {"size": 2048, "filters": 1024, "batch": 65_536, "epochs": 1_000_000}
 """Settings of a preset that are 1 or more, and the most that they may be (assumed: far beyond what
 any machine trains in a month), so that a damaged file cannot ask for all memory."""
 
-MOST_STEPS = 100_000_000
+MAX_STEPS = 100_000_000
 """The most steps of a training (assumed: as above)."""
 
 ZERO_OR_MORE = (
@@ -79,7 +79,7 @@ class RunConfig:
     planned_epochs: int
     bf16: bool
     processes: int
-    pictures: Familiar | None = None
+    pictures: OODDetector | None = None
     steps: int | None = None
     epoch_steps: int | None = None
     start: str | None = None
@@ -142,7 +142,7 @@ class _DataPart:
     layout: str
     layout_x_mm: tuple[float, ...]
     layout_y_mm: tuple[float, ...]
-    full_scale_counts: Annotated[float, Meta(ge=1, le=MOST_COUNTS)]
+    full_scale_counts: Annotated[float, Meta(ge=1, le=MAX_COUNTS)]
     world: str | None = None
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
     field_x_mm: tuple[float, ...] | None = None
@@ -161,17 +161,17 @@ class _DataPart:
 
 @dataclass(frozen=True)
 class _PicturesPart:
-    """What config.json says of the training pictures; see Familiar."""
+    """What config.json says of the training pictures; see OODDetector."""
 
     mean_grey: tuple[Annotated[float, Meta(ge=0, le=255)], ...]
     spread_grey: tuple[Annotated[float, Meta(gt=0, le=255)], ...]
     farthest: Annotated[float, Meta(ge=0)]
 
-    def familiar(self, channels: int, source: Path) -> Familiar:
+    def familiar(self, channels: int, source: Path) -> OODDetector:
         wanted = CELLS * CELLS * channels
         if not len(self.mean_grey) == len(self.spread_grey) == wanted:
             raise T2TwinError(f"{source}: pictures must have {wanted} means and as many spreads")
-        return Familiar(np.array(self.mean_grey), np.array(self.spread_grey), self.farthest)
+        return OODDetector(np.array(self.mean_grey), np.array(self.spread_grey), self.farthest)
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ class _ConfigFile:
 
     model: str
     preset: dict[str, Any]
-    seed: Annotated[int, Meta(ge=0, le=MOST_SEED)]
+    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)]
     epochs: Annotated[int, Meta(ge=1)] | None
     minutes: Annotated[float, Meta(gt=0)] | None
     planned_epochs: Annotated[int, Meta(ge=1, le=MOST["epochs"])]
@@ -188,8 +188,8 @@ class _ConfigFile:
     processes: Annotated[int, Meta(ge=1, le=MOST["batch"])]
     data: _DataPart
     pictures: _PicturesPart | None = None
-    steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
-    epoch_steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
+    steps: Annotated[int, Meta(ge=1, le=MAX_STEPS)] | None = None
+    epoch_steps: Annotated[int, Meta(ge=1, le=MAX_STEPS)] | None = None
     start_sha256: str | None = None
     direction: str = DIGIT_TO_CYSKIN
 

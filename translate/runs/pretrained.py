@@ -13,19 +13,19 @@ DEFAULT_RUN = "field"
 """The pretrained run that commands, `load` and the studio use unless another is named."""
 
 
-def shipped_runs() -> tuple[str, ...]:
+def pretrained_runs() -> tuple[str, ...]:
     """Their names."""
     return tuple(sorted(path.parent.name for path in HOME.glob(f"*/{CONFIG}")))
 
 
-def find_run(run: str | Path) -> Path:
+def resolve_run(run: str | Path) -> Path:
     """A run's folder: that of a pretrained run by its name, or the one that is given.
 
     A text that is a pretrained run's name always means that run, whatever the working directory
     holds; a folder of that name is given as ./NAME, or as a Path.
     Raises T2TwinError where there is neither.
     """
-    names = shipped_runs()
+    names = pretrained_runs()
     if isinstance(run, str) and run in names:
         return HOME / run
     path = arguments.path(run, "run")

@@ -8,7 +8,7 @@ from t2twin.translate.runs.log import EpochRecord, best_epoch
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrainingResult:
     """How a training ended. best_rmse_counts: RMSE on the validation split, counts; the root of the
     L3 of Grella et al. 2023. best_rmse_percent: the same in percent of full scale. A run that draws
     DIGIT pictures has no counts: best_rmse_grey is the RMSE of its pictures, grey levels."""
@@ -30,10 +30,10 @@ class Outcome:
         )
 
 
-def outcome_of(run_dir: Path, history: list[EpochRecord], reason: str) -> Outcome:
+def outcome_of(run_dir: Path, history: list[EpochRecord], reason: str) -> TrainingResult:
     """Of a run with at least one epoch."""
     best = best_epoch(history)
-    return Outcome(
+    return TrainingResult(
         run_dir=run_dir,
         epochs=len(history),
         best_epoch=best.epoch,
@@ -44,7 +44,7 @@ def outcome_of(run_dir: Path, history: list[EpochRecord], reason: str) -> Outcom
     )
 
 
-def reason_to_stop(config: RunConfig, history: list[EpochRecord]) -> str | None:
+def stop_reason(config: RunConfig, history: list[EpochRecord]) -> str | None:
     """Why a run with this history is finished, or None."""
     if not history:
         return None

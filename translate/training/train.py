@@ -32,13 +32,13 @@ from t2twin.translate.models.presets import (
 from t2twin.translate.runs.build import TRANSLATORS, has_bf16
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.checkpoint import load_history
-from t2twin.translate.runs.config import CONFIG, LAST, MOST_STEPS, RunConfig, load_config
+from t2twin.translate.runs.config import CONFIG, LAST, MAX_STEPS, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord
-from t2twin.translate.training.early_stopping import Outcome, outcome_of, reason_to_stop
-from t2twin.translate.training.trainer import TrainingLoop
+from t2twin.translate.training.early_stopping import TrainingResult, outcome_of, stop_reason
+from t2twin.translate.training.trainer import Trainer
 from t2twin.translate.training.warm_start import find_start, slower
 
-FEWEST_PAIRS = 8
+MIN_PAIRS = 8
 """Pairs that a training asks for (assumed: below this batch norm has nothing to average)."""
 
 
@@ -54,7 +54,7 @@ def train(
     start: str | Path | None = None,
     direction: str = DIGIT_TO_CYSKIN,
     shape_weight: float | None = None,
-) -> Outcome:
+) -> TrainingResult:
     """Trains a translator on DIR's train split, watching its val split, into the folder out_dir.
 
     model: "touch2touch", "resnet18" or "field". preset: a name of t2twin.translate.models.presets,
@@ -101,7 +101,7 @@ def train(
             direction=direction,
         )
         config, history = _earlier_run(asked, out_dir) or (asked, [])
-        reason = reason_to_stop(config, history)
+        reason = stop_reason(config, history)
         if reason is not None:
             outcome = outcome_of(out_dir, history, reason)
             if rank == 0:
@@ -111,7 +111,7 @@ def train(
             _check_own(out_dir)
             learns_field = TRANSLATORS[model].learns_field
             pairs, validation = _load_in_turn(data_dir, out_dir, settings, learns_field, rank)
-            outcome = TrainingLoop(config, out_dir, pairs, validation, rank, begun).run()
+            outcome = Trainer(config, out_dir, pairs, validation, rank, begun).run()
             if rank == 0:
                 write_card(out_dir, data_dir)
             return outcome
@@ -156,8 +156,8 @@ def _check_limits(epochs: int | None, minutes: float | None, steps: int | None, 
             arguments.whole_number(value, name)
     if minutes is not None:
         minutes = arguments.real(minutes, "minutes")
-    if steps is not None and not 1 <= steps <= MOST_STEPS:
-        raise T2TwinError(f"steps is {steps}; it must be from 1 to {MOST_STEPS:,}")
+    if steps is not None and not 1 <= steps <= MAX_STEPS:
+        raise T2TwinError(f"steps is {steps}; it must be from 1 to {MAX_STEPS:,}")
     if steps is not None and epochs is not None:
         raise T2TwinError("epochs and steps are both given; one of them bounds a training")
     if epochs is not None and epochs < 1:
@@ -193,9 +193,9 @@ def _load_both(
         load_pairs(data_dir, split, preset.size, preset.grey, cache, with_field)
         for split in ("train", "val")
     )
-    if len(pairs) < FEWEST_PAIRS:
+    if len(pairs) < MIN_PAIRS:
         raise T2TwinError(
-            f"the train split of {data_dir} has {len(pairs)} pair(s); training needs {FEWEST_PAIRS}"
+            f"the train split of {data_dir} has {len(pairs)} pair(s); training needs {MIN_PAIRS}"
         )
     return pairs, validation
 

@@ -16,14 +16,14 @@ from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.presets import CYSKIN_TO_DIGIT, Preset
-from t2twin.translate.models.reverse import WHITE_GREY, OtherWay
+from t2twin.translate.models.reverse import WHITE_GREY, CySkinToDigit
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_state, save_state, save_weights
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochRecord, best_epoch, to_json, write_log
-from t2twin.translate.training.early_stopping import Outcome, outcome_of, reason_to_stop
-from t2twin.translate.training.warm_start import Start, begin_with
-from t2twin.translate.uncertainty.ood import familiar_with
+from t2twin.translate.training.early_stopping import TrainingResult, outcome_of, stop_reason
+from t2twin.translate.training.warm_start import WarmStart, begin_with
+from t2twin.translate.uncertainty.ood import fit_ood_detector
 
 PREDICT_AT_ONCE = 64
 """Images in one batch where nothing is learnt; bounds memory."""
@@ -33,14 +33,14 @@ EPOCHS_OF_STEPS = 12
 epoch, an epoch is cut short of the data, for the schedule and the choice of the best go by epochs
 (assumed: as many as ResNet18's steps make of the paper's dataset)."""
 
-FEWEST_STEPS = 100
+MIN_STEPS = 100
 """Steps that an epoch is not cut below (assumed: validation would cost more than they do)."""
 
 TIMED_STEPS = 3
 """Steps that the estimate of the time is taken from, after one that is not counted."""
 
 
-class TrainingLoop:
+class Trainer:
     """One run in progress, in one of its processes."""
 
     def __init__(
@@ -50,7 +50,7 @@ class TrainingLoop:
         pairs: Pairs,
         validation: Pairs,
         rank: int,
-        start: Start | None = None,
+        start: WarmStart | None = None,
     ) -> None:
         self.config = config
         self.out_dir = out_dir
@@ -66,14 +66,14 @@ class TrainingLoop:
         self.full_scale = WHITE_GREY if self.draws_pictures else config.data.full_scale_counts
         self.history: list[EpochRecord] = []
 
-    def run(self) -> Outcome:
+    def run(self) -> TrainingResult:
         resumed = (self.out_dir / LAST).is_file()
         if resumed:  # older runs do not say, and went through all of the data
             self.steps = self.config.epoch_steps or self.batches
         epoch_seconds = self._measure()
         if not resumed:
             planned = self._planned_epochs(epoch_seconds)
-            pictures = familiar_with(self.pairs.images)
+            pictures = fit_ood_detector(self.pairs.images)
             self.config = replace(
                 self.config, planned_epochs=planned, epoch_steps=self.steps, pictures=pictures
             )
@@ -88,7 +88,7 @@ class TrainingLoop:
                 self.config.save(self.out_dir)
         self._announce(epoch_seconds)
         self._train()
-        reason = reason_to_stop(self.config, self.history)
+        reason = stop_reason(self.config, self.history)
         assert reason is not None
         outcome = outcome_of(self.out_dir, self.history, reason)
         if self.rank == 0:
@@ -114,7 +114,7 @@ class TrainingLoop:
             total=total, initial=done * self.steps, desc=self.config.model, unit="step",
             disable=self.rank > 0, mininterval=0.5,
         ) as bar:  # fmt: skip
-            while reason_to_stop(self.config, self.history) is None:
+            while stop_reason(self.config, self.history) is None:
                 record = self._epoch(len(self.history), bar)
                 self.history.append(record)
                 best = best_epoch(self.history) is record
@@ -207,7 +207,7 @@ class TrainingLoop:
         """(b, n) what is predicted of validation pairs less what is true: counts, or grey levels
         where it draws pictures."""
         pixels, counts = self.validation.pictures[index], self.validation.counts[index]
-        if isinstance(translator, OtherWay):
+        if isinstance(translator, CySkinToDigit):
             drawn = translator.pictures(torch.from_numpy(counts)).cpu().numpy()
             return drawn.reshape(pixels.shape[0], -1) - pixels.reshape(pixels.shape[0], -1)
         return (
@@ -271,7 +271,7 @@ def steps_of_epoch(batches: int, budget: int) -> int:
     batches: that the data has. budget: most steps of the training, 0 for any number; module
     constants say into how many epochs at least it is divided.
     """
-    return min(batches, max(budget // EPOCHS_OF_STEPS, FEWEST_STEPS)) if budget else batches
+    return min(batches, max(budget // EPOCHS_OF_STEPS, MIN_STEPS)) if budget else batches
 
 
 class _Log:

@@ -1,7 +1,7 @@
 """What a training begins with: fresh weights, or those of another run.
 
 Who has another DIGIT, another force or fewer pairs need not begin anew: a translator that knows one
-world learns its neighbour's in a tenth of the steps.
+world learns its neighbor's in a tenth of the steps.
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ from t2twin.translate.models.layouts import same_layout
 from t2twin.translate.models.presets import DIGIT_TO_CYSKIN, Preset
 from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
-from t2twin.translate.runs.pretrained import find_run
+from t2twin.translate.runs.pretrained import resolve_run
 
 RATE_SHARE = 0.3
 """Learning rate in parts of the preset's, where a training begins with another run's weights
@@ -25,7 +25,7 @@ RATE_SHARE = 0.3
 
 
 @dataclass(frozen=True)
-class Start:
+class WarmStart:
     """Another run's best weights. sha256: of their file."""
 
     weights: Path
@@ -34,7 +34,7 @@ class Start:
 
 def find_start(
     run: str | Path, model: str, preset: Preset, data: DataInfo, direction: str = DIGIT_TO_CYSKIN
-) -> Start:
+) -> WarmStart:
     """The best weights of a run, for a training of this model, preset and data set.
 
     run: its folder, or the name of a run that ships.
@@ -68,13 +68,13 @@ def find_start(
     weights = run_dir / BEST
     if not weights.is_file():
         raise T2TwinError(f"{weights} is not there; the run has not finished its first epoch")
-    return Start(weights, sha256_of(weights))
+    return WarmStart(weights, sha256_of(weights))
 
 
 def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
     """A run's folder and config. run: as for `find_start`. Raises T2TwinError for a folder that
     holds no run, and for a run of another model."""
-    run_dir = find_run(run)
+    run_dir = resolve_run(run)
     config = load_config(run_dir)
     if config.model != model:
         raise T2TwinError(
@@ -89,7 +89,7 @@ def slower(preset: Preset) -> Preset:
     return replace(preset, learning_rate=RATE_SHARE * preset.learning_rate)
 
 
-def begin_with(start: Start, translator: Translator) -> None:
+def begin_with(start: WarmStart, translator: Translator) -> None:
     """Puts the weights in. Raises T2TwinError for a file that holds other ones."""
     load_weights(start.weights, translator.predictor)
     learns = next(iter(translator.networks.values()))

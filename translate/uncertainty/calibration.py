@@ -8,7 +8,7 @@ standard deviations rise with the spreads, as in isotonic calibration). A second
 press: one that is surer as a whole is of a kind that is known, and held more often than its places'
 spreads alone would say. The force has rungs of its own.
 
-The errors of neighbouring places go together; how, in parts of their standard deviations, is one
+The errors of neighboring places go together; how, in parts of their standard deviations, is one
 matrix for all pictures.
 
 Shape letters: P presses, F places of the field, K rungs.
@@ -35,13 +35,13 @@ differ most (assumed)."""
 PRESS_SHARES = FORCE_SHARES = (0.125,) * 8
 """Parts of all presses that the rungs of press and force stand for (assumed)."""
 
-LEAST_ERRORS = 100
+MIN_ERRORS = 100
 """Errors that a rung stands for at least (assumed: the ninth tenth of fewer is anyone's guess)."""
 
-LEAST_APART = 1e-3
+MIN_APART = 1e-3
 """Of two rungs' logarithms (assumed), so that there is a way from one to the next."""
 
-LEAST_FACTOR = 0.05
+MIN_FACTOR = 0.05
 """Where the presses are few and all of them hit (assumed)."""
 
 ROUNDS = 4
@@ -64,7 +64,7 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class UncertaintyCalibration:
     """place, press, force: (2, K), rungs: logarithms of the spreads, rising, and of their factors.
     correlation: (F, F), of the field's errors."""
 
@@ -74,39 +74,41 @@ class Calibration:
     correlation: torch.Tensor
 
 
-def calibration_of(worlds: Sequence[Errors]) -> Calibration:
+def calibration_of(worlds: Sequence[Errors]) -> UncertaintyCalibration:
     """Of one or more worlds; each press has the same say."""
     field, spread, force, force_spread = (
         torch.cat([getattr(world, name) for world in worlds]).double()
         for name in ("field", "spread", "force", "force_spread")
     )
-    place = press = no_rungs(len(PLACE_SHARES)).double()
+    place = press = identity_knots(len(PLACE_SHARES)).double()
     known = torch.ones(len(field), 1, dtype=torch.float64)
     for _ in range(ROUNDS):
-        place = _rungs(spread, field / known, PLACE_SHARES, LEAST_ERRORS)
-        std = spread * factor_at(spread.log(), place)
+        place = _rungs(spread, field / known, PLACE_SHARES, MIN_ERRORS)
+        std = spread * interpolate_scale(spread.log(), place)
         level = std.mean(dim=1, keepdim=True)
-        least = LEAST_ERRORS * field.shape[1]
+        least = MIN_ERRORS * field.shape[1]
         press = _rungs(level.expand_as(std), level * field / std, PRESS_SHARES, least)
-        known = factor_at(level.log(), press)
+        known = interpolate_scale(level.log(), press)
     off = field / standard_deviation(spread.log(), place, press)
     moment = off.T @ off / len(off)
     scale = moment.diagonal().clamp(min=1e-12).rsqrt()
     correlation = (1.0 - OWN_SHARE) * scale[:, None] * moment * scale
     correlation.fill_diagonal_(1.0)
-    of_force = _rungs(force_spread, force, FORCE_SHARES, LEAST_ERRORS)
-    return Calibration(place.float(), press.float(), of_force.float(), correlation.float())
+    of_force = _rungs(force_spread, force, FORCE_SHARES, MIN_ERRORS)
+    return UncertaintyCalibration(
+        place.float(), press.float(), of_force.float(), correlation.float()
+    )
 
 
 def standard_deviation(
     log_spread: torch.Tensor, place: torch.Tensor, press: torch.Tensor
 ) -> torch.Tensor:
     """(B, F), parts of full scale, of the spreads' logarithms. place, press: (2, K), rungs."""
-    std = log_spread.exp() * factor_at(log_spread, place)
-    return std * factor_at(std.mean(dim=1, keepdim=True).log(), press)
+    std = log_spread.exp() * interpolate_scale(log_spread, place)
+    return std * interpolate_scale(std.mean(dim=1, keepdim=True).log(), press)
 
 
-def factor_at(log_spread: torch.Tensor, rungs: torch.Tensor) -> torch.Tensor:
+def interpolate_scale(log_spread: torch.Tensor, rungs: torch.Tensor) -> torch.Tensor:
     """What spreads are multiplied by: linear between the rungs in logarithms, and beyond the first
     and the last as at these. Any shape."""
     at, factor = rungs[0], rungs[1]
@@ -115,7 +117,7 @@ def factor_at(log_spread: torch.Tensor, rungs: torch.Tensor) -> torch.Tensor:
     return torch.exp(factor[0] + (way * rise).sum(dim=-1))
 
 
-def no_rungs(number: int) -> torch.Tensor:
+def identity_knots(number: int) -> torch.Tensor:
     """(2, number) rungs that change nothing."""
     return torch.stack([torch.arange(float(number)), torch.zeros(number)])
 
@@ -132,16 +134,16 @@ def _rungs(
         used = (off[part] / logarithm[part].exp()).sort().values
         factor = used[min(int(LEVEL * len(used)), len(used) - 1)] / HALF_WIDTH
         at.append(float(logarithm[part].mean()))
-        std.append(at[-1] + float(factor.clamp(min=LEAST_FACTOR).log()))
+        std.append(at[-1] + float(factor.clamp(min=MIN_FACTOR).log()))
         weight.append(len(used))
     rising = isotonic_regression(std, weights=weight).x
-    rungs = no_rungs(len(shares)).double()
+    rungs = identity_knots(len(shares)).double()
     last = len(at) - 1
     for k in range(len(shares)):
         rungs[0, k] = at[min(k, last)] + max(0, k - last)
         rungs[1, k] = rising[min(k, last)] - at[min(k, last)]
         if 0 < k <= last:
-            rungs[0, k] = max(float(rungs[0, k]), float(rungs[0, k - 1]) + LEAST_APART)
+            rungs[0, k] = max(float(rungs[0, k]), float(rungs[0, k - 1]) + MIN_APART)
     return rungs
 
 

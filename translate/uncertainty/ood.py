@@ -19,7 +19,7 @@ from t2twin.translate.data.pairs import ImageFile
 CELLS = 8
 """Cells along either side of a picture (assumed: a contact covers a few of them)."""
 
-LEAST_SPREAD_GREY = 2.0
+MIN_SPREAD_GREY = 2.0
 """Least spread of a cell, grey levels (assumed: a camera's own drift)."""
 
 FAR = 1.5
@@ -55,12 +55,12 @@ of 1,500 presses that were turned, but one, and in none that were not)."""
 FEWEST = 100
 """Training pictures that say enough (assumed)."""
 
-AT_ONCE = 1024
+BATCH_SIZE = 1024
 """Pictures that are looked at together; bounds memory."""
 
 
 @dataclass(frozen=True)
-class Familiar:
+class OODDetector:
     """What training pictures look like. mean, spread: (K,), grey levels. farthest: the largest
     `distances` among them."""
 
@@ -104,8 +104,9 @@ def shows_nothing(picture: np.ndarray) -> str:
     return "overexposed" if (picture >= WHITEST_GREY).mean() > WHITE_SHARE else LIKE
 
 
-def looks_beside(pixels: np.ndarray, frames: np.ndarray) -> list[str]:
-    """(B,) what pictures look like beside their own DIGIT's untouched frames: as `Familiar.looks`.
+def compare_with_background(pixels: np.ndarray, frames: np.ndarray) -> list[str]:
+    """(B,) what pictures look like beside their own DIGIT's untouched frames: as
+    `OODDetector.looks`.
 
     pixels, frames: (B, S, S, c) uint8.
     """
@@ -127,16 +128,16 @@ def _off(picture: np.ndarray, frame: np.ndarray) -> float:
     return float(np.quantile(apart, NEAREST_SHARE))
 
 
-def familiar_with(images: ImageFile | np.ndarray) -> Familiar | None:
+def fit_ood_detector(images: ImageFile | np.ndarray) -> OODDetector | None:
     """What these pictures look like, (B, S, S, c) uint8; None for fewer than FEWEST."""
     if len(images) < FEWEST:
         return None
-    parts = [slice(start, start + AT_ONCE) for start in range(0, len(images), AT_ONCE)]
+    parts = [slice(start, start + BATCH_SIZE) for start in range(0, len(images), BATCH_SIZE)]
     cells = np.concatenate([_cells(images[part]) for part in parts])
-    spread = np.maximum(cells.std(axis=0), LEAST_SPREAD_GREY)
-    known = Familiar(cells.mean(axis=0), spread, 0.0)
+    spread = np.maximum(cells.std(axis=0), MIN_SPREAD_GREY)
+    known = OODDetector(cells.mean(axis=0), spread, 0.0)
     off = (cells - known.mean) / spread
-    return Familiar(known.mean, spread, float(np.sqrt(np.square(off).mean(axis=1)).max()))
+    return OODDetector(known.mean, spread, float(np.sqrt(np.square(off).mean(axis=1)).max()))
 
 
 def _cells(pixels: np.ndarray) -> np.ndarray:

@@ -17,12 +17,12 @@ from t2twin.sim.digit.calibrate.fit import GAMMA
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
-from t2twin.sim.digit.randomization.ranges import UnitDraw
-from t2twin.sim.digit.randomization.unit import draw_unit
+from t2twin.sim.digit.randomization.ranges import UnitRanges
+from t2twin.sim.digit.randomization.unit import sample_unit
 
 DRAWN = 300
 """Units that are averaged (assumed: twice as many change the mean by little)."""
-DRAW = UnitDraw(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
+DRAW = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
 """Units whose grey levels go with the light, as a fit takes a real unit's to do: only responses of
 one gamma can be averaged."""
 
@@ -47,7 +47,7 @@ def guess_light(
 
 def drawn_lights(untouched: np.ndarray, camera: Camera, count: int = DRAWN) -> list[Calibration]:
     """Drawn units, all with one camera and background (ROWS, COLUMNS, 3) uint8."""
-    units = (draw_unit(np.random.default_rng((0, n)), DRAW).calibration for n in range(count))
+    units = (sample_unit(np.random.default_rng((0, n)), DRAW).calibration for n in range(count))
     return [
         replace(
             unit,

@@ -9,24 +9,28 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.frames import clean_background, read_frames, touched_patch
-from t2twin.sim.digit.calibrate.measurements import FORCES, Known, Tolerance, read_known
+from t2twin.sim.digit.calibrate.measurements import FORCES, Measurements, Tolerance, read_known
 from t2twin.sim.digit.calibrate.noise import measured_noise
 from t2twin.sim.digit.calibrate.scale import Presses, fitted
 from t2twin.sim.digit.calibrate.scores import (
+    CalibrationScores,
     Score,
-    Scores,
     crop_scores,
     cut_and_paste,
     mean_score,
     repeats_floor,
     untouched_floor,
 )
-from t2twin.sim.digit.calibrate.uncertainty import Certainty, certainty_of, check_tolerance
+from t2twin.sim.digit.calibrate.uncertainty import (
+    CalibrationUncertainty,
+    certainty_of,
+    check_tolerance,
+)
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import DigitOptics
 
-LEAST_TRAINING = 6
+MIN_TRAINING = 6
 """Fewest presses that a fit takes: each LED's light needs several places to vary over."""
 HELD_OUT_SHARE = 3
 """One in so many presses, the last ones, is held out unless the user says how many."""
@@ -57,9 +61,9 @@ class CalibrationReport:
     surfaces_mm: np.ndarray
     real: np.ndarray
     simulated: np.ndarray
-    scores: Scores
+    scores: CalibrationScores
     each: list[Score]
-    certainty: Certainty | None
+    certainty: CalibrationUncertainty | None
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,7 @@ class Inputs:
     untouched: np.ndarray
     frames: np.ndarray
     names: list[str]
-    known: Known
+    known: Measurements
     patches: np.ndarray
     train: list[int]
     test: list[int]
@@ -203,7 +207,7 @@ def calibrate(
     )
 
 
-def _check_explains(scores: Scores) -> None:
+def _check_explains(scores: CalibrationScores) -> None:
     """A fit to frames that show no ball is worth nothing, however it came out."""
     fitted, still = scores.calibrated.psnr_db, scores.do_nothing.psnr_db
     if fitted <= still:
@@ -217,10 +221,10 @@ def _check_explains(scores: Scores) -> None:
 def _first_held_out(frames: int, held_out: int | None, presses: Path) -> int:
     """Index of the first frame that is held out. Raises T2TwinError where too few are left."""
     count = frames // HELD_OUT_SHARE if held_out is None else held_out
-    if count < 1 or frames - count < LEAST_TRAINING:
+    if count < 1 or frames - count < MIN_TRAINING:
         raise T2TwinError(
             f"{presses} holds {frames} presses and {count} of them are held out; at least "
-            f"{LEAST_TRAINING} must be left to fit to, and at least 1 held out"
+            f"{MIN_TRAINING} must be left to fit to, and at least 1 held out"
         )
     return frames - count
 
@@ -237,10 +241,10 @@ def _different(
         first.setdefault(frame.tobytes(), index)
     train = [i for i in first.values() if i < first_held_out]
     test = [i for i in first.values() if i >= first_held_out]
-    if len(train) < LEAST_TRAINING or not test:
+    if len(train) < MIN_TRAINING or not test:
         raise T2TwinError(
             f"{len(frames) - len(first)} presses of {presses} are copies of others; at least "
-            f"{LEAST_TRAINING} different ones must be left to fit to, and at least 1 held out"
+            f"{MIN_TRAINING} different ones must be left to fit to, and at least 1 held out"
         )
     return train, test
 
@@ -263,14 +267,14 @@ def _scores(
     held_out: _Placed,
     simulated: np.ndarray,
     camera: Camera,
-) -> Scores:
+) -> CalibrationScores:
     """Of the simulated held-out frames, and the rows that judge them."""
     real, places = held_out.frames, held_out.patches
     pasted = cut_and_paste(
         untouched, trained.frames, _pixels(trained.poses, camera), _pixels(held_out.poses, camera)
     )
     still = np.broadcast_to(untouched, real.shape)
-    return Scores(
+    return CalibrationScores(
         calibrated=mean_score(crop_scores(real, simulated, places)),
         cut_and_paste=mean_score(crop_scores(real, pasted, places)),
         do_nothing=mean_score(crop_scores(real, still, places)),

@@ -1,7 +1,7 @@
 """Fitting the baked model to frames of ball presses at unknown places and depths.
 
 Unknown are every press's place and depth, the LEDs' places and sizes, how the gel leaves the
-ball, and the response of each LED in each colour. The response enters linearly, the rest does
+ball, and the response of each LED in each color. The response enters linearly, the rest does
 not. All are fitted together by Levenberg and Marquardt's method (Marquardt 1963) to the grey
 levels around the contacts, and the response is solved for again after every step. How many terms
 the response has is chosen between two such fits, by leaving presses out (response.chosen).
@@ -19,7 +19,7 @@ from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.ridge import (
     FIRST_TERMS,
     LEDS,
-    MOST_TERMS,
+    MAX_TERMS,
     Sums,
     Terms,
     chosen,
@@ -107,7 +107,7 @@ class BallFit:
         if start is None:
             state = self._solved(START, self._start_poses, FIRST_TERMS)
             state = self._refined(self.with_poses(state))
-            terms = chosen(self._sums(state.geometry, state.poses, MOST_TERMS))
+            terms = chosen(self._sums(state.geometry, state.poses, MAX_TERMS))
             return self._refined(self._solved(state.geometry, state.poses, terms))
         poses = np.array([self.pose(start, index) for index in range(len(self._changes))])
         return self._refined(self._solved(start.geometry, poses, start.terms))
@@ -303,7 +303,7 @@ class BallFit:
         of_geometry = np.arange(size - len(START), size)
         samples = 0
         for index in range(count):
-            columns, residual, derivatives = self._linearised(state, index, nudged)
+            columns, residual, derivatives = self._linearized(state, index, nudged)
             samples = residual.size
             at = np.concatenate([3 * entries + 3 * index + np.arange(3), of_geometry])
             gram = columns.T @ columns
@@ -327,7 +327,7 @@ class BallFit:
         gradient[of_geometry] += prior * (state.geometry - START)
         return matrix, gradient
 
-    def _linearised(
+    def _linearized(
         self, state: State, index: int, nudged: list[tuple[Leds, np.ndarray]]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """One press about a state: columns (samples, entries), residual (samples, RGB), and the

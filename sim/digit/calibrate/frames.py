@@ -21,7 +21,7 @@ CROP_PX = 100
 BLOB_BLUR_PX = 4.0
 """Blur of a difference before the touched patch is looked for, px, against its noise (assumed)."""
 VISIBLE_GREY = 40.0
-"""Least blurred difference, summed over the colours, that counts as a contact, grey levels: a
+"""Least blurred difference, summed over the colors, that counts as a contact, grey levels: a
 drift of the light stays under a third of it, a ball 0.2 mm deep makes several times as much
 (assumed from real frames)."""
 BLOB_SHARE = 0.35
@@ -37,7 +37,7 @@ PATTERN_BLUR_PX = 4.0
 DRIFT_BLUR_PX = 7.0
 """The drift of the light is taken as even over this, px (of 4, 7, 10 and 15 px the best for presses
 left out, by little)."""
-LEAST_NEAR = 1e-3
+MIN_NEAR = 1e-3
 """Least frames, in parts, that a place's drift is a mean of (assumed)."""
 
 
@@ -126,7 +126,7 @@ def touched_patch(frame: np.ndarray, background: np.ndarray) -> tuple[float, flo
 
 
 def _blurred_change(frame: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """Change of the frame without its drift: medians of the colours are taken off."""
+    """Change of the frame without its drift: medians of the colors are taken off."""
     change = frame.astype(float) - background
     change -= np.median(change, axis=(0, 1))
     return gaussian_filter(change, (BLOB_BLUR_PX, BLOB_BLUR_PX, 0.0))
@@ -158,7 +158,7 @@ def clean_background(background: np.ndarray, frames: np.ndarray) -> np.ndarray:
         free += untouched
     blur = (DRIFT_BLUR_PX, DRIFT_BLUR_PX, 0.0)
     near = gaussian_filter(free, DRIFT_BLUR_PX, mode="nearest")
-    drift = gaussian_filter(change, blur, mode="nearest") / np.maximum(near, LEAST_NEAR)[..., None]
+    drift = gaussian_filter(change, blur, mode="nearest") / np.maximum(near, MIN_NEAR)[..., None]
     clean = light + pattern / weight[..., None] + drift
     return np.clip(np.rint(clean), 0, 255).astype(np.uint8)
 

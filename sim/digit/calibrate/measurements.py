@@ -69,7 +69,7 @@ class _Row:
 
 
 @dataclass(frozen=True)
-class Known:
+class Measurements:
     """What is known of n presses, each (n,). diameters_mm: of the balls. depths_mm, forces_n: NaN
     where unknown; depths from the first touch."""
 
@@ -77,9 +77,11 @@ class Known:
     depths_mm: np.ndarray
     forces_n: np.ndarray
 
-    def of(self, presses: Sequence[int]) -> "Known":
+    def of(self, presses: Sequence[int]) -> "Measurements":
         """Of some of them, by their indices."""
-        return Known(self.diameters_mm[presses], self.depths_mm[presses], self.forces_n[presses])
+        return Measurements(
+            self.diameters_mm[presses], self.depths_mm[presses], self.forces_n[presses]
+        )
 
     @property
     def has_depths(self) -> bool:
@@ -90,7 +92,7 @@ class Known:
         return bool(np.isfinite(self.forces_n).any())
 
 
-def read_known(folder: Path, names: Sequence[str], ball_diameter_mm: float) -> Known:
+def read_known(folder: Path, names: Sequence[str], ball_diameter_mm: float) -> Measurements:
     """Of the frames of these names in a folder, from its FORCES, where there is one.
 
     ball_diameter_mm: of the presses of which the file says none. Raises T2TwinError for a ball out
@@ -99,7 +101,9 @@ def read_known(folder: Path, names: Sequence[str], ball_diameter_mm: float) -> K
     check_ball(ball_diameter_mm)
     path, at = folder / FORCES, {name: number for number, name in enumerate(names)}
     nothing = np.full(len(names), np.nan)
-    known = Known(np.full(len(names), float(ball_diameter_mm)), nothing.copy(), nothing.copy())
+    known = Measurements(
+        np.full(len(names), float(ball_diameter_mm)), nothing.copy(), nothing.copy()
+    )
     if not path.exists():
         return known
     seen = set()

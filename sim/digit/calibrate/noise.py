@@ -11,7 +11,7 @@ SLOW_PX = 8.0
 """What varies over more than this is light that drifts, no noise, px (assumed)."""
 LAGS = 4
 """Distances at which noise is compared with itself along an axis, 1 to this, px."""
-FEWEST_PIXELS = 2_000
+MIN_PIXELS = 2_000
 """Untouched pixels that a frame must have to tell its noise (assumed)."""
 QUIETEST_GREY = 0.05
 """Standard deviation taken where frames show no noise at all, as saved ones may, grey levels."""
@@ -25,7 +25,7 @@ def measured_noise(clean: np.ndarray, frames: np.ndarray, background: np.ndarray
     covariance, alike, counted = np.zeros((3, 3)), np.zeros((LAGS, 3)), 0
     for frame in frames:
         free = untouched_pixels(frame, background)
-        if np.count_nonzero(free) < FEWEST_PIXELS:
+        if np.count_nonzero(free) < MIN_PIXELS:
             continue
         noise = frame.astype(float) - clean
         noise -= gaussian_filter(noise, (SLOW_PX, SLOW_PX, 0.0), mode="nearest")

@@ -12,7 +12,7 @@ from t2twin.core.files import whole_file
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
 from t2twin.sim.digit.calibrate.measurements import FORCES
-from t2twin.sim.digit.calibrate.uncertainty import Certainty, Span
+from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty
 
 FORMAT = 1
 
@@ -38,7 +38,7 @@ def write_record(path: Path, report: CalibrationReport) -> None:
         temporary.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=1))
 
 
-def lines_of(certainty: Certainty) -> list[str]:
+def lines_of(certainty: CalibrationUncertainty) -> list[str]:
     """Sentences, and a table of the presses, a string a line."""
     lines = [
         *sentences_of(certainty),
@@ -55,14 +55,14 @@ def lines_of(certainty: Certainty) -> list[str]:
     return [*lines, ""]
 
 
-def sentences_of(certainty: Certainty) -> list[str]:
+def sentences_of(certainty: CalibrationUncertainty) -> list[str]:
     """On what the ranges rest."""
     ball_mm = certainty.tolerance.ball_mm
     balls = f"The balls' diameters are taken to be right within {ball_mm:g} mm."
     return [balls, _of_scale(certainty), _of_modulus(certainty)]
 
 
-def _of_scale(certainty: Certainty) -> str:
+def _of_scale(certainty: CalibrationUncertainty) -> str:
     scale, tolerance = certainty.scale_px_per_mm, certainty.tolerance
     if not certainty.depths_known:
         return (
@@ -76,7 +76,7 @@ def _of_scale(certainty: Certainty) -> str:
     )
 
 
-def _of_modulus(certainty: Certainty) -> str:
+def _of_modulus(certainty: CalibrationUncertainty) -> str:
     young, tolerance = certainty.young_mpa, certainty.tolerance
     if young is None:
         return (
@@ -90,5 +90,5 @@ def _of_modulus(certainty: Certainty) -> str:
     )
 
 
-def _ranged(span: Span) -> str:
+def _ranged(span: Bounds) -> str:
     return f"{span.at:.2f} ({span.low:.2f} to {span.high:.2f})"

@@ -61,7 +61,7 @@ class Terms:
 
 FIRST_TERMS = Terms(DEGREES[0], RIDGES[0])
 """What the first fit of places and LEDs takes."""
-MOST_TERMS = Terms(DEGREES[-1], RIDGES[0])
+MAX_TERMS = Terms(DEGREES[-1], RIDGES[0])
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def chosen(presses: Sequence[Sums]) -> Terms:
     """The terms that come nearest to presses left out of the fit, by their mean error in decibels.
 
     Of those within TIE_DB of the nearest the strongest ridge is taken, and of it the best degree.
-    presses: with the entries of MOST_TERMS.
+    presses: with the entries of MAX_TERMS.
     """
     candidates = [Terms(degree, ridge) for ridge in reversed(RIDGES) for degree in DEGREES]
     errors = [left_out_error(presses, terms) for terms in candidates]
@@ -112,7 +112,7 @@ def chosen(presses: Sequence[Sums]) -> Terms:
 
 def left_out_error(presses: Sequence[Sums], terms: Terms) -> float:
     """Mean error of presses left out, each the decibels of its mean square error."""
-    entries = terms.among(MOST_TERMS)
+    entries = terms.among(MAX_TERMS)
     inner = np.ix_(entries, entries)
     errors = []
     for group in range(min(GROUPS, len(presses))):

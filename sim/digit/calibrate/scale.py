@@ -12,7 +12,7 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit.calibrate.fit import BallFit, State
-from t2twin.sim.digit.calibrate.measurements import Known
+from t2twin.sim.digit.calibrate.measurements import Measurements
 from t2twin.sim.digit.camera.pinhole import Camera
 
 SCALES_PX_PER_MM = (10.0, 40.0)
@@ -31,7 +31,7 @@ class Presses:
     background: np.ndarray
     frames: np.ndarray
     patches: np.ndarray
-    known: Known
+    known: Measurements
 
     def model(self, camera: Camera) -> BallFit:
         radii_mm = self.known.diameters_mm / 2
@@ -77,7 +77,7 @@ def fitted(presses: Presses, camera: Camera, start: State | None = None) -> Fit:
     )
 
 
-def _over_known(fit: Fit, known: Known) -> float:
+def _over_known(fit: Fit, known: Measurements) -> float:
     """Depths found over those known, by least squares."""
     there = np.isfinite(known.depths_mm)
     found, wanted = fit.depths_mm[there], known.depths_mm[there]

@@ -1,4 +1,4 @@
-"""Scores of a calibration on presses that the fit did not see, beside the rows that judge them."""
+"""Scores of a calibration on presses that the fit did not use, with reference rows."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Scores:
+class CalibrationScores:
     """Mean scores against the held-out frames, on their contact crops.
 
     calibrated: of the simulated frames. cut_and_paste: of the training presses' mean change, moved
@@ -58,7 +58,7 @@ def mean_score(scores: list[Score]) -> Score:
 
 
 def crop_scores(wanted: np.ndarray, given: np.ndarray, places: np.ndarray) -> list[Score]:
-    """Scores of frames (n, ...) on the contact crop around their places (n, 2), row and column."""
+    """Scores of frames (n, ...) on the contact crop around their places (n, 2), row, column."""
     return [
         score(crop(a, place), crop(b, place))
         for a, b, place in zip(wanted, given, places, strict=True)

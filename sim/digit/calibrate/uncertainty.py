@@ -14,7 +14,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.digit.calibrate.forces import BallForces, fitted_young_mpa
-from t2twin.sim.digit.calibrate.measurements import Known, Tolerance, check_ball
+from t2twin.sim.digit.calibrate.measurements import Measurements, Tolerance, check_ball
 from t2twin.sim.digit.calibrate.scale import SCALES_PX_PER_MM, Fit, Presses, fitted
 from t2twin.sim.digit.camera.pinhole import Camera
 
@@ -23,7 +23,7 @@ SHALLOWEST, DEEPEST = 1.0, -1.0
 
 
 @dataclass(frozen=True)
-class Span:
+class Bounds:
     """A value, and the range in which the truth lies if what is stated is right."""
 
     at: float
@@ -38,12 +38,12 @@ class PressSpans:
 
     name: str
     ball_diameter_mm: float
-    depth_mm: Span
-    force_n: Span | None
+    depth_mm: Bounds
+    force_n: Bounds | None
 
 
 @dataclass(frozen=True)
-class Certainty:
+class CalibrationUncertainty:
     """What follows from tolerances and anchors.
 
     presses: by their names. scale_px_per_mm: as stated, or, where depths_known is not 0, as that
@@ -54,10 +54,10 @@ class Certainty:
 
     tolerance: Tolerance
     presses: tuple[PressSpans, ...]
-    scale_px_per_mm: Span
+    scale_px_per_mm: Bounds
     depths_known: int
     depth_off_mm: float | None
-    young_mpa: Span | None
+    young_mpa: Bounds | None
     forces_known: int
     force_off_n: float | None
 
@@ -72,7 +72,7 @@ class _End:
     young_mpa: float
 
 
-def check_tolerance(known: Known, camera: Camera, tolerance: Tolerance) -> None:
+def check_tolerance(known: Measurements, camera: Camera, tolerance: Tolerance) -> None:
     """Raises T2TwinError where a ball, a scale or a modulus within its tolerance could not be."""
     for diameter_mm in known.diameters_mm:
         check_ball(float(diameter_mm) - tolerance.ball_mm)
@@ -96,7 +96,7 @@ def certainty_of(
     fit: Fit,
     tolerance: Tolerance,
     say: Callable[[str], object],
-) -> Certainty:
+) -> CalibrationUncertainty:
     """Of a fit to all presses, (n,) names. say: told how far it is."""
     forces = BallForces()
     middle = _end(presses.known, fit, forces, DIGIT_GEL.young_mpa)
@@ -107,7 +107,7 @@ def certainty_of(
         young_mpa = DIGIT_GEL.young_mpa - sign * tolerance.young_mpa
         ends.append(_end(off.known, fitted(off, camera, fit.state), forces, young_mpa))
     known = presses.known
-    return Certainty(
+    return CalibrationUncertainty(
         tolerance=tolerance,
         presses=tuple(
             PressSpans(
@@ -132,7 +132,7 @@ def _off(
 ) -> tuple[Presses, Camera]:
     """The same presses and camera if all that is stated were off by its tolerance."""
     known = presses.known
-    off = Known(
+    off = Measurements(
         diameters_mm=known.diameters_mm + sign * tolerance.ball_mm,
         depths_mm=np.maximum(known.depths_mm - sign * tolerance.depth_mm, tolerance.depth_mm),
         forces_n=np.maximum(known.forces_n + sign * tolerance.force_n, FORCE_RANGE_N[0]),
@@ -143,7 +143,7 @@ def _off(
     return replace(presses, known=off), camera
 
 
-def _end(known: Known, fit: Fit, forces: BallForces, young_mpa: float) -> _End:
+def _end(known: Measurements, fit: Fit, forces: BallForces, young_mpa: float) -> _End:
     """young_mpa: taken where no force is known."""
     forces_n = forces.of(fit.state.poses, known.diameters_mm)
     if known.has_forces:
@@ -152,12 +152,12 @@ def _end(known: Known, fit: Fit, forces: BallForces, young_mpa: float) -> _End:
     return _End(fit.depths_mm, forces_n, fit.model.camera.scale_px_per_mm, young_mpa)
 
 
-def _span(values: list[float]) -> Span:
+def _span(values: list[float]) -> Bounds:
     """The first of these values, and the least and the greatest."""
-    return Span(float(values[0]), float(min(values)), float(max(values)))
+    return Bounds(float(values[0]), float(min(values)), float(max(values)))
 
 
-def _force_span(values: list[float]) -> Span | None:
+def _force_span(values: list[float]) -> Bounds | None:
     return _span(values) if np.isfinite(values).all() else None
 
 

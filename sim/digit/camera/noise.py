@@ -1,6 +1,6 @@
-"""A camera's noise as it is measured: alike in neighbouring pixels, and shared by the colours.
+"""A camera's noise as it is measured: alike in neighboring pixels, and shared by the colors.
 
-White noise, one number a pixel and colour, is smoothed along both axes and mixed over the colours.
+White noise, one number a pixel and color, is smoothed along both axes and mixed over the colors.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ GREYEST = 64.0
 class Noise:
     """One frame's noise.
 
-    mix: (3, 3) grey levels, what each colour takes of three independent noises of unit variance.
+    mix: (3, 3) grey levels, what each color takes of three independent noises of unit variance.
     taps: (TAPS,) weights that smooth it along each axis; their squares add up to one.
     Raises T2TwinError for other shapes and values that cannot be.
     """
@@ -44,7 +44,7 @@ class Noise:
 
     @property
     def grey(self) -> float:
-        """Standard deviation over all colours, grey levels."""
+        """Standard deviation over all colors, grey levels."""
         return float(np.sqrt(np.mean(np.sum(self.mix**2, axis=1))))
 
     def draw(self, rng: np.random.Generator) -> np.ndarray:
@@ -84,5 +84,5 @@ def _fill(keys, quantiles, taps, mix, out):
         filled = out[row - 2 * reach]
         for n in range(columns):
             a, b, c = across[3 * n], across[3 * n + 1], across[3 * n + 2]
-            for colour in range(3):
-                filled[n, colour] = mix[colour, 0] * a + mix[colour, 1] * b + mix[colour, 2] * c
+            for color in range(3):
+                filled[n, color] = mix[color, 0] * a + mix[color, 1] * b + mix[color, 2] * c

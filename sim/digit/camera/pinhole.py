@@ -2,7 +2,7 @@
 
 Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the picture, y down, z out of the
 sensor), with z = 0 at the apex of the untouched gel. The camera sits at z = -distance_mm on the
-axis and looks along +z. Pixel (row, column) has its centre at those very numbers.
+axis and looks along +z. Pixel (row, column) has its center at those very numbers.
 
 No unit's camera is placed exactly. A shift moves the whole picture by pixels. A tilt is that of the
 gel against the camera, about the apex: a plane added to the untouched surface, while the camera and
@@ -27,7 +27,7 @@ GRID_PITCH_MM = 0.1
 PARALLAX_STEPS = 6
 """Fixed-point steps of a ray's meeting with the gel; each one shrinks the error by the surface's
 slope times the ray's (at most 0.4), so what is left is under 0.01 mm."""
-MOST_OFF = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
+MAX_OFF = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
 """Largest shift, px, and tilt, degrees (assumed: 5 mm of shift, and a tilt that can be seen)."""
 
 
@@ -63,7 +63,7 @@ class Camera:
             )
         if not 5.0 <= self.distance_mm <= 200.0:
             raise T2TwinError(f"distance_mm is {self.distance_mm:g}; it must lie between 5 and 200")
-        for name, most in MOST_OFF.items():
+        for name, most in MAX_OFF.items():
             value = getattr(self, name)
             if not abs(value) <= most:
                 raise T2TwinError(
@@ -143,12 +143,12 @@ DIGIT_CAMERA = Camera()
 def optical_grid(gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray]:
     """Axes of the grid on which the optics take the gel's deflection.
 
-    Returns x_mm (nx,) and y_mm (ny,), cell centres, rising, GRID_PITCH_MM apart, symmetric
+    Returns x_mm (nx,) and y_mm (ny,), cell centers, rising, GRID_PITCH_MM apart, symmetric
     about 0 and covering the gel: 184 and 250 for the DIGIT's.
     """
-    return _centres(gel.width_mm), _centres(gel.length_mm)
+    return _centers(gel.width_mm), _centers(gel.length_mm)
 
 
-def _centres(length_mm: float) -> np.ndarray:
+def _centers(length_mm: float) -> np.ndarray:
     count = round(length_mm / GRID_PITCH_MM)
     return (np.arange(count) - (count - 1) / 2) * GRID_PITCH_MM

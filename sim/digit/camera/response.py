@@ -83,7 +83,7 @@ def encode(change, background, light, table, region, keys, quantiles, sigma, noi
 @inlined
 def _interpolate(change, row, first, end, lines, value):
     """Fill value (columns * RGB) with a row of the change (RGB, S), from the first pair of columns
-    on. lines: room for a row of each colour."""
+    on. lines: room for a row of each color."""
     i = (row + 1) // 2
     u, w = (_APART, _NEAR) if row % 2 == 0 else (_NEAR, _APART)
     for c in range(3):

@@ -31,7 +31,7 @@ def incidence(
     z: heights (G), mm. sight: (LEDs, C), a cell of C being stride cells of G; whole outside each
     LED's region of G, shadowed (LEDs, 4). leds: (LEDs, 3), mm. depth holds the untouched z.
     across, down: slopes of the samples' rays. distance: from the pinhole to the apex; x0, y0:
-    centre of G's first cell; pitch: G's, mm. cosine: m_k; weight: V_k m_k (REACH / d_k)^2 of the
+    center of G's first cell; pitch: G's, mm. cosine: m_k; weight: V_k m_k (REACH / d_k)^2 of the
     formula in t2twin.sim.digit.baked, 0 where an LED is not seen.
     A ray's first guess is what the row above was moved by; it takes as many fixed-point steps as
     it needs, at most steps.
@@ -150,8 +150,8 @@ def light(cosine, weight, gain, rest, region, seen):
     next to each other.
     """
     first, end = region[2], region[3]
-    leds, colours, columns = gain.shape[1], gain.shape[2], gain.shape[4]
-    between = np.empty((leds, colours, COSINE_TERMS, columns), dtype=np.float32)
+    leds, colors, columns = gain.shape[1], gain.shape[2], gain.shape[4]
+    between = np.empty((leds, colors, COSINE_TERMS, columns), dtype=np.float32)
     blended = between.ravel()
     total = np.empty(end - first, dtype=np.float32)
     for row in range(region[0], region[1]):
@@ -161,7 +161,7 @@ def light(cosine, weight, gain, rest, region, seen):
         upper, lower = gain[above].ravel(), gain[above + 1].ravel()
         for n in range(blended.size):
             blended[n] = upper[n] + part * (lower[n] - upper[n])
-        for c in range(colours):
+        for c in range(colors):
             filled, less = seen[c, row, first:end], rest[c, row, first:end]
             for n in range(total.size):
                 total[n] = -less[n]

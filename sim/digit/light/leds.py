@@ -1,4 +1,4 @@
-"""The DIGIT's three LEDs: where they are, how large, what colour they give."""
+"""The DIGIT's three LEDs: where they are, how large, what color they give."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ from t2twin.core.errors import T2TwinError
 class Led:
     """One LED beside the gel, and its diffuser.
 
-    colour: (3,) linear RGB radiance of the gel's paint, lit square on at REACH_MM.
+    color: (3,) linear RGB radiance of the gel's paint, lit square on at REACH_MM.
     angle_deg: place around the gel, counter-clockwise as seen in the picture, 0 to the right.
     radius_mm: distance from the sensor's axis. z_mm: height, negative on the camera's side of
         the apex. Both are of the light as the gel sees it, after the plate's refraction.
@@ -20,7 +20,7 @@ class Led:
     on: whether it is lit.
     """
 
-    colour: tuple[float, float, float]
+    color: tuple[float, float, float]
     angle_deg: float
     radius_mm: float
     z_mm: float
@@ -61,9 +61,9 @@ class Led:
 
 
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
-"""Turn between neighbours of a sunflower, rad (Vogel 1979)."""
+"""Turn between neighbors of a sunflower, rad (Vogel 1979)."""
 REACH_MM = 22.0
-"""Distance at which an LED's colour is stated, mm: that of the axis."""
+"""Distance at which an LED's color is stated, mm: that of the axis."""
 
 RADIUS_MM = 22.0  # assumed: beside the gel, and as far again for the spread-out light of its plate
 SIZE_MM = 1.8  # assumed: an LED of 1 to 2 mm behind a diffuser, as seen from RADIUS_MM
@@ -75,7 +75,7 @@ DIGIT_LEDS = (
     Led((0.01, 0.10, 0.85), 270.0, RADIUS_MM, -4.9, SIZE_MM, (0.0, -6.0, -1.0), BEAM_RAD),  # blue
 )
 """Angles: TACTO's configuration and the maker's notes. Heights: assumed, 12 to 17 degrees over
-the apex, as the lengths of a real unit's cast shadows ask. Colours and beams: assumed, so that
+the apex, as the lengths of a real unit's cast shadows ask. Colors and beams: assumed, so that
 the picture of the untouched gel resembles a real unit's."""
 
 AMBIENT = (0.024, 0.030, 0.032)
@@ -84,9 +84,9 @@ AMBIENT = (0.024, 0.030, 0.032)
 
 
 def permuted(leds: tuple[Led, ...], order: tuple[int, ...]) -> tuple[Led, ...]:
-    """The same LEDs with their colours handed round: place k gets the colour of order[k]."""
+    """The same LEDs with their colors handed round: place k gets the color of order[k]."""
     if sorted(order) != list(range(len(leds))):
         raise T2TwinError(f"order is {order}; it must name each of 0 to {len(leds) - 1} once")
     return tuple(
-        replace(led, colour=leds[source].colour) for led, source in zip(leds, order, strict=True)
+        replace(led, color=leds[source].color) for led, source in zip(leds, order, strict=True)
     )

@@ -28,7 +28,7 @@ TOUCHED_MM = 2.0e-3
 REST_STEPS = 12
 """Most fixed-point steps to where the pixels' rays meet the untouched gel."""
 TOUCHED_STEPS = 3
-"""The same to the deformed gel, from where its neighbour met it: each shrinks the error by the
+"""The same to the deformed gel, from where its neighbor met it: each shrinks the error by the
 surface's slope times the ray's, 0.4 at most."""
 
 Region = tuple[int, int, int, int]

@@ -19,7 +19,7 @@ CASTER_LEAST_MM = 0.02
 through its sides."""
 SHADOW_BIAS_MM = 0.01
 """Clearance given to every ray, mm, so that a surface does not shade itself (assumed)."""
-LEAST_GAP_MM = np.float32(1e-4)
+MIN_GAP_MM = np.float32(1e-4)
 """Least distance to an LED along an axis, mm, so that it can be divided by."""
 
 
@@ -38,7 +38,7 @@ def _ray_stops() -> np.ndarray:
 RAY_STOPS_MM = _ray_stops()
 PER_STOP = (1.0 / RAY_STOPS_MM).astype(np.float32)
 FIRST_STOPS = np.searchsorted(RAY_STOPS_MM, np.arange(100.0))
-"""Index of the first of RAY_STOPS_MM at or after each whole millimetre."""
+"""Index of the first of RAY_STOPS_MM at or after each whole millimeter."""
 
 _ZERO, _ONE, _BIAS = np.float32(0.0), np.float32(1.0), np.float32(SHADOW_BIAS_MM)
 _FAR_ABOVE, _TWO, _SIX = np.float32(1e9), np.float32(2.0), np.float32(6.0)
@@ -64,7 +64,7 @@ def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight, sh
     """Fill sight (LEDs, C), which is whole, with the part of each LED's disc that each cell sees,
     and shadowed (LEDs, 4) with the region of C where that was less than whole.
 
-    heights: (C), mm. x0, y0: centre of its first cell; pitch: its pitch, mm.
+    heights: (C), mm. x0, y0: center of its first cell; pitch: its pitch, mm.
     caster: region of C that may block. window: region of C whose cells are wanted.
     leds: (LEDs, 3), mm. sizes: (LEDs,) radii of their discs, mm.
     Every other cell is looked at first, and those between only where not all of these about them
@@ -146,14 +146,14 @@ def _spans(row, i, first, dy, led, size, x0, pitch, caster, nearest, fars, begin
     dy: from the row to the LED along y, mm. nearest: z of the caster's nearest point to the camera.
     """
     # rays along an axis are turned a little, for the divisions
-    gap_y = dy if abs(dy) > LEAST_GAP_MM else LEAST_GAP_MM
+    gap_y = dy if abs(dy) > MIN_GAP_MM else MIN_GAP_MM
     per_gap = pitch / gap_y
     near_y, far_y = np.float32(caster[0] - i) * per_gap, np.float32(caster[1] - 1 - i) * per_gap
     near_y, far_y = min(near_y, far_y), max(near_y, far_y)
     for m in range(row.size):
         j = m + first
         dx = led[0] - (x0 + np.float32(j) * pitch)
-        gap_x = dx if abs(dx) > LEAST_GAP_MM else LEAST_GAP_MM
+        gap_x = dx if abs(dx) > MIN_GAP_MM else MIN_GAP_MM
         per_gap = pitch / gap_x
         near_x, far_x = np.float32(caster[2] - j) * per_gap, np.float32(caster[3] - 1 - j) * per_gap
         far = np.sqrt(dx * dx + dy * dy)
@@ -162,7 +162,7 @@ def _spans(row, i, first, dy, led, size, x0, pitch, caster, nearest, fars, begin
         end = min(min(far_y, max(near_x, far_x)), _ONE)
         # ... and only below its nearest point to the camera: the shallowest ray, to the
         # disc's lower edge, stays longest among blockers
-        fall = min(led[2] - row[m] + size, -LEAST_GAP_MM)
+        fall = min(led[2] - row[m] + size, -MIN_GAP_MM)
         end = min(end, (nearest - row[m]) / fall)
         fars[m], begins[m], ends[m] = far, begin * far, end * far
 

@@ -14,7 +14,7 @@ from t2twin.sim.digit.camera.compiled import jit
 from t2twin.sim.digit.camera.gaussian_noise import white
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera
 from t2twin.sim.digit.randomization.lighting import DrawnLight, untouched_light
-from t2twin.sim.digit.randomization.ranges import UnitDraw, evenly
+from t2twin.sim.digit.randomization.ranges import UnitRanges, evenly
 
 NODE_PX = 10
 """Pixels from a node to the next."""
@@ -34,8 +34,8 @@ INSIDE = (slice(1, -2), slice(1, -2))
 """The nodes within the picture."""
 
 
-def draw_background(
-    rng: np.random.Generator, draw: UnitDraw, light: DrawnLight, camera: Camera, gamma: float
+def sample_background(
+    rng: np.random.Generator, draw: UnitRanges, light: DrawnLight, camera: Camera, gamma: float
 ) -> tuple[np.ndarray, DrawnLight]:
     """(ROWS, COLUMNS, 3) uint8, and the light as exposed: dimmer where it were too bright."""
     direct = np.maximum(untouched_light(light, camera, NODE_COLUMNS, NODE_ROWS), DARKEST)
@@ -56,7 +56,7 @@ def draw_background(
     return paint(rng, draw, grey), exposed
 
 
-def _own_pattern(rng: np.random.Generator, draw: UnitDraw) -> np.ndarray:
+def _own_pattern(rng: np.random.Generator, draw: UnitRanges) -> np.ndarray:
     """(nodes, RGB) smooth light with a mean of about 1."""
     x = (NODE_COLUMNS - COLUMNS / 2)[None, :, None] / (COLUMNS / 2)
     y = (NODE_ROWS - ROWS / 2)[:, None, None] / (ROWS / 2)
@@ -70,7 +70,7 @@ def _calmed(grey: np.ndarray, most: np.ndarray) -> np.ndarray:
     return middle + (grey - middle) * np.minimum(most / (grey[INSIDE].std(axis=(0, 1))), 1.0)
 
 
-def _dark_side(rng: np.random.Generator, draw: UnitDraw) -> np.ndarray:
+def _dark_side(rng: np.random.Generator, draw: UnitRanges) -> np.ndarray:
     """(nodes) what is left of the light beside one side of the picture."""
     amount, end = float(evenly(rng, draw.edge_dark_amount)), float(evenly(rng, draw.edge_px))
     soft, side = float(evenly(rng, draw.edge_soft_px)), int(rng.integers(4))
@@ -84,7 +84,7 @@ def _dark_side(rng: np.random.Generator, draw: UnitDraw) -> np.ndarray:
     return np.broadcast_to(1.0 - amount * (1.0 - inside), (NODE_ROWS.size, NODE_COLUMNS.size))
 
 
-def blotches(rng: np.random.Generator, draw: UnitDraw) -> np.ndarray:
+def blotches(rng: np.random.Generator, draw: UnitRanges) -> np.ndarray:
     """(nodes, RGB) grey levels of smooth unevenness, coarse and fine."""
     coarse_grey, fine_grey = (
         float(evenly(rng, draw.uneven_coarse_grey)),
@@ -101,13 +101,13 @@ def blotches(rng: np.random.Generator, draw: UnitDraw) -> np.ndarray:
     return coarse_grey * coarse + fine_grey * fine
 
 
-def paint(rng: np.random.Generator, draw: UnitDraw, grey: np.ndarray) -> np.ndarray:
+def paint(rng: np.random.Generator, draw: UnitRanges, grey: np.ndarray) -> np.ndarray:
     """(ROWS, COLUMNS, 3) uint8 of grey levels at the nodes, with specks and a fixed pattern."""
     count = int(rng.integers(draw.specks[0], draw.specks[1] + 1))
     middles = rng.uniform((0.0, 0.0), (ROWS, COLUMNS), (count, 2))
     radii = evenly(rng, draw.speck_px, (count, 1))
-    colours = evenly(rng, draw.speck_grey, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
-    specks = np.concatenate([middles, radii, colours], axis=1).astype(np.float32)
+    colors = evenly(rng, draw.speck_grey, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
+    specks = np.concatenate([middles, radii, colors], axis=1).astype(np.float32)
     texture = np.float32(evenly(rng, draw.texture_grey))
     out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
     _paint(
@@ -117,7 +117,7 @@ def paint(rng: np.random.Generator, draw: UnitDraw, grey: np.ndarray) -> np.ndar
     return out
 
 
-def redrawn(rng: np.random.Generator, draw: UnitDraw, centre: Calibration) -> np.ndarray:
+def redrawn(rng: np.random.Generator, draw: UnitRanges, center: Calibration) -> np.ndarray:
     """(ROWS, COLUMNS, 3) uint8: a calibration's background, its brightness changed a little.
 
     Each channel by a part and by rises along both axes, of around_part each.
@@ -126,7 +126,7 @@ def redrawn(rng: np.random.Generator, draw: UnitDraw, centre: Calibration) -> np
     x = ((np.arange(COLUMNS) - COLUMNS / 2) / COLUMNS)[None, :, None]
     y = ((np.arange(ROWS) - ROWS / 2) / ROWS)[:, None, None]
     factor = (1.0 + level + right * x + down * y).astype(np.float32)
-    return (np.minimum(centre.background * factor, 255.0) + np.float32(0.5)).astype(np.uint8)
+    return (np.minimum(center.background * factor, 255.0) + np.float32(0.5)).astype(np.uint8)
 
 
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)

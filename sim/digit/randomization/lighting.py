@@ -1,16 +1,16 @@
-"""The LEDs of a drawn unit and the light that they leave in each colour.
+"""The LEDs of a drawn unit and the light that they leave in each color.
 
-Relative to an LED's own light at the picture's middle and MIDDLE_COSINE, LED k leaves in colour c
+Relative to an LED's own light at the picture's middle and MIDDLE_COSINE, LED k leaves in color c
 
     F_kc(p, m) = own_kc B_k(p) S(m) + leak_kc + irregular_kc(p, m),
 
 with p the place over PLACE_MM, B_k a paraboloid, S a parabola, own_kc 1 for c = k and else 0. All
 is quadratic in the place and in the cosine, so that it is a response of t2twin.sim.digit.baked.
 
-What stands for a drawn unit's LEDs in pyrender: lamps of the same places, sizes and colours.
+What stands for a drawn unit's LEDs in pyrender: lamps of the same places, sizes and colors.
 
 Each has the lobe of the shipped LED in its place, turned and moved with it: pyrender's shadow maps
-are as fine as that lobe is narrow. Its colour is such that in the picture's middle it gives the
+are as fine as that lobe is narrow. Its color is such that in the picture's middle it gives the
 drawn light. Light that is taken away, as by a negative leak, is left out.
 """
 
@@ -23,7 +23,7 @@ from t2twin.sim.digit.calibration import PLACE_TERMS, place_terms
 from t2twin.sim.digit.camera.pinhole import PARALLAX_STEPS, Camera
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.leds import DIGIT_LEDS, REACH_MM, Led
-from t2twin.sim.digit.randomization.ranges import UnitDraw, evenly, evenly_in_log
+from t2twin.sim.digit.randomization.ranges import UnitRanges, evenly, log_uniform
 
 AZIMUTHS_DEG = np.array([30.0, 150.0, 270.0])
 """Of the red, green and blue LED around the gel (TACTO's configuration, maker's notes)."""
@@ -59,10 +59,10 @@ class DrawnLight:
     response: np.ndarray
 
 
-def draw_light(rng: np.random.Generator, draw: UnitDraw, gamma: float) -> DrawnLight:
+def sample_light(rng: np.random.Generator, draw: UnitRanges, gamma: float) -> DrawnLight:
     """The light of a unit whose grey levels are of this gamma."""
     azimuth = np.radians(AZIMUTHS_DEG + evenly(rng, draw.led_turn_deg, 3))
-    distance_mm = float(evenly_in_log(rng, draw.led_distance_mm))
+    distance_mm = float(log_uniform(rng, draw.led_distance_mm))
     elevation_deg = float(evenly(rng, draw.led_elevation_deg))
     elevation = np.radians(elevation_deg + evenly(rng, draw.led_elevation_off_deg, 3))
     towards = np.stack([np.cos(azimuth), -np.sin(azimuth)], axis=1)
@@ -73,18 +73,18 @@ def draw_light(rng: np.random.Generator, draw: UnitDraw, gamma: float) -> DrawnL
     # at the middle an LED is as far as its place says, and its light falls with the square
     reach = REACH_MM**2 / (places_mm**2).sum(axis=1) * FACING_COSINE
     response *= (facing / reach)[None, :, None, None]
-    sizes_mm = np.minimum(evenly_in_log(rng, draw.led_size_mm, 3), LARGEST_SIZE * -heights)
+    sizes_mm = np.minimum(log_uniform(rng, draw.led_size_mm, 3), LARGEST_SIZE * -heights)
     return DrawnLight(places_mm, sizes_mm, response)
 
 
 def _relative(
-    rng: np.random.Generator, draw: UnitDraw, towards: np.ndarray, mixed: float
+    rng: np.random.Generator, draw: UnitRanges, towards: np.ndarray, mixed: float
 ) -> np.ndarray:
-    """(3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS) the light relative to the colour's own LED.
+    """(3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS) the light relative to the color's own LED.
 
     mixed: part that is left of leaks and irregularity.
     """
-    by_power = np.zeros((3, 3, 3, TERMS))  # LED, colour, power of the cosine off the middle, place
+    by_power = np.zeros((3, 3, 3, TERMS))  # LED, color, power of the cosine off the middle, place
     leaks = mixed * float(evenly(rng, draw.leak_amount)) * evenly(rng, draw.leak_part, (3, 3))
     amount = mixed * float(evenly(rng, draw.irregular_amount))
     patterns = amount * rng.standard_normal((3, 3, *IRREGULAR.shape)) * IRREGULAR
@@ -108,7 +108,7 @@ def _relative(
 
 
 def _beam(
-    rng: np.random.Generator, draw: UnitDraw, towards: np.ndarray, across_sign: float
+    rng: np.random.Generator, draw: UnitRanges, towards: np.ndarray, across_sign: float
 ) -> np.ndarray:
     """(TERMS,) coefficients of an LED's light in the place, 1 in the middle. towards: (2,)."""
     along, across = evenly(rng, draw.beam_along_part), evenly(rng, draw.beam_across_part)
@@ -158,23 +158,23 @@ def at_middle(response: np.ndarray) -> np.ndarray:
     return np.einsum("kcj,j->kc", response[:, :, 0], MIDDLE_COSINE ** np.arange(COSINE_TERMS))
 
 
-LEAST_IN_BEAM = 0.2
+MIN_IN_BEAM = 0.2
 """Least part of a lobe's light that the middle counts as getting, so that no LED is too bright."""
 
 
 def leds_like(light: DrawnLight) -> tuple[Led, ...]:
     """LEDs for t2twin.sim.digit.pyrender_renderer, in the order of the light's."""
-    colours = np.maximum(at_middle(light.response), 0.0)
+    colors = np.maximum(at_middle(light.response), 0.0)
     return tuple(
-        _led_like(shipped, place, float(size), colour)
-        for shipped, place, size, colour in zip(
-            DIGIT_LEDS, light.places_mm, light.sizes_mm, colours, strict=True
+        _led_like(shipped, place, float(size), color)
+        for shipped, place, size, color in zip(
+            DIGIT_LEDS, light.places_mm, light.sizes_mm, colors, strict=True
         )
     )
 
 
-def _led_like(shipped: Led, place_mm: np.ndarray, size_mm: float, colour: np.ndarray) -> Led:
-    """A shipped LED moved to another place, of another size and colour."""
+def _led_like(shipped: Led, place_mm: np.ndarray, size_mm: float, color: np.ndarray) -> Led:
+    """A shipped LED moved to another place, of another size and color."""
     angle = np.arctan2(-place_mm[1], place_mm[0])
     radius_mm = float(np.hypot(place_mm[0], place_mm[1]))
     turn, stretch = angle - np.radians(shipped.angle_deg), radius_mm / shipped.radius_mm
@@ -182,9 +182,9 @@ def _led_like(shipped: Led, place_mm: np.ndarray, size_mm: float, colour: np.nda
     aim_x, aim_y, aim_z = shipped.aim_mm
     # angles rise against y, which runs down the picture
     aim_mm = (float(cos * aim_x + sin * aim_y), float(cos * aim_y - sin * aim_x), aim_z)
-    colour = colour / max(_in_beam(place_mm, np.array(aim_mm), shipped.beam_rad), LEAST_IN_BEAM)
+    color = color / max(_in_beam(place_mm, np.array(aim_mm), shipped.beam_rad), MIN_IN_BEAM)
     return Led(
-        colour=(float(colour[0]), float(colour[1]), float(colour[2])),
+        color=(float(color[0]), float(color[1]), float(color[2])),
         angle_deg=float(np.degrees(angle)),
         radius_mm=radius_mm,
         z_mm=float(place_mm[2]),

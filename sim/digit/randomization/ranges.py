@@ -35,13 +35,13 @@ Noise = Annotated[float, Meta(ge=0.01, le=50.0)]
 
 
 @dataclass(frozen=True)
-class UnitDraw:
+class UnitRanges:
     """Ranges of what makes a unit. Parts are of the own LED's light in the picture's middle; places
     in them are counted in PLACE_MM, 8 mm.
 
     Of the camera:
         scale_px_per_mm, distance_mm: public calibrations of single units.
-        shift_px: along both axes (assumed: half a millimetre). tilt_deg: about both (assumed).
+        shift_px: along both axes (assumed: half a millimeter). tilt_deg: about both (assumed).
     Of each of the three LEDs:
         led_turn_deg: off 30, 150 and 270 degrees around the gel, the angles of TACTO's
             configuration (assumed).
@@ -50,7 +50,7 @@ class UnitDraw:
             (assumed, from the lengths of shadows).
         led_size_mm: radius of the disc, at most 0.95 of its height (assumed: an LED behind a
             diffuser, 1 to 9 mm).
-    Of the light that each LED leaves in each colour:
+    Of the light that each LED leaves in each color:
         facing_grey: of the gel that faces its own LED (assumed).
         beam_along_part, beam_across_part: rise of an LED's light towards it, and of the two upper
             LEDs' away from the picture's lower end (assumed). beam_curve_part, beam_twist_part:
@@ -58,8 +58,8 @@ class UnitDraw:
         cosine_slope_part, cosine_bend_part: how far it differs from lambertian paint, with the
             cosine of incidence and its square (assumed).
         leak_amount: of an LED's light in the other two channels, times leak_part for each of
-            them; negative where the camera's colour correction takes it off (assumed).
-        irregular_amount: by how much the light in each colour has a pattern of its own (assumed).
+            them; negative where the camera's color correction takes it off (assumed).
+        irregular_amount: by how much the light in each color has a pattern of its own (assumed).
     Of the picture:
         linear_amount: share of units whose grey levels go with the light, with a gamma in
             linear_gamma; the others' is in gamma (assumed; TACTO's renderer 2.2, a real unit 1).
@@ -76,7 +76,7 @@ class UnitDraw:
         specks: how many; speck_px: their radius; speck_grey: how bright or dark (assumed).
         noise_grey: standard deviation of one frame (2.8 measured on a real unit; TACTO 7).
     Of units about a calibration:
-        around_led_mm: its LEDs' places. around_part: its sizes, light, colours, brightness and
+        around_led_mm: its LEDs' places. around_part: its sizes, light, colors, brightness and
             noise; half as much of its gamma, a quarter of its scale and distance (assumed).
         around_shift_px, around_tilt_deg: its camera (assumed).
     Raises T2TwinError for a range that is reversed or out of bounds.
@@ -147,7 +147,7 @@ def _shown(value: object) -> str:
 def _bounds() -> dict[str, tuple[float, float]]:
     """Least and most of each field's numbers, as their types say."""
     bounds = {}
-    for name, kind in get_type_hints(UnitDraw, include_extras=True).items():
+    for name, kind in get_type_hints(UnitRanges, include_extras=True).items():
         number = get_args(kind)[0] if get_args(kind)[0] not in (int, float) else kind
         meta = number.__metadata__[0]
         bounds[name] = (meta.ge, meta.le)
@@ -162,6 +162,6 @@ def evenly(rng: np.random.Generator, between: Range, shape: int | tuple = ()) ->
     return rng.uniform(between[0], between[1], shape)
 
 
-def evenly_in_log(rng: np.random.Generator, between: Range, shape: int | tuple = ()) -> np.ndarray:
+def log_uniform(rng: np.random.Generator, between: Range, shape: int | tuple = ()) -> np.ndarray:
     """Draws of a shape whose logarithm is even."""
     return np.exp(rng.uniform(np.log(between[0]), np.log(between[1]), shape))

@@ -11,16 +11,16 @@ from t2twin.report.dataset.pairs import pairs_in_turn
 from t2twin.report.dataset.tables import Dataset
 from t2twin.report.html import markup
 from t2twin.report.html.figures import digit_picture, figure
-from t2twin.report.html.labels import SPLIT_COLOURS, SPLIT_NAMES, forces_in_words, shape_name
+from t2twin.report.html.labels import SPLIT_COLORS, SPLIT_NAMES, forces_in_words, shape_name
 from t2twin.sim.dataset.info import DatasetInfo
 
 TOUCHED_COUNTS = 100
 """A pair whose largest taxel counts less has not been touched: over ten times the noise."""
 
-MOST_BARS = 100
+MAX_BARS = 100
 """Shapes that are drawn as bars one by one (assumed: three pages of paper)."""
 
-GALLERY_COLUMNS, MOST_PICTURES = 10, 60
+GALLERY_COLUMNS, MAX_PICTURES = 10, 60
 GALLERY_SEED = 0
 WIDTH_IN = 9.0
 BARS_WIDTH_IN, BAR_IN, FURNITURE_IN = 4.4, 0.17, 0.8
@@ -64,12 +64,12 @@ def made_by(info: DatasetInfo) -> str:
 
 
 def shapes_section(dataset: Dataset) -> str:
-    """A bar a shape; of more than MOST_BARS a bar a family, the largest ones."""
+    """A bar a shape; of more than MAX_BARS a bar a family, the largest ones."""
     shapes = np.unique(dataset.shapes).size
-    names = dataset.shapes if shapes <= MOST_BARS else dataset.families
-    kind = "shape" if shapes <= MOST_BARS else "family"
+    names = dataset.shapes if shapes <= MAX_BARS else dataset.families
+    kind = "shape" if shapes <= MAX_BARS else "family"
     counted = counted_by_split(dataset, names)
-    shown = dict(list(counted.items())[:MOST_BARS])
+    shown = dict(list(counted.items())[:MAX_BARS])
     height = FURNITURE_IN + BAR_IN * len(shown)
     content = figure("svg", BARS_WIDTH_IN, height, lambda page: bars(page, shown))
     parts = [
@@ -94,7 +94,7 @@ def counted_by_split(dataset: Dataset, names: np.ndarray) -> dict[tuple[str, str
     too many by number. names: (P,)."""
     splits = np.repeat(list(dataset.tables), [len(table) for table in dataset.tables.values()])
     counted = Counter(zip(splits.tolist(), names.tolist(), strict=True))
-    return dict(counted.most_common()) if len(counted) > MOST_BARS else dict(counted)
+    return dict(counted.most_common()) if len(counted) > MAX_BARS else dict(counted)
 
 
 def gallery_section(dataset: Dataset) -> str:
@@ -114,7 +114,7 @@ def gallery_section(dataset: Dataset) -> str:
 
 def gallery(dataset: Dataset) -> list[tuple[str, int]]:
     """Splits and rows: one of each shape, then one more of each while a line is to be filled."""
-    return pairs_in_turn(dataset, dataset.shapes, MOST_PICTURES, GALLERY_SEED)
+    return pairs_in_turn(dataset, dataset.shapes, MAX_PICTURES, GALLERY_SEED)
 
 
 def saturation_section(dataset: Dataset) -> str:
@@ -148,7 +148,7 @@ def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
     for split in dict.fromkeys(split for split, _ in counted):
         own = [n for n, (where, _) in enumerate(counted) if where == split]
         pairs = [number for (where, _), number in counted.items() if where == split]
-        axes.barh(own, pairs, 0.8, color=SPLIT_COLOURS[split], label=SPLIT_NAMES[split])
+        axes.barh(own, pairs, 0.8, color=SPLIT_COLORS[split], label=SPLIT_NAMES[split])
     axes.set_yticks(range(len(counted)), [shape_name(name) for _, name in counted], fontsize=7.5)
     axes.set(xlabel="pairs", ylim=(len(counted) - 0.4, -0.6))
     axes.locator_params(axis="x", integer=True)

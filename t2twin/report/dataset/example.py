@@ -7,15 +7,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from t2twin.report.dataset.tables import Dataset
-from t2twin.report.html.figures import colour_bar, digit_picture, digit_width, figure, rings
+from t2twin.report.html.figures import color_bar, digit_picture, digit_width, figure, rings
 from t2twin.report.html.figures import tactile_image as draw_tactile
 from t2twin.sim.cyskin.phi import TACTILE_SHAPE
 
 WIDTH_IN, BAR_IN, TITLES_IN = 4.2, 0.7, 0.45
-"""Width of all and of the colour bar, height of the titles, inches."""
+"""Width of all and of the color bar, height of the titles, inches."""
 
 BAR_WIDTH = 0.12
-"""Room for the colour bar, in parts of a tactile image's width."""
+"""Room for the color bar, in parts of a tactile image's width."""
 
 
 def example(dataset: Dataset, split: str, row: int, translated: np.ndarray | None = None) -> bytes:
@@ -37,7 +37,7 @@ def example(dataset: Dataset, split: str, row: int, translated: np.ndarray | Non
             place.set_title(title)
             drawn = draw_tactile(place, dataset.phi(counts), dataset.phi, (0.0, most))
             rings(place, dataset.layout.x_mm, dataset.layout.y_mm)
-        colour_bar(page, drawn, axes[-1], BAR_WIDTH, "counts")
+        color_bar(page, drawn, axes[-1], BAR_WIDTH, "counts")
 
     panel_in = (WIDTH_IN - BAR_IN) / (ratio + len(titles))
     height_in = TITLES_IN + panel_in * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]

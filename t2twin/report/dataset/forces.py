@@ -11,9 +11,9 @@ from t2twin.report.dataset.tables import Dataset
 from t2twin.report.html import markup
 from t2twin.report.html.figures import figure, force_axis
 from t2twin.report.html.labels import (
-    SENSOR_COLOURS,
+    SENSOR_COLORS,
     SENSOR_NAMES,
-    SPLIT_COLOURS,
+    SPLIT_COLORS,
     SPLIT_NAMES,
     forces_in_words,
 )
@@ -24,7 +24,7 @@ BINS = 40
 FORCE_BINS = 12
 """Bars of the commanded forces, as wide in the logarithm."""
 
-MOST_FAMILIES = 24
+MAX_FAMILIES = 24
 """Families whose depths are drawn (assumed: as many names as stand beside each other); of more,
 those with most pairs."""
 
@@ -104,9 +104,9 @@ def _numbers(dataset: Dataset) -> list[tuple[str, str]]:
 
 def _left_out(dataset: Dataset) -> str:
     families = np.unique(dataset.families).size
-    if families <= MOST_FAMILIES:
+    if families <= MAX_FAMILIES:
         return ""
-    return f" Drawn: the {MOST_FAMILIES} families with most pairs, of {families:,}."
+    return f" Drawn: the {MAX_FAMILIES} families with most pairs, of {families:,}."
 
 
 def _of(number: int, pairs: int) -> str:
@@ -140,9 +140,7 @@ def forces_and_counts(page: Figure, dataset: Dataset) -> None:
     most = max(float(np.abs(values).max()) for values in off.values()) or 1.0
     bins = np.linspace(-most, most, BINS + 1).tolist()
     for sensor, values in off.items():
-        left.hist(
-            values, bins, color=SENSOR_COLOURS[sensor], alpha=0.65, label=SENSOR_NAMES[sensor]
-        )
+        left.hist(values, bins, color=SENSOR_COLORS[sensor], alpha=0.65, label=SENSOR_NAMES[sensor])
     left.axvline(0.0, color="#222222", linewidth=0.8)
     at = forces_in_words(dataset.forces_n)
     left.set(xlabel=f"force carried less commanded ({at}), mN", ylabel="pairs")
@@ -157,10 +155,10 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
     low, high = commanded[touching].min(), commanded[touching].max()
     edges = np.geomspace(low, high, FORCE_BINS + 1) if high > low else np.array([low, 2 * low])
     splits = np.repeat(list(dataset.tables), [len(table) for table in dataset.tables.values()])
-    for split, colour in SPLIT_COLOURS.items():
+    for split, color in SPLIT_COLORS.items():
         own = commanded[touching & (splits == split)]
         if own.size:
-            left.hist(own, edges.tolist(), histtype="step", color=colour, label=SPLIT_NAMES[split])
+            left.hist(own, edges.tolist(), histtype="step", color=color, label=SPLIT_NAMES[split])
     left.set(xlabel="force commanded, N", ylabel="pairs")
     force_axis(left, low, high)
     left.legend()
@@ -172,9 +170,9 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
         depths = dataset.column(f"{sensor}_depth_mm")
         spread = [np.quantile(depths[mine], (0.25, 0.5, 0.75)) for mine in kept]
         quarter, median, most = np.array(spread).T
-        colour = SENSOR_COLOURS[sensor]
-        right.plot(middles, median, "o-", color=colour, markersize=3, label=SENSOR_NAMES[sensor])
-        right.fill_between(middles, quarter, most, color=colour, alpha=0.2, linewidth=0)
+        color = SENSOR_COLORS[sensor]
+        right.plot(middles, median, "o-", color=color, markersize=3, label=SENSOR_NAMES[sensor])
+        right.fill_between(middles, quarter, most, color=color, alpha=0.2, linewidth=0)
     right.set(xlabel="force commanded, N", ylabel="depth, mm", ylim=(0, None))
     force_axis(right, low, high)
     right.legend()
@@ -183,13 +181,13 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
 def _counts(axes: Axes, dataset: Dataset) -> None:
     full_scale = dataset.layout.full_scale_counts
     bins = np.linspace(0.0, full_scale, BINS + 1).tolist()
-    for split, colour in SPLIT_COLOURS.items():
+    for split, color in SPLIT_COLORS.items():
         if split not in dataset.tables:
             continue
         counts = taxels(dataset.tables[split]).ravel()
         weights = np.full(counts.size, 100.0 / counts.size)
         name = SPLIT_NAMES[split]
-        axes.hist(counts, bins, weights=weights, histtype="step", color=colour, label=name)
+        axes.hist(counts, bins, weights=weights, histtype="step", color=color, label=name)
     axes.set(xlabel="counts", ylabel="% of the split's counts", yscale="log")
     axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
     axes.xaxis.set_major_formatter("{x:,.0f}")
@@ -200,19 +198,19 @@ def depths_in(page: Figure, dataset: Dataset) -> None:
     touching = dataset.column("force_n") > 0
     families = dataset.families[touching]
     names = list(dict.fromkeys(families.tolist()))
-    if len(names) > MOST_FAMILIES:
-        names = [name for name, _ in Counter(families.tolist()).most_common(MOST_FAMILIES)]
+    if len(names) > MAX_FAMILIES:
+        names = [name for name, _ in Counter(families.tolist()).most_common(MAX_FAMILIES)]
     axes = page.subplots()
     for place, sensor in enumerate(SENSORS):
         depths = dataset.column(f"{sensor}_depth_mm")[touching]
-        colour = SENSOR_COLOURS[sensor]
+        color = SENSOR_COLORS[sensor]
         boxes = axes.boxplot(
             [depths[families == name] for name in names],
             positions=(np.arange(len(names)) + 0.36 * (place - 0.5)).tolist(),
             widths=0.28,
             whis=(0, 100),
             patch_artist=True,
-            boxprops={"facecolor": colour, "alpha": 0.65, "linewidth": 0.6},
+            boxprops={"facecolor": color, "alpha": 0.65, "linewidth": 0.6},
             medianprops={"color": "#111111", "linewidth": 1.0},
             whiskerprops={"linewidth": 0.7},
             capprops={"linewidth": 0.7},

@@ -11,17 +11,17 @@ from t2twin.report.html.figures import digit_picture, figure
 from t2twin.report.html.labels import shape_name
 
 SHOWN = 12
-MOST_SHAPES = 200
+MAX_SHAPES = 200
 """Shapes up to which a pair is compared with those of its own (assumed: of more, each has too few
 presses for a median)."""
 
-LEAST_N = 0.01
+MIN_N = 0.01
 """The least force that is told from others, N: what a press may be commanded (sim.contact)."""
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 
-LEAST_SCALE = 0.02
+MIN_SCALE = 0.02
 """Least standard deviation taken, in parts of the median: less is no spread worth speaking of."""
 
 PANELS, PANEL_IN, LINE_IN = 6, 1.5, 2.3
@@ -31,7 +31,7 @@ PANELS, PANEL_IN, LINE_IN = 6, 1.5, 2.3
 def section(dataset: Dataset, scan: Scan) -> str:
     """The pairs that are farthest from the others of their shape."""
     rows = outliers(dataset, scan)
-    many = np.unique(dataset.shapes).size > MOST_SHAPES
+    many = np.unique(dataset.shapes).size > MAX_SHAPES
     group = "family" if many else "shape"
     at_force = " and of forces within a doubling" if dataset.forces_n.size > 1 else ""
     text = (
@@ -74,26 +74,26 @@ def outliers(dataset: Dataset, scan: Scan) -> list[tuple[int, str, float]]:
 def _alike(dataset: Dataset) -> np.ndarray:
     """(P,) what each pair is compared with the others of: its shape, or of many shapes its family,
     and where there are several forces those within a doubling of its own."""
-    few = np.unique(dataset.shapes).size <= MOST_SHAPES
+    few = np.unique(dataset.shapes).size <= MAX_SHAPES
     groups = dataset.shapes if few else dataset.families
     if dataset.forces_n.size < 2:
         return groups
     force_n = np.nan_to_num(dataset.column("force_n").astype(float))
-    doubling = np.where(force_n > 0, np.floor(np.log2(np.maximum(force_n, LEAST_N))), np.nan)
+    doubling = np.where(force_n > 0, np.floor(np.log2(np.maximum(force_n, MIN_N))), np.nan)
     return np.char.add(np.char.add(groups, " "), doubling.astype(str))
 
 
 def deviations(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
     """How far each value is from its group's median, in robust standard deviations: (P,).
 
-    The deviation is at least LEAST_SCALE of the median.
+    The deviation is at least MIN_SCALE of the median.
     """
     far = np.zeros(values.size)
     in_order = np.argsort(groups, kind="stable")
     begins = np.unique(groups[in_order], return_index=True)[1]
     for mine in np.split(in_order, begins[1:]):
         off = np.abs(values[mine] - np.median(values[mine]))
-        least = LEAST_SCALE * abs(np.median(values[mine]))
+        least = MIN_SCALE * abs(np.median(values[mine]))
         scale = max(MAD_TO_SIGMA * float(np.median(off)), least)
         far[mine] = off / scale if scale > 0 else 0.0
     return far

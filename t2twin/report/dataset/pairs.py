@@ -13,7 +13,7 @@ from t2twin.report.dataset.tables import Dataset
 from t2twin.report.html import markup
 from t2twin.report.html.figures import (
     COUNTS_MAP,
-    colour_bar,
+    color_bar,
     digit_picture,
     digit_width,
     extent_mm,
@@ -32,7 +32,7 @@ WIDTH_IN, HEIGHT_IN = 4.4, 2.1
 def section(dataset: Dataset) -> str:
     """One picture a pair, each of another family as far as there are."""
     text = (
-        "For each pair the DIGIT picture, the CySkin's taxels to scale, each pad in the colour of "
+        "For each pair the DIGIT picture, the CySkin's taxels to scale, each pad in the color of "
         "its count, and the tactile image: the counts interpolated between the taxels, which the "
         "paper calls φ. The scale beside it is in counts. "
     )
@@ -87,7 +87,7 @@ def _draw(page: Figure, dataset: Dataset, split: str, row: int, counts: np.ndarr
     _array(array, dataset, counts, limits)
     drawn = tactile_image(image, dataset.phi(counts), dataset.phi, limits)
     rings(image, dataset.layout.x_mm, dataset.layout.y_mm)
-    colour_bar(page, drawn, image, 0.07)
+    color_bar(page, drawn, image, 0.07)
 
 
 def _array(axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float, float]) -> None:
@@ -117,7 +117,7 @@ def _array(axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float
     axes.set_axis_off()
 
 
-MOST_NAMES = 60
+MAX_NAMES = 60
 """Names that are gone through in their order (assumed: as many as there are pictures of)."""
 
 
@@ -126,7 +126,7 @@ def pairs_in_turn(
 ) -> list[tuple[str, int]]:
     """Splits and rows: one pair of each name, then one more of each, until there are `most`.
 
-    names: (P,) what the pairs are told apart by, such as dataset.shapes. Of more than MOST_NAMES
+    names: (P,) what the pairs are told apart by, such as dataset.shapes. Of more than MAX_NAMES
     the names are taken at random too.
     """
     rng = np.random.default_rng(seed)
@@ -134,7 +134,7 @@ def pairs_in_turn(
     for name, place in zip(names, dataset.places, strict=True):
         of_name.setdefault(str(name), []).append(place)
     orders = [[places[i] for i in rng.permutation(len(places))] for places in of_name.values()]
-    if len(orders) > MOST_NAMES:
+    if len(orders) > MAX_NAMES:
         orders = [orders[i] for i in rng.permutation(len(orders))]
     deepest = max(len(order) for order in orders)
     in_turn = [order[turn] for turn in range(deepest) for order in orders if turn < len(order)]

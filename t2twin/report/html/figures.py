@@ -98,21 +98,19 @@ def tactile_image(
     image: np.ndarray,
     phi: Phi,
     limits: tuple[float, float],
-    colour_map: str = COUNTS_MAP,
+    color_map: str = COUNTS_MAP,
 ) -> AxesImage:
     """A tactile image or a difference of two, (R, C) counts, on axes in mm, in a thin frame.
 
-    limits: counts at the two ends of the colours.
+    limits: counts at the two ends of the colors.
     """
     axes.set(xticks=[], yticks=[])
     for spine in axes.spines.values():
         spine.set(visible=True, linewidth=0.4, color="#aaaaaa")
-    return axes.imshow(
-        image, cmap=colour_map, vmin=limits[0], vmax=limits[1], extent=extent_mm(phi)
-    )
+    return axes.imshow(image, cmap=color_map, vmin=limits[0], vmax=limits[1], extent=extent_mm(phi))
 
 
-def rings(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, colour: str = "white") -> None:
+def rings(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
     """Marks the taxels. x_mm, y_mm: (N,)."""
     from matplotlib.collections import EllipseCollection
 
@@ -126,13 +124,13 @@ def rings(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, colour: str = "white")
             offsets=np.column_stack([x_mm, y_mm]),
             offset_transform=axes.transData,
             facecolors="none",
-            edgecolors=colour,
+            edgecolors=color,
             linewidths=0.5,
         )
     )
 
 
-def colour_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:
+def color_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:
     """Beside an image, with its scale in counts. width: in parts of the image's."""
     bar = page.colorbar(drawn, ax=axes, fraction=width, pad=0.06, aspect=28, format="{x:,.0f}")
     bar.ax.spines["outline"].set_linewidth(0.4)
@@ -142,7 +140,7 @@ def colour_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: 
 
 def extent_mm(phi: Phi) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of a tactile image, mm; y points down."""
-    columns, rows = phi.centres_mm
+    columns, rows = phi.centers_mm
     half = (columns[1] - columns[0]) / 2
     return columns[0] - half, columns[-1] + half, rows[-1] + half, rows[0] - half
 

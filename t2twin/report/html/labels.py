@@ -1,31 +1,31 @@
-"""Names and colours, the same on the whole page."""
+"""Names and colors, the same on the whole page."""
 
 import numpy as np
 
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.metrics.floors import LAYOUT_FLOOR, NOISE_FLOOR
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 
 NAMES = {
     MEAN_ARRAY: "mean array",
     MEAN_ARRAY_OF_FORCE: "mean array of the force",
-    NEAREST_NEIGHBOUR: "nearest neighbour",
+    NEAREST_NEIGHBOR: "nearest neighbor",
     NOISE_FLOOR: "noise floor",
     LAYOUT_FLOOR: "layout floor",
     "resnet18": "ResNet18",
     "touch2touch": "touch2touch",
     "field": "field",
 }
-BASELINE_COLOURS = {
+BASELINE_COLORS = {
     MEAN_ARRAY: "#222222",
     MEAN_ARRAY_OF_FORCE: "#888888",
-    NEAREST_NEIGHBOUR: "#009e73",
+    NEAREST_NEIGHBOR: "#009e73",
 }
-RUN_COLOURS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
-SENSOR_COLOURS = {"digit": "#0072b2", "cyskin": "#e69f00"}
-"""Colours that readers with any colour vision tell apart (Okabe and Ito 2008)."""
+RUN_COLORS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
+SENSOR_COLORS = {"digit": "#0072b2", "cyskin": "#e69f00"}
+"""Colours that readers with any color vision tell apart (Okabe and Ito 2008)."""
 
-SPLIT_COLOURS = {"train": "#999999", "val": "#0072b2", "test": "#d55e00"}
+SPLIT_COLORS = {"train": "#999999", "val": "#0072b2", "test": "#d55e00"}
 SPLIT_NAMES = {"train": "training", "val": "validation", "test": "test"}
 SENSOR_NAMES = {"digit": "DIGIT", "cyskin": "CySkin"}
 
@@ -68,7 +68,7 @@ def printable(text: str) -> str:
     return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
-def colours(models: list[str]) -> dict[str, str]:
-    """A colour each; runs take theirs in turn."""
-    runs = [model for model in models if model not in BASELINE_COLOURS]
-    return BASELINE_COLOURS | {run: RUN_COLOURS[i % len(RUN_COLOURS)] for i, run in enumerate(runs)}
+def colors(models: list[str]) -> dict[str, str]:
+    """A color each; runs take theirs in turn."""
+    runs = [model for model in models if model not in BASELINE_COLORS]
+    return BASELINE_COLORS | {run: RUN_COLORS[i % len(RUN_COLORS)] for i, run in enumerate(runs)}

@@ -64,5 +64,5 @@ th { font-weight: 600; text-align: left; }
   h2 { break-after: avoid; }
 }
 """
-"""The whole of it; nothing is fetched. Pictures keep a light ground, which their colours are
+"""The whole of it; nothing is fetched. Pictures keep a light ground, which their colors are
 chosen for, also by night."""

@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.figures import figure, force_axis
-from t2twin.report.html.labels import BASELINE_COLOURS, SPLIT_NAMES, colours, name_of
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.report.html.labels import BASELINE_COLORS, SPLIT_NAMES, colors, name_of
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.metrics.floors import NOISE_FLOOR
 from t2twin.translate.evaluation.metrics.forces import (
-    FEWEST_PRESSES,
     MEAN_ARRAY_OF_FORCE,
+    MIN_PRESSES,
 )
 from t2twin.translate.evaluation.records import Evaluation, ForceFigures
 from t2twin.translate.evaluation.table import force_cell, force_rows
@@ -22,7 +22,7 @@ from t2twin.translate.evaluation.table import force_cell, force_rows
 WIDTH_IN, HEIGHT_IN, LEGEND_IN = 9.0, 2.7, 0.4
 """Width of the chart, height of a split's and of the legend, inches."""
 
-MOST_PERCENT = 150.0
+MAX_PERCENT = 150.0
 """Where the axis of percents ends (assumed: what lies above is worse than not to look)."""
 
 DASHED: dict[str, Any] = {"linestyle": (0, (6, 3)), "linewidth": 1.0}
@@ -40,9 +40,9 @@ def section(report: ReportData) -> str:
     )
     note = (
         "Left: RMSE in counts, with its interval by bootstrap over shapes. Right: the same in "
-        f"percent of the mean array's at that force; the axis ends at {MOST_PERCENT:g} %. Points "
+        f"percent of the mean array's at that force; the axis ends at {MAX_PERCENT:g} %. Points "
         "stand at the mean force of their pairs. That mean array is of the training presses of "
-        f"such forces, or where training has fewer than {FEWEST_PRESSES} of them, of the presses "
+        f"such forces, or where training has fewer than {MIN_PRESSES} of them, of the presses "
         "that are evaluated."
     )
     tables = [_table(split, one) for split, one in evaluations.items()]
@@ -105,28 +105,28 @@ def _draw(page: Figure, report: ReportData, evaluations: dict[str, Evaluation]) 
         counts.set(title=SPLIT_NAMES[split], xlabel="force, N", ylabel="RMSE, counts")
         counts.set_yscale("log")
         percents.set(title=SPLIT_NAMES[split], xlabel="force, N", ylabel="% of the mean array's")
-        percents.set_ylim(0, MOST_PERCENT)
+        percents.set_ylim(0, MAX_PERCENT)
     page.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
 
 
 def _lines(axes: Axes, report: ReportData, evaluation: Evaluation, percent: bool) -> None:
-    colour_of = BASELINE_COLOURS | colours(list(report.runs))
+    color_of = BASELINE_COLORS | colors(list(report.runs))
     ends = []
-    for name in (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOUR, *report.runs):
+    for name in (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR, *report.runs):
         touched = [one for one in evaluation.models[name].by_force if one.phantom_counts is None]
         drawn = [one for one in touched if not percent or one.of_mean_array is not None]
         forces = [one.mean_n for one in drawn]
         values = [100 * (one.of_mean_array or 0) if percent else one.rmse_counts for one in drawn]
-        style = DASHED if name in BASELINE_COLOURS else {"marker": "o", "markersize": 3}
-        axes.plot(forces, values, color=colour_of[name], label=name_of(name), **style)
+        style = DASHED if name in BASELINE_COLORS else {"marker": "o", "markersize": 3}
+        axes.plot(forces, values, color=color_of[name], label=name_of(name), **style)
         if name in report.runs and not percent:
-            _band(axes, drawn, colour_of[name])
+            _band(axes, drawn, color_of[name])
         ends += forces
     force_axis(axes, min(ends), max(ends))
 
 
-def _band(axes: Axes, drawn: Sequence[ForceFigures], colour: str) -> None:
+def _band(axes: Axes, drawn: Sequence[ForceFigures], color: str) -> None:
     known = [(one.mean_n, *one.interval) for one in drawn if one.interval is not None]
     if known:
         forces, low, high = zip(*known, strict=True)
-        axes.fill_between(forces, low, high, color=colour, alpha=0.15, linewidth=0)
+        axes.fill_between(forces, low, high, color=color, alpha=0.15, linewidth=0)

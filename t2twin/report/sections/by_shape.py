@@ -11,8 +11,8 @@ from t2twin.primitives_cad import catalogue
 from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.figures import figure
-from t2twin.report.html.labels import BASELINE_COLOURS, SPLIT_NAMES, colours, name_of, shape_name
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.report.html.labels import BASELINE_COLORS, SPLIT_NAMES, colors, name_of, shape_name
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import Figures
 
 WIDTH_IN, BAR_IN, FURNITURE_IN = 4.2, 0.30, 1.3
@@ -21,12 +21,12 @@ WIDTH_IN, BAR_IN, FURNITURE_IN = 4.2, 0.30, 1.3
 TITLES = {"val": "validation primitives", "test": "tools at their keypoints"}
 """Of the paper's protocol."""
 
-MOST_BARS = 60
+MAX_BARS = 60
 """Shapes that are drawn one by one, and families (assumed: a page of paper)."""
 COUNTS_TICKS = 4
 MARKS: dict[str, dict[str, Any]] = {
     MEAN_ARRAY: {"marker": "|", "markersize": 13, "markeredgewidth": 2.0},
-    NEAREST_NEIGHBOUR: {"marker": "D", "markersize": 5, "markeredgecolor": "white"},
+    NEAREST_NEIGHBOR: {"marker": "D", "markersize": 5, "markeredgecolor": "white"},
 }
 
 
@@ -39,7 +39,7 @@ def section(report: ReportData) -> str:
     )
     if many:
         text += (
-            f" More than {MOST_BARS} shapes are drawn by family: "
+            f" More than {MAX_BARS} shapes are drawn by family: "
             f"{' and '.join(SPLIT_NAMES[split] for split in many)}; of more families than that, "
             "those with most pairs."
         )
@@ -61,15 +61,15 @@ def _chart(report: ReportData, split: str) -> str:
 def _shapes(report: ReportData, split: str) -> list[str]:
     """In the catalogue's order; of too many shapes their families."""
     there = _errors(report, split, MEAN_ARRAY)
-    if len(there) > MOST_BARS:
-        return sorted(there, key=lambda name: -there[name].pairs)[:MOST_BARS]
+    if len(there) > MAX_BARS:
+        return sorted(there, key=lambda name: -there[name].pairs)[:MAX_BARS]
     return [name for name in catalogue.NAMES if name in there] + [
         name for name in there if name not in catalogue.NAMES
     ]
 
 
 def _by_shape(report: ReportData, split: str) -> bool:
-    return 0 < len(report.evaluations[split].models[MEAN_ARRAY].by_shape) <= MOST_BARS
+    return 0 < len(report.evaluations[split].models[MEAN_ARRAY].by_shape) <= MAX_BARS
 
 
 def _errors(report: ReportData, split: str, model: str) -> dict[str, Figures]:
@@ -93,7 +93,7 @@ def _draw(page: Figure, report: ReportData, split: str) -> None:
 
 def _bars(axes: Axes, report: ReportData, split: str) -> None:
     shapes = _shapes(report, split)
-    colour_of = colours(list(report.runs))
+    color_of = colors(list(report.runs))
     places = np.arange(len(shapes))
     height = 0.8 / len(report.runs)
 
@@ -103,10 +103,10 @@ def _bars(axes: Axes, report: ReportData, split: str) -> None:
 
     for i, name in enumerate(report.runs):
         offset = (i - (len(report.runs) - 1) / 2) * height
-        axes.barh(places + offset, errors(name), height, color=colour_of[name], label=name_of(name))
+        axes.barh(places + offset, errors(name), height, color=color_of[name], label=name_of(name))
     for name, style in MARKS.items():
         axes.plot(
-            errors(name), places, color=BASELINE_COLOURS[name], label=name_of(name),
+            errors(name), places, color=BASELINE_COLORS[name], label=name_of(name),
             linestyle="none", **style,
         )  # fmt: skip
     axes.set_yticks(places, [shape_name(shape) for shape in shapes])

@@ -8,7 +8,7 @@ from t2twin.report.html.labels import SPLIT_NAMES, name_of, shape_name
 from t2twin.translate.evaluation.metrics.floors import GROUPS, NOISE_FLOOR
 from t2twin.translate.evaluation.records import Evaluation, Figures, ModelRow
 
-MOST_ROWS = 60
+MAX_ROWS = 60
 """Shapes or families that have a row (assumed: a page of paper)."""
 
 
@@ -21,8 +21,8 @@ def section(report: ReportData) -> str:
         f"it ({view.pitch_mm:.1f} mm), {view.taxels.beyond} beyond. What a shape does outside the "
         "view is known only from what of it is seen. RMSE of each group alone, counts."
     )
-    if any(len(row.by_family) > MOST_ROWS for row in report.evaluation.models.values()):
-        text += f" Of the families the {MOST_ROWS} with most pairs are given."
+    if any(len(row.by_family) > MAX_ROWS for row in report.evaluation.models.values()):
+        text += f" Of the families the {MAX_ROWS} with most pairs are given."
     tables = [_table(evaluation, split) for split, evaluation in report.evaluations.items()]
     return markup.section(
         "by-view", "Under the view and outside it", [markup.paragraph(text), *tables]
@@ -43,10 +43,10 @@ def _table(evaluation: Evaluation, split: str) -> str:
 
 def _by(row: ModelRow, split: str) -> dict[str, Figures]:
     """Validation by primitive, test by tool; of too many shapes by family, the largest first."""
-    if split != "test" and 0 < len(row.by_shape) <= MOST_ROWS:
+    if split != "test" and 0 < len(row.by_shape) <= MAX_ROWS:
         return row.by_shape
-    largest = sorted(row.by_family.items(), key=lambda item: -item[1].pairs)[:MOST_ROWS]
-    return row.by_family if len(row.by_family) <= MOST_ROWS else dict(largest)
+    largest = sorted(row.by_family.items(), key=lambda item: -item[1].pairs)[:MAX_ROWS]
+    return row.by_family if len(row.by_family) <= MAX_ROWS else dict(largest)
 
 
 def _row(name: str, figures: Sequence[Figures]) -> list[str]:

@@ -6,9 +6,9 @@ from matplotlib.figure import Figure
 from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.figures import figure
-from t2twin.report.html.labels import SPLIT_COLOURS, SPLIT_NAMES, name_of
+from t2twin.report.html.labels import SPLIT_COLORS, SPLIT_NAMES, name_of
 from t2twin.translate.evaluation.metrics.reliability import NAMED_KEPT, certainty_text
-from t2twin.translate.evaluation.records import Certainty, Evaluation
+from t2twin.translate.evaluation.records import Evaluation, UncertaintyMetrics
 
 WIDTH_IN, HEIGHT_IN = 9.0, 3.4
 STYLES = ("-", "--", ":")
@@ -60,7 +60,7 @@ def _draw(page: Figure, evaluations: dict[str, Evaluation]) -> None:
         sure = {n: row.certainty for n, row in evaluation.runs.items() if row.certainty is not None}
         for style, (name, one) in zip(STYLES * len(sure), sure.items(), strict=False):
             label = f"{name_of(name)}, {SPLIT_NAMES[split]}"
-            _lines(left, right, one, style, SPLIT_COLOURS[split], label)
+            _lines(left, right, one, style, SPLIT_COLORS[split], label)
     left.plot((0, 100), (0, 100), color="#999999", linewidth=0.8)
     left.set(xlabel="said, %", ylabel="held, %", xlim=(0, 100), ylim=(0, 100))
     right.axvline(100 * NAMED_KEPT, color="#999999", linewidth=0.8)
@@ -70,7 +70,9 @@ def _draw(page: Figure, evaluations: dict[str, Evaluation]) -> None:
     right.legend()
 
 
-def _lines(left: Axes, right: Axes, sure: Certainty, style: str, colour: str, label: str) -> None:
+def _lines(
+    left: Axes, right: Axes, sure: UncertaintyMetrics, style: str, color: str, label: str
+) -> None:
     percent = [[100 * share for share in shares] for shares in (sure.levels, sure.held, sure.kept)]
-    left.plot(percent[0], percent[1], style, color=colour, marker="o", markersize=3, label=label)
-    right.plot(percent[2], sure.kept_rmse_counts, style, color=colour, label=label)
+    left.plot(percent[0], percent[1], style, color=color, marker="o", markersize=3, label=label)
+    right.plot(percent[2], sure.kept_rmse_counts, style, color=color, label=label)

@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.figures import figure
-from t2twin.report.html.labels import SPLIT_NAMES, colours, name_of
+from t2twin.report.html.labels import SPLIT_NAMES, colors, name_of
 from t2twin.translate.evaluation.metrics.baselines import FEATURE_SIZE
 from t2twin.translate.evaluation.metrics.irreducible_error import (
     CLOSE,
     FITTED,
-    NEIGHBOURS,
+    NEIGHBORS,
 )
-from t2twin.translate.evaluation.records import LookAlikeFloor, LookAlikes
+from t2twin.translate.evaluation.records import IrreducibleError, IrreducibleErrorFloor
 
 WIDTH_IN, HEIGHT_IN = 9.0, 3.6
 SPLIT_STYLE, TRAINING_STYLE = ("#222222", "o"), ("#009e73", "D")
@@ -38,7 +38,7 @@ def section(report: ReportData) -> str:
     )
     note = (
         f"Distance: root mean square, of pictures made {FEATURE_SIZE} × {FEATURE_SIZE}, in RGB. "
-        f"Points: groups of as many pairs each, of the {NEIGHBOURS} nearest of every press. "
+        f"Points: groups of as many pairs each, of the {NEIGHBORS} nearest of every press. "
         "Square: half the squared difference as a straight line of the squared distance, fitted to "
         f"the nearest {100 * FITTED:.0f} % of the pairs of each shape, read at the distance that "
         "noise alone makes; with its interval over shapes. Level lines: what the models reach."
@@ -67,7 +67,7 @@ def section(report: ReportData) -> str:
     )
 
 
-def sentences(lookalikes: Mapping[str, LookAlikes]) -> list[str]:
+def sentences(lookalikes: Mapping[str, IrreducibleError]) -> list[str]:
     """What the look-alikes say, one sentence a split and a place to look. lookalikes: by split."""
     said = []
     for split, one in lookalikes.items():
@@ -78,7 +78,7 @@ def sentences(lookalikes: Mapping[str, LookAlikes]) -> list[str]:
     return said
 
 
-def _sentence(floor: LookAlikeFloor, close_grey: float) -> str:
+def _sentence(floor: IrreducibleErrorFloor, close_grey: float) -> str:
     near, close = floor.nearest, floor.close
     within = (
         f"{close.pairs:,} of {near.pairs:,} presses have a picture within {close_grey:.2f} grey "
@@ -103,7 +103,7 @@ def _sentence(floor: LookAlikeFloor, close_grey: float) -> str:
     )
 
 
-def _draw(page: Figure, report: ReportData, lookalikes: Mapping[str, LookAlikes]) -> None:
+def _draw(page: Figure, report: ReportData, lookalikes: Mapping[str, IrreducibleError]) -> None:
     places = page.subplots(1, len(lookalikes), sharey=True, squeeze=False)[0]
     for axes, split in zip(places, lookalikes, strict=True):
         _curves(axes, report, split, lookalikes[split])
@@ -112,7 +112,7 @@ def _draw(page: Figure, report: ReportData, lookalikes: Mapping[str, LookAlikes]
     page.legend(*places[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
-def _curves(axes: Axes, report: ReportData, split: str, lookalikes: LookAlikes) -> None:
+def _curves(axes: Axes, report: ReportData, split: str, lookalikes: IrreducibleError) -> None:
     noise = lookalikes.noise_grey
     for floor, style, label in (
         (lookalikes.split, SPLIT_STYLE, "other shapes of the split"),
@@ -121,10 +121,10 @@ def _curves(axes: Axes, report: ReportData, split: str, lookalikes: LookAlikes) 
         if floor is not None:
             _curve(axes, floor, style, label, noise)
     models = report.evaluations[split].models
-    for name, colour in colours(list(report.runs)).items():
+    for name, color in colors(list(report.runs)).items():
         if name in report.runs:
             level = models[name].overall.rmse_counts
-            axes.axhline(level, color=colour, linewidth=1, label=name_of(name))
+            axes.axhline(level, color=color, linewidth=1, label=name_of(name))
     axes.axvline(noise, color="#999999", linewidth=0.8, linestyle=":", label="noise")
     axes.set(xlabel="distance of the pictures, grey levels", title=SPLIT_NAMES[split])
     axes.set_xlim(0, None)
@@ -132,19 +132,19 @@ def _curves(axes: Axes, report: ReportData, split: str, lookalikes: LookAlikes) 
 
 
 def _curve(
-    axes: Axes, floor: LookAlikeFloor, style: tuple[str, str], label: str, noise_grey: float
+    axes: Axes, floor: IrreducibleErrorFloor, style: tuple[str, str], label: str, noise_grey: float
 ) -> None:
-    colour, mark = style
+    color, mark = style
     drawn = [
         (group.distance_grey, group.rmse_counts)
         for group in floor.curve
         if group.distance_grey is not None and group.rmse_counts is not None
     ]
-    axes.plot(*zip(*drawn, strict=True), mark, color=colour, markersize=4, label=label)
+    axes.plot(*zip(*drawn, strict=True), mark, color=color, markersize=4, label=label)
     value = floor.extrapolated_rmse_counts
     if value is not None:
         low, high = floor.interval or (value, value)
         axes.errorbar(
             noise_grey, value, [[max(value - low, 0.0)], [max(high - value, 0.0)]],
-            color=colour, marker="s", markersize=5, capsize=3, linewidth=1,
+            color=color, marker="s", markersize=5, capsize=3, linewidth=1,
         )  # fmt: skip

@@ -10,8 +10,8 @@ from matplotlib.ticker import MaxNLocator
 from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.figures import figure
-from t2twin.report.html.labels import BASELINE_COLOURS, colours, name_of
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.report.html.labels import BASELINE_COLORS, colors, name_of
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import ModelRow
 from t2twin.translate.runs.log import best_epoch
 
@@ -44,26 +44,26 @@ def _draw(page: Figure, report: ReportData) -> None:
 
 
 def _errors(axes: Axes, report: ReportData) -> None:
-    colour_of = colours(list(report.runs))
+    color_of = colors(list(report.runs))
     full_scale = report.layout.full_scale_counts
     for name, history in report.histories.items():
         epochs = [record.epoch for record in history]
         validation = [full_scale * record.val_rmse_percent / 100 for record in history]
         marker = "o" if len(history) == 1 else ""
         label = f"{name_of(name)}, validation"
-        axes.plot(epochs, validation, color=colour_of[name], label=label, marker=marker)
+        axes.plot(epochs, validation, color=color_of[name], label=label, marker=marker)
         best = best_epoch(history)
         lowest = full_scale * best.val_rmse_percent / 100
-        axes.plot(best.epoch, lowest, "o", color=colour_of[name], markersize=5)
+        axes.plot(best.epoch, lowest, "o", color=color_of[name], markersize=5)
         if "l3" in history[0].train:
             seen = [full_scale * math.sqrt(record.train["l3"]) for record in history]
             label = f"{name_of(name)}, training"
-            axes.plot(epochs, seen, "--", color=colour_of[name], label=label, marker=marker)
+            axes.plot(epochs, seen, "--", color=color_of[name], label=label, marker=marker)
     models = _of_own_validation(report)
-    for name in (MEAN_ARRAY, NEAREST_NEIGHBOUR) if models else ():
+    for name in (MEAN_ARRAY, NEAREST_NEIGHBOR) if models else ():
         level = models[name].overall.rmse_counts
         axes.axhline(
-            level, color=BASELINE_COLOURS[name], linewidth=1, linestyle=(0, (6, 3)),
+            level, color=BASELINE_COLORS[name], linewidth=1, linestyle=(0, (6, 3)),
             label=f"{name_of(name)}, validation",
         )  # fmt: skip
     axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
@@ -81,7 +81,7 @@ def _of_own_validation(report: ReportData) -> Mapping[str, ModelRow]:
 
 
 def _losses(axes: Axes, report: ReportData, names: list[str]) -> None:
-    colour_of = colours(list(report.runs))
+    color_of = colors(list(report.runs))
     for name in names:
         weight = report.runs[name].config.preset.l1_weight
         factors = {"adversarial": 1.0, "l1": weight, "discriminator": 1.0}
@@ -95,7 +95,7 @@ def _losses(axes: Axes, report: ReportData, names: list[str]) -> None:
             epochs = [record.epoch for record in history]
             values = [factors[loss] * record.train[loss] for record in history]
             axes.plot(
-                epochs, values, style, color=colour_of[name],
+                epochs, values, style, color=color_of[name],
                 label=f"{name_of(name)}, {labels[loss]}",
             )  # fmt: skip
     axes.set(xlabel="epoch", ylabel="training loss", yscale="log")

@@ -112,7 +112,7 @@ def _runs(report: ReportData) -> list[str]:
         parts.append(
             markup.paragraph(
                 f"Trained on another dataset than this one: {', '.join(elsewhere)}. The rows of no "
-                "run, such as the nearest neighbour, know this one's training pairs."
+                "run, such as the nearest neighbor, know this one's training pairs."
             )
         )
     return parts

@@ -7,7 +7,7 @@ from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.figures import (
     DIFFERENCE_MAP,
-    colour_bar,
+    color_bar,
     digit_picture,
     digit_width,
     figure,
@@ -21,9 +21,9 @@ QUANTILES = {"val": (0.1, 0.5, 0.9, 1.0), "test": (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 
 SPLIT_NAMES = {"val": "Validation", "test": "Test"}
 PANEL_IN, ROW_IN, BARS_IN = 1.25, 2.5, 0.9
-"""Width of a panel, height of a row, width of the colour bars, inches."""
+"""Width of a panel, height of a row, width of the color bars, inches."""
 BAR_WIDTH = 0.12
-"""Room for a colour bar, in parts of a tactile image's width."""
+"""Room for a color bar, in parts of a tactile image's width."""
 
 
 def section(report: ReportData) -> str:
@@ -127,5 +127,5 @@ def _draw(page: Figure, report: ReportData, split: str, row: int, picture: np.nd
             limits = (-furthest, furthest)
             signed = tactile_image(place, differences[number], phi, limits, DIFFERENCE_MAP)
             rings(place, report.layout.x_mm, report.layout.y_mm, "#555555")
-    colour_bar(page, signed, place, BAR_WIDTH, "difference, counts")
-    colour_bar(page, counts, place, BAR_WIDTH, "counts")
+    color_bar(page, signed, place, BAR_WIDTH, "difference, counts")
+    color_bar(page, counts, place, BAR_WIDTH, "counts")

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.labels import SPLIT_NAMES, name_of
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.metrics.floors import LAYOUT_FLOOR, NOISE_FLOOR
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.records import (
@@ -35,7 +35,7 @@ WHAT = (
     "counts with that of the true ones, averaged over the pairs; 1 is the same image."
 )
 TRIVIAL = (
-    "Mean array: the mean of the training set's arrays, whatever the picture. Nearest neighbour: "
+    "Mean array: the mean of the training set's arrays, whatever the picture. Nearest neighbor: "
     "the array of the training pair whose DIGIT picture is nearest."
 )
 HARDWARE = (
@@ -96,7 +96,7 @@ def sentences(models: Mapping[str, Mapping[str, ModelRow]]) -> list[str]:
     """What the numbers say, one sentence a split and a run. models: by split and name."""
     return [
         f"On {SPLIT_NAMES[split]}, {name_of(name)} is {_against(row, rows[MEAN_ARRAY])} the mean "
-        f"array and {_against(row, rows[NEAREST_NEIGHBOUR])} the nearest neighbour."
+        f"array and {_against(row, rows[NEAREST_NEIGHBOR])} the nearest neighbor."
         for split, rows in models.items()
         for name, row in rows.items()
         if row.run is not None

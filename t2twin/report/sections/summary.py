@@ -6,7 +6,7 @@ from t2twin.report.data import ReportData
 from t2twin.report.dataset.example import example
 from t2twin.report.html import markup
 from t2twin.report.html.labels import SPLIT_NAMES, forces_in_words, name_of, shape_name
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import Evaluation
 
 NEVER_TRAINED_ON = {
@@ -75,7 +75,7 @@ def _comparison(report: ReportData) -> str:
             f"{evaluation.models[name].overall.rmse_percent:.2f} %"
             for evaluation in report.evaluations.values()
         )
-        for name in (MEAN_ARRAY, NEAREST_NEIGHBOUR)
+        for name in (MEAN_ARRAY, NEAREST_NEIGHBOR)
     )
     order = ", in the same order" if len(report.evaluations) > 1 else ""
     ratios = " and ".join(f"{_ratio(one):.2f}" for one in report.evaluations.values())
@@ -128,7 +128,7 @@ def _where(report: ReportData, split: str) -> str:
 
 def _ratio(evaluation: Evaluation) -> float:
     """The better run's RMSE in parts of the lower one of the two rules'."""
-    trivial = (evaluation.models[name] for name in (MEAN_ARRAY, NEAREST_NEIGHBOUR))
+    trivial = (evaluation.models[name] for name in (MEAN_ARRAY, NEAREST_NEIGHBOR))
     lowest = min(row.overall.rmse_counts for row in trivial)
     best = evaluation.runs[better_run(evaluation)].overall.rmse_counts
     return best / lowest if lowest else float("inf")
@@ -144,7 +144,7 @@ def _picture(report: ReportData) -> str:
         f"Left: the picture that {name_of(name)} was given, a press of {shape}. Middle: what the "
         "taxels (rings) really counted, interpolated between them. Right: what it translated the "
         f"picture into, {errors[row]:,.0f} counts off (RMSE): of {errors.size:,} "
-        f"{SPLIT_NAMES[split]} pairs the one whose error is in the middle. The colours of both are "
+        f"{SPLIT_NAMES[split]} pairs the one whose error is in the middle. The colors of both are "
         "counts, by the scale on the right."
     )
     content = example(report, split, row, predictions.by_model[name][row])

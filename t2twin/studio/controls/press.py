@@ -9,7 +9,7 @@ from t2twin.primitives_cad import catalogue, primitive_parameters
 from t2twin.primitives_cad.random_shapes.seeds import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.cyskin.reading import PRESETS
-from t2twin.sim.world.presses import MOST_SEED as MOST_SHAPE
+from t2twin.sim.world.presses import MAX_SEED as MAX_SHAPE
 from t2twin.sim.world.protocol import SCALES
 from t2twin.studio.press_state import (
     PressState,
@@ -24,18 +24,18 @@ from t2twin.studio.session import Look
 RANDOM, OWN_FILE = "random shapes", "my file"
 """Groups of shapes beside the families and the tools."""
 
-MOST_SLIDER_N, LEAST_SLIDER_N = 20.0, 0.1
+MAX_SLIDER_N, MIN_SLIDER_N = 20.0, 0.1
 """Ends of the force's slider, N (assumed: where fingers and grippers press; a link may name any
 force that can be pressed)."""
 
-MOST_SLIDER_MM, LEAST_SLIDER_MM = 2.0, 0.01
+MAX_SLIDER_MM, MIN_SLIDER_MM = 2.0, 0.01
 """Ends of the depth's slider, mm: half the gel's thickness, which few shapes reach with 100 N; a
 link may name any depth that can be pressed."""
 
 STEP_MM, STEP_DEG, STEP_N, STEP_DEPTH_MM = 0.1, 1.0, 0.1, 0.01
 """Steps of the sliders."""
 
-MOST_YAW_DEG = 180.0
+MAX_YAW_DEG = 180.0
 """Ends of the yaw's slider, degrees either way."""
 
 QUIET = "gray"
@@ -125,11 +125,11 @@ class Controls:
             "Shape", shapes_of(catalogue.NAMES[0].rsplit("-", 1)[0]), hint="Version or keypoint"
         )
         self._random = gui.add_number(
-            "Number", 17, min=0, max=MOST_SHAPE, step=1, hint="Each number is another random shape"
+            "Number", 17, min=0, max=MAX_SHAPE, step=1, hint="Each number is another random shape"
         )
         self._own = gui.add_markdown("")
         self._scale = gui.add_number(
-            "mm per unit", 1.0, min=1e-6, hint="25.4 for inches, 1000 for metres"
+            "mm per unit", 1.0, min=1e-6, hint="25.4 for inches, 1000 for meters"
         )
         self.upload_shape = gui.add_upload_button(
             "A file of mine",
@@ -149,15 +149,15 @@ class Controls:
             "x_mm": add("x, mm", -across, across, STEP_MM, 0.0, hint="To the right in the picture"),
             "y_mm": add("y, mm", -along, along, STEP_MM, 0.0, hint="Down the picture"),
             "yaw_deg": add(
-                "yaw, °", -MOST_YAW_DEG, MOST_YAW_DEG, STEP_DEG, 0.0,
+                "yaw, °", -MAX_YAW_DEG, MAX_YAW_DEG, STEP_DEG, 0.0,
                 hint="Turn about the press axis, clockwise in the picture",
             ),
             "force_n": add(
-                "force, N", LEAST_SLIDER_N, MOST_SLIDER_N, STEP_N, 8.0,
+                "force, N", MIN_SLIDER_N, MAX_SLIDER_N, STEP_N, 8.0,
                 hint="How hard; 8 N in the paper's protocol",
             ),
             "depth_mm": add(
-                "depth, mm", LEAST_SLIDER_MM, MOST_SLIDER_MM, STEP_DEPTH_MM, LEAST_SLIDER_MM,
+                "depth, mm", MIN_SLIDER_MM, MAX_SLIDER_MM, STEP_DEPTH_MM, MIN_SLIDER_MM,
                 hint="Or how deep into the DIGIT's gel; the force that gives it is found",
             ),
         }  # fmt: skip

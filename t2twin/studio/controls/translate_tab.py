@@ -15,7 +15,7 @@ from t2twin.studio.frame_source import Frames, Named, read_frame
 from t2twin.studio.session import Look
 from t2twin.studio.translators import Translators
 from t2twin.studio.view.cards import frame_html
-from t2twin.studio.worker import NewestFirst
+from t2twin.studio.worker import LatestOnlyWorker
 
 SHOWN_HZ = 15.0
 """Most frames of a live source that a page is sent in a second (assumed: enough to look at)."""
@@ -42,7 +42,7 @@ class TranslateTab:
         self._background = background
         self._wanted: Callable[[], Named | None] = lambda: None
         self._live: Event | None = None  # set when the frames are to be followed no longer
-        self._worker = NewestFirst(lambda: notices.guarded(self._show_wanted), lambda: None)
+        self._worker = LatestOnlyWorker(lambda: notices.guarded(self._show_wanted), lambda: None)
         gui = client.gui
         gui.add_markdown(
             "A frame of a DIGIT, upright (rows along its length), becomes what a CySkin would have "

@@ -11,7 +11,7 @@ from t2twin.studio.view.scene import Sensors
 from t2twin.studio.view.solids import ShownAs
 
 ACCENT, ACCENT_BY_NIGHT = (11, 83, 148), (138, 184, 240)
-"""The page's one colour, red, green, blue, by day and by night: that of links in the project's
+"""The page's one color, red, green, blue, by day and by night: that of links in the project's
 reports."""
 
 CHOSEN, WANTED = "t2twin-dark", "t2twin-dark-wanted"
@@ -32,7 +32,7 @@ ANSWER_S = 30.0
 """How long a browser is waited for to say it, s (assumed: until it has drawn the page)."""
 
 
-class View:
+class ViewOptions:
     """The folder of the panel. arrange: called with the sensors to be shown. redraw: called when
     the shape is to be drawn in another way. shown_as: which."""
 
@@ -44,7 +44,7 @@ class View:
     ) -> None:
         self.shown_as: ShownAs = "glass"
         self._client = client
-        with client.gui.add_folder("View", expand_by_default=False):
+        with client.gui.add_folder("ViewOptions", expand_by_default=False):
             sensors = client.gui.add_dropdown("Sensors", get_args(Sensors))
             shown_as = client.gui.add_dropdown("Shape as", get_args(ShownAs))
             self._dark = client.gui.add_checkbox("Dark", False, hint="Remembered by this browser")

@@ -9,13 +9,13 @@ from viser import _messages
 from t2twin.core.errors import T2TwinError
 from t2twin.studio.transport.messages import MAX_PARTS, FileTransferPart, FileTransferStartUpload
 
-MOST_BYTES = 64_000_000
+MAX_BYTES = 64_000_000
 """Largest file that is taken, bytes (assumed: some 1 million triangles)."""
 
 MAX_UPLOADS = 4
-"""Most unfinished uploads of one client, which together may have MOST_BYTES (assumed)."""
+"""Most unfinished uploads of one client, which together may have MAX_BYTES (assumed)."""
 
-MAX_BYTES_OF_ALL = 2 * MOST_BYTES
+MAX_BYTES_OF_ALL = 2 * MAX_BYTES
 """Most bytes of the unfinished uploads of all clients, which lie in memory (assumed)."""
 
 MAX_NAME = 40
@@ -96,7 +96,7 @@ class Uploads:
         of_all = sum(
             file["total_bytes"] for each in clients for file in list(_coming(each).values())
         )
-        if len(own) >= MAX_UPLOADS or sum(own) + start.size_bytes > MOST_BYTES:
+        if len(own) >= MAX_UPLOADS or sum(own) + start.size_bytes > MAX_BYTES:
             raise T2TwinError("other files are still being sent; send this one after them")
         if of_all + start.size_bytes > MAX_BYTES_OF_ALL:
             raise T2TwinError("other users are sending files; send this one again in a moment")
@@ -115,8 +115,8 @@ def _check_button(client: viser.ClientHandle, uuid: str) -> None:
 
 def check_size(name: str, size: int) -> None:
     """Raises T2TwinError for a file that is too large."""
-    if size > MOST_BYTES:
+    if size > MAX_BYTES:
         raise T2TwinError(
-            f"{name[:MAX_NAME]!r} has {size / 1e6:,.0f} MB; at most {MOST_BYTES / 1e6:,.0f} MB are "
+            f"{name[:MAX_NAME]!r} has {size / 1e6:,.0f} MB; at most {MAX_BYTES / 1e6:,.0f} MB are "
             "allowed"
         )

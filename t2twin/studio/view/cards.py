@@ -1,6 +1,6 @@
-"""What stands beside the scene, as HTML: pictures with their errors, colour bars, figures.
+"""What stands beside the scene, as HTML: pictures with their errors, color bars, figures.
 
-Every text is escaped here. Colours of text are the page's own, so that it can be read by day and
+Every text is escaped here. Colors of text are the page's own, so that it can be read by day and
 by night.
 """
 
@@ -19,8 +19,8 @@ from t2twin.studio.translators import MAKE_ONE, Translation
 from t2twin.studio.view.colors import (
     DIVERGING,
     SEQUENTIAL,
-    coloured,
-    coloured_address,
+    colored,
+    colored_address,
     data_address,
     gradient,
 )
@@ -28,10 +28,10 @@ from t2twin.studio.view.intervals import force_html, intervals_html, taxels_html
 from t2twin.twin import Touch
 
 NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-"""First figures of a colour bar's upper end."""
+"""First figures of a color bar's upper end."""
 
-LEAST_COUNTS, LEAST_KPA = 100.0, 1.0
-"""Least upper ends of the colours of counts and of kPa, so that nothing is not drawn as much."""
+MIN_COUNTS, MIN_KPA = 100.0, 1.0
+"""Least upper ends of the colors of counts and of kPa, so that nothing is not drawn as much."""
 
 MODELS = {"resnet18": "ResNet18", "touch2touch": "touch2touch", "field": "field"}
 """How the models are written."""
@@ -91,7 +91,7 @@ the screen."""
 
 @dataclass(frozen=True)
 class Scales:
-    """Upper ends of the colours: of the gel's and the cover's pressure, kPa, of counts, and of
+    """Upper ends of the colors: of the gel's and the cover's pressure, kPa, of counts, and of
     differences of counts, which go as far below zero."""
 
     digit_kpa: float
@@ -106,10 +106,10 @@ def scales_of(look: Look) -> Scales:
     off = [np.abs(each.counts - each.truth).max() for each in look.translations
            if each.truth is not None]  # fmt: skip
     return Scales(
-        nice_end(look.touch.digit.pressure_kpa.max(), LEAST_KPA),
-        nice_end(look.touch.cyskin.pressure_kpa.max(), LEAST_KPA),
-        nice_end(max(counts), LEAST_COUNTS),
-        nice_end(max(off, default=0.0), LEAST_COUNTS),
+        nice_end(look.touch.digit.pressure_kpa.max(), MIN_KPA),
+        nice_end(look.touch.cyskin.pressure_kpa.max(), MIN_KPA),
+        nice_end(max(counts), MIN_COUNTS),
+        nice_end(max(off, default=0.0), MIN_COUNTS),
     )
 
 
@@ -133,7 +133,7 @@ def pictures_html(look: Look, scales: Scales, runs_known: bool, runs_come: bool 
     if look.tactile_image is None:
         felt = f"<figure><b>CySkin</b>{_paragraph(look.no_image)}</figure>"
     else:
-        address = coloured_address(look.tactile_image, scales.counts)
+        address = colored_address(look.tactile_image, scales.counts)
         felt = _figure("CySkin", f"what {touch.layout.size} taxels felt", address, "cyskin")
     parts = [_row(seen, felt, _bars(scales))]
     if look.translations:
@@ -141,7 +141,7 @@ def pictures_html(look: Look, scales: Scales, runs_known: bool, runs_come: bool 
         force_n = touch.command.force_n
         parts += [_translation_row(each, scales, force_n) for each in look.translations]
     elif runs_come:
-        parts.append(f"<h4>Translated</h4>{_paragraph(RUNS_COME)}")
+        parts.append(f"<h4>TranslationResult</h4>{_paragraph(RUNS_COME)}")
     elif not runs_known:
         parts.append(_none_yet())
     notes = "".join(_paragraph(note) for note in _notes(touch))
@@ -163,7 +163,7 @@ def frame_html(named: Named, background: Named | None, translations: Sequence[Tr
 
     background: the frame that field runs compare it with.
     """
-    most = nice_end(max((t.counts.max() for t in translations), default=0.0), LEAST_COUNTS)
+    most = nice_end(max((t.counts.max() for t in translations), default=0.0), MIN_COUNTS)
     cells = [_figure("Frame", named[1], data_address(named[0]), "frame")]
     if background is not None:
         image, name = background
@@ -173,7 +173,7 @@ def frame_html(named: Named, background: Named | None, translations: Sequence[Tr
     bar = _bar("tactile images", SEQUENTIAL, "0", f"{most:,.0f} counts")
     parts = [_row(*cells, f"<div>{bar}</div>")]
     for each in translations:
-        address = coloured_address(each.tactile_image, most)
+        address = colored_address(each.tactile_image, most)
         figure = _figure(_model(each), _caption(each), address, "translated")
         words = "" if each.familiar else _paragraph(UNFAMILIAR)
         words += _paragraph(COMPARED) if each.compared else ""
@@ -188,7 +188,7 @@ def _translation_row(translation: Translation, scales: Scales, force_n: float) -
     """A run's tactile image, its difference from what the CySkin felt, its error in words, and its
     intervals where it has some. force_n: the true one."""
     assert translation.truth is not None
-    drawn = coloured_address(translation.tactile_image, scales.counts)
+    drawn = colored_address(translation.tactile_image, scales.counts)
     left = _figure(_model(translation), _caption(translation), drawn, "translated")
     discs = _discs(translation, scales.difference)
     right = (
@@ -216,16 +216,16 @@ def _discs(translation: Translation, most: float) -> str:
     """Each taxel's difference as a disc at its place, drawn as large as a tactile image."""
     assert translation.truth is not None
     rows, columns = TACTILE_SHAPE
-    colours = coloured(translation.counts - translation.truth, most, DIVERGING)
+    colors = colored(translation.counts - translation.truth, most, DIVERGING)
     layout = translation.layout
     discs = "".join(
         f'<circle cx="{columns / 2 + PX_PER_MM * layout.x_mm[n]:.1f}"'
         f' cy="{rows / 2 + PX_PER_MM * layout.y_mm[n]:.1f}"'
         f' r="{PX_PER_MM * layout.pad_diameter_mm[n] / 2:.1f}"'
         f' fill="rgb({red},{green},{blue})"/>'
-        for n, (red, green, blue) in enumerate(colours.tolist())
+        for n, (red, green, blue) in enumerate(colors.tolist())
     )
-    middle = ",".join(map(str, coloured(np.zeros(1), most, DIVERGING)[0].tolist()))
+    middle = ",".join(map(str, colored(np.zeros(1), most, DIVERGING)[0].tolist()))
     return (
         f'<svg viewBox="0 0 {columns} {rows}" role="img" aria-label="Difference">'
         f'<rect width="{columns}" height="{rows}" fill="rgb({middle})"/>{discs}</svg>'
@@ -238,13 +238,13 @@ def _bars(scales: Scales) -> str:
         _bar("pressure on the cover", SEQUENTIAL, "0", f"{scales.cyskin_kpa:,g} kPa"),
         _bar("taxels", SEQUENTIAL, "0", f"{scales.counts:,.0f} counts"),
     )
-    return f"<div><b>Colours</b>{''.join(bars)}</div>"
+    return f"<div><b>Colors</b>{''.join(bars)}</div>"
 
 
-def _bar(name: str, colours: str, low: str, high: str) -> str:
+def _bar(name: str, colors: str, low: str, high: str) -> str:
     return (
         f'<div class="bar"><span class="soft">{escape(name)}</span>'
-        f'<i style="background:{gradient(colours)}"></i>'
+        f'<i style="background:{gradient(colors)}"></i>'
         f'<div class="ends"><span>{escape(low)}</span><span>{escape(high)}</span></div></div>'
     )
 
@@ -309,7 +309,7 @@ def _row(*cells: str) -> str:
 
 def _none_yet() -> str:
     return (
-        "<h4>Translated</h4>"
+        "<h4>TranslationResult</h4>"
         + _paragraph("There is no trained translator here yet. This makes both, in minutes:")
         + _code(MAKE_ONE)
     )

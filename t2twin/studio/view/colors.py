@@ -14,7 +14,7 @@ from PIL import Image
 from t2twin.core.cache_dir import matplotlib_home
 
 SEQUENTIAL, DIVERGING = "viridis", "RdBu_r"
-"""Names of matplotlib's colour maps."""
+"""Names of matplotlib's color maps."""
 
 LEVELS = 256
 """Colours of a map."""
@@ -24,24 +24,24 @@ FAST = 1
 
 
 @cache
-def colour_table(name: str = SEQUENTIAL) -> np.ndarray:
-    """(LEVELS, 3) uint8: a map's colours from its low end to its high one."""
+def color_table(name: str = SEQUENTIAL) -> np.ndarray:
+    """(LEVELS, 3) uint8: a map's colors from its low end to its high one."""
     matplotlib_home()
     from matplotlib import colormaps
 
     return colormaps[name](np.arange(LEVELS), bytes=True)[:, :3]
 
 
-def coloured(values: np.ndarray, most: float, name: str = SEQUENTIAL) -> np.ndarray:
-    """(..., 3) uint8: values from 0 to most (of the diverging map from -most) in colours."""
-    return colour_table(name)[_levels(values, most, name)]
+def colored(values: np.ndarray, most: float, name: str = SEQUENTIAL) -> np.ndarray:
+    """(..., 3) uint8: values from 0 to most (of the diverging map from -most) in colors."""
+    return color_table(name)[_levels(values, most, name)]
 
 
-def coloured_address(values: np.ndarray, most: float) -> str:
-    """(h, w) values from 0 to most as the address of a page's picture in colours: a PNG with the
-    map as its palette, in a third of the time of one with all colours."""
+def colored_address(values: np.ndarray, most: float) -> str:
+    """(h, w) values from 0 to most as the address of a page's picture in colors: a PNG with the
+    map as its palette, in a third of the time of one with all colors."""
     picture = Image.fromarray(_levels(values, most, SEQUENTIAL))
-    picture.putpalette(colour_table().tobytes())
+    picture.putpalette(color_table().tobytes())
     return _address(picture)
 
 
@@ -56,7 +56,7 @@ def gradient(name: str = SEQUENTIAL, stops: int = 9) -> str:
     places = np.linspace(0, LEVELS - 1, stops).astype(int)
     return (
         "linear-gradient(to right,"
-        + ",".join("#" + "".join(f"{part:02x}" for part in colour_table(name)[n]) for n in places)
+        + ",".join("#" + "".join(f"{part:02x}" for part in color_table(name)[n]) for n in places)
         + ")"
     )
 

@@ -11,7 +11,7 @@ from t2twin.studio.translators import LEVEL, Translation
 WIDTH, HEIGHT, LEFT = 400.0, 130.0, 44.0
 """Size of the chart, and of the margin for its labels, px of its own."""
 
-TRUE_COLOUR, PREDICTED_COLOUR = "#d9480f", "#2f80d0"
+TRUE_COLOR, PREDICTED_COLOR = "#d9480f", "#2f80d0"
 """Orange and blue, which differ on a light and on a dark page, and for the color-blind."""
 
 PERCENT = f"{100 * LEVEL:.0f}&nbsp;%"
@@ -44,11 +44,11 @@ def intervals_html(translation: Translation) -> str:
     covered = translation.covered
     words = (
         f"Counts of each taxel, 0 to {translation.counts.size - 1}: "
-        f'<span style="color:{PREDICTED_COLOUR}">predicted</span> with its {PERCENT} interval'
+        f'<span style="color:{PREDICTED_COLOR}">predicted</span> with its {PERCENT} interval'
     )
     if covered is not None:
         words += (
-            f', <span style="color:{TRUE_COLOUR}">counted</span>. '
+            f', <span style="color:{TRUE_COLOR}">counted</span>. '
             f"{covered} of {translation.counts.size} taxels lie within theirs"
         )
     return (
@@ -121,14 +121,14 @@ def _taxel(translation: Translation, n: int, low: float, high: float, end: float
     # A narrow interval is still to be seen.
     drawn = (
         f'<rect x="{x - half:.1f}" width="{2 * half:.1f}" y="{top - 0.5:.1f}" '
-        f'height="{bottom - top + 1:.1f}" fill="{PREDICTED_COLOUR}" opacity="0.35"/>'
+        f'height="{bottom - top + 1:.1f}" fill="{PREDICTED_COLOR}" opacity="0.35"/>'
         f'<circle cx="{x:.1f}" cy="{_y(float(translation.counts[n]), end):.1f}" r="{half / 2:.1f}" '
-        f'fill="{PREDICTED_COLOUR}"/>'
+        f'fill="{PREDICTED_COLOR}"/>'
     )
     if translation.truth is not None:
         y = _y(float(translation.truth[n]), end)
         drawn += (
             f'<line x1="{x - 1.4 * half:.1f}" x2="{x + 1.4 * half:.1f}" y1="{y:.1f}" '
-            f'y2="{y:.1f}" stroke="{TRUE_COLOUR}" stroke-width="2"/>'
+            f'y2="{y:.1f}" stroke="{TRUE_COLOR}" stroke-width="2"/>'
         )
     return drawn

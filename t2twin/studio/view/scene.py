@@ -115,7 +115,7 @@ class Scene:
             camera.look_at = looking_at
 
     def draw(self, look: Look, shown_as: ShownAs, most_kpa: dict[str, float], most: float) -> None:
-        """Draws a look. most_kpa: the colours' upper end for each sensor; most: the taxels',
+        """Draws a look. most_kpa: the colors' upper end for each sensor; most: the taxels',
         counts."""
         contacts = {"digit": look.touch.digit, "cyskin": look.touch.cyskin}
         parts = {name: [elastomer_part(contacts[name], most_kpa[name])] for name in contacts}

@@ -1,4 +1,4 @@
-"""What the scene is made of: an elastomer's deformed surface in the colours of its pressure, with
+"""What the scene is made of: an elastomer's deformed surface in the colors of its pressure, with
 the taxels on it, and the shape, whole or cut open."""
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from trimesh.intersections import slice_faces_plane
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.layout import Layout
-from t2twin.studio.view.colors import coloured
+from t2twin.studio.view.colors import colored
 
 ShownAs = Literal["glass", "solid", "cut open", "hidden"]
 """How the shape is drawn."""
@@ -34,31 +34,31 @@ PAD_CORNERS = 32
 """Corners of a taxel's disc."""
 
 LIGHT, SHADE = np.array([-0.35, -0.45, 0.82]), 0.3
-"""Where the light on a surface comes from, and the share of its colour that depends on that: enough
-to see the shape, little enough to read the colours."""
+"""Where the light on a surface comes from, and the share of its color that depends on that: enough
+to see the shape, little enough to read the colors."""
 
 REACH_MM = 19.5
 """How far from the press axis a shape is drawn, mm, so that two sensors fit side by side."""
 
-MOST_FACES = 200_000
+MAX_FACES = 200_000
 """Triangles of a shape that are drawn (assumed: some MB for the browser); of one with more, its
 pressing surface."""
 
 UNLIT = "KHR_materials_unlit"
-"""glTF's extension for colours that no light of the scene changes."""
+"""glTF's extension for colors that no light of the scene changes."""
 
 
 @dataclass(frozen=True)
-class Part:
-    """Corners, (V, 3) mm, their colours, (V, 3) uint8, and triangles, (F, 3)."""
+class SceneMesh:
+    """Corners, (V, 3) mm, their colors, (V, 3) uint8, and triangles, (F, 3)."""
 
     corners: np.ndarray
-    colours: np.ndarray
+    colors: np.ndarray
     faces: np.ndarray
 
 
-def elastomer_part(contact: Contact, most_kpa: float) -> Part:
-    """An elastomer in the sensor frame: its deformed surface in colours from 0 to most_kpa, and its
+def elastomer_part(contact: Contact, most_kpa: float) -> SceneMesh:
+    """An elastomer in the sensor frame: its deformed surface in colors from 0 to most_kpa, and its
     sides."""
     z = _surface_mm(contact)
     x, y = np.meshgrid(contact.x_mm, contact.y_mm)
@@ -76,44 +76,44 @@ def elastomer_part(contact: Contact, most_kpa: float) -> Part:
     normals = np.stack([-slope_x, -slope_y, np.ones_like(z)], axis=-1)
     lit = (normals @ LIGHT) / np.linalg.norm(normals, axis=-1) / LIGHT[2]
     share = np.clip(1 - SHADE + SHADE * lit, 0.0, 1.2).reshape(-1, 1)
-    shaded = np.clip(share * coloured(contact.pressure_kpa.ravel(), most_kpa), 0, 255)
-    return Part(
+    shaded = np.clip(share * colored(contact.pressure_kpa.ravel(), most_kpa), 0, 255)
+    return SceneMesh(
         np.concatenate([top, top[rim], bottom]),
         np.concatenate([shaded, np.tile(SIDE_RGB, (2 * n, 1))]).astype(np.uint8),
         np.concatenate([faces, sides]),
     )
 
 
-def taxels_part(contact: Contact, layout: Layout, counts: np.ndarray, most: float) -> Part:
-    """The taxels as discs on the surface, in colours from 0 to most, counts."""
+def taxels_part(contact: Contact, layout: Layout, counts: np.ndarray, most: float) -> SceneMesh:
+    """The taxels as discs on the surface, in colors from 0 to most, counts."""
     radius = layout.pad_diameter_mm / 2
     x, y = np.meshgrid(contact.x_mm, contact.y_mm)
     far = np.hypot(x - layout.x_mm[:, None, None], y - layout.y_mm[:, None, None])
     under = np.where(far <= RIM * radius[:, None, None], _surface_mm(contact), -np.inf)
     places = np.stack([layout.x_mm, layout.y_mm, under.max(axis=(1, 2))], axis=-1)
     disc, faces = _disc()
-    colours = coloured(counts.astype(np.float32), most)
+    colors = colored(counts.astype(np.float32), most)
     corners, painted = [], []
     for size, above_mm, rgb in (
         (RIM * radius, RIM_ABOVE_MM, np.tile(RIM_RGB, (layout.size, 1))),
-        (radius, PAD_ABOVE_MM, colours),
+        (radius, PAD_ABOVE_MM, colors),
     ):
         each = places[:, None] + disc * size[:, None, None] + (0.0, 0.0, above_mm)
         corners.append(each.reshape(-1, 3))
         painted.append(np.repeat(rgb, len(disc), axis=0).astype(np.uint8))
     starts = len(disc) * np.arange(2 * layout.size)
-    return Part(
+    return SceneMesh(
         np.concatenate(corners),
         np.concatenate(painted),
         (faces[None] + starts[:, None, None]).reshape(-1, 3),
     )
 
 
-def as_glb(parts: Sequence[Part]) -> bytes:
-    """Parts as one GLB, whose colours are as given, whatever the light."""
+def as_glb(parts: Sequence[SceneMesh]) -> bytes:
+    """Parts as one GLB, whose colors are as given, whatever the light."""
     starts = np.cumsum([0, *(len(part.corners) for part in parts[:-1])])
-    # glTF has the colours of corners linear, screens have not (IEC 61966-2-1).
-    srgb = np.concatenate([part.colours for part in parts]) / 255.0
+    # glTF has the colors of corners linear, screens have not (IEC 61966-2-1).
+    srgb = np.concatenate([part.colors for part in parts]) / 255.0
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     mesh = trimesh.Trimesh(
         np.concatenate([part.corners for part in parts]),
@@ -169,7 +169,7 @@ def _grid_faces(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
 def near_mesh(shape: Shape) -> trimesh.Trimesh:
     """What is drawn of a shape, uncut, mm in the shape frame."""
     mesh = shape.mesh
-    if len(mesh.faces) > MOST_FACES:
+    if len(mesh.faces) > MAX_FACES:
         mesh = _pressing_surface(shape)
     for normal in ((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)):
         if np.abs(mesh.bounds[:, :2]).max() > REACH_MM:
@@ -202,9 +202,9 @@ def _disc() -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pressing_surface(shape: Shape) -> trimesh.Trimesh:
-    """The height map, thinned to MOST_FACES, without what is not there."""
+    """The height map, thinned to MAX_FACES, without what is not there."""
     surface = shape.surface
-    step = int(np.ceil(np.sqrt(2 * surface.heights_mm.size / MOST_FACES)))
+    step = int(np.ceil(np.sqrt(2 * surface.heights_mm.size / MAX_FACES)))
     heights = surface.heights_mm[::step, ::step]
     x, y = np.meshgrid(surface.x_mm[::step], surface.y_mm[::step])
     faces, _ = _grid_faces(*heights.shape)

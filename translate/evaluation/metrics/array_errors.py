@@ -22,7 +22,7 @@ from t2twin.translate.evaluation.records import Figures
 CONTACT_LEVEL = 0.1
 """A pixel is in contact above this part of its own image's maximum (assumed)."""
 
-AT_ONCE = 64
+BATCH_SIZE = 64
 """Pairs whose tactile images are made together; bounds the memory to 50 MB."""
 
 
@@ -190,8 +190,8 @@ def _scores_of_images(
         ThreadPoolExecutor(cores()) as pool,
         Progress(total=len(true), desc=progress, unit="pair", disable=progress is None) as bar,
     ):
-        for start in range(0, len(true), AT_ONCE):
-            part = slice(start, start + AT_ONCE)
+        for start in range(0, len(true), BATCH_SIZE):
+            part = slice(start, start + BATCH_SIZE)
             of_part = pool.map(
                 lambda a, b: image_scores(a, b, full_scale, CONTACT_LEVEL),
                 phi(predicted[part]),
@@ -208,7 +208,7 @@ def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.
 
     phi is linear, so the images' moments are products of the counts with phi's own.
     """
-    columns_mm, rows_mm = phi.centres_mm
+    columns_mm, rows_mm = phi.centers_mm
     x_mm, y_mm = np.meshgrid(columns_mm, rows_mm)
     weights = np.column_stack([np.ones(x_mm.size), x_mm.ravel(), y_mm.ravel()])
     moments = phi.matrix.T @ weights  # (N, 3)

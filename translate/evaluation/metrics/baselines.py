@@ -13,19 +13,19 @@ from t2twin.core.progress import Progress
 from t2twin.translate.data.pairs import ImageFile, Pairs
 from t2twin.translate.evaluation.records import PaperRow
 
-MEAN_ARRAY, NEAREST_NEIGHBOUR = "mean-array", "nearest-neighbour"
+MEAN_ARRAY, NEAREST_NEIGHBOR = "mean-array", "nearest-neighbour"
 """Their rows' names among the models."""
 
 FEATURE_SIZE = 32
-"""Side of the RGB images that neighbours are searched among, pixels (assumed)."""
+"""Side of the RGB images that neighbors are searched among, pixels (assumed)."""
 
-AT_ONCE = 256
+BATCH_SIZE = 256
 """Images read or compared at a time; beside the stored ones, that bounds memory to 100 MB at 20,000
 pairs."""
 
 
 @dataclass(frozen=True)
-class Neighbours:
+class Neighbors:
     """The nearest stored images of each query, nearest first.
 
     index: (P, k) places among the stored. distance_grey: (P, k) root mean square difference of the
@@ -41,22 +41,22 @@ def mean_array(train: Pairs) -> np.ndarray:
     return train.counts.mean(axis=0, dtype=float).astype(np.float32)
 
 
-def nearest_neighbour(train: Pairs, images: ImageFile | np.ndarray) -> np.ndarray:
+def nearest_neighbor(train: Pairs, images: ImageFile | np.ndarray) -> np.ndarray:
     """The array of the training pair whose image is nearest, in the Euclidean sense.
 
     train: its images at FEATURE_SIZE in RGB. images: the P queries, same size.
     Returns (P, N) float32, counts.
     """
-    return train.counts[neighbours(train.images, images).index[:, 0]]
+    return train.counts[neighbors(train.images, images).index[:, 0]]
 
 
-def neighbours(
+def neighbors(
     stored: ImageFile,
     queries: ImageFile | np.ndarray,
     k: int = 1,
     shapes: tuple[np.ndarray, np.ndarray] | None = None,
     progress: str | None = None,
-) -> Neighbours:
+) -> Neighbors:
     """The k nearest of the M stored images of each query, in the Euclidean sense.
 
     shapes: (M,) and (P,) names; a stored image of the query's own shape is passed over.
@@ -82,7 +82,7 @@ def neighbours(
         order = np.argsort(exact, axis=1, kind="stable")
         index[part] = np.take_along_axis(near, order, axis=1)
         distance[part] = np.take_along_axis(exact, order, axis=1)
-    return Neighbours(index, distance)
+    return Neighbors(index, distance)
 
 
 def _middle(images: ImageFile) -> np.ndarray:
@@ -103,7 +103,7 @@ def _pixels(images: ImageFile | np.ndarray, part: slice) -> np.ndarray:
 
 
 def _parts(size: int) -> list[slice]:
-    return [slice(start, start + AT_ONCE) for start in range(0, size, AT_ONCE)]
+    return [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
 
 
 PAPER: dict[str, dict[str, PaperRow]] = {

@@ -33,7 +33,7 @@ class FieldOfView:
     """The DIGIT's view on a taxel layout.
 
     half_width_mm, half_height_mm: of the rectangle that the picture shows. pitch_mm: the layout's,
-    the median distance to a taxel's nearest neighbour. groups: by the names in GROUPS, (N,) bool.
+    the median distance to a taxel's nearest neighbor. groups: by the names in GROUPS, (N,) bool.
     """
 
     half_width_mm: float

@@ -20,7 +20,7 @@ from t2twin.translate.evaluation.records import ForceFigures, MeanOf
 MEAN_ARRAY_OF_FORCE = "mean-array-of-force"
 """The row's name among the models; only where there are several forces."""
 
-MOST_FORCES = 12
+MAX_FORCES = 12
 """Different forces that are each a bin of its own (assumed: as many lines as a table has room
 for)."""
 
@@ -30,7 +30,7 @@ DECIMALS = 2
 BINS_PER_DOUBLING = 2
 """Bins of many forces, a doubling of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed)."""
 
-FEWEST_PRESSES = 50
+MIN_PRESSES = 50
 """Training presses of a bin that make a mean array (assumed: its own error is a seventh of the
 spread of the presses)."""
 
@@ -42,7 +42,7 @@ class ForceBin:
     low_n, high_n: its edges, N, the same where it is of one force; 0 of presses that touch nothing.
     mean_n: mean force of its pairs, N. members: (b,) their places among the pairs. mean_array:
     (N,) counts that the mean of the presses in this bin has: mean_of "training" or, where training
-    has fewer than FEWEST_PRESSES, of the pairs themselves, "split".
+    has fewer than MIN_PRESSES, of the pairs themselves, "split".
     """
 
     low_n: float
@@ -68,7 +68,7 @@ def force_bins(pairs: Pairs, train: Pairs) -> tuple[ForceBin, ...]:
     for low in np.unique(own[~np.isnan(own)]):
         members = np.flatnonzero(own == low)
         taught = np.flatnonzero(trained == low)
-        mean_of: MeanOf = "training" if taught.size >= FEWEST_PRESSES else "split"
+        mean_of: MeanOf = "training" if taught.size >= MIN_PRESSES else "split"
         counts = train.counts[taught] if mean_of == "training" else pairs.counts[members]
         bins.append(
             ForceBin(
@@ -133,7 +133,7 @@ def by_force(
 
 def _are_few(force_n: np.ndarray) -> bool:
     touching = force_n[force_n > 0]
-    return np.unique(touching.round(DECIMALS)).size <= MOST_FORCES
+    return np.unique(touching.round(DECIMALS)).size <= MAX_FORCES
 
 
 def _low_edges_n(force_n: np.ndarray, apart: bool) -> np.ndarray:

@@ -27,7 +27,7 @@ DETAILS_MM = (2.0, 1.0, 0.5)
 """Where detail is cut apart by its size, mm: standard deviations of Gaussians (assumed). The widest
 keeps 0.70 of a wave of 15 mm, twice as long as the taxels are apart, and 0.25 of one of 7.5 mm."""
 
-LEAST_SQUARE = 1e-3
+MIN_SQUARE = 1e-3
 """Least mean squared difference that a PSNR is taken of, grey levels^2 (assumed: of two pictures
 that are the same it would be infinite)."""
 
@@ -68,7 +68,7 @@ def compare_pictures(drawn: np.ndarray, real: np.ndarray, untouched: np.ndarray)
     return PictureFigures(
         square=squares.mean(axis=(1, 2), dtype=float),
         square_contact=square_contact,
-        psnr_contact_db=10.0 * np.log10(WHITE_GREY**2 / np.maximum(square_contact, LEAST_SQUARE)),
+        psnr_contact_db=10.0 * np.log10(WHITE_GREY**2 / np.maximum(square_contact, MIN_SQUARE)),
         ssim_contact=over_contact(similar),
     )
 

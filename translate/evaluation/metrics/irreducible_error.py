@@ -10,7 +10,7 @@ look-alike. It does not bound a network that sees finer detail than that, nor sp
 nothing resembles; and pictures that differ a little may be told apart, so that the figure at a
 distance above the noise's is too high a floor. Hence the figure extrapolated to the noise's
 distance, by a straight line in the squared distance, for the squared difference of the counts grows
-so where they follow the picture smoothly. Neighbours among the training pairs add what a translator
+so where they follow the picture smoothly. Neighbors among the training pairs add what a translator
 cannot know in another way: a shape of another kind that looks the same.
 """
 
@@ -29,19 +29,19 @@ from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import Pairs
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
-    Neighbours,
-    neighbours,
+    Neighbors,
+    neighbors,
 )
 from t2twin.translate.evaluation.metrics.bootstrap import draws, interval
 from t2twin.translate.evaluation.records import (
     AlikePairs,
     Interval,
-    LookAlikeFloor,
-    LookAlikes,
+    IrreducibleError,
+    IrreducibleErrorFloor,
     ShapeFloor,
 )
 
-NEIGHBOURS = 8
+NEIGHBORS = 8
 """Nearest images of each press that the extrapolation is made from."""
 
 CLOSE = 2.0
@@ -53,11 +53,11 @@ FITTED = 0.5
 BINS = 12
 """Groups of as many pairs each, by distance, for the curve."""
 
-MOST_PRESSES = 5000
+MAX_PRESSES = 5000
 """Presses that look-alikes are looked up for (assumed: a median of so many is known to a
 hundredth)."""
 
-MOST_SHAPES = 200
+MAX_SHAPES = 200
 """Shapes that are given one by one (assumed: nobody reads more)."""
 
 NOISE_PICTURES = 64
@@ -97,14 +97,14 @@ def lookalikes(
     split: str,
     pairs: Pairs,
     train: Pairs,
-    of_train: Neighbours,
+    of_train: Neighbors,
     taxel_groups: Mapping[str, np.ndarray],
-) -> LookAlikes | None:
+) -> IrreducibleError | None:
     """How far presses of a split differ in taxels from those that look like them.
 
     pairs: the split's, train: the training split's, images of both at FEATURE_SIZE in RGB.
-    of_train: the pairs' NEIGHBOURS nearest of the training images. taxel_groups: (N,) bool by name,
-    groups of the taxels that are looked at alone too. Of more than MOST_PRESSES presses so many are
+    of_train: the pairs' NEIGHBORS nearest of the training images. taxel_groups: (N,) bool by name,
+    groups of the taxels that are looked at alone too. Of more than MAX_PRESSES presses so many are
     compared with all others; those that touch nothing, which look and feel alike, are not asked of.
     None for a dataset that does not name its pictures' noise.
     """
@@ -114,14 +114,14 @@ def lookalikes(
     asked, some = pairs, np.flatnonzero(pairs.force_n != 0)
     if not some.size:
         return None
-    if some.size > MOST_PRESSES:
-        some = np.sort(np.random.default_rng(SEED).permutation(some)[:MOST_PRESSES])
+    if some.size > MAX_PRESSES:
+        some = np.sort(np.random.default_rng(SEED).permutation(some)[:MAX_PRESSES])
     if some.size < len(pairs):
         asked = pairs.some(some)
-        of_train = Neighbours(of_train.index[some], of_train.distance_grey[some])
+        of_train = Neighbors(of_train.index[some], of_train.distance_grey[some])
     shapes = (pairs.shapes, asked.shapes)
-    of_split = neighbours(pairs.images, asked.images, NEIGHBOURS, shapes, "look-alikes")
-    return LookAlikes(
+    of_split = neighbors(pairs.images, asked.images, NEIGHBORS, shapes, "look-alikes")
+    return IrreducibleError(
         noise_grey=noise,
         close_grey=CLOSE * noise,
         split=floor_of(asked, pairs, of_split, noise, taxel_groups),
@@ -166,15 +166,15 @@ def _some_pictures(data_dir: Path, info: DatasetInfo, split: str) -> list[np.nda
 def floor_of(
     pairs: Pairs,
     others: Pairs,
-    near: Neighbours,
+    near: Neighbors,
     noise_grey: float,
     taxel_groups: Mapping[str, np.ndarray],
-) -> LookAlikeFloor | None:
-    """What a set of neighbours says, None where there are none.
+) -> IrreducibleErrorFloor | None:
+    """What a set of neighbors says, None where there are none.
 
     near: the presses' k nearest of the others. noise_grey: the noise's distance. Of the record,
 
-    - curve: BINS groups of all k neighbours by distance;
+    - curve: BINS groups of all k neighbors by distance;
     - extrapolated_rmse_counts: for every shape a straight line of half the squared difference over
       the squared distance, through the FITTED nearest of its pairs, not falling, read at the
       noise's distance; the root of the mean over presses, 0 where that is negative, None where no
@@ -193,7 +193,7 @@ def floor_of(
     names = np.unique(pairs.shapes[known])
     whole = _at_noise(compared, names, noise_grey)
     close = near.distance_grey[:, 0] <= CLOSE * noise_grey
-    return LookAlikeFloor(
+    return IrreducibleErrorFloor(
         nearest=_nearest(compared, known),
         close=_nearest(compared, known & close),
         curve=_curve(compared),
@@ -212,7 +212,7 @@ def floor_of(
                 ),
             )
             for place, name in enumerate(names)
-            if names.size <= MOST_SHAPES
+            if names.size <= MAX_SHAPES
         },
     )
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2twin.translate.evaluation.records import Certainty, ModelRow
+from t2twin.translate.evaluation.records import ModelRow, UncertaintyMetrics
 from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
 LEVELS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99)
@@ -27,7 +27,7 @@ NAMED_LEVEL, NAMED_KEPT = 0.9, 0.8
 """Those that tables name."""
 
 
-def certainty(estimate: Estimate, counts: np.ndarray, force_n: np.ndarray) -> Certainty:
+def certainty(estimate: Estimate, counts: np.ndarray, force_n: np.ndarray) -> UncertaintyMetrics:
     """Of what a run says of P pairs, at the layout of their counts, (P, N). force_n: (P,)."""
     off = np.abs(counts - estimate.counts.astype(float))
     # A count of zero or of full scale may well lie on an interval's end, which is cut off there.
@@ -36,7 +36,7 @@ def certainty(estimate: Estimate, counts: np.ndarray, force_n: np.ndarray) -> Ce
     spread = np.sqrt(np.square(estimate.counts_std.astype(float)).mean(axis=1))
     surest = np.argsort(spread, kind="stable")
     keep = [max(1, round(share * surest.size)) for share in KEPT]
-    return Certainty(
+    return UncertaintyMetrics(
         levels=LEVELS,
         held=tuple(held),
         kept=KEPT,
