@@ -111,6 +111,6 @@ def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
     elsewhere = str(tmp_path / "elsewhere")
     making = ShardContext(load_recipe("paper"), SensorPair(), elsewhere, str(shape_cache))
     with scheduler() as address, worker(address, tmp_path):
-        for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "does not see")):
+        for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "cannot read")):
             with pytest.raises(T2TwinError, match=said):
                 list(cluster.run(making, [batch], address, needed, lambda pairs: None))

@@ -30,7 +30,7 @@ import pyarrow.parquet as pq
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import whole_file
 from t2twin.core.records import read_json
-from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, SCHEMA, UNTOUCHED, hugging_face, schema_of
+from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, UNTOUCHED, schema_of
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
 
 INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
@@ -42,12 +42,13 @@ MAX_DICTIONARY_BYTES = 32_000_000
 """Room for the pictures of a row group's untouched DIGITs, one a row at most."""
 
 
-def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema = SCHEMA) -> str:
+def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema | None = None) -> str:
     """Write rows as one shard, as they come; returns its sha256.
 
-    Raises T2TwinError where it cannot be written; then there is no shard.
+    schema: from schema_of; None for the columns of every dataset. Raises T2TwinError where the
+    shard cannot be written; then there is none.
     """
-    schema = schema.with_metadata({"huggingface": json.dumps(hugging_face(schema))})
+    schema = schema_of(None) if schema is None else schema
     waiting = iter(rows)
     repeated, dictionary_bytes = ["shape", "family", "split"], None
     if UNTOUCHED in schema.names:

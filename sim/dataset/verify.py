@@ -23,7 +23,7 @@ from t2twin.sim.dataset.columns import FIELD, POSE, UNTOUCHED, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import INFO, ROWS_AT_ONCE, read_info, sha256_of
 from t2twin.sim.world.plan import Batch, name_of, plan, shard_path
-from t2twin.sim.world.presses import attempts_of, grid_presses, planned_name, sample_press
+from t2twin.sim.world.presses import planned_name, press_attempts
 from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
 
 ARRAYS = ("image", "taxels")
@@ -198,21 +198,14 @@ def planned_presses(
     """The presses of a shard by shape and index, each with the commands that it may have had."""
     recipe = recipe_of(info)
     part, seed = recipe.parts[batch.part], (info.seed or 0, batch.part)
-    if batch.indices is not None:
-        presses = grid_presses(part, batch.shapes[0], batch.indices, info.seed or 0)
-        return {
-            (batch.shapes[0], drawn.index): partial(iter, (drawn.command,)) for drawn in presses
-        }
 
-    def attempts(name: str, number: int, press: int) -> Iterator[PressCommand]:
-        for attempt in range(attempts_of(part)):
-            yield sample_press(part, name, number, press, seed, attempt).command
+    def commands(name: str, number: int, index: int) -> Iterator[PressCommand]:
+        return (press.command for press in press_attempts(part, name, number, index, seed))
 
     return {
-        (name, press): partial(attempts, name, number, press)
-        for source, number in zip(batch.shapes, batch.numbers, strict=True)
-        for name in (name_of(source),)
-        for press in range(batch.presses)
+        (name, index): partial(commands, name, number, index)
+        for name, number in zip(map(name_of, batch.shapes), batch.numbers, strict=True)
+        for index in batch.press_indices
     }
 
 

@@ -1,6 +1,7 @@
 """The DIGIT's picture of a deflected gel: the baked model and the camera's noise."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -17,6 +18,11 @@ TACTO takes 7."""
 
 FRAMES = 30
 """DIGIT frames averaged into a sample: 0.5 s (Grella et al. 2023) at 60 Hz (digit-interface)."""
+
+
+Renderer = Literal["baked", "pyrender"]
+"""What renders images: the baked model, in milliseconds, or pyrender, in about
+t2twin.sim.digit.rendered.FRAME_SECONDS."""
 
 
 class DigitOptics:

@@ -1,6 +1,6 @@
 """What a world presses, cut into shards."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +20,8 @@ class Batch:
     """The presses of one shard.
 
     path: below the dataset's folder. part: its number in the recipe. shapes, numbers: names or
-    files of the shapes, and their places in the part. indices: of the presses on the grid, of one
-    shape; None where the part's place is no grid. presses: how many of each shape.
+    files of the shapes, and their numbers in the part. indices: of the presses on the grid, of one
+    shape; None where the part's place is not the grid. presses: of each shape.
     """
 
     path: str
@@ -35,6 +35,11 @@ class Batch:
     @property
     def pairs(self) -> int:
         return self.presses * len(self.shapes)
+
+    @property
+    def press_indices(self) -> Sequence[int]:
+        """Indices of the presses of each shape."""
+        return range(self.presses) if self.indices is None else self.indices
 
 
 def file_stem(shape: str) -> str:
