@@ -82,7 +82,7 @@ class Touch:
 
     @cached_property
     def field(self) -> np.ndarray:
-        """(n,) uint16: noiseless counts at the places of t2twin.sim.cyskin.field, 0 without contact."""
+        """(n,) uint16: noiseless counts at the field's places (t2twin.sim.cyskin.field)."""
         if self.cyskin is None:
             return np.zeros(field_layout().size, np.uint16)
         return field_counts(self.cyskin)

@@ -130,7 +130,7 @@ def test_ranges_are_read_from_plain_values_and_held_to_their_bounds():
         convert({"gamma": [1.0, 9.0]}, UnitRanges, "recipe.toml")
     with pytest.raises(T2TwinError, match=r"gamma is \[1.0, 9.0\]; it must lie between 0.5 and 4"):
         UnitRanges(gamma=(1.0, 9.0))
-    with pytest.raises(T2TwinError, match="the least first"):
+    with pytest.raises(T2TwinError, match="the smaller first"):
         UnitRanges(tilt_deg=(1.0, -1.0))
     with pytest.raises(T2TwinError, match=r"linear_amount is 2\.0"):
         UnitRanges(linear_amount=2.0)

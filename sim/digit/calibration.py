@@ -10,7 +10,7 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import whole_file
 from t2twin.sim.digit.camera.noise import Noise
-from t2twin.sim.digit.camera.pinhole import COLUMNS, MAX_OFF, ROWS, Camera
+from t2twin.sim.digit.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
@@ -123,7 +123,7 @@ class Calibration:
             ("gamma", self.gamma, *GAMMAS),
             ("scale_px_per_mm", self.scale_px_per_mm, *SCALES_PX_PER_MM),
             ("distance_mm", self.distance_mm, *DISTANCES_MM),
-            *((name, getattr(self, name), -most, most) for name, most in MAX_OFF.items()),
+            *((name, getattr(self, name), -most, most) for name, most in MAX_MISALIGNMENT.items()),
             *(() if self.young_mpa is None else ((YOUNG, self.young_mpa, *YOUNGS_MPA),)),
         ):
             if not low <= value <= high:
@@ -151,8 +151,8 @@ class Calibration:
     def _saved(self) -> dict[str, Any]:
         """What the file holds, by its keys."""
         values = {key: getattr(self, name) for name, key in _KEYS.items()}
-        if not any(values[name] for name in MAX_OFF):
-            values = {key: value for key, value in values.items() if key not in MAX_OFF}
+        if not any(values[name] for name in MAX_MISALIGNMENT):
+            values = {key: value for key, value in values.items() if key not in MAX_MISALIGNMENT}
         if self.noise is not None:
             values |= {NOISE_MIX: self.noise.mix, NOISE_TAPS: self.noise.taps}
         if self.young_mpa is not None:
@@ -179,7 +179,7 @@ def _parts(path: Path | str) -> dict[str, Any]:
         raise T2TwinError("it is no .npz file")
     with np.load(path, allow_pickle=False) as file:
         for key in _KEYS.values():
-            if key not in file and key not in MAX_OFF:
+            if key not in file and key not in MAX_MISALIGNMENT:
                 raise T2TwinError(f"its {key} is missing")
         values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items() if key in file}
         if YOUNG in file:
@@ -189,7 +189,7 @@ def _parts(path: Path | str) -> dict[str, Any]:
         raise T2TwinError(f"of {NOISE_MIX} and {NOISE_TAPS} one is missing")
     if noise:
         values["noise"] = Noise(*noise)
-    for name in ("gamma", "scale_px_per_mm", "distance_mm", *MAX_OFF, YOUNG):
+    for name in ("gamma", "scale_px_per_mm", "distance_mm", *MAX_MISALIGNMENT, YOUNG):
         if name in values:
             values[name] = float(values[name])
     return values

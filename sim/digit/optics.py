@@ -72,7 +72,7 @@ class DigitOptics:
             return self._model.render(surface_mm)
         if self._noise is not None:
             times = noise_grey / NOISE_GREY
-            return self._model.render(surface_mm, noise_grey=times, noise=self._noise.draw(rng))
+            return self._model.render(surface_mm, noise_grey=times, noise=self._noise.sample(rng))
         return self._model.render(surface_mm, gaussian_noise.keys(rng), noise_grey)
 
 

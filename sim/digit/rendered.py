@@ -25,7 +25,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import response
-from t2twin.sim.digit.camera.gaussian_noise import white
+from t2twin.sim.digit.camera.gaussian_noise import standard_normal
 from t2twin.sim.digit.camera.pinhole import Camera, optical_grid
 from t2twin.sim.digit.light.leds import AMBIENT, Led
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics, checked_noise
@@ -75,7 +75,7 @@ class RenderedOptics:
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
         grey = self._grey(surface_mm)
         if rng is not None and noise_grey > 0:
-            grey += noise_grey * white(rng, grey.shape)
+            grey += noise_grey * standard_normal(rng, grey.shape)
         return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
 
     def _grey(self, surface_mm: np.ndarray) -> np.ndarray:

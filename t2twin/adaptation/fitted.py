@@ -63,7 +63,7 @@ def write_fitted(
 ) -> Fitted:
     """Writes both files, the calibration first, and gives what the second holds. report: of a
     calibration with tolerances."""
-    assert report.certainty is not None
+    assert report.uncertainty is not None
     fitted = Fitted(
         format=FORMAT,
         asked=asked,
@@ -75,7 +75,7 @@ def write_fitted(
             HeldOut(name, float(pose[0]), float(pose[1]), float(pose[2]), score.psnr_db, score.ssim)
             for name, pose, score in zip(report.held_out, report.poses, report.each, strict=True)
         ),
-        certainty=report.certainty,
+        certainty=report.uncertainty,
     )
     report.calibration.save(folder / CALIBRATION)
     with whole_file(folder / PRESSES) as temporary:

@@ -20,7 +20,7 @@ from t2twin.report.html.figures import (
 from t2twin.report.page import write_page
 from t2twin.report.sections.qualitative import BAR_WIDTH, PANEL_IN, ROW_IN
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.digit.calibrate.record import sentences_of
+from t2twin.sim.digit.calibrate.record import uncertainty_sentences
 from t2twin.sim.digit.calibrate.uncertainty import Bounds
 from t2twin.translate.inference.predictor import TrainedTranslator
 
@@ -138,14 +138,14 @@ def _certainty(adapted: Adapted) -> str:
     return markup.section(
         "certainty",
         "How sure",
-        [markup.items(sentences_of(certainty)), markup.table(heads, [("", rows)])],
+        [markup.items(uncertainty_sentences(certainty)), markup.table(heads, [("", rows)])],
     )
 
 
 def _cells_of(span: Bounds | None) -> tuple[str, str, str]:
     if span is None:
         return "", "", ""
-    return f"{span.at:.2f}", f"{span.low:.2f}", f"{span.high:.2f}"
+    return f"{span.value:.2f}", f"{span.low:.2f}", f"{span.high:.2f}"
 
 
 def _steps(adapted: Adapted) -> str:

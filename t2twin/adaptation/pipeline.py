@@ -99,12 +99,13 @@ class AdaptConfig:
 
     def digest(self, given: Inputs) -> str:
         """Of those frames and numbers."""
-        digest = hashlib.sha256(given.untouched.tobytes() + given.frames.tobytes())
+        digest = hashlib.sha256(given.background.tobytes() + given.frames.tobytes())
         numbers = (
             given.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
         )  # fmt: skip
         digest.update(repr(numbers).encode())
-        for values in (given.known.diameters_mm, given.known.depths_mm, given.known.forces_n):
+        measured = given.measurements
+        for values in (measured.diameters_mm, measured.depths_mm, measured.forces_n):
             digest.update(values.tobytes())
         return digest.hexdigest()
 
@@ -169,8 +170,8 @@ def adapt(
             train(model, road.out / DATA, "cpu", run_dir, minutes=part, start=road.start)
     with clock.step("check"):  # without the lock, which the page takes itself
         run = load_run(run_dir)
-        judged = judge_each(run, _felt(road, given, fitted), given.untouched)
-        adapted = record_of(run, judged, given.untouched, fitted, clock.minutes)
+        judged = judge_each(run, _felt(road, given, fitted), given.background)
+        adapted = record_of(run, judged, given.background, fitted, clock.minutes)
         write_adapt_page(road.out, run, judged, adapted)
     write_record(road.out, adapted)
     return adapted

@@ -53,7 +53,7 @@ def adapt(
     from t2twin.adaptation.pipeline import adapt as walk
     from t2twin.sim.dataset.pool import check_workers
     from t2twin.sim.digit.calibrate.measurements import Tolerance
-    from t2twin.sim.digit.calibrate.record import lines_of
+    from t2twin.sim.digit.calibrate.record import uncertainty_lines
     from t2twin.sim.digit.camera.pinhole import Camera
 
     check_workers(workers)  # before the fit, which takes minutes
@@ -69,7 +69,7 @@ def adapt(
         background, presses, ball_diameter_mm, out, held_out, minutes, camera, model, start,
         workers, tolerance=tolerance,
     )  # fmt: skip
-    for line in lines_of(adapted.certainty):
+    for line in uncertainty_lines(adapted.certainty):
         print(line)
     real, simulated = adapted.real, adapted.simulated
     shares = ", ".join(f"{name} {spent:.1f}" for name, spent in adapted.minutes.items())
