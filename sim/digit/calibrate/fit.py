@@ -272,7 +272,7 @@ class BallFit:
         return State(geometry, poses, terms, response, error)
 
     def _step(self, state: State, damping: float) -> tuple[State, float]:
-        """One step of the joint fit: the state, the same if no step improves it, and the damping."""
+        """One step of the joint fit: the better state, or the same one, and the next damping."""
         matrix, gradient = self._normal_equations(state)
         linear_part = state.response.size
         for _ in range(4):

@@ -25,7 +25,7 @@ COLUMNS = 240
 GRID_PITCH_MM = 0.1
 """Pitch of the optical grid, mm: two pixels (assumed; half of it changes the picture little)."""
 PARALLAX_STEPS = 6
-"""Fixed-point steps of a ray's intersection with the gel. Each multiplies the error by the slopes of
+"""Fixed-point steps of the intersection of ray and gel. Each multiplies the error by the slopes of
 surface and ray (at most 0.4); the remaining error is below 0.01 mm."""
 MAX_MISALIGNMENT = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
 """Largest shift, px, and tilt, degrees (assumed: a shift of 5 mm, a clearly visible tilt)."""
