@@ -103,7 +103,7 @@ def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
         generate(tmp_path / "none", "smoke", cache=shape_cache, shapes=SHAPES[:1],
                  scheduler="tcp://127.0.0.1:9")  # fmt: skip
     for address in ("foo", "http://127.0.0.1:8786", "tcp://127.0.0.1", ""):
-        with pytest.raises(T2TwinError, match="no address of a Dask scheduler"):
+        with pytest.raises(T2TwinError, match="not the address of a Dask scheduler"):
             generate(tmp_path / "refused", "smoke", cache=shape_cache, shapes=SHAPES[:1],
                      scheduler=address)  # fmt: skip
     assert not (tmp_path / "refused").exists()

@@ -158,7 +158,7 @@ def test_a_wrong_field_of_info_is_one_sentence(tmp_path, info, place, value, sai
 def test_a_shard_elsewhere_is_refused(tmp_path, info, path):
     write_info(tmp_path, info)
     change(tmp_path / INFO, ["shards", path], {"sha256": "0" * 64, "pairs": 1})
-    with pytest.raises(T2TwinError, match="lies in no split's folder") as error:
+    with pytest.raises(T2TwinError, match="is not in a split's folder") as error:
         read_info(tmp_path)
     assert repr(path) in sentence(error)
 

@@ -36,7 +36,7 @@ from t2twin.sim.world.presses import (
     sample_force,
     sample_press,
 )
-from t2twin.sim.world.recipe import ForceRange, Place, load_recipe, shipped
+from t2twin.sim.world.recipe import ForceRange, Place, bundled_worlds, load_recipe
 
 MINE = """
 format = 1
@@ -88,7 +88,7 @@ def digests(folder):
 
 
 def test_what_ships_can_be_planned():
-    assert set(shipped()) == {
+    assert set(bundled_worlds()) == {
         "paper",
         "open",
         "open-8n",
@@ -245,7 +245,7 @@ def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):
     shutil.copytree(made, tmp_path / "moved")
     write_info(tmp_path / "moved", replace(info, world=other))
     faults = [str(fault) for fault in verify(tmp_path / "moved")]
-    assert any("is not what was planned for press" in fault for fault in faults)
+    assert any("is not the planned one of press" in fault for fault in faults)
 
 
 def test_draws_keep_to_their_distributions():
@@ -285,9 +285,9 @@ def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ('shapes = "random"', "count belongs to random shapes"),
-        ('shapes = "primitives"\npresses = 3', "presses belongs to a place that is no grid"),
-        ('shapes = "random"\ncount = 3', "the grid is the protocol's"),
+        ('shapes = "random"', "random shapes need count"),
+        ('shapes = "primitives"\npresses = 3', "a distribution of place needs presses"),
+        ('shapes = "random"\ncount = 3', "only primitives and tools"),
         ('shapes = "random"\ncount = 0\npresses = 2\nplace = {normal_mm=1.0}', "at least 1"),
         ('shapes = "random"\ncount = 2\npresses = 2\nplace = {}', "one of normal_mm"),
         ('shapes = "random"\ncont = 2', "cont"),
