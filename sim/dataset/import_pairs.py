@@ -82,8 +82,8 @@ def import_pairs(
 
     source: a CSV or Parquet file, or a folder with one. layout: the user's taxels. full_scale:
     count at which they saturate. seed: of a random split.
-    Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size than
-    the others or a duplicate, and for a wrong number of counts or counts outside 0 to full_scale.
+    Raises T2TwinError, with the row, for an image that is missing, unreadable, of another size or a
+    duplicate, for a wrong number of counts, and for counts outside 0 to full_scale.
     """
     table_path = find_table(arguments.path(source, "source"))
     folder = arguments.path(folder, "folder").absolute()

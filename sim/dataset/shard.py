@@ -35,7 +35,7 @@ class ShardContext:
 
 @dataclass(frozen=True)
 class ShardResult:
-    """A finished shard: its sha256, and what it cost.
+    """A finished shard: its sha256, time and memory.
 
     watch: processor time by stage. process: name of the process. peak_memory: of the process so
     far, bytes. rejected: attempts at presses that were rejected, by reason.

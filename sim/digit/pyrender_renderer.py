@@ -1,10 +1,10 @@
 """Reference renderer: the deformed gel as a mesh, lit by three LEDs, rendered by pyrender.
 
 No other module imports pyrender, which is unmaintained. This one sets the GL platform before the
-import, restores the name that pyrender needs and NumPy 2 removed, registers the name of a type that
-Python 3.12 changed with PyOpenGL, and describes the scene in millimeters, since pyrender's shadow
-bias is an absolute number that removes all shadows of a scene in meters. The LEDs are spot lights,
-since pyrender has shadows for spot and directional lights only.
+import and restores a name that NumPy 2 removed. It registers a type with PyOpenGL whose name Python
+3.12 changed. The scene is in millimeters: pyrender's shadow bias is an absolute number that removes
+all shadows of a scene in meters. The LEDs are spot lights, since pyrender has shadows for spot and
+directional lights only.
 
 For soft shadows, each LED has several points on its disc. One image with hard shadows is rendered
 per point, and the images are averaged in linear light.

@@ -5,9 +5,8 @@ As in the baked model, the image is background + L(deformed) - L(rest), but pyre
 at rest gives the background exactly. Gamma and noise are the same.
 
 pyrender gets a sampled unit's LEDs with their places, sizes and colors in the image's middle
-(t2twin.sim.digit.randomization.lighting). It does not get the variation of each LED's light over
-the image and with the cosine of incidence, other than that of a default LED's lobe on a Lambertian
-surface, nor negative leaks.
+(t2twin.sim.digit.randomization.lighting). Each LED's light varies over the image and with the
+cosine of incidence as a default LED's does on a Lambertian surface. Negative leaks are omitted.
 
 A process has one renderer, which is created at the first image, so that RenderedOptics can be
 pickled. OpenGL belongs to one thread, which renders all images.

@@ -29,18 +29,18 @@ averaged."""
 def guess_light(
     background: str | Path,
     camera: Camera | None = None,
-    say: Callable[[str], object] = lambda line: None,
+    report: Callable[[str], object] = lambda line: None,
 ) -> Calibration:
     """A calibration with the user's background and the mean light of sampled units.
 
     background: a background frame, 240 wide, 320 high, PNG or JPEG, whose noise is kept. camera:
-    scale and distance, which a frame does not determine. say: called with progress messages.
+    scale and distance, which a frame does not determine. report: called with progress messages.
     Raises T2TwinError for an invalid frame.
     """
     camera = Camera() if camera is None else arguments.instance(camera, "camera", Camera)
-    arguments.function(say, "say")
+    arguments.function(report, "report")
     frame = upright_frame(read_frame(arguments.path(background, "background")))
-    say(f"sampling {UNIT_COUNT} DIGIT units, some seconds")
+    report(f"sampling {UNIT_COUNT} DIGIT units, some seconds")
     return mean_light(sample_lights(frame, camera))
 
 

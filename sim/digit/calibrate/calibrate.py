@@ -41,7 +41,7 @@ HELD_OUT_SHARE = 3
 """By default one in so many presses is held out, the last ones."""
 DEFAULT_TOLERANCE = Tolerance()
 
-Say = Callable[[str], object]
+Report = Callable[[str], object]
 """Called with progress messages."""
 
 
@@ -140,14 +140,14 @@ def calibrate(
     ball_diameter_mm: float,
     held_out: int | None = None,
     camera: Camera | None = None,
-    say: Say = lambda line: None,
+    report: Report = lambda line: None,
     tolerance: Tolerance | None = DEFAULT_TOLERANCE,
 ) -> CalibrationReport:
     """Fit the presses, score on the last held_out of them by name, then fit all of them.
 
     background: a background frame. presses: folder of frames of a ball, 240 wide, 320 high, PNG or
-    JPEG, and optionally `forces.csv` (see measurements). camera: its scale and distance;
-    measured displacements replace the scale. say: called with progress messages. tolerance: of the
+    JPEG, and optionally `forces.csv` (see measurements). camera: its scale and distance; measured
+    displacements replace the scale. report: called with progress messages. tolerance: of the
     inputs; None skips the uncertainty, which takes most of the time, and the gel's modulus.
     Frames that equal an earlier one are excluded.
     Raises T2TwinError for invalid frames or numbers, and for a fit no better than the background.
@@ -157,16 +157,16 @@ def calibrate(
         arguments.whole_number(held_out, "held_out")
     if tolerance is not None:
         arguments.instance(tolerance, "tolerance", Tolerance)
-    arguments.function(say, "say")
+    arguments.function(report, "report")
     inputs = read_inputs(
         arguments.path(background, "background"), arguments.path(presses, "presses"),
         ball_diameter_mm, held_out, camera, tolerance,
     )  # fmt: skip
-    say(f"fitting to {len(inputs.train)} presses")
+    report(f"fitting to {len(inputs.train)} presses")
     training = inputs.presses(inputs.train)
     fit = fit_presses(training, camera)
     evaluated = _evaluate(inputs, training, fit)
-    calibration, uncertainty = _fit_all(inputs, fit, tolerance, say)
+    calibration, uncertainty = _fit_all(inputs, fit, tolerance, report)
     return replace(evaluated, calibration=calibration, uncertainty=uncertainty)
 
 
@@ -204,17 +204,17 @@ def _evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
 
 
 def _fit_all(
-    inputs: Inputs, first: Fit, tolerance: Tolerance | None, say: Say
+    inputs: Inputs, first: Fit, tolerance: Tolerance | None, report: Report
 ) -> tuple[Calibration, CalibrationUncertainty | None]:
     """The calibration from all presses, with noise and modulus, and its uncertainty."""
     indices = [*inputs.train, *inputs.test]
-    say(f"fitting again, to all {len(indices)}")
+    report(f"fitting again, to all {len(indices)}")
     presses = inputs.presses(indices)
     fit = fit_presses(presses, first.model.camera, first.state)
     uncertainty = None
     if tolerance is not None:
         names = inputs.names_of(indices)
-        uncertainty = estimate_uncertainty(presses, names, fit, tolerance, say)
+        uncertainty = estimate_uncertainty(presses, names, fit, tolerance, report)
     young = None if uncertainty is None else uncertainty.young_mpa
     calibration = replace(
         fit.model.calibration(fit.state),

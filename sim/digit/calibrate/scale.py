@@ -1,9 +1,9 @@
 """Fits presses at a given image scale, or at the one that agrees with measured displacements.
 
-Frames alone hardly determine the scale: a larger ball pressed deeper and seen from farther away
-gives the same image, and so does the same ball pressed deeper at a smaller scale, except for
-changes that LEDs and response absorb. A measured depth determines it: at a given contact width in
-pixels, the depth of a ball is inversely proportional to the square of the scale.
+Frames alone hardly determine the scale. A larger ball pressed deeper and seen from farther away
+gives the same image. So does the same ball pressed deeper at a smaller scale, except for changes
+that LEDs and response absorb. A measured depth determines the scale: at a given contact width in
+pixels, a ball's depth is inversely proportional to the square of the scale.
 """
 
 from dataclasses import dataclass, replace

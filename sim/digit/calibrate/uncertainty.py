@@ -98,14 +98,14 @@ def estimate_uncertainty(
     names: list[str],
     fit: Fit,
     tolerance: Tolerance,
-    say: Callable[[str], object],
+    report: Callable[[str], object],
 ) -> CalibrationUncertainty:
-    """Bounds around a fit to all presses, (n,) names. say: called with progress messages."""
+    """Bounds around a fit to all presses, (n,) names. report: called with progress messages."""
     forces, measurements = BallForces(), presses.measurements
     nominal = _estimate(measurements, fit, forces, DIGIT_GEL.young_mpa)
     estimates = [nominal]
     for sign, word in ((DEEPEST, "deepest"), (SHALLOWEST, "shallowest")):
-        say(f"fitting within the tolerances, {word}")
+        report(f"fitting within the tolerances, {word}")
         shifted, camera = _shifted(presses, fit.model.camera, tolerance, sign)
         young_mpa = DIGIT_GEL.young_mpa - sign * tolerance.young_mpa
         shifted_fit = fit_presses(shifted, camera, fit.state)
