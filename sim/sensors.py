@@ -105,16 +105,21 @@ class Digit:
         """The contact of a shape with the gel. Raises T2TwinError as solve_contact does."""
         return solve_contact(shape, command, self.elastomer, self.pitch_mm)
 
-    def image(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
-        """(320, 240, 3) uint8: the image of a contact. rng: of the camera noise; None for none."""
-        surface = surface_on(contact, *optical_grid())
+    def image(self, contact: Contact | None, rng: np.random.Generator | None = None) -> np.ndarray:
+        """(320, 240, 3) uint8: the image of a contact, of None the background frame.
+
+        rng: of the camera noise; None for none.
+        """
+        if contact is None:
+            x, y = optical_grid(self.gel)
+            surface = np.zeros((y.size, x.size))
+        else:
+            surface = surface_on(contact, *optical_grid())
         return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
 
     def background_frame(self, rng: np.random.Generator | None = None) -> np.ndarray:
         """(320, 240, 3) uint8: the image without contact. rng: as for image."""
-        x, y = optical_grid(self.gel)
-        surface = np.zeros((y.size, x.size))
-        return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
+        return self.image(None, rng)
 
 
 @dataclass(frozen=True)
@@ -144,18 +149,16 @@ class CySkin:
         """The contact of a shape with the cover. Raises T2TwinError as solve_contact does."""
         return solve_contact(shape, command, self.cover, self.pitch_mm)
 
-    def counts(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
-        """(n,) uint16: the counts of a contact. rng: of the imperfections; None for none.
+    def counts(self, contact: Contact | None, rng: np.random.Generator | None = None) -> np.ndarray:
+        """(n,) uint16: the counts of a contact; None for no contact.
 
-        Raises T2TwinError for a layout that reaches beyond the cover.
+        rng: of the imperfections; None for none. Raises T2TwinError for a layout that reaches
+        beyond the cover.
         """
-        return self._read(taxels.counts(taxels.pad_pressure_mpa(contact, self.layout)), rng)
-
-    def background_counts(self, rng: np.random.Generator | None = None) -> np.ndarray:
-        """(n,) uint16: the counts without contact. rng: as for counts."""
-        return self._read(np.zeros(self.layout.size), rng)
-
-    def _read(self, noiseless: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
+        if contact is None:
+            noiseless = np.zeros(self.layout.size)
+        else:
+            noiseless = taxels.counts(taxels.pad_pressure_mpa(contact, self.layout))
         if rng is None:
             return np.rint(noiseless).astype(np.uint16)
         return reading.read(noiseless, self.layout, self.flaws, rng)
@@ -182,23 +185,21 @@ class SensorPair:
         noise, then of the CySkin's imperfections; None for neither.
         Raises T2TwinError as solve_contact does.
         """
-        digit, cyskin = self.digit, self.cyskin
+        digit, cyskin, is_contact = self.digit, self.cyskin, command.force_n != 0.0
         image = counts = on_digit = on_cyskin = None
         if sensor != "cyskin":
             with timed("press digit"):
-                if command.force_n:
+                if is_contact:
                     on_digit = digit.press(shape, command)
                     _ = on_digit.surface_mm  # computed on first access; the image needs it
             with timed("picture"):
-                image = digit.image(on_digit, rng) if on_digit else digit.background_frame(rng)
+                image = digit.image(on_digit, rng)
         if sensor != "digit":
             with timed("press cyskin"):
-                if command.force_n:
+                if is_contact:
                     on_cyskin = cyskin.press(shape, command)
             with timed("taxels"):
-                counts = (
-                    cyskin.counts(on_cyskin, rng) if on_cyskin else cyskin.background_counts(rng)
-                )
+                counts = cyskin.counts(on_cyskin, rng)
         return Touch(
             shape=shape,
             command=command,

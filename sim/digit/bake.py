@@ -35,7 +35,7 @@ BACKGROUND_POINTS = 16
 """Points per LED in the render of the background."""
 
 
-def fit_presses() -> list[np.ndarray]:
+def probe_deflections() -> list[np.ndarray]:
     """Deflections that cover places and slopes: balls, edges, and the gel at rest."""
     x, y = optical_grid()
     rest = [np.zeros((y.size, x.size))]
@@ -61,7 +61,7 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
         replace(led, color=(float(k == 0), float(k == 1), float(k == 2)))
         for k, led in enumerate(leds)
     )
-    surfaces = fit_presses()
+    surfaces = probe_deflections()
     with ReferenceRenderer(pure, (0.0, 0.0, 0.0), False, FIT_POINTS) as renderer:
         renders = [renderer.render_linear(surface) for surface in surfaces]
     blank = Calibration(
