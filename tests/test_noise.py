@@ -93,7 +93,7 @@ def test_the_file_keeps_it(noise, tmp_path):
         assert "noise_mix" not in file.files
         parts = dict(file)
     np.savez(path, **parts, noise_mix=MIX)
-    with pytest.raises(T2TwinError, match="of noise_mix and noise_taps one is missing"):
+    with pytest.raises(T2TwinError, match="one of noise_mix and noise_taps is missing"):
         Calibration.load(path)
 
 
