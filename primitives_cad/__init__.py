@@ -8,6 +8,6 @@ try:
 except RuntimeError:
     # A user whom the system does not know, as containers have them. Libraries look for settings in
     # the home as soon as they are imported, and fail.
-    from t2twin.core.cache_dir import lend_home
+    from t2twin.core.cache_dir import use_cache_dir_as_home
 
-    lend_home()
+    use_cache_dir_as_home()

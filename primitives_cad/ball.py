@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 
@@ -19,7 +19,7 @@ def write_ball(path: Path, diameter_mm: float) -> Shape:
     as a shape. Raises T2TwinError where it cannot be written."""
     import cadquery as cq
 
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         cq.exporters.export(_solid(diameter_mm), str(temporary), cq.exporters.ExportTypes.STEP)
     return catalogue.load(path)
 

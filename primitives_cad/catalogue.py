@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from t2twin.core import arguments
-from t2twin.core.cache_dir import cache_home
+from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import bundled_shapes, primitive_parameters
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
@@ -70,7 +70,6 @@ def load(
     Raises T2TwinError for a name that is not in the catalogue, a file that cannot be pressed, and
     a scale that is not positive or not for a file.
     """
-    folder = kept_in(cache_dir)
     name = str(name_or_path)
     if scale is not None and name in NAMES:
         raise T2TwinError(f"{name} is a shape of the catalogue, in mm; a scale is for files only")
@@ -92,16 +91,16 @@ def load(
     content = hashlib.sha256(read.read_bytes(path)).digest()
     made_from = f"{path.suffix.lower()} {scale}".encode() + content
     return shape_cache.fetch(
-        folder, shape_cache.file_label(path), made_from, lambda: _file(path, scale)
+        cache_folder(cache_dir), shape_cache.file_label(path), made_from, lambda: _file(path, scale)
     )
 
 
-def kept_in(cache_dir: str | Path | None) -> Path | None:
-    """Where the prepared shapes of files are kept, see `load`; None where none can be."""
-    if cache_dir is not None:
-        return arguments.path(cache_dir, "cache_dir")
-    home = cache_home()
-    return None if home is None else home / "shapes"
+def cache_folder(folder: str | Path | None) -> Path | None:
+    """The folder for prepared shapes of files, as for `load`; None where none is writable."""
+    if folder is not None:
+        return arguments.path(folder, "cache_dir")
+    default = cache_dir()
+    return None if default is None else default / "shapes"
 
 
 def tool_mesh(tool: str) -> "trimesh.Trimesh":

@@ -11,7 +11,7 @@ import trimesh
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import NOTHING_MM
@@ -87,7 +87,7 @@ def draw_sheet(path: str | Path) -> Path:
             _label(pen, name, (corner[0] + TOOL_PX[0] / 2, corner[1] + TOOL_PX[1] - LABEL_PX))
             for point, (x, y) in zip(points, places, strict=True):
                 _mark(pen, point.name, corner, x, y)
-    with whole_file(Path(path)) as temporary:
+    with atomic_write(Path(path)) as temporary:
         page.save(temporary, format="PNG")
     return Path(path)
 

@@ -9,7 +9,7 @@ import trimesh
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import locked, whole_file, write_json
+from t2twin.core.files import atomic_write, locked, write_json
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue, primitive_parameters, shape_cache
 from t2twin.primitives_cad.shape import Keypoint
@@ -140,9 +140,9 @@ def _write_shape(folder: Path, name: str) -> Entry:
     bodies = solid.Solids()
     if len(bodies) != 1 or not bodies[0].isValid():
         raise T2TwinError(f"{name} is not one valid solid; its parameters do not make a shape")
-    with whole_file(folder / f"{name}.step") as temporary:
+    with atomic_write(folder / f"{name}.step") as temporary:
         cq.exporters.export(cq.Workplane(bodies[0]), str(temporary))
-    with whole_file(folder / f"{name}.stl") as temporary:
+    with atomic_write(folder / f"{name}.stl") as temporary:
         mesh.export(temporary, file_type="stl")
     return Entry(
         name=name,

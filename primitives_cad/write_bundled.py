@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue, tools
 from t2twin.primitives_cad.bundled_shapes import packed, path_of
 from t2twin.primitives_cad.shape import HeightMap
@@ -59,7 +59,7 @@ def _surface_arrays(surface: HeightMap) -> dict[str, np.ndarray]:
 
 def _write(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """An .npz, compressed more than NumPy does; the same bytes for the same arrays."""
-    with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+    with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, values in arrays.items():
             content = io.BytesIO()
             np.save(content, values)

@@ -16,7 +16,7 @@ PITCH_MM = 0.1
 """Pitch of a random shape's height map, mm (assumed: two pixels of a DIGIT, a fifth of the
 narrowest feature)."""
 
-RELIEF_MM = 8.0
+BASE_DEPTH_MM = 8.0
 """How far below the highest point the base plate lies, mm (assumed: deeper than any press, a tilt
 and a lower feature together)."""
 
@@ -52,7 +52,7 @@ class RandomShape(Shape):
                 "features": float(len(composition.features)),
                 "tilt_deg": float(np.degrees(np.arctan(np.hypot(*composition.tilt)))),
             },
-            "base_mm": -RELIEF_MM,
+            "base_mm": -BASE_DEPTH_MM,
             "notes": (),
             "seed": seed,
             "composition": composition,
@@ -82,9 +82,9 @@ def _drawn(seed: int) -> tuple[Composition, HeightMap]:
         heights = np.full((axis.size, axis.size), NOTHING_MM, np.float32)
         heights[1:-1, 1:-1] = drawn = heights_mm(composition, inside, inside)
         top = drawn.max()
-        there = drawn[np.ix_(near, near)] > top - RELIEF_MM / 2
+        there = drawn[np.ix_(near, near)] > top - BASE_DEPTH_MM / 2
         if there.sum() * PITCH_MM**2 >= MIN_AREA_MM2:
-            relief = np.maximum(drawn - top, -np.float32(RELIEF_MM))
+            relief = np.maximum(drawn - top, -np.float32(BASE_DEPTH_MM))
             heights[1:-1, 1:-1] = relief
             return composition, HeightMap(heights, axis, axis)
     raise AssertionError(f"{PREFIX}{seed}: nothing was drawn in {MAX_TRIES} tries")

@@ -1,4 +1,4 @@
-"""Reads a file that a user names: only a regular file, and only up to a size."""
+"""Reads files named by the user: regular files up to a size."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,23 +9,25 @@ from typing import BinaryIO
 from t2twin.core.errors import T2TwinError
 
 MAX_TABLE_BYTES = 100_000_000
-"""Largest table or description that is read, bytes (assumed: about 700,000 rows of 20 counts)."""
+"""Size limit of tables and descriptions, bytes (assumed: about 700,000 rows of 20 counts)."""
 
 
 def read_file(path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = "") -> bytes:
-    """The content of a regular file of at most `max_bytes`; see `opened`."""
-    with opened(path, max_bytes, otherwise) as file:
+    """The content of a regular file of at most `max_bytes`; see `open_regular`."""
+    with open_regular(path, max_bytes, otherwise) as file:
         return file.read()
 
 
 @contextmanager
-def opened(path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = "") -> Iterator[BinaryIO]:
+def open_regular(
+    path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = ""
+) -> Iterator[BinaryIO]:
     """A regular file of at most `max_bytes`, open for reading in binary mode.
 
-    otherwise: what is allowed in place of a file that does not exist, for the message.
-    Opening never waits, as it would for the other end of a named pipe.
-    Raises T2TwinError where there is no such file, it is a folder, a pipe, a socket or a device,
-    it cannot be read, or it is larger.
+    otherwise: alternative to a file that does not exist, for the message. Never blocks, as opening
+    a named pipe would.
+    Raises T2TwinError where the file does not exist, is a folder, a pipe, a socket or a device,
+    cannot be read, or is larger.
     """
     file = None
     try:
