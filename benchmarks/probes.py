@@ -140,7 +140,7 @@ def solids() -> dict[str, "cq.Workplane"]:
 
 def shape_of(name: str, solid: "cq.Workplane") -> Shape:
     """A solid as a shape, its own origin kept: a file's would be moved to its middle."""
-    mesh, heights = height_map.stand(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
+    mesh, heights = height_map.aligned(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
     return Shape(name, mesh, heights, spacing_mm=catalogue.OBJECT_SPACING_MM)
 
 
