@@ -170,7 +170,7 @@ def _write_shape(folder: Path, name: str) -> Entry:
 
 
 def plate_positions() -> dict[str, tuple[float, float]]:
-    """x, y of each primitive's axis on the plate, mm: a column for each family, version 1 on top."""
+    """x, y of each primitive's axis on the plate, mm: one column per family, version 1 on top."""
     return {
         name: (
             (index // PLATE_ROWS - (PLATE_COLUMNS - 1) / 2.0) * PLATE_PITCH_MM[0],
