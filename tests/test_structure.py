@@ -1,4 +1,4 @@
-"""Sizes of modules, functions and folders. `make check` runs this file; it imports no product code."""
+"""Sizes of modules, functions and folders, part of `make check`. Imports no product code."""
 
 import ast
 from collections import Counter

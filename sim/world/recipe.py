@@ -28,7 +28,7 @@ from msgspec import Meta, Struct, to_builtins
 from t2twin.core import arguments
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import read_file
+from t2twin.core.files import read_file
 from t2twin.core.records import convert
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT

@@ -1,6 +1,7 @@
-"""Files that are whole or absent: written under a temporary name, then renamed.
+"""Atomic writing of files, locks of folders, and reading of files that a user names.
 
-One writer a folder: whoever writes more than one file into it holds its lock meanwhile.
+A file is written under a temporary name, then renamed. A command that writes several files into a
+folder holds its lock.
 """
 
 import errno
@@ -13,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import get_ident
-from typing import Any
+from typing import Any, BinaryIO
 
 from filelock import FileLock, Timeout
 
@@ -262,3 +263,47 @@ def _acquired(folder: Path) -> FileLock:
 def is_empty(folder: Path) -> bool:
     """Whether nothing is in a folder but a lock and what is being written there."""
     return not any(path.name != LOCK and not path.match(LEFT_OVERS) for path in folder.iterdir())
+
+
+MAX_TABLE_BYTES = 100_000_000
+"""Largest table or description that is read, bytes (assumed: about 700,000 rows of 20 counts)."""
+
+
+def read_file(path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = "") -> bytes:
+    """The content of a regular file of at most `max_bytes`; see `opened`."""
+    with opened(path, max_bytes, otherwise) as file:
+        return file.read()
+
+
+@contextmanager
+def opened(path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = "") -> Iterator[BinaryIO]:
+    """A regular file of at most `max_bytes`, open for reading in binary mode.
+
+    otherwise: what is allowed in place of a file that does not exist, for the message.
+    Opening never waits, as it would for the other end of a named pipe.
+    Raises T2TwinError where there is no such file, it is a folder, a pipe, a socket or a device,
+    it cannot be read, or it is larger.
+    """
+    file = None
+    try:
+        about = path.stat()
+        if stat.S_ISREG(about.st_mode) and about.st_size <= max_bytes:
+            file = path.open("rb")
+    except FileNotFoundError as error:
+        also = f"; {otherwise}" if otherwise else ""
+        raise T2TwinError(f"there is no file {path}{also}") from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise T2TwinError(f"{path} cannot be read ({reason}); give a readable file") from error
+    if file is None:
+        raise T2TwinError(_refusal(path, about.st_mode, about.st_size, max_bytes))
+    with file:
+        yield file
+
+
+def _refusal(path: Path, mode: int, size: int, max_bytes: int) -> str:
+    if stat.S_ISDIR(mode):
+        return f"{path} is a folder; give a file in it"
+    if not stat.S_ISREG(mode):
+        return f"{path} is not a file but a pipe or a device; give a file"
+    return f"{path} has {size / 1e6:,.0f} MB; at most {max_bytes / 1e6:,.0f} MB are allowed"
