@@ -19,7 +19,7 @@ def test_few_places_are_allowed():
     [
         ("def _told(self): ...", ["told"]),
         ("toldAgain = ToldAgain", ["told", "told"]),
-        ("MOST_SHAPES = 3  # what ships", ["MOST_", "ships"]),
+        ("MOST_SHAPES = 3  # what ships", ["MOST_SHAPES", "ships"]),
         ('"""A pair,\nof which one is new."""', ["of which"]),
         ("class Made: pass", ["Made"]),
         ("made = 'a relationship of skin, traded'", []),
