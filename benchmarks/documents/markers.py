@@ -25,7 +25,7 @@ from benchmarks.documents.tables import TABLES
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.values import value
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 
 FIGURE = re.compile(r"<!--=(?P<path>[^<>]+) (?P<format>\S+?)-->(?P<text>[^<>\n]*)<!--/-->")
 TABLE = re.compile(r"(?m)^<!--table (?P<name>\S+?)-->\n(?P<text>.*?)^<!--/table-->$", re.DOTALL)
@@ -46,7 +46,7 @@ def write_documents(root: Path = ROOT) -> list[Path]:
     for path, now in rewritten(root):
         if now != path.read_text():
             changed.append(path)
-            with whole_file(path) as temporary:
+            with atomic_write(path) as temporary:
                 temporary.write_text(now)
     return changed
 

@@ -37,7 +37,7 @@ RADII = 600
 """Distances at which the transform is worked out, and interpolated between."""
 
 
-def reading_of(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarray:
+def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarray:
     """(N, F): times the field's counts, those of a layout's taxels.
 
     Raises T2TwinError for taxels that do not lie on the cover.

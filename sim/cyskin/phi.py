@@ -137,7 +137,7 @@ class Phi:
         centers_mm = (columns @ self.centers_mm[0], rows @ self.centers_mm[1])
         return Phi._of_matrix(matrix, _inverse_of_all(matrix, shape), shape, centers_mm)
 
-    def reading_only(self, pixels: np.ndarray) -> Phi:
+    def with_inverse_from(self, pixels: np.ndarray) -> Phi:
         """The same phi, with a phi^-1 that reads the counts from these pixels alone.
 
         pixels: their numbers, row by row, between 0 and R*C. What the other pixels hold does not

@@ -27,7 +27,7 @@ STEPS = 5
 """Labels on the color bar."""
 
 
-def tactile_picture(
+def colored_tactile_image(
     image: np.ndarray,
     x_mm: np.ndarray,
     y_mm: np.ndarray,

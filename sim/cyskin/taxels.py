@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from t2twin.core.cached_files import kept_array
+from t2twin.core.cached_files import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import base_stress
@@ -104,7 +104,7 @@ def _spread(
     """
     r = np.linspace(0.0, float(distance_mm.max()) + 0.1, 600)
     key = repr((thickness_mm, poisson, diameter_mm, float(r[-1])))
-    profile = kept_array(
+    profile = cached_array(
         "taxels", key, __file__, lambda: _hankel(r, thickness_mm, poisson, diameter_mm)
     )
     return np.interp(distance_mm, r, profile)

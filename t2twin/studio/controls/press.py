@@ -6,7 +6,7 @@ from typing import Any
 import viser
 
 from t2twin.primitives_cad import catalogue, primitive_parameters
-from t2twin.primitives_cad.random_shapes.seeds import PREFIX, seed_of
+from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.world.presses import MAX_SEED as MAX_SHAPE
