@@ -35,8 +35,9 @@ CODE = re.compile(r"(?ms)^```.*?^```|^ {4}\S.*?$")
 
 
 def documents(root: Path = ROOT) -> list[Path]:
-    """Every file in which figures are bound."""
-    return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
+    """Every file in which figures and tables are bound."""
+    files = (root / "README.md", root / "CHANGELOG.md", *sorted((root / "docs").glob("*.md")))
+    return [file for file in files if file.is_file()]
 
 
 def write_documents(root: Path = ROOT) -> list[Path]:

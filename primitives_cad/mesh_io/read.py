@@ -8,7 +8,7 @@ import trimesh
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import read_file
+from t2twin.core.files import read_file
 from t2twin.primitives_cad.mesh_io import glb, obj, ply, repair, step, stl, threemf
 
 READERS = {

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import read_file
+from t2twin.core.files import read_file
 from t2twin.core.records import check_names, read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"

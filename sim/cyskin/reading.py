@@ -1,6 +1,4 @@
-"""Imperfections of a real array: noise, wandering baselines, hysteresis, crosstalk, gains, dead
-taxels.
-"""
+"""Readings of a real array, with noise, wandering baselines and other imperfections."""
 
 from dataclasses import dataclass, replace
 

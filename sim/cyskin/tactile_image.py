@@ -41,10 +41,8 @@ def colored_tactile_image(
     fade to white with them, half way at HALF_FADED_SHARE of full scale.
     """
     rows, columns = image.shape[0] * SCALE, image.shape[1] * SCALE
-    rendered = Image.new(
-        "RGB", (columns + 3 * MARGIN + BAR_WIDTH + LABELS_WIDTH, rows + 2 * MARGIN)
-    )
-    rendered.paste("white", (0, 0, *rendered.size))
+    width = columns + 3 * MARGIN + BAR_WIDTH + LABELS_WIDTH
+    rendered = Image.new("RGB", (width, rows + 2 * MARGIN), "white")
     colors = _colors(image / full_scale)
     if std is not None:
         colors = _faded(colors, std / full_scale)

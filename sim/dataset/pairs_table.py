@@ -6,7 +6,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import open_regular, read_file
+from t2twin.core.files import open_regular, read_file
 from t2twin.core.records import check_names
 from t2twin.core.tables import ERRORS, read_csv, row_labels
 

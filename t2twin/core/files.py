@@ -1,4 +1,4 @@
-"""Writes files completely or not at all, and locks the folders that several files are written to.
+"""Writes files completely or not at all, locks folders, and reads files named by the user.
 
 Files are written under a temporary name and then renamed. A process that writes more than one file
 into a folder holds the folder's lock. `pending_writes` lists what `t2twin.core.signals` has to
@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import get_ident
-from typing import Any
+from typing import Any, BinaryIO
 
 from filelock import FileLock, Timeout
 
@@ -29,6 +29,9 @@ TEMPORARY_NAMES = ".*.part*"
 
 MAX_STEM_CHARACTERS = 40
 """Characters of a file's stem in its temporary name (assumed), which may have 255 bytes."""
+
+MAX_TABLE_BYTES = 100_000_000
+"""Size limit of tables and descriptions, bytes (assumed: about 700,000 rows of 20 counts)."""
 
 LOCK = ".t2twin.lock"
 """Name of a folder's lock file. It is removed with the lock; a file without a process that holds it
@@ -230,6 +233,40 @@ def write_error(path: Path, error: OSError) -> T2TwinError:
     return T2TwinError(f"{path} cannot be written ({reason}); a writable folder is needed")
 
 
+def read_file(path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = "") -> bytes:
+    """The content of a regular file of at most `max_bytes`; see `open_regular`."""
+    with open_regular(path, max_bytes, otherwise) as file:
+        return file.read()
+
+
+@contextmanager
+def open_regular(
+    path: Path, max_bytes: int = MAX_TABLE_BYTES, otherwise: str = ""
+) -> Iterator[BinaryIO]:
+    """A regular file of at most `max_bytes`, open for reading in binary mode.
+
+    otherwise: alternative to a file that does not exist, for the message. Never blocks, as opening
+    a named pipe would.
+    Raises T2TwinError where the file does not exist, is a folder, a pipe, a socket or a device,
+    cannot be read, or is larger.
+    """
+    file = None
+    try:
+        about = path.stat()
+        if stat.S_ISREG(about.st_mode) and about.st_size <= max_bytes:
+            file = path.open("rb")
+    except FileNotFoundError as error:
+        also = f"; {otherwise}" if otherwise else ""
+        raise T2TwinError(f"there is no file {path}{also}") from error
+    except (OSError, ValueError) as error:  # ValueError: a null character in the path
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise T2TwinError(f"{path} cannot be read ({reason}); give a readable file") from error
+    if file is None:
+        raise T2TwinError(_refusal(path, about.st_mode, about.st_size, max_bytes))
+    with file:
+        yield file
+
+
 def _remove(path: Path) -> None:
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
@@ -264,3 +301,11 @@ def _is_running(process: int) -> bool:
     except (PermissionError, OverflowError):
         pass  # another user's process, or a number beyond the largest
     return True
+
+
+def _refusal(path: Path, mode: int, size: int, max_bytes: int) -> str:
+    if stat.S_ISDIR(mode):
+        return f"{path} is a folder; give a file in it"
+    if not stat.S_ISREG(mode):
+        return f"{path} is not a file but a pipe or a device; give a file"
+    return f"{path} has {size / 1e6:,.0f} MB; at most {max_bytes / 1e6:,.0f} MB are allowed"

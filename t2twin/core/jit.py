@@ -143,13 +143,11 @@ def _code_folder(numba_folder: str, sources: Path) -> Path | None:
 
     numba_folder: NUMBA_CACHE_DIR, or "".
     """
-    cache_folder = cache_dir()
-    if numba_folder:
-        root = Path(numba_folder).absolute()
-    elif cache_folder is not None:
-        root = cache_folder / "numba"
-    else:
+    root = Path(numba_folder).absolute() if numba_folder else cache_dir()
+    if root is None:
         return None
+    if not numba_folder:
+        root /= "numba"
     place = root / f"{sources.name}-{short_digest(str(sources).encode())}"
     used = sorted({*sources.glob("*.py"), *Path(__file__).parent.glob("*.py")})
     folder = place / short_digest(b"".join(path.read_bytes() for path in used))

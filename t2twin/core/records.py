@@ -13,7 +13,8 @@ from typing import Any, TypeVar
 import msgspec
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import read_file
+from t2twin.core.files import read_file
+from t2twin.core.renames import message
 
 Record = TypeVar("Record")
 
@@ -101,7 +102,8 @@ def _message(error: Exception, kind: type, source: object) -> str:
         return f"{source}: {name} is {unknown[1]}, which is none of the allowed values"
     if unknown := re.fullmatch(r"Object contains unknown field `(.*)`", reason):
         near = nearest(unknown[1], sorted(_field_names(kind)))
-        meant = f"; did you mean {near}?" if near else ""
+        renamed = message("json", unknown[1])
+        meant = f"; {renamed}" if renamed else f"; did you mean {near}?" if near else ""
         return f"{source}: {f'{field} has' if field else 'it has'} no field {unknown[1]}{meant}"
     if reason == "Number out of range":
         return f"{source}: {name} is a number too large to be read"

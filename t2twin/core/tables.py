@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import read_file
+from t2twin.core.files import read_file
 from t2twin.core.records import check_names, convert
 
 Record = TypeVar("Record")
