@@ -47,16 +47,21 @@ def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarra
     if outside.any():
         n = int(np.flatnonzero(outside)[0])
         raise T2TwinError(
-            f"the layout {layout.name} has {int(outside.sum())} taxel(s) off the cover, such as
-            taxel " f"{n} at x {layout.x_mm[n]:g} mm, y {layout.y_mm[n]:g} mm; it reaches "
-            f"{cover.width_mm / 2:g} mm in x and {cover.length_mm / 2:g} mm in y from its middle" )
-            places = field_layout(cover) inverse = _inverse(cover) matrix = np.empty((layout.size,
-            places.size)) distances = _distances(layout, places) for diameter in
-            set(layout.pad_diameter_mm): same = layout.pad_diameter_mm == diameter matrix[same] =
-            _covariance(distances[same], diameter, cover) @ inverse nearest =
-            distances.argmin(axis=1) same = (distances.min(axis=1) < SAME_MM) &
-            (layout.pad_diameter_mm == PAD_DIAMETER_MM) matrix[same] =
-            np.eye(places.size)[nearest[same]] return matrix
+            f"the layout {layout.name} has {int(outside.sum())} taxel(s) off the cover, such as "
+            f"taxel {n} at x {layout.x_mm[n]:g} mm, y {layout.y_mm[n]:g} mm; it reaches {half_x:g} "
+            f"mm in x and {half_y:g} mm in y from its middle"
+        )
+    places = field_layout(cover)
+    inverse = _inverse(cover)
+    matrix = np.empty((layout.size, places.size))
+    distances = _distances(layout, places)
+    for diameter in set(layout.pad_diameter_mm):
+        same = layout.pad_diameter_mm == diameter
+        matrix[same] = _covariance(distances[same], diameter, cover) @ inverse
+    nearest = distances.argmin(axis=1)
+    same = (distances.min(axis=1) < SAME_MM) & (layout.pad_diameter_mm == PAD_DIAMETER_MM)
+    matrix[same] = np.eye(places.size)[nearest[same]]
+    return matrix
 
 
 @lru_cache(maxsize=4)
