@@ -18,7 +18,7 @@ STEP_S = 0.02
 """Time step of the scene, s."""
 
 SINK_MM = 0.05
-"""Distance of the drawn surface below the pins' dots, mm, so that both are visible."""
+"""Distance of the rendered surface below the pins' dots, mm, so that both are visible."""
 
 MAX_FORCE = 4.0
 """Largest force of the actuator over the commanded one."""
