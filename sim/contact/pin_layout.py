@@ -85,8 +85,8 @@ class Survey:
             half_x, half_y = layer.elastomer.width_mm / 2, layer.elastomer.length_mm / 2
             raise OffPadError(
                 f"{shape.name} at x {command.x_mm:g} mm, y {command.y_mm:g} mm does not lie over "
-                f"the {layer.elastomer.name} pad, which reaches {half_x:g} mm in x and {half_y:g} mm "
-                "in y from its center"
+                f"the {layer.elastomer.name} pad, which reaches {half_x:g} mm in x and {half_y:g} "
+                "mm in y from its center"
             )
         self.gap_mm = distance - nearest
         peak_distance = surface - self.footprint.peaks_mm
