@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.core.records import read_json
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
 from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
@@ -78,7 +78,7 @@ def write_fitted(
         certainty=report.certainty,
     )
     report.calibration.save(folder / CALIBRATION)
-    with whole_file(folder / PRESSES) as temporary:
+    with atomic_write(folder / PRESSES) as temporary:
         temporary.write_bytes(msgspec.json.format(msgspec.json.encode(asdict(fitted)), indent=1))
     return fitted
 

@@ -19,7 +19,7 @@ from t2twin.adaptation.real_frame_evaluation import Felt, judge_each, simulate_r
 from t2twin.adaptation.record import Adapted, record_of, write_record
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import is_empty, locked, whole_file
+from t2twin.core.files import atomic_write, is_empty, locked
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.shape import Shape
@@ -219,7 +219,7 @@ def _write_world(road: AdaptConfig) -> None:
         presses=max(round(PRIMITIVE_PRESSES_A_MINUTE * road.minutes), 2),
         calibration='"' + path.replace("\\", "\\\\").replace('"', '\\"') + '"',
     )
-    with whole_file(road.out / WORLD) as temporary:
+    with atomic_write(road.out / WORLD) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 

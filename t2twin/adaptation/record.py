@@ -9,7 +9,7 @@ import numpy as np
 
 from t2twin.adaptation.fitted import Fitted
 from t2twin.adaptation.real_frame_evaluation import Felt, Judged, Judgement, counts_of
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
 from t2twin.translate.inference.predictor import TrainedTranslator
 
@@ -103,5 +103,5 @@ def trivial_percent(felt: Sequence[Felt], run: TrainedTranslator) -> tuple[float
 
 
 def write_record(folder: Path, adapted: Adapted) -> None:
-    with whole_file(folder / RECORD) as temporary:
+    with atomic_write(folder / RECORD) as temporary:
         temporary.write_bytes(msgspec.json.format(msgspec.json.encode(asdict(adapted)), indent=1))

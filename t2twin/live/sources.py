@@ -82,9 +82,9 @@ def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
 
     Raises T2TwinError where it cannot be read as an image.
     """
-    from t2twin.translate.data.images import open_image  # imports torch
+    from t2twin.translate.data.images import decode_image  # imports torch
 
-    return turned(np.asarray(open_image(path)), turn_deg)
+    return turned(np.asarray(decode_image(path)), turn_deg)
 
 
 class CameraSource:
@@ -166,10 +166,10 @@ class Video:
 
 def _is_picture(path: Path) -> bool:
     """Whether a file is a picture by its content, which FFmpeg takes for a video of one frame."""
-    from t2twin.core.images import check_picture
+    from t2twin.core.images import check_image_header
 
     try:
-        check_picture(path, ("PNG", "JPEG", "BMP", "TIFF"))
+        check_image_header(path, ("PNG", "JPEG", "BMP", "TIFF"))
     except T2TwinError:
         return False
     return True

@@ -5,7 +5,7 @@ from html import escape
 from pathlib import Path
 
 from t2twin.core import arguments
-from t2twin.core.files import locked, whole_file
+from t2twin.core.files import atomic_write, locked
 from t2twin.core.progress import Progress
 from t2twin.report.data import PAGE, ReportData, read_report_data
 from t2twin.report.dataset import forces, pairs, shapes
@@ -126,7 +126,7 @@ def write_page(
     above, *body = [maker() for maker in makers]
     links = {name: titles[name] for name in sections if name in titles}
     path = out / PAGE
-    with locked(path.parent), whole_file(path) as temporary:
+    with locked(path.parent), atomic_write(path) as temporary:
         temporary.write_text(_page(title, above, links, body), encoding="utf-8")
     return path
 

@@ -6,7 +6,7 @@ from typing import Any
 import viser
 
 from t2twin.primitives_cad import catalogue, primitive_parameters
-from t2twin.primitives_cad.random_shapes.seeds import PREFIX, seed_of
+from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.world.presses import MAX_SEED as MAX_SHAPE
@@ -201,7 +201,7 @@ class Controls:
         )
         self._imperfections = gui.add_dropdown(
             "Array", tuple(PRESETS), initial_value="white",
-            hint="white: reading noise; untouched: drift too; all: hysteresis, gain too",
+            hint="white: reading noise; baseline: drift too; all: hysteresis, gain too",
         )  # fmt: skip
         self._seed = gui.add_number("Seed", 0, min=0, max=2**53, step=1, hint="Another, same noise")
         # A page may send any text; only names that it was offered are taken.

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from PIL import Image
 
-from t2twin.core.cache_dir import matplotlib_home
+from t2twin.core.cache_dir import configure_matplotlib_dir
 
 SEQUENTIAL, DIVERGING = "viridis", "RdBu_r"
 """Names of matplotlib's color maps."""
@@ -26,7 +26,7 @@ FAST = 1
 @cache
 def color_table(name: str = SEQUENTIAL) -> np.ndarray:
     """(LEVELS, 3) uint8: a map's colors from its low end to its high one."""
-    matplotlib_home()
+    configure_matplotlib_dir()
     from matplotlib import colormaps
 
     return colormaps[name](np.arange(LEVELS), bytes=True)[:, :3]
