@@ -113,12 +113,12 @@ ALLOWED = (
     Allowed("", "untouched_frames", "field of a recipe"),
     Allowed("sim/world/", "draw", "field of a recipe's light"),
     Allowed("sim/world/", "drawn", "kind of a recipe's light"),
-    Allowed("sim/dataset/", "untouched", "column of a dataset"),
-    Allowed("translate/data/", "untouched", "column of a dataset"),
-    Allowed("t2twin/report/dataset/", "untouched", "column of a dataset"),
+    Allowed("sim/world/recipe.py", "untouched", "value of a recipe of version 0.2"),
+    Allowed("sim/dataset/columns.py", "untouched", "column of a dataset"),
+    Allowed("sim/dataset/card.py", "untouched", "column of a dataset"),
     Allowed("sim/world/", "shipped", "name of a world"),
 )
-"""Places where these words are data's own names, at most 20."""
+"""Places where data formats use these words, at most 20."""
 
 
 class Place(NamedTuple):
