@@ -147,8 +147,8 @@ class Phi:
         inverse = np.zeros_like(self._backward)
         inverse[pixels] = _left_inverse(
             self.matrix[pixels],
-            "the taxels lie too close together, or too near the rim, to be told apart in the "
-            f"pixels that are read of an image of {self.shape[0]} x {self.shape[1]}",
+            "the taxels lie too close together, or too near the rim, to be distinguished in the "
+            f"pixels used of an image of {self.shape[0]} x {self.shape[1]}",
         )
         return Phi._of_matrix(self.matrix, inverse, self.shape, self.centers_mm)
 
@@ -243,7 +243,7 @@ def _full_inverse(matrix: sparse.csr_array, shape: tuple[int, int]) -> np.ndarra
     """`_left_inverse` with all pixels of an image of this shape."""
     return _left_inverse(
         matrix,
-        f"the taxels lie too close together to be told apart in an image of {shape[0]} x "
+        f"the taxels lie too close together to be distinguished in an image of {shape[0]} x "
         f"{shape[1]} pixels; they must be at least a pixel apart",
     )
 
