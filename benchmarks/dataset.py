@@ -61,13 +61,13 @@ def outcome(case: SmallCase) -> dict[str, Any]:
 
 def figures(dataset: Dataset) -> dict[str, Any]:
     """What a dataset's shards say."""
-    looked = scan(dataset, duplicates.noise_grey(dataset))
+    scanned = scan(dataset, duplicates.noise_grey(dataset))
     counts, saturated = dataset.counts, dataset.saturated
     largest = counts.max(axis=1)
     split = np.array([split for split, _ in dataset.places])
     size = sum((dataset.data / path).stat().st_size for path in dataset.info.shards)
     force = dataset.column("force_n")
-    alike, same = np.isfinite(looked.alike_counts), duplicates.near_duplicates(dataset, looked)
+    alike, same = np.isfinite(scanned.alike_counts), duplicates.near_duplicates(dataset, scanned)
     return {
         "pairs": {name: len(table) for name, table in dataset.tables.items()},
         "shards_sha256": shards_sha256(dataset.data),

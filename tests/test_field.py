@@ -12,7 +12,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
-from t2twin.report.page import write_report
+from t2twin.report.run_report import write_report
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import taxels
 from t2twin.sim.cyskin.field import field_counts, field_layout

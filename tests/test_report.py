@@ -17,9 +17,9 @@ from t2twin.cli import main
 from t2twin.report import evaluations as report_evaluations
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.dataset import pairs, shapes
-from t2twin.report.dataset.pairs import pairs_in_turn
+from t2twin.report.dataset.pairs import sample_in_turn
 from t2twin.report.html.labels import name_of
-from t2twin.report.page import LINKS, PAGE, write_report
+from t2twin.report.run_report import LINKS, PAGE, write_report
 from t2twin.report.sections import irreducible_error, limits, qualitative, summary
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.evaluation.predictions import read_predictions, write_predictions
@@ -227,17 +227,20 @@ def test_summary_says_what_the_evaluation_found(page: Path, report_data: ReportD
 def test_samples_stand_at_their_quantiles(report_data: ReportData) -> None:
     predictions = report_data.predictions["val"]
     error = (predictions.rmse_counts("touch2touch") + predictions.rmse_counts("resnet18")) / 2
-    rows = qualitative.chosen(report_data, "val")
+    rows = qualitative.samples_at_quantiles(report_data, "val")
     assert [quantile for _, quantile in rows] == [0.1, 0.5, 0.9, 1.0]
     assert rows[-1][0] == error.argmax()
     for row, quantile in rows:
         assert abs(np.mean(error <= error[row]) - quantile) <= 1.5 / error.size
     # Two test pairs cannot fill five places, and none is shown twice.
-    assert [row for row, _ in qualitative.chosen(report_data, "test")] in ([0, 1], [1, 0])
+    assert [row for row, _ in qualitative.samples_at_quantiles(report_data, "test")] in (
+        [0, 1],
+        [1, 0],
+    )
 
 
 def test_pairs_are_of_every_family_and_all_different(report_data: ReportData) -> None:
-    chosen = pairs.chosen(report_data)
+    chosen = pairs.sampled_pairs(report_data)
     assert len(set(chosen)) == len(chosen) == pairs.PAIRS
     families = {report_data.tables[split]["family"][row].as_py() for split, row in chosen}
     assert families == {"circle", "square", "hemisphere", "line-sharp", "wrench", "allen-key"}
@@ -246,17 +249,17 @@ def test_pairs_are_of_every_family_and_all_different(report_data: ReportData) ->
 def test_pairs_are_picked_in_turn(report_data: ReportData) -> None:
     """One of each shape, then one more of each; some shapes have fewer than others."""
     names = report_data.shapes
-    picked = pairs_in_turn(report_data, names, 100, seed=0)
+    picked = sample_in_turn(report_data, names, 100, seed=0)
     assert sorted(picked) == sorted(report_data.places)
     shapes_picked = [report_data.shape(split, row) for split, row in picked]
     assert len(set(shapes_picked[:8])) == 8
-    assert pairs_in_turn(report_data, names, 5, seed=0) == picked[:5]
+    assert sample_in_turn(report_data, names, 5, seed=0) == picked[:5]
 
 
 def test_pictures_are_those_of_their_rows(report_data: ReportData) -> None:
     """A sample's image translated again gives the counts of the evaluation."""
     for row in range(report_data.tables["val"].num_rows):
-        again = report_data.runs["resnet18"].predict([report_data.picture("val", row)])
+        again = report_data.runs["resnet18"].predict([report_data.image("val", row)])
         expected = report_data.predictions["val"].by_model["resnet18"][row]
         np.testing.assert_allclose(again[0], expected, rtol=1e-3, atol=1.0)
 
@@ -296,12 +299,12 @@ def test_report_draws_what_evaluate_wrote(
     beside = read_report_data(out, data_dir, runs)
     assert beside.folders == {split: tmp_path / "evaluate" / split for split in ("val", "test")}
     assert [path.name for path in out.iterdir()] == [FINDINGS]
-    monkeypatch.setattr("t2twin.report.page.draw_report", lambda out, report_data: out / PAGE)
+    monkeypatch.setattr("t2twin.report.run_report.draw_report", lambda out, report_data: out / PAGE)
     arguments = ["report", "--data", str(data_dir), "--out", str(out), "--runs", *map(str, runs)]
     main([*arguments, "--evaluation", str(named)])
     said = f"drawing the evaluation in {named / 'val'} and {named / 'test'}\n"
     assert said in capsys.readouterr().out
-    # Each split is looked for by itself, and what cannot be read is passed over.
+    # Each split is scanned for by itself, and what cannot be read is passed over.
     (named / "val" / METRICS).write_text("{")
     mixed = read_report_data(out, data_dir, runs, named).folders
     assert mixed == {"val": tmp_path / "evaluate" / "val", "test": named / "test"}

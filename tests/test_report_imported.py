@@ -15,7 +15,7 @@ from spots import train_smoke
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.report.data import read_report_data
-from t2twin.report.page import LINKS, PAGE, write_report
+from t2twin.report.run_report import LINKS, PAGE, write_report
 from t2twin.report.sections import summary
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.import_pairs import import_pairs

@@ -6,7 +6,7 @@ import pytest
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.report import data, data_page
+from t2twin.report import data, dataset_report
 from t2twin.report.data import PAGE, check_out
 
 
@@ -31,12 +31,12 @@ def test_a_place_that_is_no_folder_is_found_first(
     of: str,
     out: str,
 ) -> None:
-    """Neither dataset nor run is looked at: they need not be there."""
+    """Neither dataset nor run is scanned at: they need not be there."""
 
     def refuse(*arguments: object) -> None:
         raise AssertionError("the work has begun")
 
-    for module in (data_page, data):
+    for module in (dataset_report, data):
         monkeypatch.setattr(module, "read_dataset", refuse)
     (tmp_path / "file").touch()
     (tmp_path / "page" / PAGE).mkdir(parents=True)

@@ -28,7 +28,7 @@ def report(
 
     if runs:
         from t2twin.report.data import read_report_data
-        from t2twin.report.page import draw_report
+        from t2twin.report.run_report import draw_report
         from t2twin.translate.models.distributed import use_all_cores
 
         use_all_cores()
@@ -39,7 +39,7 @@ def report(
     elif evaluation is not None:
         raise T2TwinError("--evaluation is of trained runs; name them with --runs")
     else:
-        from t2twin.report.data_page import write_data_report
+        from t2twin.report.dataset_report import write_data_report
 
         page = write_data_report(out, data)
     print(f"open {page}")

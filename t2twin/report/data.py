@@ -9,7 +9,7 @@ from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
 from t2twin.report.dataset.tables import Dataset, read_dataset
-from t2twin.report.evaluations import results_of
+from t2twin.report.evaluations import find_or_evaluate
 from t2twin.translate.evaluation.evaluate import gap_between, run_names, splits_there
 from t2twin.translate.evaluation.predictions import Predictions
 from t2twin.translate.evaluation.records import Evaluation, Finding, write_findings
@@ -64,7 +64,7 @@ def read_report_data(
     loaded = [load_run(run) for run in runs]
     names = run_names(loaded)
     sha256 = dataset.layout.sha256
-    results = {s: results_of(loaded, data, sha256, s, out, evaluation) for s in splits}
+    results = {s: find_or_evaluate(loaded, data, sha256, s, out, evaluation) for s in splits}
     evaluations = {split: each.evaluation for split, each in results.items()}
     gap = gap_between(evaluations, data)
     write_findings(out, evaluations, gap)

@@ -16,7 +16,7 @@ from t2twin.translate.evaluation.records import Evaluation, read_evaluation
 from t2twin.translate.inference.predictor import TrainedTranslator
 from t2twin.translate.runs.config import BEST
 
-BESIDE = "evaluate"
+SIBLING_FOLDER = "evaluate"
 """Folder beside the report's, in which `make evaluate` leaves val and test."""
 
 
@@ -29,7 +29,7 @@ class SplitResults:
     predictions: Predictions
 
 
-def results_of(
+def find_or_evaluate(
     runs: Sequence[TrainedTranslator],
     data: Path,
     info_sha256: str,
@@ -40,13 +40,13 @@ def results_of(
     """What `evaluate` says of some runs on one split.
 
     data: the dataset's folder, info_sha256: of its info.json. out: the report's folder. given: a
-    folder of `t2twin evaluate --split both`, which is looked into first; then the one beside `out`,
+    folder of `t2twin evaluate --split both`, which is scanned into first; then the one beside `out`,
     then out/evaluate-SPLIT. Where none fits, the runs are evaluated into the last.
 
     Raises T2TwinError as `evaluate` does.
     """
     own = out / f"evaluate-{split}"
-    places = [out.parent / BESIDE / split, own]
+    places = [out.parent / SIBLING_FOLDER / split, own]
     if given is not None:
         places.insert(0, given / split)
     for folder in places:

@@ -10,7 +10,7 @@ UNKNOWN = {
 """Sections of simulated datasets alone, by what imported pairs do not say."""
 
 
-def left_out(report: ReportData) -> dict[str, str]:
+def omitted_sections(report: ReportData) -> dict[str, str]:
     """The names of the sections that are not drawn, and what is missing for each.
 
     The shapes are drawn of the paper's protocol, whose they are; and what is said of several forces

@@ -7,10 +7,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from t2twin.report.dataset.pairs import pairs_in_turn
+from t2twin.report.dataset.pairs import sample_in_turn
 from t2twin.report.dataset.tables import Dataset
 from t2twin.report.html import markup
-from t2twin.report.html.figures import digit_picture, figure
+from t2twin.report.html.figures import draw_digit_image, figure
 from t2twin.report.html.labels import SPLIT_COLORS, SPLIT_NAMES, forces_in_words, shape_name
 from t2twin.sim.dataset.info import DatasetInfo
 
@@ -72,9 +72,7 @@ def shapes_section(dataset: Dataset) -> str:
     shown = dict(list(counted.items())[:MAX_BARS])
     height = FURNITURE_IN + BAR_IN * len(shown)
     content = figure("svg", BARS_WIDTH_IN, height, lambda page: bars(page, shown))
-    parts = [
-        markup.picture(content, "svg", f"Bar chart of the pairs of every {kind}", width="small")
-    ]
+    parts = [markup.embed(content, "svg", f"Bar chart of the pairs of every {kind}", width="small")]
     if kind == "family":
         left = len(counted) - len(shown)
         others = f" {left:,} families with fewer pairs are not drawn." if left else ""
@@ -107,14 +105,14 @@ def gallery_section(dataset: Dataset) -> str:
         "Pictures",
         [
             markup.paragraph("Drawn at random, shape by shape.", "note"),
-            markup.picture(content, "png", "A grid of DIGIT pictures of all shapes"),
+            markup.embed(content, "png", "A grid of DIGIT pictures of all shapes"),
         ],
     )
 
 
 def gallery(dataset: Dataset) -> list[tuple[str, int]]:
     """Splits and rows: one of each shape, then one more of each while a line is to be filled."""
-    return pairs_in_turn(dataset, dataset.shapes, MAX_PICTURES, GALLERY_SEED)
+    return sample_in_turn(dataset, dataset.shapes, MAX_PICTURES, GALLERY_SEED)
 
 
 def saturation_section(dataset: Dataset) -> str:
@@ -131,7 +129,7 @@ def saturation_section(dataset: Dataset) -> str:
         "Saturation",
         [
             markup.paragraph(text),
-            markup.picture(
+            markup.embed(
                 chart,
                 "svg",
                 "Histograms of the largest count, of saturated taxels a pair, and by taxel",
@@ -161,7 +159,7 @@ def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
     for place in axes:
         place.set_axis_off()
     for place, (split, row) in zip(axes, rows, strict=False):
-        digit_picture(place, dataset.picture(split, row))
+        draw_digit_image(place, dataset.image(split, row))
         place.set_title(shape_name(dataset.shape(split, row)), fontsize=6)
 
 

@@ -47,7 +47,7 @@ def section(dataset: Dataset, scan: Scan) -> str:
         "Near-duplicates",
         [
             markup.paragraph(text),
-            markup.picture(chart, "svg", "Histogram of the differences between nearest pictures"),
+            markup.embed(chart, "svg", "Histogram of the differences between nearest pictures"),
         ],
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from t2twin.report.dataset.tables import Dataset
-from t2twin.report.html.figures import color_bar, digit_picture, digit_width, figure, rings
+from t2twin.report.html.figures import color_bar, digit_width, draw_digit_image, draw_taxels, figure
 from t2twin.report.html.figures import tactile_image as draw_tactile
 from t2twin.sim.cyskin.phi import TACTILE_SHAPE
 
@@ -25,18 +25,18 @@ def example(dataset: Dataset, split: str, row: int, translated: np.ndarray | Non
         titles = {"CySkin felt\n(counts)": true}
     else:
         titles = {"CySkin felt\n(truth)": true, "network says\n(translated)": translated}
-    picture = dataset.picture(split, row)
+    picture = dataset.image(split, row)
     ratio = digit_width(picture)
 
     def draw(page: Figure) -> None:
         axes = page.subplots(1, 1 + len(titles), width_ratios=(ratio, *[1.0] * len(titles)))
         axes[0].set_title("DIGIT saw\n(picture)")
-        digit_picture(axes[0], picture)
+        draw_digit_image(axes[0], picture)
         most = max(1.0, *(float(counts.max()) for counts in titles.values()))
         for place, (title, counts) in zip(axes[1:], titles.items(), strict=True):
             place.set_title(title)
             drawn = draw_tactile(place, dataset.phi(counts), dataset.phi, (0.0, most))
-            rings(place, dataset.layout.x_mm, dataset.layout.y_mm)
+            draw_taxels(place, dataset.layout.x_mm, dataset.layout.y_mm)
         color_bar(page, drawn, axes[-1], BAR_WIDTH, "counts")
 
     panel_in = (WIDTH_IN - BAR_IN) / (ratio + len(titles))

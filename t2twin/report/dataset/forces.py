@@ -44,7 +44,7 @@ def section(dataset: Dataset) -> str:
         [
             markup.facts(_numbers(dataset)),
             *_commanded(dataset),
-            markup.picture(
+            markup.embed(
                 charts,
                 "svg",
                 "Histograms of the forces carried and of the counts",
@@ -52,7 +52,7 @@ def section(dataset: Dataset) -> str:
                 f"one commanded, over all {counts.shape[0]:,} pairs. Right: all {counts.size:,} "
                 f"counts; {_saturation(dataset.saturated)} at {full_scale:,.0f}.",
             ),
-            markup.picture(
+            markup.embed(
                 depths,
                 "svg",
                 "Depths of the presses by family for both sensors",
@@ -69,7 +69,7 @@ def _commanded(dataset: Dataset) -> list[str]:
         return []
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: commanded_and_depths(page, dataset))
     return [
-        markup.picture(
+        markup.embed(
             content,
             "svg",
             "Histogram of the forces commanded, and depths against force for both sensors",

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from t2twin.report.dataset.scan import Scan
 from t2twin.report.dataset.tables import Dataset
 from t2twin.report.html import markup
-from t2twin.report.html.figures import digit_picture, figure
+from t2twin.report.html.figures import draw_digit_image, figure
 from t2twin.report.html.labels import shape_name
 
 SHOWN = 12
@@ -49,7 +49,7 @@ def section(dataset: Dataset, scan: Scan) -> str:
         "Outliers",
         [
             markup.paragraph(text, "note"),
-            markup.picture(content, "png", "DIGIT pictures of the farthest pairs"),
+            markup.embed(content, "png", "DIGIT pictures of the farthest pairs"),
         ],
     )
 
@@ -108,5 +108,5 @@ def _panels(page: Figure, dataset: Dataset, rows: list[tuple[int, str, float]]) 
         split, row = dataset.places[pair]
         shape = shape_name(dataset.shape(split, row))
         index = dataset.tables[split]["index"][row].as_py()
-        digit_picture(place, dataset.picture(split, row))
+        draw_digit_image(place, dataset.image(split, row))
         place.set_title(f"{shape}, {index}\n{quantity} {far:.1f}", fontsize=7.5)

@@ -14,12 +14,11 @@ from t2twin.report.html import markup
 from t2twin.report.html.figures import (
     COUNTS_MAP,
     color_bar,
-    digit_picture,
     digit_width,
+    draw_digit_image,
+    draw_taxels,
     extent_mm,
     figure,
-    rings,
-    tactile_image,
 )
 from t2twin.report.html.labels import SPLIT_NAMES, shape_name
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
@@ -56,7 +55,7 @@ def section(dataset: Dataset) -> str:
 
 def chosen(dataset: Dataset) -> list[tuple[str, int]]:
     """Splits and rows of PAIRS pairs: families in turn, one more of each until there are enough."""
-    return pairs_in_turn(dataset, dataset.families, PAIRS, SEED)
+    return sample_in_turn(dataset, dataset.families, PAIRS, SEED)
 
 
 def _pair(dataset: Dataset, split: str, row: int) -> str:
@@ -76,17 +75,17 @@ def _pair(dataset: Dataset, split: str, row: int) -> str:
     if dataset.forces_n.size > 1 and force_n is not None:
         note += f"; {force_n:.3g} N"
     alt = f"DIGIT picture, taxel counts and tactile image of {shape}"
-    return markup.picture(content, "png", alt, shape, width="narrow", note=note)
+    return markup.embed(content, "png", alt, shape, width="narrow", note=note)
 
 
 def _draw(page: Figure, dataset: Dataset, split: str, row: int, counts: np.ndarray) -> None:
-    seen = dataset.picture(split, row)
+    seen = dataset.image(split, row)
     picture, array, image = page.subplots(1, 3, width_ratios=(digit_width(seen), 1, 1))
-    digit_picture(picture, seen)
+    draw_digit_image(picture, seen)
     limits = (0.0, max(float(counts.max()), 1.0))
     _array(array, dataset, counts, limits)
-    drawn = tactile_image(image, dataset.phi(counts), dataset.phi, limits)
-    rings(image, dataset.layout.x_mm, dataset.layout.y_mm)
+    drawn = draw_tactile_image(image, dataset.phi(counts), dataset.phi, limits)
+    draw_taxels(image, dataset.layout.x_mm, dataset.layout.y_mm)
     color_bar(page, drawn, image, 0.07)
 
 
@@ -121,7 +120,7 @@ MAX_NAMES = 60
 """Names that are gone through in their order (assumed: as many as there are pictures of)."""
 
 
-def pairs_in_turn(
+def sample_in_turn(
     dataset: Dataset, names: np.ndarray, most: int, seed: int
 ) -> list[tuple[str, int]]:
     """Splits and rows: one pair of each name, then one more of each, until there are `most`.

@@ -21,7 +21,7 @@ def section() -> str:
     return markup.section(
         "shapes",
         "The shapes",
-        [markup.picture(sheet(), "jpeg", "Every primitive and tool with its name", note=note)],
+        [markup.embed(sheet(), "jpeg", "Every primitive and tool with its name", note=note)],
     )
 
 

@@ -76,10 +76,10 @@ def _picture(dataset: Dataset) -> str:
     split, row = dataset.places[place]
     shape = shape_name(dataset.shape(split, row))
     note = (
-        f"Left: what the DIGIT saw of {shape}. Right: what the taxels (rings) counted at the same "
+        f"Left: what the DIGIT saw of {shape}. Right: what the taxels (draw_taxels) counted at the same "
         f"touch, interpolated between them; the scale is in counts. Of all pairs the largest count "
         f"of this one, {largest[place]:,.0f}, is in the middle."
     )
     content = example(dataset, split, row)
     alt = "A DIGIT picture and the tactile image of the same touch"
-    return markup.picture(content, "png", alt, "One pair.", width="small", note=note)
+    return markup.embed(content, "png", alt, "One pair.", width="small", note=note)

@@ -53,7 +53,7 @@ class Dataset:
     phi: Phi
     tables: dict[str, pa.Table]
 
-    def picture(self, split: str, row: int) -> np.ndarray:
+    def image(self, split: str, row: int) -> np.ndarray:
         """The DIGIT picture of a split's row, read from its shard alone.
 
         (R, C, 3) uint8, of one size in the whole dataset; simulated ones are (320, 240, 3).

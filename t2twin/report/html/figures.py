@@ -87,7 +87,7 @@ def digit_width(picture: np.ndarray) -> float:
     return columns / rows * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]
 
 
-def digit_picture(axes: Axes, picture: np.ndarray) -> None:
+def draw_digit_image(axes: Axes, picture: np.ndarray) -> None:
     """A DIGIT image, (R, C, 3) uint8, without axes."""
     axes.imshow(picture)
     axes.set_axis_off()
@@ -110,7 +110,7 @@ def tactile_image(
     return axes.imshow(image, cmap=color_map, vmin=limits[0], vmax=limits[1], extent=extent_mm(phi))
 
 
-def rings(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
+def draw_taxels(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
     """Marks the taxels. x_mm, y_mm: (N,)."""
     from matplotlib.collections import EllipseCollection
 

@@ -51,7 +51,7 @@ def section(report: ReportData) -> str:
         "Error by force",
         [
             markup.paragraph(text),
-            markup.picture(
+            markup.embed(
                 content, "svg", "Error against force, in counts and in parts of the mean", note=note
             ),
             markup.items(sentences(evaluations)),

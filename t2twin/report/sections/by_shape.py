@@ -55,7 +55,7 @@ def _chart(report: ReportData, split: str) -> str:
     height = FURNITURE_IN + BAR_IN * len(_shapes(report, split))
     content = figure("svg", WIDTH_IN, height, lambda page: _draw(page, report, split))
     alt = f"Bar chart of the error of every shape, {SPLIT_NAMES[split]}"
-    return markup.picture(content, "svg", alt, width="narrow")
+    return markup.embed(content, "svg", alt, width="narrow")
 
 
 def _shapes(report: ReportData, split: str) -> list[str]:

@@ -30,7 +30,7 @@ def section(report: ReportData) -> str:
     known = {split: one for split, one in lookalikes.items() if one is not None}
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report, known))
     text = (
-        "For every press the pictures nearest to its own are looked up, among presses of the same "
+        "For every press the pictures nearest to its own are scanned up, among presses of the same "
         "split on other shapes and among the training pairs, and the counts of the two compared. "
         "A translator gives one answer to pictures that it cannot tell apart; if the two presses "
         "are two draws of what such a picture may mean, its RMSE is at least sqrt(mean squared "
@@ -58,7 +58,7 @@ def section(report: ReportData) -> str:
         "What the picture does not say",
         [
             markup.paragraph(text),
-            markup.picture(
+            markup.embed(
                 content, "svg", "Difference of counts against distance of pictures", note=note
             ),
             markup.items(sentences(known)),

@@ -32,7 +32,7 @@ def section(report: ReportData) -> str:
     )
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report))
     alt = "Validation and training error by epoch, with the trivial predictors as lines"
-    return markup.section("curves", "Learning", [markup.picture(content, "svg", alt, note=text)])
+    return markup.section("curves", "Learning", [markup.embed(content, "svg", alt, note=text)])
 
 
 def _draw(page: Figure, report: ReportData) -> None:

@@ -39,14 +39,14 @@ def section(report: ReportData) -> str:
         [
             markup.table(
                 [[("", 1), ("Answer", 1), ("Difference", 1), ("Interval", 1), ("Figures", 1)]],
-                answers(report.evaluations, report.gap),
+                finding_rows(report.evaluations, report.gap),
             ),
             markup.paragraph(text, "note"),
         ],
     )
 
 
-def answers(
+def finding_rows(
     evaluations: Mapping[str, Evaluation], gap: Mapping[str, Finding]
 ) -> list[tuple[str, list[list[str]]]]:
     """What the paper found, each with its rows: of what, answer, difference, interval, figures.

@@ -31,11 +31,11 @@ PRIMITIVES_AND_TOOLS = {
 OF_SHAPES = "{pairs:,} pairs of {shapes:,} shapes"
 
 
-def section(report: ReportData, left_out: Mapping[str, str]) -> str:
-    """On which data, with which runs; left_out: titles of sections not drawn, what they lack."""
+def section(report: ReportData, omitted_sections: Mapping[str, str]) -> str:
+    """On which data, with which runs; omitted_sections: titles of sections not drawn, what they lack."""
     parts = [markup.paragraph(_origin(report)), _dataset(report), *_runs(report)]
-    if left_out:
-        named = ", ".join(f"{title} ({missing})" for title, missing in left_out.items())
+    if omitted_sections:
+        named = ", ".join(f"{title} ({missing})" for title, missing in omitted_sections.items())
         parts.append(markup.paragraph(f"Left out, each with what is lacking: {named}."))
     return markup.section("about", "Data and runs", parts)
 

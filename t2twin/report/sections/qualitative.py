@@ -8,11 +8,10 @@ from t2twin.report.html import markup
 from t2twin.report.html.figures import (
     DIFFERENCE_MAP,
     color_bar,
-    digit_picture,
     digit_width,
+    draw_digit_image,
+    draw_taxels,
     figure,
-    rings,
-    tactile_image,
 )
 from t2twin.report.html.labels import name_of, shape_name
 
@@ -64,7 +63,7 @@ def _sample(report: ReportData, split: str, row: int, quantile: float) -> str:
     predictions, table = report.predictions[split], report.tables[split]
     errors = {name: float(predictions.rmse_counts(name)[row]) for name in report.runs}
     shape = shape_name(report.shape(split, row))
-    content = row_picture(report, split, row)
+    content = sample_image(report, split, row)
     said = "; ".join(f"{name_of(name)} {error:,.0f}" for name, error in errors.items())
     pose = ("x_mm", "y_mm", "yaw_rad", "force_n")
     x_mm, y_mm, yaw_rad, force_n = (table[name][row].as_py() for name in pose)
@@ -79,14 +78,14 @@ def _sample(report: ReportData, split: str, row: int, quantile: float) -> str:
     note += f"; {', '.join(where)}. " if where else ". "
     note += f"RMSE in counts: {said}."
     alt = f"DIGIT picture, predicted tactile images and the true one of {shape}"
-    return markup.picture(content, "png", alt, shape, note=note)
+    return markup.embed(content, "png", alt, shape, note=note)
 
 
-def row_picture(report: ReportData, split: str, row: int) -> bytes:
+def sample_image(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, what each model draws, phi of its counts and how that is off, and I."""
     drawings = sum(run.draws for run in report.runs.values())
     panels = 2 + 2 * len(report.runs) + drawings
-    picture = report.picture(split, row)
+    picture = report.image(split, row)
     width = PANEL_IN * (panels - 1 + digit_width(picture)) + BARS_IN
     return figure("png", width, ROW_IN, lambda page: _draw(page, report, split, row, picture))
 
@@ -115,17 +114,17 @@ def _draw(page: Figure, report: ReportData, split: str, row: int, picture: np.nd
     axes = iter(page.subplots(1, 1 + panels, width_ratios=(digit_width(picture), *[1.0] * panels)))
     first = next(axes)
     first.set_title("X\nDIGIT")
-    digit_picture(first, picture)
+    draw_digit_image(first, picture)
     for number, (title, image) in enumerate(images, start=1):
         place = next(axes)
         place.set_title(title)
-        counts = tactile_image(place, image, phi, (0.0, most))
-        rings(place, report.layout.x_mm, report.layout.y_mm)
+        counts = draw_tactile_image(place, image, phi, (0.0, most))
+        draw_taxels(place, report.layout.x_mm, report.layout.y_mm)
         if number in differences:
             place = next(axes)
             place.set_title("φ(Ŷ) − I\n")
             limits = (-furthest, furthest)
-            signed = tactile_image(place, differences[number], phi, limits, DIFFERENCE_MAP)
-            rings(place, report.layout.x_mm, report.layout.y_mm, "#555555")
+            signed = draw_tactile_image(place, differences[number], phi, limits, DIFFERENCE_MAP)
+            draw_taxels(place, report.layout.x_mm, report.layout.y_mm, "#555555")
     color_bar(page, signed, place, BAR_WIDTH, "difference, counts")
     color_bar(page, counts, place, BAR_WIDTH, "counts")

@@ -142,14 +142,14 @@ def _picture(report: ReportData) -> str:
     shape = shape_name(report.shape(split, row))
     note = (
         f"Left: the picture that {name_of(name)} was given, a press of {shape}. Middle: what the "
-        "taxels (rings) really counted, interpolated between them. Right: what it translated the "
+        "taxels (draw_taxels) really counted, interpolated between them. Right: what it translated the "
         f"picture into, {errors[row]:,.0f} counts off (RMSE): of {errors.size:,} "
         f"{SPLIT_NAMES[split]} pairs the one whose error is in the middle. The colors of both are "
         "counts, by the scale on the right."
     )
     content = example(report, split, row, predictions.by_model[name][row])
     alt = "A DIGIT picture, the true tactile image and the translated one"
-    return markup.picture(content, "png", alt, "One translation.", width="small", note=note)
+    return markup.embed(content, "png", alt, "One translation.", width="small", note=note)
 
 
 def _and(words: list[str]) -> str:

@@ -8,7 +8,7 @@ from t2twin.report.data import check_out
 from t2twin.report.dataset import contents, duplicates, forces, outliers, pairs, summary
 from t2twin.report.dataset.scan import scan
 from t2twin.report.dataset.tables import read_dataset
-from t2twin.report.page import write_page
+from t2twin.report.run_report import write_page
 
 TITLE = "The dataset in {}"
 LINKS = {
@@ -31,7 +31,7 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     out, data = arguments.path(out, "out"), arguments.path(data, "data")
     check_out(out)
     dataset = read_dataset(data)
-    looked = scan(dataset, duplicates.noise_grey(dataset))
+    scanned = scan(dataset, duplicates.noise_grey(dataset))
     sections: dict[str, Callable[[], str]] = {
         "about": lambda: contents.about_section(dataset),
         "shapes": lambda: contents.shapes_section(dataset),
@@ -39,10 +39,10 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
         "pairs": lambda: pairs.section(dataset),
         "forces": lambda: forces.section(dataset),
         "saturation": lambda: contents.saturation_section(dataset),
-        "duplicates": lambda: duplicates.section(dataset, looked),
-        "outliers": lambda: outliers.section(dataset, looked),
+        "duplicates": lambda: duplicates.section(dataset, scanned),
+        "outliers": lambda: outliers.section(dataset, scanned),
     }
     if not dataset.info.is_simulated:
         del sections["forces"]  # the owner's pairs know neither forces carried nor depths
     title = TITLE.format(data)
-    return write_page(out, title, lambda: summary.section(dataset, looked), sections, LINKS)
+    return write_page(out, title, lambda: summary.section(dataset, scanned), sections, LINKS)

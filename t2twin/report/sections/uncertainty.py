@@ -15,7 +15,7 @@ STYLES = ("-", "--", ":")
 """Of runs that say how sure they are, in turn."""
 
 
-def is_said(evaluations: dict[str, Evaluation]) -> bool:
+def has_uncertainty(evaluations: dict[str, Evaluation]) -> bool:
     """Whether any run says how sure it is."""
     return any(
         row.certainty is not None for one in evaluations.values() for row in one.runs.values()
@@ -48,7 +48,7 @@ def section(report: ReportData) -> str:
         "How sure",
         [
             markup.paragraph(text),
-            markup.picture(content, "svg", alt, note=note),
+            markup.embed(content, "svg", alt, note=note),
             markup.items(said),
         ],
     )

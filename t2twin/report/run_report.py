@@ -10,7 +10,7 @@ from t2twin.core.progress import Progress
 from t2twin.report.data import PAGE, ReportData, read_report_data
 from t2twin.report.dataset import forces, pairs, shapes
 from t2twin.report.html.style import STYLE
-from t2twin.report.omitted import left_out
+from t2twin.report.omitted import omitted_sections
 from t2twin.report.sections import (
     by_force,
     by_shape,
@@ -71,7 +71,7 @@ def write_report(
 
 def draw_report(out: Path, report: ReportData) -> Path:
     """Writes out/index.html of what was read for it, and returns its path."""
-    missing = left_out(report)
+    missing = omitted_sections(report)
     about_titles = {LINKS[name]: what for name, what in missing.items()}
     sections: dict[str, Callable[[], str]] = {
         "about": lambda: provenance.section(report, about_titles),
@@ -91,7 +91,7 @@ def draw_report(out: Path, report: ReportData) -> Path:
     }
     if not any(one.has_forces for one in report.evaluations.values()):
         del sections["by-force"]
-    if not calibration.is_said(report.evaluations):
+    if not calibration.has_uncertainty(report.evaluations):
         del sections["sureness"]
     return write_page(
         out,
