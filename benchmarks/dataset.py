@@ -74,7 +74,7 @@ def figures(dataset: Dataset) -> dict[str, Any]:
         "versions": dict(dataset.info.versions),
         "size_gib": size / 2**30,
         "kb_a_pair": size / len(counts) / 1e3,
-        "pairs_without_contact": int((largest < contents.TOUCHED_COUNTS).sum()),
+        "pairs_without_contact": int((largest < contents.MIN_CONTACT_COUNTS).sum()),
         "unsettled": int(sum((~dataset.column(f"{s}_settled")).sum() for s in SENSORS)),
         "bottomed": int(sum(dataset.column(f"{s}_bottomed").sum() for s in SENSORS)),
         "force_off_percent": {

@@ -25,7 +25,7 @@ from benchmarks.evidence.small_case import SmallCase, rounded, sha256_of
 from benchmarks.paper_scale import presses_sha256, settings
 from t2twin.core.files import whole_file
 from t2twin.report.data import ReportData, read_report_data
-from t2twin.report.sections.qualitative import chosen, sample_image
+from t2twin.report.sections.qualitative import sample_image, samples_at_quantiles
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import read_evaluation
 
@@ -133,7 +133,7 @@ def draw(report: ReportData) -> None:
     """The samples, one below another."""
     rows = []
     for split, quantiles in SHOWN.items():
-        for row, quantile in chosen(report, split):
+        for row, quantile in samples_at_quantiles(report, split):
             if quantile in quantiles:
                 with Image.open(io.BytesIO(sample_image(report, split, row))) as picture:
                     rows.append(np.asarray(picture.convert("RGB")))

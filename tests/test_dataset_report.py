@@ -15,7 +15,7 @@ from t2twin.report import dataset_report
 from t2twin.report.dataset import duplicates, outliers, pairs, summary
 from t2twin.report.dataset.scan import nearest_others, scan
 from t2twin.report.dataset.tables import read_dataset
-from t2twin.report.run_report import PAGE
+from t2twin.report.html.page import PAGE
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import read_info, write_info, write_shard
 
@@ -40,14 +40,14 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
 def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
     dataset = read_dataset(data_dir)
     scanned = scan(dataset, duplicates.noise_grey(dataset))
-    said = summary.sentences(dataset, scanned)
+    said = summary.paragraphs(dataset, scanned)
     assert len(said) <= 4 and "the 20 counts, each from 0 to 40,000" in said[0]
     assert said[1] == (
         "There are 20 pairs of 8 shapes: 12 for training, 6 for validation, 2 for test."
     )
-    assert said[2].startswith("Of the pairs none repeat another one")
+    assert said[2].startswith("Near-duplicates: none of the pairs differ")
     twins = replace(scanned, alike_counts=np.where(np.arange(20) < 5, 0.0, np.inf))
-    assert "Of the pairs 25 % repeat" in summary.sentences(dataset, twins)[2]
+    assert "Near-duplicates: 25 % of the pairs" in summary.paragraphs(dataset, twins)[2]
     assert "simulated" in said[3]
 
 

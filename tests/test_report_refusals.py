@@ -7,7 +7,8 @@ import pytest
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.report import data, dataset_report
-from t2twin.report.data import PAGE, check_out
+from t2twin.report.html import page
+from t2twin.report.html.page import PAGE, check_out
 
 
 def files(folder: Path) -> list[Path]:
@@ -62,7 +63,7 @@ def test_a_folder_without_the_right_to_write_is_refused(
     def read_only(dir: Path) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr(data.tempfile, "TemporaryFile", read_only)
+    monkeypatch.setattr(page.tempfile, "TemporaryFile", read_only)
     with pytest.raises(T2TwinError, match=r"read-only file system.*writable folder"):
         check_out(tmp_path / "report")
     assert files(tmp_path) == []

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from t2twin.report.html import markup
 from t2twin.report.html.figures import figure
-from t2twin.report.html.labels import LONGEST_NAME, name_of, shape_name
+from t2twin.report.html.labels import MAX_NAME, name_of, shape_name
 from t2twin.report.html.style import STYLE
 
 ODD = [
@@ -65,7 +65,7 @@ def test_what_is_wider_than_a_phone_says_so() -> None:
 def test_any_name_can_be_shown(name: str) -> None:
     """As text of the page, and in a chart, which stays one whole file of XML."""
     shown = shape_name(name)
-    assert 0 < len(shown) <= LONGEST_NAME and shown.isprintable()
+    assert 0 < len(shown) <= MAX_NAME and shown.isprintable()
     assert shape_name(shown) == shown
     assert "<script" not in markup.paragraph(name) + markup.embed(b"", "png", name, name)
 

@@ -38,7 +38,7 @@ def session(shape_cache):
 
 
 @pytest.fixture(scope="module")
-def look(session):
+def result(session):
     return session.press(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0))
 
 
@@ -337,7 +337,9 @@ def test_the_drawn_surface_is_the_contact_s(result):
     scene = trimesh.load(io.BytesIO(solids.as_glb([part])), file_type="glb")
     assert isinstance(scene, trimesh.Scene)
     mesh = scene.to_mesh()
-    assert np.allclose(mesh.bounds, [part.vertices.min(axis=0), part.vertices.max(axis=0)], atol=1e-4)
+    assert np.allclose(
+        mesh.bounds, [part.vertices.min(axis=0), part.vertices.max(axis=0)], atol=1e-4
+    )
 
 
 def test_the_drawn_shape_touches_the_surface(result):

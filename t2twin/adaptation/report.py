@@ -66,8 +66,8 @@ def _summary(result: AdaptationResult) -> str:
         f"count is {result.background_counts:.0f}, "
         f"{'above' if in_contact else 'below'} the contact threshold of {MIN_CONTACT_COUNTS:.0f}.",
         "The reference is the simulated CySkin, pressed by the ball at the position and depth "
-        "found in each frame. No real CySkin was measured, so depth and force are only as accurate as "
-        "the stated tolerances (see Uncertainty).",
+        "found in each frame. No real CySkin was measured, so depth and force are only as accurate "
+        "as the stated tolerances (see Uncertainty).",
     )
     rows = [("real frames", *_cells(real)), ("simulated frames", *_cells(simulated))]
     heads = [

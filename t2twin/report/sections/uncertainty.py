@@ -1,4 +1,4 @@
-"""How sure runs are and whether they are so rightly: reliability, and risk against coverage."""
+"""Uncertainty of the predictions: reliability diagram and risk-coverage curve."""
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,44 +12,43 @@ from t2twin.translate.evaluation.records import Evaluation, UncertaintyMetrics
 
 WIDTH_IN, HEIGHT_IN = 9.0, 3.4
 STYLES = ("-", "--", ":")
-"""Of runs that say how sure they are, in turn."""
+"""Line styles of the runs with uncertainty."""
 
 
 def has_uncertainty(evaluations: dict[str, Evaluation]) -> bool:
-    """Whether any run says how sure it is."""
+    """Whether any run predicts uncertainty."""
     return any(
         row.certainty is not None for one in evaluations.values() for row in one.runs.values()
     )
 
 
 def section(report: ReportData) -> str:
-    """Both charts, all splits in each, and what they come to in words."""
+    """Both charts with all splits, and a summary."""
     evaluations = report.evaluations
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, evaluations))
     text = (
-        "A DIGIT sees less than the CySkin feels, so the same picture may mean several arrays. A "
-        "field run gives each count a standard deviation, whose size was put right on the "
-        "validation pairs of its own training world and nowhere else."
+        "The DIGIT's field of view is smaller than the CySkin, so one image may correspond to "
+        "several arrays. A field run predicts a standard deviation for each count, calibrated on "
+        "the validation pairs of its training world only."
     )
     note = (
-        "Left: of intervals that are said to hold a share of the counts, the share that they hold; "
-        "on the diagonal they hold what they say. Right: the RMSE over the presses that the run is "
-        "surest of, against how many those are; where it knows what it does not know, the line "
-        "falls to the left."
+        "Left: observed coverage of intervals against their nominal coverage; calibrated intervals "
+        "lie on the diagonal. Right: RMSE over the presses with the lowest predicted uncertainty, "
+        "against their share; if the uncertainty ranks the errors, the RMSE falls to the left."
     )
-    said = [
+    sentences = [
         f"{SPLIT_NAMES[split].capitalize()}: {line}"
         for split, one in evaluations.items()
         for line in certainty_text({name_of(name): row for name, row in one.runs.items()})
     ]
-    alt = "Shares held against shares said, and error against the share of presses kept"
+    alt = "Reliability diagram, and RMSE against the share of presses"
     return markup.section(
-        "sureness",
-        "How sure",
+        "uncertainty",
+        "Uncertainty",
         [
             markup.paragraph(text),
             markup.embed(content, "svg", alt, note=note),
-            markup.items(said),
+            markup.items(sentences),
         ],
     )
 
@@ -57,22 +56,29 @@ def section(report: ReportData) -> str:
 def _draw(page: Figure, evaluations: dict[str, Evaluation]) -> None:
     left, right = page.subplots(1, 2)
     for split, evaluation in evaluations.items():
-        sure = {n: row.certainty for n, row in evaluation.runs.items() if row.certainty is not None}
-        for style, (name, one) in zip(STYLES * len(sure), sure.items(), strict=False):
+        rows = {n: row.certainty for n, row in evaluation.runs.items() if row.certainty is not None}
+        for style, (name, metrics) in zip(STYLES * len(rows), rows.items(), strict=False):
             label = f"{name_of(name)}, {SPLIT_NAMES[split]}"
-            _lines(left, right, one, style, SPLIT_COLORS[split], label)
+            _lines(left, right, metrics, style, SPLIT_COLORS[split], label)
     left.plot((0, 100), (0, 100), color="#999999", linewidth=0.8)
-    left.set(xlabel="said, %", ylabel="held, %", xlim=(0, 100), ylim=(0, 100))
+    left.set(
+        xlabel="nominal coverage, %", ylabel="observed coverage, %", xlim=(0, 100), ylim=(0, 100)
+    )
     right.axvline(100 * NAMED_KEPT, color="#999999", linewidth=0.8)
-    right.set(xlabel="presses kept, %", ylabel="RMSE, counts", xlim=(0, 100), ylim=(0, None))
+    right.set(
+        xlabel="presses with the lowest uncertainty, %", ylabel="RMSE, counts", xlim=(0, 100),
+        ylim=(0, None),
+    )  # fmt: skip
     right.yaxis.set_major_formatter("{x:,.0f}")
     left.legend()
     right.legend()
 
 
 def _lines(
-    left: Axes, right: Axes, sure: UncertaintyMetrics, style: str, color: str, label: str
+    left: Axes, right: Axes, metrics: UncertaintyMetrics, style: str, color: str, label: str
 ) -> None:
-    percent = [[100 * share for share in shares] for shares in (sure.levels, sure.held, sure.kept)]
-    left.plot(percent[0], percent[1], style, color=color, marker="o", markersize=3, label=label)
-    right.plot(percent[2], sure.kept_rmse_counts, style, color=color, label=label)
+    nominal, observed, kept = (
+        [100 * share for share in shares] for shares in (metrics.levels, metrics.held, metrics.kept)
+    )
+    left.plot(nominal, observed, style, color=color, marker="o", markersize=3, label=label)
+    right.plot(kept, metrics.kept_rmse_counts, style, color=color, label=label)
