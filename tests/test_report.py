@@ -305,7 +305,7 @@ def test_report_draws_what_evaluate_wrote(
     monkeypatch.setattr("t2twin.report.run_report.draw_report", lambda out, report_data: out / PAGE)
     arguments = ["report", "--data", str(data_dir), "--out", str(out), "--runs", *map(str, runs)]
     main([*arguments, "--evaluation", str(named)])
-    said = f"drawing the evaluation in {named / 'val'} and {named / 'test'}\n"
+    said = f"using the evaluation in {named / 'val'} and {named / 'test'}\n"
     assert said in capsys.readouterr().out
     # Each split is scanned for by itself, and what cannot be read is passed over.
     (named / "val" / METRICS).write_text("{")

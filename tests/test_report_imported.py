@@ -135,7 +135,7 @@ def test_test_pairs_alone_are_evaluated_and_drawn(
     assert there == [FINDINGS, "results.md", "test"]
     main(["report", "--runs", *given, *arguments, str(tmp_path / "report")])
     folder = tmp_path / "evaluate" / "test"
-    assert f"drawing the evaluation in {folder}\n" in capsys.readouterr().out
+    assert f"using the evaluation in {folder}\n" in capsys.readouterr().out
     text = read_page(tmp_path / "report" / PAGE)[1]
     assert "on the 3 test pairs" in text and "Trained on another dataset than this one" in text
     assert re.search(r"Test, quantile 0\.1\. +RMSE in counts", text)  # no place is known

@@ -74,4 +74,4 @@ def test_evaluation_without_runs_is_refused(
 ) -> None:
     with pytest.raises(SystemExit):
         main(["report", "--data", str(tmp_path), "--evaluation", str(tmp_path)])
-    assert "name them with --runs" in capsys.readouterr().err
+    assert "give them with --runs" in capsys.readouterr().err

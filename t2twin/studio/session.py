@@ -25,7 +25,7 @@ TRANSLATING = "translate"
 """What the translators' time goes by, beside the stages of t2twin.sim.sensors.SensorPair.press."""
 
 STEPS = ("press digit", "picture", "press cyskin", "taxels", "tactile image", TRANSLATING)
-"""Steps of a result, in their order."""
+"""Steps of a press, in their order."""
 
 
 _making = Lock()
@@ -34,10 +34,10 @@ _making = Lock()
 
 @dataclass(frozen=True)
 class PressResult:
-    """What there is to see of one press.
+    """A press with its translations.
 
-    tactile_image: (R, C) float32, counts, phi of what the CySkin counted; None for a layout that
-    has none, and then `no_image_reason` says why. steps_ms: milliseconds of each of STEPS.
+    tactile_image: (R, C) float32, phi of the counts; None for a layout without one, for the reason
+    in `no_image_reason`. steps_ms: milliseconds of each of STEPS.
     """
 
     state: PressState

@@ -10,8 +10,8 @@ from t2twin.translate.evaluation.table import HOW
 
 STATEMENTS = {
     "lower-error": "ResNet18 has the lower error (RMSE, counts)",
-    "better-shape-ssim": "touch2touch keeps the contact's shape better (SSIM)",
-    "better-shape-iou": "touch2touch keeps the contact's shape better (contact IoU)",
+    "better-shape-ssim": "touch2touch preserves the shape of the contact better (SSIM)",
+    "better-shape-iou": "touch2touch preserves the shape of the contact better (contact IoU)",
 }
 GAP = "Novel objects are worse than validation (RMSE, counts)"
 
