@@ -12,9 +12,9 @@ from viser import UploadedFile, _messages
 
 import t2twin
 from t2twin.core.errors import T2TwinError
-from t2twin.studio.controls import notices
 from t2twin.studio.page import Page
 from t2twin.studio.server import Studio
+from t2twin.studio.view import notices
 
 WARM = 0.3
 """Part of the events after which memory is looked at first: by then all that is kept is there."""

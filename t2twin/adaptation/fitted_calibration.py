@@ -77,8 +77,10 @@ def write_fitted(
         psnr_db=report.scores.calibrated.psnr_db,
         ssim=report.scores.calibrated.ssim,
         held_out=tuple(
-            HeldOutPress(name, *map(float, pose), score.psnr_db, score.ssim)
-            for name, pose, score in zip(report.held_out, report.poses, report.each, strict=True)
+            HeldOutPress(name, float(x), float(y), float(depth), score.psnr_db, score.ssim)
+            for name, (x, y, depth), score in zip(
+                report.held_out, report.poses, report.each, strict=True
+            )
         ),
         uncertainty=report.certainty,
     )

@@ -143,6 +143,7 @@ def forces_and_counts(page: Figure, dataset: Dataset) -> None:
     left.axvline(0.0, color="#222222", linewidth=0.8)
     commanded_text = forces_text(dataset.forces_n)
     left.set(xlabel=f"contact force − commanded ({commanded_text}), mN", ylabel="pairs")
+    left.locator_params(axis="x", nbins=6)
     left.legend()
     _counts(right, dataset)
 
