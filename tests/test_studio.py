@@ -172,8 +172,8 @@ def test_a_layout_on_a_line_has_counts_and_no_tactile_image(session, tmp_path):
     file = tmp_path / "line.csv"
     file.write_text("x_mm,y_mm\n0,-5\n0,0\n0,5\n")
     seen = session.press(PressState(SHAPE, layout=str(file)))
-    assert seen.tactile_image is None and "line" in seen.no_image_reason
-    assert seen.no_image_reason in cards.press_html(seen, cards.scales_of(seen), has_runs=True)
+    assert seen.tactile_image is None and "line" in seen.no_image
+    assert seen.no_image in cards.press_html(seen, cards.scales_of(seen), has_runs=True)
 
 
 # Translators

@@ -34,16 +34,16 @@ _making = Lock()
 
 @dataclass(frozen=True)
 class PressResult:
-    """A press with its translations.
+    """What there is to see of one press.
 
-    tactile_image: (R, C) float32, phi of the counts; None for a layout without one, for the reason
-    in `no_image_reason`. steps_ms: milliseconds of each of STEPS.
+    tactile_image: (R, C) float32, counts, phi of what the CySkin counted; None for a layout that
+    has none, and then `no_image` says why. steps_ms: milliseconds of each of STEPS.
     """
 
     state: PressState
     touch: Touch
     tactile_image: np.ndarray | None
-    no_image_reason: str
+    no_image: str
     translations: tuple[Translation, ...]
     steps_ms: dict[str, float]
 
@@ -110,8 +110,8 @@ class Session:
         with timed(TRANSLATING):
             background = self._background_of(sensors.digit) if runs else None
             translations = self.translators.translate_touch(touch, runs, background)
-        no_image_reason = str(phi) if isinstance(phi, T2TwinError) else ""
-        return PressResult(state, touch, tactile, no_image_reason, translations, steps)
+        no_image = str(phi) if isinstance(phi, T2TwinError) else ""
+        return PressResult(state, touch, tactile, no_image, translations, steps)
 
     def _sensors_for(self, state: PressState) -> SensorPair:
         digit, cyskin, before = self._sensors.digit, self._sensors.cyskin, self._made_for

@@ -124,7 +124,7 @@ def press_html(result: PressResult, scales: Scales, has_runs: bool, loading: boo
     touch = result.touch
     digit = _figure("DIGIT", "camera image, from below", image_url(touch.image), "digit")
     if result.tactile_image is None:
-        cyskin = f"<figure><b>CySkin</b>{_paragraph(result.no_image_reason)}</figure>"
+        cyskin = f"<figure><b>CySkin</b>{_paragraph(result.no_image)}</figure>"
     else:
         url = color_image_url(result.tactile_image, scales.counts)
         cyskin = _figure("CySkin", f"tactile image, {touch.layout.size} taxels", url, "cyskin")
