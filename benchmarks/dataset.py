@@ -26,7 +26,7 @@ from benchmarks.evidence.small_case import SmallCase, shards_sha256
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.paper_scale import presses_sha256
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.core.records import decode_json
 from t2twin.report.dataset import contents, duplicates, forces
 from t2twin.report.dataset.scan import scan
@@ -144,7 +144,7 @@ def draw(dataset: Dataset) -> None:
     }
     for name, (height_in, drawing) in drawings.items():
         content = figure("png", contents.WIDTH_IN, height_in, drawing)
-        with whole_file(PICTURES / f"dataset_{name}.png") as temporary:
+        with atomic_write(PICTURES / f"dataset_{name}.png") as temporary:
             temporary.write_bytes(content)
 
 

@@ -22,7 +22,7 @@ from benchmarks.declared import OTHER_WAY
 from benchmarks.evidence.run import main
 from benchmarks.other_way_picture import PICTURE, Split, draw
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.sensors import Digit
 from t2twin.translate.data.images import to_pixels
@@ -78,7 +78,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         psnr_db = {name: one.psnr_contact_db for name, one in figures.items()}
         splits.append(Split(split, pairs, real, rows, psnr_db))
     if not options.keep_nothing:
-        with whole_file(PICTURE) as temporary:
+        with atomic_write(PICTURE) as temporary:
             temporary.write_bytes(draw(splits, run.config.data))
     return content | {
         "pairs": {"train": len(train), **{s: len(p) for s, p in zip(SPLITS, rest, strict=True)}},

@@ -24,7 +24,7 @@ from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.paper_scale import presses_sha256, settings
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.solids import tessellate
@@ -140,7 +140,7 @@ def solids() -> dict[str, "cq.Workplane"]:
 
 def shape_of(name: str, solid: "cq.Workplane") -> Shape:
     """A solid as a shape, its own origin kept: a file's would be moved to its middle."""
-    mesh, heights = height_map.stand(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
+    mesh, heights = height_map.aligned(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
     return Shape(name, mesh, heights, spacing_mm=catalogue.OBJECT_SPACING_MM)
 
 
@@ -174,7 +174,7 @@ def kept_probes(path: Path) -> Probes:
                 return Probes(kept["images"], kept["counts"], kept["names"])
     grid = protocol.OBJECT_GRID
     probes = press_solids(range(grid.points**2 * grid.orientations))
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             digest=np.array(digest),

@@ -29,7 +29,7 @@ from benchmarks.evidence.run import main
 from benchmarks.studio_events import act
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import studio
 from t2twin.studio.session import Session
@@ -91,7 +91,7 @@ def draw(tab: Any) -> None:
     for close in tab.locator(".mantine-Notification-closeButton").all():
         close.click()
     time.sleep(1.0)
-    with whole_file(PICTURE) as temporary:
+    with atomic_write(PICTURE) as temporary:
         tab.screenshot(path=temporary)
 
 

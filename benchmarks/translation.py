@@ -23,7 +23,7 @@ from benchmarks.declared import TRANSLATION
 from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase, rounded, sha256_of
 from benchmarks.paper_scale import presses_sha256, settings
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.sections.qualitative import sample_image, samples_at_quantiles
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
@@ -137,7 +137,7 @@ def draw(report: ReportData) -> None:
             if quantile in quantiles:
                 with Image.open(io.BytesIO(sample_image(report, split, row))) as picture:
                     rows.append(np.asarray(picture.convert("RGB")))
-    with whole_file(PICTURE) as temporary:
+    with atomic_write(PICTURE) as temporary:
         Image.fromarray(np.concatenate(rows)).save(temporary, optimize=True)
 
 

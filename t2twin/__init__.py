@@ -12,6 +12,7 @@ one sentence. Modules are imported when one of their names is first used.
 """
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -107,10 +108,31 @@ __all__ = [
 ]
 
 
+class _RenamedModules:
+    """An import finder, the last one, that names the new path of a module of version 0.2.
+
+    Its error has no `name`: `from t2twin.translate import predict` would hide it.
+    """
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> None:
+        if name.startswith(f"{__name__}."):
+            from t2twin.core.renames import message
+
+            if sentence := message("import", name):
+                raise ModuleNotFoundError(sentence)
+
+
+sys.meta_path.append(_RenamedModules)
+
+
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
+        from t2twin.core.renames import message
+
+        renamed = message("name", f"t2twin.{name}")
         raise AttributeError(
-            f"module 't2twin' has no attribute {name!r}; it has {', '.join(__all__)}"
+            renamed or f"module 't2twin' has no attribute {name!r}; it has {', '.join(__all__)}"
         )
     module, _, attribute = _HOMES[name].partition(":")
     value = getattr(importlib.import_module(module), attribute)

@@ -14,7 +14,7 @@ from t2twin.sim import scene
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.cyskin.tactile_image import tactile_picture
+from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.sensors import CySkinTouch, DigitTouch
 
@@ -75,7 +75,7 @@ def _write_cyskin(folder: Path, touch: CySkinTouch) -> None:
     Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
     # On a scale of its own: soft presses would be black on the full one.
     most = max(float(image.max()), 1.0)
-    picture = tactile_picture(image, layout.x_mm, layout.y_mm, most)
+    picture = colored_tactile_image(image, layout.x_mm, layout.y_mm, most)
     picture.save(folder / "tactile_picture.png")
 
 

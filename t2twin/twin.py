@@ -67,7 +67,7 @@ class Twin:
     was fitted; None takes the one that ships.
     layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
     imperfections: what the CySkin adds to a press that is given a seed: "none", "white",
-    "untouched" or "all". gel, cover: the sensors' elastomers. optics: what makes the DIGIT's
+    "baseline" or "all". gel, cover: the sensors' elastomers. optics: what makes the DIGIT's
     pictures: "baked" in milliseconds, or "pyrender" in seconds and for the light that ships only.
     Several threads may press one twin at once.
     Raises T2TwinError for a calibration, a layout or imperfections that cannot be used.

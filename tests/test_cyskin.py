@@ -56,7 +56,7 @@ def test_counts_rise_with_force_and_flatten_at_saturation(sensor):
 
 def test_untouched_readings_scatter_as_the_real_ones_do():
     layout, rng = load_layout(), np.random.default_rng(0)
-    flaws = reading.imperfections("untouched")
+    flaws = reading.imperfections("baseline")
     # Around an offset, so that readings below the baseline are seen too.
     offset = 5000.0
     samples = np.array([reading.read(np.full(20, offset), layout, flaws, rng) for _ in range(2000)])

@@ -8,7 +8,7 @@ import pytest
 from spots import train_smoke, write_spots
 
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.core.cached_files import SIZE, write_checked
+from t2twin.core.cached_files import TRAILER_BYTES, write_checked
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.inference import onnx_runtime
 from t2twin.translate.inference.onnx_runtime import load
@@ -62,7 +62,7 @@ def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
     flipped = bytearray(content)
     flipped[len(content) // 2] ^= 64
     other = kept / "other.onnx"
-    write_checked(other, content[:-SIZE])  # whole, but of another name
+    write_checked(other, content[:-TRAILER_BYTES])  # whole, but of another name
     for number, damaged in enumerate((content[:-1000], b"", bytes(flipped), other.read_bytes())):
         file.write_bytes(damaged)
         np.testing.assert_array_equal(load(run_dir).predict(frames), first)

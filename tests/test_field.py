@@ -16,7 +16,7 @@ from t2twin.report.run_report import write_report
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import taxels
 from t2twin.sim.cyskin.field import field_counts, field_layout
-from t2twin.sim.cyskin.field_reading import reading_of
+from t2twin.sim.cyskin.field_reading import reading_matrix
 from t2twin.sim.cyskin.layout import Layout, load_layout
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.sensors import CySkin
@@ -100,7 +100,7 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
     pairs = load_pairs(data_dir, "train", 64, grey=False, with_field=True)
     info = load_info(data_dir)
     assert pairs.field is not None and pairs.untouched is not None
-    own = reading_of(info.taxels) @ pairs.field.T
+    own = reading_matrix(info.taxels) @ pairs.field.T
     assert np.abs(own.T - pairs.counts).max() < 40  # the reading's noise alone
     pictures = pairs.pictures[:]
     assert pictures.shape == (len(pairs), 64, 64, 6)
@@ -146,18 +146,18 @@ def test_any_layout_is_read_from_a_true_field(shapes, pad_mm: float, part: float
         shape = shapes(name)
         contact = CySkin().press(shape, PressCommand(shape.name, 1.5, -2.0, yaw, 8.0))
         true = taxels.counts(taxels.pad_pressure_mpa(contact, layout))
-        read = reading_of(layout) @ field_counts(contact).astype(float)
+        read = reading_matrix(layout) @ field_counts(contact).astype(float)
         assert np.sqrt(np.square(read - true).mean()) < part * true.max()
 
 
 def test_a_place_of_the_field_is_read_as_it_is_and_one_off_the_cover_refused() -> None:
     places = field_layout()
-    np.testing.assert_array_equal(reading_of(places), np.eye(places.size))
-    own = reading_of(load_layout())
+    np.testing.assert_array_equal(reading_matrix(places), np.eye(places.size))
+    own = reading_matrix(load_layout())
     assert ((own == 0) | (own == 1)).all() and (own.sum(axis=1) == 1).all()
     off = Layout("off", np.array([0.0, 5.0, 15.0]), np.array([0.0, 5.0, 0.0]), np.full(3, 4.0))
     with pytest.raises(T2TwinError, match=r"off has 1 taxel\(s\) off the cover, such as taxel 2"):
-        reading_of(off)
+        reading_matrix(off)
 
 
 def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
@@ -381,7 +381,7 @@ def test_a_taxel_between_places_is_as_unsure_as_they_are_together(run: TrainedTr
     sizes = [
         teller(said).counts_std[0] / teller(said).field_std[0, 0] for teller in (together, apart)
     ]
-    weights = torch.from_numpy(reading_of(dense)).float()
+    weights = torch.from_numpy(reading_matrix(dense)).float()
     torch.testing.assert_close(sizes[0], weights.sum(dim=1).abs(), atol=0.05, rtol=0)
     torch.testing.assert_close(sizes[1], weights.square().sum(dim=1).sqrt(), atol=1e-3, rtol=0)
 

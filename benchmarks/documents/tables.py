@@ -6,6 +6,7 @@ from typing import Any
 
 from benchmarks.declared import BENCHMARKS
 from benchmarks.documents.formats import formatted
+from benchmarks.documents.renames import renames
 from benchmarks.evidence.record import RESULTS
 from benchmarks.evidence.results import read_results
 from t2twin.translate.evaluation.metrics.baselines import PAPER
@@ -478,6 +479,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "where": where,
     "benchmarks": benchmarks,
     "many-pairs": many_pairs,
+    "renames": renames,
 }
 """Tables by the names that documents call them by."""
 

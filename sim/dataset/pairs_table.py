@@ -6,9 +6,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import opened, read_file
+from t2twin.core.files import open_regular, read_file
 from t2twin.core.records import check_names
-from t2twin.core.tables import ERRORS, read_csv, rows
+from t2twin.core.tables import ERRORS, read_csv, row_labels
 
 SUFFIXES = (".csv", ".parquet")
 
@@ -45,7 +45,7 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
             table, places = read_csv(read_file(path))
         else:
             table = _read_parquet(path)
-            places = rows(table)
+            places = row_labels(table)
     except (*ERRORS, OSError) as error:
         # What is said of Parquet is of its reader's insides.
         reason = f" ({error})" if is_csv else ""
@@ -59,7 +59,7 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
 def _read_parquet(path: Path) -> pa.Table:
     """All of a Parquet file. Raises T2TwinError where its rows are larger than is allowed, however
     small the file is."""
-    with opened(path, MAX_PARQUET_BYTES) as stream, pq.ParquetFile(stream) as file:
+    with open_regular(path, MAX_PARQUET_BYTES) as stream, pq.ParquetFile(stream) as file:
         batches, size = [], 0
         for batch in file.iter_batches(BATCH_ROWS):
             size += batch.nbytes

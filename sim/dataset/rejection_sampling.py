@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.contact_solver import BesidePadError
+from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.sensors import Sample
 from t2twin.sim.world.presses import PressSample, attempts_of, sample_press
 from t2twin.sim.world.recipe import Part
@@ -48,7 +48,7 @@ def sample_until_contact(
             return AcceptedPress(shape, drawn, None, attempt)
         try:
             sample = press_it(shape, drawn)
-        except BesidePadError:
+        except OffPadError:
             again("beside the pad")
             continue
         why = why_again(sample)

@@ -24,7 +24,7 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
     reach of a press. cache_dir: as for catalogue.load. Random shapes are sampled without the
     tools; benchmarks/random_presses.py compares them.
     """
-    kept_in = None if cache_dir is None else str(cache_dir)
+    cache_folder = None if cache_dir is None else str(cache_dir)
     for part in recipe.parts:
         if part.shapes in NAMED or (part.split == "test" and not part.val_share):
             continue
@@ -32,7 +32,7 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
             shape = catalogue.load(path, cache_dir)
             if tool := test_solids().same_as(shape.mesh):
                 is_test = f"is the tool {tool}"
-            elif place := test_surfaces(kept_in).same_as(shape.surface):
+            elif place := test_surfaces(cache_folder).same_as(shape.surface):
                 is_test = f"presses with the same surface as {place}"
             else:
                 continue

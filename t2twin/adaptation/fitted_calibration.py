@@ -10,13 +10,15 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from t2twin.core.files import whole_file
-from t2twin.core.records import read_json
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write, read_file
+from t2twin.core.records import convert, decode_json
+from t2twin.core.renames import translated
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
 from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
 
 CALIBRATION, PRESSES = "calibration.npz", "presses.json"
-FORMAT = 3
+FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -35,15 +37,15 @@ class HeldOutPress:
 class FittedCalibration:
     """Content of presses.json.
 
-    inputs_digest: SHA-256 of the frames and numbers of the fit. fitted_presses: number of presses
-    of the scored fit. psnr_db, ssim: means over the contact crops of the held-out presses.
+    inputs_digest: SHA-256 of the frames and numbers of the fit. trained: number of presses of the
+    scored fit. psnr_db, ssim: means over the contact crops of the held-out presses.
     uncertainty: ranges of depths and forces.
     """
 
     format: int
     inputs_digest: str
     ball_diameter_mm: float
-    fitted_presses: int
+    trained: int
     psnr_db: float
     ssim: float
     held_out: tuple[HeldOutPress, ...]
@@ -73,7 +75,7 @@ def write_fitted(
         format=FORMAT,
         inputs_digest=inputs_digest,
         ball_diameter_mm=ball_diameter_mm,
-        fitted_presses=len(report.trained),
+        trained=len(report.trained),
         psnr_db=report.scores.calibrated.psnr_db,
         ssim=report.scores.calibrated.ssim,
         held_out=tuple(
@@ -85,16 +87,21 @@ def write_fitted(
         uncertainty=report.certainty,
     )
     report.calibration.save(folder / CALIBRATION)
-    with whole_file(folder / PRESSES) as temporary:
+    with atomic_write(folder / PRESSES) as temporary:
         temporary.write_bytes(msgspec.json.format(msgspec.json.encode(asdict(fitted)), indent=1))
     return fitted
 
 
 def read_fitted(folder: Path) -> FittedCalibration | None:
-    """Reads presses.json; None if the fit is missing or incomplete.
+    """Reads presses.json, also of version 0.2; None if the fit is missing or incomplete.
 
     Raises T2TwinError for an unreadable file.
     """
-    if not (folder / PRESSES).is_file() or not (folder / CALIBRATION).is_file():
+    path = folder / PRESSES
+    if not path.is_file() or not (folder / CALIBRATION).is_file():
         return None
-    return read_json(folder / PRESSES, FittedCalibration, FORMAT)
+    content = translated("json", decode_json(read_file(path), dict, path))
+    fitted = convert(content, FittedCalibration, path)
+    if fitted.format != FORMAT:
+        raise T2TwinError(f"{path} is of format {fitted.format}; expected {FORMAT}")
+    return fitted

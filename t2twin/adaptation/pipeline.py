@@ -28,7 +28,7 @@ from t2twin.adaptation.record import AdaptationResult, record_of, write_record
 from t2twin.adaptation.report import write_adapt_page
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import is_empty, locked, whole_file
+from t2twin.core.files import atomic_write, is_empty, locked
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.shape import Shape
@@ -238,7 +238,7 @@ def _write_world(config: AdaptConfig) -> None:
         presses=max(round(PRIMITIVE_PRESSES_PER_MINUTE * config.minutes), 2),
         calibration='"' + path.replace("\\", "\\\\").replace('"', '\\"') + '"',
     )
-    with whole_file(config.out / WORLD) as temporary:
+    with atomic_write(config.out / WORLD) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 

@@ -14,7 +14,7 @@ from t2twin.adaptation.real_frame_evaluation import (
     SimulatedReference,
     predict_counts,
 )
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
 from t2twin.translate.inference.predictor import TrainedTranslator
 
@@ -109,5 +109,5 @@ def baseline_rmse_percent(
 
 
 def write_record(folder: Path, result: AdaptationResult) -> None:
-    with whole_file(folder / RECORD) as temporary:
+    with atomic_write(folder / RECORD) as temporary:
         temporary.write_bytes(msgspec.json.format(msgspec.json.encode(asdict(result)), indent=1))

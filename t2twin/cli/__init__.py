@@ -25,8 +25,8 @@ from t2twin.cli import (
 from t2twin.cli.parser_errors import one_sentence
 from t2twin.core.compile_ahead import before_compiling
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import FULL
-from t2twin.core.signals import Stopped, say_stopped
+from t2twin.core.files import NO_SPACE
+from t2twin.core.signals import Stopped, report_stop
 
 COMMANDS = {
     "shapes": shapes.shapes,
@@ -64,9 +64,9 @@ def main(arguments: list[str] | None = None) -> None:
         _drop_output()
         sys.exit(_print_error(_file_error(error)))
     except KeyboardInterrupt:
-        sys.exit(say_stopped(signal.SIGINT))
+        sys.exit(report_stop(signal.SIGINT))
     except Stopped as stop:
-        sys.exit(say_stopped(stop.number))
+        sys.exit(report_stop(stop.number))
 
 
 def _say_compiling() -> None:
@@ -108,7 +108,7 @@ def _version() -> str:
 
 def _file_error(error: OSError) -> str:
     reason = (error.strerror or str(error)).lower()
-    if error.errno in FULL:
+    if error.errno in NO_SPACE:
         return f"no space is left on the device ({reason}); free space and start again"
     return f"{error.filename or 'a file'} cannot be used: {reason}"
 

@@ -71,7 +71,7 @@ def simdata(
         seed: Seed of all that is drawn; 0, or the recipe's, unless given. Same seed, same bytes.
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm; cyskin-20 unless
             given. A world names its own.
-        imperfections: What the CySkin adds: none, white (unless given), untouched or all. A world
+        imperfections: What the CySkin adds: none, white (unless given), baseline or all. A world
             names its own.
         calibration: The DIGIT's optics, as t2twin calibrate writes them; the shipped ones unless
             given. A world names its own.

@@ -13,12 +13,10 @@ from typing import Any
 from tyro import _errors
 
 from t2twin.core.errors import T2TwinError
+from t2twin.core.renames import message
 
 EXPECTED = {"FLOAT": "a number", "INT": "a whole number", "STR": "a name"}
 """Expected values by the metavar of an option; other metavars are self-explanatory."""
-
-RENAMED = {("translate", "--untouched"): "--background"}
-"""Options by command and earlier name."""
 
 TAKES_RUN = ("export", "live", "translate")
 """Commands whose earlier version had the run as first argument."""
@@ -92,12 +90,13 @@ class ParserError:
         name = token.partition("=")[0]
         if self._command is None:
             kind, names = "option" if token.startswith("-") else "command", tuple(self._commands)
-        elif (self._command, name) in RENAMED:
-            return f"{name} is now {RENAMED[self._command, name]}"
         elif token.startswith("-"):
             kind, names = "option", self._options()
         else:
             return self._unexpected(token)
+        renamed = message(kind, f"{self._command} {name}") or message(kind, name)
+        if renamed is not None:
+            return renamed
         near = get_close_matches(name.lower(), names, 1)
         return f"there is no {kind} {name!r}" + (f" (did you mean {near[0]}?)" if near else "")
 

@@ -58,7 +58,7 @@ def press(
         optics: What makes the DIGIT's picture: the baked model, in milliseconds, or pyrender
             itself, in seconds, which knows the light that ships only.
         seed: Of noise: the camera's, and what the CySkin adds. Without a seed there is none.
-        imperfections: What the CySkin adds where there is a seed: none, white, untouched or all.
+        imperfections: What the CySkin adds where there is a seed: none, white, baseline or all.
         view: Then open the scene in MuJoCo's viewer (the DIGIT's, where both are touched).
     """
     import numpy as np

@@ -36,7 +36,7 @@ def studio(
     from importlib.util import find_spec
 
     from t2twin.core.errors import T2TwinError
-    from t2twin.core.signals import Stopped, say_stopped
+    from t2twin.core.signals import Stopped, report_stop
 
     if find_spec("viser") is None:
         raise T2TwinError(
@@ -55,4 +55,4 @@ def studio(
                 time.sleep(3600)
     except Stopped as stop:
         # Does not wait for threads that are still pressing; the files are removed.
-        os._exit(say_stopped(stop.number))
+        os._exit(report_stop(stop.number))

@@ -38,7 +38,7 @@ class Version(NamedTuple):
 
 
 class FolderSource:
-    """PNG and JPEG files of a folder: the newest existing file first, then new files.
+    """PNG and JPEG files of a folder: the latest existing file first, then new files.
 
     A rewritten file is a new frame. An incomplete file is retried; if it remains unreadable for
     read_timeout_s after its last change, it is skipped and reported. Subfolders, hidden files,
@@ -64,7 +64,7 @@ class FolderSource:
         Raises T2TwinError if the folder no longer exists.
         """
         while not self._closed:
-            frame = self._newest()
+            frame = self._latest()
             if frame is not None:
                 return frame
             time.sleep(POLL_S)
@@ -74,8 +74,8 @@ class FolderSource:
         """Ends `read`."""
         self._closed = True
 
-    def _newest(self) -> Frame | None:
-        """The newest readable frame that was not read yet. Older frames are dropped."""
+    def _latest(self) -> Frame | None:
+        """The latest readable frame that was not read yet. Older frames are dropped."""
         listed = self._listed()
         for known in (self._done, self._unreadable):
             for name in known.keys() - listed.keys():
@@ -97,7 +97,7 @@ class FolderSource:
 
     def _image(self, name: str, version: Version) -> np.ndarray | None:
         """The image of a file; None if it is incomplete or was rewritten during reading."""
-        from t2twin.translate.data.images import open_image  # imports torch
+        from t2twin.translate.data.images import decode_image  # imports torch
 
         path, now_s = self._path / name, time.monotonic()
         known, since_s = self._unreadable.get(name, (version, now_s))
@@ -105,7 +105,7 @@ class FolderSource:
         if known == version and name in self._unreadable and not timed_out:
             return None  # this content was tried already
         try:
-            image = np.asarray(open_image(path))
+            image = np.asarray(decode_image(path))
         except T2TwinError as error:
             if not path.exists():
                 return None
@@ -153,7 +153,7 @@ class FolderSource:
 
 
 def _age(item: tuple[str, Version]) -> tuple[int, str]:
-    """Sort key of files, the newest last."""
+    """Sort key of files, the latest last."""
     name, version = item
     return version.modified_ns, name
 

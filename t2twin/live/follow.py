@@ -63,16 +63,16 @@ def follow(
     frame_of_unit = None if background is None else _background(run, background)
     blank = np.zeros((run.config.preset.size,) * 2, np.uint8)
     _predict(run, run.pixels_of(blank, frame_of_unit))  # warm-up: the first prediction is slow
-    newest = LatestFrame(source)
+    latest = LatestFrame(source)
     try:
-        return _follow(run, newest, write, report, max_frames, frame_of_unit)
+        return _follow(run, latest, write, report, max_frames, frame_of_unit)
     finally:
-        newest.close()
+        latest.close()
 
 
 def _follow(
     run: TrainedTranslator,
-    newest: LatestFrame,
+    latest: LatestFrame,
     write: Callable[[str], None],
     report: Report,
     max_frames: int | None,
@@ -83,12 +83,12 @@ def _follow(
     reported_s, warned, waiting = throughput.began_s, False, False
     last = -1
     while max_frames is None or throughput.translated < max_frames:
-        ended = newest.ended  # read before the frame: a last frame may arrive with the end
-        frame = newest.take(last, REPORT_EVERY_S)
+        ended = latest.ended  # read before the frame: a last frame may arrive with the end
+        frame = latest.take(last, REPORT_EVERY_S)
         if frame is None:
             if ended:
                 break
-            if not waiting and not newest.ended:
+            if not waiting and not latest.ended:
                 waiting = True
                 report(f"no new frame for {REPORT_EVERY_S:g} s; waiting for the next one")
             continue
@@ -99,7 +99,7 @@ def _follow(
         now_s = time.perf_counter()
         latency_ms = 1e3 * (now_s - frame.arrived_s)
         write(json.dumps(_line(frame, predicted, in_distribution, latency_ms)))
-        throughput.translated, throughput.received = throughput.translated + 1, newest.read
+        throughput.translated, throughput.received = throughput.translated + 1, latest.read
         throughput.latencies_ms.append(latency_ms)
         if not in_distribution and not warned:
             warned = True
@@ -110,7 +110,7 @@ def _follow(
         if now_s - reported_s >= REPORT_EVERY_S:
             reported_s = now_s
             report(str(throughput))
-    throughput.received = newest.read
+    throughput.received = latest.read
     report(str(throughput))
     return throughput
 

@@ -79,9 +79,9 @@ def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
 
     Raises T2TwinError if the file cannot be read as an image.
     """
-    from t2twin.translate.data.images import open_image  # imports torch
+    from t2twin.translate.data.images import decode_image  # imports torch
 
-    return rotated(np.asarray(open_image(path)), turn_deg)
+    return rotated(np.asarray(decode_image(path)), turn_deg)
 
 
 class CameraSource:
@@ -163,10 +163,10 @@ class VideoSource:
 
 def _is_image(path: Path) -> bool:
     """Whether a file is an image, which FFmpeg opens as a video of one frame."""
-    from t2twin.core.images import check_picture
+    from t2twin.core.images import check_image_header
 
     try:
-        check_picture(path, ("PNG", "JPEG", "BMP", "TIFF"))
+        check_image_header(path, ("PNG", "JPEG", "BMP", "TIFF"))
     except T2TwinError:
         return False
     return True

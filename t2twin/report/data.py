@@ -22,8 +22,8 @@ class ReportData(Dataset):
     """Data of the report of runs.
 
     runs: by their names in the evaluation. histories: logs of the runs, one record per epoch.
-    evaluations, predictions, folders (of the evaluations): by split, "val" and "test", one of which
-    may be missing in imported pairs. gap: findings about the difference between both splits.
+    evaluations, predictions, folders (of the evaluations): by split, "val" and "test"; imported
+    pairs may lack a split. gap: findings about the difference between both splits.
     """
 
     runs: dict[str, TrainedTranslator]

@@ -12,7 +12,7 @@ import numpy as np
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.random_shapes.seeds import seed_of
+from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, LAYOUTS
 from t2twin.sim.cyskin.reading import PRESETS

@@ -22,7 +22,7 @@ from uuid import uuid4
 import viser
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import sweep, temporary_folder
+from t2twin.core.files import remove_leftovers, temporary_folder
 from t2twin.studio.frame_source import FrameSource, read_frame
 from t2twin.studio.translators import Translators
 from t2twin.studio.transport.connection import Connection, guarded_server
@@ -173,7 +173,7 @@ def studio(
     frames = None if source is None else FrameSource(source)
     frame = None if background is None else read_frame(background)
     place = Path(tempfile.gettempdir())
-    sweep(place, f".{FOLDER}-*.part")
+    remove_leftovers(place, f".{FOLDER}-*.part")
     with temporary_folder(place, f"{FOLDER}-{uuid4().hex}") as folder:
         folder.chmod(0o700)
         shared = SharedState(translators, folder, frames, frame)

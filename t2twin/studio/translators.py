@@ -131,19 +131,19 @@ class Translators:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The pretrained run, given runs, then found runs, the newest first."""
+        """The pretrained run, given runs, then found runs, the latest first."""
         return tuple(self._folders)
 
     @property
     def default_names(self) -> tuple[str, ...]:
         """Runs of a new page: the pretrained run with the given runs or, without these, with the
-        newest run of each other model."""
+        latest run of each other model."""
         if self._given:
             return (*self._pretrained, *self._given)
-        newest: dict[str, str] = {}
+        latest: dict[str, str] = {}
         for name, model in self._models.items():
-            newest.setdefault(model, name)
-        return tuple(newest.values())
+            latest.setdefault(model, name)
+        return tuple(latest.values())
 
     def are_loaded(self, runs: Sequence[str]) -> bool:
         """Whether all of these runs are loaded."""

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from t2twin.core.cached_files import add_checksum, is_intact
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.columns import UNTOUCHED
@@ -87,7 +87,7 @@ def _write(
             last = png
         which[place] = len(there) - 1
     for path, content in ((frames, np.stack(there)), (of_pair, which)):
-        with whole_file(path) as temporary, temporary.open("w+b") as file:
+        with atomic_write(path) as temporary, temporary.open("w+b") as file:
             np.save(file, content)
             add_checksum(file, path.name)
 

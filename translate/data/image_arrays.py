@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from t2twin.core.arguments import shown
+from t2twin.core.arguments import describe
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.images import to_pixels
 
@@ -85,7 +85,9 @@ def _array(value: object, name: str, expected: str) -> np.ndarray:
         hint = "; numpy.asarray(image.convert('RGB')) converts a PIL image"
     elif isinstance(value, str | PathLike):
         hint = "; numpy.asarray(PIL.Image.open(path).convert('RGB')) reads a file"
-    raise T2TwinError(f"{name} is {shown(value)}; expected {expected}, NumPy arrays of uint8{hint}")
+    raise T2TwinError(
+        f"{name} is {describe(value)}; expected {expected}, NumPy arrays of uint8{hint}"
+    )
 
 
 def _wrong_shape(array: np.ndarray, name: str, expected: str) -> T2TwinError:

@@ -7,7 +7,7 @@ import torch
 from PIL import Image
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.images import check_picture, open_picture
+from t2twin.core.images import check_image_header, decode_image
 from t2twin.sim.digit.camera.gaussian_noise import white
 
 RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
@@ -22,7 +22,7 @@ def open_image(path: Path) -> Image.Image:
     Raises T2TwinError where the file is missing, is no whole PNG or JPEG, or is far too large.
     """
     try:
-        image = open_picture(path)
+        image = decode_image(path)
     except T2TwinError as error:
         raise _unreadable(path, error) from None
     if image.mode.startswith("I"):  # 16 bits a pixel, which PIL would clip, not scale, to 8
@@ -33,7 +33,7 @@ def open_image(path: Path) -> Image.Image:
 def check_image(path: Path) -> None:
     """Most of the same, from the file's header alone. Raises as `open_image` does."""
     try:
-        check_picture(path)
+        check_image_header(path)
     except T2TwinError as error:
         raise _unreadable(path, error) from None
 

@@ -23,7 +23,7 @@ from PIL import Image
 
 from t2twin.core.cached_files import add_checksum, is_intact
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
@@ -271,7 +271,7 @@ def _write_cache(
         "shape": shape,
     }
     with (
-        whole_file(path) as temporary,
+        atomic_write(path) as temporary,
         temporary.open("w+b") as file,
         ThreadPoolExecutor() as pool,
         Progress(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.translate.evaluation.evaluate import check_asked, evaluate, evaluate_both, splits_there
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
@@ -56,7 +56,7 @@ def evaluate_worlds(
             worlds[name] = evaluate_both([Path(run) for run in runs], data_dir, folder, background)
         else:
             worlds[name] = {split: evaluate(runs, data_dir, split, folder, background)}
-    with whole_file(out_dir / TABLE) as temporary:
+    with atomic_write(out_dir / TABLE) as temporary:
         temporary.write_text(worlds_markdown(worlds))
     return worlds
 

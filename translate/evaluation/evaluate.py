@@ -10,7 +10,7 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import locked, whole_file
+from t2twin.core.files import atomic_write, locked
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import (
@@ -228,7 +228,7 @@ def evaluate_both(
         split: evaluate(runs, data_dir, split, out_dir / split, background) for split in splits
     }
     write_findings(out_dir, evaluations, gap_between(evaluations, data_dir))
-    with whole_file(out_dir / TABLE) as temporary:
+    with atomic_write(out_dir / TABLE) as temporary:
         temporary.write_text(markdown(evaluations))
     return evaluations
 

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.data.pairs import DataInfo, Pairs
@@ -94,7 +94,7 @@ def write_predictions(folder: Path, predictions: Predictions) -> None:
         predictions.yaw_rad,
         predictions.force_n,
     )
-    with whole_file(folder / PREDICTIONS) as temporary, temporary.open("wb") as file:
+    with atomic_write(folder / PREDICTIONS) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             allow_pickle=False,

@@ -16,7 +16,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.translate.evaluation.metrics.reliability import NAMED_KEPT, NAMED_LEVEL
 from t2twin.translate.evaluation.records import Evaluation, ModelRow, read_evaluation
 from t2twin.translate.runs.card import CARD, LIMITS
@@ -60,12 +60,12 @@ def ship(run_dir: Path, evaluations: Sequence[Path] = (), home: Path = HOME) -> 
     folder = home / config.model
     folder.mkdir(parents=True, exist_ok=True)
     weights = {name: _halved(name, tensor) for name, tensor in load_file(run_dir / BEST).items()}
-    with whole_file(folder / BEST) as temporary:
+    with atomic_write(folder / BEST) as temporary:
         save_file(weights, temporary)
         temporary.chmod(0o644)  # safetensors lets only the owner read
     for name in (CONFIG, LOG):
         shutil.copyfile(run_dir / name, folder / name)
-    with whole_file(folder / CARD) as temporary:
+    with atomic_write(folder / CARD) as temporary:
         temporary.write_text(_with_figures(card, rows), encoding="utf-8")
     return folder
 

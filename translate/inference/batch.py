@@ -20,7 +20,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, temporary_folder
 from t2twin.core.progress import Progress
-from t2twin.sim.cyskin.tactile_image import tactile_picture
+from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.translate.data.images import check_image, open_image, to_pixels
 from t2twin.translate.inference.outputs import (
     TranslationResult,
@@ -196,7 +196,7 @@ def _save_picture(
     run: TrainedTranslator, folder: Path, tactile: np.ndarray, name: str, std: np.ndarray | None
 ) -> None:
     info = run.config.data
-    picture = tactile_picture(tactile, info.x_mm, info.y_mm, info.full_scale_counts, std)
+    picture = colored_tactile_image(tactile, info.x_mm, info.y_mm, info.full_scale_counts, std)
     picture.save(folder / name, compress_level=1)  # in half the time, if half as large again
 
 

@@ -30,7 +30,7 @@ import torch
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.translate.inference.predictor import COUNTS, TrainedTranslator
 from t2twin.translate.models.field import FromPixels
 
@@ -74,7 +74,7 @@ def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
     frame = [module.mean_frame] if isinstance(module, FromPixels) else []
     with torch.inference_mode():
         outputs = OUTPUTS[: len(module(images, *frame))]
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         with warnings.catch_warnings():
             # The tracing exporter is deprecated, but its successor needs onnxscript as well.
             warnings.simplefilter("ignore", DeprecationWarning)

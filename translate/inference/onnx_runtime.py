@@ -16,7 +16,7 @@ import numpy as np
 import torch
 
 from t2twin.core import arguments
-from t2twin.core.cache_dir import cache_home
+from t2twin.core.cache_dir import cache_dir
 from t2twin.core.cached_files import read_checked, write_checked
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import temporary_folder
@@ -77,7 +77,7 @@ def _why_not(run: TrainedTranslator, bf16: bool) -> str | None:
         return "it goes the other way, and gives no counts"
     if run.translator.device.type != "cpu" or bf16:
         return "that computes in float32 on the CPU"
-    return None if cache_home() is not None else "there is no folder in which its file can be kept"
+    return None if cache_dir() is not None else "there is no folder in which its file can be kept"
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ class OnnxEngine:
     @cached_property
     def _session(self) -> tuple[Any, list[str]] | None:
         """With the names of its outputs; None where its file cannot be kept."""
-        home = cache_home()
+        home = cache_dir()
         assert home is not None
         path = home / FOLDER / f"{_key(self.run)}.onnx"
         try:

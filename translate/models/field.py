@@ -24,7 +24,7 @@ import torch
 from torch import nn
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.field_reading import reading_of
+from t2twin.sim.cyskin.field_reading import reading_matrix
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD, to_input
@@ -176,7 +176,7 @@ class FieldTranslator:
     @cached_property
     def teller(self) -> FieldReadout:
         """What reads its layout from the field."""
-        return FieldReadout(self.predictor, reading_of(self.layout), self.full_scale)
+        return FieldReadout(self.predictor, reading_matrix(self.layout), self.full_scale)
 
     @cached_property
     def drawing(self) -> FieldDrawing:
@@ -187,7 +187,7 @@ class FieldTranslator:
         """See Translator. Any layout on the cover; the pads' sizes count."""
         other = copy(self)
         other.layout = layout
-        reading = reading_of(layout)
+        reading = reading_matrix(layout)
         other.teller = FieldReadout(self.predictor, reading, self.full_scale)
         return other
 

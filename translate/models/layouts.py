@@ -79,4 +79,4 @@ def reading_at(new: Phi, trained: Phi) -> Phi:
     Raises T2TwinError where the other pixels do not tell the new taxels apart.
     """
     covers = [phi.matrix.sum(axis=1) for phi in (new, trained)]
-    return new.reading_only(np.flatnonzero(np.abs(covers[0] - covers[1]) < SAME_COVER))
+    return new.with_inverse_from(np.flatnonzero(np.abs(covers[0] - covers[1]) < SAME_COVER))

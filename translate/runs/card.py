@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import read_info, split_shards
 from t2twin.translate.data.pairs import load_info
@@ -82,7 +82,7 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
         f"## License\n\n{_license(info)[1]}\n",
         f"## Citation\n\nThe method:\n\n{CITATION}",
     ]
-    with whole_file(run_dir / CARD) as temporary:
+    with atomic_write(run_dir / CARD) as temporary:
         temporary.write_text("\n".join(parts))
 
 

@@ -12,7 +12,7 @@ from safetensors.torch import load_file, save_file
 from torch import nn
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.translate.models.base import Translator
 from t2twin.translate.runs.log import EpochRecord, decode_history, encode_history
 
@@ -132,7 +132,7 @@ def _save(
 ) -> None:
     # safetensors stores rows in order; channels-last weights are not.
     in_order = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         try:
             save_file(in_order, temporary, metadata)
         except SafetensorError as error:  # it says in words what an OSError says by its number

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 from msgspec import Meta
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.core.records import convert, decode_json
 from t2twin.translate.runs.config import LOG
 
@@ -80,7 +80,7 @@ def read_log(run_dir: Path) -> list[EpochRecord]:
 
 def write_log(run_dir: Path, history: Sequence[EpochRecord]) -> None:
     """Writes RUN/log.jsonl, over an earlier one."""
-    with whole_file(run_dir / LOG) as temporary:
+    with atomic_write(run_dir / LOG) as temporary:
         temporary.write_text("".join(json.dumps(to_json(record)) + "\n" for record in history))
 
 

@@ -6,7 +6,7 @@ from html import escape
 from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import locked, whole_file
+from t2twin.core.files import atomic_write, locked
 from t2twin.core.progress import Progress
 from t2twin.report.html.style import STYLE
 
@@ -50,7 +50,7 @@ def write_page(
     above, *body = [maker() for maker in makers]
     links = {name: titles[name] for name in sections if name in titles}
     path = out / PAGE
-    with locked(path.parent), whole_file(path) as temporary:
+    with locked(path.parent), atomic_write(path) as temporary:
         temporary.write_text(_html(title, above, links, body), encoding="utf-8")
     return path
 

@@ -6,7 +6,7 @@ from typing import Any
 import viser
 
 from t2twin.primitives_cad import catalogue, primitive_parameters
-from t2twin.primitives_cad.random_shapes.seeds import PREFIX, seed_of
+from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.world.presses import MAX_SEED as MAX_SHAPE
@@ -201,7 +201,7 @@ class Controls:
         )
         self._imperfections = gui.add_dropdown(
             "Array", tuple(PRESETS), initial_value="white",
-            hint="white: reading noise; untouched: also drift; all: also hysteresis and gain",
+            hint="white: reading noise; baseline: also drift; all: also hysteresis and gain",
         )  # fmt: skip
         self._seed = gui.add_number("Seed", 0, min=0, max=2**53, step=1, hint="Seed of the noise")
         # A page may send any text; only offered names are accepted.

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 from PIL import Image
 
-from t2twin.core.cache_dir import matplotlib_home
+from t2twin.core.cache_dir import configure_matplotlib_dir
 
 SEQUENTIAL, DIVERGING = "viridis", "RdBu_r"
 """Names of matplotlib color maps: for counts and pressures, and for differences."""
@@ -22,7 +22,7 @@ PNG_COMPRESSION = 1
 @cache
 def color_table(name: str = SEQUENTIAL) -> np.ndarray:
     """(LEVELS, 3) uint8: colors of a map, from low to high values."""
-    matplotlib_home()
+    configure_matplotlib_dir()
     from matplotlib import colormaps
 
     return colormaps[name](np.arange(LEVELS), bytes=True)[:, :3]

@@ -43,18 +43,18 @@ def own(temporary):
 def test_a_user_s_cache_is_where_the_system_has_it(tmp_path, monkeypatch):
     monkeypatch.delenv(VARIABLE)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
-    assert cache_dir.cache_home() == tmp_path / "caches/t2twin"
+    assert cache_dir.cache_dir() == tmp_path / "caches/t2twin"
 
 
 def test_the_variable_names_another_folder(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(tmp_path / "here/it/is"))
-    assert cache_dir.cache_home() == tmp_path / "here/it/is"
+    assert cache_dir.cache_dir() == tmp_path / "here/it/is"
     load_file(tmp_path)
     assert [path.suffix for path in (tmp_path / "here/it/is/shapes").iterdir()] == [".shape"]
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv(VARIABLE, str(tmp_path / "file"))
     with pytest.raises(T2TwinError, match=r"T2TWIN_CACHE is .+ which cannot be written"):
-        cache_dir.cache_home()
+        cache_dir.cache_dir()
 
 
 @pytest.mark.parametrize("home", ["file", "unset"])
@@ -62,9 +62,9 @@ def test_without_a_home_it_is_a_private_folder_among_the_temporary(homeless, mon
     if home == "unset":
         monkeypatch.delenv("HOME")
         monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # a user whom nobody knows
-    assert cache_dir.cache_home() == own(homeless)
+    assert cache_dir.cache_dir() == own(homeless)
     assert own(homeless).stat().st_mode & 0o777 == 0o700
-    assert cache_dir.cache_home() == own(homeless)
+    assert cache_dir.cache_dir() == own(homeless)
 
 
 @pytest.mark.parametrize("wrong", ["open to others", "a link", "a file", "another user's"])
@@ -81,7 +81,7 @@ def test_what_others_could_have_laid_there_is_not_used(homeless, monkeypatch, wr
         us = os.getuid()
         monkeypatch.setattr(os, "getuid", lambda: us + 1)
         own(homeless).mkdir(mode=0o700)
-    assert cache_dir.cache_home() is None
+    assert cache_dir.cache_dir() is None
 
 
 def test_without_any_folder_shapes_are_made_and_not_kept(homeless, tmp_path, monkeypatch):
@@ -94,18 +94,18 @@ def test_without_any_folder_shapes_are_made_and_not_kept(homeless, tmp_path, mon
 
 
 def test_matplotlib_gets_a_folder_only_where_its_own_is_none(homeless, tmp_path, monkeypatch):
-    cache_dir.matplotlib_home()
+    cache_dir.configure_matplotlib_dir()
     assert os.environ["MPLCONFIGDIR"] == str(own(homeless) / "matplotlib")
     monkeypatch.delenv("MPLCONFIGDIR")
     monkeypatch.setenv("HOME", str(tmp_path / "another"))
-    cache_dir.matplotlib_home()
+    cache_dir.configure_matplotlib_dir()
     assert "MPLCONFIGDIR" not in os.environ
 
 
 def test_a_lent_home_is_the_cache_home_and_stays_it(homeless):
-    cache_dir.lend_home()
+    cache_dir.use_cache_dir_as_home()
     assert os.environ["HOME"] == str(own(homeless))
-    assert cache_dir.cache_home() == own(homeless)
+    assert cache_dir.cache_dir() == own(homeless)
 
 
 LOOP = """
