@@ -97,7 +97,7 @@ class FolderSource:
 
     def _image(self, name: str, version: Version) -> np.ndarray | None:
         """The image of a file; None if it is incomplete or was rewritten during reading."""
-        from t2twin.translate.data.images import decode_image  # imports torch
+        from t2twin.translate.data.images import open_image  # imports torch
 
         path, now_s = self._path / name, time.monotonic()
         known, since_s = self._unreadable.get(name, (version, now_s))
@@ -105,7 +105,7 @@ class FolderSource:
         if known == version and name in self._unreadable and not timed_out:
             return None  # this content was tried already
         try:
-            image = np.asarray(decode_image(path))
+            image = np.asarray(open_image(path))
         except T2TwinError as error:
             if not path.exists():
                 return None

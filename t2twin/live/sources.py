@@ -79,9 +79,9 @@ def open_background(path: Path, turn_deg: int = 0) -> np.ndarray:
 
     Raises T2TwinError if the file cannot be read as an image.
     """
-    from t2twin.translate.data.images import decode_image  # imports torch
+    from t2twin.translate.data.images import open_image  # imports torch
 
-    return rotated(np.asarray(decode_image(path)), turn_deg)
+    return rotated(np.asarray(open_image(path)), turn_deg)
 
 
 class CameraSource:

@@ -56,6 +56,6 @@ class FrameSource:
 
 def read_frame(path: Path) -> NamedFrame:
     """Reads an image file. Raises T2TwinError if it is not an image."""
-    from t2twin.translate.data.images import decode_image
+    from t2twin.translate.data.images import open_image
 
-    return np.asarray(decode_image(path)), path.name
+    return np.asarray(open_image(path)), path.name
