@@ -245,10 +245,10 @@ def real() -> str:
                 f"{scores['rmse_percent']:.2f}",
                 f"{run['simulated']['rmse_percent']:.2f}",
                 f"{scores['centroid_mm']:.1f}",
-                f"{scores['one_blob']} of {len(content['presses'])}",
-                f"{100 * scores['force_part']:.0f} %",
-                "" if (held := scores["held_percent"]) is None else f"{held:.0f} %",
-                f"{run['untouched_counts']:,.0f}",
+                f"{scores['single_region']} of {len(content['presses'])}",
+                f"{100 * scores['force_error']:.0f} %",
+                "" if (held := scores["interval_coverage_percent"]) is None else f"{held:.0f} %",
+                f"{run['background_counts']:,.0f}",
             ]
         )
     for name, row in (("no counts at all", "nothing"), ("their mean array", "constant")):
