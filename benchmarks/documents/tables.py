@@ -230,10 +230,10 @@ def real() -> str:
             "real frames",
             "simulated",
             "centroid, mm",
-            "one blob",
-            "force off",
-            "held",
-            "untouched",
+            "one region",
+            "force error",
+            "coverage",
+            "background",
         ]
     ]
     for name, run in content["runs"].items():
@@ -251,7 +251,7 @@ def real() -> str:
                 f"{run['background_counts']:,.0f}",
             ]
         )
-    for name, row in (("no counts at all", "nothing"), ("their mean array", "constant")):
+    for name, row in (("zero counts", "zero"), ("mean array", "mean_array")):
         error = content[f"{row}_rmse_percent"]
         lines.append([name, f"{error:.2f}", f"{error:.2f}", "", "", "", "", ""])
     return _markdown(lines)

@@ -1,9 +1,9 @@
 """Adapts a translator to one DIGIT, from about ten minutes of presses of a ball.
 
-Four steps, each of which is also a command of its own: calibration of the optics; a dataset of
-random shapes and primitives, pressed with 0.5 to 12 N, 5 % background frames, with one light per
-shape sampled around the calibration and the unit's own frame noise; training; and an evaluation on
-the presses that the calibration was not fitted to. A finished step is not repeated.
+The four steps are also separate commands: calibration of the optics; a dataset of random shapes and
+primitives, pressed with 0.5 to 12 N, 5 % background frames, with one light per shape sampled around
+the calibration and the unit's own frame noise; training; and an evaluation on the presses that the
+calibration was not fitted to. A finished step is not repeated.
 """
 
 import hashlib

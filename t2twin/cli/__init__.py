@@ -51,7 +51,7 @@ COMMANDS = {
 def main(arguments: list[str] | None = None) -> None:
     """Run a subcommand; print one sentence and exit with status 2 after an error of the user."""
     given = sys.argv[1:] if arguments is None else arguments
-    before_compiling(_say_compiling)
+    before_compiling(_report_compiling)
     try:
         _run(given)
         if sys.stdout is not None:
@@ -69,7 +69,7 @@ def main(arguments: list[str] | None = None) -> None:
         sys.exit(report_stop(stop.number))
 
 
-def _say_compiling() -> None:
+def _report_compiling() -> None:
     print(
         "t2twin: compiling numerical loops for their first use on this machine (up to 20 s)",
         file=sys.stderr,

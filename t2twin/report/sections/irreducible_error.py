@@ -99,7 +99,7 @@ def _sentence(floor: IrreducibleErrorFloor, close_grey: float) -> str:
             if bound is not None
         )
         line = f" Extrapolated bound: {value:,.0f} counts{between}"
-        line += f"; by group of taxels {groups}." if groups else "."
+        line += f"; by group of taxels: {groups}." if groups else "."
     return (
         f"the median distance of the nearest image is {near.distance_grey:.1f} grey levels, with a "
         f"bound of {near.rmse_counts:,.0f} counts; {within}.{line}"
