@@ -180,7 +180,7 @@ def barycentric(
     digest = short_digest(points.tobytes() + at.tobytes())
     key = repr((digest, points.shape, at.shape, tolerance, scipy.__version__))
     found = cached_array("phi", key, __file__, lambda: _find_weights(points, at, tolerance))
-    rows, columns = np.repeat(found["place"], 3), found["corners"].ravel()
+    rows, columns = np.repeat(found["place"].astype(int), 3), found["corners"].ravel()
     entries = (found["weights"].ravel(), (rows, columns))
     return sparse.csr_array(entries, shape=(at.shape[0], points.shape[0]))
 
