@@ -34,7 +34,7 @@ from t2twin.studio.press_state import PressState
 from t2twin.studio.server import studio
 from t2twin.studio.session import Session
 from t2twin.studio.translators import Translators
-from t2twin.studio.view.cards import pictures_html, scales_of
+from t2twin.studio.view.cards import press_html, scales_of
 from t2twin.studio.view.solids import as_glb, elastomer_part, taxels_part
 
 PICTURE = ROOT / "docs" / "pictures" / "studio.png"
@@ -122,13 +122,13 @@ def _core_ms(run: Path) -> float:
     session, times = Session(translators), []
     for force_n in FORCES_N:
         started = time.perf_counter()
-        look = session.look(PressState(force_n=float(force_n)), translators.chosen)
-        scales = scales_of(look)
-        digit, cyskin = look.touch.digit, look.touch.cyskin
-        pads = taxels_part(cyskin, look.touch.layout, look.touch.counts, scales.counts)
+        result = session.press(PressState(force_n=float(force_n)), translators.default_names)
+        scales = scales_of(result)
+        digit, cyskin = result.touch.digit, result.touch.cyskin
+        pads = taxels_part(cyskin, result.touch.layout, result.touch.counts, scales.counts)
         as_glb([elastomer_part(digit, scales.digit_kpa)])
         as_glb([elastomer_part(cyskin, scales.cyskin_kpa), pads])
-        pictures_html(look, scales, runs_known=True)
+        press_html(result, scales, has_runs=True)
         times.append(1e3 * (time.perf_counter() - started))
     return statistics.median(times[1:])
 

@@ -25,7 +25,7 @@ from benchmarks.evidence.small_case import SmallCase, rounded, sha256_of
 from benchmarks.paper_scale import presses_sha256, settings
 from t2twin.core.files import atomic_write
 from t2twin.report.data import ReportData, read_report_data
-from t2twin.report.sections.qualitative import chosen, row_picture
+from t2twin.report.sections.qualitative import sample_image, samples_at_quantiles
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import read_evaluation
 
@@ -133,9 +133,9 @@ def draw(report: ReportData) -> None:
     """The samples, one below another."""
     rows = []
     for split, quantiles in SHOWN.items():
-        for row, quantile in chosen(report, split):
+        for row, quantile in samples_at_quantiles(report, split):
             if quantile in quantiles:
-                with Image.open(io.BytesIO(row_picture(report, split, row))) as picture:
+                with Image.open(io.BytesIO(sample_image(report, split, row))) as picture:
                     rows.append(np.asarray(picture.convert("RGB")))
     with atomic_write(PICTURE) as temporary:
         Image.fromarray(np.concatenate(rows)).save(temporary, optimize=True)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from t2twin.core.errors import T2TwinError
     from t2twin.primitives_cad.export import export as export_shapes
     from t2twin.primitives_cad.shape import Shape
-    from t2twin.report.data_page import write_data_report
-    from t2twin.report.page import write_report
+    from t2twin.report.dataset_report import write_data_report
+    from t2twin.report.run_report import write_report
     from t2twin.sim.contact.elastomer import Elastomer
     from t2twin.sim.contact.types import Contact, PressCommand
     from t2twin.sim.cyskin.layout import Layout, load_layout
@@ -69,8 +69,8 @@ _HOMES = {
     "Recipe": "t2twin.sim.world.recipe:Recipe",
     "translate_images": "t2twin.translate.inference.batch:translate_images",
     "export_onnx": "t2twin.translate.inference.onnx_export:export_onnx",
-    "write_report": "t2twin.report.page:write_report",
-    "write_data_report": "t2twin.report.data_page:write_data_report",
+    "write_report": "t2twin.report.run_report:write_report",
+    "write_data_report": "t2twin.report.dataset_report:write_data_report",
 }
 """Public names and where each is defined."""
 

@@ -4,8 +4,10 @@ python -m tests.language            counts by word and by file
 python -m tests.language PATH ...   every place below these paths
 """
 
+import io
 import re
 import sys
+import tokenize
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,7 +34,6 @@ WORDS = {
     "looks": "image statistics",
     "mend mends mended mending": "repair",
     "newest": "latest",
-    "riddle": "",
     "road": "pipeline",
     "rung rungs": "knot",
     "say says said saying": "state, print, name",
@@ -54,34 +55,46 @@ PLOTLESS = ("sim/", "primitives_cad/random_shapes/", "translate/")
 IDENTIFIERS = {
     "AT_ONCE": "BATCH_SIZE",
     "Drawn": "PressSample",
+    "LIKE": "an enum of uncertainty/ood.py",
+    "UNLIKE": "an enum of uncertainty/ood.py",
     "Made": "ShardResult",
     "Making": "ShardContext",
     "More": "ExtraColumns",
-    "Known": "",
+    "Known": "a name for its content",
     "OtherWay": "CySkinToDigit",
     "Road": "AdaptConfig",
     "Span": "Bounds",
+    "TrainingLoop": "Trainer",
+    "Translated": "TranslationResult",
     "carried": "redistribute_force",
+    "draw_touch": "sample_press",
     "evenly_in_log": "log_uniform",
+    "factor_at": "interpolate_scale",
     "falls_by": "sparsification_gain",
     "find_run": "resolve_run",
     "held_percent": "coverage",
     "in_hand": "pending_writes",
+    "lay": "set_state",
+    "like_training": "in_distribution",
+    "off": "residual",
     "other_way": "reverse",
     "picture_of": "tactile_image_of, digit_image",
     "reason_to_stop": "stop_reason",
-    "running_mean_of": "weight_averaging",
+    "shape_loss": "soft_iou_loss",
     "sharpen": "precondition",
     "take_away": "export_zip",
 }
-"""Whole identifiers, and their standard terms."""
+"""Whole identifiers of code, and their standard terms; in text they are plain words."""
+
+WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
+"""Words of an identifier in snake case or camel case."""
 
 PREFIXES = {"MOST_": "MAX_", "LEAST_": "MIN_", "FEWEST_": "MIN_"}
 
 PHRASES = {
     "of which": "name the thing again",
-    "given the say": "",
-    "holds its word": "",
+    "given the say": "decide",
+    "holds its word": "is calibrated",
     "put right": "recalibrate",
     "stands? in for": "replace",
 }
@@ -100,12 +113,12 @@ ALLOWED = (
     Allowed("", "untouched_frames", "field of a recipe"),
     Allowed("sim/world/", "draw", "field of a recipe's light"),
     Allowed("sim/world/", "drawn", "kind of a recipe's light"),
-    Allowed("sim/dataset/", "untouched", "column of a dataset"),
-    Allowed("translate/data/", "untouched", "column of a dataset"),
-    Allowed("t2twin/report/dataset/", "untouched", "column of a dataset"),
+    Allowed("sim/world/recipe.py", "untouched", "value of a recipe of version 0.2"),
+    Allowed("sim/dataset/columns.py", "untouched", "column of a dataset"),
+    Allowed("sim/dataset/card.py", "untouched", "column of a dataset"),
     Allowed("sim/world/", "shipped", "name of a world"),
 )
-"""Places where these words are data's own names, at most 20."""
+"""Places where data formats use these words, at most 20."""
 
 
 class Place(NamedTuple):
@@ -132,29 +145,27 @@ def places(root: Path = ROOT) -> list[Place]:
 def in_text(text: str, path: str) -> Iterator[Place]:
     """Places of private words in a file's name and text. path: from the root, for its rules."""
     words = by_word(WORDS | (SAMPLING if path.startswith(PLOTLESS) else {}))
-    tokens = {each.token for each in ALLOWED if path.startswith(each.path)}
+    allowed = {each.token for each in ALLOWED if path.startswith(each.path)}
     for number, line in enumerate((path, *text.splitlines())):
         for token in re.findall(r"[A-Za-z_][A-Za-z_0-9]*", line):
-            if token not in tokens and token.strip("_") not in tokens:
-                for word, standard in private(token, words):
-                    yield Place(path, number, word, standard)
+            for part in () if token.strip("_") in allowed else WORD.findall(token):
+                if part.lower() in words:
+                    yield Place(path, number, part.lower(), words[part.lower()])
+    for number, name in identifiers(text) if path.endswith(".py") else ():
+        whole = name.lstrip("_")
+        standard = IDENTIFIERS.get(whole) or PREFIXES.get(f"{whole.partition('_')[0]}_")
+        if standard is not None and whole not in allowed:
+            yield Place(path, number, whole, standard)
     for phrase, standard in PHRASES.items():
         for match in re.finditer(phrase.replace(" ", r"\s+(?:#\s*)?"), text):
             yield Place(path, text.count("\n", 0, match.start()) + 1, phrase, standard)
 
 
-def private(token: str, words: dict[str, str]) -> Iterator[tuple[str, str]]:
-    """The private words of an identifier or a word, and the standard ones."""
-    whole = token.lstrip("_")
-    if whole in IDENTIFIERS:
-        yield whole, IDENTIFIERS[whole]
-        return
-    for prefix, standard in PREFIXES.items():
-        if whole.startswith(prefix):
-            yield whole, standard
-    for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", token):
-        if part.lower() in words:
-            yield part.lower(), words[part.lower()]
+def identifiers(text: str) -> Iterator[tuple[int, str]]:
+    """Line and name of every identifier of Python code, without comments and strings."""
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.NAME:
+            yield token.start[0], token.string
 
 
 def by_word(groups: dict[str, str]) -> dict[str, str]:

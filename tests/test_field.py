@@ -12,7 +12,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
-from t2twin.report.page import write_report
+from t2twin.report.run_report import write_report
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import taxels
 from t2twin.sim.cyskin.field import field_counts, field_layout
@@ -422,7 +422,7 @@ def test_the_card_says_what_is_told_and_how_sure(run_dir: Path) -> None:
 
 def test_the_report_draws_how_sure_it_is(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
     page = write_report(tmp_path / "report", data_dir, [run_dir]).read_text()
-    assert '<section id="sureness"' in page and "its 90 % intervals hold" in page
+    assert '<section id="uncertainty"' in page and "its 90 % intervals hold" in page
 
 
 def test_tempered_on_several_worlds(

@@ -19,9 +19,10 @@ def test_few_places_are_allowed():
     [
         ("def _told(self): ...", ["told"]),
         ("toldAgain = ToldAgain", ["told", "told"]),
-        ("MOST_SHAPES = 3  # what ships", ["MOST_SHAPES", "ships"]),
+        ("MOST_SHAPES = 3  # what ships", ["ships", "MOST_SHAPES"]),
         ('"""A pair,\nof which one is new."""', ["of which"]),
         ("class Made: pass", ["Made"]),
+        ("More = 1  # Made of More", ["More"]),
         ("made = 'a relationship of skin, traded'", []),
         ("share = untouched_share", []),
     ],

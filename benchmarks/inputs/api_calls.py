@@ -204,7 +204,7 @@ OBJECTS: Mapping[str, Call] = {
     "export_onnx run": lambda value, box, base: t2twin.export_onnx(value, "x.onnx"),
     "import_pairs layout": lambda value, box, base: t2twin.import_pairs(TABLE, "out", value),
     "adapt tolerance": lambda value, box, base: t2twin.adapt("a", "b", 5.0, "out", tolerance=value),
-    "adapt say": lambda value, box, base: t2twin.adapt("a", "b", 5.0, "out", say=value),
+    "adapt report": lambda value, box, base: t2twin.adapt("a", "b", 5.0, "out", report=value),
 }
 
 WORDS: Mapping[str, Call] = {

@@ -133,7 +133,7 @@ def cases() -> Iterator[Case]:
     for name, content in NO_VIDEO:
         words = (*LIVE, name)
         yield Case(f"source {name}", words, holding(name, content), "cannot be read as a video")
-    yield Case("source: one image", (*LIVE, "x.png"), holding("x.png", PNG), "is a picture")
+    yield Case("source: one image", (*LIVE, "x.png"), holding("x.png", PNG), "is an image")
     yield Case("source: a pipe", (*LIVE, "f.avi"), _fifo, "no source")
     yield from _videos()
     for options, says in OPTIONS:

@@ -25,7 +25,7 @@ TRANSLATING = "translate"
 """What the translators' time goes by, beside the stages of t2twin.sim.sensors.SensorPair.press."""
 
 STEPS = ("press digit", "picture", "press cyskin", "taxels", "tactile image", TRANSLATING)
-"""Steps of a look, in their order."""
+"""Steps of a press, in their order."""
 
 
 _making = Lock()
@@ -33,7 +33,7 @@ _making = Lock()
 
 
 @dataclass(frozen=True)
-class Look:
+class PressResult:
     """What there is to see of one press.
 
     tactile_image: (R, C) float32, counts, phi of what the CySkin counted; None for a layout that
@@ -74,7 +74,7 @@ class Session:
                 self._shape = (source, load_shape(*source))
         return self._shape[1]
 
-    def look(self, state: PressState, runs: tuple[str, ...] = ()) -> Look:
+    def press(self, state: PressState, runs: tuple[str, ...] = ()) -> PressResult:
         """Presses, takes the picture and translates it by the runs of these names.
 
         Raises T2TwinError for what cannot be pressed, with the sentence of `t2twin press`.
@@ -109,9 +109,9 @@ class Session:
             tactile = None if isinstance(phi, T2TwinError) else phi(touch.counts)
         with timed(TRANSLATING):
             background = self._background_of(sensors.digit) if runs else None
-            translations = self.translators.of_touch(touch, runs, background)
+            translations = self.translators.translate_touch(touch, runs, background)
         no_image = str(phi) if isinstance(phi, T2TwinError) else ""
-        return Look(state, touch, tactile, no_image, translations, steps)
+        return PressResult(state, touch, tactile, no_image, translations, steps)
 
     def _sensors_for(self, state: PressState) -> SensorPair:
         digit, cyskin, before = self._sensors.digit, self._sensors.cyskin, self._made_for

@@ -88,10 +88,10 @@ def test_translators_are_loaded_after_a_page_has_its_picture(untrained_runs, tmp
 
     translators = Watched()
     translators.search(untrained_runs)
-    shared = warmup.Shared(translators, tmp_path, is_seen=Seen())
-    monkeypatch.setattr(warmup, "_press", lambda _: order.append(shared.can_press.is_set()))
-    warmup.get_ready(shared, search=False)
-    assert order == [False, "seen", translators.chosen] and shared.can_press.is_set()
+    shared = warmup.SharedState(translators, tmp_path, page_shown=Seen())
+    monkeypatch.setattr(warmup, "_press", lambda _: order.append(shared.press_ready.is_set()))
+    warmup.warm_up(shared, search=False)
+    assert order == [False, "seen", translators.default_names] and shared.press_ready.is_set()
 
 
 WATCHING = next(

@@ -126,12 +126,12 @@ def test_a_depth_is_pressed_and_the_force_follows(opened):
     number.locator("input[type=text]").press("Enter")
     await_that(lambda: page.state.depth_mm == 0.8)
     assert page.wait(60)
-    assert page.look.touch.digit.depth_mm == pytest.approx(0.8, abs=TOLERANCE_MM)
-    assert force.value == pytest.approx(page.look.touch.command.force_n)
-    page.controls.take({"force_n": 4.0})
+    assert page.result.touch.digit.depth_mm == pytest.approx(0.8, abs=TOLERANCE_MM)
+    assert force.value == pytest.approx(page.result.touch.command.force_n)
+    page.controls.apply({"force_n": 4.0})
     assert page.wait(60)
     assert page.state == PressState(SHAPE, force_n=4.0)
-    assert depth.value == pytest.approx(page.look.touch.digit.depth_mm)
+    assert depth.value == pytest.approx(page.result.touch.digit.depth_mm)
 
 
 @pytest.mark.exhaustive
@@ -158,7 +158,7 @@ def test_pictures_come_before_the_scene_and_alone(opened):
     await_that(lambda: any(SURFACES & set(batch) for batch in tab.evaluate("batches")))
     for force_n in (5.0, 6.0, 7.0):
         tab.evaluate("window.batches.length = 0")
-        page.controls.take({"force_n": force_n})
+        page.controls.apply({"force_n": force_n})
         assert page.wait(60)
         await_that(lambda: any(SURFACES & set(batch) for batch in tab.evaluate("batches")))
         batches = tab.evaluate("batches")

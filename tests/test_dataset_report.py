@@ -11,11 +11,11 @@ from pages import read_page
 
 from t2twin.cli import main
 from t2twin.core.images import decode_png, encode_png
-from t2twin.report import data_page
+from t2twin.report import dataset_report
 from t2twin.report.dataset import duplicates, outliers, pairs, summary
 from t2twin.report.dataset.scan import nearest_others, scan
 from t2twin.report.dataset.tables import read_dataset
-from t2twin.report.page import PAGE
+from t2twin.report.html.page import PAGE
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import read_info, write_info, write_shard
 
@@ -29,7 +29,7 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
     main(["report", "--data", str(data_dir), "--out", str(tmp_path)])
     read, text = read_page(tmp_path / PAGE)
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
-    assert sections == ["summary", "about", *data_page.LINKS]
+    assert sections == ["summary", "about", *dataset_report.LINKS]
     images = [tag for tag, _ in read.tags if tag == "img"]
     assert len(images) == 1 + 1 + 1 + pairs.PAIRS + 2 + 1 + 1 + 1
     assert "12 pairs of 4 shapes" in text and "2 pairs of 2 shapes" in text
@@ -39,15 +39,15 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
 
 def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
     dataset = read_dataset(data_dir)
-    looked = scan(dataset, duplicates.noise_grey(dataset))
-    said = summary.sentences(dataset, looked)
+    scanned = scan(dataset, duplicates.noise_grey(dataset))
+    said = summary.paragraphs(dataset, scanned)
     assert len(said) <= 4 and "the 20 counts, each from 0 to 40,000" in said[0]
     assert said[1] == (
         "There are 20 pairs of 8 shapes: 12 for training, 6 for validation, 2 for test."
     )
-    assert said[2].startswith("Of the pairs none repeat another one")
-    twins = replace(looked, alike_counts=np.where(np.arange(20) < 5, 0.0, np.inf))
-    assert "Of the pairs 25 % repeat" in summary.sentences(dataset, twins)[2]
+    assert said[2].startswith("Near-duplicates: none of the pairs differ")
+    twins = replace(scanned, alike_counts=np.where(np.arange(20) < 5, 0.0, np.inf))
+    assert "Near-duplicates: 25 % of the pairs" in summary.paragraphs(dataset, twins)[2]
     assert "simulated" in said[3]
 
 
@@ -76,11 +76,11 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
     pairs = info.pairs | {"train": info.pairs["train"] + 2}
     write_info(folder, replace(info, shards=shards, pairs=pairs))
     dataset = read_dataset(folder)
-    looked = scan(dataset, noise)
-    twins = np.flatnonzero(duplicates.near_duplicates(dataset, looked))
+    scanned = scan(dataset, noise)
+    twins = np.flatnonzero(duplicates.near_duplicates(dataset, scanned))
     assert [dataset.column("index")[place] for place in twins] == [rows[1]["index"], 587]
-    assert looked.alike_counts[twins].max() == 0
-    alike = np.flatnonzero(np.isfinite(looked.alike_counts))
+    assert scanned.alike_counts[twins].max() == 0
+    alike = np.flatnonzero(np.isfinite(scanned.alike_counts))
     assert {rows[0]["index"], 588} <= {int(dataset.column("index")[place]) for place in alike}
 
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from t2twin.report.html import markup
 from t2twin.report.html.figures import figure
-from t2twin.report.html.labels import LONGEST_NAME, name_of, shape_name
+from t2twin.report.html.labels import MAX_NAME, name_of, shape_name
 from t2twin.report.html.style import STYLE
 
 ODD = [
@@ -51,9 +51,9 @@ def test_every_color_belongs_to_a_scheme() -> None:
 
 def test_what_is_wider_than_a_phone_says_so() -> None:
     heads = [[("", 1), ("a", 1), ("b", 1), ("c", 1), ("d", 1)]]
-    wide = [markup.picture(b"", "png", "alt"), markup.table(heads, [("", [["row", *"1234"]])])]
+    wide = [markup.embed(b"", "png", "alt"), markup.table(heads, [("", [["row", *"1234"]])])]
     narrow = [
-        markup.picture(b"", "png", "alt", width="narrow"),
+        markup.embed(b"", "png", "alt", width="narrow"),
         markup.table([heads[0][:3]], [("", [["row", "1", "2"]])]),
         markup.facts([("a", "b")]),
     ]
@@ -65,9 +65,9 @@ def test_what_is_wider_than_a_phone_says_so() -> None:
 def test_any_name_can_be_shown(name: str) -> None:
     """As text of the page, and in a chart, which stays one whole file of XML."""
     shown = shape_name(name)
-    assert 0 < len(shown) <= LONGEST_NAME and shown.isprintable()
+    assert 0 < len(shown) <= MAX_NAME and shown.isprintable()
     assert shape_name(shown) == shown
-    assert "<script" not in markup.paragraph(name) + markup.picture(b"", "png", name, name)
+    assert "<script" not in markup.paragraph(name) + markup.embed(b"", "png", name, name)
 
     def draw(page: Figure) -> None:
         page.subplots().set_yticks([0], [shown])

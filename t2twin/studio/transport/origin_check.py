@@ -1,9 +1,8 @@
-"""Which requests reach the studio: those of its own page, and of programs on the right address.
+"""Checks the Origin and Host headers of requests before the handshake.
 
-A browser sends the cookies and the reach of its user with every page that it opens, so any web page
-could connect to a studio on the same machine. The Origin header names the page that connects; the
-Host header names the address that the browser looked up, which a hostile name server may point
-anywhere (DNS rebinding). Both are checked before the handshake.
+Any web page that a user opens could connect to a studio on the same machine. The Origin header
+contains the site of the connecting page. The Host header contains the name that the browser
+resolved, which a hostile name server may direct to this machine (DNS rebinding).
 """
 
 import socket
@@ -17,10 +16,10 @@ from websockets.http11 import Request
 from t2twin.core.errors import T2TwinError
 
 OWN_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
-"""Names of this machine for itself (RFC 6761, RFC 1122, RFC 4291)."""
+"""Loopback names (RFC 6761, RFC 1122, RFC 4291)."""
 
 PORTS = {"http": 80, "https": 443}
-"""Ports that an origin may leave out (RFC 9110)."""
+"""Default ports (RFC 9110)."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +38,7 @@ class Origin:
 
 
 def read_origin(text: str) -> Origin:
-    """An origin such as https://lab.example. Raises T2TwinError for anything else."""
+    """Parses an origin such as https://lab.example. Raises T2TwinError for anything else."""
     try:
         parts = urlsplit(text)
         host, port = parts.hostname, parts.port
@@ -48,17 +47,17 @@ def read_origin(text: str) -> Origin:
     whole = f"{parts.scheme}://{parts.netloc}"
     if not host or parts.scheme not in PORTS or text.lower() != whole.lower() or "@" in text:
         raise T2TwinError(
-            f"{text[:80]!r} is not an origin; give http or https, a host, and the port where it is "
-            "another than theirs, as in https://lab.example:8443"
+            f"{text[:80]!r} is not an origin; expected a scheme (http or https), a host and an "
+            "optional port, such as https://lab.example:8443"
         )
     return Origin(parts.scheme, host.rstrip("."), port or PORTS[parts.scheme])
 
 
-class Gate:
+class OriginCheck:
     """Checks the Host and Origin headers of requests to one address.
 
-    host: what the server listens at. allowed: more origins whose pages may connect, such as that
-    of a proxy. Raises T2TwinError for an origin that is none.
+    host: address of the server. allowed: additional origins whose pages may connect, such as that
+    of a proxy. Raises T2TwinError for an invalid origin.
     """
 
     def __init__(self, host: str, allowed: Sequence[str] = ()) -> None:
@@ -69,9 +68,9 @@ class Gate:
             self._names |= {name, f"{name}.local"}
 
     def refusal(self, request: Request, local_address: str) -> str:
-        """Why a request is refused, in one sentence; empty where it is not.
+        """The reason why a request is refused; empty for an accepted request.
 
-        local_address: the address of this machine that it came to.
+        local_address: address of this machine that received the request.
         """
         names = self._names | {_plain_address(local_address)}
         hosts = request.headers.get_all("Host")
@@ -82,32 +81,32 @@ class Gate:
             return f"a request for the host {', '.join(hosts)[:80]!r} was refused"
         if host.host not in names:
             return (
-                f"a request for the host {given[:80]!r} was refused; start the studio with "
-                f"--allow-origin http://{given[:80]} if that is its address"
+                f"a request for the host {given[:80]!r} was refused; if this is the address of the "
+                f"studio, start it with --allow-origin http://{given[:80]}"
             )
         for text in request.headers.get_all("Origin"):
             if not self._may_connect(text, host, names):
                 return (
-                    f"a request of a page of {text[:80]!r} was refused; start the studio with "
-                    "--allow-origin if such pages may use it"
+                    f"a request of a page of {text[:80]!r} was refused; to allow such pages, start "
+                    "the studio with --allow-origin"
                 )
         return ""
 
-    def _may_connect(self, text: str, asked: Origin, names: frozenset[str]) -> bool:
-        """Whether a page of this origin may connect: the studio's own, or an allowed one."""
+    def _may_connect(self, text: str, host: Origin, names: frozenset[str]) -> bool:
+        """Whether an origin is that of the studio or an allowed one."""
         try:
             origin = read_origin(text)
         except T2TwinError:
             return False
         if origin in self.allowed:
             return True
-        # The Host header has no scheme, so it leaves out the port of either.
-        ports = {asked.port, PORTS["https"] if asked.port == PORTS["http"] else asked.port}
+        # The Host header has no scheme, so a missing port may be that of either scheme.
+        ports = {host.port, PORTS["https"] if host.port == PORTS["http"] else host.port}
         return origin.host in names and origin.port in ports
 
 
 def _plain_address(address: str) -> str:
-    """An address as a Host header names it: an IPv4 address within IPv6 as IPv4."""
+    """An address as in a Host header: an IPv4-mapped IPv6 address becomes an IPv4 address."""
     ip = ip_address(address.partition("%")[0])
     mapped = ip.ipv4_mapped if isinstance(ip, IPv6Address) else None
     return str(mapped or ip)
