@@ -29,7 +29,8 @@ from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
-from t2twin.translate.inference.predictor import TrainedTranslator, load_run
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import CountsPredictor
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -59,7 +60,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     }
 
 
-def _scores(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarray) -> dict[str, Any]:
+def _scores(run: CountsPredictor, felt: Sequence[Felt], untouched: np.ndarray) -> dict[str, Any]:
     judged = judge_each(run, felt, untouched)
     return {
         "real": asdict(AdaptationScores.of([one.real for one in judged])),

@@ -11,7 +11,7 @@ from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import SIZE, write_checked
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.inference import onnx_runtime
-from t2twin.translate.inference.onnx_runtime import load
+from t2twin.translate.inference.load import load
 
 pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")

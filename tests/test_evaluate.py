@@ -30,7 +30,6 @@ from t2twin.translate.evaluation.predictions import PREDICTIONS, read_prediction
 from t2twin.translate.evaluation.records import (
     FORMAT,
     METRICS,
-    AlikePairs,
     Bootstrap,
     Difference,
     Evaluation,
@@ -41,6 +40,7 @@ from t2twin.translate.evaluation.records import (
     IrreducibleError,
     IrreducibleErrorFloor,
     ModelRow,
+    NeighborPairs,
     PaperRow,
     ShapeFloor,
     TaxelCounts,
@@ -50,7 +50,7 @@ from t2twin.translate.evaluation.records import (
     write_evaluation,
 )
 from t2twin.translate.evaluation.table import table
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.log import best_epoch, read_log
 
@@ -168,9 +168,9 @@ def test_records_come_back_from_their_file(tmp_path: Path) -> None:
     absent = Figures(3, 800.0, 2.0, 0.9, None, None, None, None, 700.0, None, 900.0)
     spans = {field.name: None for field in fields(Intervals)} | {"ssim": Interval(0.25, 0.5)}
     row = ModelRow(absent, {"bump-3": absent}, {"bump": absent}, Intervals(**spans))
-    alike = AlikePairs(3, 0.5, 100.0)
+    alike = NeighborPairs(3, 0.5, 100.0)
     floor = IrreducibleErrorFloor(
-        alike, AlikePairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
+        alike, NeighborPairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
         {"under": None, "near": 2.0}, {"bump-3": ShapeFloor(alike, None)},
     )  # fmt: skip
     evaluation = Evaluation(

@@ -55,7 +55,7 @@ def test_how_a_picture_is_wrong_is_told():
         "overexposed": np.clip(pixels[0].astype(int) + 170, 0, 255).astype(np.uint8),
         "of another light or sensor": pixels[0][..., [1, 2, 0]],
     }
-    assert known.looks(np.array(list(wrong.values()))) == list(wrong)
+    assert known.classify(np.array(list(wrong.values()))) == list(wrong)
 
 
 def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):

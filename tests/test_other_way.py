@@ -19,8 +19,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.studio.translators import Translators
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.onnx_export import export_onnx
-from t2twin.translate.inference.predictor import load_run
 from t2twin.translate.models.presets import PRESETS, Preset
 from t2twin.translate.models.reverse import CySkinToDigit
 from t2twin.translate.models.touch2touch import Touch2Touch
@@ -101,7 +101,7 @@ def test_training_is_validated_by_its_pictures(data_dir: Path, run_dir: Path) ->
     """The best epoch's figure is the RMSE of the validation's pixels, in percent of 255."""
     best = min(read_log(run_dir), key=lambda record: record.val_rmse_percent)
     pairs = load_pairs(data_dir, "val", SMOKE.size, SMOKE.grey)
-    drawn = t2twin.load(run_dir).picture_of(pairs.counts).astype(float)
+    drawn = t2twin.load(run_dir).predict_image(pairs.counts).astype(float)
     rmse = np.sqrt(np.square(drawn - pairs.images[:][..., 0]).mean())
     assert best.val_rmse_grey == pytest.approx(rmse, abs=0.1)
     assert best.val_rmse_percent == pytest.approx(100 * rmse / 255, abs=0.05)
@@ -116,19 +116,21 @@ def test_what_is_drawn_follows_the_touch(data_dir: Path, run_dir: Path) -> None:
     )
     true = pairs.images[:][..., 0].astype(float)
     off_mean = np.square(true - train_pairs.images[:][..., 0].mean(axis=0)).mean()
-    drawn = t2twin.load(run_dir).picture_of(pairs.counts)
+    drawn = t2twin.load(run_dir).predict_image(pairs.counts)
     assert np.square(true - drawn).mean() < 0.7 * off_mean
 
 
 def test_pictures_have_the_shape_of_the_counts(run_dir: Path) -> None:
     run = t2twin.load(run_dir)
     counts = np.linspace(0, 40_000, 20)
-    one, several = run.picture_of(counts), run.picture_of(np.stack([counts, 0 * counts]))
+    one, several = run.predict_image(counts), run.predict_image(np.stack([counts, 0 * counts]))
     assert one.shape == (32, 32) and one.dtype == np.uint8
     assert several.shape == (2, 32, 32) and several.dtype == np.uint8
     assert np.array_equal(several[0], one) and not np.array_equal(several[1], one)
-    assert np.array_equal(run.picture_of(counts.astype(np.uint16)), run.picture_of(counts // 1))
-    assert run.picture_of(np.empty((0, 20))).shape == (0, 32, 32)
+    assert np.array_equal(
+        run.predict_image(counts.astype(np.uint16)), run.predict_image(counts // 1)
+    )
+    assert run.predict_image(np.empty((0, 20))).shape == (0, 32, 32)
 
 
 @pytest.mark.parametrize(
@@ -145,7 +147,7 @@ def test_pictures_have_the_shape_of_the_counts(run_dir: Path) -> None:
 )
 def test_what_cannot_be_counts_is_one_sentence(run_dir: Path, counts: np.ndarray, said: str):
     with pytest.raises(T2TwinError, match=said):
-        t2twin.load(run_dir).picture_of(counts)
+        t2twin.load(run_dir).predict_image(counts)
 
 
 def test_jitter_is_not_put_on_what_is_drawn(
@@ -214,10 +216,10 @@ def test_a_wrong_direction_in_the_config_is_one_sentence(
 def test_a_config_of_an_older_version_goes_the_papers_way(run_dir: Path, tmp_path: Path) -> None:
     content = json.loads((run_dir / "config.json").read_text())
     assert load_config(run_dir).direction == content.pop("direction") == WAY
-    del content["preset"]["shape_weight"]
+    del content["preset"]["iou_weight"]
     (tmp_path / "config.json").write_text(json.dumps(content))
     older = load_config(tmp_path)
-    assert (older.direction, older.preset.shape_weight) == ("digit-to-cyskin", 0.0)
+    assert (older.direction, older.preset.iou_weight) == ("digit-to-cyskin", 0.0)
 
 
 @pytest.mark.parametrize(
@@ -275,7 +277,7 @@ def test_a_loaded_run_gives_no_counts(
 def test_a_run_of_the_papers_way_draws_no_pictures(untrained_runs: list[Path]) -> None:
     for run in untrained_runs:
         with pytest.raises(T2TwinError, match=r"digit-to-cyskin run, which draws no DIGIT picture"):
-            t2twin.load(run).picture_of(np.zeros(20))
+            t2twin.load(run).predict_image(np.zeros(20))
 
 
 def test_the_studio_passes_it_over_and_refuses_it_by_name(run_dir: Path) -> None:
@@ -307,7 +309,7 @@ def test_the_card_says_which_way_it_goes(run_dir: Path) -> None:
     assert result["task"]["name"] == "CySkin counts to DIGIT picture"
     names = [metric["name"] for metric in result["metrics"]]
     assert names == ["RMSE, grey levels", "RMSE, % of full scale"]
-    for words in ("the other way", "picture_of(counts)", "| direction | cyskin-to-digit |",
+    for words in ("the other way", "predict_image(counts)", "| direction | cyskin-to-digit |",
                   "grey levels of the pictures' pixels", "are made up"):  # fmt: skip
         assert words in text, words
     assert "predict(" not in text

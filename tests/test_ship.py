@@ -12,9 +12,9 @@ from spots import write_spots
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.metrics.reliability import NAMED_LEVEL, certainty
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, certainty
 from t2twin.translate.evaluation.publish_pretrained import ship
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.runs import pretrained
 from t2twin.translate.runs.config import BEST
 from t2twin.translate.runs.pretrained import HOME, pretrained_runs, resolve_run
@@ -88,10 +88,10 @@ def test_the_card_says_what_is_measured(protocol_dataset: Path) -> None:
     assert told is not None
     run = load_run(HOME / "field")
     pairs = load_pairs(protocol_dataset, "test", run.config.preset.size, grey=False)
-    said = run.estimate_pixels(pairs.pictures)
+    said = run.estimate_pixels(pairs.inputs)
     off = said.counts - pairs.counts
     percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.full_scale_counts
     assert percent == pytest.approx(float(told[1]), rel=0.1)
-    held = 100.0 * certainty(said, pairs.counts, pairs.force_n).held_at(NAMED_LEVEL)
+    held = 100.0 * certainty(said, pairs.counts, pairs.force_n).coverage_at(REPORTED_LEVEL)
     assert held == pytest.approx(float(told[3]), abs=3.0)
     print(percent, held, told.groups())

@@ -139,7 +139,7 @@ def test_stops_early_and_keeps_the_best(
     preset = replace(PRESETS["resnet18"]["smoke"], patience=2)
     outcome = train("resnet18", data_dir, preset, tmp_path)
     assert (outcome.epochs, outcome.best_epoch, outcome.best_rmse_counts) == (4, 2, 500.0)
-    assert "2 epochs brought no better" in outcome.reason
+    assert "2 epochs brought no better" in outcome.stop_reason
     assert torch.equal(load_file(tmp_path / "best.safetensors")["fc.weight"], weights[1])
 
 

@@ -18,7 +18,7 @@ from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.inference import batch
 from t2twin.translate.inference.batch import find_images, translate_images
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_weights
 

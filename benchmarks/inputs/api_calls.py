@@ -227,7 +227,9 @@ WORDS: Mapping[str, Call] = {
 }
 
 ARRAYS: Mapping[str, Call] = {
-    "picture_of counts": lambda value, box, base: turned_round(base.touch2touch).picture_of(value),
+    "predict_image counts": lambda value, box, base: turned_round(base.touch2touch).predict_image(
+        value
+    ),
     "Layout x_mm": lambda value, box, base: layout(x_mm=value),
     "Layout pad_diameter_mm": lambda value, box, base: layout(pad_diameter_mm=value),
     "at_layout x_mm": lambda value, box, base: field_run().at_layout(value, value, "mine"),

@@ -22,7 +22,7 @@ from t2twin.report.sections.qualitative import BAR_WIDTH, PANEL_IN, ROW_IN
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.digit.calibrate.record import sentences_of
 from t2twin.sim.digit.calibrate.uncertainty import Bounds
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.inference.predictor import CountsPredictor
 
 TITLE = "A translator of this DIGIT"
 BAR_IN = 0.6
@@ -30,7 +30,7 @@ BAR_IN = 0.6
 
 
 def write_adapt_page(
-    out: Path, run: TrainedTranslator, judged: Sequence[Judged], adapted: Adapted
+    out: Path, run: CountsPredictor, judged: Sequence[Judged], adapted: Adapted
 ) -> Path:
     """Writes out/index.html and returns its path."""
     return write_page(
@@ -79,7 +79,7 @@ def _cells(scores: AdaptationScores) -> tuple[str, ...]:
     )
 
 
-def _presses(run: TrainedTranslator, judged: Sequence[Judged]) -> str:
+def _presses(run: CountsPredictor, judged: Sequence[Judged]) -> str:
     text = (
         "For each press: the real frame and what the translator makes of it, the twin's frame of "
         "the same press and what it makes of that, and what the twin's CySkin feels. Rings mark "
@@ -89,7 +89,7 @@ def _presses(run: TrainedTranslator, judged: Sequence[Judged]) -> str:
     return markup.section("presses", "Presses", [markup.paragraph(text, "note"), *figures])
 
 
-def _press(run: TrainedTranslator, judged: Judged) -> str:
+def _press(run: CountsPredictor, judged: Judged) -> str:
     felt, real, simulated = judged.felt, judged.real, judged.simulated
     width = PANEL_IN * (3 + 2 * digit_width(felt.frame)) + BAR_IN
     content = figure("png", width, ROW_IN, lambda page: _draw(page, run, judged))
@@ -103,7 +103,7 @@ def _press(run: TrainedTranslator, judged: Judged) -> str:
     return markup.picture(content, "png", alt, felt.name, note=note)
 
 
-def _draw(page: Figure, run: TrainedTranslator, judged: Judged) -> None:
+def _draw(page: Figure, run: CountsPredictor, judged: Judged) -> None:
     felt, real, simulated = judged.felt, judged.real, judged.simulated
     layout = run.config.data
     phi = Phi(layout.x_mm, layout.y_mm)

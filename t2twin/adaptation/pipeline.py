@@ -30,7 +30,7 @@ from t2twin.sim.digit.calibrate.measurements import Tolerance
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.runs.pretrained import HOME, pretrained_runs
 from t2twin.translate.training.train import train
@@ -166,7 +166,7 @@ def adapt(
         with clock.step("training"):
             run_dir = road.out / model
             part = TRAINING_PART * minutes
-            train(model, road.out / DATA, "cpu", run_dir, minutes=part, start=road.start)
+            train(model, road.out / DATA, "cpu", run_dir, minutes=part, init_from=road.start)
     with clock.step("check"):  # without the lock, which the page takes itself
         run = load_run(run_dir)
         judged = judge_each(run, _felt(road, given, fitted), given.untouched)

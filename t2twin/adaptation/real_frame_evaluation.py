@@ -16,8 +16,9 @@ from t2twin.sim.contact.depth import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import SensorPair
-from t2twin.translate.evaluation.metrics.reliability import NAMED_LEVEL
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import CountsPredictor
 
 BLOB_SHARE = 0.2
 """Part of its largest count above which a tactile image counts as touched (assumed)."""
@@ -108,7 +109,7 @@ def _felt(
     return Felt(name, (x_mm, y_mm, depth_mm), force_n, frame, noisy, sample.counts.astype(float))
 
 
-def judge_each(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarray) -> list[Judged]:
+def judge_each(run: CountsPredictor, felt: Sequence[Felt], untouched: np.ndarray) -> list[Judged]:
     """A translator on the real and the simulated picture of every press. untouched: (320, 240, 3)
     uint8, the unit's own frame, which a field run looks at."""
     return [
@@ -122,7 +123,7 @@ def judge_each(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarr
 
 
 def judge(
-    run: TrainedTranslator,
+    run: CountsPredictor,
     image: np.ndarray,
     truth: np.ndarray,
     force_n: float,
@@ -144,20 +145,20 @@ def judge(
     )
 
 
-def counts_of(run: TrainedTranslator, image: np.ndarray, untouched: np.ndarray) -> np.ndarray:
+def counts_of(run: CountsPredictor, image: np.ndarray, untouched: np.ndarray) -> np.ndarray:
     """(N,) of a picture, the unit's untouched frame beside it where the run looks at one."""
-    own = untouched if run.translator.learns_field else None
+    own = untouched if isinstance(run, FieldPredictor) else None
     return np.asarray(run.predict(image, own), dtype=float)
 
 
 def _said(
-    run: TrainedTranslator, image: np.ndarray, truth: np.ndarray, untouched: np.ndarray
+    run: CountsPredictor, image: np.ndarray, truth: np.ndarray, untouched: np.ndarray
 ) -> tuple[np.ndarray, float | None, float | None]:
     """Counts, force in newtons, and the share of the truth that its intervals hold."""
-    if not run.translator.learns_field:
+    if not isinstance(run, FieldPredictor):
         return counts_of(run, image, untouched), None, None
     told = run.estimate(image, untouched)
-    low, high = told.interval(NAMED_LEVEL)
+    low, high = told.interval(REPORTED_LEVEL)
     held = float(((low <= truth) & (truth <= high)).mean())
     force_n = None if told.force_n is None else float(told.force_n)
     return told.counts.astype(float), force_n, held

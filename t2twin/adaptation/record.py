@@ -11,7 +11,7 @@ from t2twin.adaptation.fitted import Fitted
 from t2twin.adaptation.real_frame_evaluation import Felt, Judged, Judgement, counts_of
 from t2twin.core.files import whole_file
 from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.inference.predictor import CountsPredictor
 
 RECORD = "adapted.json"
 
@@ -69,7 +69,7 @@ class Adapted:
 
 
 def record_of(
-    run: TrainedTranslator,
+    run: CountsPredictor,
     judged: Sequence[Judged],
     background: np.ndarray,
     fitted: Fitted,
@@ -92,7 +92,7 @@ def record_of(
     )
 
 
-def trivial_percent(felt: Sequence[Felt], run: TrainedTranslator) -> tuple[float, float]:
+def trivial_percent(felt: Sequence[Felt], run: CountsPredictor) -> tuple[float, float]:
     """RMSE, percent of full scale, of no counts at all and of the presses' own mean array."""
     truth = np.array([one.counts for one in felt])
     nothing, constant = (

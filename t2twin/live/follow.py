@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from t2twin.core.errors import T2TwinError
 from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.sources import Frame, Source
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.outputs import ood_entry
+from t2twin.translate.inference.predictor import CountsPredictor, require
 
 SAY_EVERY_S = 5.0
 """How often rate and latency are said, s."""
@@ -41,7 +42,7 @@ class Pace:
 
 
 def follow(
-    run: TrainedTranslator,
+    run: CountsPredictor,
     source: Source,
     write: Callable[[str], None],
     say: Callable[[str], None],
@@ -52,8 +53,8 @@ def follow(
 
     write: takes each frame's line, JSON: `frame` (its number in the source, from 0), `file` (in a
     folder), `time_s` (when it arrived, seconds since 1970), `latency_ms` (from then to the line),
-    `counts` (whole numbers, one for each taxel), `like_training` (false where the counts mean
-    little); of a field run also `counts_std` (standard deviations, counts) and, where it was
+    `counts` (whole numbers, one for each taxel), `in_distribution` (if false, also
+    `ood_class`); of a field run also `counts_std` (standard deviations, counts) and, where it was
     trained on several forces, `force_n` and `force_std_n` (N). say: takes messages for the user.
     most_frames: lines after which it ends. background: a frame of the same sensor with nothing
     touching it, (h, w, 3) or (h, w) uint8, of any size, for a field run.
@@ -70,7 +71,7 @@ def follow(
 
 
 def _follow(
-    run: TrainedTranslator,
+    run: CountsPredictor,
     newest: LatestFrame,
     write: Callable[[str], None],
     say: Callable[[str], None],
@@ -94,13 +95,14 @@ def _follow(
         last, waiting = frame.number, False
         pixels = run.pixels_of(frame.image, background)
         predicted = _predict(run, pixels)
-        familiar = bool(run.in_distribution(pixels)[0])
+        (ood_class,) = run.classify(pixels)
+        entry = predicted | ood_entry(ood_class)
         now_s = time.perf_counter()
         latency_ms = 1e3 * (now_s - frame.arrived_s)
-        write(json.dumps(_line(frame, predicted, familiar, latency_ms)))
+        write(json.dumps(_line(frame, entry, latency_ms)))
         pace.done, pace.came = pace.done + 1, newest.read
         pace.latencies_ms.append(latency_ms)
-        if not familiar and not warned:
+        if not entry["in_distribution"] and not warned:
             warned = True
             say(
                 f"a frame is unlike all that {run.run_dir} was trained on; counts are right of "
@@ -114,19 +116,14 @@ def _follow(
     return pace
 
 
-def _background(run: TrainedTranslator, frame: np.ndarray) -> np.ndarray:
+def _background(run: CountsPredictor, frame: np.ndarray) -> np.ndarray:
     """A background frame at the run's size, (S, S, 3) uint8, so that it is resized only once."""
-    if not run.translator.learns_field:
-        raise T2TwinError(
-            f"{run.run_dir} is a {run.config.model} run, which takes no background frame; a field "
-            "run does"
-        )
-    return run.pixels_of(frame)[0]
+    return require(run, FieldPredictor, "a background frame").pixels_of(frame)[0]
 
 
-def _predict(run: TrainedTranslator, pixels: np.ndarray) -> dict[str, Any]:
+def _predict(run: CountsPredictor, pixels: np.ndarray) -> dict[str, Any]:
     """What a line says of one frame, as JSON has it. pixels: (1, S, S, c) uint8."""
-    if not run.translator.learns_field:
+    if not isinstance(run, FieldPredictor):
         return {"counts": _whole(run.predict_pixels(pixels)[0])}
     estimate = run.estimate_pixels(pixels).first()
     predicted = {"counts": _whole(estimate.counts), "counts_std": _whole(estimate.counts_std)}
@@ -139,9 +136,7 @@ def _whole(values: np.ndarray) -> list[int]:
     return np.rint(values).astype(int).tolist()
 
 
-def _line(
-    frame: Frame, predicted: dict[str, Any], familiar: bool, latency_ms: float
-) -> dict[str, Any]:
+def _line(frame: Frame, predicted: dict[str, Any], latency_ms: float) -> dict[str, Any]:
     file = {} if frame.name is None else {"file": frame.name}
     return {
         "frame": frame.number,
@@ -149,5 +144,4 @@ def _line(
         "time_s": round(time.time() - latency_ms / 1e3, 6),
         "latency_ms": round(latency_ms, 3),
         **predicted,
-        "like_training": familiar,
     }

@@ -19,7 +19,7 @@ def left_out(report: ReportData) -> dict[str, str]:
     missing = {} if report.info.is_simulated else dict(UNKNOWN)
     if not report.info.is_protocol:
         missing["shapes"] = UNKNOWN["shapes"]
-    if any(evaluation.lookalikes is None for evaluation in report.evaluations.values()):
+    if any(evaluation.irreducible_error is None for evaluation in report.evaluations.values()):
         missing["lookalikes"] = "the noise of the pictures"
     if not report.gap and not any(one.findings for one in report.evaluations.values()):
         missing["finding"] = "runs of both translators"

@@ -26,7 +26,7 @@ WHERE = {"under": "under the DIGIT's view", "near": "near it", "beyond": "beyond
 
 def section(report: ReportData) -> str:
     """The curves, and what they bound; of evaluations that have look-alikes."""
-    lookalikes = {split: one.lookalikes for split, one in report.evaluations.items()}
+    lookalikes = {split: one.irreducible_error for split, one in report.evaluations.items()}
     known = {split: one for split, one in lookalikes.items() if one is not None}
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report, known))
     text = (

@@ -84,7 +84,7 @@ def _sample(report: ReportData, split: str, row: int, quantile: float) -> str:
 
 def row_picture(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, what each model draws, phi of its counts and how that is off, and I."""
-    drawings = sum(run.draws for run in report.runs.values())
+    drawings = sum(run.reads_any_layout for run in report.runs.values())
     panels = 2 + 2 * len(report.runs) + drawings
     picture = report.picture(split, row)
     width = PANEL_IN * (panels - 1 + digit_width(picture)) + BARS_IN
@@ -103,7 +103,7 @@ def _draw(page: Figure, report: ReportData, split: str, row: int, picture: np.nd
     differences: dict[int, np.ndarray] = {}  # by the number of images before each
     for name, run in report.runs.items():
         predicted = phi(predictions.by_model[name][row])
-        if run.draws:
+        if run.reads_any_layout:
             images.append((f"{name_of(name)}\ndraws", run.tactile_images([picture])[0]))
         error = predictions.rmse_counts(name)[row]
         images.append((f"φ(Ŷ) {name_of(name)}\n{error:,.0f} counts", predicted))
