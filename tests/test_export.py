@@ -104,7 +104,7 @@ def test_an_existing_file_is_replaced_with_force_only(
 def test_missing_package_and_run_get_a_sentence(
     run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(T2TwinError, match="holds no config"):
+    with pytest.raises(T2TwinError, match="has no config"):
         load_run(tmp_path)
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(T2TwinError, match="t2twin\\[onnx\\]"):
@@ -158,7 +158,7 @@ def test_card_of_pairs_brought_in_gives_no_license_away(data_dir: Path, tmp_path
     text = (tmp_path / "run" / "README.md").read_text()
     assert yaml.safe_load(text.split("---\n")[1])["license"] == "unknown"
     assert "simulat" not in text
-    with pytest.raises(T2TwinError, match="is not the data set"):
+    with pytest.raises(T2TwinError, match="is not the dataset"):
         write_card(tmp_path / "run", data_dir)
 
 

@@ -24,16 +24,16 @@ from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, certainty
+from t2twin.translate.evaluation.files import read_evaluation
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.evaluation.predictions import read_predictions
-from t2twin.translate.evaluation.records import read_evaluation
 from t2twin.translate.inference.batch import translate_files
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import FieldNet, grid_of, resampling_weights
-from t2twin.translate.training.recalibrate import temper
+from t2twin.translate.training.recalibrate import recalibrate
 from t2twin.translate.training.train import train
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
@@ -100,7 +100,7 @@ def translator_of(run: FieldPredictor) -> FieldTranslator:
 def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", 64, grey=False, with_field=True)
     info = load_info(data_dir)
-    assert pairs.field is not None and pairs.untouched is not None
+    assert pairs.field is not None and pairs.backgrounds is not None
     own = reading_of(info.taxels) @ pairs.field.T
     assert np.abs(own.T - pairs.counts).max() < 40  # the reading's noise alone
     pictures = pairs.inputs[:]
@@ -110,7 +110,7 @@ def test_pairs_hold_their_field_and_their_own_digits_frame(data_dir: Path) -> No
     same = np.abs(pictures[..., :3] - frames).mean(axis=(1, 2, 3))
     other = np.abs(pictures[..., :3] - np.roll(frames, 4, axis=0)).mean(axis=(1, 2, 3))
     assert (same < other).all() and len(set(shapes.tolist())) == 6
-    few = pairs.some(np.array([3, 1]))
+    few = pairs.subset(np.array([3, 1]))
     np.testing.assert_array_equal(few.inputs[:], pictures[[3, 1]])
     np.testing.assert_array_equal(few.field, pairs.field[[3, 1]])
 
@@ -133,7 +133,7 @@ def test_a_turned_picture_is_told_by_the_untouched_frame(
 
 
 def test_pairs_without_a_field_are_refused(small_dataset: Path, tmp_path: Path) -> None:
-    with pytest.raises(T2TwinError, match="hold no field; make a world"):
+    with pytest.raises(T2TwinError, match="have no field; make a world"):
         train("field", small_dataset, "smoke", tmp_path / "run")
     assert not (tmp_path / "run" / "config.json").exists()
 
@@ -213,7 +213,7 @@ def test_overfits_one_batch_and_knows_what_it_does_not_know(data_dir: Path) -> N
             translator.optimizers["field"].param_groups[0]["lr"] = 1e-4
         last = translator.step(examples)
     assert last["field"] < first["field"] / 20 and last["spread"] < first["spread"] - 1
-    told = translator.tell(examples.images)
+    told = translator.predict_field(examples.images)
     assert examples.field is not None
     rmse = (told.field - examples.field).square().mean().sqrt().item()
     assert rmse < 0.02 * info.full_scale_counts
@@ -324,18 +324,18 @@ def test_certainty_of_what_is_right_by_half() -> None:
             said, part * std, nothing, nothing, np.full(500, 8.8), np.full(500, 1.0), 4e4
         )
 
-    right, bold = (certainty(estimate(part), truth, force) for part in (1.0, 0.5))
-    for level, held in zip(right.levels, right.held, strict=True):
+    right, bold = (uncertainty_metrics(estimate(part), truth, force) for part in (1.0, 0.5))
+    for level, held in zip(right.levels, right.coverage, strict=True):
         assert held == pytest.approx(level, abs=0.015)
     assert bold.coverage_at(REPORTED_LEVEL) == pytest.approx(0.589, abs=0.015)
-    assert right.said_rmse_counts == pytest.approx(right.kept_rmse_counts[0], rel=0.03)
+    assert right.predicted_rmse_counts == pytest.approx(right.retained_rmse_counts[0], rel=0.03)
     assert right.force_median_error_percent == pytest.approx(10.0)
-    assert right.force_held_percent == 100.0
+    assert right.force_coverage_percent == 100.0
     rising = np.tile(np.arange(500.0)[:, None] + 1, (1, 20))
     off = replace(
         estimate(1.0), counts=truth + rising * rng.standard_normal(std.shape), counts_std=rising
     )
-    by_press = certainty(off, truth, force)
+    by_press = uncertainty_metrics(off, truth, force)
     # Errors as large as 1 to 500: the root mean square of the lower four fifths is 0.8 of all.
     assert by_press.sparsification_gain(0.8) == pytest.approx(0.2, abs=0.02)
 
@@ -402,11 +402,11 @@ def test_another_layout_and_other_pads(run: FieldPredictor, frame: np.ndarray) -
 def test_an_untouched_frame_counts(run: FieldPredictor, data_dir: Path, frame) -> None:
     translator = translator_of(run)
     pairs = load_pairs(data_dir, "val", 64, False, with_field=True)
-    assert pairs.untouched is not None
+    assert pairs.backgrounds is not None
     own = run.estimate_pixels(pairs.inputs).counts[0]
-    np.testing.assert_allclose(run.predict(frame, pairs.untouched[:1][0]), own, atol=1.0)
+    np.testing.assert_allclose(run.predict(frame, pairs.backgrounds[:1][0]), own, atol=1.0)
     assert np.abs(run.predict(frame) - own).max() > 1.0
-    train_frames = load_pairs(data_dir, "train", 64, False, with_field=True).untouched
+    train_frames = load_pairs(data_dir, "train", 64, False, with_field=True).backgrounds
     assert train_frames is not None
     np.testing.assert_allclose(
         translator.predictor.mean_frame.numpy(),
@@ -418,12 +418,12 @@ def test_an_untouched_frame_counts(run: FieldPredictor, data_dir: Path, frame) -
 def test_the_card_says_what_is_told_and_how_sure(run_dir: Path) -> None:
     card = (run_dir / "README.md").read_text()
     assert ".estimate(frame)" in card and "| counts_std | (20,) float32 |" in card
-    assert "intervals of 90 % held 90 % of the field on validation presses" in card
+    assert "90 % intervals covered" in card
 
 
 def test_the_report_draws_how_sure_it_is(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
     page = write_report(tmp_path / "report", data_dir, [run_dir]).read_text()
-    assert '<section id="sureness"' in page and "its 90 % intervals hold" in page
+    assert '<section id="sureness"' in page and "its 90 % intervals cover" in page
 
 
 def test_tempered_on_several_worlds(
@@ -437,25 +437,25 @@ def test_tempered_on_several_worlds(
     spoilt = before | {"place_knots": 7.0 + before["place_knots"]}
     save_file(spoilt, own / "best.safetensors")
     validation = len(load_pairs(data_dir, "val", 32, False))
-    assert temper(own, [data_dir, data_dir]) == 2 * validation
+    assert recalibrate(own, [data_dir, data_dir]) == 2 * validation
     after = load_file(own / "best.safetensors")
     assert all(torch.equal(after[key], before[key]) for key in before.keys() - changed)
     assert (after["place_knots"][1].abs() < 4.0).all()
-    assert temper(own, [data_dir]) == validation
+    assert recalibrate(own, [data_dir]) == validation
     after = load_file(own / "best.safetensors")
     for key in changed - {"correlation"}:
         torch.testing.assert_close(after[key], before[key], rtol=0.02, atol=0.02)
     averaged = replace(PRESETS["field"]["smoke"], averaged_part=0.2)
     train("field", data_dir, averaged, tmp_path / "averaged", epochs=1)
     before = load_file(tmp_path / "averaged" / "best.safetensors")
-    temper(tmp_path / "averaged", [data_dir])
+    recalibrate(tmp_path / "averaged", [data_dir])
     after = load_file(tmp_path / "averaged" / "best.safetensors")
     for key in changed - {"correlation"}:
         torch.testing.assert_close(after[key], before[key], rtol=0.02, atol=0.02)
-    with pytest.raises(T2TwinError, match="was trained on is not given"):
-        temper(own, [small_dataset])
-    with pytest.raises(T2TwinError, match="hold no field"):
-        temper(own, [data_dir, small_dataset])
+    with pytest.raises(T2TwinError, match="was trained on is missing"):
+        recalibrate(own, [small_dataset])
+    with pytest.raises(T2TwinError, match="have no field"):
+        recalibrate(own, [data_dir, small_dataset])
 
 
 def test_a_training_that_was_stopped_ends_as_one_that_was_not(
@@ -552,12 +552,14 @@ def test_an_evaluation_says_how_right_it_is_in_that(
 ) -> None:
     evaluation = evaluate([run_dir], data_dir, "val", tmp_path / "val")
     assert read_evaluation(tmp_path / "val") == evaluation
-    sure = evaluation.models["field"].certainty
+    sure = evaluation.models["field"].uncertainty
     assert sure is not None and sure.force_median_error_percent is not None
-    assert evaluation.models["mean-array"].certainty is None
+    assert evaluation.models["mean-array"].uncertainty is None
     kept = read_predictions(tmp_path / "val")
     off = np.abs(kept.truth - kept.by_model["field"])
     held = (off <= 1.6448536 * kept.std_by_model["field"]).mean()
     assert sure.coverage_at(0.9) == pytest.approx(held)
-    assert sure.kept_rmse_counts[0] == pytest.approx(evaluation.models["field"].overall.rmse_counts)
+    assert sure.retained_rmse_counts[0] == pytest.approx(
+        evaluation.models["field"].overall.rmse_counts
+    )
     assert "std of field" not in kept.by_model

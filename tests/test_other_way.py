@@ -139,9 +139,9 @@ def test_pictures_have_the_shape_of_the_counts(run_dir: Path) -> None:
         (np.zeros(19), r"\(19,\); they must be \(20,\) or \(B, 20\)"),
         (np.zeros((2, 2, 20)), "they must be"),
         (np.float32(3), "they must be"),
-        (np.full(20, np.nan), "no number from 0 to 40,000"),
-        (np.full(20, -1.0), "no number from 0 to 40,000"),
-        (np.full(20, 40_001), "no number from 0 to 40,000"),
+        (np.full(20, np.nan), "expected numbers from 0 to 40,000"),
+        (np.full(20, -1.0), "expected numbers from 0 to 40,000"),
+        (np.full(20, 40_001), "expected numbers from 0 to 40,000"),
         (np.array(["many"] * 20), "expected an array of numbers"),
     ],
 )

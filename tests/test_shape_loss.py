@@ -133,24 +133,29 @@ def test_the_generator_minimises_it_with_its_weight(data_dir: Path) -> None:
             scale = parameter.grad.abs().max().item()
             torch.testing.assert_close(ours, parameter.grad, rtol=0, atol=2e-3 * scale + 1e-9)
         if weight:
-            assert losses[weight]["shape"] == pytest.approx(shape.item(), rel=1e-4)
+            assert losses[weight]["iou"] == pytest.approx(shape.item(), rel=1e-4)
     assert set(losses[0.0]) == {"discriminator", "adversarial", "l1"}
 
 
 def test_a_run_keeps_its_weight_and_its_log_the_loss(data_dir: Path, tmp_path: Path) -> None:
     train("touch2touch", data_dir, "smoke", tmp_path, epochs=1, iou_weight=3.0)
     assert load_config(tmp_path).preset.iou_weight == 3.0
-    assert 0 < read_log(tmp_path)[0].train["shape"] < 1
+    assert 0 < read_log(tmp_path)[0].train["iou"] < 1
     assert "| iou_weight | 3 |" in (tmp_path / "README.md").read_text()
-    with pytest.raises(T2TwinError, match=r"another shape weight \(3\.0\); give the same again"):
+    with pytest.raises(T2TwinError, match=r"another IoU weight \(3\.0\); give the same again"):
         train("touch2touch", data_dir, "smoke", tmp_path, epochs=1)
 
 
 @pytest.mark.parametrize(
     ("model", "direction", "weight", "said"),
     [
-        ("resnet18", "digit-to-cyskin", 1.0, "a resnet18 digit-to-cyskin draws no tactile image"),
-        ("touch2touch", "cyskin-to-digit", 1.0, "cyskin-to-digit draws no tactile image"),
+        (
+            "resnet18",
+            "digit-to-cyskin",
+            1.0,
+            "resnet18 digit-to-cyskin run predicts no tactile",
+        ),
+        ("touch2touch", "cyskin-to-digit", 1.0, "cyskin-to-digit run predicts no tactile image"),
         ("touch2touch", "digit-to-cyskin", -1.0, "is -1; it must be 0 or more"),
         ("touch2touch", "digit-to-cyskin", float("nan"), "is nan; it must be 0 or more"),
     ],

@@ -79,7 +79,7 @@ def test_a_start_saves_steps_and_is_kept_in_mind(
     runs: list[Path], data_dir: Path, tmp_path: Path
 ) -> None:
     fresh = train("resnet18", data_dir, "smoke", tmp_path / "fresh", epochs=1)
-    begun = train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, start=runs[1])
+    begun = train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, init_from=runs[1])
     assert begun.best_rmse_percent < 0.8 * fresh.best_rmse_percent
     config = load_config(tmp_path / "begun")
     assert config.start == find_warm_start(runs[1], "resnet18", config.preset, config.data).sha256
@@ -88,7 +88,7 @@ def test_a_start_saves_steps_and_is_kept_in_mind(
     assert load_config(tmp_path / "fresh").start is None
     for other in (None, tmp_path / "fresh"):
         with pytest.raises(T2TwinError, match="holds a run with another"):
-            train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, start=other)
+            train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, init_from=other)
 
 
 def test_a_field_run_keeps_what_it_knows_but_for_the_mean_frame(tmp_path: Path) -> None:
@@ -116,12 +116,12 @@ def test_what_cannot_be_begun_with_is_one_sentence(
 ) -> None:
     def refused(start: Path, model: str = "resnet18") -> str:
         with pytest.raises(T2TwinError) as error:
-            train(model, data_dir, "smoke", tmp_path / "run", start=start)
+            train(model, data_dir, "smoke", tmp_path / "run", init_from=start)
         assert not (tmp_path / "run").exists()
         return str(error.value)
 
     assert "there is no run" in refused(tmp_path / "none")
-    assert "holds no config.json" in refused(tmp_path)
+    assert "has no config.json" in refused(tmp_path)
     assert "is a touch2touch run" in refused(runs[0])
     wide = train_smoke("resnet18", data_dir, tmp_path / "wide", epochs=1)
     text = json.loads((wide / CONFIG).read_text())

@@ -279,7 +279,7 @@ def test_another_run_in_the_folder_is_refused(
 def test_another_data_set_in_the_folder_is_refused(data_dir: Path, tmp_path: Path) -> None:
     train("resnet18", data_dir, "smoke", tmp_path / "run", epochs=1)
     other = write_spots(tmp_path / "other", train=8, val=2, test=1, seed=1)
-    with pytest.raises(T2TwinError, match="another data set"):
+    with pytest.raises(T2TwinError, match="another dataset"):
         train("resnet18", other, "smoke", tmp_path / "run", epochs=1)
 
 
@@ -306,10 +306,10 @@ def test_damaged_state_is_refused(data_dir: Path, tmp_path: Path) -> None:
     last = tmp_path / "last.safetensors"
     with safe_open(last, "pt") as file:
         save_file(load_file(tmp_path / "best.safetensors"), last, file.metadata())
-    with pytest.raises(T2TwinError, match="no saved state of these networks"):
+    with pytest.raises(T2TwinError, match="not a saved state of these networks"):
         load_state(last, build(load_config(tmp_path)))
     last.write_bytes(b"not a checkpoint")
-    with pytest.raises(T2TwinError, match="no saved state of a training"):
+    with pytest.raises(T2TwinError, match="not a saved state of a training"):
         train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
 
 

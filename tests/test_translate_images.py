@@ -126,7 +126,7 @@ def test_bad_files_get_a_sentence_and_nothing_is_written(
         translate_images([tmp_path / "folder"], out, run_dir)
     for bad in (text, cut, empty):
         bad.unlink()
-    with pytest.raises(T2TwinError, match="holds no config\\.json"):
+    with pytest.raises(T2TwinError, match="has no config\\.json"):
         translate_images([good], out, tmp_path)
     assert not out.exists()
 
@@ -315,7 +315,7 @@ def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> No
     with pytest.raises(T2TwinError, match="not finished its first epoch"):
         load_run(tmp_path)
     (tmp_path / "best.safetensors").write_bytes(b"rubbish")
-    with pytest.raises(T2TwinError, match="does not hold the weights"):
+    with pytest.raises(T2TwinError, match="does not fit the networks"):
         load_run(tmp_path)
 
 
@@ -325,7 +325,7 @@ def test_weights_that_are_no_numbers_are_refused(run_dir: Path, tmp_path: Path) 
     name = next(name for name in weights if weights[name].is_floating_point())
     weights[name].view(-1)[0] = torch.nan
     save_file(weights, tmp_path / "best.safetensors")
-    with pytest.raises(T2TwinError, match=f"not finite, in {name}"):
+    with pytest.raises(T2TwinError, match=f"non-finite numbers in {name}"):
         load_run(tmp_path)
 
 
