@@ -64,13 +64,13 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def _with_start(folder: Path, run: dict[str, Any], earlier: dict[str, Path]) -> dict[str, Any]:
     """A run's minutes and steps, with those of the run with whose weights it began."""
-    start = load_config(folder).start
+    start = load_config(folder).init_from
     if start is None:
         return {"begun_with": None}
     if start not in earlier:
         raise T2TwinError(f"{folder} began with other weights; give their run with --begun-with")
     before = load_run(earlier[start])
-    if before.config.start is not None:
+    if before.config.init_from is not None:
         raise T2TwinError(f"{earlier[start]} began with another run itself; two are added up here")
     return {
         "begun_with": before.config.data.world,

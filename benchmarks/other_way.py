@@ -39,8 +39,8 @@ from t2twin.translate.evaluation.metrics.image_metrics import (
     scores,
 )
 from t2twin.translate.evaluation.scoring import training_steps
-from t2twin.translate.inference.predictor import load
-from t2twin.translate.models.presets import CYSKIN_TO_DIGIT
+from t2twin.translate.inference.load import load
+from t2twin.translate.inference.predictor import ImagePredictor, require
 
 SPLITS = ("val", "test")
 
@@ -49,9 +49,7 @@ DRAWN, NEAREST, MEAN, UNTOUCHED = "drawn", "nearest_neighbour", "mean_picture", 
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    run = load(options.run)
-    if run.config.direction != CYSKIN_TO_DIGIT:
-        raise T2TwinError(f"{options.run} is a {run.config.direction} run; give one the other way")
+    run = require(load(options.run), ImagePredictor, "the benchmark")
     if load_info(options.data).sha256 != run.config.data.sha256:
         raise T2TwinError(f"{options.data} is not the data set that {options.run} was trained on")
     size = run.config.preset.size

@@ -52,8 +52,8 @@ def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
     run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
-    make = onnx_runtime._made
-    monkeypatch.setattr(onnx_runtime, "_made", lambda *of: made.append(of) or make(*of))
+    make = onnx_runtime._export
+    monkeypatch.setattr(onnx_runtime, "_export", lambda *of: made.append(of) or make(*of))
     first = load(run_dir).predict(frames)
     np.testing.assert_array_equal(load(run_dir).predict(frames), first)
     assert len(made) == 1

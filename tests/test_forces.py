@@ -126,7 +126,7 @@ def test_intervals_by_force_are_those_of_the_same_resamples(
     alone = rmse_by_group(figures.squared_error, pairs.shapes, np.zeros(40, int), 1)
     np.testing.assert_allclose(alone[:, 0], whole.rmse_counts, rtol=1e-12)
     drawn = resample_weights(7)
-    monkeypatch.setattr(bootstrap, "NUMBERS_AT_ONCE", 70)
+    monkeypatch.setattr(bootstrap, "MAX_NUMBERS", 70)
     assert np.array_equal(resample_weights(7), drawn)
     in_parts = replicates(figures, pairs.shapes, FULL_SCALE)
     for field in fields(whole):

@@ -18,6 +18,8 @@ from t2twin.live.follow import follow
 from t2twin.live.frame import Frame, Skipped
 from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.sources import Video, _opencv, open_source
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import require
 
 HZ, FRAMES = 30.0, 24
 cv2 = _opencv()  # before anything else of it is used, as in the command, so that it is quiet
@@ -280,7 +282,7 @@ def test_each_line_has_the_counts_of_its_frame(run, video):
     for record in records:
         expected = np.rint(run.predict(decoded[record["frame"]])).astype(int)
         assert record["counts"] == expected.tolist()
-        assert record["latency_ms"] > 0 and record["like_training"] is True
+        assert record["latency_ms"] > 0 and record["in_distribution"] is True
         assert before_s <= record["time_s"] <= time.time()
     assert f"{FRAMES - len(records)} of {FRAMES} dropped" in said[-1]
     assert "frames/s" in said[-1] and "latency" in said[-1]
@@ -322,7 +324,7 @@ def test_a_frame_unlike_the_training_is_said_once(run, monkeypatch):
     source = Listed(5, lambda number: _wait_for(lambda: len(lines) >= number))
     follow(run, source, lines.append, said.append)
     assert len(lines) == 5
-    assert all(json.loads(line)["like_training"] is False for line in lines)
+    assert all(json.loads(line)["in_distribution"] is False for line in lines)
     assert sum("unlike all" in sentence for sentence in said) == 1
 
 
@@ -332,7 +334,7 @@ def _wait_for(holds):
 
 
 def test_a_field_run_gives_standard_deviations_and_force():
-    run = t2twin.load("field")
+    run = require(t2twin.load("field"), FieldPredictor, "the test")
     lines, background = [], np.full((64, 48, 3), 90, np.uint8)
     follow(run, Listed(1), lines.append, silent, background=background)
     record, size = json.loads(lines[0]), run.config.preset.size

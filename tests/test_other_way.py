@@ -93,7 +93,7 @@ def test_overfits_one_batch(data_dir: Path) -> None:
     for _ in range(60):
         last = ours.step(examples)
     assert last["l1"] < first["l1"] / 4
-    drawn = ours.pictures(counts)[:, 0].numpy()
+    drawn = ours.predict_images(counts).numpy()
     assert np.sqrt(np.square(drawn - pixels[..., 0]).mean()) < 0.02 * 255
 
 
@@ -188,7 +188,7 @@ def test_another_direction_into_a_run_is_refused(
 
 
 def test_a_direction_that_cannot_be_gone_is_one_sentence(data_dir: Path, tmp_path: Path) -> None:
-    with pytest.raises(T2TwinError, match="resnet18 does not go cyskin-to-digit"):
+    with pytest.raises(T2TwinError, match="resnet18 has no direction cyskin-to-digit"):
         train("resnet18", data_dir, "smoke", tmp_path, direction=WAY)
     with pytest.raises(T2TwinError, match="'sideways'; it must be one of digit-to-cyskin, cyskin"):
         train("touch2touch", data_dir, "smoke", tmp_path, direction="sideways")
@@ -200,7 +200,7 @@ def test_a_direction_that_cannot_be_gone_is_one_sentence(data_dir: Path, tmp_pat
     [
         ("direction", "sideways", "'sideways'; it must be one of digit-to-cyskin, cyskin-to-digit"),
         ("direction", 3, "direction is a whole number; it must be text"),
-        ("model", "resnet18", "resnet18 does not go cyskin-to-digit"),
+        ("model", "resnet18", "resnet18 has no direction cyskin-to-digit"),
     ],
 )
 def test_a_wrong_direction_in_the_config_is_one_sentence(
@@ -249,7 +249,7 @@ def test_commands_that_want_counts_refuse_it_in_one_sentence(
         main([word.format(run=run_dir, data=data_dir) for word in words])
     said = capsys.readouterr().err.strip()
     assert stop.value.code == 2 and len(said.splitlines()) == 1
-    assert f"{run_dir} is a {WAY} run, which draws DIGIT pictures" in said
+    assert f"{run_dir} is a {WAY} run, which predicts DIGIT images" in said
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -269,14 +269,14 @@ def test_a_loaded_run_gives_no_counts(
     ask: Callable, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(T2TwinError, match=r"draws DIGIT pictures .*gives no counts"):
+    with pytest.raises(T2TwinError, match=r"predicts DIGIT images; .* needs a digit-to-cyskin run"):
         ask(t2twin.load(run_dir), np.zeros((320, 240, 3), np.uint8))
     assert not list(tmp_path.iterdir())
 
 
 def test_a_run_of_the_papers_way_draws_no_pictures(untrained_runs: list[Path]) -> None:
     for run in untrained_runs:
-        with pytest.raises(T2TwinError, match=r"digit-to-cyskin run, which draws no DIGIT picture"):
+        with pytest.raises(T2TwinError, match="predict_image needs a cyskin-to-digit run"):
             t2twin.load(run).predict_image(np.zeros(20))
 
 
@@ -284,12 +284,12 @@ def test_the_studio_passes_it_over_and_refuses_it_by_name(run_dir: Path) -> None
     translators = Translators()
     translators.search(below=run_dir.parent)
     assert translators.names == (DEFAULT_RUN,)
-    with pytest.raises(T2TwinError, match="gives no counts"):
+    with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
         translators.search([run_dir])
 
 
 def test_load_run_is_of_translators_to_counts(run_dir: Path) -> None:
-    with pytest.raises(T2TwinError, match="gives no counts"):
+    with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
         load_run(run_dir)
 
 
@@ -299,17 +299,17 @@ def test_load_run_knows_runs_that_ship_by_their_names(
     monkeypatch.setattr(pretrained, "HOME", untrained_runs[0].parent)
     assert load_run(untrained_runs[0].name).run_dir == untrained_runs[0]
     monkeypatch.setattr(pretrained, "HOME", run_dir.parent)
-    with pytest.raises(T2TwinError, match="gives no counts"):
+    with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
         load_run(run_dir.name)
 
 
 def test_the_card_says_which_way_it_goes(run_dir: Path) -> None:
     _, head, text = (run_dir / "README.md").read_text().split("---\n", 2)
     [result] = yaml.safe_load(head)["model-index"][0]["results"]
-    assert result["task"]["name"] == "CySkin counts to DIGIT picture"
+    assert result["task"]["name"] == "CySkin counts to DIGIT image"
     names = [metric["name"] for metric in result["metrics"]]
     assert names == ["RMSE, grey levels", "RMSE, % of full scale"]
-    for words in ("the other way", "predict_image(counts)", "| direction | cyskin-to-digit |",
-                  "grey levels of the pictures' pixels", "are made up"):  # fmt: skip
+    for words in ("Reversed touch2touch", "predict_image(counts)", "| direction | cyskin-to-digit |",  # noqa: E501
+                  "grey levels of the image's pixels", "invents them"):  # fmt: skip
         assert words in text, words
     assert "predict(" not in text

@@ -18,13 +18,9 @@ from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.config import CONFIG, load_config
+from t2twin.translate.training.settings import WARM_START_SHARE, after_warm_start
 from t2twin.translate.training.train import train
-from t2twin.translate.training.warm_start import (
-    RATE_SHARE,
-    apply_warm_start,
-    find_warm_start,
-    slower,
-)
+from t2twin.translate.training.warm_start import apply_warm_start, find_warm_start
 
 WORLD = """
 format = 1
@@ -82,10 +78,14 @@ def test_a_start_saves_steps_and_is_kept_in_mind(
     begun = train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, init_from=runs[1])
     assert begun.best_rmse_percent < 0.8 * fresh.best_rmse_percent
     config = load_config(tmp_path / "begun")
-    assert config.start == find_warm_start(runs[1], "resnet18", config.preset, config.data).sha256
-    assert config.preset == slower(PRESETS["resnet18"]["smoke"])
-    assert config.preset.learning_rate == RATE_SHARE * PRESETS["resnet18"]["smoke"].learning_rate
-    assert load_config(tmp_path / "fresh").start is None
+    assert (
+        config.init_from == find_warm_start(runs[1], "resnet18", config.preset, config.data).sha256
+    )
+    assert config.preset == after_warm_start(PRESETS["resnet18"]["smoke"])
+    assert (
+        config.preset.learning_rate == WARM_START_SHARE * PRESETS["resnet18"]["smoke"].learning_rate
+    )
+    assert load_config(tmp_path / "fresh").init_from is None
     for other in (None, tmp_path / "fresh"):
         with pytest.raises(T2TwinError, match="holds a run with another"):
             train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, init_from=other)
@@ -129,10 +129,10 @@ def test_what_cannot_be_begun_with_is_one_sentence(
     (wide / CONFIG).write_text(json.dumps(text))
     assert "base width 8, and preset smoke has" in refused(wide)
     text["preset"]["filters"] = PRESETS["resnet18"]["smoke"].filters
-    text["start_sha256"] = "x"
+    text["init_from_sha256"] = "x"
     (wide / CONFIG).write_text(json.dumps(text))
-    assert "start_sha256 must be 64 hexadecimal digits" in refused(wide)
-    text["start_sha256"] = None
+    assert "init_from_sha256 must be 64 hexadecimal digits" in refused(wide)
+    text["init_from_sha256"] = None
     text["data"]["layout_x_mm"][0] += 1.0
     (wide / CONFIG).write_text(json.dumps(text))
     assert "a run of layout" in refused(wide)

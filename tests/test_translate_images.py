@@ -19,6 +19,7 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.inference import batch
 from t2twin.translate.inference.batch import find_images, translate_images
 from t2twin.translate.inference.load import load_run
+from t2twin.translate.models.base import CountsTranslator
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_weights
 
@@ -174,6 +175,7 @@ def test_folded_batch_norms_change_nothing(run_dir: Path, digit: Image.Image) ->
     run = load_run(run_dir)
     trained = build(run.config)
     load_weights(run_dir / "best.safetensors", trained.predictor)
+    assert isinstance(trained, CountsTranslator)
     pixels = np.stack([np.asarray(digit), np.asarray(digit)[::-1]])
     pixels = run.pixels_of(pixels).astype(np.float32) / 255.0
     expected = trained.predict(to_input(pixels)).numpy()
@@ -307,7 +309,7 @@ def test_loading_a_run_leaves_torchs_threads_and_random_numbers_alone(
     finally:
         torch.set_num_threads(threads)
     assert run.run_dir == run_dir
-    assert run.draws == (run_dir.name == "touch2touch")
+    assert run.reads_any_layout == (run_dir.name == "touch2touch")
 
 
 def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> None:

@@ -172,8 +172,8 @@ OPTIONAL_PATHS: Mapping[str, Call] = {
     "make_dataset cache": lambda value, box, base: t2twin.make_dataset(
         "out", "smoke", cache=value
     ),
-    "train start": lambda value, box, base: t2twin.train(
-        "resnet18", base.data, "smoke", "out", start=value
+    "train init_from": lambda value, box, base: t2twin.train(
+        "resnet18", base.data, "smoke", "out", init_from=value
     ),
     "translate_images background": lambda value, box, base: t2twin.translate_images(
         [PICTURE], "out", background=value

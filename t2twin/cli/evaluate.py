@@ -49,10 +49,11 @@ def evaluate(
         raise T2TwinError("there is no dataset to evaluate on; give its folder with --data")
     folder = out or Path("runs/evaluate") / ("" if split == "both" or len(data) > 1 else split)
     use_all_cores()
-    if len(data) > 1:
+    first, *others = data
+    if others:
         _evaluate_worlds(runs, data, split, folder, background)
     else:
-        _evaluate_one(runs, data[0], split, folder, background)
+        _evaluate_one(runs, first, split, folder, background)
     print(f"written to {folder}")
 
 

@@ -155,7 +155,7 @@ class FieldTranslator(CountsTranslator):
         if predicts_force(network):
             network.force_knots.copy_(found.force)
         network.correlation.copy_(found.correlation)
-        self.__dict__.pop("readout", None)
+        vars(self).pop("readout", None)
 
     @cached_property
     def readout(self) -> FieldReadout:

@@ -12,7 +12,7 @@ from t2twin.report.html.labels import SPLIT_NAMES, colors, name_of
 from t2twin.translate.evaluation.metrics.baselines import FEATURE_SIZE
 from t2twin.translate.evaluation.metrics.irreducible_error import (
     CLOSE,
-    FITTED,
+    FITTED_SHARE,
     NEIGHBORS,
 )
 from t2twin.translate.evaluation.records import IrreducibleError, IrreducibleErrorFloor
@@ -40,8 +40,8 @@ def section(report: ReportData) -> str:
         f"Distance: root mean square, of pictures made {FEATURE_SIZE} × {FEATURE_SIZE}, in RGB. "
         f"Points: groups of as many pairs each, of the {NEIGHBORS} nearest of every press. "
         "Square: half the squared difference as a straight line of the squared distance, fitted to "
-        f"the nearest {100 * FITTED:.0f} % of the pairs of each shape, read at the distance that "
-        "noise alone makes; with its interval over shapes. Level lines: what the models reach."
+        f"the nearest {100 * FITTED_SHARE:.0f} % of the pairs of each shape, read at the distance "
+        "that noise alone makes; with its interval over shapes. Level lines: what the models reach."
     )
     if (report.forces_n == 0).any():
         note += " Presses that touch nothing, which look and feel alike, are left out."
