@@ -11,7 +11,7 @@ from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import TRAILER_BYTES, write_checked
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.inference import onnx_runtime
-from t2twin.translate.inference.onnx_runtime import load
+from t2twin.translate.inference.load import load
 
 pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -52,8 +52,8 @@ def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
     run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
-    make = onnx_runtime._made
-    monkeypatch.setattr(onnx_runtime, "_made", lambda *of: made.append(of) or make(*of))
+    make = onnx_runtime._export
+    monkeypatch.setattr(onnx_runtime, "_export", lambda *of: made.append(of) or make(*of))
     first = load(run_dir).predict(frames)
     np.testing.assert_array_equal(load(run_dir).predict(frames), first)
     assert len(made) == 1

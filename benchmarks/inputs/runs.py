@@ -80,9 +80,9 @@ MORE: tuple[tuple[str, Change], ...] = (
     ("direction a number", ("direction", 3)),
     ("a direction that is none", ("direction", "sideways")),
     ("a ResNet18 the other way", ("direction", "cyskin-to-digit")),
-    ("shape weight null", ("preset.shape_weight", None)),
-    ("shape weight not a number", ("preset.shape_weight", float("nan"))),
-    ("shape weight negative", ("preset.shape_weight", -1)),
+    ("shape weight null", ("preset.iou_weight", None)),
+    ("shape weight not a number", ("preset.iou_weight", float("nan"))),
+    ("shape weight negative", ("preset.iou_weight", -1)),
 )
 
 TEXTS: tuple[tuple[str, str | bytes], ...] = (
