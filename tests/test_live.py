@@ -349,5 +349,5 @@ def test_a_field_run_gives_standard_deviations_and_force():
 
 
 def test_a_background_frame_is_for_field_runs_only(run):
-    with pytest.raises(T2TwinError, match="takes no background frame"):
+    with pytest.raises(T2TwinError, match="a background frame needs a field run"):
         follow(run, Listed(1), silent, silent, background=frame(0))
