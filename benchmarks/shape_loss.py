@@ -1,7 +1,7 @@
 """What a loss of the tactile image's shape brings: touch2touch with it against without.
 
     t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --out plain-0
-    t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --shape-weight W --out shaped-0
+    t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --iou-weight W --out shaped-0
     python -m benchmarks.shape_loss --plain plain-0 ... --shaped shaped-0 ... --data data/paper
 
 The runs are of the same seeds, steps and data, and differ in the weight alone. Every figure is
@@ -45,7 +45,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         content[split] = _split(plain, shaped, pairs)
     return content | {
         "seeds": [run.config.seed for run in plain],
-        "iou_weight": preset.iou_weight,
+        "shape_weight": preset.iou_weight,
         "l1_weight": preset.l1_weight,
         "steps": [training_steps(run, run.config.data.train_pairs) for run in (*plain, *shaped)],
     }

@@ -71,7 +71,7 @@ def test_file_says_what_it_is(run_dir: Path, session) -> None:
     assert said["model"] == config.model == run_dir.name
     assert (said["preset"], said["layout"]) == ("smoke", "cyskin-20")
     assert said["full_scale_counts"] == "40000"
-    assert said["colour"] == ("grey" if run_dir.name == "touch2touch" else "rgb")
+    assert said["color"] == ("grey" if run_dir.name == "touch2touch" else "rgb")
     assert int(said["size"]) == config.preset.size
     assert json.loads(said["layout_x_mm"]) == config.data.x_mm.tolist()
     assert session.get_inputs()[0].shape[0] == "batch"
@@ -129,10 +129,10 @@ def test_card_says_what_the_run_is(run_dir: Path, data_dir: Path) -> None:
         config.data.sha256,
         "32 train, 12 val, 8 test",
         "| made by | the paper's protocol, scale smoke |",
-        f"epoch {best['epoch']} of the 4",
+        f"epoch {best['epoch']} of 4",
         f"| learning_rate | {PRESETS[run_dir.name]['smoke'].learning_rate:g} |",  # pyright: ignore[reportArgumentType]
         "arXiv:2411.02187",
-        "## What it is not good for",
+        "## Limits",
     ):
         assert words in text, words
 

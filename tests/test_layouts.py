@@ -50,7 +50,7 @@ def drawing(run: CountsPredictor, counts: np.ndarray, monkeypatch: pytest.Monkey
     """Makes the run's generator draw exactly the tactile images of these trained counts."""
     assert isinstance(run.translator, Touch2Touch)
     perfect = run.translator.phi.to_torch(torch.tensor(counts, dtype=torch.float32))
-    monkeypatch.setattr(Touch2Touch, "draw", lambda self, images: perfect)
+    monkeypatch.setattr(Touch2Touch, "predict_tactile_images", lambda self, images: perfect)
 
 
 def test_linear_response_is_read_exactly_by_any_layout(

@@ -21,9 +21,9 @@ from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.onnx_export import export_onnx
+from t2twin.translate.models.pix2pix import Pix2Pix
 from t2twin.translate.models.presets import PRESETS, Preset
 from t2twin.translate.models.reverse import CySkinToDigit
-from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs import pretrained
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.config import RunConfig, load_config
@@ -51,11 +51,11 @@ def run_dir(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def translator(data_dir: Path, preset: Preset, direction: str) -> Touch2Touch:
+def translator(data_dir: Path, preset: Preset, direction: str) -> Pix2Pix:
     info = load_info(data_dir)
     config = RunConfig("touch2touch", preset, 0, info, None, None, 1, False, 1, direction=direction)
     made = build(config)
-    assert isinstance(made, Touch2Touch)
+    assert isinstance(made, Pix2Pix)
     return made
 
 
@@ -269,7 +269,7 @@ def test_a_loaded_run_gives_no_counts(
     ask: Callable, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(T2TwinError, match=r"predicts DIGIT images; .* needs a digit-to-cyskin run"):
+    with pytest.raises(T2TwinError, match=r"DIGIT images; .* needs a (field|digit-to-cyskin) run"):
         ask(t2twin.load(run_dir), np.zeros((320, 240, 3), np.uint8))
     assert not list(tmp_path.iterdir())
 

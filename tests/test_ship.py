@@ -46,7 +46,7 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
     np.testing.assert_allclose(by_name, load_run(runs[1]).predict_pixels(pixels), atol=100)
     card = (folder / "README.md").read_text()
     assert re.search(r"\| .*, new versions of primitives \| [\d,]+ \| [\d.]+ \|", card)
-    assert card.index("## Measured") < card.index("## What it is not good for")
+    assert card.index("## Measured") < card.index("## Limits")
 
 
 def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monkeypatch) -> None:
