@@ -161,7 +161,7 @@ def test_the_fine_surface_follows_the_shape(shapes):
 
 
 def test_beside_the_pad_is_an_error():
-    with pytest.raises(T2TwinError, match="beside the flat pad"):
+    with pytest.raises(T2TwinError, match="not lie over the flat pad"):
         pressed(ball(2.0), x=30.0)
 
 

@@ -82,10 +82,11 @@ class Survey:
         distance = surface - self.footprint.heights_mm
         nearest = float(distance.min())
         if nearest > -NOTHING_MM / 2:
+            half_x, half_y = layer.elastomer.width_mm / 2, layer.elastomer.length_mm / 2
             raise OffPadError(
-                f"{shape.name} at x {command.x_mm:g} mm, y {command.y_mm:g} mm lies beside the "
-                f"{layer.elastomer.name} pad, which reaches {layer.elastomer.width_mm / 2:g} mm "
-                f"in x and {layer.elastomer.length_mm / 2:g} mm in y from its middle"
+                f"{shape.name} at x {command.x_mm:g} mm, y {command.y_mm:g} mm does not lie over "
+                f"the {layer.elastomer.name} pad, which reaches {half_x:g} mm in x and {half_y:g} "
+                "mm in y from its center"
             )
         self.gap_mm = distance - nearest
         peak_distance = surface - self.footprint.peaks_mm

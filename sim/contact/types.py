@@ -43,7 +43,7 @@ class PressCommand:
 
 @dataclass(frozen=True)
 class PinState:
-    """The active pins of a solved press, all (n,), as `t2twin.sim.scene` draws them.
+    """The active pins of a solved press, all (n,), as `t2twin.sim.scene` shows them.
 
     x_mm, y_mm, rest_mm: positions of the pins, and heights of their undeformed tops.
     deflection_mm: deflections. gap_mm: distances from the shape at first touch. spring_rest_mm,

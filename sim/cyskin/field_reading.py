@@ -49,7 +49,7 @@ def reading_matrix(layout: Layout, cover: Elastomer = CYSKIN_COVER) -> np.ndarra
         raise T2TwinError(
             f"the layout {layout.name} has {int(outside.sum())} taxel(s) off the cover, such as "
             f"taxel {n} at x {layout.x_mm[n]:g} mm, y {layout.y_mm[n]:g} mm; it reaches {half_x:g} "
-            f"mm in x and {half_y:g} mm in y from its middle"
+            f"mm in x and {half_y:g} mm in y from its center"
         )
     places = field_layout(cover)
     inverse = _inverse(cover)

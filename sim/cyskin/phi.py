@@ -147,8 +147,8 @@ class Phi:
         inverse = np.zeros_like(self._backward)
         inverse[pixels] = _left_inverse(
             self.matrix[pixels],
-            "the taxels lie too close together, or too near the rim, to be told apart in the "
-            f"pixels that are read of an image of {self.shape[0]} x {self.shape[1]}",
+            "the taxels lie too close together, or too near the rim, to be distinguished in the "
+            f"pixels used of an image of {self.shape[0]} x {self.shape[1]}",
         )
         return Phi._of_matrix(self.matrix, inverse, self.shape, self.centers_mm)
 
@@ -180,7 +180,7 @@ def barycentric(
     digest = short_digest(points.tobytes() + at.tobytes())
     key = repr((digest, points.shape, at.shape, tolerance, scipy.__version__))
     found = cached_array("phi", key, __file__, lambda: _find_weights(points, at, tolerance))
-    rows, columns = np.repeat(found["place"], 3), found["corners"].ravel()
+    rows, columns = np.repeat(found["place"].astype(int), 3), found["corners"].ravel()
     entries = (found["weights"].ravel(), (rows, columns))
     return sparse.csr_array(entries, shape=(at.shape[0], points.shape[0]))
 
@@ -243,7 +243,7 @@ def _full_inverse(matrix: sparse.csr_array, shape: tuple[int, int]) -> np.ndarra
     """`_left_inverse` with all pixels of an image of this shape."""
     return _left_inverse(
         matrix,
-        f"the taxels lie too close together to be told apart in an image of {shape[0]} x "
+        f"the taxels lie too close together to be distinguished in an image of {shape[0]} x "
         f"{shape[1]} pixels; they must be at least a pixel apart",
     )
 

@@ -48,21 +48,21 @@ def colored_tactile_image(
         colors = _faded(colors, std / full_scale)
     large = Image.fromarray(colors).resize((columns, rows), Image.Resampling.BILINEAR)
     rendered.paste(large, (MARGIN, MARGIN))
-    draw = ImageDraw.Draw(rendered)
+    pen = ImageDraw.Draw(rendered)
     for x, y in zip(x_mm, y_mm, strict=True):
         center = (MARGIN + columns / 2 + x * PX_PER_MM * SCALE,
                   MARGIN + rows / 2 + y * PX_PER_MM * SCALE)  # fmt: skip
-        draw.circle(center, TAXEL_RADIUS, outline="white")
+        pen.circle(center, TAXEL_RADIUS, outline="white")
     left = columns + 2 * MARGIN
     bar = _colors(np.repeat(np.linspace(1.0, 0.0, rows)[:, None], BAR_WIDTH, axis=1))
     rendered.paste(Image.fromarray(bar), (left, MARGIN))
-    draw.text((left, MARGIN - 4), "counts", "black", anchor="ls", font_size=UNIT_SIZE)
+    pen.text((left, MARGIN - 4), "counts", "black", anchor="ls", font_size=UNIT_SIZE)
     # The first and the last label lie within the bar's height, clear of the unit above it.
     anchors = ("lb", *("lm",) * (STEPS - 2), "lt")
     for part, anchor in zip(np.linspace(0.0, 1.0, STEPS), anchors, strict=True):
         at = (left + BAR_WIDTH + MARGIN / 3, MARGIN + (1.0 - part) * (rows - 1))
         label = f"{part * full_scale:,.0f}"
-        draw.text(at, label, "black", anchor=anchor, font_size=FONT_SIZE)
+        pen.text(at, label, "black", anchor=anchor, font_size=FONT_SIZE)
     return rendered
 
 

@@ -82,7 +82,7 @@ def _weights(
     if (np.abs(taxel_x) > reach_x).any() or (np.abs(taxel_y) > reach_y).any():
         raise T2TwinError(
             f"the layout has taxels outside the cover, which reaches {reach_x:g} mm in x and "
-            f"{reach_y:g} mm in y from its middle"
+            f"{reach_y:g} mm in y from its center"
         )
     x, y = np.meshgrid(x_mm, y_mm)
     pitch = x_mm[1] - x_mm[0]
