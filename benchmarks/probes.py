@@ -33,7 +33,6 @@ from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world import protocol
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.evaluation.evaluate import run_names
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     MEAN_ARRAY,
@@ -41,7 +40,8 @@ from t2twin.translate.evaluation.metrics.baselines import (
     mean_array,
     nearest_neighbor,
 )
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.evaluation.prepare import run_names
+from t2twin.translate.inference.load import load_run
 
 if TYPE_CHECKING:
     import cadquery as cq

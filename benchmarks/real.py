@@ -34,7 +34,8 @@ from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
-from t2twin.translate.inference.predictor import TrainedTranslator, load_run
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import CountsPredictor
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -67,7 +68,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def _scores(
-    run: TrainedTranslator, references: Sequence[SimulatedReference], background: np.ndarray
+    run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray
 ) -> dict[str, Any]:
     comparisons = evaluate_frames(run, references, background)
     return {

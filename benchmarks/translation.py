@@ -26,8 +26,8 @@ from benchmarks.paper_scale import presses_sha256, settings
 from t2twin.core.files import atomic_write
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.sections.qualitative import sample_image, samples_at_quantiles
+from t2twin.translate.evaluation.files import read_evaluation
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
-from t2twin.translate.evaluation.records import read_evaluation
 
 PICTURE = ROOT / "docs" / "pictures" / "samples.png"
 
@@ -54,7 +54,7 @@ def outcome(case: SmallCase) -> dict[str, Any]:
     models = {split: content["models"] for split, content in metrics.items()}
     more = {
         split: {
-            "lookalikes": metrics[split]["lookalikes"],
+            "lookalikes": metrics[split]["irreducible_error"],
             "rows": {
                 name: {key: row[key] for key in ("interval", "by_shape")}
                 for name, row in rows.items()
@@ -96,7 +96,7 @@ def figures(report: ReportData) -> dict[str, Any]:
             }
             for split, evaluation in evaluations.items()
         },
-        "lookalikes": {s: evaluation["lookalikes"] for s, evaluation in evaluations.items()},
+        "lookalikes": {s: evaluation["irreducible_error"] for s, evaluation in evaluations.items()},
     }
 
 

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from t2twin.translate.evaluation.cross_dataset import evaluate_worlds
     from t2twin.translate.evaluation.evaluate import evaluate
     from t2twin.translate.inference.batch import translate_images
+    from t2twin.translate.inference.load import load
     from t2twin.translate.inference.onnx_export import export_onnx
-    from t2twin.translate.inference.onnx_runtime import load
     from t2twin.translate.inference.predictor import TrainedTranslator
     from t2twin.translate.training.train import train
     from t2twin.twin import Touch, Twin, load_shape, press, shapes
@@ -46,7 +46,7 @@ _HOMES = {
     "press": "t2twin.twin:press",
     "shapes": "t2twin.twin:shapes",
     "load_shape": "t2twin.twin:load_shape",
-    "load": "t2twin.translate.inference.onnx_runtime:load",
+    "load": "t2twin.translate.inference.load:load",
     "Shape": "t2twin.primitives_cad.shape:Shape",
     "PressCommand": "t2twin.sim.contact.types:PressCommand",
     "Contact": "t2twin.sim.contact.types:Contact",

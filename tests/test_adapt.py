@@ -34,7 +34,6 @@ def fake_run(counts) -> Any:
         Any,
         SimpleNamespace(
             config=SimpleNamespace(data=data),
-            translator=SimpleNamespace(learns_field=False),
             predict=lambda image, background: counts,
         ),
     )

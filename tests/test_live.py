@@ -18,6 +18,9 @@ from t2twin.live.follow import follow
 from t2twin.live.frame import Frame, SkippedFrames
 from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.sources import VideoSource, _opencv, open_source
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import require
+from t2twin.translate.uncertainty.ood import OODClass
 
 HZ, FRAMES = 30.0, 24
 cv2 = _opencv()  # before anything else of it is used, as in the command, so that it is quiet
@@ -316,9 +319,7 @@ def test_bad_input_is_one_sentence(
 
 def test_a_frame_unlike_the_training_is_said_once(run, monkeypatch):
     said, lines = [], []
-    monkeypatch.setattr(
-        type(run), "in_distribution", lambda self, pixels: np.zeros(len(pixels), bool)
-    )
+    monkeypatch.setattr(type(run), "classify", lambda self, pixels: [OODClass.BLACK] * len(pixels))
     source = Listed(5, lambda number: _wait_for(lambda: len(lines) >= number))
     follow(run, source, lines.append, said.append)
     assert len(lines) == 5
@@ -332,7 +333,7 @@ def _wait_for(holds):
 
 
 def test_a_field_run_gives_standard_deviations_and_force():
-    run = t2twin.load("field")
+    run = require(t2twin.load("field"), FieldPredictor, "the test")
     lines, background = [], np.full((64, 48, 3), 90, np.uint8)
     follow(run, Listed(1), lines.append, silent, background=background)
     record, size = json.loads(lines[0]), run.config.preset.size
@@ -347,5 +348,5 @@ def test_a_field_run_gives_standard_deviations_and_force():
 
 
 def test_a_background_frame_is_for_field_runs_only(run):
-    with pytest.raises(T2TwinError, match="takes no background frame"):
+    with pytest.raises(T2TwinError, match="a background frame needs a field run"):
         follow(run, Listed(1), silent, silent, background=frame(0))

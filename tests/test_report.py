@@ -23,14 +23,14 @@ from t2twin.report.html.page import PAGE
 from t2twin.report.run_report import LINKS, write_report
 from t2twin.report.sections import irreducible_error, limits, qualitative, summary
 from t2twin.sim.dataset.store import read_info
-from t2twin.translate.evaluation.predictions import read_predictions, write_predictions
-from t2twin.translate.evaluation.records import (
+from t2twin.translate.evaluation.files import (
     FINDINGS,
     METRICS,
-    Evaluation,
     read_evaluation,
     write_evaluation,
 )
+from t2twin.translate.evaluation.predictions import read_predictions, write_predictions
+from t2twin.translate.evaluation.records import Evaluation
 
 ONE_FORCE = np.array([8.0])
 
@@ -173,7 +173,11 @@ def test_errors_by_view_are_those_of_metrics(
 def test_irreducible_errors_are_those_of_metrics(
     page: Path, evaluations: dict[str, Evaluation]
 ) -> None:
-    alike = {s: each.lookalikes for s, each in evaluations.items() if each.lookalikes is not None}
+    alike = {
+        s: each.irreducible_error
+        for s, each in evaluations.items()
+        if each.irreducible_error is not None
+    }
     said = irreducible_error.sentences(alike)
     assert len(said) == 4 and said[0].startswith("Validation, other shapes")
     training = alike["test"].training

@@ -19,7 +19,7 @@ from t2twin.report.html.labels import forces_text
 from t2twin.report.run_report import write_report
 from t2twin.report.sections import by_force
 from t2twin.sim.dataset.store import read_info, sha256_of, write_info
-from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.evaluation.files import read_evaluation
 
 FORCES_N = (0.0, 0.5, 2.0, 8.0)
 
@@ -77,9 +77,9 @@ def test_the_page_of_runs_draws_the_error_by_force(
     evaluation = read_evaluation(page.parent / "evaluate-val")
     ours = evaluation.models["resnet18"].by_force
     assert [title for title in rows if title.endswith("6 pairs")] == [
-        "untouched, 6 pairs", "0.5 N, 6 pairs", "2 N, 6 pairs", "8 N, 6 pairs",
+        "no contact, 6 pairs", "0.5 N, 6 pairs", "2 N, 6 pairs", "8 N, 6 pairs",
     ]  # fmt: skip
-    assert rows["untouched, 6 pairs"][-1] == (
+    assert rows["no contact, 6 pairs"][-1] == (
         f"{ours[0].rmse_counts:,.0f} ({ours[0].phantom_counts:,.0f})"
     )
     assert rows["8 N, 6 pairs"][-1] == (

@@ -39,7 +39,7 @@ from t2twin.sim.digit.calibrate.measurements import Tolerance
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.runs.pretrained import HOME, pretrained_runs
 from t2twin.translate.training.train import train
@@ -179,7 +179,9 @@ def adapt(
             generate(config.out / DATA, world=config.out / WORLD, workers=workers)
         with timer.step("training"):
             run_dir, share = config.out / model, TRAINING_SHARE * config.minutes
-            train(model, config.out / DATA, "cpu", run_dir, minutes=share, start=config.init_from)
+            train(
+                model, config.out / DATA, "cpu", run_dir, minutes=share, init_from=config.init_from
+            )
     with timer.step("check"):  # without the lock, which write_page takes
         run, background_frame = load_run(run_dir), inputs.untouched
         comparisons = evaluate_frames(run, _references(config, inputs, fitted), background_frame)

@@ -16,8 +16,9 @@ from t2twin.sim.contact.depth import force_at_depth
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import SensorPair
-from t2twin.translate.evaluation.metrics.reliability import NAMED_LEVEL
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import CountsPredictor
 
 REGION_SHARE = 0.2
 """Contact threshold of a tactile image, as a share of its maximum (assumed)."""
@@ -109,7 +110,7 @@ def _simulate(
 
 
 def evaluate_frames(
-    run: TrainedTranslator, references: Sequence[SimulatedReference], background: np.ndarray
+    run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray
 ) -> list[PressComparison]:
     """Evaluates a run on the real and the simulated frame of every press.
 
@@ -128,7 +129,7 @@ def evaluate_frames(
 
 
 def evaluate_frame(
-    run: TrainedTranslator,
+    run: CountsPredictor,
     image: np.ndarray,
     truth: np.ndarray,
     force_n: float,
@@ -154,20 +155,20 @@ def evaluate_frame(
     )
 
 
-def predict_counts(run: TrainedTranslator, image: np.ndarray, background: np.ndarray) -> np.ndarray:
+def predict_counts(run: CountsPredictor, image: np.ndarray, background: np.ndarray) -> np.ndarray:
     """Predicted counts, (N,); a field run also receives the background frame."""
-    own = background if run.translator.learns_field else None
+    own = background if isinstance(run, FieldPredictor) else None
     return np.asarray(run.predict(image, own), dtype=float)
 
 
 def _predict(
-    run: TrainedTranslator, image: np.ndarray, truth: np.ndarray, background: np.ndarray
+    run: CountsPredictor, image: np.ndarray, truth: np.ndarray, background: np.ndarray
 ) -> tuple[np.ndarray, float | None, float | None]:
     """Counts, force in newtons, and the share of the truth that the intervals cover."""
-    if not run.translator.learns_field:
+    if not isinstance(run, FieldPredictor):
         return predict_counts(run, image, background), None, None
     estimate = run.estimate(image, background)
-    low, high = estimate.interval(NAMED_LEVEL)
+    low, high = estimate.interval(REPORTED_LEVEL)
     coverage = float(((low <= truth) & (truth <= high)).mean())
     force_n = None if estimate.force_n is None else float(estimate.force_n)
     return estimate.counts.astype(float), force_n, coverage

@@ -16,7 +16,7 @@ from t2twin.adaptation.real_frame_evaluation import (
 )
 from t2twin.core.files import atomic_write
 from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.inference.predictor import CountsPredictor
 
 RECORD = "adapted.json"
 
@@ -73,7 +73,7 @@ class AdaptationResult:
 
 
 def record_of(
-    run: TrainedTranslator,
+    run: CountsPredictor,
     comparisons: Sequence[PressComparison],
     background: np.ndarray,
     fitted: FittedCalibration,
@@ -97,7 +97,7 @@ def record_of(
 
 
 def baseline_rmse_percent(
-    references: Sequence[SimulatedReference], run: TrainedTranslator
+    references: Sequence[SimulatedReference], run: CountsPredictor
 ) -> tuple[float, float]:
     """RMSE, percent of full scale, of zero counts and of the mean array of the presses."""
     truth = np.array([reference.counts for reference in references])

@@ -22,7 +22,7 @@ from t2twin.report.sections.qualitative import BAR_WIDTH, PANEL_IN, ROW_IN
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.digit.calibrate.record import sentences_of
 from t2twin.sim.digit.calibrate.uncertainty import Bounds
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.inference.predictor import CountsPredictor
 
 TITLE = "Translator adapted to this DIGIT"
 BAR_IN = 0.6
@@ -31,7 +31,7 @@ BAR_IN = 0.6
 
 def write_adapt_page(
     out: Path,
-    run: TrainedTranslator,
+    run: CountsPredictor,
     comparisons: Sequence[PressComparison],
     result: AdaptationResult,
 ) -> Path:
@@ -85,7 +85,7 @@ def _cells(scores: AdaptationScores) -> tuple[str, ...]:
     )
 
 
-def _presses(run: TrainedTranslator, comparisons: Sequence[PressComparison]) -> str:
+def _presses(run: CountsPredictor, comparisons: Sequence[PressComparison]) -> str:
     text = (
         "From left to right: the real frame and its translation, the simulated frame of the same "
         "press and its translation, and the tactile image of the simulated CySkin. Rings mark the "
@@ -95,7 +95,7 @@ def _presses(run: TrainedTranslator, comparisons: Sequence[PressComparison]) -> 
     return markup.section("presses", "Presses", [markup.paragraph(text, "note"), *figures])
 
 
-def _press(run: TrainedTranslator, comparison: PressComparison) -> str:
+def _press(run: CountsPredictor, comparison: PressComparison) -> str:
     reference, real, simulated = comparison.reference, comparison.real, comparison.simulated
     width = PANEL_IN * (3 + 2 * digit_width(reference.frame)) + BAR_IN
     content = figure("png", width, ROW_IN, lambda page: _draw(page, run, comparison))
@@ -109,7 +109,7 @@ def _press(run: TrainedTranslator, comparison: PressComparison) -> str:
     return markup.embed(content, "png", alt, reference.name, note=note)
 
 
-def _draw(page: Figure, run: TrainedTranslator, comparison: PressComparison) -> None:
+def _draw(page: Figure, run: CountsPredictor, comparison: PressComparison) -> None:
     reference, real, simulated = comparison.reference, comparison.real, comparison.simulated
     layout = run.config.data
     phi = Phi(layout.x_mm, layout.y_mm)

@@ -37,7 +37,7 @@ COMMANDS = {
     "simdata": dataset.simdata,
     "import-pairs": dataset.import_pairs,
     "train": train.train,
-    "temper": train.temper,
+    "calibrate-uncertainty": train.calibrate_uncertainty,
     "evaluate": evaluate.evaluate,
     "translate": translate.translate,
     "live": live.live,

@@ -38,18 +38,17 @@ def live(
     from t2twin.core.errors import T2TwinError
     from t2twin.live.follow import follow
     from t2twin.live.sources import open_background, open_source
-    from t2twin.translate.inference.onnx_runtime import load
+    from t2twin.translate.inference.load import load
+    from t2twin.translate.inference.predictor import CountsPredictor, require
     from t2twin.translate.models.distributed import use_all_cores
-    from t2twin.translate.models.presets import check_gives_counts
     from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
     if frames is not None and frames < 1:
         raise T2TwinError(f"--frames is {frames}; expected 1 or more")
     use_all_cores()
     loaded = load(DEFAULT_RUN if run is None else run, layout, bf16)
-    check_gives_counts(loaded.run_dir, loaded.config.direction)
     follow(
-        loaded,
+        require(loaded, CountsPredictor, "live"),
         open_source(source, turn_deg, _report),
         lambda line: print(line, flush=True),
         _report,

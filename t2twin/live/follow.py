@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from t2twin.core.errors import T2TwinError
 from t2twin.live.frame import Frame, Report
 from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.sources import Source
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.outputs import ood_entry
+from t2twin.translate.inference.predictor import CountsPredictor, require
 
 REPORT_EVERY_S = 5.0
 """Period of the reports of rate and latency, s."""
@@ -42,7 +43,7 @@ class Throughput:
 
 
 def follow(
-    run: TrainedTranslator,
+    run: CountsPredictor,
     source: Source,
     write: Callable[[str], None],
     report: Report,
@@ -53,8 +54,8 @@ def follow(
 
     write: receives one line of JSON per frame: `frame` (number in the source, from 0), `file` (in a
     folder), `time_s` (arrival, seconds since 1970), `latency_ms` (from arrival to the line),
-    `counts` (integers, one per taxel), `in_distribution` (false if the frame differs from the
-    training images); of a field run also `counts_std` (standard deviations, counts) and, if it was
+    `counts` (integers, one per taxel), `in_distribution` (if false, also `ood_class`); of a field
+    run also `counts_std` (standard deviations, counts) and, if it was
     trained on several forces, `force_n` and `force_std_n` (N). report: receives messages for the
     user. max_frames: number of lines after which it ends. background: background frame of the
     sensor for a field run, (h, w, 3) or (h, w) uint8, of any size.
@@ -71,7 +72,7 @@ def follow(
 
 
 def _follow(
-    run: TrainedTranslator,
+    run: CountsPredictor,
     latest: LatestFrame,
     write: Callable[[str], None],
     report: Report,
@@ -95,13 +96,14 @@ def _follow(
         last, waiting = frame.number, False
         pixels = run.pixels_of(frame.image, background)
         predicted = _predict(run, pixels)
-        in_distribution = bool(run.in_distribution(pixels)[0])
+        (ood_class,) = run.classify(pixels)
+        entry = predicted | ood_entry(ood_class)
         now_s = time.perf_counter()
         latency_ms = 1e3 * (now_s - frame.arrived_s)
-        write(json.dumps(_line(frame, predicted, in_distribution, latency_ms)))
+        write(json.dumps(_line(frame, entry, latency_ms)))
         throughput.translated, throughput.received = throughput.translated + 1, latest.read
         throughput.latencies_ms.append(latency_ms)
-        if not in_distribution and not warned:
+        if not entry["in_distribution"] and not warned:
             warned = True
             report(
                 f"a frame is unlike the training images of {run.run_dir}; predictions are only "
@@ -115,19 +117,14 @@ def _follow(
     return throughput
 
 
-def _background(run: TrainedTranslator, frame: np.ndarray) -> np.ndarray:
+def _background(run: CountsPredictor, frame: np.ndarray) -> np.ndarray:
     """The background frame at the run's size, (S, S, 3) uint8, so that it is resized only once."""
-    if not run.translator.learns_field:
-        raise T2TwinError(
-            f"{run.run_dir} is a {run.config.model} run, which takes no background frame; expected "
-            "a field run"
-        )
-    return run.pixels_of(frame)[0]
+    return require(run, FieldPredictor, "a background frame").pixels_of(frame)[0]
 
 
-def _predict(run: TrainedTranslator, pixels: np.ndarray) -> dict[str, Any]:
+def _predict(run: CountsPredictor, pixels: np.ndarray) -> dict[str, Any]:
     """Predicted values of a line. pixels: (1, S, S, c) uint8."""
-    if not run.translator.learns_field:
+    if not isinstance(run, FieldPredictor):
         return {"counts": _whole(run.predict_pixels(pixels)[0])}
     estimate = run.estimate_pixels(pixels).first()
     predicted = {"counts": _whole(estimate.counts), "counts_std": _whole(estimate.counts_std)}
@@ -140,9 +137,7 @@ def _whole(values: np.ndarray) -> list[int]:
     return np.rint(values).astype(int).tolist()
 
 
-def _line(
-    frame: Frame, predicted: dict[str, Any], in_distribution: bool, latency_ms: float
-) -> dict[str, Any]:
+def _line(frame: Frame, predicted: dict[str, Any], latency_ms: float) -> dict[str, Any]:
     file = {} if frame.name is None else {"file": frame.name}
     return {
         "frame": frame.number,
@@ -150,5 +145,4 @@ def _line(
         "time_s": round(time.time() - latency_ms / 1e3, 6),
         "latency_ms": round(latency_ms, 3),
         **predicted,
-        "in_distribution": in_distribution,
     }

@@ -7,10 +7,13 @@ from t2twin.core.errors import T2TwinError
 from t2twin.report.dataset.tables import Dataset, read_dataset
 from t2twin.report.evaluations import find_or_evaluate
 from t2twin.report.html.page import check_out
-from t2twin.translate.evaluation.evaluate import gap_between, run_names, splits_there
+from t2twin.translate.evaluation.files import write_findings
+from t2twin.translate.evaluation.findings import gap_between
 from t2twin.translate.evaluation.predictions import Predictions
-from t2twin.translate.evaluation.records import Evaluation, Finding, write_findings
-from t2twin.translate.inference.predictor import TrainedTranslator, load_run
+from t2twin.translate.evaluation.prepare import run_names, splits_with_pairs
+from t2twin.translate.evaluation.records import Evaluation, Finding
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
 from t2twin.translate.runs.pretrained import resolve_run
@@ -26,7 +29,7 @@ class ReportData(Dataset):
     pairs may lack a split. gap: findings about the difference between both splits.
     """
 
-    runs: dict[str, TrainedTranslator]
+    runs: dict[str, CountsPredictor]
     histories: dict[str, list[EpochRecord]]
     evaluations: dict[str, Evaluation]
     predictions: dict[str, Predictions]
@@ -53,7 +56,7 @@ def read_report_data(
             "there is no run to report on; expected at least one folder of `t2twin train`"
         )
     runs = [resolve_run(run) for run in runs]
-    dataset, splits = read_dataset(data), splits_there(data)
+    dataset, splits = read_dataset(data), splits_with_pairs(data)
     histories = [read_log(run) for run in runs]
     for run, history in zip(runs, histories, strict=True):
         _check_finished(run, load_config(run), history)
@@ -62,7 +65,7 @@ def read_report_data(
     sha256 = dataset.layout.sha256
     results = {s: find_or_evaluate(loaded, data, sha256, s, out, evaluation) for s in splits}
     evaluations = {split: each.evaluation for split, each in results.items()}
-    gap = gap_between(evaluations, data)
+    gap = gap_between(evaluations, dataset.info)
     write_findings(out, evaluations, gap)
     return ReportData(
         data=data,

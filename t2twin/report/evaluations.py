@@ -10,10 +10,12 @@ from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.translate.evaluation.evaluate import evaluate, run_names
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.files import read_evaluation
 from t2twin.translate.evaluation.predictions import Predictions, read_predictions
-from t2twin.translate.evaluation.records import Evaluation, read_evaluation
-from t2twin.translate.inference.predictor import TrainedTranslator
+from t2twin.translate.evaluation.prepare import run_names
+from t2twin.translate.evaluation.records import Evaluation
+from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.runs.config import BEST
 
 SIBLING_FOLDER = "evaluate"
@@ -30,7 +32,7 @@ class SplitResults:
 
 
 def find_or_evaluate(
-    runs: Sequence[TrainedTranslator],
+    runs: Sequence[CountsPredictor],
     data: Path,
     info_sha256: str,
     split: str,
@@ -66,7 +68,7 @@ def _read(folder: Path) -> SplitResults | None:
 
 
 def _matches(
-    results: SplitResults, runs: Sequence[TrainedTranslator], info_sha256: str, split: str
+    results: SplitResults, runs: Sequence[CountsPredictor], info_sha256: str, split: str
 ) -> bool:
     """Whether results are of these weights, in this order, on this split of this dataset."""
     evaluation, predictions = results.evaluation, results.predictions

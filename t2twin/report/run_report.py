@@ -113,7 +113,7 @@ def omitted_sections(report: ReportData) -> dict[str, str]:
     omitted = {} if report.info.is_simulated else dict(SIMULATED_ONLY)
     if not report.info.is_protocol:
         omitted["shapes"] = SIMULATED_ONLY["shapes"]
-    if any(evaluation.lookalikes is None for evaluation in report.evaluations.values()):
+    if any(evaluation.irreducible_error is None for evaluation in report.evaluations.values()):
         omitted["irreducible-error"] = "noise of the images"
     if not report.gap and not any(one.findings for one in report.evaluations.values()):
         omitted["finding"] = "runs of both translators"

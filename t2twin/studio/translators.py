@@ -18,7 +18,7 @@ from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
     from t2twin.sim.cyskin.layout import Layout
-    from t2twin.translate.inference.predictor import TrainedTranslator
+    from t2twin.translate.inference.predictor import CountsPredictor
     from t2twin.translate.uncertainty.estimate import Estimate
     from t2twin.twin import Touch
 
@@ -100,7 +100,7 @@ class Translators:
         self._models: dict[str, str] = {}
         self._pretrained: tuple[str, ...] = ()
         self._given: tuple[str, ...] = ()
-        self._loaded: dict[str, TrainedTranslator] = {}
+        self._loaded: dict[str, CountsPredictor] = {}
         self._loading = Lock()
 
     def search(self, given: Sequence[Path] = (), below: Path = RUNS) -> None:
@@ -177,15 +177,16 @@ class Translators:
         self, name: str, image: np.ndarray, touch: "Touch | None", background: np.ndarray | None
     ) -> Translation:
         from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
+        from t2twin.translate.inference.field_predictor import FieldPredictor
 
         run = self._load(name)
         started = time.perf_counter()
         data, interval, force = run.config.data, None, None
-        background_used = run.translator.learns_field and background is not None
+        background_used = isinstance(run, FieldPredictor) and background is not None
         pixels = run.pixels_of(image, background if background_used else None)
-        if run.translator.learns_field:
+        if isinstance(run, FieldPredictor):
             estimate = run.estimate_pixels(pixels)
-            counts, tactile = estimate.counts, run.drawn(estimate)[0]
+            counts, tactile = estimate.counts, run.field_images(estimate)[0]
             low, high = estimate.interval(LEVEL)
             interval, force = (low[0], high[0]), _force(estimate)
         else:
@@ -207,8 +208,8 @@ class Translators:
             background_used,
         )
 
-    def _load(self, name: str) -> "TrainedTranslator":
-        from t2twin.translate.inference.predictor import load_run
+    def _load(self, name: str) -> "CountsPredictor":
+        from t2twin.translate.inference.load import load_run
 
         with self._loading:
             if name not in self._folders:
@@ -241,11 +242,11 @@ def _force(estimate: "Estimate") -> ForceInterval | None:
 
 def _model_of(folder: Path) -> str:
     """Model of a run. Raises T2TwinError for a folder that is not a run or predicts no counts."""
-    from t2twin.translate.models.presets import check_gives_counts
+    from t2twin.translate.inference.load import check_predicts_counts
     from t2twin.translate.runs.config import load_config
 
     config = load_config(folder)
-    check_gives_counts(folder, config.direction)
+    check_predicts_counts(folder, config, "the studio")
     return config.model
 
 

@@ -12,7 +12,7 @@ from t2twin.report.html.labels import SPLIT_NAMES, colors, name_of
 from t2twin.translate.evaluation.metrics.baselines import FEATURE_SIZE
 from t2twin.translate.evaluation.metrics.irreducible_error import (
     CLOSE,
-    FITTED,
+    FITTED_SHARE,
     NEIGHBORS,
 )
 from t2twin.translate.evaluation.records import IrreducibleError, IrreducibleErrorFloor
@@ -27,9 +27,9 @@ GROUPS = {"under": "under the field of view", "near": "near it", "beyond": "beyo
 def section(report: ReportData) -> str:
     """Chart and summary of the evaluations with an estimate."""
     estimates = {
-        split: one.lookalikes
+        split: one.irreducible_error
         for split, one in report.evaluations.items()
-        if one.lookalikes is not None
+        if one.irreducible_error is not None
     }
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report, estimates))
     text = (
@@ -44,8 +44,8 @@ def section(report: ReportData) -> str:
         f"Points: bins with equal numbers of pairs, from the {NEIGHBORS} nearest neighbors of each "
         "press. Square: extrapolation to the distance that noise alone causes, with its interval "
         "over shapes; it assumes that half the squared difference is linear in the squared "
-        f"distance, and is fitted to the nearest {100 * FITTED:.0f} % of the pairs of each shape. "
-        "Horizontal lines: RMSE of the models."
+        f"distance, and is fitted to the nearest {100 * FITTED_SHARE:.0f} % of the pairs of each "
+        "shape. Horizontal lines: RMSE of the models."
     )
     if (report.forces_n == 0).any():
         note += " Presses without contact are excluded."

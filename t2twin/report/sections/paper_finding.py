@@ -6,7 +6,7 @@ from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.labels import SPLIT_NAMES, name_of
 from t2twin.translate.evaluation.records import Evaluation, Finding
-from t2twin.translate.evaluation.table import HOW
+from t2twin.translate.evaluation.table import FORMS
 
 STATEMENTS = {
     "lower-error": "ResNet18 has the lower error (RMSE, counts)",
@@ -74,7 +74,7 @@ def finding_rows(
 
 
 def _row(statement: str, finding: Finding) -> list[str]:
-    how = HOW[finding.figure].replace(":.0f", ":,.0f")
+    how = FORMS[finding.figure].replace(":.0f", ":,.0f")
     span = finding.interval
     return [
         statement,

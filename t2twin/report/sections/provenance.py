@@ -6,7 +6,8 @@ from t2twin.core.machine import cores, processor
 from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.labels import SPLIT_NAMES, forces_text, name_of
-from t2twin.translate.evaluation.table import trained_on
+from t2twin.translate.evaluation.table import training_data
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.runs.log import best_epoch
 
 NETWORKS = (
@@ -104,7 +105,7 @@ def _runs(report: ReportData) -> list[str]:
             )
         )
     elsewhere = [
-        f"{name_of(name)} ({trained_on(model)[0]})"
+        f"{name_of(name)} ({training_data(model)[0]})"
         for name, model in models.items()
         if not model.same_data
     ]
@@ -120,8 +121,8 @@ def _runs(report: ReportData) -> list[str]:
 
 def _read_from(report: ReportData, name: str) -> str:
     """Output from which the counts of another layout are computed."""
-    learns_field = report.runs[name].translator.learns_field
-    return "the predicted field" if learns_field else "the generated tactile images"
+    is_field = isinstance(report.runs[name], FieldPredictor)
+    return "the predicted field" if is_field else "the generated tactile images"
 
 
 def _run(report: ReportData, name: str) -> list[str]:
@@ -131,7 +132,7 @@ def _run(report: ReportData, name: str) -> list[str]:
     parameters = sum(p.numel() for p in run.translator.predictor.parameters())
     return [
         name_of(name),
-        *trained_on(report.evaluation.runs[name]),
+        *training_data(report.evaluation.runs[name]),
         preset.name,
         f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
         f"{parameters / 1e6:.2f} M",

@@ -83,7 +83,7 @@ def _sample(report: ReportData, split: str, row: int, quantile: float) -> str:
 
 def sample_image(report: ReportData, split: str, row: int) -> bytes:
     """One sample as PNG: X, generated images, phi of the predicted counts, differences, and I."""
-    generated = sum(run.draws for run in report.runs.values())
+    generated = sum(run.reads_any_layout for run in report.runs.values())
     panels = 2 + 2 * len(report.runs) + generated
     image = report.image(split, row)
     width = PANEL_IN * (panels - 1 + digit_width(image)) + BARS_IN
@@ -102,7 +102,7 @@ def _draw(page: Figure, report: ReportData, split: str, row: int, digit: np.ndar
     differences: dict[int, np.ndarray] = {}  # by the number of preceding images
     for name, run in report.runs.items():
         predicted = phi(predictions.by_model[name][row])
-        if run.draws:
+        if run.reads_any_layout:
             images.append((f"{name_of(name)}\ngenerated", run.tactile_images([digit])[0]))
         error = predictions.rmse_counts(name)[row]
         images.append((f"φ(Ŷ) {name_of(name)}\n{error:,.0f} counts", predicted))

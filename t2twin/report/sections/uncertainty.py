@@ -7,7 +7,7 @@ from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.figures import figure
 from t2twin.report.html.labels import SPLIT_COLORS, SPLIT_NAMES, name_of
-from t2twin.translate.evaluation.metrics.reliability import NAMED_KEPT, certainty_text
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_SHARE, uncertainty_text
 from t2twin.translate.evaluation.records import Evaluation, UncertaintyMetrics
 
 WIDTH_IN, HEIGHT_IN = 9.0, 3.4
@@ -18,7 +18,7 @@ STYLES = ("-", "--", ":")
 def has_uncertainty(evaluations: dict[str, Evaluation]) -> bool:
     """Whether any run predicts uncertainty."""
     return any(
-        row.certainty is not None for one in evaluations.values() for row in one.runs.values()
+        row.uncertainty is not None for one in evaluations.values() for row in one.runs.values()
     )
 
 
@@ -39,7 +39,7 @@ def section(report: ReportData) -> str:
     sentences = [
         f"{SPLIT_NAMES[split].capitalize()}: {line}"
         for split, one in evaluations.items()
-        for line in certainty_text({name_of(name): row for name, row in one.runs.items()})
+        for line in uncertainty_text({name_of(name): row for name, row in one.runs.items()})
     ]
     alt = "Reliability diagram, and RMSE against the share of presses"
     return markup.section(
@@ -56,7 +56,9 @@ def section(report: ReportData) -> str:
 def _draw(page: Figure, evaluations: dict[str, Evaluation]) -> None:
     left, right = page.subplots(1, 2)
     for split, evaluation in evaluations.items():
-        rows = {n: row.certainty for n, row in evaluation.runs.items() if row.certainty is not None}
+        rows = {
+            n: row.uncertainty for n, row in evaluation.runs.items() if row.uncertainty is not None
+        }
         for style, (name, metrics) in zip(STYLES * len(rows), rows.items(), strict=False):
             label = f"{name_of(name)}, {SPLIT_NAMES[split]}"
             _lines(left, right, metrics, style, SPLIT_COLORS[split], label)
@@ -64,7 +66,7 @@ def _draw(page: Figure, evaluations: dict[str, Evaluation]) -> None:
     left.set(
         xlabel="nominal coverage, %", ylabel="observed coverage, %", xlim=(0, 100), ylim=(0, 100)
     )
-    right.axvline(100 * NAMED_KEPT, color="#999999", linewidth=0.8)
+    right.axvline(100 * REPORTED_SHARE, color="#999999", linewidth=0.8)
     right.set(
         xlabel="presses with the lowest uncertainty, %", ylabel="RMSE, counts", xlim=(0, 100),
         ylim=(0, None),
@@ -78,7 +80,8 @@ def _lines(
     left: Axes, right: Axes, metrics: UncertaintyMetrics, style: str, color: str, label: str
 ) -> None:
     nominal, observed, kept = (
-        [100 * share for share in shares] for shares in (metrics.levels, metrics.held, metrics.kept)
+        [100 * share for share in shares]
+        for shares in (metrics.levels, metrics.coverage, metrics.retained)
     )
     left.plot(nominal, observed, style, color=color, marker="o", markersize=3, label=label)
-    right.plot(kept, metrics.kept_rmse_counts, style, color=color, label=label)
+    right.plot(kept, metrics.retained_rmse_counts, style, color=color, label=label)
