@@ -316,9 +316,7 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
     info = json.loads((other / "info.json").read_text())
     info["layout_x_mm"] = [0.5 * x for x in info["layout_x_mm"]]
     (other / "info.json").write_text(json.dumps(info))
-    with pytest.raises(
-        T2TwinError, match=r"resnet18 is a ResNet18, which predicts only the 20 taxels"
-    ):
+    with pytest.raises(T2TwinError, match="a ResNet18, which predicts only the 20 taxels"):
         evaluate(runs[1:], other, "val", tmp_path / "out")
     with pytest.raises(T2TwinError, match="outside the array"):
         evaluate(runs, other, "val", tmp_path / "out")
