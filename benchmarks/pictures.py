@@ -16,11 +16,11 @@ from PIL import Image, ImageDraw
 from benchmarks import ROOT
 from benchmarks.declared import PICTURES
 from benchmarks.evidence.run import main
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue, contact_sheet
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.cyskin.tactile_image import tactile_picture
+from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
@@ -48,7 +48,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     sensors = SensorPair()
     samples = [sensors.press(catalogue.load(press.shape), press) for press in PRESSES]
     if not options.keep_nothing:
-        with whole_file(PICTURE) as temporary:
+        with atomic_write(PICTURE) as temporary:
             draw(sensors, samples).save(temporary, optimize=True)
     return {
         "presses": [
@@ -76,7 +76,7 @@ def draw(sensors: SensorPair, samples: list[Touch]) -> Image.Image:
         page.paste(Image.fromarray(sample.image), (left, SHAPE_PX[1] + GAP_PX))
         counts = sample.counts.astype(np.float32)
         brightest = min(FULL_SCALE_COUNTS, BRIGHTEST * float(counts.max()))
-        tactile = tactile_picture(phi(counts), layout.x_mm, layout.y_mm, brightest)
+        tactile = colored_tactile_image(phi(counts), layout.x_mm, layout.y_mm, brightest)
         page.paste(tactile.resize(TACTILE_PX), (left, height - TACTILE_PX[1]))
     return page
 

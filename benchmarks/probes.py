@@ -24,7 +24,7 @@ from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.paper_scale import presses_sha256, settings
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.shape import Shape
 from t2twin.primitives_cad.solids import tessellate
@@ -33,7 +33,6 @@ from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world import protocol
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.evaluation.evaluate import run_names
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     MEAN_ARRAY,
@@ -41,7 +40,8 @@ from t2twin.translate.evaluation.metrics.baselines import (
     mean_array,
     nearest_neighbor,
 )
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.evaluation.prepare import run_names
+from t2twin.translate.inference.load import load_run
 
 if TYPE_CHECKING:
     import cadquery as cq
@@ -140,7 +140,7 @@ def solids() -> dict[str, "cq.Workplane"]:
 
 def shape_of(name: str, solid: "cq.Workplane") -> Shape:
     """A solid as a shape, its own origin kept: a file's would be moved to its middle."""
-    mesh, heights = height_map.stand(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
+    mesh, heights = height_map.aligned(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
     return Shape(name, mesh, heights, spacing_mm=catalogue.OBJECT_SPACING_MM)
 
 
@@ -174,7 +174,7 @@ def kept_probes(path: Path) -> Probes:
                 return Probes(kept["images"], kept["counts"], kept["names"])
     grid = protocol.OBJECT_GRID
     probes = press_solids(range(grid.points**2 * grid.orientations))
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             digest=np.array(digest),

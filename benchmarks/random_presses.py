@@ -29,7 +29,7 @@ from tqdm import tqdm
 from benchmarks import ROOT
 from benchmarks.declared import RANDOM_PRESSES
 from benchmarks.evidence.run import main
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue, contact_sheet
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
@@ -281,7 +281,7 @@ def draw_spread(values: np.ndarray, tools: np.ndarray) -> None:
         axes[0].set_ylabel("share of the presses, %")
         axes[0].legend()
 
-    with whole_file(SPREAD_PICTURE) as temporary:
+    with atomic_write(SPREAD_PICTURE) as temporary:
         temporary.write_bytes(figure("png", 13.0, 3.2, draw))
 
 
@@ -314,7 +314,7 @@ def draw_shapes() -> None:
             fill=contact_sheet.INK,
             font_size=11,
         )
-    with whole_file(SHAPES_PICTURE) as temporary:
+    with atomic_write(SHAPES_PICTURE) as temporary:
         page.save(temporary, format="PNG", optimize=True)
 
 

@@ -19,7 +19,7 @@ from benchmarks import ROOT
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import UNITS
 from benchmarks.evidence.run import main
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibration import Calibration
@@ -47,7 +47,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     known = {"real": Unit(real, NOISE_GREY), "shipped": Unit(Calibration.load(), NOISE_GREY)}
     units = [drawn(number) for number in range(DRAWN)]
     if not options.keep_nothing:
-        with whole_file(PICTURE) as temporary:
+        with atomic_write(PICTURE) as temporary:
             sheet().save(temporary, optimize=True)
     return {
         "drawn": DRAWN,

@@ -1,6 +1,6 @@
-"""A contact sheet: every primitive and tool drawn, so that one can look at them.
+"""The contact sheet: an image of every primitive and tool.
 
-Drawn from the shapes' own heights seen along the view, with no graphics library and no display.
+Renders height maps seen along the view direction, without a graphics library or a display.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ import trimesh
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
 
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import NOTHING_MM
@@ -19,11 +19,11 @@ from t2twin.primitives_cad.shape import NOTHING_MM
 COLUMNS = 8
 TILE_PX = (330, 300)
 TOOL_PX = (528, 720)
-"""Width and height of a primitive's and of a tool's picture, pixels."""
+"""Width and height of a primitive's and of a tool's tile, pixels."""
 OVERSAMPLING = 3
-"""Pictures are drawn this many times larger, then averaged, so that outlines are smooth."""
+"""Tiles are rendered this many times larger and averaged, for smooth outlines."""
 MARGIN = 0.88
-"""Part of the picture's width or height that a shape may fill."""
+"""Largest share of a tile's width or height that a shape fills."""
 LABEL_PX, KEYPOINT_PX = 22, 17
 """Heights of the text, pixels."""
 
@@ -35,29 +35,29 @@ TOOL_VIEWS = {
     "allen-key": (76.0, 56.0),
     "wrench": (66.0, 60.0),
 }
-"""Turn about the vertical and height of the eye above the horizon, degrees."""
+"""Rotation about the vertical and elevation of the view, degrees."""
 
 PAPER = np.array([247, 247, 245])
 STEEL = np.array([168, 178, 192])
 RESIN = np.array([196, 178, 148])
 MARK = (208, 32, 40)
 INK = (40, 40, 44)
-"""Colours of the page, tools, primitives, keypoints and text, 8 bit RGB."""
+"""Colors of the page, tools, primitives, keypoints and text, 8 bit RGB."""
 
 KEY_LIGHT = np.array([-0.45, 0.55, 0.70])
 FILL_LIGHT = np.array([0.70, -0.10, 0.70])
-"""Directions to the main and to the second light: to the right, up, towards the eye."""
+"""Directions to the key and the fill light: to the right, up, towards the viewer."""
 AMBIENT, KEY, FILL, GLOSS = 0.26, 0.62, 0.22, 0.30
-"""Strengths of the light from everywhere, of the two lights and of the gloss, 1 being full."""
+"""Intensities of the ambient light, of the two lights and of the gloss."""
 GLOSS_POWER = 24
 """Exponent of the gloss in the cosine between the normal and halfway to the light (Blinn 1977)."""
 CREASE_MM, CREASE_STRENGTH, CREASE_STEP = 1.6, 0.30, 3
-"""How far a crease's shade spreads, mm, how dark it is per mm of depth, and at which multiple
-of a pixel it is worked out."""
+"""Width of the shading of creases, mm, its strength per mm of depth, and the step of the coarser
+grid on which it is computed, pixels."""
 
 
 def draw_sheet(path: str | Path) -> Path:
-    """Write the contact sheet of the 32 primitives and 5 tools as a PNG; returns its path."""
+    """Write the contact sheet of the 32 primitives and 5 tools as PNG; returns its path."""
     rows = len(catalogue.PRIMITIVES) // COLUMNS
     width = COLUMNS * TILE_PX[0]
     page = Image.new("RGB", (width, rows * TILE_PX[1] + TOOL_PX[1]), tuple(PAPER.tolist()))
@@ -66,7 +66,7 @@ def draw_sheet(path: str | Path) -> Path:
     for name in Progress(names, desc="contact sheet", unit="shape"):
         if name in catalogue.PRIMITIVES:
             index = catalogue.PRIMITIVES.index(name)
-            # One column a family, one row a version.
+            # One column for each family, one row for each version.
             corner = (index // rows * TILE_PX[0], index % rows * TILE_PX[1])
             mesh = catalogue.load(name).mesh
             tile, _ = draw(mesh, PRIMITIVE_VIEW, TILE_PX, RESIN)
@@ -87,7 +87,7 @@ def draw_sheet(path: str | Path) -> Path:
             _label(pen, name, (corner[0] + TOOL_PX[0] / 2, corner[1] + TOOL_PX[1] - LABEL_PX))
             for point, (x, y) in zip(points, places, strict=True):
                 _mark(pen, point.name, corner, x, y)
-    with whole_file(Path(path)) as temporary:
+    with atomic_write(Path(path)) as temporary:
         page.save(temporary, format="PNG")
     return Path(path)
 
@@ -99,12 +99,12 @@ def draw(
     color: np.ndarray,
     points_mm: Sequence[Sequence[float]] = (),
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A mesh drawn without perspective, to fill a picture: (height, width, 3) uint8.
+    """Orthographic image of a mesh that fills it, (height, width, 3) uint8.
 
-    view_deg: turn of the mesh about z, and the eye's height above the horizon.
-    Also returns where points of the mesh's frame fall: (n, 2) columns and rows, pixels.
+    view_deg: rotation of the mesh about z, and elevation of the view. points_mm: (n, 3) in the
+    mesh's frame. Also returns their positions in the image, (n, 2) columns and rows, pixels.
     """
-    from t2twin.primitives_cad.height_map import highest
+    from t2twin.primitives_cad.height_map import rasterize_triangles
 
     turn, height = np.radians(view_deg[0]), np.radians(90.0 - view_deg[1])
     about_z = np.array(
@@ -125,7 +125,7 @@ def draw(
     pitch = float(((high - low) / (np.array(size_px) * OVERSAMPLING * MARGIN)).max())
     triangles = triangles - (*middle, triangles[:, :, 2].max())
     half_columns, half_rows = (side * OVERSAMPLING // 2 for side in size_px)
-    depth = highest(triangles, pitch, half_rows, half_columns)[1:-1, 1:-1][::-1]
+    depth = rasterize_triangles(triangles, pitch, half_rows, half_columns)[1:-1, 1:-1][::-1]
     picture = _shade(depth, pitch, color)
     picture = picture[: size_px[1] * OVERSAMPLING, : size_px[0] * OVERSAMPLING]
     blocks = picture.reshape(size_px[1], OVERSAMPLING, size_px[0], OVERSAMPLING, 3)
@@ -136,11 +136,11 @@ def draw(
 
 
 def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
-    """(rows, columns, 3) colors of a depth picture, rows downwards, mm."""
+    """(rows, columns, 3) colors of a depth image, mm, rows downwards."""
     solid = depth != NOTHING_MM
     floor = float(depth[solid].min())
     filled = np.where(solid, depth, floor)
-    # One-sided differences, the smaller of the two, keep edges crisp.
+    # The smaller one-sided difference keeps edges sharp.
     slope_x, slope_y = (
         _smaller(
             np.diff(filled, axis=axis, prepend=floor), np.diff(filled, axis=axis, append=floor)
@@ -153,7 +153,7 @@ def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
     fill = np.clip(normal @ (FILL_LIGHT / np.linalg.norm(FILL_LIGHT)), 0.0, None)
     halfway = KEY_LIGHT / np.linalg.norm(KEY_LIGHT) + (0.0, 0.0, 1.0)
     gloss = np.clip(normal @ (halfway / np.linalg.norm(halfway)), 0.0, None) ** GLOSS_POWER
-    # The shade is soft: a coarser picture of it is enough, and many times quicker.
+    # The shading is smooth: a coarser grid suffices, and is many times faster.
     around = ndimage.gaussian_filter(
         filled[::CREASE_STEP, ::CREASE_STEP], CREASE_MM / pitch / CREASE_STEP
     )
@@ -173,7 +173,7 @@ def _label(pen: ImageDraw.ImageDraw, text: str, at: tuple[float, float]) -> None
 
 
 def _mark(pen: ImageDraw.ImageDraw, name: str, corner: tuple[int, int], x: float, y: float) -> None:
-    """A dot at a keypoint, its name beside it, outwards where there is room for it."""
+    """Draw a dot at a keypoint and its name, outwards where there is space."""
     font = ImageFont.load_default(KEYPOINT_PX)
     at_x, at_y = corner[0] + x, corner[1] + y
     pen.ellipse((at_x - 5, at_y - 5, at_x + 5, at_y + 5), fill=MARK, outline=(255, 255, 255))

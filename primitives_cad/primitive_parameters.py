@@ -1,28 +1,26 @@
-"""The eight families of tactile primitives: what is varied in each, and by how much.
+"""Parameters of the eight families of tactile primitives.
 
-Families, what is varied and the split by version are Grella et al. 2023's; the sizes are
-assumed, chosen for a DIGIT that sees about 12.5 x 16.7 mm: most features lie within that view,
-but lines and the largest version of each flat family reach beyond it, as the edges and faces of
-tools do. The lines have different lengths, because a picture that an edge crosses does not show
-where the edge ends: a network that met one length only would expect it everywhere. Their widths
-go from an edge's to a handle's. All lengths are in mm.
+The families, their parameters and the split by version are those of Grella et al. 2023. The sizes
+are assumed, for a DIGIT with a view of about 12.5 x 16.7 mm. Most features lie within the view;
+lines and the largest version of each flat family extend beyond it, as edges and faces of tools do.
+Lines have several lengths, because an image of an edge does not show where it ends, and a network
+trained on one length would predict it everywhere. All lengths are in mm.
 """
 
 from math import sqrt
 
 PLATE_SIDE_MM = 46.0
-"""Side of the square base plate that a primitive stands on, mm (assumed: room for the longest
-line)."""
+"""Side of a primitive's square base plate, mm (assumed: fits the longest line)."""
 
 PLATE_THICKNESS_MM = 3.0
 """Thickness of the base plate, mm (assumed)."""
 
 FEATURE_HEIGHT_MM = 6.0
-"""Height of every feature's top above the plate, mm (assumed: well over the thickest soft
-layer, 4.07 mm, so that no press meets the plate)."""
+"""Height of every feature's top above the plate, mm (assumed: more than the thickest soft layer,
+4.07 mm, so that no press touches the plate)."""
 
 VALIDATION_VERSION = 3
-"""The version of each family that networks are validated on; the others are trained on."""
+"""The version of each family in the validation split; the others are in the training split."""
 
 FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
     "line-smooth": (
@@ -61,8 +59,8 @@ FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
 }
 """Parameters of versions 1 to 4 of each family, mm (assumed). radius: of the long edges'
 rounding for line-smooth, else of the shape's outline (outer, for circle-empty); edge: wall
-thickness; curvature: radius of the bump's spherical cap; length: along y, all beyond the 16.7 mm
-that a DIGIT sees."""
+thickness; curvature: radius of the bump's spherical cap; length: along y, all more than the 16.7 mm
+of a DIGIT's view."""
 
 MIN_SPACING_MM = 1.0
 """Least spacing of the press grid, mm, so that presses on narrow shapes differ (assumed; Grella et
@@ -93,7 +91,7 @@ def version(name: str) -> int:
 
 
 def parameters(name: str) -> dict[str, float]:
-    """What is varied in this primitive, by name, mm."""
+    """The parameters of a primitive by name, mm."""
     return dict(FAMILIES[family(name)][version(name) - 1])
 
 

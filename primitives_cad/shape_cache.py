@@ -1,6 +1,5 @@
-"""Shapes of a user's files, kept on disk once they are prepared."""
+"""Disk cache of the prepared shapes of files."""
 
-import hashlib
 import io
 import os
 import re
@@ -13,48 +12,32 @@ import msgspec
 import numpy as np
 import trimesh
 
-from t2twin.core.cached_files import read_checked, write_checked
+from t2twin.core.cached_files import DIGEST_DIGITS, read_checked, short_digest, write_checked
 from t2twin.primitives_cad.shape import HeightMap, Shape
 
-KEY_DIGITS = 16
-"""Hexadecimal digits of a digest, 64 bits: no two things that are kept will share one."""
-
 MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
-"""Distributions whose version can change a mesh."""
+"""Distributions whose versions affect meshes."""
 
 NOT_MAKERS = (
     "bundled_shapes.py",
-    "cache_home.py",
-    "checks.py",
-    "checksum.py",
-    "compile_ahead.py",
-    "errors.py",
+    "contact_sheet.py",
     "export.py",
-    "folder_lock.py",
-    "jit.py",
-    "kept_array.py",
-    "machine.py",
-    "progress.py",
-    "reading.py",
     "same_solid.py",
     "same_surface.py",
-    "sheet.py",
-    "stl_bytes.py",
     "write_bundled.py",
-    "writing.py",
 )
-"""Sources of this package that no kept mesh or surface depends on."""
+"""Sources of this package that do not affect meshes and surfaces."""
 
 RANDOM_SHAPES = "random_shapes"
-"""The folder of this package that makes random shapes."""
+"""The subpackage for random shapes, which are not cached."""
 
 SUFFIX = ".shape"
-"""Of the files that hold prepared shapes."""
+"""Suffix of the files with prepared shapes."""
 
 
 @dataclass(frozen=True)
 class _About:
-    """What a kept shape is besides its arrays; see Shape."""
+    """Fields of a cached shape besides its arrays; see Shape."""
 
     name: str
     spacing_mm: tuple[float, float]
@@ -64,11 +47,10 @@ class _About:
 
 
 def fetch(folder: Path | None, label: str, content: bytes, build: Callable[[], Shape]) -> Shape:
-    """The kept shape of this label and content, or the one that `build` makes, then kept.
+    """The cached shape of a label and content, or the result of `build`, which is then cached.
 
-    folder: where it is kept, None to keep nothing.
-    label: what file_label gives; one shape is kept for each.
-    content: bytes that the shape is made from besides this package's own code.
+    folder: the cache, None for no cache. label: from `file_label`; the cache contains one shape for
+    each. content: bytes that the shape depends on besides this package's code.
     Raises T2TwinError where the folder cannot be written.
     """
     if folder is None:
@@ -76,63 +58,53 @@ def fetch(folder: Path | None, label: str, content: bytes, build: Callable[[], S
     digest = key(label, content)
     stem = re.sub(r"[^A-Za-z0-9_-]+", "-", label)
     path = folder / f"{stem}.{digest}{SUFFIX}"
-    kept = _read(path)
-    if kept is not None:
-        return kept
-    made = build()
+    cached = _read(path)
+    if cached is not None:
+        return cached
+    shape = build()
     if os.path.lexists(path) and not path.is_file():
-        return made  # nothing can be kept under this name
-    write_checked(path, _packed(made))
-    for stale in folder.glob(f"{stem}.{'[0-9a-f]' * KEY_DIGITS}{SUFFIX}"):
+        return shape  # a folder or a device has this name
+    write_checked(path, _packed(shape))
+    for stale in folder.glob(f"{stem}.{'[0-9a-f]' * DIGEST_DIGITS}{SUFFIX}"):
         if stale != path:
             stale.unlink(missing_ok=True)
-    return made
+    return shape
 
 
 def file_label(path: Path) -> str:
-    """The label of a user's file: its stem, and a digest of where it lies.
-
-    So files of one stem in two folders are both kept.
-    """
-    place = hashlib.sha256(os.fsencode(path.absolute())).hexdigest()
-    return f"{path.stem}-{place[:KEY_DIGITS]}"
+    """The label of a file: its stem and a digest of its path, as two folders may share a stem."""
+    return f"{path.stem}-{short_digest(os.fsencode(path.absolute()))}"
 
 
 def code_digest(with_random: bool = False) -> str:
-    """Digest of what makes shapes, KEY_DIGITS hexadecimal digits: this package's code and the
-    versions of the libraries that mesh. with_random: also of what makes random shapes, none of
-    which is kept.
+    """Digest of this package's sources, including comments, and of the versions of MAKERS.
 
-    Of the code's source bytes: a changed comment changes it too.
+    with_random: whether to include the code for random shapes.
     """
-    digest = hashlib.sha256()
+    content = b""
     for source in sorted(Path(__file__).parent.rglob("*.py")):
         is_random = source.parent.name == RANDOM_SHAPES
         if source.name not in NOT_MAKERS and (with_random or not is_random):
-            digest.update(source.read_bytes())
-    for maker in MAKERS:
-        digest.update(version(maker).encode())
-    return digest.hexdigest()[:KEY_DIGITS]
+            content += source.read_bytes()
+    return short_digest(content + "".join(version(maker) for maker in MAKERS).encode())
 
 
 def key(label: str, content: bytes = b"") -> str:
-    """Digest of what makes one shape, KEY_DIGITS hexadecimal digits: its label, code_digest, and
-    any other content."""
-    made_from = os.fsencode(label) + code_digest().encode() + content
-    return hashlib.sha256(made_from).hexdigest()[:KEY_DIGITS]
+    """Digest of everything that a shape depends on: its label, code_digest, and other content."""
+    return short_digest(os.fsencode(label) + code_digest().encode() + content)
 
 
 def _read(path: Path) -> Shape | None:
-    """The kept shape, or None."""
+    """The cached shape, or None."""
     content = read_checked(path)
     if content is None:
         return None
-    with np.load(io.BytesIO(content), allow_pickle=False) as kept:
-        about = msgspec.json.decode(str(kept["about"]), type=_About)
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        about = msgspec.json.decode(str(arrays["about"]), type=_About)
         return Shape(
             name=about.name,
-            mesh=trimesh.Trimesh(kept["vertices"], kept["faces"], process=False),
-            surface=HeightMap(kept["heights_mm"], kept["x_mm"], kept["y_mm"]),
+            mesh=trimesh.Trimesh(arrays["vertices"], arrays["faces"], process=False),
+            surface=HeightMap(arrays["heights_mm"], arrays["x_mm"], arrays["y_mm"]),
             spacing_mm=about.spacing_mm,
             parameters=about.parameters,
             base_mm=about.base_mm,

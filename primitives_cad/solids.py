@@ -1,7 +1,7 @@
-"""CadQuery solids of the primitives, in the shape frame: top of the feature at z = 0, base
-plate below it, centerd on the press axis.
+"""CadQuery solids of the primitives, and triangle meshes of CadQuery solids.
 
-Triangles from CadQuery solids.
+The solids are in the shape frame: top of the feature at z = 0, base plate below it, centered on the
+press axis.
 """
 
 import cadquery as cq
@@ -19,6 +19,18 @@ from t2twin.primitives_cad.primitive_parameters import (
     parameters,
 )
 
+CHORDAL_MM = 0.005
+"""Chordal error requested from the mesher, mm (assumed: half of the documented 0.01 mm)."""
+
+ANGULAR_RAD = 0.25
+"""Largest angle between the normals of neighboring triangles, rad (assumed)."""
+
+BEYOND_MM = 1.0e3
+"""A length beyond any primitive, mm."""
+
+SAME_MM = 1.0e-7
+"""Distance below which points coincide, mm: the CAD kernel's tolerance."""
+
 
 def primitive(name: str) -> cq.Shape:
     """The solid of a primitive on its own base plate, lengths in mm."""
@@ -26,7 +38,7 @@ def primitive(name: str) -> cq.Shape:
 
 
 def plate(width_mm: float, length_mm: float) -> cq.Workplane:
-    """A base plate centerd on the axis, its top FEATURE_HEIGHT_MM below z = 0."""
+    """A base plate centered on the axis, its top FEATURE_HEIGHT_MM below z = 0."""
     return (
         cq.Workplane()
         .workplane(offset=-FEATURE_HEIGHT_MM - PLATE_THICKNESS_MM)
@@ -36,7 +48,7 @@ def plate(width_mm: float, length_mm: float) -> cq.Workplane:
 
 
 def feature(name: str) -> cq.Workplane:
-    """What stands on the plate: from the plate's top to z = 0."""
+    """The feature on the plate: from the plate's top to z = 0."""
     sizes = parameters(name)
     kind = family(name)
     if kind == "line-sharp":
@@ -65,7 +77,7 @@ def _floor() -> cq.Workplane:
 
 
 def _capped_cylinder(height_mm: float, curvature_mm: float) -> cq.Workplane:
-    """A spherical cap on a cylinder of the cap's own radius; a hemisphere where height is R."""
+    """A spherical cap on a cylinder of its radius; a hemisphere if height_mm is curvature_mm."""
     rim = cap_radius_mm(height_mm, curvature_mm)
     middle = height_mm / 2.0
     arc_point = (cap_radius_mm(middle, curvature_mm), -middle)
@@ -80,31 +92,18 @@ def _capped_cylinder(height_mm: float, curvature_mm: float) -> cq.Workplane:
     return profile.revolve(360.0, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
-CHORDAL_MM = 0.005
-"""Chordal error asked of the mesher, mm (assumed: half of the 0.01 mm that is promised)."""
-
-ANGULAR_RAD = 0.25
-"""Largest turn of the normal from one triangle to the next, rad (assumed)."""
-
-BEYOND_MM = 1.0e3
-"""A length beyond any primitive, mm."""
-
-SAME_MM = 1.0e-7
-"""Points nearer to each other than this are one point, mm: the CAD kernel's own tolerance."""
-
-
 def tessellate(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trimesh:
-    """A watertight mesh of a solid, mm, no further from it than about chordal_mm.
+    """A watertight mesh of a solid, mm, with an error of about chordal_mm.
 
     Raises T2TwinError where the solid's faces do not close.
     """
-    return closed(*_triangles(solid, chordal_mm))
+    return watertight(*_triangles(solid, chordal_mm))
 
 
 def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trimesh:
-    """A watertight mesh, mirror symmetric to the bit, of a solid symmetric in x and in y, mm.
+    """A watertight mesh, exactly mirror symmetric, of a solid symmetric in x and in y, mm.
 
-    The mesher's own triangles are not symmetric, so one quarter is meshed and mirrored.
+    The mesher's triangles are not symmetric, so one quarter is meshed and mirrored.
     """
     corner = cq.Workplane().box(BEYOND_MM, BEYOND_MM, BEYOND_MM, centered=(False, False, True))
     points, triangles = _triangles(solid.intersect(corner.val()), chordal_mm)  # pyright: ignore[reportArgumentType]
@@ -114,25 +113,25 @@ def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> tri
     all_points, all_triangles = [], []
     for turn, mirror in enumerate(((1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1))):
         all_points.append(points * mirror)
-        # A mirrored triangle faces inwards until its corners are taken the other way round.
+        # Mirroring turns triangles inwards; reversing their vertices turns them back.
         order = triangles if turn % 2 == 0 else triangles[:, ::-1]
         all_triangles.append(order + turn * len(points))
-    return closed(np.concatenate(all_points), np.concatenate(all_triangles))
+    return watertight(np.concatenate(all_points), np.concatenate(all_triangles))
 
 
 def _triangles(solid: cq.Shape, chordal_mm: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (n, 3) mm and triangles (m, 3), each face of the solid meshed with its own points."""
+    """Points (n, 3) mm and triangles (m, 3); each face of the solid has its own points."""
     own = solid.copy()
-    # CadQuery asks the kernel for an error relative to each edge's length; here it is in mm.
+    # CadQuery requests an error relative to each edge's length; here it is absolute, in mm.
     BRepMesh_IncrementalMesh(own.wrapped, chordal_mm, False, ANGULAR_RAD, True)
-    # With so large a tolerance CadQuery takes the mesh that is already there.
+    # With such a tolerance CadQuery returns the existing mesh.
     vertices, faces = own.tessellate(BEYOND_MM)
     points = np.array([vertex.toTuple() for vertex in vertices], dtype=np.float64)
     return points.reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3)
 
 
-def closed(points: np.ndarray, triangles: np.ndarray) -> trimesh.Trimesh:
-    """A mesh with its coincident vertices joined: points (n, 3) mm, triangles (m, 3).
+def watertight(points: np.ndarray, triangles: np.ndarray) -> trimesh.Trimesh:
+    """A mesh of points (n, 3) mm and triangles (m, 3), with coincident vertices merged.
 
     Raises T2TwinError where the result is not watertight.
     """

@@ -1,9 +1,8 @@
-"""A press as a MuJoCo scene that can be looked at: the bed that carried it, settled.
+"""A solved press as a MuJoCo scene for viewing.
 
-The scene is the model itself, in mm and N: a pin of the elastomer for each cell, its spring as the
-layer's coupling left it, the shape's balls over them, and the solid as a mesh to look at. Its
-keyframe `rest` is the press's end; stepped from there, it stays. The force is an actuator, so
-that one may push harder or let go: the springs then answer as they are, without the coupling.
+The scene is the verified model in mm and N: the active pins with their springs, the shape's balls
+above them, and the solid as a visual mesh. Its keyframe `rest` is the equilibrium. The force is an
+actuator and can be changed; the springs then respond without the layer's coupling.
 """
 
 from pathlib import Path
@@ -16,42 +15,39 @@ from t2twin.sim.contact.mujoco_pins import BALL_MM, PIN_MASS, SHAPE_MASS
 from t2twin.sim.contact.types import Contact, PinState
 
 STEP_S = 0.02
-"""Step of the scene, s: 50 a second, smooth to look at."""
+"""Time step of the scene, s."""
 
 SINK_MM = 0.05
-"""How far below the pins' dots the pad's surface is drawn, mm, so that both are seen."""
+"""Distance of the rendered surface below the pins' dots, mm, so that both are visible."""
 
 MAX_FORCE = 4.0
-"""Greatest force of the actuator over the commanded one."""
+"""Largest force of the actuator over the commanded one."""
 
 MAX_FACES = 200_000
-"""Triangles of a mesh that MuJoCo reads."""
+"""Limit of MuJoCo on the triangles of a mesh."""
 
 PALE, DEEP = np.array([0.75, 0.8, 0.85]), np.array([0.85, 0.1, 0.1])
-"""Colours of a pin that carries nothing and of the one that carries most."""
+"""Colors of pins without force and with the largest force."""
 
 
 def scene(contact: Contact, mesh_file: str | None) -> str:
     """The scene as MJCF text.
 
-    mesh_file: name of the shape's STL file beside it, or None to leave the mesh out.
+    mesh_file: name of the shape's STL file in the scene's folder, or None for no mesh.
     """
-    shape, command, elastomer, bed = contact.shape, contact.command, contact.elastomer, contact.pins
-    stiffness, n = bed.stiffness_n_per_mm, bed.x_mm.size
-    pins, over, pairs = _pin_elements(bed)
-    # The whole pad's surface, just below the pins. Rows of MJCF text run from large to small y.
-    x, y = contact.x_mm, contact.y_mm
-    surface = elastomer.rest_surface_mm(*np.meshgrid(x, y)) - contact.surface_mm
-    low, high = float(surface.min()), float(surface.max())
-    elevation = " ".join(f"{height:.4f}" for height in surface[::-1].ravel())
+    shape, command, elastomer = contact.shape, contact.command, contact.elastomer
+    state = contact.pins
+    pins, over, pairs = _pin_elements(state)
+    field, surface = _surface_elements(contact)
     mesh, solid = ("", "") if mesh_file is None else _solid_elements(contact, mesh_file)
-    heights = " ".join(f"{-depth:.9g}" for depth in bed.deflection_mm)
+    mass = SHAPE_MASS * np.median(state.stiffness_n_per_mm) * STEP_S**2
+    heights = " ".join(f"{-depth:.9g}" for depth in state.deflection_mm)
     model = escape(f"{shape.name} on the {elastomer.name}", {'"': "&quot;"})
     return f"""<mujoco model="{model}">
   <compiler angle="radian"/>
   <option timestep="{STEP_S:g}" integrator="discrete" solver="Newton" gravity="0 0 0"
     tolerance="1e-10"><flag refsafe="disable" island="disable"/></option>
-  <size memory="{max(16, n // 16)}M"/>
+  <size memory="{max(16, state.x_mm.size // 16)}M"/>
   <statistic center="{command.x_mm:g} {command.y_mm:g} 0" extent="15"/>
   <visual><headlight ambient="0.45 0.45 0.45" diffuse="0.5 0.5 0.5"/></visual>
   <default>
@@ -66,18 +62,15 @@ def scene(contact: Contact, mesh_file: str | None) -> str:
   </default>
   <asset>
     {mesh}
-    <hfield name="surface" nrow="{y.size}" ncol="{x.size}" elevation="{elevation}"
-      size="{x[-1]:g} {y[-1]:g} {max(high - low, 1e-3):.6g} 0.05"/>
+    {field}
     <texture name="sky" type="skybox" builtin="flat" rgb1="0.93 0.94 0.96" width="32" height="192"/>
   </asset>
   <worldbody>
-    <geom name="surface" type="hfield" hfield="surface" pos="0 0 {low - SINK_MM:.6g}"
-      rgba="0.85 0.75 0.6 0.6" group="1"/>
+    {surface}
     <geom name="base" type="box" pos="0 0 {-elastomer.thickness_mm - 0.5:g}"
       size="{elastomer.width_mm / 2:g} {elastomer.length_mm / 2:g} 0.5" rgba="0.3 0.3 0.35 1"/>
     <body name="shape">
-      <inertial pos="0 0 0" mass="{SHAPE_MASS * np.median(stiffness) * STEP_S**2:.6g}"
-        diaginertia="1 1 1"/>
+      <inertial pos="0 0 0" mass="{mass:.6g}" diaginertia="1 1 1"/>
       <joint name="down" type="slide" axis="0 0 1"/>
       {solid}
       {over}
@@ -95,34 +88,49 @@ def scene(contact: Contact, mesh_file: str | None) -> str:
 """
 
 
-def _pin_elements(bed: PinState) -> tuple[str, str, str]:
-    """The pins' bodies, the shape's balls over them, and the pairs that may touch, as MJCF."""
-    stiffness = bed.stiffness_n_per_mm
-    forces = stiffness * np.maximum(bed.deflection_mm - bed.spring_rest_mm, 0.0)
+def _surface_elements(contact: Contact) -> tuple[str, str]:
+    """The height field of the whole pad's surface, and its geom just below the pins, as MJCF."""
+    x, y = contact.x_mm, contact.y_mm
+    surface = contact.elastomer.rest_surface_mm(*np.meshgrid(x, y)) - contact.surface_mm
+    low, high = float(surface.min()), float(surface.max())
+    # Rows of MJCF text run from large to small y.
+    elevation = " ".join(f"{height:.4f}" for height in surface[::-1].ravel())
+    return (
+        f'<hfield name="surface" nrow="{y.size}" ncol="{x.size}" elevation="{elevation}" '
+        f'size="{x[-1]:g} {y[-1]:g} {max(high - low, 1e-3):.6g} 0.05"/>',
+        f'<geom name="surface" type="hfield" hfield="surface" pos="0 0 {low - SINK_MM:.6g}" '
+        'rgba="0.85 0.75 0.6 0.6" group="1"/>',
+    )
+
+
+def _pin_elements(state: PinState) -> tuple[str, str, str]:
+    """The pins' bodies, the shape's balls above them, and the contact pairs, as MJCF."""
+    stiffness = state.stiffness_n_per_mm
+    forces = stiffness * np.maximum(state.deflection_mm - state.spring_rest_mm, 0.0)
     colors = PALE + (DEEP - PALE) * (forces / forces.max())[:, None]
     pins, over, pairs = [], [], []
-    for i in range(bed.x_mm.size):
-        x, y, z = bed.x_mm[i], bed.y_mm[i], bed.rest_mm[i]
+    for i in range(state.x_mm.size):
+        x, y, z = state.x_mm[i], state.y_mm[i], state.rest_mm[i]
         red, green, blue = colors[i]
         pins.append(
             f'<body name="pin{i}" pos="{x:.6g} {y:.6g} {z:.9g}">'
             f'<joint class="pin" stiffness="{stiffness[i]:.9g}" '
-            f'springref="{-bed.spring_rest_mm[i]:.9g}"/>'
+            f'springref="{-state.spring_rest_mm[i]:.9g}"/>'
             f'<geom class="ball" name="tip{i}" pos="0 0 {-BALL_MM:g}" '
             f'mass="{PIN_MASS * stiffness[i] * STEP_S**2:.6g}"/>'
-            f'<geom class="dot" size="{bed.side_mm[i] / 2:g}" '
+            f'<geom class="dot" size="{state.side_mm[i] / 2:g}" '
             f'rgba="{red:.3f} {green:.3f} {blue:.3f} 1"/></body>'
         )
         over.append(
             f'<geom class="ball" name="over{i}" '
-            f'pos="{x:.6g} {y:.6g} {z + bed.gap_mm[i] + BALL_MM:.9g}" mass="0"/>'
+            f'pos="{x:.6g} {y:.6g} {z + state.gap_mm[i] + BALL_MM:.9g}" mass="0"/>'
         )
         pairs.append(f'<pair geom1="over{i}" geom2="tip{i}"/>')
     return "".join(pins), "".join(over), "".join(pairs)
 
 
 def _solid_elements(contact: Contact, mesh_file: str) -> tuple[str, str]:
-    """The mesh, and the solid at its first touch, turned over about x, then by the yaw."""
+    """The mesh, and the solid's geom: turned over about x, then by the yaw, at first touch."""
     command, half = contact.command, contact.command.yaw_rad / 2
     return (
         f'<mesh name="solid" file="{mesh_file}" inertia="shell"/>',
@@ -133,12 +141,12 @@ def _solid_elements(contact: Contact, mesh_file: str) -> tuple[str, str]:
 
 
 def mesh_name(shape: Shape) -> str | None:
-    """The name of the STL file for a scene; None where MuJoCo would not read it."""
+    """Name of the STL file for a scene; None for meshes that MuJoCo cannot read."""
     return "shape.stl" if 0 < len(shape.triangles[1]) <= MAX_FACES else None
 
 
 def view(path: Path) -> None:
-    """Open a scene in MuJoCo's viewer, as the press ended, until it is closed."""
+    """Open a scene at its keyframe in MuJoCo's viewer; returns when that is closed."""
     import mujoco
     import mujoco.viewer
 

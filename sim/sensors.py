@@ -12,9 +12,13 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.contact_solver import (
+    CYSKIN_PITCH_MM,
+    DIGIT_PITCH_MM,
+    solve_contact,
+    surface_on,
+)
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.contact.surface import surface_on
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout

@@ -29,7 +29,7 @@ from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.field import field_counts, field_layout
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.cyskin.tactile_image import tactile_picture
+from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.digit.optics import Renderer
 
@@ -137,7 +137,7 @@ def _write_cyskin(folder: Path, layout: Layout, counts: np.ndarray, image: np.nd
     Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
     # The color scale ends at the image's maximum: a light press would be black at full scale.
     brightest = max(float(image.max()), 1.0)
-    picture = tactile_picture(image, layout.x_mm, layout.y_mm, brightest)
+    picture = colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest)
     picture.save(folder / "tactile_picture.png")
 
 

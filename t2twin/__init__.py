@@ -12,6 +12,7 @@ one sentence. Modules are imported when one of their names is first used.
 """
 
 import importlib
+import sys
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -19,8 +20,8 @@ if TYPE_CHECKING:
     from t2twin.core.errors import T2TwinError
     from t2twin.primitives_cad.export import export as export_shapes
     from t2twin.primitives_cad.shape import Shape
-    from t2twin.report.data_page import write_data_report
-    from t2twin.report.page import write_report
+    from t2twin.report.dataset_report import write_data_report
+    from t2twin.report.run_report import write_report
     from t2twin.sim.contact.elastomer import Elastomer
     from t2twin.sim.contact.types import Contact, PressCommand
     from t2twin.sim.cyskin.layout import Layout, load_layout
@@ -34,8 +35,8 @@ if TYPE_CHECKING:
     from t2twin.translate.evaluation.cross_dataset import evaluate_worlds
     from t2twin.translate.evaluation.evaluate import evaluate
     from t2twin.translate.inference.batch import translate_images
+    from t2twin.translate.inference.load import load
     from t2twin.translate.inference.onnx_export import export_onnx
-    from t2twin.translate.inference.onnx_runtime import load
     from t2twin.translate.inference.predictor import TrainedTranslator
     from t2twin.translate.training.train import train
     from t2twin.twin import Twin, load_shape, press, shapes
@@ -46,7 +47,7 @@ _HOMES = {
     "press": "t2twin.twin:press",
     "shapes": "t2twin.twin:shapes",
     "load_shape": "t2twin.twin:load_shape",
-    "load": "t2twin.translate.inference.onnx_runtime:load",
+    "load": "t2twin.translate.inference.load:load",
     "Shape": "t2twin.primitives_cad.shape:Shape",
     "PressCommand": "t2twin.sim.contact.types:PressCommand",
     "Contact": "t2twin.sim.contact.types:Contact",
@@ -69,8 +70,8 @@ _HOMES = {
     "Recipe": "t2twin.sim.world.recipe:Recipe",
     "translate_images": "t2twin.translate.inference.batch:translate_images",
     "export_onnx": "t2twin.translate.inference.onnx_export:export_onnx",
-    "write_report": "t2twin.report.page:write_report",
-    "write_data_report": "t2twin.report.data_page:write_data_report",
+    "write_report": "t2twin.report.run_report:write_report",
+    "write_data_report": "t2twin.report.dataset_report:write_data_report",
 }
 """Public names and where each is defined."""
 
@@ -108,10 +109,31 @@ __all__ = [
 ]
 
 
+class _RenamedModules:
+    """An import finder, the last one, that names the new path of a module of version 0.2.
+
+    Its error has no `name`: `from t2twin.translate import predict` would hide it.
+    """
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> None:
+        if name.startswith(f"{__name__}."):
+            from t2twin.core.renames import message
+
+            if sentence := message("import", name):
+                raise ModuleNotFoundError(sentence)
+
+
+sys.meta_path.append(_RenamedModules)
+
+
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
+        from t2twin.core.renames import message
+
+        renamed = message("name", f"t2twin.{name}")
         raise AttributeError(
-            f"module 't2twin' has no attribute {name!r}; it has {', '.join(__all__)}"
+            renamed or f"module 't2twin' has no attribute {name!r}; it has {', '.join(__all__)}"
         )
     module, _, attribute = _HOMES[name].partition(":")
     value = getattr(importlib.import_module(module), attribute)

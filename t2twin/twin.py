@@ -28,7 +28,7 @@ class Twin:
     calibration: the DIGIT's light and, if it was fitted, its gel's modulus: a file written by
     `t2twin calibrate`. None is the default calibration.
     layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
-    imperfections: the CySkin's errors in a press with a seed: "none", "white", "untouched" or
+    imperfections: the CySkin's errors in a press with a seed: "none", "white", "baseline" or
     "all". gel, cover: the sensors' elastomers. optics: what renders the DIGIT's images: "baked" in
     milliseconds, or "pyrender" in seconds and for the default calibration only.
     Several threads may use one twin at the same time.

@@ -79,7 +79,7 @@ def products(session_folder):
 @pytest.fixture(scope="session")
 def shape_cache(session_folder):
     """The folder of the prepared shapes, which commands use too."""
-    return catalogue.kept_in(None)
+    return catalogue.cache_folder(None)
 
 
 @pytest.fixture(scope="session")

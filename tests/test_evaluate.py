@@ -20,6 +20,7 @@ from t2twin.sim.digit.optics import DigitOptics
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.background import OF_CALIBRATION, is_of_default_calibration
 from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
+from t2twin.translate.evaluation.files import METRICS, as_json, read_evaluation, write_evaluation
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     mean_array,
@@ -29,8 +30,6 @@ from t2twin.translate.evaluation.metrics.baselines import (
 from t2twin.translate.evaluation.predictions import PREDICTIONS, read_predictions
 from t2twin.translate.evaluation.records import (
     FORMAT,
-    METRICS,
-    AlikePairs,
     Bootstrap,
     Difference,
     Evaluation,
@@ -41,16 +40,14 @@ from t2twin.translate.evaluation.records import (
     IrreducibleError,
     IrreducibleErrorFloor,
     ModelRow,
+    NeighborPairs,
     PaperRow,
     ShapeFloor,
     TaxelCounts,
     ViewSummary,
-    as_json,
-    read_evaluation,
-    write_evaluation,
 )
 from t2twin.translate.evaluation.table import table
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.log import best_epoch, read_log
 
@@ -140,7 +137,7 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     content = json.loads((evaluated / "val" / METRICS).read_text())
     assert list(content) == [
         "format", "split", "pairs", "full_scale_counts", "contact_level", "info_sha256", "layout",
-        "view", "models", "bootstrap", "paired", "lookalikes", "paper", "findings",
+        "view", "models", "bootstrap", "paired", "irreducible_error", "paper", "findings",
         "world",
     ]  # fmt: skip
     assert content["format"] == FORMAT
@@ -158,7 +155,7 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     assert list(content["models"]["resnet18"]["overall"]) == ["pairs", *figures]
     assert list(content["models"]["resnet18"]["interval"]) == figures
     assert content["models"]["resnet18"]["interval"]["ssim"] is None  # there is one shape alone
-    assert content["lookalikes"] is None
+    assert content["irreducible_error"] is None
     test = json.loads((evaluated / "test" / METRICS).read_text())
     assert test["paper"]["resnet18"] == {"rmse_counts": 4867, "rmse_percent": 12.17}
 
@@ -168,9 +165,9 @@ def test_records_come_back_from_their_file(tmp_path: Path) -> None:
     absent = Figures(3, 800.0, 2.0, 0.9, None, None, None, None, 700.0, None, 900.0)
     spans = {field.name: None for field in fields(Intervals)} | {"ssim": Interval(0.25, 0.5)}
     row = ModelRow(absent, {"bump-3": absent}, {"bump": absent}, Intervals(**spans))
-    alike = AlikePairs(3, 0.5, 100.0)
+    alike = NeighborPairs(3, 0.5, 100.0)
     floor = IrreducibleErrorFloor(
-        alike, AlikePairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
+        alike, NeighborPairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
         {"under": None, "near": 2.0}, {"bump-3": ShapeFloor(alike, None)},
     )  # fmt: skip
     evaluation = Evaluation(
@@ -180,7 +177,7 @@ def test_records_come_back_from_their_file(tmp_path: Path) -> None:
         models={"mean-array": row, "resnet18": replace(row, run="run", same_data=False)},
         bootstrap=Bootstrap("shapes", 1, 1000, 0, 0.95),
         paired={"ssim": Difference(0.1, None)},
-        lookalikes=IrreducibleError(0.3, 0.6, floor, None),
+        irreducible_error=IrreducibleError(0.3, 0.6, floor, None),
         paper={"resnet18": PaperRow(4867, 12.17)},
         findings={
             "lower-error": Finding("Lower?", "yes", "rmse_counts", 5.0, Interval(1.0, 9.0),
@@ -292,7 +289,7 @@ def test_drawn_images_become_counts_and_tactile_images(
     translator = run.translator
     assert isinstance(translator, Touch2Touch)
     perfect = translator.phi.to_torch(torch.tensor(true, dtype=torch.float32))
-    monkeypatch.setattr(translator, "draw", lambda images: perfect)
+    monkeypatch.setattr(translator, "predict_tactile_images", lambda images: perfect)
     images = load_pairs(data_dir, "val", 64, grey=False).images[:6]
     np.testing.assert_allclose(run.predict(images), true, atol=1.0)
     tactile = run.tactile_images(images)
@@ -319,7 +316,7 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
     info = json.loads((other / "info.json").read_text())
     info["layout_x_mm"] = [0.5 * x for x in info["layout_x_mm"]]
     (other / "info.json").write_text(json.dumps(info))
-    with pytest.raises(T2TwinError, match=r"resnet18 is a ResNet18, which gives the 20 taxels"):
+    with pytest.raises(T2TwinError, match="a ResNet18, which predicts only the 20 taxels"):
         evaluate(runs[1:], other, "val", tmp_path / "out")
     with pytest.raises(T2TwinError, match="outside the array"):
         evaluate(runs, other, "val", tmp_path / "out")

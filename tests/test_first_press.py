@@ -10,7 +10,7 @@ import pytest
 from matplotlib import colormaps
 
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.core.cached_files import kept_array
+from t2twin.core.cached_files import cached_array
 from t2twin.primitives_cad import bundled_shapes, catalogue, tools
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.sim.contact.splines import CubicSpline
@@ -147,6 +147,8 @@ def test_an_array_is_computed_once_for_each_key(tmp_path, monkeypatch):
         return np.arange(4.0)
 
     for key in ("a", "a", "b"):
-        np.testing.assert_array_equal(kept_array("arrays", key, __file__, compute), np.arange(4.0))
+        np.testing.assert_array_equal(
+            cached_array("arrays", key, __file__, compute), np.arange(4.0)
+        )
     assert len(computed) == 2
     assert len(list(Path(tmp_path / "arrays").iterdir())) == 2

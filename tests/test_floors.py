@@ -11,8 +11,7 @@ from t2twin.sim.cyskin.reading import Imperfections
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
-from t2twin.translate.data.pairs import Pairs, load_pairs
-from t2twin.translate.evaluation.evaluate import _without_runs
+from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation.findings import findings, gap, paired
 from t2twin.translate.evaluation.metrics import bootstrap
 from t2twin.translate.evaluation.metrics.array_errors import GroupedFigures, PairFigures
@@ -24,10 +23,12 @@ from t2twin.translate.evaluation.metrics.baselines import (
 from t2twin.translate.evaluation.metrics.floors import NOISE_FLOOR, second_reading
 from t2twin.translate.evaluation.metrics.irreducible_error import (
     CLOSE,
+    estimate_irreducible_error,
     floor_of,
-    lookalikes,
     noise_distance_grey,
 )
+from t2twin.translate.evaluation.predictions import predict_baselines
+from t2twin.translate.evaluation.prepare import EvaluationInputs
 from t2twin.translate.evaluation.records import ModelRow
 
 FULL_SCALE = 40000.0
@@ -78,7 +79,8 @@ def test_flaws_for_good_cancel_between_readings(info: DatasetInfo) -> None:
 def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
     near = Neighbors(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
-    rows = _without_runs(data_dir, pairs, train, near, ())
+    inputs = EvaluationInputs(data_dir, read_info(data_dir), load_info(data_dir), {}, {}, None)
+    rows = predict_baselines(inputs, pairs, train, near, ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
     # 8.6 counts a reading; where a taxel is at zero, half of the noise is cut off
     assert 0.6 * 8.6 * np.sqrt(2 / 5) < error < 1.1 * 8.6 * np.sqrt(2 / 5)
@@ -234,7 +236,7 @@ def test_twins_within_the_noise_are_counted() -> None:
 def test_lookalikes_of_a_dataset(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
     near = Neighbors(np.zeros((len(pairs), 1), int), np.full((len(pairs), 1), 5.0))
-    alike = lookalikes(data_dir, "val", pairs, train, near, {})
+    alike = estimate_irreducible_error(data_dir, "val", pairs, train, near, {})
     assert alike is not None and alike.split is not None and alike.training is not None
     noise = noise_distance_grey(data_dir, "val")
     assert noise is not None and alike.noise_grey == noise

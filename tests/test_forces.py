@@ -10,11 +10,12 @@ from spots import write_spots
 
 from t2twin.translate.data.pairs import ImageFile, Pairs
 from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.files import METRICS, read_evaluation
 from t2twin.translate.evaluation.metrics import bootstrap
 from t2twin.translate.evaluation.metrics.array_errors import PairFigures
 from t2twin.translate.evaluation.metrics.bootstrap import (
-    draws,
     replicates,
+    resample_weights,
     rmse_by_group,
 )
 from t2twin.translate.evaluation.metrics.forces import (
@@ -25,7 +26,6 @@ from t2twin.translate.evaluation.metrics.forces import (
     force_bins,
     mean_array_of_force,
 )
-from t2twin.translate.evaluation.records import METRICS, read_evaluation
 
 FULL_SCALE = 40000.0
 
@@ -55,7 +55,7 @@ def test_few_forces_are_a_bin_each() -> None:
     bins = force_bins(presses(forces), presses(np.array([8.0])))
     assert [(one.low_n, one.high_n) for one in bins] == [(0, 0), (0.5, 0.5), (2, 2), (8, 8)]
     assert [one.members.tolist() for one in bins] == [[3], [0, 5], [1, 2], [4]]
-    assert [one.touches for one in bins] == [False, True, True, True]
+    assert [one.has_contact for one in bins] == [False, True, True, True]
     assert bins[2].mean_n == pytest.approx(2.002)
 
 
@@ -125,9 +125,9 @@ def test_intervals_by_force_are_those_of_the_same_resamples(
     whole = replicates(figures, pairs.shapes, FULL_SCALE)
     alone = rmse_by_group(figures.squared_error, pairs.shapes, np.zeros(40, int), 1)
     np.testing.assert_allclose(alone[:, 0], whole.rmse_counts, rtol=1e-12)
-    drawn = draws(7)
-    monkeypatch.setattr(bootstrap, "NUMBERS_AT_ONCE", 70)
-    assert np.array_equal(draws(7), drawn)
+    drawn = resample_weights(7)
+    monkeypatch.setattr(bootstrap, "MAX_NUMBERS", 70)
+    assert np.array_equal(resample_weights(7), drawn)
     in_parts = replicates(figures, pairs.shapes, FULL_SCALE)
     for field in fields(whole):
         one, other = getattr(whole, field.name), getattr(in_parts, field.name)

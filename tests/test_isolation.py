@@ -13,7 +13,7 @@ from session import FOLDERS, Products
 ROOT = Path(__file__).parents[1]
 ON_THE_SPOT = (
     "import json, os, platformdirs, sys, t2twin.core.cache_dir as cache\n"
-    "print(json.dumps([os.getcwd(), os.path.expanduser('~'), str(cache.cache_home()),"
+    "print(json.dumps([os.getcwd(), os.path.expanduser('~'), str(cache.cache_dir()),"
     " platformdirs.user_cache_dir(), platformdirs.user_config_dir()]))"
 )
 """Prints the folders that a command finds by itself."""

@@ -12,7 +12,7 @@ from t2twin.translate.models.optimizer import adamw
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.models.resnet18 import ResNet18Translator
 from t2twin.translate.models.touch2touch import Touch2Touch
-from t2twin.translate.networks.fold_batchnorm import fuse
+from t2twin.translate.networks.fold_batchnorm import fold_batchnorm
 from t2twin.translate.networks.pix2pix import HalfDropout, PatchGAN, UNet
 from t2twin.translate.networks.resnet18 import ResNet18
 from t2twin.translate.runs.build import TRANSLATORS
@@ -275,6 +275,6 @@ def test_folding_the_batch_norms_changes_nothing(network: nn.Module) -> None:
     images = torch.randn(2, 1 if isinstance(network, UNet) else 3, 64, 64)
     expected = network.eval()(images).detach()
     assert len(norms) > 5
-    fuse(network)
+    fold_batchnorm(network)
     assert not any(isinstance(module, nn.BatchNorm2d) for module in network.modules())
     torch.testing.assert_close(network(images), expected, rtol=1e-3, atol=1e-4)

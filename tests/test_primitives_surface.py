@@ -78,11 +78,11 @@ def test_only_what_is_within_reach_counts():
     tower.apply_translation((50.0, 0.0, 0.0))
     both = trimesh.util.concatenate([low, tower])
     assert isinstance(both, trimesh.Trimesh)
-    lowered, heights = height_map.stand(both, reach_mm=10.0)
+    lowered, heights = height_map.aligned(both, reach_mm=10.0)
     assert np.abs(heights.x_mm).max() < 10.0 + 2 * heights.pitch_mm
     assert heights.sample(np.zeros(1), np.zeros(1))[0] == 0.0
     assert lowered.bounds[1, 2] == pytest.approx(9.0)
-    assert height_map.stand(both, reach_mm=60.0)[1].sample(np.zeros(1), np.zeros(1))[0] == -9.0
+    assert height_map.aligned(both, reach_mm=60.0)[1].sample(np.zeros(1), np.zeros(1))[0] == -9.0
 
 
 def test_large_maps_take_a_coarser_pitch():

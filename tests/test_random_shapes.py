@@ -6,10 +6,9 @@ import pytest
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, height_map
-from t2twin.primitives_cad.random_shapes import features, rasterize
+from t2twin.primitives_cad.random_shapes import features, rasterize, seed_of
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
-from t2twin.primitives_cad.random_shapes.seeds import seed_of
-from t2twin.primitives_cad.random_shapes.shape import PITCH_MM, RELIEF_MM, RandomShape
+from t2twin.primitives_cad.random_shapes.shape import BASE_DEPTH_MM, PITCH_MM, RandomShape
 from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 
@@ -37,10 +36,10 @@ def test_surfaces_are_as_the_frame_has_them():
         shape = RandomShape(seed)
         heights = shape.surface.heights_mm
         inside = heights[1:-1, 1:-1]
-        assert inside.max() == 0.0 and inside.min() >= -RELIEF_MM
+        assert inside.max() == 0.0 and inside.min() >= -BASE_DEPTH_MM
         assert (heights[[0, -1]] == NOTHING_MM).all() and (heights[:, [0, -1]] == NOTHING_MM).all()
         assert shape.surface.pitch_mm == pytest.approx(PITCH_MM)
-        assert shape.base_mm == -RELIEF_MM
+        assert shape.base_mm == -BASE_DEPTH_MM
 
 
 @pytest.mark.parametrize("seed", [3, 14, 25])

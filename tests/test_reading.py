@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import read_file
+from t2twin.core.files import read_file
 
 
 def bind_socket(path, monkeypatch):

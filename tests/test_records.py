@@ -280,7 +280,7 @@ def test_a_wrong_line_of_the_log_is_one_sentence(tmp_path, history, key, value, 
 
 
 def test_a_log_that_is_missing_or_empty_is_one_sentence(tmp_path, history):
-    with pytest.raises(T2TwinError, match=r"holds no log\.jsonl"):
+    with pytest.raises(T2TwinError, match=r"has no log\.jsonl"):
         read_log(tmp_path)
     (tmp_path / LOG).touch()
     with pytest.raises(T2TwinError, match="is empty"):

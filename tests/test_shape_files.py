@@ -12,7 +12,6 @@ from t2twin.primitives_cad import (
     contact_sheet,
     export,
     primitive_parameters,
-    print_plate,
     shape_cache,
 )
 from t2twin.primitives_cad.mesh_io import read
@@ -169,7 +168,7 @@ def test_files_of_one_stem_in_two_folders_are_both_kept(tmp_path, monkeypatch):
 
 def test_the_code_s_digest_follows_the_libraries(monkeypatch):
     before = shape_cache.code_digest()
-    assert len(before) == shape_cache.KEY_DIGITS and before == shape_cache.code_digest()
+    assert len(before) == shape_cache.DIGEST_DIGITS and before == shape_cache.code_digest()
     monkeypatch.setattr(shape_cache, "version", lambda name: "another")
     assert shape_cache.code_digest() != before
 
@@ -210,12 +209,12 @@ def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monke
 
 
 def test_the_mosaic_holds_every_feature(shapes):
-    solid = print_plate.solid()
+    solid = export.plate_solid()
     plate = (
-        print_plate.COLUMNS
-        * print_plate.ROWS
-        * print_plate.PITCH_MM[0]
-        * print_plate.PITCH_MM[1]
+        export.PLATE_COLUMNS
+        * export.PLATE_ROWS
+        * export.PLATE_PITCH_MM[0]
+        * export.PLATE_PITCH_MM[1]
         * 3.0
     )
     single_plate = primitive_parameters.PLATE_SIDE_MM**2 * 3.0
@@ -223,7 +222,7 @@ def test_the_mosaic_holds_every_feature(shapes):
     assert solid.isValid()
     assert len(solid.Solids()) == 1
     assert solid.Volume() == pytest.approx(plate + features, rel=1e-3)
-    assert len(set(print_plate.places().values())) == 32
+    assert len(set(export.plate_positions().values())) == 32
 
 
 def test_sheet_draws_shapes_and_places_points():

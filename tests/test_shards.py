@@ -42,7 +42,7 @@ def test_png_gives_back_the_picture():
 
 def test_a_stored_picture_that_is_none_is_one_sentence():
     for content in (b"", b"no picture", np.zeros(100, np.uint8).tobytes()):
-        with pytest.raises(T2TwinError, match="a stored picture cannot be decoded"):
+        with pytest.raises(T2TwinError, match="an image of the dataset cannot be decoded"):
             decode_png(content)
 
 

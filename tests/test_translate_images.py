@@ -18,7 +18,8 @@ from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.inference import batch
 from t2twin.translate.inference.batch import find_images, translate_images
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.models.base import CountsTranslator
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_weights
 
@@ -126,7 +127,7 @@ def test_bad_files_get_a_sentence_and_nothing_is_written(
         translate_images([tmp_path / "folder"], out, run_dir)
     for bad in (text, cut, empty):
         bad.unlink()
-    with pytest.raises(T2TwinError, match="holds no config\\.json"):
+    with pytest.raises(T2TwinError, match="has no config\\.json"):
         translate_images([good], out, tmp_path)
     assert not out.exists()
 
@@ -174,6 +175,7 @@ def test_folded_batch_norms_change_nothing(run_dir: Path, digit: Image.Image) ->
     run = load_run(run_dir)
     trained = build(run.config)
     load_weights(run_dir / "best.safetensors", trained.predictor)
+    assert isinstance(trained, CountsTranslator)
     pixels = np.stack([np.asarray(digit), np.asarray(digit)[::-1]])
     pixels = run.pixels_of(pixels).astype(np.float32) / 255.0
     expected = trained.predict(to_input(pixels)).numpy()
@@ -307,7 +309,7 @@ def test_loading_a_run_leaves_torchs_threads_and_random_numbers_alone(
     finally:
         torch.set_num_threads(threads)
     assert run.run_dir == run_dir
-    assert run.draws == (run_dir.name == "touch2touch")
+    assert run.reads_any_layout == (run_dir.name == "touch2touch")
 
 
 def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> None:
@@ -315,7 +317,7 @@ def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> No
     with pytest.raises(T2TwinError, match="not finished its first epoch"):
         load_run(tmp_path)
     (tmp_path / "best.safetensors").write_bytes(b"rubbish")
-    with pytest.raises(T2TwinError, match="does not hold the weights"):
+    with pytest.raises(T2TwinError, match="does not fit the networks"):
         load_run(tmp_path)
 
 
@@ -325,7 +327,7 @@ def test_weights_that_are_no_numbers_are_refused(run_dir: Path, tmp_path: Path) 
     name = next(name for name in weights if weights[name].is_floating_point())
     weights[name].view(-1)[0] = torch.nan
     save_file(weights, tmp_path / "best.safetensors")
-    with pytest.raises(T2TwinError, match=f"not finite, in {name}"):
+    with pytest.raises(T2TwinError, match=f"non-finite numbers in {name}"):
         load_run(tmp_path)
 
 

@@ -172,8 +172,8 @@ OPTIONAL_PATHS: Mapping[str, Call] = {
     "make_dataset cache": lambda value, box, base: t2twin.make_dataset(
         "out", "smoke", cache=value
     ),
-    "train start": lambda value, box, base: t2twin.train(
-        "resnet18", base.data, "smoke", "out", start=value
+    "train init_from": lambda value, box, base: t2twin.train(
+        "resnet18", base.data, "smoke", "out", init_from=value
     ),
     "translate_images background": lambda value, box, base: t2twin.translate_images(
         [PICTURE], "out", background=value
@@ -204,7 +204,7 @@ OBJECTS: Mapping[str, Call] = {
     "export_onnx run": lambda value, box, base: t2twin.export_onnx(value, "x.onnx"),
     "import_pairs layout": lambda value, box, base: t2twin.import_pairs(TABLE, "out", value),
     "adapt tolerance": lambda value, box, base: t2twin.adapt("a", "b", 5.0, "out", tolerance=value),
-    "adapt say": lambda value, box, base: t2twin.adapt("a", "b", 5.0, "out", say=value),
+    "adapt report": lambda value, box, base: t2twin.adapt("a", "b", 5.0, "out", report=value),
 }
 
 WORDS: Mapping[str, Call] = {
@@ -227,7 +227,9 @@ WORDS: Mapping[str, Call] = {
 }
 
 ARRAYS: Mapping[str, Call] = {
-    "picture_of counts": lambda value, box, base: turned_round(base.touch2touch).picture_of(value),
+    "predict_image counts": lambda value, box, base: turned_round(base.touch2touch).predict_image(
+        value
+    ),
     "Layout x_mm": lambda value, box, base: layout(x_mm=value),
     "Layout pad_diameter_mm": lambda value, box, base: layout(pad_diameter_mm=value),
     "at_layout x_mm": lambda value, box, base: field_run().at_layout(value, value, "mine"),

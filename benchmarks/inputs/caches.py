@@ -86,7 +86,7 @@ def _counts(base: Base) -> np.ndarray:
 
 def _model(base: Base) -> np.ndarray:
     """The stiffness and the places of a bed of pins that is large enough to be kept."""
-    model = mujoco_pins._model(mujoco_pins.MIN_KEPT)
+    model = mujoco_pins._model(mujoco_pins.MIN_CACHED_PINS)
     return np.concatenate([model.jnt_stiffness.ravel(), model.geom_pos.ravel()])
 
 

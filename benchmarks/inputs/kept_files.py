@@ -46,9 +46,9 @@ def _shape(box: Path) -> np.ndarray:
 
 
 def _array(box: Path) -> np.ndarray:
-    from t2twin.core.cached_files import kept_array
+    from t2twin.core.cached_files import cached_array
 
-    return kept_array("arrays", "key", __file__, lambda: np.arange(5.0))
+    return cached_array("arrays", "key", __file__, lambda: np.arange(5.0))
 
 
 def _bed(box: Path) -> np.ndarray:

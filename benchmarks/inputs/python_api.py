@@ -41,12 +41,14 @@ MORE: Mapping[str, tuple[Call, object, str]] = {
     "a background frame for a run without a field": (
         lambda value, box, base: run_of(base.resnet18).predict(SMALL, value), SMALL, "field run",
     ),
-    "picture_of a run to counts": (
-        lambda value, box, base: run_of(base.resnet18).picture_of(value), np.zeros(20), "draws no",
+    "predict_image a run to counts": (
+        lambda value, box, base: run_of(base.resnet18).predict_image(value),
+        np.zeros(20),
+        "predict_image needs a cyskin-to-digit run",
     ),
-    "picture_of negative counts": (
-        lambda value, box, base: turned_round(base.touch2touch).picture_of(value),
-        -np.ones(20), "no number from 0",
+    "predict_image negative counts": (
+        lambda value, box, base: turned_round(base.touch2touch).predict_image(value),
+        -np.ones(20), "expected numbers from 0",
     ),
     "predict_pixels of another size": (
         lambda value, box, base: field_run().predict_pixels(value),
@@ -153,7 +155,7 @@ FINE: Mapping[str, Callable[[Base], object]] = {
     "a flat gel": lambda base: elastomer(
         dome_width_radius_mm=np.inf, dome_length_radius_mm=float("inf")
     ),
-    "counts in a list": lambda base: turned_round(base.touch2touch).picture_of(COUNTS).ndim == 2,
+    "counts in a list": lambda base: turned_round(base.touch2touch).predict_image(COUNTS).ndim == 2,
     "paths of both kinds": lambda base: (
         t2twin.translate_images((PICTURE, Path(PICTURE)), "out", base.resnet18).shape == (2, 20)
     ),

@@ -1,40 +1,45 @@
-"""Bodies of a file, checked and put together."""
+"""Checks the bodies of a file and merges them into one mesh."""
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
+
+if TYPE_CHECKING:
+    import trimesh
 
 MAX_TRIANGLES = 2_000_000
-"""Most triangles of a file's solid (assumed: finer than any print, and minutes of work)."""
+"""Limit on the triangles of a file (assumed: finer than any print, and minutes of computing)."""
 
 MAX_CORNERS = 3 * MAX_TRIANGLES
-"""Most corners: as many as there are where no triangles share any."""
+"""Limit on the corners: the number without shared ones."""
 
 MAX_PLACES = 10_000
-"""Most places at which parts may stand, groups of parts included (assumed)."""
+"""Limit on the placements of parts and groups of parts (assumed)."""
 
 FARTHEST = 1e10
-"""Largest coordinate, in the file's units (assumed: corners so far out cannot be told apart)."""
+"""Largest coordinate, in the file's units (assumed: beyond it corners lose their precision)."""
 
 NOT_NUMBERS = "it has corners that are not numbers"
 
 Body = tuple[np.ndarray, np.ndarray]
-"""Corners (n, 3) float64 and triangles (m, 3) int64, which count corners from 0."""
+"""Corners (n, 3) float64 and triangles (m, 3) int64, as indices of corners."""
 
 
-def joined(bodies: Iterable[Body]) -> trimesh.Trimesh:
-    """One mesh of all bodies, each with its equal corners made one.
+def merged(bodies: Iterable[Body]) -> "trimesh.Trimesh":
+    """One mesh of all bodies, with the equal corners of each merged.
 
-    Raises ValueError for corners that are not numbers or not there, and for too many triangles.
+    Raises ValueError for corners that are not numbers or missing, and for too many triangles.
     """
+    import trimesh
+
     meshes, triangles = [], 0
     for corners, faces in bodies:
         triangles += len(faces)
         check_triangles(triangles)
         if not len(faces):
             continue
-        check_places(corners)
+        check_coordinates(corners)
         if faces.min() < 0 or faces.max() >= len(corners):
             raise ValueError("its faces name corners that it lacks")
         meshes.append(trimesh.Trimesh(corners, faces))
@@ -43,8 +48,8 @@ def joined(bodies: Iterable[Body]) -> trimesh.Trimesh:
     return trimesh.util.concatenate(meshes)  # pyright: ignore[reportArgumentType, reportReturnType]
 
 
-def check_places(corners: np.ndarray) -> None:
-    """Raises ValueError for corners (n, 3) that are not finite or too far out."""
+def check_coordinates(corners: np.ndarray) -> None:
+    """Raises ValueError for corners (n, 3) that are not finite or beyond FARTHEST."""
     if not np.isfinite(corners).all():
         raise ValueError(NOT_NUMBERS)
     if len(corners) and np.abs(corners).max() > FARTHEST:
@@ -52,26 +57,26 @@ def check_places(corners: np.ndarray) -> None:
 
 
 def check_triangles(number: int) -> None:
-    """Raises ValueError for more triangles than are read."""
+    """Raises ValueError for more triangles than MAX_TRIANGLES."""
     if number > MAX_TRIANGLES:
         raise ValueError(f"it has more than the {MAX_TRIANGLES:,} triangles that are allowed")
 
 
 def check_corners(number: int) -> None:
-    """Raises ValueError for more corners than are read."""
+    """Raises ValueError for more corners than MAX_CORNERS."""
     if number > MAX_CORNERS:
         raise ValueError(f"it has more than the {MAX_CORNERS:,} corners that are allowed")
 
 
-def moved(body: Body, transform: np.ndarray) -> Body:
-    """A body through a (4, 4) transform; one that mirrors turns its triangles round.
+def transformed(body: Body, transform: np.ndarray) -> Body:
+    """A body after a (4, 4) transform; a reflection reverses its triangles.
 
-    Raises ValueError for a transform that is not of finite numbers.
+    Raises ValueError for a transform that is not finite.
     """
     corners, faces = body
     turn = transform[:3, :3]
     if not np.isfinite(transform).all():
         raise ValueError("it places a part by numbers that are not finite")
-    with np.errstate(over="ignore", invalid="ignore"):  # what becomes of it is checked by `joined`
+    with np.errstate(over="ignore", invalid="ignore"):  # `merged` checks the result
         mirrored = np.linalg.det(turn) < 0.0
         return corners @ turn.T + transform[:3, 3], faces[:, ::-1] if mirrored else faces

@@ -1,6 +1,6 @@
-"""GLB, the one-file form of glTF 2.0: meters, y up.
+"""Reads GLB, the single-file form of glTF 2.0: meters, y up.
 
-Only what lies in the file itself is read: no other file, no address, no picture.
+Never opens other files, addresses or images.
 """
 
 from collections.abc import Iterator
@@ -11,26 +11,26 @@ import numpy as np
 import trimesh
 
 from t2twin.primitives_cad.mesh_io import gltf
-from t2twin.primitives_cad.mesh_io.bodies import MAX_PLACES, Body, joined, moved
+from t2twin.primitives_cad.mesh_io.bodies import MAX_PLACES, Body, merged, transformed
 
-METRE_MM = 1000.0
-"""glTF's unit of length, mm (glTF 2.0, 3.4, Coordinate System and Units)."""
+METER_MM = 1000.0
+"""Unit of length of glTF, mm (glTF 2.0, 3.4, Coordinate System and Units)."""
 
 UPRIGHT = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
-"""From glTF's frame, y up (the same section), to one with z up."""
+"""Transform from glTF's frame, y up (the same section), to one with z up."""
 
 VERSION = 2
-"""The version of glTF that is read (glTF 2.0, 4.4.2)."""
+"""The supported version of glTF (glTF 2.0, 4.4.2)."""
 
 FILE_HEADER_BYTES, CHUNK_HEADER_BYTES = 12, 8
-"""Three words at the beginning of the file, two at the beginning of each chunk (glTF 2.0, 4.4)."""
+"""Three words at the start of the file, two at the start of each chunk (glTF 2.0, 4.4)."""
 
 JSON_CHUNK, BINARY_CHUNK = b"JSON", b"BIN\0"
-"""Types of the chunks that are read (glTF 2.0, 4.4.3)."""
+"""Types of the supported chunks (glTF 2.0, 4.4.3)."""
 
 
 def read(path: Path) -> tuple[trimesh.Trimesh, float]:
-    """The triangles of a GLB file, turned so that its y is z, and METRE_MM; see this package."""
+    """The triangles of a GLB file with z up, and METER_MM; see this package."""
     content = path.read_bytes()
     if not content.startswith(b"glTF"):
         raise ValueError("it is not GLB: it does not begin with the word glTF")
@@ -42,7 +42,7 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
         about = msgspec.json.decode(chunks[JSON_CHUNK], type=gltf.Description)
         about.check()
         buffers = gltf.Buffers(about, chunks.get(BINARY_CHUNK))
-        return joined(_bodies(about, buffers)), METRE_MM
+        return merged(_bodies(about, buffers)), METER_MM
     except (msgspec.DecodeError, IndexError, KeyError, TypeError, RecursionError) as error:
         raise ValueError("it is damaged: its parts do not hold together") from error
 
@@ -62,7 +62,7 @@ def _chunks(content: bytes) -> Iterator[tuple[bytes, memoryview]]:
 
 
 def _bodies(about: gltf.Description, buffers: gltf.Buffers) -> Iterator[Body]:
-    """The triangles of the scene that is shown, part by part, each where it stands."""
+    """The triangles of the default scene, part by part, in its frame."""
     if about.meshes and not about.nodes:
         raise ValueError("it is damaged: it has no nodes, which place its triangles")
     waiting = [(node, UPRIGHT) for node in about.roots()]
@@ -80,4 +80,4 @@ def _bodies(about: gltf.Description, buffers: gltf.Buffers) -> Iterator[Body]:
         waiting += [(child, transform) for child in node.children]
         if node.mesh is not None:
             for part in about.meshes[node.mesh].primitives:
-                yield moved(buffers.triangles(part), transform)
+                yield transformed(buffers.triangles(part), transform)

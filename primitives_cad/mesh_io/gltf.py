@@ -1,4 +1,4 @@
-"""The description in a glTF 2.0 file: what of it is read, and the arrays that it names."""
+"""The JSON description in a glTF 2.0 file, and its arrays."""
 
 import base64
 import binascii
@@ -16,10 +16,10 @@ TRIANGLES, STRIP, FAN = 4, 5, 6
 """Modes of primitives with triangles (the same section)."""
 
 TYPES: dict[int, str] = {5121: "<u1", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-"""Component types that are read, by glTF's numbers (glTF 2.0, 3.6.2.2)."""
+"""Supported component types by their numbers (glTF 2.0, 3.6.2.2)."""
 
 FLOAT = 5126
-"""The number of single precision, which corners have without extensions."""
+"""Number of single precision, the type of corners without extensions."""
 
 COMPRESSED = "its triangles are compressed; export it without compression"
 
@@ -60,7 +60,7 @@ class GltfMesh(Struct, frozen=True, rename="camel"):
 
 
 class Node(Struct, frozen=True, rename="camel"):
-    """A place: matrix, column by column, or translation, rotation (x, y, z, w) and scale."""
+    """A placement: matrix, column by column, or translation, rotation (x, y, z, w) and scale."""
 
     mesh: Index | None = None
     children: tuple[Index, ...] = ()
@@ -70,7 +70,7 @@ class Node(Struct, frozen=True, rename="camel"):
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def transform(self) -> np.ndarray:
-        """(4, 4), from this node's frame to that of the node above (glTF 2.0, 3.5.3)."""
+        """(4, 4) transform from this node's frame to its parent's (glTF 2.0, 3.5.3)."""
         if self.matrix is not None:
             return np.array(self.matrix).reshape(4, 4).T
         x, y, z, w = self.rotation
@@ -92,7 +92,7 @@ class GltfScene(Struct, frozen=True, rename="camel"):
 
 
 class Description(Struct, frozen=True, rename="camel"):
-    """What a file consists of. Everything refers to others by their places in these lists."""
+    """Contents of a file, which refer to each other by indices of these lists."""
 
     buffers: tuple[Buffer, ...] = ()
     buffer_views: tuple[BufferView, ...] = ()
@@ -104,14 +104,14 @@ class Description(Struct, frozen=True, rename="camel"):
     extensions_required: tuple[str, ...] = ()
 
     def check(self) -> None:
-        """Raises ValueError for a file that needs an extension: what is compressed."""
+        """Raises ValueError for a file with compressed data."""
         if any(
             "compression" in name or "quantization" in name for name in self.extensions_required
         ):
             raise ValueError(COMPRESSED)
 
     def roots(self) -> tuple[int, ...]:
-        """The nodes at the top of the scene that is shown, or of all where no scene is."""
+        """The root nodes of the default scene, or of all nodes without a scene."""
         if self.scenes:
             return self.scenes[self.scene].nodes
         below = {child for node in self.nodes for child in node.children}
@@ -127,7 +127,7 @@ class Buffers:
         self._decoded: dict[int, memoryview] = {}
 
     def triangles(self, part: Primitive) -> Body:
-        """The corners and triangles of a primitive; none of points and lines."""
+        """The corners and triangles of a primitive; empty for points and lines."""
         if part.mode in POINTS_AND_LINES:
             return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
         corners = self._array(part.attributes["POSITION"], "VEC3").astype(np.float64)
@@ -145,9 +145,9 @@ class Buffers:
         return corners, ahead
 
     def _array(self, number: int, kind: Literal["VEC3", "SCALAR"]) -> np.ndarray:
-        """(count, 3) float32 or (count,) unsigned: what an accessor names.
+        """The array of an accessor, (count, 3) float32 or (count,) unsigned.
 
-        Raises ValueError for one that is compressed, and one that lies outside its buffer.
+        Raises ValueError for a compressed one, and KeyError for one that lies outside its buffer.
         """
         accessor = self._about.accessors[number]
         wanted = (
@@ -168,7 +168,7 @@ class Buffers:
         stride = view.byte_stride or width
         end = accessor.byte_offset + stride * max(accessor.count - 1, 0) + width
         data = self._buffer(view.buffer)
-        # NumPy takes an empty buffer for one of any size.
+        # NumPy accepts an empty buffer for any size.
         if end > view.byte_length or view.byte_offset + view.byte_length > len(data):
             raise KeyError(number)
         check_corners(accessor.count)
@@ -177,7 +177,7 @@ class Buffers:
         return array if kind == "VEC3" else array[:, 0]
 
     def _buffer(self, number: int) -> memoryview:
-        """A buffer's bytes: of the binary chunk, or of a data URI (glTF 2.0, 3.6.1)."""
+        """The bytes of a buffer, from the binary chunk or a data URI (glTF 2.0, 3.6.1)."""
         if number in self._decoded:
             return self._decoded[number]
         buffer = self._about.buffers[number]

@@ -1,7 +1,4 @@
-"""Wavefront OBJ: corners and faces as text, without units; mm is assumed.
-
-Materials and the files that hold them are not looked at.
-"""
+"""Reads Wavefront OBJ: corners and faces as text, without units. Ignores materials."""
 
 from array import array
 from collections.abc import Iterator
@@ -12,33 +9,33 @@ import trimesh
 
 from t2twin.primitives_cad.mesh_io.bodies import (
     NOT_NUMBERS,
+    check_coordinates,
     check_corners,
-    check_places,
     check_triangles,
-    joined,
+    merged,
 )
 
 FLAT = 1e-9
-"""Share of a face's area below which a triangle of it counts as a line (assumed)."""
+"""Share of a face's area below which one of its triangles counts as a line (assumed)."""
 
 MAX_LINE = 1_000_000
-"""Longest line that is read, characters (assumed: far more than a face's corners take)."""
+"""Limit on the characters of a line (assumed: far more than a face needs)."""
 
 MAX_FACE_CORNERS = 1000
-"""Most corners of a face (assumed: a finely drawn circle)."""
+"""Limit on the corners of a face (assumed: a fine circle)."""
 
 MAX_TRIED_CORNERS = 50_000_000
-"""Most corners, each counted as often as its face is tried to be cut (assumed: some seconds)."""
+"""Limit on corners times attempts to triangulate their face (assumed: some seconds)."""
 
 CHUNK_CORNERS = 300_000
-"""Corners of faces that are cut at once (assumed: tens of MB)."""
+"""Corners of the faces that are triangulated at a time (assumed: tens of MB)."""
 
 BYTE_ORDER_MARK = "\u00ef\u00bb\u00bf"
 """The three bytes of UTF-8's byte order mark, read as Latin-1."""
 
 
 def read(path: Path) -> tuple[trimesh.Trimesh, float]:
-    """The faces of an OBJ file and 1 mm; see this package."""
+    """The faces of an OBJ file, and 1 mm; see this package."""
     corners = array("d")
     faces: dict[int, array[int]] = {}
     triangles = 0
@@ -52,14 +49,14 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
             face = [_index(field, len(corners) // 3) for field in fields]
             faces.setdefault(len(face), array("q")).extend(face)
     places = np.array(corners, dtype=np.float64).reshape(-1, 3)
-    check_places(places)
+    check_coordinates(places)
     rows = [_triangles(np.array(faces[size]).reshape(-1, size), places) for size in sorted(faces)]
     whole = np.concatenate(rows) if rows else np.zeros((0, 3), dtype=np.int64)
-    return joined([(places, whole)]), 1.0
+    return merged([(places, whole)]), 1.0
 
 
 def _lines(path: Path) -> Iterator[list[str]]:
-    """The words of each line that has any; a line that ends with a backslash goes on."""
+    """The words of each nonempty line; a backslash at the end continues a line."""
     with path.open(encoding="latin-1") as file:
         before = ""
         while line := file.readline(MAX_LINE + 1):
@@ -82,7 +79,7 @@ def _corner(fields: list[str]) -> list[float]:
 
 
 def _index(field: str, corners: int) -> int:
-    """A face's corner, counted from 0; a file counts from 1, or back from the newest corner."""
+    """Index of a face's corner from 0; files count from 1, or back from the last corner."""
     number = field.partition("/")[0]
     try:
         index = int(number)
@@ -94,7 +91,7 @@ def _index(field: str, corners: int) -> int:
 
 
 def _triangles(faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(m, 3): faces (k, n) of n corners each, cut into triangles that lie within their outlines."""
+    """Triangles (m, 3) within the outlines of faces (k, n) with n corners each."""
     size = faces.shape[1]
     if size < 3:
         raise ValueError("it has faces of fewer than three corners")
@@ -107,10 +104,10 @@ def _triangles(faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
         raise ValueError("its faces name corners that it lacks")
     if size == 3:
         return faces
-    at_once = max(CHUNK_CORNERS // size, 1)
+    batch = max(CHUNK_CORNERS // size, 1)
     tried, cut = 0, []
-    for start in range(0, len(faces), at_once):
-        waiting = faces[start : start + at_once]
+    for start in range(0, len(faces), batch):
+        waiting = faces[start : start + batch]
         for _ in range(size):
             tried += waiting.size
             good = _is_fan(waiting, corners)
@@ -124,7 +121,7 @@ def _triangles(faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _is_fan(faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(k,): whether triangles that all have a face's first corner lie within its outline."""
+    """(k,) whether the fan of triangles from each face's first corner lies within its outline."""
     spokes = corners[faces[:, 1:]] - corners[faces[:, :1]]
     areas = np.cross(spokes[:, :-1], spokes[:, 1:])
     whole = areas.sum(axis=1)
@@ -133,6 +130,6 @@ def _is_fan(faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _fans(faces: np.ndarray) -> np.ndarray:
-    """(k * (n - 2), 3): triangles that all have the first corner of their face (k, n)."""
+    """(k * (n - 2), 3) fans of triangles from the first corner of each face (k, n)."""
     first = np.broadcast_to(faces[:, :1], faces[:, 2:].shape)
     return np.stack([first, faces[:, 1:-1], faces[:, 2:]], axis=-1).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Solids that a user brings, from files of triangles and STEP files."""
+"""Reads solids from mesh files and STEP files."""
 
 import math
 from pathlib import Path
@@ -8,7 +8,7 @@ import trimesh
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import read_file
+from t2twin.core.files import read_file
 from t2twin.primitives_cad.mesh_io import glb, obj, ply, repair, step, stl, threemf
 
 READERS = {
@@ -23,25 +23,25 @@ READERS = {
 SUFFIXES = tuple(READERS)
 
 MAX_BYTES = 500_000_000
-"""Largest file that is read, bytes (assumed: about 2 million triangles as text)."""
+"""Size limit of files, bytes (assumed: about 2 million triangles as text)."""
 
 SMALLEST_MM = 0.5
-"""Least longer side of a solid seen from above, mm: a press looks for its contact on cells of
-0.5 mm, and posts of 0.3 mm fall between their sample points at some places (measured at ten poses:
-from 0.5 mm on none was missed, and the DIGIT's contact area was within 3 %)."""
+"""Least longer side of a solid seen from above, mm. The contact solver's survey has cells of 0.5
+mm, and posts of 0.3 mm fall between its sample points at some poses. Measured at ten poses: from
+0.5 mm on none was missed, and the DIGIT's contact area was within 3 %."""
 
 NARROWEST_MM = 0.2
-"""Least narrower side, mm: four points of a height map. Blades of 0.1 mm were missed at some
-places, of 0.2 mm and more at none."""
+"""Least narrower side, mm: four points of a height map. Blades of 0.1 mm were missed at some poses,
+blades of 0.2 mm and more at none."""
 
 LARGEST_MM = 1000.0
-"""Greatest size of a solid, mm (assumed: more is a file in other units)."""
+"""Largest size of a solid, mm (assumed: larger ones are in other units)."""
 
-UNITS_MM = {"metres": 1000.0, "inches": 25.4, "mm": 1.0, "micrometers": 0.001}
-"""Units that a file of an unlikely size may be in, mm."""
+UNITS_MM = {"meters": 1000.0, "inches": 25.4, "mm": 1.0, "micrometers": 0.001}
+"""Possible units of a file with an unlikely size, mm."""
 
 LIKELY_MM = 30.0
-"""A likely size of what is pressed, mm (assumed: about a sensor's length)."""
+"""A likely size of a shape, mm (assumed: about a sensor's length)."""
 
 
 def check_scale(scale: float | None) -> None:
@@ -54,7 +54,7 @@ def check_scale(scale: float | None) -> None:
 
 
 def read_bytes(path: Path) -> bytes:
-    """A file's content. Raises T2TwinError where it is no file, cannot be read, or is too large."""
+    """A file's content. Raises T2TwinError where it is missing, unreadable, empty or too large."""
     otherwise = f"give a catalogue name or a file of {', '.join(SUFFIXES)}"
     content = read_file(path, MAX_BYTES, otherwise)
     if not content:
@@ -63,12 +63,11 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_solid(path: Path, scale: float | None = None) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
-    """The solid in a file, mm, its pressing side up (+z), and what had to be mended, in sentences.
+    """The solid in a file, mm, its pressing side up (+z), and sentences about repairs.
 
-    Moved so that the press axis passes the middle of its bounding box in x and y, and its highest
-    point is at z = 0. Several bodies are kept together, each where the file puts it. scale: mm in
-    one of the file's units; None takes what the file says (3MF, GLB, STEP), else 1. The lengths of
-    STEP come in mm whatever its unit: there the scale is a factor.
+    The press axis passes through the center of the bounding box in x and y; the highest point is at
+    z = 0. Several bodies form one solid. scale: mm per unit of the file; None for the file's own
+    unit (3MF, GLB, STEP), else 1. STEP is always read in mm, so that the scale is a factor.
     Raises T2TwinError for a missing, unreadable, empty or open solid, or an unlikely size.
     """
     check_scale(scale)
@@ -78,23 +77,23 @@ def read_solid(path: Path, scale: float | None = None) -> tuple[trimesh.Trimesh,
     read_bytes(path)
     try:
         mesh, unit_mm = READERS[suffix](path)
-    except Exception as error:  # readers' errors are of many unrelated kinds
+    except Exception as error:  # readers raise many unrelated types
         raise T2TwinError(
             f"{path} cannot be read as {suffix[1:].upper()}: {_first_line(error)}"
         ) from error
     _resize(path, mesh, unit_mm if scale is None else scale)
     try:
-        mesh, mended = repair.closed(mesh)
+        mesh, repaired = repair.close_mesh(mesh)
     except ValueError as error:
         raise T2TwinError(f"{path} {error}") from error
     low, high = mesh.bounds
     middle = (low + high) / 2.0
     mesh.apply_translation((-middle[0], -middle[1], -high[2]))
-    return mesh, () if mended is None else (f"{path} {mended}",)
+    return mesh, () if repaired is None else (f"{path} {repaired}",)
 
 
 def _resize(path: Path, mesh: trimesh.Trimesh, unit_mm: float) -> None:
-    """Brings the mesh to mm. Raises T2TwinError for a size that cannot be pressed."""
+    """Scale a mesh to mm. Raises T2TwinError for a size that cannot be pressed."""
     with np.errstate(over="ignore"):
         sides = np.ptp(mesh.vertices, axis=0)
     if sides.min() == 0.0:
@@ -120,7 +119,7 @@ def _fits(width: float, length: float, height: float) -> bool:
 
 
 def _likelier(sides: np.ndarray, unit_mm: float) -> str:
-    """Which scale would make these sides (3,) a likely size, in words, or nothing."""
+    """A clause with a scale that gives these sides, (3,), a likely size, or an empty one."""
     largest = float(sides.max())
 
     def unlikeliness(unit: float) -> float:

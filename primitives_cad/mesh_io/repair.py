@@ -1,4 +1,4 @@
-"""Meshes made to close around a solid: loose corners joined, small holes closed."""
+"""Repairs meshes: merges loose corners and closes small holes."""
 
 from itertools import pairwise
 
@@ -6,42 +6,41 @@ import numpy as np
 import trimesh
 
 LOOSE_DIGITS = 4
-"""Decimals of a mm to which the corners of a mesh with gaps are joined (assumed; STL is
-single precision)."""
+"""Decimals of a mm to which the corners of an open mesh are rounded (assumed; STL is single
+precision)."""
 
 HOLES_SHARE = 0.01
-"""Largest share of a surface that is put over its holes (assumed: a few triangles that a mesh
-lost, and no face)."""
+"""Largest share of the surface that closes holes (assumed: a few missing triangles, but no face).
+"""
 
 MAX_RIM_EDGES = 2000
-"""Most edges around holes that are looked at (assumed: more is a surface, not a solid)."""
+"""Limit on the edges around holes (assumed: more is a surface, not a solid)."""
 
 THINNEST_MM = 1e-6
-"""Least volume for half the surface, mm: thinner than this a body is a sheet (assumed: far below
-any length of a shape)."""
+"""Least volume over half the surface, mm: thinner bodies are sheets (assumed: far below any length
+of a shape)."""
 
 
-def closed(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
-    """A mesh (mm) that closes around a volume, its faces turned outwards, and what was done to
-    its holes.
+def close_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
+    """A closed mesh (mm) with its faces turned outwards, and a clause about closed holes or None.
 
-    Bodies that touch or overlap stay as they are. Raises ValueError with a clause that says why
-    a mesh is no solid.
+    Bodies that touch or overlap are not changed. Raises ValueError with the reason where the mesh
+    is not a solid.
     """
-    said = None
+    note = None
     if not mesh.is_watertight:
-        mesh, said = _joined(mesh)
-    with np.errstate(invalid="ignore", divide="ignore"):  # no volume has no middle
+        mesh, note = _merged(mesh)
+    with np.errstate(invalid="ignore", divide="ignore"):  # a sheet has no center of volume
         if not mesh.is_winding_consistent or mesh.volume <= 0.0:
             trimesh.repair.fix_normals(mesh)
         sheet = mesh.volume <= THINNEST_MM * mesh.area / 2.0
     if sheet:
         raise ValueError("encloses no volume; a solid is needed")
-    return mesh, said
+    return mesh, note
 
 
-def _joined(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
-    """The mesh with its corners joined, single faces for double ones, and small holes closed."""
+def _merged(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
+    """The mesh with merged corners, without duplicate faces and small holes."""
     loose = mesh.copy()
     loose.merge_vertices(digits_vertex=LOOSE_DIGITS)
     loose.update_faces(loose.nondegenerate_faces())
@@ -61,7 +60,7 @@ def _joined(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
 
 
 def _balanced(mesh: trimesh.Trimesh) -> bool:
-    """Whether every edge is passed as often in one direction as in the other."""
+    """Whether the faces pass each edge equally often in both directions."""
     edges = mesh.edges
     forward = edges[:, 0] < edges[:, 1]
     _, which = np.unique(mesh.edges_sorted, axis=0, return_inverse=True)
@@ -69,12 +68,12 @@ def _balanced(mesh: trimesh.Trimesh) -> bool:
 
 
 def _rim_edges(mesh: trimesh.Trimesh) -> np.ndarray:
-    """(n, 2) corners of the edges that one triangle only has, in that triangle's order."""
+    """(n, 2) corners of the edges of a single triangle, in that triangle's order."""
     return mesh.edges[trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)]
 
 
 def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str]:
-    """The mesh with its holes closed flat, and a clause that says so."""
+    """The mesh with its holes closed by fans of triangles, and a clause about them."""
     trimesh.repair.fix_winding(mesh)
     rims = _rims(mesh, _rim_edges(mesh))
     added = [(rim[0], b, a) for rim in rims for a, b in pairwise(rim[1:])]
@@ -91,8 +90,8 @@ def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str]:
 
 
 def _rims(mesh: trimesh.Trimesh, edges: np.ndarray) -> list[list[int]]:
-    """Corners around each hole, from the edges (n, 2) around all, or nothing where those do not
-    close, or are too many."""
+    """Corners around each hole, from the edges (n, 2) around all; empty where the edges do not
+    close or are too many."""
     if len(edges) > MAX_RIM_EDGES:
         return []
     onward: dict[int, list[int]] = {}
@@ -119,9 +118,9 @@ def _rims(mesh: trimesh.Trimesh, edges: np.ndarray) -> list[list[int]]:
 
 
 def _turns(mesh: trimesh.Trimesh, walk: list[int], corners: list[int]) -> np.ndarray:
-    """How far to turn through the hole, from the way back along the walk to each of corners, rad.
+    """Angles through the hole from the last edge of a walk to the edges to corners, rad.
 
-    Where holes touch at a corner, the least turn stays with the same hole.
+    Where holes touch at a corner, the smallest angle stays on the same hole.
     """
     here, normal = mesh.vertices[walk[-1]], mesh.vertex_normals[walk[-1]]
     back = np.asarray(mesh.vertices[walk[0]] - here)

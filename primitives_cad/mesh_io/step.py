@@ -1,22 +1,25 @@
-"""STEP: solids with curved faces. The CAD kernel reads it, into mm whatever its unit."""
+"""Reads STEP with the CAD kernel: solids with curved faces, converted to mm."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import trimesh
+if TYPE_CHECKING:
+    import trimesh
 
 
-def read(path: Path) -> tuple[trimesh.Trimesh, float]:
+def read(path: Path) -> tuple["trimesh.Trimesh", float]:
     """The solids of a STEP file as one mesh, and 1 mm; see this package."""
     import cadquery as cq
+    import trimesh
 
     from t2twin.primitives_cad.solids import tessellate
 
     try:
         with _quiet_kernel():
             solids = cq.importers.importStep(str(path)).solids().vals()
-    except Exception as error:  # the CAD kernel's errors are of many unrelated kinds
+    except Exception as error:  # the CAD kernel raises many unrelated types
         raise ValueError("it is damaged or not STEP") from error
     if not solids:
         raise ValueError("it holds no solid body; surfaces alone cannot be pressed")
@@ -26,7 +29,7 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
 
 @contextmanager
 def _quiet_kernel() -> Iterator[None]:
-    """Without the kernel's own words on standard output."""
+    """Suppress the kernel's messages on standard output."""
     from OCP.Message import Message  # pyright: ignore[reportAttributeAccessIssue]
 
     messenger = Message.DefaultMessenger_s()

@@ -1,6 +1,6 @@
-"""3MF: a ZIP archive of XML models with parts, places and a unit (3MF Core Specification 1.3).
+"""Reads 3MF: a ZIP archive of XML models with parts and a unit (3MF Core Specification 1.3).
 
-Read with Python's own ZIP and XML: nothing outside the archive, and no more than is allowed here.
+Uses Python's ZIP and XML modules, never opens other files, and limits the amount of data.
 """
 
 import zipfile
@@ -20,8 +20,8 @@ from t2twin.primitives_cad.mesh_io.bodies import (
     Body,
     check_corners,
     check_triangles,
-    joined,
-    moved,
+    merged,
+    transformed,
 )
 
 UNITS_MM = {
@@ -32,35 +32,35 @@ UNITS_MM = {
     "foot": 304.8,
     "meter": 1000.0,
 }
-"""The units that a model may name, mm; millimeter where it names none."""
+"""Allowed units of a model, mm; the default is millimeter."""
 
 MAX_UNPACKED_BYTES = 300_000_000
-"""Most bytes of models in an archive, unpacked (assumed: what 2 million triangles take)."""
+"""Limit on the unpacked bytes of an archive's models (assumed: 2 million triangles)."""
 
 MAX_PARTS = 10_000
-"""Most parts, and most places that they name (assumed)."""
+"""Limit on the parts and their placements (assumed)."""
 
 CHUNK_BYTES = 1 << 20
-"""Bytes that are unpacked and read at once (assumed)."""
+"""Bytes that are unpacked and parsed at a time (assumed)."""
 
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
 ELSEWHERE = "{http://schemas.microsoft.com/3dmanufacturing/production/2015/06}path"
-"""The attribute that names another model of the archive."""
+"""Attribute with the name of another model in the archive."""
 
 START = "/3D/3dmodel.model"
-"""The model that says what is built, where the archive does not name another."""
+"""Default name of the model with the build instructions."""
 
 RELATIONSHIPS = "_rels/.rels"
-"""The file that names it (Open Packaging Conventions, 9.3)."""
+"""File with the name of that model (Open Packaging Conventions, 9.3)."""
 
 RELATIONSHIP = "{http://schemas.openxmlformats.org/package/2006/relationships}Relationship"
 START_TYPE = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
-"""The element that does so, and its type (3MF Core Specification 1.3, 2.1)."""
+"""The element with the name, and its type (3MF Core Specification 1.3, 2.1)."""
 
 
 @dataclass(frozen=True)
 class _Place:
-    """A part, by the model that holds it and its number, and where it stands, (4, 4)."""
+    """A placed part. part: its model and number. transform: (4, 4)."""
 
     part: tuple[str, str]
     transform: np.ndarray
@@ -68,8 +68,7 @@ class _Place:
 
 @dataclass
 class _Part:
-    """A part's own triangles, and the parts that it is made of. corners: x, y, z in turn. faces:
-    three numbers of corners in turn."""
+    """A part's triangles and components. corners: flat x, y, z. faces: flat corner indices."""
 
     corners: array = field(default_factory=lambda: array("d"))
     faces: array = field(default_factory=lambda: array("q"))
@@ -78,7 +77,7 @@ class _Part:
 
 @dataclass
 class _Counts:
-    """How much the models of an archive hold together."""
+    """Numbers of elements in all models of an archive."""
 
     corners: int = 0
     triangles: int = 0
@@ -93,9 +92,9 @@ class _Counts:
 
 
 class _Xml:
-    """What takes up XML as it is parsed."""
+    """Target of an XML parser."""
 
-    def start(self, tag: str, said: dict[str, str]) -> None:
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
         raise NotImplementedError
 
     def doctype(self, name: str, public: str, system: str) -> None:
@@ -106,17 +105,17 @@ class _Xml:
 
 
 class _Start(_Xml):
-    """The name of the model that says what is built, from the archive's relationships."""
+    """Parses the archive's relationships for the name of the start model."""
 
     name: str = START
 
-    def start(self, tag: str, said: dict[str, str]) -> None:
-        if tag == RELATIONSHIP and said.get("Type") == START_TYPE:
-            self.name = "/" + said["Target"].removeprefix("/")
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        if tag == RELATIONSHIP and attributes.get("Type") == START_TYPE:
+            self.name = "/" + attributes["Target"].removeprefix("/")
 
 
 class _Model(_Xml):
-    """What one model says, taken up as the XML is parsed."""
+    """Parses one model."""
 
     def __init__(self, name: str, counts: _Counts) -> None:
         self.name = name
@@ -126,48 +125,52 @@ class _Model(_Xml):
         self.built: list[_Place] = []
         self.part = _Part()
 
-    def start(self, tag: str, said: dict[str, str]) -> None:
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
         if not tag.startswith(CORE):
             return
         match tag[len(CORE) :]:
             case "vertex":
                 self.counts.corners += 1
                 check_corners(self.counts.corners)
-                self.part.corners.extend((float(said["x"]), float(said["y"]), float(said["z"])))
+                self.part.corners.extend(
+                    (float(attributes["x"]), float(attributes["y"]), float(attributes["z"]))
+                )
             case "triangle":
                 self.counts.triangles += 1
                 check_triangles(self.counts.triangles)
-                self.part.faces.extend((int(said["v1"]), int(said["v2"]), int(said["v3"])))
+                self.part.faces.extend(
+                    (int(attributes["v1"]), int(attributes["v2"]), int(attributes["v3"]))
+                )
             case "object":
                 self.counts.count_part()
                 self.part = _Part()
-                # Supports and the like are not the solid: they stay empty.
-                solid = said.get("type", "model") == "model"
-                self.parts[self.name, said["id"]] = self.part if solid else _Part()
+                # Supports and the like are not part of the solid and stay empty.
+                solid = attributes.get("type", "model") == "model"
+                self.parts[self.name, attributes["id"]] = self.part if solid else _Part()
             case "component":
-                self.part.places.append(self._place(said))
+                self.part.places.append(self._place(attributes))
             case "item":
-                self.built.append(self._place(said))
+                self.built.append(self._place(attributes))
             case "model":
-                unit = said.get("unit", "millimeter")
+                unit = attributes.get("unit", "millimeter")
                 if unit not in UNITS_MM:
                     raise ValueError(f"its unit {unit!r} is not one of {', '.join(UNITS_MM)}")
                 self.unit_mm = UNITS_MM[unit]
 
-    def _place(self, said: dict[str, str]) -> _Place:
+    def _place(self, attributes: dict[str, str]) -> _Place:
         self.counts.count_part()
         transform = np.eye(4)
-        if "transform" in said:
+        if "transform" in attributes:
             try:
-                numbers = np.array(said["transform"].split(), dtype=np.float64)
+                numbers = np.array(attributes["transform"].split(), dtype=np.float64)
                 transform[:3] = numbers.reshape(4, 3).T
             except ValueError:
                 raise ValueError("it places a part by other than 12 numbers") from None
-        return _Place((said.get(ELSEWHERE, self.name), said["objectid"]), transform)
+        return _Place((attributes.get(ELSEWHERE, self.name), attributes["objectid"]), transform)
 
 
 def read(path: Path) -> tuple[trimesh.Trimesh, float]:
-    """What a 3MF file builds and its unit in mm; see this package."""
+    """The built parts of a 3MF file, and its unit in mm; see this package."""
     try:
         with zipfile.ZipFile(path) as archive:
             start, models = _models(archive)
@@ -180,12 +183,14 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
     except OverflowError as error:
         raise ValueError("its faces name corners that it lacks") from error
     parts = {name: part for model in models for name, part in model.parts.items()}
-    return joined(_bodies(start.built, parts)), start.unit_mm
+    return merged(_bodies(start.built, parts)), start.unit_mm
 
 
 def _models(archive: zipfile.ZipFile) -> tuple[_Model, list[_Model]]:
-    """The model that says what is built, and every model of the archive; what is unpacked of each
-    is what it announces."""
+    """The start model and all models of the archive.
+
+    zipfile unpacks no more of each file than its header declares.
+    """
     files = {f"/{each.filename}": each for each in archive.infolist()}
     relationships = files.get(f"/{RELATIONSHIPS}")
     models = {name: each for name, each in files.items() if name.lower().endswith(".model")}
@@ -217,7 +222,7 @@ def _parse(archive: zipfile.ZipFile, file: zipfile.ZipInfo, target: Any) -> None
 
 
 def _bodies(built: list[_Place], parts: dict[tuple[str, str], _Part]) -> Iterator[Body]:
-    """The triangles of all that is built, part by part, each where it stands."""
+    """The triangles of all built parts, in the frame of the start model."""
     waiting, seen = list(built), 0
     while waiting:
         place = waiting.pop()
@@ -231,4 +236,4 @@ def _bodies(built: list[_Place], parts: dict[tuple[str, str], _Part]) -> Iterato
             waiting += [_Place(of.part, place.transform @ of.transform) for of in part.places]
         corners = np.array(part.corners, dtype=np.float64).reshape(-1, 3)
         faces = np.array(part.faces, dtype=np.int64).reshape(-1, 3)
-        yield moved((corners, faces), place.transform)
+        yield transformed((corners, faces), place.transform)

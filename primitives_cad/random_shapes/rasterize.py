@@ -1,7 +1,7 @@
-"""The heights of a composition, worked out on a grid of points.
+"""Rasterizes the heights of a composition on a grid of points.
 
-For each feature a point has an inner distance, how far it lies within the outline, mm; the profile
-turns it into a height. Features are joined by the higher one.
+The profile of a feature is a function of the distance of a point from the outline. The height of
+the composition is the maximum over its features.
 """
 
 import numpy as np
@@ -19,12 +19,14 @@ _POINTED, _SQUARE = 1, 2
 
 MAX_SIDES = 8
 VALUES = 16
-"""Numbers that a feature is for the compiled loop."""
+"""Numbers that represent a feature in the compiled loop."""
 
 
 def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """(ny, nx) heights over the axes' points, mm, before they are moved to where the highest is at
-    0; NOTHING_MM where there is no feature. x_mm, y_mm: rising, equally spaced by the same."""
+    """Heights over the points of two axes, (ny, nx) float32, mm; NOTHING_MM without a feature.
+
+    x_mm, y_mm: rising, with the same spacing. The highest point is not yet at 0.
+    """
     features = composition.features
     values = np.array([_values(feature) for feature in features])
     sides = np.full((len(features), MAX_SIDES, 3), np.nan)
@@ -33,7 +35,7 @@ def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> 
             sides[n, k] = np.cos(angle), np.sin(angle), apart
     cuts = [(np.cos(angle), np.sin(angle), apart) for angle, apart in composition.cuts]
     heights = np.full((y_mm.size, x_mm.size), NOTHING_MM, np.float32)
-    _relief(
+    _rasterize(
         values,
         sides,
         np.array(cuts, dtype=float).reshape(-1, 3),
@@ -48,6 +50,7 @@ def heights_mm(composition: Composition, x_mm: np.ndarray, y_mm: np.ndarray) -> 
 
 
 def _values(feature: Feature) -> tuple[float, ...]:
+    """The VALUES numbers of a feature, in the order of `_rasterize`."""
     half_width = min(feature.half_width_mm, 1e6)
     if feature.outline == "polygon":
         reach = _farthest_corner(feature.sides)
@@ -77,12 +80,12 @@ def _values(feature: Feature) -> tuple[float, ...]:
 
 
 def _farthest_corner(sides: tuple[tuple[float, float], ...]) -> float:
-    """How far a polygon reaches from its middle, mm, and a little more. sides: as of a Feature."""
+    """Upper bound on the distance of a polygon's corners from its center, mm."""
     angles, aparts = np.array(sides).T
     normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     one, other = np.triu_indices(len(sides), 1)
     pairs = np.stack([normals[one], normals[other]], axis=1)
-    meet = np.abs(np.linalg.det(pairs)) > 1e-9  # parallel sides do not
+    meet = np.abs(np.linalg.det(pairs)) > 1e-9  # else the sides are parallel
     right = np.stack([aparts[one], aparts[other]], axis=1)[meet, :, None]
     corners = np.linalg.solve(pairs[meet], right)[..., 0]
     kept = (corners @ normals.T <= aparts + 1e-6).all(axis=1)
@@ -91,8 +94,8 @@ def _farthest_corner(sides: tuple[tuple[float, float], ...]) -> float:
 
 @compiled(inline="always")
 def _inner(outline, u, v, half_width, half_length, radius, wall, sides):
-    """How far a point of the feature's frame lies within its outline, how far within its long
-    sides, and how far along it lies, mm."""
+    """Distances of a point of the feature's frame inside the outline and inside the long sides, and
+    its position along the feature, mm."""
     if outline == _HALF_PLANE:
         return u, u, v
     if outline == _DISC:
@@ -112,7 +115,7 @@ def _inner(outline, u, v, half_width, half_length, radius, wall, sides):
         return inner, inner, 0.0
     across, along = u, v
     if radius > 0.0:
-        # bent about a point beside its middle
+        # bent about a point next to its center
         far = np.hypot(u - radius, v)
         if abs(far - radius) >= half_width:
             return -1.0, -1.0, 0.0
@@ -123,13 +126,13 @@ def _inner(outline, u, v, half_width, half_length, radius, wall, sides):
 
 @compiled(inline="always")
 def _profile(profile, inner, sideways, half_width, curve):
-    """How far below its top a feature is at a point, mm."""
+    """Depth of a feature's surface below its top at a point, mm."""
     if profile == _ROUNDED and inner < curve:
         rest = curve - inner
         return curve - np.sqrt(curve * curve - rest * rest)
     if profile == _ROD:
-        off = half_width - sideways
-        return curve - np.sqrt(max(curve * curve - off * off, 0.0))
+        offset = half_width - sideways
+        return curve - np.sqrt(max(curve * curve - offset * offset, 0.0))
     if profile == _WEDGE:
         return (half_width - sideways) * curve
     return 0.0
@@ -137,7 +140,7 @@ def _profile(profile, inner, sideways, half_width, curve):
 
 @compiled(inline="always")
 def _toothed(teeth, along, pitch, depth):
-    """How far below its top a serrated feature is at a place along it, mm."""
+    """Depth of the teeth at a position along a feature, mm."""
     part = along / pitch - np.floor(along / pitch)
     if teeth == _POINTED:
         return depth * abs(2.0 * part - 1.0)
@@ -146,7 +149,7 @@ def _toothed(teeth, along, pitch, depth):
 
 @compiled(inline="always")
 def _is_left(x, y, cuts, holes):
-    """Whether no plane and no hole has taken a point away."""
+    """Whether no cut and no hole removes a point."""
     for n in range(cuts.shape[0]):
         if cuts[n, 0] * x + cuts[n, 1] * y > cuts[n, 2]:
             return False
@@ -157,13 +160,15 @@ def _is_left(x, y, cuts, holes):
 
 
 @compiled(inline="always")
-def _half_row(cos, off, middle_x, least, x0, pitch, first, last):
-    """What of a row from first to last a half-plane may cover, and what of that lies so far inside
-    that its height there is the plane's: first, last, whole from, whole to. off: sin * dy."""
+def _half_row(cos, offset, middle_x, least, x0, pitch, first, last):
+    """Columns of a row that a half-plane may cover, and those so far inside that it is flat there.
+
+    Returns first, last, first flat and last flat column. offset: sin * dy.
+    """
     if abs(cos) < 1e-9:
         return first, last, last + 1, last
-    edge = (middle_x - off / cos - x0) / pitch
-    inside = (middle_x + (least - off) / cos - x0) / pitch
+    edge = (middle_x - offset / cos - x0) / pitch
+    inside = (middle_x + (least - offset) / cos - x0) / pitch
     if cos > 0.0:
         first = max(first, int(np.floor(edge)))
         return first, last, max(first, int(np.ceil(inside)) + 1), last
@@ -175,7 +180,8 @@ def _half_row(cos, off, middle_x, least, x0, pitch, first, last):
     "void(f8[:, ::1], f8[:, :, ::1], f8[:, ::1], f8[:, ::1], f8, f8, f8[::1], f8[::1], f4[:, ::1])",
     nogil=True,
 )
-def _relief(values, sides, cuts, holes, tilt_x, tilt_y, x_mm, y_mm, heights):
+def _rasterize(values, sides, cuts, holes, tilt_x, tilt_y, x_mm, y_mm, heights):
+    """Raise heights, (ny, nx), to all features."""
     pitch = x_mm[1] - x_mm[0]
     for n in range(values.shape[0]):
         outline, profile = int(values[n, 0]), int(values[n, 1])
@@ -193,21 +199,21 @@ def _relief(values, sides, cuts, holes, tilt_x, tilt_y, x_mm, y_mm, heights):
             first = max(int(np.ceil((middle_x - half - x_mm[0]) / pitch)), 0)
             last = min(int(np.floor((middle_x + half - x_mm[0]) / pitch)), x_mm.size - 1)
             if outline == _BAR and radius == 0.0 and abs(cos) > 1e-9:
-                # only the part of the row between its long sides
+                # only the part of the row between the long sides
                 at, wide = sin * dy / cos, half_width / abs(cos)
                 first = max(first, int(np.ceil((middle_x - at - wide - x_mm[0]) / pitch)))
                 last = min(last, int(np.floor((middle_x - at + wide - x_mm[0]) / pitch)))
-            whole_from, whole_to = last + 1, last
+            flat_from, flat_to = last + 1, last
             if outline == _HALF_PLANE and plain and profile in (_FLAT, _ROUNDED):
                 least = curve if profile == _ROUNDED else 0.0
-                first, last, whole_from, whole_to = _half_row(
+                first, last, flat_from, flat_to = _half_row(
                     cos, sin * dy, middle_x, least, x_mm[0], pitch, first, last
                 )
-                for j in range(whole_from, whole_to + 1):
+                for j in range(flat_from, flat_to + 1):
                     height = np.float32(-lower + tilt_x * x_mm[j] + tilt_y * y_mm[i])
                     heights[i, j] = max(heights[i, j], height)
             for j in range(first, last + 1):
-                if whole_from <= j <= whole_to:
+                if flat_from <= j <= flat_to:
                     continue
                 dx = x_mm[j] - middle_x
                 u, v = cos * dx + sin * dy, cos * dy - sin * dx

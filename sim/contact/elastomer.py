@@ -1,8 +1,6 @@
-"""The two sensors' soft layers: size, thickness, stiffness, and how they stiffen.
+"""The sensors' soft layers: their geometry, their elasticity, and the neo-Hookean law.
 
-An elastomer's properties as JSON can hold them.
-
-How a soft layer stiffens: from the linear layer's deflection to the real one.
+Values marked "assumed" have no published source.
 """
 
 from dataclasses import asdict, dataclass
@@ -19,7 +17,6 @@ Law = Literal["linear", "stiffening"]
 THINNEST_MM = 0.5
 """Least thickness of a domed gel at its corners, mm (assumed; the CAD's corners are rounded)."""
 
-
 RANGES = {
     "thickness_mm": (0.1, 200.0),
     "young_mpa": (0.001, 100.0),
@@ -30,10 +27,17 @@ RANGES = {
     "dome_length_radius_mm": (1.0, np.inf),
     "dome_flat_mm": (0.0, 500.0),
 }
-"""Least and greatest value of each property (assumed: beyond any sensor's)."""
+"""Smallest and largest allowed value of each property (assumed: beyond any sensor's)."""
 
 MAY_BE_FLAT = ("dome_width_radius_mm", "dome_length_radius_mm")
 """Properties that are inf for a flat surface."""
+
+NEWTON_STEPS = 2
+"""Newton steps that bring the stretch from its initial guess to within 1e-9."""
+
+GUESS = 0.36
+"""Coefficient of the rational initial guess of a stretch. The guess has the exact value and slope
+for small strain and the right limit for large; this value also makes it exact at l^3 + l^2 = 1."""
 
 
 @dataclass(frozen=True)
@@ -42,12 +46,11 @@ class Elastomer:
 
     thickness_mm: at the thickest place.
     young_mpa, poisson: small-strain modulus (MPa) and Poisson's ratio.
-    width_mm, length_mm: extent along x and y, centerd on the origin.
+    width_mm, length_mm: extent along x and y, centered on the origin.
     dome_width_radius_mm, dome_length_radius_mm: radii of the outer surface along x and y;
         inf means flat. The surface is flat for dome_flat_mm either side of the middle in y.
-    law: how deflection follows the linear layer's: "linear" as it is, or "stiffening" as a
-        neo-Hookean solid, so that a deep press never goes through (see
-        t2twin.sim.contact.elastomer).
+    law: "linear", or "stiffening" for a neo-Hookean solid, whose deflection stays below its
+        thickness (see `neo_hookean_mm`).
     Raises T2TwinError for values of another type or outside RANGES.
     """
 
@@ -77,7 +80,7 @@ class Elastomer:
         arguments.choice(self.law, "law", get_args(Law))
 
     def rest_surface_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """Height of the untouched surface above its apex, mm (<= 0), at points of equal shape."""
+        """Height of the undeformed surface above its apex, mm (<= 0), at points of equal shape."""
         beyond = np.maximum(np.abs(y_mm) - self.dome_flat_mm, 0.0)
         sag = _sag(np.abs(x_mm), self.dome_width_radius_mm) + _sag(
             beyond, self.dome_length_radius_mm
@@ -85,7 +88,7 @@ class Elastomer:
         return -np.minimum(sag, max(self.thickness_mm - THINNEST_MM, 0.0))
 
     def thickness_at_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """Local thickness, mm: the dome thins towards the rim."""
+        """Local thickness, mm, at points of equal shape."""
         return self.thickness_mm + self.rest_surface_mm(x_mm, y_mm)
 
 
@@ -119,42 +122,31 @@ CYSKIN_COVER = Elastomer(
 
 
 def elastomer_json(elastomer: Elastomer) -> dict[str, Any]:
-    """All properties by name; an infinite radius, a flat side's, is None: JSON has no infinity."""
+    """All properties by name, for JSON: an infinite radius is None."""
     return {key: None if value == np.inf else value for key, value in asdict(elastomer).items()}
 
 
-NEWTON_STEPS = 2
-"""Steps that bring the stretch from its first guess to within 1e-9."""
+def neo_hookean_mm(linear_mm: np.ndarray, thickness_mm: np.ndarray) -> np.ndarray:
+    """Deflection w, mm, of a neo-Hookean layer where a linear one deflects by u; (rows, columns).
 
-GUESS = 0.36
-"""Of the rational first guess of a stretch, which has the right value and slope for small strain
-and goes as it should for large: this makes it right at l^3 + l^2 = 1 too."""
-
-
-def neo_hookean_mm(
-    linear_mm: np.ndarray, thickness_mm: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Deflection w, mm, of a stiffening layer where a linear one would give u, and dw / du.
-
-    Both (rows, columns), as what is given. The linear layer's strain u / h stands for the stress
-    over the modulus; a neo-Hookean solid takes that stress at a stretch l with
-    (1 / l^2 - l) / 3 = u / h (Treloar, The Physics of Rubber Elasticity, 1975), and w = h (1 - l).
-    Equal to u for small strain, below h for any stress; where the surface bulges out (u < 0) it
-    stays u. The local strain is taken through the thickness, which leaves out large rotations.
+    The linear layer's strain u / h is its stress over the modulus. A neo-Hookean solid carries that
+    stress at a stretch l with (1 / l^2 - l) / 3 = u / h (Treloar, The Physics of Rubber Elasticity,
+    1975), and w = h (1 - l). w equals u for small strain and is below h for any stress; where the
+    surface bulges out (u < 0), w = u. The strain is uniform through the thickness, which neglects
+    large rotations.
     """
-    deflection, slope = np.empty(linear_mm.shape), np.empty(linear_mm.shape)
+    deflection = np.empty(linear_mm.shape)
     _neo_hookean(
         np.ascontiguousarray(linear_mm, np.float64),
         np.ascontiguousarray(thickness_mm, np.float64),
         deflection,
-        slope,
     )
-    return deflection, slope
+    return deflection
 
 
 @compiled(inline="always")
 def stiffened(u, h):
-    """Deflection and slope at one place; `neo_hookean_mm` has the formula."""
+    """Deflection w and slope dw / du at one place; see `neo_hookean_mm`."""
     if u <= 0.0:
         return u, 1.0
     # Newton's method on l^3 + 3 (u / h) l^2 = 1.
@@ -167,8 +159,8 @@ def stiffened(u, h):
     return h * (1.0 - stretch), stretch / (stretch + 2.0 * strain)
 
 
-@compiled("void(f8[:, ::1], f8[:, ::1], f8[:, ::1], f8[:, ::1])", nogil=True)
-def _neo_hookean(linear, thickness, deflection, slope):
+@compiled("void(f8[:, ::1], f8[:, ::1], f8[:, ::1])", nogil=True)
+def _neo_hookean(linear, thickness, deflection):
     for i in range(linear.shape[0]):
         for j in range(linear.shape[1]):
-            deflection[i, j], slope[i, j] = stiffened(linear[i, j], thickness[i, j])
+            deflection[i, j], _ = stiffened(linear[i, j], thickness[i, j])

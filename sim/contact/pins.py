@@ -1,9 +1,7 @@
-"""The pins of a press: what of the shape stands over each, in a window of the elastomer's grid.
+"""The pins of a press: square blocks of the layer's fine cells, and the shape above each.
 
-Pins stand on square blocks of the layer's fine cells: small ones at the shape's edges and where it
-is uneven, larger ones between. A pin's force is shared evenly over the part of its block that the
-shape covers, and it feels the mean deflection there: a Galerkin method whose pressures know where
-the shape ends.
+A pin's pressure is uniform over the part of its block that the shape covers, and its deflection is
+the mean over that part: a Galerkin method whose pressures end at the shape's edge.
 """
 
 from dataclasses import dataclass
@@ -21,23 +19,23 @@ SQUARE_MEAN = 0.946
 (Johnson, Contact Mechanics, 1985, section 3.3)."""
 
 EDGE_SHARE, EDGE_RISE = 0.95, 1.15
-"""Fitted to the oracle's depth of all primitives at 1 to 8 N (0.4 % of it remain, without a bias on
-either sensor), under the condition that it depends little on how an edge falls on the grid."""
+"""Coefficients of an edge cell's compliance (`_edge_compliance`), fitted to the reference solver's
+depth of all primitives at 1 to 8 N. An error of 0.4 % remains, without a bias on either sensor. The
+fit also minimizes the dependence on how an edge falls on the grid."""
 
 
 @dataclass(frozen=True)
 class Pins:
     """n pins over a window of a layer's grid, block by block, row by row.
 
-    layer: on its fine grid. window: the fine cells that are looked at.
-    rows, columns, sides: (n,) each pin's first fine cell in the window, and its cells a side.
-    gap_mm: (n,) how far the surface is from the shape at first touch, its mean over the covered
-        part, mm.
-    covered: (n,) fine cells of the pin that the shape covers, parts of cells counted as such.
-    edge_mm_per_mpa: (n,) what a pin at an edge gives way more than one within the shape.
-    cover: (rows, columns) the covered part of each fine cell of the window, 0 to 1.
-    heights_mm: (rows, columns) the shape's over them.
-    first_touch_mm: how far the shape's highest point lies below the apex at first touch.
+    layer: on its fine grid. window: the part of the fine grid that contains the pins.
+    rows, columns, sides: (n,) first fine cell of each pin in the window, and its cells a side.
+    gap_mm: (n,) mean distance of surface and shape over the covered part at first touch, mm.
+    covered: (n,) number of fine cells that the shape covers, counting parts of cells.
+    edge_mm_per_mpa: (n,) additional compliance of a pin at an edge.
+    cover: (rows, columns) covered share of each fine cell of the window, 0 to 1.
+    heights_mm: (rows, columns) heights of the shape over them.
+    first_touch_mm: depth of the shape's highest point below the apex at first touch.
     """
 
     layer: Layer
@@ -54,12 +52,12 @@ class Pins:
 
     @property
     def weights(self) -> np.ndarray:
-        """Of the layer's answers in the window, (n, rows, columns)."""
+        """The layer's weights in the window, (kernels, rows, columns)."""
         return self.layer.weights[:, *self.window]
 
     @property
     def thickness_mm(self) -> np.ndarray:
-        """The layer's in the window, (rows, columns), mm."""
+        """The layer's thickness in the window, (rows, columns), mm."""
         return self.layer.thickness_mm[self.window]
 
     @property
@@ -73,87 +71,87 @@ class Pins:
         return self.layer.pitch_mm**2
 
     @property
-    def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def blocks(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """rows, columns, sides."""
         return self.rows, self.columns, self.sides
 
     def spread(self, pressure: np.ndarray) -> np.ndarray:
-        """(rows, columns) mean over each fine cell of what (n,) is on the covered part of each
-        pin's block."""
+        """Mean pressure on each fine cell, (rows, columns), of pressures on the pins, (n,)."""
         fine = np.zeros(self.cover.shape, np.float32)
-        spread(np.asarray(pressure, float), *self.places, self.cover, fine)
+        spread(np.asarray(pressure, float), *self.blocks, self.cover, fine)
         return fine.astype(float)
 
-    def gathered(self, fine: np.ndarray) -> np.ndarray:
-        """(n,) what of a sum over (rows, columns) comes to each pin, per covered fine cell."""
+    def gather(self, fine: np.ndarray) -> np.ndarray:
+        """Pressure on the pins, (n,), with the same forces as mean pressures on fine cells,
+        (rows, columns)."""
         return self._sums(np.ascontiguousarray(fine, float)) / self.covered
 
     def mean_over_cover(self, fine: np.ndarray) -> np.ndarray:
-        """(n,) mean of (rows, columns) over the covered part of each pin's block."""
+        """(n,) mean of values on fine cells, (rows, columns), over the covered part of each pin."""
         return self._sums(fine * self.cover) / self.covered
 
     def _sums(self, fine: np.ndarray) -> np.ndarray:
         sums = np.empty(self.rows.size)
-        _sum_up(fine, *self.places, sums)
+        _sum_up(fine, *self.blocks, sums)
         return sums
 
-    def beside(self, chosen: np.ndarray) -> np.ndarray:
-        """(n,) bool: the pins that are chosen or lie within one's own side of one that is."""
+    def with_neighbors(self, chosen: np.ndarray) -> np.ndarray:
+        """(n,) bool: the chosen pins and those within one side length of a chosen one."""
         found = np.empty(chosen.size, bool)
-        _beside(*self.places, chosen, np.zeros(self.cover.shape, bool), found)
+        _with_neighbors(*self.blocks, chosen, np.zeros(self.cover.shape, bool), found)
         return found
 
     def window_of(self, chosen: np.ndarray) -> Window:
-        """The fine cells of the window that hold some pins, of one of few sizes."""
-        rows, columns, sides = (of[chosen] for of in self.places)
+        """The window of fine cells that contains the chosen pins, of one of few sizes."""
+        rows, columns, sides = (of[chosen] for of in self.blocks)
         down, across = self.cover.shape
         return (
             side_around(int(rows.min()), int((rows + sides).max()) - 1, down),
             side_around(int(columns.min()), int((columns + sides).max()) - 1, across),
         )
 
-    def places_mm(self) -> tuple[np.ndarray, np.ndarray]:
-        """x and y of the pins' middles, each (n,), mm."""
+    def centers_mm(self) -> tuple[np.ndarray, np.ndarray]:
+        """x and y of the pins' centers, each (n,), mm."""
         layer, (down, along) = self.layer, self.window
-        middle = (self.sides - 1) / 2 * layer.pitch_mm
+        half = (self.sides - 1) / 2 * layer.pitch_mm
         return (
-            layer.x_mm[along][self.columns] + middle,
-            layer.y_mm[down][self.rows] + middle,
+            layer.x_mm[along][self.columns] + half,
+            layer.y_mm[down][self.rows] + half,
         )
 
 
-def pins_under(
+def place_pins(
     layer: Layer,
     window: Window,
     per_cell: int,
     along: np.ndarray,
-    seen: Footprint,
+    shape: Footprint,
     first_touch_mm: float,
 ) -> Pins:
     """The pins under a shape's footprint on the window's fine cells.
 
-    per_cell: fine cells a side of the coarse ones that along (rows, columns) of the window counts;
-    along: how many pins stand along each, a divisor of per_cell; 0 for none.
+    per_cell: fine cells a side of a coarse cell. along: (rows, columns) number of pins along each
+    coarse cell of the window, a divisor of per_cell; 0 for none.
     """
     rows, columns, sides = _blocks(np.ascontiguousarray(along), per_cell)
-    cover = np.zeros(seen.shares.shape)
-    # In a block that a wall crosses, only its upper part is the pressing surface.
-    _cover(seen.heights_mm, seen.shares, STEEPEST * layer.pitch_mm, rows, columns, sides, cover)
+    cover = np.zeros(shape.shares.shape)
+    # In a block that a wall crosses only the part above the wall is pressed.
+    _cover(shape.heights_mm, shape.shares, STEEPEST * layer.pitch_mm, rows, columns, sides, cover)
     gap, edge, covered = np.empty((3, rows.size))
     _gather(
-        seen.heights_mm, cover, layer.rest_mm[window], _edge_compliance(layer, cover),
+        shape.heights_mm, cover, layer.rest_mm[window], _edge_compliance(layer, cover),
         first_touch_mm, rows, columns, sides, gap, edge, covered,
     )  # fmt: skip
-    there = covered > 0
+    kept = covered > 0
     return Pins(
-        layer, window, rows[there], columns[there], sides[there],
-        gap[there], covered[there], edge[there], cover, seen.heights_mm, first_touch_mm,
+        layer, window, rows[kept], columns[kept], sides[kept],
+        gap[kept], covered[kept], edge[kept], cover, shape.heights_mm, first_touch_mm,
     )  # fmt: skip
 
 
 @compiled("Tuple((i8[::1], i8[::1], i8[::1]))(i8[:, ::1], i8)", nogil=True)
 def _blocks(along, per_cell):
-    """First rows and columns of all blocks, and their sides, in fine cells."""
+    """First rows, first columns and sides of all blocks, in fine cells."""
     count = 0
     for i in range(along.shape[0]):
         for j in range(along.shape[1]):
@@ -174,7 +172,7 @@ def _blocks(along, per_cell):
 
 @compiled("void(f8[::1], i8[::1], i8[::1], i8[::1], f8[:, ::1], f4[:, ::1])", nogil=True)
 def spread(pressure, rows, columns, sides, cover, fine):
-    """Each pin's pressure on the covered part of its cells, into fine, zero elsewhere."""
+    """Write each pin's pressure, times the cover, to its cells of fine; zero elsewhere."""
     fine[:] = 0.0
     for n in range(pressure.size):
         for i in range(rows[n], rows[n] + sides[n]):
@@ -193,7 +191,7 @@ def _sum_up(fine, rows, columns, sides, sums):
 
 
 @compiled("void(i8[::1], i8[::1], i8[::1], b1[::1], b1[:, ::1], b1[::1])", nogil=True)
-def _beside(rows, columns, sides, chosen, near, found):
+def _with_neighbors(rows, columns, sides, chosen, near, found):
     down, across = near.shape
     for n in range(chosen.size):
         if chosen[n]:
@@ -213,9 +211,10 @@ def _beside(rows, columns, sides, chosen, near, found):
     nogil=True,
 )
 def _cover(heights, shares, wall, rows, columns, sides, cover):
-    """The covered part of each fine cell, for pins that are covered enough; zero elsewhere.
+    """Write the covered share of each fine cell of pins that are covered enough; zero elsewhere.
 
-    wall: height, mm, a fine cell's side from the highest place, beyond which it is not the pin's.
+    wall: height difference from a pin's highest cell above which a cell is not part of it, mm per
+    fine cell of its side.
     """
     for n in range(rows.size):
         side, highest, covered = sides[n], NOTHING_MM, 0.0
@@ -241,7 +240,7 @@ def _cover(heights, shares, wall, rows, columns, sides, cover):
     nogil=True,
 )
 def _gather(heights, cover, surface, edges, first_touch, rows, columns, sides, gap, edge, covered):
-    """Each pin's mean gap over the covered part of its block, its edge's compliance, its cover."""
+    """Write each pin's mean gap, additional edge compliance and covered cells."""
     for n in range(rows.size):
         total, distance, giving = 0.0, 0.0, 0.0
         for i in range(rows[n], rows[n] + sides[n]):
@@ -257,23 +256,23 @@ def _gather(heights, cover, surface, edges, first_touch, rows, columns, sides, g
 
 
 def _edge_compliance(layer: Layer, cover: np.ndarray) -> np.ndarray:
-    """What a fine cell at the shape's edge gives way more than one within it, mm/MPa.
+    """Additional compliance of each fine cell at the shape's edge, (rows, columns), mm/MPa.
 
-    A cell covered by a share c carries its force on that share, and a punch's pressure rises
-    towards its edge, which a pressure constant on cells cannot: both matter only in edge cells,
-    and are put right by EDGE_SHARE / c - EDGE_RISE times the cell's own compliance.
+    A cell covered by a share c carries its force on that share. A punch's pressure rises towards
+    its edge, which a pressure constant on cells cannot represent. Both effects are limited to edge
+    cells and corrected by EDGE_SHARE / c - EDGE_RISE times the cell's own compliance.
     """
     elastomer = layer.elastomer
     half_space = SQUARE_MEAN * (1 - elastomer.poisson**2) / elastomer.young_mpa * layer.pitch_mm
-    # A layer thinner than a cell gives way less than a half-space.
-    own = min(half_space, layer.softest_mm_per_mpa)
-    more = np.zeros(cover.shape)
-    _at_edges(cover, own, more)
-    return more
+    # A layer thinner than a cell is stiffer than a half-space.
+    own = min(half_space, layer.max_compliance_mm_per_mpa)
+    added = np.zeros(cover.shape)
+    _at_edges(cover, own, added)
+    return added
 
 
 @compiled("void(f8[:, ::1], f8, f8[:, ::1])", nogil=True)
-def _at_edges(cover, own, more):
+def _at_edges(cover, own, added):
     rows, columns = cover.shape
     for i in range(rows):
         for j in range(columns):
@@ -290,4 +289,4 @@ def _at_edges(cover, own, more):
             if inner and j + 1 < columns:
                 inner = cover[i, j + 1] > 0.0
             if not inner:
-                more[i, j] = own * (EDGE_SHARE / max(share, MIN_COVER) - EDGE_RISE)
+                added[i, j] = own * (EDGE_SHARE / max(share, MIN_COVER) - EDGE_RISE)

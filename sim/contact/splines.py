@@ -1,10 +1,7 @@
-"""Interpolating cubic splines through values at equally spaced places.
+"""Interpolating cubic splines: in one dimension, and from one grid to another.
 
-A bicubic spline through values on a grid, read on the lines of another.
-
-What it gives is linear in the values, and the grids are the same from press to press: along each
-axis the values become coefficients of B-splines, by a band of weights, and these the lines between,
-by four weights each.
+Both are not-a-knot splines (de Boor, A Practical Guide to Splines, 1978): the third derivative is
+continuous at the second and the last but one place. SciPy's classes take 0.3 s to import.
 """
 
 from dataclasses import dataclass
@@ -14,13 +11,15 @@ import numpy as np
 
 from t2twin.core.jit import compiled
 
+DEGREE = 3
+
+MIN_WEIGHT = 1e-7
+"""Weights of values on coefficients below this are dropped: they fall to a quarter with each place,
+and single precision cannot represent them."""
+
 
 class CubicSpline:
-    """The cubic spline through values (n, ...) at n >= 4 places from first to last.
-
-    Its third derivative is continuous at the second and the last but one place (not-a-knot; de
-    Boor, A Practical Guide to Splines, 1978), as in SciPy's class, whose import takes 0.3 s.
-    """
+    """The cubic spline through values (n, ...) at n >= 4 equally spaced places, first to last."""
 
     def __init__(self, first: float, last: float, values: np.ndarray) -> None:
         count = len(values)
@@ -28,7 +27,7 @@ class CubicSpline:
         second = _second_differences(values)
         low, high = values[:-1], values[1:]
         bent_low, bent_high = second[:-1], second[1:]
-        # of powers of the part of a step, 0 to 1
+        # coefficients of the powers of the position within a step, 0 to 1
         self._powers = (
             low,
             high - low - (2.0 * bent_low + bent_high) / 6.0,
@@ -37,8 +36,7 @@ class CubicSpline:
         )
 
     def __call__(self, places: np.ndarray) -> np.ndarray:
-        """Values at places of any shape, (*places.shape, ...); beyond the ends the last cubics go
-        on."""
+        """Values at places of any shape, (*places.shape, ...); extrapolates the last cubics."""
         steps = (places - self._first) / self._step
         index = np.clip(steps.astype(np.intp), 0, len(self._powers[0]) - 1)
         part = (steps - index).reshape(*places.shape, *(1,) * (self._powers[0].ndim - 1))
@@ -47,10 +45,10 @@ class CubicSpline:
 
 
 def _second_differences(values: np.ndarray) -> np.ndarray:
-    """The spline's second derivatives times the squared step, (n, ...), by Thomas' algorithm.
+    """The spline's second derivatives times the squared step, m, (n, ...), by Thomas' algorithm.
 
-    In the middle m[i - 1] + 4 m[i] + m[i + 1] is six times the second difference d[i] of the
-    values; at the ends, where the third derivative is continuous, m[1] = d[1].
+    In the middle m[i - 1] + 4 m[i] + m[i + 1] = 6 d[i], with the second difference d of the values;
+    next to the ends, where the third derivative is continuous, m[1] = d[1].
     """
     count = len(values)
     wanted = np.diff(values, n=2, axis=0)
@@ -68,22 +66,18 @@ def _second_differences(values: np.ndarray) -> np.ndarray:
     return second
 
 
-DEGREE = 3
-MIN_WEIGHT = 1e-7
-"""Weights of values on coefficients that are left out: they fall to a quarter with each place, and
-single precision has no more."""
-
-
 @dataclass(frozen=True)
-class _Rows:
-    """Sums of neighboring rows. first: (m,) int64, the first row of each sum. weights: (m, k)
-    float32, of it and of those after it."""
+class _Banded:
+    """A banded matrix, (m, n): weighted sums of neighboring rows.
+
+    first: (m,) int64, the first row of each sum. weights: (m, k) float32, from the first row on.
+    """
 
     first: np.ndarray
     weights: np.ndarray
 
-    def of(self, values: np.ndarray) -> np.ndarray:
-        """(m, columns) float32 of (n, columns) float32."""
+    def apply(self, values: np.ndarray) -> np.ndarray:
+        """The product with (n, columns) float32, (m, columns) float32."""
         sums = np.zeros((self.first.size, values.shape[1]), np.float32)
         _add_rows(values, self.first, self.weights, sums)
         return sums
@@ -96,25 +90,27 @@ def on_lines(
     lines_y: np.ndarray,
     lines_x: np.ndarray,
 ) -> np.ndarray:
-    """The spline through values (y.size, x.size) at lines_y and lines_x, float32.
+    """The bicubic spline through values (y.size, x.size) on the axes lines_y and lines_x, float32.
 
-    All axes rise. The spline's third derivative goes on through the second and the last but one
-    place of each axis (not-a-knot). Beyond the values it stays what it is at their edge.
+    All axes rise. Outside the values the spline is constant.
     """
     to_coefficients, to_lines = _axis(y.tobytes(), lines_y.tobytes())
     along = _axis(x.tobytes(), lines_x.tobytes())
-    values = np.array(values, np.float32)  # a copy, as what is given may be read-only
-    coefficients = to_coefficients.of(values)
+    values = np.array(values, np.float32)  # a copy: the argument may be read-only
+    coefficients = to_coefficients.apply(values)
     spread = np.ascontiguousarray(coefficients.T)
-    for columns in along:
-        spread = columns.of(spread)
-    # last to the lines along y, so that the largest array is written once and as it is wanted
-    return to_lines.of(np.ascontiguousarray(spread.T))
+    for matrix in along:
+        spread = matrix.apply(spread)
+    # y comes last, so that the largest array is written once and in its final order
+    return to_lines.apply(np.ascontiguousarray(spread.T))
 
 
 @lru_cache(maxsize=32)
-def _axis(places: bytes, lines: bytes) -> tuple[_Rows, _Rows]:
-    """Values at places to coefficients, and these to what is at lines. Both float64."""
+def _axis(places: bytes, lines: bytes) -> tuple[_Banded, _Banded]:
+    """The matrices from values at places to B-spline coefficients, and from these to lines.
+
+    places, lines: float64. The grids repeat from press to press, so the last matrices are cached.
+    """
     at = np.frombuffer(places)
     between = np.clip(np.frombuffer(lines), at[0], at[-1])
     # not-a-knot: the second and the last but one place are no knots
@@ -123,8 +119,7 @@ def _axis(places: bytes, lines: bytes) -> tuple[_Rows, _Rows]:
 
 
 def _b_splines(knots: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(places, knots - DEGREE - 1) values of the B-splines at places, by the recurrence of de Boor
-    and Cox (de Boor, A Practical Guide to Splines, 1978)."""
+    """(places, knots - DEGREE - 1) values of the B-splines, by the Cox-de Boor recurrence."""
     last = knots.size - DEGREE - 2
     interval = np.clip(np.searchsorted(knots, places, side="right") - 1, DEGREE, last)
     values = np.zeros((places.size, knots.size - 1))
@@ -140,14 +135,14 @@ def _b_splines(knots: np.ndarray, places: np.ndarray) -> np.ndarray:
     return values
 
 
-def _banded(matrix: np.ndarray) -> _Rows:
-    """The rows of a matrix (m, n) without what is next to nothing at their ends."""
-    there = np.abs(matrix) > MIN_WEIGHT
-    first = there.argmax(axis=1)
-    width = int((matrix.shape[1] - there[:, ::-1].argmax(axis=1) - first).max())
+def _banded(matrix: np.ndarray) -> _Banded:
+    """A matrix (m, n) without the elements below MIN_WEIGHT at the ends of its rows."""
+    large = np.abs(matrix) > MIN_WEIGHT
+    first = large.argmax(axis=1)
+    width = int((matrix.shape[1] - large[:, ::-1].argmax(axis=1) - first).max())
     first = np.minimum(first, matrix.shape[1] - width)
     weights = np.take_along_axis(matrix, first[:, None] + np.arange(width), axis=1)
-    return _Rows(first, np.ascontiguousarray(weights, np.float32))
+    return _Banded(first, np.ascontiguousarray(weights, np.float32))
 
 
 @compiled("void(f4[:, ::1], i8[::1], f4[:, ::1], f4[:, ::1])", nogil=True)

@@ -1,9 +1,7 @@
-"""What goes into a press and what comes out: the command, the pins, the contact.
+"""Input and output of a press: the command, the pins, the contact.
 
-Frames are those of t2twin.primitives_cad.shape. Every grid is rows x columns: row index rises with
-y, column index with x.
-
-Forces that may be commanded.
+Frames are those of t2twin.primitives_cad.shape. Every grid is rows x columns: the row index rises
+with y, the column index with x.
 """
 
 from collections.abc import Callable
@@ -17,14 +15,17 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
 
+FORCE_RANGE_N = (0.01, 100.0)
+"""Smallest and largest force that can be commanded, N."""
+
 
 @dataclass(frozen=True)
 class PressCommand:
-    """One commanded press: where the shape's origin stands on the sensor, its turn, the force.
+    """One commanded press: the shape's pose on the sensor, and the force.
 
-    x_mm, y_mm: position in the sensor frame, mm. yaw_rad: turn about the sensor's z.
-    force_n: force along the press axis, N.
-    Raises T2TwinError for values that are not numbers, and a place or turn that is not finite.
+    x_mm, y_mm: position of the shape's origin in the sensor frame, mm. yaw_rad: rotation about the
+    sensor's z. force_n: force along the press axis, N.
+    Raises T2TwinError for values that are not numbers, and for a pose that is not finite.
     """
 
     shape: str
@@ -37,16 +38,17 @@ class PressCommand:
         arguments.text(self.shape, "shape")
         for name in ("x_mm", "y_mm", "yaw_rad"):
             arguments.number(getattr(self, name), name)
-        arguments.real(self.force_n, "force_n")  # its range is checked by the press
+        arguments.real(self.force_n, "force_n")  # `solve_contact` checks its range
 
 
 @dataclass(frozen=True)
 class PinState:
-    """The pins in use when a press has settled, all (n,): what `t2twin.sim.scene` draws.
+    """The active pins of a solved press, all (n,), as `t2twin.sim.scene` shows them.
 
-    x_mm, y_mm, rest_mm: where the pins stand, and their tops untouched. deflection_mm: how far
-    they are pressed. gap_mm: how far each was from the shape at first touch. spring_rest_mm,
-    stiffness_n_per_mm: their springs. side_mm: of the blocks of the pad that they stand for.
+    x_mm, y_mm, rest_mm: positions of the pins, and heights of their undeformed tops.
+    deflection_mm: deflections. gap_mm: distances from the shape at first touch. spring_rest_mm,
+    stiffness_n_per_mm: rest deflections and stiffnesses of the springs. side_mm: sides of the
+    blocks of the pad that the pins represent.
     """
 
     x_mm: np.ndarray
@@ -61,23 +63,22 @@ class PinState:
 
 @dataclass(frozen=True)
 class Contact:
-    """What one elastomer feels when a press has settled.
+    """The contact of one shape with one elastomer.
 
-    shape, command, elastomer: what was pressed, how, and into what.
+    shape, command, elastomer: the press.
     pressure_kpa: (ny, nx) normal pressure, >= 0.
     x_mm: (nx,), y_mm: (ny,) the grid's axes in the sensor frame, mm, rising, equally spaced.
-    contact_area_mm2: area of the shape that the surface touches.
-    depth_mm: how far the shape has travelled from its first touch.
-    shape_depth_mm: how far the shape's highest point lies below the apex of the untouched
-        surface (the same as depth_mm on a flat layer).
-    force_n: the force that the pressure really carries.
-    settled: whether force and surface had stopped changing.
-    bottomed: whether the shape met something other than the pressing surface's features:
-        its base plate.
-    pins: the bed of pins that carried the press.
-    milliseconds: time the press took, without its surface.
-    find_surface: works out surface_mm, which is done when it is first asked for: a CySkin feels
-        the pressure alone.
+    contact_area_mm2: area of the shape in contact.
+    depth_mm: travel of the shape from its first touch.
+    shape_depth_mm: depth of the shape's highest point below the apex of the undeformed surface
+        (equal to depth_mm on a flat layer).
+    force_n: integral of the pressure, N.
+    settled: whether the solver converged.
+    bottomed: whether the shape's base plate is in contact.
+    pins: the pins that carry the force.
+    milliseconds: computing time without surface_mm.
+    compute_surface: returns surface_mm. Called at its first use, as the CySkin needs only the
+        pressure.
     """
 
     shape: Shape
@@ -94,25 +95,21 @@ class Contact:
     bottomed: bool
     pins: PinState
     milliseconds: float
-    find_surface: Callable[[], np.ndarray] = field(repr=False, compare=False)
+    compute_surface: Callable[[], np.ndarray] = field(repr=False, compare=False)
 
     @cached_property
     def surface_mm(self) -> np.ndarray:
-        """(ny, nx) float32: how far the surface has moved into the sensor, mm (negative: bulged
-        out)."""
-        return self.find_surface()
+        """(ny, nx) float32 deflection of the surface into the sensor, mm; negative where it bulges
+        out."""
+        return self.compute_surface()
 
     @property
     def pitch_mm(self) -> float:
         return float(self.x_mm[1] - self.x_mm[0])
 
 
-FORCE_RANGE_N = (0.01, 100.0)
-"""Forces that may be commanded, N."""
-
-
 def check_force(force_n: float) -> None:
-    """Raises T2TwinError for a force that cannot be pressed."""
+    """Raises T2TwinError for a force outside FORCE_RANGE_N."""
     low, high = FORCE_RANGE_N
     force_n = arguments.real(force_n, "force_n")
     if not low <= force_n <= high:

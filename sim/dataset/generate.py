@@ -15,7 +15,7 @@ from msgspec import structs
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import LEFT_OVERS, is_empty, locked
+from t2twin.core.files import TEMPORARY_NAMES, is_empty, locked
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
@@ -92,7 +92,7 @@ def generate(
         catalogue.split(name)  # raises for an unknown name
     batches = plan(recipe, shapes)
     check_held_out(recipe, cache)
-    kept = catalogue.kept_in(cache)
+    kept = catalogue.cache_folder(cache)
     context = ShardContext(
         recipe, sensors, str(folder), None if kept is None else str(kept.absolute())
     )
@@ -222,7 +222,7 @@ def _check_same_parameters(folder: Path, present: DatasetInfo, wanted: DatasetIn
 def _sweep(folder: Path) -> None:
     """Remove the temporary files of killed runs and workers, and no other files."""
     for place in (folder, *(folder / split for split in SPLITS)):
-        for left_over in place.glob(LEFT_OVERS):
+        for left_over in place.glob(TEMPORARY_NAMES):
             left_over.unlink(missing_ok=True)
 
 

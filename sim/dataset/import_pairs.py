@@ -29,8 +29,8 @@ import pyarrow as pa
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import made_folder, not_written, sweep, temporary_folder
-from t2twin.core.images import encode_png, open_picture
+from t2twin.core.files import created_folder, remove_leftovers, temporary_folder, write_error
+from t2twin.core.images import decode_image, encode_png
 from t2twin.core.records import check_names
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
@@ -93,15 +93,15 @@ def import_pairs(
     check_seed(seed)
     _check_free(folder)
     pairs = _with_splits(_read(table_path, layout, full_scale), seed)
-    with made_folder(folder.parent):
-        sweep(folder.parent, f".{folder.name}.*.part")
+    with created_folder(folder.parent):
+        remove_leftovers(folder.parent, f".{folder.name}.*.part")
         with temporary_folder(folder.parent, folder.name) as temporary:
             info = _write(pairs, table_path.parent, temporary, layout, full_scale)
             try:
                 temporary.replace(folder)
             except OSError as error:  # another import may have written to it meanwhile
                 _check_free(folder)
-                raise not_written(folder, error) from error
+                raise write_error(folder, error) from error
     return info
 
 
@@ -288,7 +288,7 @@ class _ImageReader:
     def read(self, pair: Pair) -> np.ndarray:
         source = pair.image if isinstance(pair.image, bytes) else self._file(pair)
         try:
-            image = open_picture(source, FORMATS)
+            image = decode_image(source, FORMATS)
             if image.mode[0] in "IF":
                 raise T2TwinError("it has more than 8 bits a channel; save it with 8")
         except T2TwinError as error:

@@ -6,9 +6,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import opened, read_file
+from t2twin.core.files import open_regular, read_file
 from t2twin.core.records import check_names
-from t2twin.core.tables import ERRORS, read_csv, rows
+from t2twin.core.tables import ERRORS, read_csv, row_labels
 
 SUFFIXES = (".csv", ".parquet")
 
@@ -47,7 +47,7 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
             table, places = read_csv(read_file(path))
         else:
             table = _read_parquet(path)
-            places = rows(table)
+            places = row_labels(table)
     except (*ERRORS, OSError) as error:
         # Messages of the Parquet reader are not for users.
         reason = f" ({error})" if is_csv else ""
@@ -60,7 +60,7 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
 
 def _read_parquet(path: Path) -> pa.Table:
     """A Parquet file. Raises T2TwinError if its decoded rows are larger than MAX_PARQUET_BYTES."""
-    with opened(path, MAX_PARQUET_BYTES) as stream, pq.ParquetFile(stream) as file:
+    with open_regular(path, MAX_PARQUET_BYTES) as stream, pq.ParquetFile(stream) as file:
         batches, size = [], 0
         for batch in file.iter_batches(BATCH_ROWS):
             size += batch.nbytes

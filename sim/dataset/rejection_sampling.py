@@ -8,7 +8,7 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.contact_solver import BesidePadError
+from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.touch import Touch
 from t2twin.sim.world.presses import PressSample
@@ -39,7 +39,7 @@ def press_until_accepted(
             return touch, 0
         try:
             touch = press(shape, sample.command, sample.rng)
-        except BesidePadError:
+        except OffPadError:
             reason = "beside the pad"
         else:
             reason = rejection_reason(touch)

@@ -26,7 +26,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.core.records import read_json
 from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, UNTOUCHED, schema_of
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
@@ -92,7 +92,7 @@ def write_whole(path: Path, content: bytes) -> None:
 @contextmanager
 def _durable(path: Path) -> Iterator[BufferedRandom]:
     """A file to write, which is flushed to the disk before it is renamed to path."""
-    with whole_file(path) as temporary, temporary.open("w+b") as file:
+    with atomic_write(path) as temporary, temporary.open("w+b") as file:
         yield file
         file.flush()
         os.fsync(file.fileno())

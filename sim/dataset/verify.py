@@ -17,7 +17,7 @@ from t2twin.core.images import decode_png
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.random_shapes.seeds import seed_of
+from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.dataset.columns import FIELD, POSE, UNTOUCHED, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo

@@ -8,7 +8,7 @@ from zipfile import is_zipfile
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import whole_file
+from t2twin.core.files import atomic_write
 from t2twin.sim.digit.camera.noise import Noise
 from t2twin.sim.digit.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
@@ -147,7 +147,7 @@ class Calibration:
 
     def save(self, path: Path) -> None:
         """Write as .npz, atomically. Raises T2TwinError where it cannot be written."""
-        with whole_file(path) as temporary, temporary.open("wb") as file:
+        with atomic_write(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(file, **self._file_content())
 
     def _file_content(self) -> dict[str, Any]:

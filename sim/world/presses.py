@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.random_shapes.seeds import PREFIX
+from t2twin.primitives_cad.random_shapes import PREFIX
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.world import protocol
 from t2twin.sim.world.recipe import RANDOM, ForceRange, Part, Place

@@ -1,9 +1,9 @@
-"""The road from ten minutes with a ball to a translator of one's own DIGIT: five road.
+"""Adapts a translator to one DIGIT, from about ten minutes of presses of a ball.
 
-Light: the unit's calibration. World: presses of random shapes and primitives, 0.5 to 12 N, some
-untouched, each shape under a light drawn about the calibration, single frames with the unit's own
-noise. Data, training, and a check on the presses that the light was not fitted to. Each step is a
-command of its own too, and one that is done is not done again.
+The four steps are also separate commands: calibration of the optics; a dataset of random shapes and
+primitives, pressed with 0.5 to 12 N, 5 % background frames, with one light per shape sampled around
+the calibration and the unit's own frame noise; training; and an evaluation on the presses that the
+calibration was not fitted to. A finished step is not repeated.
 """
 
 import hashlib
@@ -13,13 +13,22 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from t2twin.adaptation.fitted import CALIBRATION, Fitted, read_fitted, write_fitted
-from t2twin.adaptation.page import write_adapt_page
-from t2twin.adaptation.real_frame_evaluation import Felt, judge_each, simulate_reference
-from t2twin.adaptation.record import Adapted, record_of, write_record
+from t2twin.adaptation.fitted_calibration import (
+    CALIBRATION,
+    FittedCalibration,
+    read_fitted,
+    write_fitted,
+)
+from t2twin.adaptation.real_frame_evaluation import (
+    SimulatedReference,
+    evaluate_frames,
+    simulate_reference,
+)
+from t2twin.adaptation.record import AdaptationResult, record_of, write_record
+from t2twin.adaptation.report import write_adapt_page
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import is_empty, locked, whole_file
+from t2twin.core.files import atomic_write, is_empty, locked
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.shape import Shape
@@ -30,7 +39,7 @@ from t2twin.sim.digit.calibrate.measurements import Tolerance
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
-from t2twin.translate.inference.predictor import load_run
+from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.runs.pretrained import HOME, pretrained_runs
 from t2twin.translate.training.train import train
@@ -38,16 +47,19 @@ from t2twin.translate.training.warm_start import run_of_model
 
 STEPS = ("light", "data", "training", "check")
 BALL, WORLD, DATA = "ball.step", "world.toml", "data"
-MINUTES = (1.0, 6000.0)
-"""Least and most minutes of a road."""
-SHAPES_A_MINUTE = 80
-"""Random shapes in the world for each minute of the road: pressing them, four times each, takes
-some two fifths of it on two cores (measured)."""
-PRIMITIVE_PRESSES_A_MINUTE = 1.5
-"""Presses of each primitive for each minute of the road (assumed)."""
-TRAINING_PART = 0.5
-"""Part of the minutes that training takes (assumed)."""
-WORLD_TEXT = """# The world that {model} was adapted in: one unit's light, and what lies about it.
+MIN_MINUTES, MAX_MINUTES = 1.0, 6000.0
+
+SHAPES_PER_MINUTE = 80
+"""Random shapes of the dataset per minute of the adaptation; pressing them, four times each, takes
+two fifths of the time on two cores (measured)."""
+
+PRIMITIVE_PRESSES_PER_MINUTE = 1.5
+"""Presses of each primitive per minute of the adaptation (assumed)."""
+
+TRAINING_SHARE = 0.5
+"""Share of the minutes that the training takes (assumed)."""
+
+WORLD_TEXT = """# Recipe of the dataset that {model} is adapted on, in the light of one unit.
 format = 1
 name = "adapted"
 
@@ -75,7 +87,7 @@ frames = 1
 
 @dataclass(frozen=True)
 class AdaptConfig:
-    """Where the road begins, and where it leads."""
+    """Options of an adaptation; see `adapt`."""
 
     background: Path
     presses: Path
@@ -85,27 +97,40 @@ class AdaptConfig:
     minutes: float
     camera: Camera
     model: str
-    start: Path | None
+    init_from: Path | None
     workers: int | None
     tolerance: Tolerance
 
-    def read(self) -> Inputs:
-        """The frames and numbers that the calibration is fitted to. Raises T2TwinError for those
-        that cannot be used."""
+    def __post_init__(self) -> None:
+        find_preset(self.model, "cpu")
+        for name, value in (("held_out", self.held_out), ("workers", self.workers)):
+            if value is not None:
+                arguments.whole_number(value, name, low=1)
+        if not MIN_MINUTES <= self.minutes <= MAX_MINUTES:
+            raise T2TwinError(
+                f"minutes is {self.minutes:g}; it must be from {MIN_MINUTES:g} to {MAX_MINUTES:g}"
+            )
+        check_workers(self.workers)
+
+    def read_inputs(self) -> Inputs:
+        """Reads frames and numbers of the calibration; raises T2TwinError if they are unusable."""
         return read_inputs(
             self.background, self.presses, self.ball_diameter_mm, self.held_out, self.camera,
             self.tolerance,
         )  # fmt: skip
 
-    def digest(self, given: Inputs) -> str:
-        """Of those frames and numbers."""
-        digest = hashlib.sha256(given.background.tobytes() + given.frames.tobytes())
+    def digest(self, inputs: Inputs) -> str:
+        """SHA-256 of the frames and numbers of the calibration."""
+        digest = hashlib.sha256(inputs.background.tobytes() + inputs.frames.tobytes())
         numbers = (
-            given.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
+            inputs.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
         )  # fmt: skip
         digest.update(repr(numbers).encode())
-        measured = given.measurements
-        for values in (measured.diameters_mm, measured.depths_mm, measured.forces_n):
+        for values in (
+            inputs.measurements.diameters_mm,
+            inputs.measurements.depths_mm,
+            inputs.measurements.forces_n,
+        ):
             digest.update(values.tobytes())
         return digest.hexdigest()
 
@@ -119,139 +144,139 @@ def adapt(
     minutes: float = 60.0,
     camera: Camera | None = None,
     model: str = "field",
-    start: str | Path | None = None,
+    init_from: str | Path | None = None,
     workers: int | None = None,
-    say: Callable[[str], object] = print,
+    report: Callable[[str], object] = print,
     tolerance: Tolerance = DEFAULT_TOLERANCE,
-) -> Adapted:
-    """Walks the road into the folder out, or what is left of it.
+) -> AdaptationResult:
+    """Adapts a translator to one DIGIT, or resumes an interrupted adaptation.
+
+    Writes calibration.npz, world.toml, data/, a run named after the model, adapted.json and
+    index.html to the folder out.
 
     background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. minutes:
-    that all steps take together, about, on two cores. model: what is trained, preset cpu. start: a
-    run whose weights the training begins with; unless given the one that ships, of a model of which
-    one does. workers: processes that press, as many as there are cores unless given. say: told
-    which step begins. out then holds calibration.npz, world.toml, data/, a run named like the
-    model, adapted.json and index.html. Raises T2TwinError for what `calibrate` refuses, minutes out
-    of range, a start of another model, and a folder that holds something else, before anything is
-    written.
+    approximate duration of all steps on two cores, 1 to 6000. model: trained with the preset cpu.
+    init_from: run whose weights initialize the training; by default the pretrained run of the
+    model, if there is one. workers: processes that press; by default one per core. report: receives
+    progress messages. Raises T2TwinError, before anything is written, for invalid arguments and for
+    a folder with other content.
     """
-    find_preset(model, "cpu")
-    minutes = arguments.real(minutes, "minutes")
-    road = AdaptConfig(
+    config = AdaptConfig(
         arguments.path(background, "background"),
         arguments.path(presses, "presses"),
         ball_diameter_mm,
-        arguments.path(out, "out"), held_out, minutes,
+        arguments.path(out, "out"), held_out, arguments.real(minutes, "minutes"),
         Camera() if camera is None else arguments.instance(camera, "camera", Camera),
-        model, _start(start, model), workers, arguments.instance(tolerance, "tolerance", Tolerance),
+        model, _initial_run(init_from, model), workers,
+        arguments.instance(tolerance, "tolerance", Tolerance),
     )  # fmt: skip
-    for name, value in (("held_out", held_out), ("workers", workers)):
-        if value is not None:
-            arguments.whole_number(value, name, low=1)
-    arguments.function(say, "say")
-    if not MINUTES[0] <= minutes <= MINUTES[1]:
-        raise T2TwinError(
-            f"minutes is {minutes:g}; it must be from {MINUTES[0]:g} to {MINUTES[1]:g}"
-        )
-    check_workers(workers)
-    given = road.read()
-    asked = road.digest(given)
-    fitted = _kept(road, asked)
-    clock = _Clock(say)
-    with locked(road.out):
-        with clock.step("light"):
-            fitted = fitted or _kept(road, asked) or _fit(road, asked, say)
-            _write_world(road)
-        with clock.step("data"):
-            generate(road.out / DATA, world=road.out / WORLD, workers=workers)
-        with clock.step("training"):
-            run_dir = road.out / model
-            part = TRAINING_PART * minutes
-            train(model, road.out / DATA, "cpu", run_dir, minutes=part, start=road.start)
-    with clock.step("check"):  # without the lock, which the page takes itself
-        run = load_run(run_dir)
-        judged = judge_each(run, _felt(road, given, fitted), given.background)
-        adapted = record_of(run, judged, given.background, fitted, clock.minutes)
-        write_adapt_page(road.out, run, judged, adapted)
-    write_record(road.out, adapted)
-    return adapted
+    arguments.function(report, "report")
+    inputs = config.read_inputs()
+    digest = config.digest(inputs)
+    fitted = _existing_fit(config, digest)
+    timer = _StepTimer(report)
+    with locked(config.out):
+        with timer.step("light"):
+            fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
+            _write_world(config)
+        with timer.step("data"):
+            generate(config.out / DATA, world=config.out / WORLD, workers=workers)
+        with timer.step("training"):
+            run_dir, share = config.out / model, TRAINING_SHARE * config.minutes
+            train(
+                model, config.out / DATA, "cpu", run_dir, minutes=share, init_from=config.init_from
+            )
+    with timer.step("check"):  # without the lock, which write_page takes
+        run, background_frame = load_run(run_dir), inputs.background
+        comparisons = evaluate_frames(run, _references(config, inputs, fitted), background_frame)
+        result = record_of(run, comparisons, background_frame, fitted, timer.minutes)
+        write_adapt_page(config.out, run, comparisons, result)
+    write_record(config.out, result)
+    return result
 
 
-def _start(start: str | Path | None, model: str) -> Path | None:
-    """The folder of the run to begin with. Raises T2TwinError for one that is not there, or is of
-    another model."""
-    if start is None:
+def _initial_run(init_from: str | Path | None, model: str) -> Path | None:
+    """Folder of the run that initializes the training.
+
+    Raises T2TwinError for a run that is missing or of another model.
+    """
+    if init_from is None:
         return HOME / model if model in pretrained_runs() else None
-    return run_of_model(start, model)[0]
+    return run_of_model(init_from, model)[0]
 
 
-def _kept(road: AdaptConfig, asked: str) -> Fitted | None:
-    """The calibration that an earlier start made. Raises T2TwinError where it was asked something
-    else, or the folder holds other things."""
-    if not road.out.is_dir() or is_empty(road.out):
+def _existing_fit(config: AdaptConfig, digest: str) -> FittedCalibration | None:
+    """The calibration of an interrupted adaptation.
+
+    Raises T2TwinError if its inputs differ or the folder has other content.
+    """
+    if not config.out.is_dir() or is_empty(config.out):
         return None
-    fitted = read_fitted(road.out)
-    if fitted is None and not (road.out / BALL).is_file():
-        raise T2TwinError(f"{road.out} is not empty and holds no adaptation; choose another folder")
-    if fitted is not None and fitted.asked != asked:
+    fitted = read_fitted(config.out)
+    if fitted is None and not (config.out / BALL).is_file():
         raise T2TwinError(
-            f"{road.out} holds an adaptation to other frames or numbers; choose another folder"
+            f"{config.out} is not empty and contains no adaptation; choose another folder"
+        )
+    if fitted is not None and fitted.inputs_digest != digest:
+        raise T2TwinError(
+            f"{config.out} contains an adaptation to other frames or numbers; choose another folder"
         )
     return fitted
 
 
-def _fit(road: AdaptConfig, asked: str, say: Callable[[str], object]) -> Fitted:
-    report = calibrate(
-        road.background, road.presses, road.ball_diameter_mm, road.held_out, road.camera, say,
-        road.tolerance,
+def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> FittedCalibration:
+    calibration = calibrate(
+        config.background, config.presses, config.ball_diameter_mm, config.held_out, config.camera,
+        report, config.tolerance,
     )  # fmt: skip
-    write_ball(road.out / BALL, road.ball_diameter_mm)
-    return write_fitted(road.out, report, asked, road.ball_diameter_mm)
+    write_ball(config.out / BALL, config.ball_diameter_mm)
+    return write_fitted(config.out, calibration, digest, config.ball_diameter_mm)
 
 
-def _write_world(road: AdaptConfig) -> None:
-    """The recipe, unless an earlier start wrote it: what was begun is ended as it was."""
-    if (road.out / WORLD).is_file():
+def _write_world(config: AdaptConfig) -> None:
+    """Writes the recipe, unless an interrupted adaptation has written it."""
+    if (config.out / WORLD).is_file():
         return
-    path = str((road.out / CALIBRATION).absolute())
+    path = str((config.out / CALIBRATION).absolute())
     text = WORLD_TEXT.format(
-        model=road.model,
-        shapes=max(round(SHAPES_A_MINUTE * road.minutes), 25),
-        presses=max(round(PRIMITIVE_PRESSES_A_MINUTE * road.minutes), 2),
+        model=config.model,
+        shapes=max(round(SHAPES_PER_MINUTE * config.minutes), 25),
+        presses=max(round(PRIMITIVE_PRESSES_PER_MINUTE * config.minutes), 2),
         calibration='"' + path.replace("\\", "\\\\").replace('"', '\\"') + '"',
     )
-    with whole_file(road.out / WORLD) as temporary:
+    with atomic_write(config.out / WORLD) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _felt(road: AdaptConfig, given: Inputs, fitted: Fitted) -> list[Felt]:
-    """The held-out presses, as the twin makes them."""
-    balls = [_ball(road, diameter_mm) for diameter_mm in fitted.diameters_mm]
-    sensors = SensorPair(Digit(calibration=str(road.out / CALIBRATION), noise_grey=NOISE_GREY))
-    chosen = [given.names.index(one.name) for one in fitted.held_out]
-    return simulate_reference(
-        [given.names[index] for index in chosen], fitted.poses, given.frames[chosen], balls, sensors
-    )
+def _references(
+    config: AdaptConfig, inputs: Inputs, fitted: FittedCalibration
+) -> list[SimulatedReference]:
+    """Simulated presses of the held-out frames."""
+    balls = [_ball(config, diameter_mm) for diameter_mm in fitted.diameters_mm]
+    sensors = SensorPair(Digit(calibration=str(config.out / CALIBRATION), noise_grey=NOISE_GREY))
+    names = [press.name for press in fitted.held_out]
+    frames = inputs.frames[[inputs.names.index(name) for name in names]]
+    return simulate_reference(names, fitted.poses, frames, balls, sensors)
 
 
-def _ball(road: AdaptConfig, diameter_mm: float) -> Shape:
-    """As a shape; others than the one that was asked for have a file of their own."""
-    own = diameter_mm == road.ball_diameter_mm
-    path = road.out / (BALL if own else f"ball-{diameter_mm:g}.step")
+def _ball(config: AdaptConfig, diameter_mm: float) -> Shape:
+    """Ball of a diameter; diameters other than the configured one have their own file."""
+    is_configured = diameter_mm == config.ball_diameter_mm
+    path = config.out / (BALL if is_configured else f"ball-{diameter_mm:g}.step")
     return catalogue.load(path) if path.is_file() else write_ball(path, diameter_mm)
 
 
-class _Clock:
-    """Minutes that each step took."""
+class _StepTimer:
+    """Measures the minutes of each step and reports them."""
 
-    def __init__(self, say: Callable[[str], object]) -> None:
+    def __init__(self, report: Callable[[str], object]) -> None:
         self.minutes: dict[str, float] = {}
-        self._say = say
+        self._report = report
 
     @contextmanager
     def step(self, name: str) -> Iterator[None]:
-        self._say(f"{name}: step {STEPS.index(name) + 1} of {len(STEPS)}")
+        self._report(f"{name}: step {STEPS.index(name) + 1} of {len(STEPS)}")
         start = time.monotonic()
         yield
         self.minutes[name] = (time.monotonic() - start) / 60.0
-        self._say(f"{name}: {self.minutes[name]:.1f} minutes")
+        self._report(f"{name}: {self.minutes[name]:.1f} minutes")

@@ -110,11 +110,11 @@ def _write(report: "CalibrationReport", out: Path) -> None:
     import numpy as np
     from PIL import Image
 
-    from t2twin.core.files import whole_file
+    from t2twin.core.files import atomic_write
     from t2twin.sim.digit.calibrate.record import uncertainty_lines, write_record
 
     strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
-    with whole_file(out / "calibration_strip.png") as temporary:
+    with atomic_write(out / "calibration_strip.png") as temporary:
         Image.fromarray(strip).save(temporary)
     write_record(out / "calibration.json", report)
     report.calibration.save(out / "calibration.npz")

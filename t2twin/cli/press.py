@@ -42,7 +42,7 @@ class PressOptions:
         optics: What renders the DIGIT's image: the baked model, in milliseconds, or pyrender, in
             seconds and for the default calibration only.
         seed: Seed of the camera noise and of the CySkin's imperfections; none without a seed.
-        imperfections: The CySkin's errors if there is a seed: none, white, untouched or all.
+        imperfections: The CySkin's errors if there is a seed: none, white, baseline or all.
         view: Open the scene in MuJoCo's viewer (the DIGIT's if both sensors are pressed).
     """
 

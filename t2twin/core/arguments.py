@@ -1,9 +1,7 @@
-"""Checks of the arguments of public functions: a wrong type or value raises one plain sentence.
+"""Checks of the arguments of public functions.
 
-Each check takes the value and the name of its argument, and returns the value as the function uses
-it. NumPy's scalars are numbers; bool is not a number.
-
-Seeds: one rule for all of them.
+Each check takes the value and the name of an argument, and returns the value in its final type. A
+wrong type or value raises a T2TwinError of one sentence. NumPy's scalars are numbers; bool is not.
 """
 
 import errno
@@ -16,18 +14,20 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 
-MAX_SHOWN = 40
-"""Characters of a value that a message shows (assumed: the sentence stays on one line)."""
+MAX_SEED = 2**63 - 1
+"""The largest seed that NumPy, PyTorch and JSON readers accept."""
+
+MAX_VALUE_CHARACTERS = 40
+"""Characters of a value in a message (assumed: the sentence stays on one line)."""
 
 Kind = TypeVar("Kind")
 
 
 def real(value: object, name: str) -> float:
     """A number as a float, which may be infinite or NaN. Raises T2TwinError for anything else."""
-    if type(value) is float:  # the usual case, quickly
+    if type(value) is float:  # fast path
         return value
     if not isinstance(value, Real) or isinstance(value, bool):
         raise _wrong(value, name, "a number")
@@ -35,7 +35,7 @@ def real(value: object, name: str) -> float:
 
 
 def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """A finite number from low to high, as a float. Raises T2TwinError for anything else."""
+    """A finite number in [low, high], as a float. Raises T2TwinError for anything else."""
     found = real(value, name)
     if not math.isfinite(found):
         raise T2TwinError(f"{name} is {found:g}; expected a finite number")
@@ -45,7 +45,7 @@ def number(value: object, name: str, low: float = -math.inf, high: float = math.
 
 
 def whole_number(value: object, name: str, low: int | None = None, high: int | None = None) -> int:
-    """A whole number from low to high, as an int; None is no bound.
+    """A whole number in [low, high], as an int; None for no bound.
 
     Raises T2TwinError for anything else.
     """
@@ -66,8 +66,8 @@ def flag(value: object, name: str) -> bool:
 
 
 def path(value: object, name: str) -> Path:
-    """A path. Raises T2TwinError for what is no text and no path, and for text that names nothing:
-    empty, too long for the file system, or with characters that no file name has."""
+    """A path. Raises T2TwinError for anything but str and PathLike, and for an invalid path: empty,
+    too long for the file system, or with characters that file names cannot contain."""
     if not isinstance(value, str | os.PathLike):
         raise _wrong(value, name, "a path")
     text = os.fspath(value)
@@ -84,30 +84,30 @@ def path(value: object, name: str) -> Path:
 
 
 def paths(values: object, name: str) -> list[Path]:
-    """Several paths, of a list or a tuple. Raises T2TwinError for anything else."""
+    """A list or a tuple of paths. Raises T2TwinError for anything else."""
     return [path(value, f"{name}[{n}]") for n, value in enumerate(_items(values, name, "paths"))]
 
 
 def texts(values: object, name: str) -> list[str]:
-    """Several str, of a list or a tuple. Raises T2TwinError for anything else."""
+    """A list or a tuple of str. Raises T2TwinError for anything else."""
     return [text(value, f"{name}[{n}]") for n, value in enumerate(_items(values, name, "names"))]
 
 
 def instance(value: object, name: str, kind: type[Kind]) -> Kind:
-    """An object of this class. Raises T2TwinError for any other."""
+    """An instance of a class. Raises T2TwinError for anything else."""
     if not isinstance(value, kind):
         raise _wrong(value, name, f"an object of the class {kind.__name__}")
     return value
 
 
 def function(value: object, name: str) -> None:
-    """Raises T2TwinError for what cannot be called."""
+    """Raises T2TwinError for anything that is not callable."""
     if not callable(value):
         raise _wrong(value, name, "a function")
 
 
 def choice(value: object, name: str, allowed: Sequence[str]) -> str:
-    """One of these words. Raises T2TwinError for anything else."""
+    """One of the allowed strings. Raises T2TwinError for anything else."""
     if not isinstance(value, str) or value not in allowed:
         raise _wrong(value, name, f"one of {', '.join(allowed)}")
     return value
@@ -124,7 +124,7 @@ def array(value: object, name: str) -> np.ndarray:
     """An array of integers or floats, of any shape. Raises T2TwinError for anything else."""
     try:
         found = np.asarray(value)
-    except (ValueError, TypeError, RuntimeError):  # a ragged list; a tensor that needs a gradient
+    except (ValueError, TypeError, RuntimeError):  # a ragged list, a tensor with a gradient
         found = np.empty(0, object)
     if found.dtype.kind not in "iuf":
         raise _wrong(value, name, "an array of numbers")
@@ -144,24 +144,31 @@ def vector(value: object, name: str, size: int | None = None) -> np.ndarray:
     return found
 
 
-def shown(value: object) -> str:
-    """A value as messages show it, on one line: its repr, or its type where that is long."""
+def check_seed(seed: int) -> None:
+    """Raises T2TwinError for a seed that is not a whole number from 0 to MAX_SEED."""
+    whole_number(seed, "seed")
+    if not 0 <= seed <= MAX_SEED:
+        raise T2TwinError(f"the seed is {seed}; it must be a whole number from 0 to {MAX_SEED}")
+
+
+def describe(value: object) -> str:
+    """A value in one line for a message: its repr, or its type where that is long."""
     kind = type(value).__name__
     shape: Any = getattr(value, "shape", None)
     if isinstance(shape, tuple) and shape:
         return f"of type {kind}, shape {tuple(shape)} and {getattr(value, 'dtype', 'no dtype')}"
     if value is None or isinstance(value, str | bytes | bool | int | float | complex | Path):
-        said = _short_repr(value)
-        return said if value is None else f"{said} of type {kind}"
+        text = _short_repr(value)
+        return text if value is None else f"{text} of type {kind}"
     return f"of type {kind}"
 
 
 def _short_repr(value: object) -> str:
     if isinstance(value, int) and not isinstance(value, bool) and value.bit_length() > 128:
         return "a very large number"  # Python does not print integers of thousands of digits
-    said = str(value) if isinstance(value, Path | np.generic) else repr(value)
-    said = "".join(letter if letter.isprintable() else "?" for letter in said)
-    return said if len(said) <= MAX_SHOWN else f"{said[:MAX_SHOWN]}..."
+    text = str(value) if isinstance(value, Path | np.generic) else repr(value)
+    text = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return text if len(text) <= MAX_VALUE_CHARACTERS else f"{text[:MAX_VALUE_CHARACTERS]}..."
 
 
 def _as_float(value: Any) -> float:
@@ -178,21 +185,10 @@ def _items(values: object, name: str, of: str) -> Sequence[object]:
 
 
 def _wrong(value: object, name: str, expected: str) -> T2TwinError:
-    return T2TwinError(f"{name} is {shown(value)}; expected {expected}")
+    return T2TwinError(f"{name} is {describe(value)}; expected {expected}")
 
 
 def _between(low: float, high: float) -> str:
     if math.isinf(high):
         return f"of at least {low:g}"
     return f"of at most {high:g}" if math.isinf(low) else f"from {low:g} to {high:g}"
-
-
-MAX_SEED = 2**63 - 1
-"""The largest seed that NumPy, PyTorch and JSON readers all take for certain."""
-
-
-def check_seed(seed: int) -> None:
-    """Raises T2TwinError for a seed that is not a whole number from 0 to MAX_SEED."""
-    arguments.whole_number(seed, "seed")
-    if not 0 <= seed <= MAX_SEED:
-        raise T2TwinError(f"the seed is {seed}; it must be a whole number from 0 to {MAX_SEED}")

@@ -1,4 +1,4 @@
-"""The one folder in which everything is kept that would otherwise be made again."""
+"""The cache directory: prepared shapes, arrays, compiled code and models."""
 
 import os
 import stat
@@ -11,18 +11,17 @@ import platformdirs
 from t2twin.core.errors import T2TwinError
 
 NAME = "t2twin"
-"""The folder's name, below the user's folder for caches."""
+"""Name of the directory below the user's directory for caches."""
 
 VARIABLE = "T2TWIN_CACHE"
-"""Environment variable that names another folder."""
+"""Environment variable that names another directory."""
 
 
-def cache_home() -> Path | None:
-    """The folder, which is made where it is not there; None where none can be written.
+def cache_dir() -> Path | None:
+    """The cache directory, created if missing; None where none is writable.
 
-    It is the one that T2TWIN_CACHE names, else the user's own as the system has it
-    (~/.cache/t2twin), else, without a home that can be written, one below the temporary directory
-    that only this user may enter.
+    The first of: T2TWIN_CACHE, the user's (~/.cache/t2twin on Linux), and a directory below the
+    temporary one that only this user can read.
     Raises T2TwinError where T2TWIN_CACHE names a folder that cannot be written.
     """
     named = os.environ.get(VARIABLE)
@@ -34,11 +33,11 @@ def cache_home() -> Path | None:
                 "it"
             )
         return folder
-    return _users_own(platformdirs.user_cache_path, NAME) or _temporary()
+    return _user_folder(platformdirs.user_cache_path, NAME) or _temporary()
 
 
 def is_writable(folder: Path) -> bool:
-    """Whether files can be made in this folder, which is itself made where that is possible."""
+    """Whether files can be created in a folder; creates the folder if that is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError:
@@ -46,44 +45,45 @@ def is_writable(folder: Path) -> bool:
     return os.access(folder, os.W_OK | os.X_OK)
 
 
-def matplotlib_home() -> None:
-    """Where matplotlib could not write its own folders, gives it one in the cache home.
+def configure_matplotlib_dir() -> None:
+    """Point MPLCONFIGDIR to the cache directory where matplotlib's own folders are not writable.
 
-    To be called before matplotlib is imported, which else makes one anew each time and says so.
+    Call it before the import of matplotlib, which otherwise creates a temporary folder each time,
+    with a warning.
     """
     places = (platformdirs.user_config_path, platformdirs.user_cache_path)
-    if "MPLCONFIGDIR" in os.environ or all(_users_own(place, "matplotlib") for place in places):
+    if "MPLCONFIGDIR" in os.environ or all(_user_folder(place, "matplotlib") for place in places):
         return
-    home = cache_home()
-    if home is not None:
-        os.environ["MPLCONFIGDIR"] = str(home / "matplotlib")
+    folder = cache_dir()
+    if folder is not None:
+        os.environ["MPLCONFIGDIR"] = str(folder / "matplotlib")
 
 
-def lend_home() -> None:
-    """Makes the cache home the home, for this process and those that it starts."""
-    home = cache_home()
-    os.environ["HOME"] = str(home or "/")
-    if home is not None:
-        os.environ[VARIABLE] = str(home)
+def use_cache_dir_as_home() -> None:
+    """Set HOME to the cache directory, for this process and its children."""
+    folder = cache_dir()
+    os.environ["HOME"] = str(folder or "/")
+    if folder is not None:
+        os.environ[VARIABLE] = str(folder)
 
 
-def _users_own(place: Callable[[str], Path], name: str) -> Path | None:
-    """A folder in the user's home; None where it cannot be written."""
+def _user_folder(place: Callable[[str], Path], name: str) -> Path | None:
+    """A folder in the user's home; None where it is not writable."""
     try:
         folder = place(name)
     except RuntimeError:
-        return None  # nobody knows where this user's home is
+        return None  # the user has no home
     return folder if is_writable(folder) else None
 
 
 def _temporary() -> Path | None:
-    """A folder below the temporary directory; None where it is not this user's alone."""
+    """A folder below the temporary directory; None unless this user alone has access to it."""
     try:
         folder = Path(tempfile.gettempdir()) / f"{NAME}-{os.getuid()}"
         folder.mkdir(mode=stat.S_IRWXU, exist_ok=True)
         found = folder.lstat()
     except OSError:
         return None
-    others_enter = found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
-    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not others_enter
+    shared = found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+    ours = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not shared
     return folder if ours and is_writable(folder) else None

@@ -1,6 +1,6 @@
-"""What happens before the first loop is compiled: a notice, and a second process that helps.
+"""Preparations for compiling: a notice before the first compilation, and a second process.
 
-This module imports neither numba nor anything else that is slow, so that commands can prepare it.
+This module imports nothing slow, such as numba, so that every command can use it.
 """
 
 import os
@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from t2twin.core.cache_dir import cache_home
+from t2twin.core.cache_dir import cache_dir
 from t2twin.core.machine import cores
 
 COMPILE_OPTICS = (
@@ -22,34 +22,35 @@ COMPILE_OPTICS = (
     "DigitOptics.load().render(np.exp(-np.hypot(x, y[:, None]).astype(np.float32)))\n"
     "os._exit(0)\n"
 )
-"""A process that compiles the loops of t2twin.sim.digit, by a picture of any surface, and keeps
-them. It ends when its standard input does, so with the process that started it."""
+"""A program that renders any surface, which compiles and caches the loops of t2twin.sim.digit. It
+ends when its standard input closes, that is with the process that started it."""
 
 _notices: list[Callable[[], None]] = []
 _helper: subprocess.Popen | None = None
 
 
 def before_compiling(notify: Callable[[], None]) -> None:
-    """Call notify once, before this process compiles its first loop that is not kept yet."""
+    """Call notify once, before this process compiles its first loop that is not cached."""
     _notices[:] = [notify]
 
 
 def announce_compiling() -> None:
-    """Give the notice; for whoever compiles."""
+    """Give the notice, if it is still due; called before every compilation."""
     if _notices:
         _notices.pop()()
 
 
 def compile_optics_ahead() -> bool:
-    """Start the second process where nothing has been compiled yet and a core is free for it;
-    numba compiles one loop at a time in each process. Returns whether it was started."""
+    """Start the second process if nothing is cached yet and a second core exists.
+
+    Numba compiles one loop at a time in each process. Returns whether the process was started.
+    """
     global _helper
-    home = cache_home()
-    if _helper is not None or home is None or cores() < 2:
+    folder = cache_dir()
+    if _helper is not None or folder is None or cores() < 2:
         return False
-    # A folder that the user has given to numba is used instead: t2twin.core.jit.
-    kept = Path(os.environ.get("NUMBA_CACHE_DIR") or home / "numba")
-    if any(kept.glob("digit-*/*/*.loop")):
+    cached = Path(os.environ.get("NUMBA_CACHE_DIR") or folder / "numba")  # as in t2twin.core.jit
+    if any(cached.glob("digit-*/*/*.loop")):
         return False
     _helper = subprocess.Popen(
         [sys.executable, "-c", COMPILE_OPTICS],
@@ -59,7 +60,7 @@ def compile_optics_ahead() -> bool:
 
 
 def wait_for_helper() -> None:
-    """Wait until the second process has ended, if there is one."""
+    """Wait for the second process, if there is one, to end."""
     global _helper
     if _helper is not None:
         _helper.wait()

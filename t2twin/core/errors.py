@@ -1,8 +1,8 @@
-"""The one exception base of the project."""
+"""The base class of the project's exceptions."""
 
 
 class T2TwinError(ValueError):
-    """Something the user gave cannot be used; the message says what, and what is allowed.
+    """Invalid input. The message is one sentence: what was wrong, where, and what is allowed.
 
-    The command line prints the message as one plain sentence and exits with status 2.
+    The command line prints the message and exits with status 2.
     """

@@ -1,11 +1,9 @@
-"""The one way in which an image is opened, whoever made it.
+"""Opens and checks image files, and encodes the PNG images of datasets.
 
-Pictures as PNG, small and quick for pictures whose entropy is camera noise.
-
-Noise leaves nothing for LZ77 to find, so the search for repeats is left out: every row is
-predicted from its left and upper neighbors, which halves the noise that a prediction adds, and
-what is left is Huffman coded. On pictures of `t2twin simdata` that takes a quarter of the bytes and
-two thirds of the time off Pillow's quickest setting.
+The encoder is for images with camera noise, in which LZ77 finds no repeats: each row is predicted
+from its left and upper neighbors, whose mean halves the noise of the prediction, and the residuals
+are Huffman coded. On images of `t2twin simdata` this saves a quarter of the bytes and two thirds of
+the time of Pillow's fastest setting.
 """
 
 import io
@@ -21,11 +19,11 @@ from PIL import Image, ImageOps
 from t2twin.core.errors import T2TwinError
 
 MAX_PIXELS = 12_000_000
-"""Most pixels of an image (assumed: 4,000 x 3,000, more than any tactile camera has). Their number
-stands in a file's header, so that a small file cannot ask for all the memory."""
+"""Limit on the pixels of an image (assumed: 4,000 x 3,000, more than any tactile camera has). The
+header contains their number, so that a small file cannot exhaust the memory."""
 
 FORMATS = ("PNG", "JPEG")
-"""Formats that a user's images may have."""
+"""Allowed formats of images."""
 
 _ERRORS = (
     OSError,
@@ -34,24 +32,34 @@ _ERRORS = (
     Image.DecompressionBombError,
     Image.DecompressionBombWarning,
 )
-"""What Pillow raises for files that are no images, damaged, cut short or far too large."""
+"""Exceptions of Pillow for files that are no images, damaged, truncated or too large."""
 
 PNG_END = b"IEND\xaeB`\x82"
-"""The type and the checksum of a PNG file's last chunk, which is empty (PNG, third edition,
-11.2.5). Pillow reads a file that is cut off before it, once all rows are there."""
+"""Type and checksum of a PNG file's last chunk, which is empty (PNG, third edition, 11.2.5).
+Pillow accepts a file without it if all rows are complete."""
 
 MAX_FILE_BYTES = 100_000_000
-"""Largest image file that is read, bytes (assumed: MAX_PIXELS uncompressed, of 64 bits each)."""
+"""Size limit of image files, bytes (assumed: MAX_PIXELS uncompressed, of 64 bits each)."""
 
 _opening = Lock()
-"""Filters of warnings are the whole process's: one thread at a time changes them."""
+"""Warning filters are global: one thread at a time changes them."""
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+EIGHT_BIT_RGB = (8, 2, 0, 0, 0)
+"""Bit depth, color type, and the numbers of the compression, filter method and interlacing."""
+
+AVERAGE = 3
+"""Number of the row filter that predicts the mean of left and above (PNG specification, 9.2)."""
+
+LEVEL, WINDOW_BITS, MEMORY_LEVEL = 1, 15, 8
+"""Parameters of zlib; level and window have no effect with Huffman coding alone."""
 
 
-def open_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> Image.Image:
-    """An image, decoded and upright (by EXIF), in the mode that it is stored in.
+def decode_image(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> Image.Image:
+    """A decoded image, rotated by its EXIF orientation, in its stored mode.
 
-    source: a file, or its content. Raises T2TwinError with the reason alone, for the caller to say
-    of which image: no file, another format, damaged, or more than MAX_PIXELS.
+    source: a file or its content. Raises T2TwinError without the image's name, which the caller
+    adds, for a missing file, another format, a damaged image, or more than MAX_PIXELS.
     """
     with _opened(source, formats) as image:
         try:
@@ -66,8 +74,8 @@ def open_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> Im
     return whole
 
 
-def check_picture(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> None:
-    """The same checks of the header alone, without decoding. Raises as `open_picture` does."""
+def check_image_header(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> None:
+    """Check an image's header without decoding it. Raises as `decode_image` does."""
     _opened(source, formats).close()
 
 
@@ -97,26 +105,15 @@ def _opened(source: Path | bytes, formats: tuple[str, ...]) -> Image.Image:
     return image
 
 
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
-EIGHT_BIT_RGB = (8, 2, 0, 0, 0)
-"""Bit depth, color type, and the one compression, filter method and interlace that are meant."""
-
-AVERAGE = 3
-"""Number of the row filter that predicts the mean of left and above (PNG specification, 9.2)."""
-
-LEVEL, WINDOW_BITS, MEMORY_LEVEL = 1, 15, 8
-"""zlib's; with Huffman coding alone the level and the window change nothing."""
-
-
 def encode_png(image: np.ndarray) -> bytes:
-    """PNG bytes of a (rows, columns, 3) uint8 picture.
+    """PNG bytes of a (rows, columns, 3) uint8 image.
 
     Raises T2TwinError for another shape or type.
     """
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise T2TwinError(
-            f"a picture of {image.dtype} {image.shape} cannot be kept; it must be uint8, "
-            "rows x columns x 3"
+            f"the image has type {image.dtype} and shape {image.shape}; expected uint8, "
+            "(rows, columns, 3)"
         )
     rows, columns, _ = image.shape
     deflate = zlib.compressobj(LEVEL, zlib.DEFLATED, WINDOW_BITS, MEMORY_LEVEL, zlib.Z_HUFFMAN_ONLY)
@@ -126,19 +123,20 @@ def encode_png(image: np.ndarray) -> bytes:
 
 
 def decode_png(content: bytes) -> np.ndarray:
-    """The (rows, columns, 3) uint8 picture in PNG bytes: the one way to read a stored picture.
+    """The (rows, columns, 3) uint8 image in PNG bytes of a dataset.
 
-    Raises T2TwinError where the bytes are no whole picture.
+    Raises T2TwinError where the bytes are not a complete image.
     """
     try:
-        return np.asarray(open_picture(content, ("PNG",)).convert("RGB"))
+        return np.asarray(decode_image(content, ("PNG",)).convert("RGB"))
     except T2TwinError as error:
         raise T2TwinError(
-            "a stored picture cannot be decoded; `t2twin simdata --verify` names its shard"
+            "an image of the dataset cannot be decoded; `t2twin simdata --verify` names its shard"
         ) from error
 
 
 def _filtered(image: np.ndarray) -> bytes:
+    """The rows' filter bytes and residuals."""
     rows = image.shape[0]
     values = image.reshape(rows, -1)
     around = np.zeros(values.shape, np.uint16)

@@ -1,12 +1,11 @@
-"""Inner loops compiled by numba, their machine code kept in the cache home.
+"""Functions compiled by numba, with their machine code in the cache directory.
 
-A loop is compiled at its first call, or read from the cache home where it was compiled before.
-numba's own cache is not used: it notices a change in a loop's own file only, while parts of other
-files may be compiled into it, and it unpickles files without a check. Here machine code is kept by
-all sources in the loop's folder and in this one, and is read only while it is intact.
+A function is compiled at its first call, or loaded if it was compiled before. Numba's own cache is
+not used: it detects changes only in a function's own file, although code of other files is compiled
+into it, and it unpickles files without a check. Here the key includes all sources in the function's
+folder and in this one, and a file is loaded only if its checksum is right.
 """
 
-import hashlib
 import pickle
 import shutil
 import sys
@@ -24,62 +23,58 @@ from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 
-from t2twin.core.cache_dir import cache_home, is_writable
-from t2twin.core.cached_files import read_checked, write_checked
+from t2twin.core.cache_dir import cache_dir, is_writable
+from t2twin.core.cached_files import read_checked, short_digest, write_checked
 from t2twin.core.compile_ahead import announce_compiling, wait_for_helper
 from t2twin.core.errors import T2TwinError
 
-DIGITS = 16
-"""Hexadecimal digits of a folder's name, 64 bits: no two will share one."""
-
 SUFFIX = ".loop"
-"""Of the files that hold machine code."""
+"""Suffix of the files with machine code."""
 
 _lock = RLock()
 _config: Any = config
 _njit: Any = numba.njit
-"""numba's, whose types pyright cannot see."""
+"""Of numba, whose types pyright cannot resolve."""
 
-
-_preparing_s = 0.0
+_compile_time_s = 0.0
 _depth = 0
 
 
-def preparing_s() -> float:
-    """Seconds that this process has compiled or read loops with a signature."""
-    return _preparing_s
+def compile_time_s() -> float:
+    """Seconds that this process has spent on compiling and loading functions with a signature."""
+    return _compile_time_s
 
 
 @contextmanager
 def _timed() -> Iterator[None]:
-    """Counts what `preparing_s` returns; loops that are compiled for another one count once."""
-    global _preparing_s, _depth
+    """Add the block's duration to `compile_time_s`; nested blocks count once."""
+    global _compile_time_s, _depth
     started, _depth = time.perf_counter(), _depth + 1
     try:
         yield
     finally:
         _depth -= 1
         if _depth == 0:
-            _preparing_s += time.perf_counter() - started
+            _compile_time_s += time.perf_counter() - started
 
 
 def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
-    """A decorator as numba.njit's, which takes the same but for `cache`.
+    """A decorator with the arguments of numba.njit, except `cache`.
 
-    A loop with a signature takes arguments of these types only. Where nothing can be kept, the loop
-    is compiled in every process. A folder that the user has given to numba (NUMBA_CACHE_DIR) is
-    used instead of the cache home.
+    A function with a signature accepts only these types. Without a cache directory it is compiled
+    in every process. NUMBA_CACHE_DIR replaces the cache directory.
     """
 
-    def declare(loop: Callable) -> Any:
-        dispatcher = _njit(**options)(loop)
+    def declare(function: Callable) -> Any:
+        dispatcher = _njit(**options)(function)
         with _lock:
-            folder = _kept_in(_config.CACHE_DIR, Path(loop.__code__.co_filename).parent)
-        dispatcher._cache = _MachineCode(folder, f"{loop.__module__}.{loop.__qualname__}")
+            folder = _code_folder(_config.CACHE_DIR, Path(function.__code__.co_filename).parent)
+        name = f"{function.__module__}.{function.__qualname__}"
+        dispatcher._cache = _MachineCode(folder, name)
 
         def compile_declared() -> None:
             with _lock, _timed():
-                if not dispatcher._can_compile:  # another thread was first
+                if not dispatcher._can_compile:  # another thread has compiled it
                     return
                 for each in signature:
                     dispatcher.compile(each)
@@ -95,7 +90,7 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
             compile_declared()
             return dispatcher.get_call_template(*given)
 
-        if signature:  # what numba calls for types that are not compiled yet
+        if signature:  # numba calls these for types that are not compiled yet
             dispatcher._compile_for_args = compile_for_args
             dispatcher.get_call_template = get_call_template
         return dispatcher
@@ -104,16 +99,16 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
 
 
 class _MachineCode(NullCache):
-    """The machine code of one loop, a file for each signature and kind of processor.
+    """The machine code of one function, one file for each signature and type of processor.
 
-    folder: None keeps nothing.
+    folder: None to store nothing.
     """
 
     def __init__(self, folder: Path | None, name: str) -> None:
         self._folder, self._name = folder, name
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """What numba compiled earlier, ready to be called, or None."""
+        """The compiled function for a signature, or None."""
         target_context.refresh()
         path = self._file(sig, target_context)
         content = None if path is None else read_checked(path)
@@ -126,44 +121,37 @@ class _MachineCode(NullCache):
         return CompileResult._rebuild(target_context, *pickle.loads(content))
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what numba has compiled, where that is possible."""
+        """Store a compiled function, if possible."""
         path = self._file(sig, data.target_context)
         if path is not None:
-            with suppress(T2TwinError):  # then it is compiled the next time too
+            with suppress(T2TwinError):  # a full disk: it is compiled the next time too
                 write_checked(path, dumps(data._reduce()))
 
     def _file(self, sig: Any, target_context: Any) -> Path | None:
-        """Where the machine code is kept, by all that it depends on besides the sources."""
+        """The file of a signature; its name depends on everything but the sources."""
         if self._folder is None:
             return None
         machine = target_context.codegen().magic_tuple()
-        made_from = repr((self._name, sig, numba.__version__, sys.version, machine)).encode()
+        key = repr((self._name, sig, numba.__version__, sys.version, machine)).encode()
         short = self._name.removeprefix("t2twin.")
-        return self._folder / f"{short}-{_digest(made_from)}{SUFFIX}"
+        return self._folder / f"{short}-{short_digest(key)}{SUFFIX}"
 
 
 @cache
-def _kept_in(given: str, sources: Path) -> Path | None:
-    """Where what is compiled from this folder's sources is kept; what older ones gave is removed.
+def _code_folder(numba_folder: str, sources: Path) -> Path | None:
+    """The folder for machine code from a folder of sources; removes that of older sources.
 
-    given: the folder that the user has given to numba, or "".
+    numba_folder: NUMBA_CACHE_DIR, or "".
     """
-    home = Path(given).absolute() if given else _in_cache_home()
-    if home is None:
+    root = Path(numba_folder).absolute() if numba_folder else cache_dir()
+    if root is None:
         return None
-    place = home / f"{sources.name}-{_digest(str(sources).encode())}"
+    if not numba_folder:
+        root /= "numba"
+    place = root / f"{sources.name}-{short_digest(str(sources).encode())}"
     used = sorted({*sources.glob("*.py"), *Path(__file__).parent.glob("*.py")})
-    folder = place / _digest(b"".join(path.read_bytes() for path in used))
+    folder = place / short_digest(b"".join(path.read_bytes() for path in used))
     if not folder.is_dir():
         for older in set(place.glob("*")) - {folder}:
             shutil.rmtree(older, ignore_errors=True)
     return folder if is_writable(folder) else None
-
-
-def _in_cache_home() -> Path | None:
-    home = cache_home()
-    return None if home is None else home / "numba"
-
-
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:DIGITS]

@@ -1,22 +1,22 @@
-"""What machine this is, as far as figures and the use of its cores need to know."""
+"""The processor of this machine and its cores."""
 
 import os
 import platform
 from pathlib import Path
 
 CPUINFO = Path("/proc/cpuinfo")
-"""Where Linux names its processor."""
+"""File with the processor's name on Linux."""
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores available to this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def processor() -> str:
-    """The processor's name as the system gives it."""
+    """The processor's name."""
     lines = CPUINFO.read_text().splitlines() if CPUINFO.is_file() else []
     names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
     return next(names, platform.processor() or platform.machine())

@@ -1,6 +1,6 @@
-"""What Ctrl-C and SIGTERM do to a command, from its first moment to its last.
+"""Handling of Ctrl-C and SIGTERM by a command.
 
-Imports next to nothing, so that signals are handled before the rest is loaded.
+Imports only standard modules, so that signals are handled before the rest is loaded.
 """
 
 import os
@@ -10,23 +10,23 @@ from contextlib import suppress
 from types import FrameType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-"""Ctrl-C, and what `kill`, service managers and containers send."""
+"""Ctrl-C, and the signal of `kill`, service managers and containers."""
 
 RESUMING = ("adapt", "primitives", "simdata", "train")
-"""Commands that continue what an earlier call began; the others begin again and leave nothing."""
+"""Commands that continue an earlier call; the others start again and leave no files."""
 
-WRITING = "t2twin.core.files"
-"""The module that knows what is being written; until it is loaded, nothing is."""
+FILES = "t2twin.core.files"
+"""The module that lists pending writes; until it is loaded, there are none."""
 
 IMPORTING = "<frozen importlib."
-"""How the names of the files begin whose frames run an import."""
+"""Start of the file names of frames that run an import."""
 
 _first: list[int] = []
-"""The first signal that came; a second one ends the process without waiting."""
+"""The first signal; a second one ends the process at once."""
 
 
 class Stopped(BaseException):
-    """A signal came while something was being written: it is cleaned up on the way out."""
+    """Raised by a signal during a write, so that context managers clean up."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -34,36 +34,37 @@ class Stopped(BaseException):
 
 
 def install_handlers() -> None:
-    """From here on SIGNALS end the process: by Stopped where something is being written, else at
-    once. One that the parent process had ignored stays ignored."""
+    """Let SIGNALS end the process: by Stopped during a write, else at once.
+
+    Signals that the parent process ignored stay ignored.
+    """
     for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _stop)
 
 
-def say_stopped(number: int) -> int:
-    """Says what the same command will do; returns the exit status that shells have for it."""
+def report_stop(number: int) -> int:
+    """Print what running the command again does; returns the exit status of the signal."""
     resumes = len(sys.argv) > 1 and sys.argv[1] in RESUMING
-    after = "continues from here" if resumes else "begins again"
-    message = f"t2twin: stopped; the same command {after}\n"
-    with suppress(OSError):  # where nobody reads it
-        os.write(2, message.encode())  # not print: the signal may have come within one
+    effect = "continues from here" if resumes else "begins again"
+    message = f"t2twin: stopped; the same command {effect}\n"
+    with suppress(OSError):  # standard error is closed
+        os.write(2, message.encode())  # not print, which the signal may have interrupted
     return 128 + number
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    writing = sys.modules.get(WRITING)
-    in_hand = getattr(writing, "in_hand", None)
-    # An exception in an import may come out as another one, or not at all.
-    if in_hand and not _first and not _is_importing(frame):
+    files = sys.modules.get(FILES)
+    # Imports may swallow or replace an exception.
+    if getattr(files, "pending_writes", None) and not _first and not _is_importing(frame):
         _first.append(number)
         raise Stopped(number)
     for each in SIGNALS:
         signal.signal(each, signal.SIG_IGN)
-    abandon = getattr(writing, "abandon", None)
-    if abandon is not None:
-        abandon()
-    os._exit(say_stopped(number))
+    remove_pending = getattr(files, "remove_pending", None)
+    if remove_pending is not None:
+        remove_pending()
+    os._exit(report_stop(number))
 
 
 def _is_importing(frame: FrameType | None) -> bool:

@@ -1,6 +1,6 @@
-"""CSV read into frozen dataclasses, one row each; what does not fit raises one sentence.
+"""Reads CSV files of spreadsheets: into tables, and into frozen dataclasses, one for each row.
 
-CSV as spreadsheets write it: delimiters, decimal commas, and where each row stands.
+Content that does not fit raises a T2TwinError of one sentence with the line and the column.
 """
 
 import csv
@@ -15,18 +15,27 @@ import pyarrow as pa
 import pyarrow.csv
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.reading import read_file
+from t2twin.core.files import read_file
 from t2twin.core.records import check_names, convert
 
 Record = TypeVar("Record")
+
+DELIMITERS = (b",", b";", b"\t")
+"""Delimiters of CSV columns; spreadsheets of many countries write the second."""
+
+DECIMAL_COMMA = re.compile(rb"(?:^|[;\t\n])-?\d+,\d+(?=[;\t\r\n]|$)")
+"""A number with a decimal comma, where commas do not delimit columns."""
+
+ERRORS = (pa.ArrowException, UnicodeDecodeError, csv.Error)
+"""Exceptions of `read_csv` for content that is not a table."""
 
 
 def read_rows(path: Path, kind: type[Record], what: str) -> tuple[Record, ...]:
     """The rows of a CSV file, in its order.
 
-    kind: a dataclass, whose fields are the columns; those without a default must be there, and no
-    others may be. An empty cell takes its field's default. what: the file is, for messages.
-    Raises T2TwinError that names the file and, where it can, the line and the column.
+    kind: a dataclass whose fields are the columns; fields without a default are required, other
+    columns are rejected. An empty cell takes the field's default. what: name of the file's content,
+    for messages. Raises T2TwinError with the file and, if known, the line and the column.
     """
     content = read_file(path)
     try:
@@ -46,7 +55,7 @@ def read_rows(path: Path, kind: type[Record], what: str) -> tuple[Record, ...]:
 
 
 def _cells(row: dict[str, Any], at: str) -> dict[str, Any]:
-    """The cells that are not empty. Raises T2TwinError for a number that is not finite."""
+    """The nonempty cells of a row. Raises T2TwinError for a number that is not finite."""
     for name, value in row.items():
         if isinstance(value, float) and not isfinite(value):
             raise T2TwinError(
@@ -56,21 +65,11 @@ def _cells(row: dict[str, Any], at: str) -> dict[str, Any]:
     return {name: value for name, value in row.items() if value is not None}
 
 
-DELIMITERS = (b",", b";", b"\t")
-"""What may stand between a CSV file's columns; spreadsheets of many countries write the second."""
-
-DECIMAL_COMMA = re.compile(rb"(?:^|[;\t\n])-?\d+,\d+(?=[;\t\r\n]|$)")
-"""A number with a decimal comma, where columns are not divided by commas."""
-
-ERRORS = (pa.ArrowException, UnicodeDecodeError, csv.Error)
-"""What read_csv raises for what is no table."""
-
-
 def read_csv(content: bytes) -> tuple[pa.Table, list[str]]:
-    """The table, and each row's place in the file: "line 2".
+    """The table, and the place of each row in the file, such as "line 2".
 
-    Columns stand between commas, semicolons or tabs, whichever the first line has most of. A byte
-    order mark and empty lines are passed over. Raises ERRORS.
+    The delimiter is the most frequent one in the first line. Skips a byte order mark and empty
+    lines. Raises ERRORS.
     """
     first_line = content.partition(b"\n")[0]
     delimiter = max(DELIMITERS, key=first_line.count)
@@ -82,14 +81,13 @@ def read_csv(content: bytes) -> tuple[pa.Table, list[str]]:
             decimal_point="," if comma else ".", null_values=[""]
         ),
     )
-    # Lines that are empty are no rows.
     text = io.StringIO(content.decode("utf-8-sig"), newline="")
     lines = csv.reader(text, delimiter=delimiter.decode())
     places = [f"line {lines.line_num}" for row in lines if row][1:]
-    # Quotes may hide ends of lines from one reader and not from the other.
-    return table, places if len(places) == len(table) else rows(table)
+    # The two readers may disagree about line ends within quotes.
+    return table, places if len(places) == len(table) else row_labels(table)
 
 
-def rows(table: pa.Table) -> list[str]:
-    """The rows of a table that has no lines, from 1."""
+def row_labels(table: pa.Table) -> list[str]:
+    """Places of the rows of a table without lines, such as "row 1"."""
     return [f"row {number}" for number in range(1, len(table) + 1)]

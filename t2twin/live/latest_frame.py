@@ -1,12 +1,13 @@
-"""The newest frame of a source; those that nobody took in time are dropped."""
+"""The latest frame of a source. Frames that are not taken in time are dropped."""
 
 from threading import Condition, Thread
 
-from t2twin.live.sources import Frame, Source
+from t2twin.live.frame import Frame
+from t2twin.live.sources import Source
 
 
 class LatestFrame:
-    """Reads a source in a thread of its own from now on. read: how many frames came so far."""
+    """Reads a source in a thread of its own. read: number of frames read so far."""
 
     def __init__(self, source: Source) -> None:
         self.read = 0
@@ -15,12 +16,14 @@ class LatestFrame:
         self._ended = self._closed = False
         self._error: Exception | None = None
         self._changed = Condition()
-        # A daemon: nobody waits for a camera when the process is stopped.
+        # A daemon thread: the process does not wait for a camera when it stops.
         Thread(target=self._run, daemon=True).start()
 
     def take(self, after: int = -1, timeout_s: float | None = None) -> Frame | None:
-        """Waits for a frame of a higher number than `after`, and gives the newest; None where
-        there will be none, or none came in time. Several may take. Raises what the source raised.
+        """Waits for a frame with a number above `after` and returns the latest one.
+
+        Returns None after the end of the source and after the timeout. Several threads may take
+        frames. Raises the exception that the source raised.
         """
         with self._changed:
             self._changed.wait_for(lambda: self.read > after + 1 or self._ended, timeout_s)
@@ -31,7 +34,7 @@ class LatestFrame:
             return None
 
     def close(self) -> None:
-        """Reads no more frames; does not wait for the one that is being read."""
+        """Stops reading, without waiting for a frame that is being read."""
         self._closed = True
         close = getattr(self._source, "close", None)
         if close is not None:
@@ -49,7 +52,7 @@ class LatestFrame:
                 with self._changed:
                     self._frame, self.read = frame, frame.number + 1
                     self._changed.notify_all()
-        except Exception as error:  # it is raised again where frames are taken
+        except Exception as error:  # `take` raises it
             self._error = error
         with self._changed:
             self._ended = True

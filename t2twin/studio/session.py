@@ -25,14 +25,14 @@ TRANSLATING = "translate"
 """Step of the translators, next to the stages of t2twin.sim.sensors.SensorPair.press."""
 
 STEPS = ("press digit", "picture", "press cyskin", "taxels", "tactile image", TRANSLATING)
-"""Steps of a look, in their order."""
+"""Steps of a press, in their order."""
 
 _catalogue_lock = Lock()
 """Held while a shape of the catalogue is loaded, so that two sessions do not build the same one."""
 
 
 @dataclass(frozen=True)
-class Look:
+class PressResult:
     """The results of one press.
 
     tactile_image: (R, C) float32, counts; None for a layout without one, for the reason `no_image`.
@@ -73,7 +73,7 @@ class Session:
                 self._shape = (source, load_shape(*source))
         return self._shape[1]
 
-    def look(self, state: PressState, runs: tuple[str, ...] = ()) -> Look:
+    def press(self, state: PressState, runs: tuple[str, ...] = ()) -> PressResult:
         """Press, and translate the image with the runs of these names.
 
         Raises T2TwinError with the messages of `t2twin press`.
@@ -98,9 +98,9 @@ class Session:
             tactile = None if isinstance(phi, T2TwinError) else phi(touch.counts)
         with timed(TRANSLATING):
             background = self._background_of(sensors.digit) if runs else None
-            translations = self.translators.of_touch(touch, runs, background)
+            translations = self.translators.translate_touch(touch, runs, background)
         no_image = str(phi) if isinstance(phi, T2TwinError) else ""
-        return Look(state, touch, tactile, no_image, translations, steps)
+        return PressResult(state, touch, tactile, no_image, translations, steps)
 
     def _sensors_for(self, state: PressState) -> SensorPair:
         digit, cyskin, before = self._sensors.digit, self._sensors.cyskin, self._made_for

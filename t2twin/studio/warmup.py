@@ -1,6 +1,4 @@
-"""What is made ready while the browser is being opened: what all pages share, in the order in which
-they need it. The first press comes first, the translators when it is on a page.
-"""
+"""Preparation while the browser starts: a first press, then the search and loading of runs."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -9,38 +7,39 @@ from threading import Event, Lock
 from typing import TYPE_CHECKING
 
 from t2twin.core.compile_ahead import compile_optics_ahead
-from t2twin.studio.frame_source import Frames, Named
+from t2twin.studio.frame_source import FrameSource, NamedFrame
 from t2twin.studio.translators import Translators
-from t2twin.studio.transport.transfers import Uploads
+from t2twin.studio.transport.uploads import Uploads
 
 if TYPE_CHECKING:
     from t2twin.sim.sensors import SensorPair
 
-PAGE_S = 10.0
-"""How long the translators wait for a page's first picture, s (assumed: a browser's own start);
-PyTorch takes seconds to import, and a page would get its picture that much later."""
+PAGE_TIMEOUT_S = 10.0
+"""Maximum time for which loading of translators waits for a first page, s (assumed: the start of a
+browser). PyTorch takes seconds to import, which would delay the first image."""
 
 
 @dataclass
-class Shared:
-    """What all clients of a studio have in common. folder: the temporary one for their files.
-    frames: the source that it was started with. background: the frame of its DIGIT with nothing
-    touching it. can_press: set when the first press is done. is_seen: set when a page shows one.
-    uploads: of all clients."""
+class SharedState:
+    """State shared by all clients of a studio.
+
+    folder: temporary folder for their files. frame_source, background: as for `studio`.
+    press_ready: set after the first press. page_shown: set after a page shows a press.
+    """
 
     translators: Translators
     folder: Path
-    frames: Frames | None = None
-    background: Named | None = None
-    can_press: Event = field(default_factory=Event)
-    is_seen: Event = field(default_factory=Event)
+    frame_source: FrameSource | None = None
+    background: NamedFrame | None = None
+    press_ready: Event = field(default_factory=Event)
+    page_shown: Event = field(default_factory=Event)
     uploads: Uploads = field(default_factory=Uploads, repr=False)
-    _making: Lock = field(default_factory=Lock, repr=False)
+    _lock: Lock = field(default_factory=Lock, repr=False)
 
     @property
     def sensors(self) -> "SensorPair":
-        """Both as they come; made when they are first asked for."""
-        with self._making:
+        """The default sensors, created on first use."""
+        with self._lock:
             return self._sensors
 
     @cached_property
@@ -50,24 +49,26 @@ class Shared:
         return SensorPair()
 
 
-def get_ready(shared: Shared, search: bool) -> None:
-    """The first press, then the runs and their first translation. search: whether runs are to be
-    looked for, below `runs`."""
+def warm_up(state: SharedState, search: bool) -> None:
+    """Presses once, then loads the default translators.
+
+    search: whether to search for runs in the folder `runs`.
+    """
     compile_optics_ahead()
     try:
-        _press(shared)
+        _press(state)
     finally:
-        shared.can_press.set()
-    shared.is_seen.wait(PAGE_S)
+        state.press_ready.set()
+    state.page_shown.wait(PAGE_TIMEOUT_S)
     if search:
-        shared.translators.search()
-    shared.translators.load(shared.translators.chosen)
+        state.translators.search()
+    state.translators.load(state.translators.default_names)
 
 
-def _press(shared: Shared) -> None:
+def _press(state: SharedState) -> None:
     from t2twin.studio.press_state import PressState
     from t2twin.studio.session import Session
     from t2twin.twin import load_shape
 
     load_shape(PressState().shape)
-    Session(shared.translators, shared.sensors).look(PressState())
+    Session(state.translators, state.sensors).press(PressState())

@@ -1,1 +1,5 @@
-"""Trained runs in use: prediction, batches of files, ONNX."""
+"""Trained runs as predictors: loading, batches of files, ONNX."""
+
+from t2twin.translate.library_settings import configure_libraries
+
+configure_libraries()

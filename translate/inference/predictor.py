@@ -1,82 +1,101 @@
-"""A trained run at work: images in, counts and tactile images out.
+"""Trained runs as predictors: of counts, of a field with uncertainty, or of DIGIT images.
 
-Shape letters: B images, R rows, C columns, N taxels, S the run's image side.
+`load.load` returns the class that fits the run. Attributes that only another class has raise a
+T2TwinError that names the kind of run that has them.
+
+Shape letters: B images, R rows, C columns, N taxels, S image side of the run.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 import torch
 
 from t2twin.core import arguments
-from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
-from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.data.image_arrays import (
-    ONE,
     Images,
     check_pixels,
     image_list,
-    one_image,
     resized,
 )
 from t2twin.translate.data.images import to_input
-from t2twin.translate.data.pairs import ImageFile, Pictures
-from t2twin.translate.models.base import Translator
-from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.field_readout import FieldPrediction
+from t2twin.translate.data.pairs import ImageFile, InputImages
+from t2twin.translate.models.base import CountsTranslator, LayoutReader, Translator
 from t2twin.translate.models.layouts import checked_counts, same_layout, same_pads
-from t2twin.translate.models.presets import CYSKIN_TO_DIGIT, check_gives_counts
 from t2twin.translate.models.reverse import CySkinToDigit
-from t2twin.translate.networks.fold_batchnorm import fuse
-from t2twin.translate.runs.build import build, has_bf16
-from t2twin.translate.runs.checkpoint import load_weights
-from t2twin.translate.runs.config import BEST, RunConfig, load_config
-from t2twin.translate.runs.pretrained import DEFAULT_RUN, resolve_run
-from t2twin.translate.uncertainty.estimate import Estimate, joined
-from t2twin.translate.uncertainty.ood import LIKE, compare_with_background
+from t2twin.translate.runs.config import RunConfig
+from t2twin.translate.uncertainty.ood import OODClass, compare_with_background
 
 BATCH_SIZE = 64
 """Images in one batch; bounds memory."""
 
-MAX_FIELDS = 100_000
-"""Most fields that one call samples (assumed: 216 places of each take 90 MB)."""
-
 COUNTS = "counts"
-"""What the export calls them."""
+"""Name of the counts in the outputs of an engine."""
 
 
 class Engine(Protocol):
-    """What computes counts in the translator's place."""
+    """Computes predictions of counts in place of PyTorch."""
 
-    def of(self, run: "TrainedTranslator") -> Self:
-        """The same for another run, such as one at another layout."""
+    def for_run(self, run: "CountsPredictor") -> Self:
+        """The engine of another run, such as the same run at another layout."""
         ...
 
     def __call__(self, pixels: np.ndarray) -> dict[str, np.ndarray] | None:
-        """By the names of the export's outputs, of images as for predict_pixels; None where it
-        cannot take them."""
+        """Outputs by the names of the ONNX export; None if it cannot compute them for these pixels.
+
+        pixels: as for `CountsPredictor.predict_pixels`.
+        """
         ...
+
+
+class NotPredicted(T2TwinError, AttributeError):
+    """The run has no such prediction. Also an AttributeError, so that hasattr returns False."""
 
 
 @dataclass(frozen=True)
 class TrainedTranslator:
-    """A trained translator with its best weights; `load` makes one. engine: what computes counts,
-    standard deviations and force in PyTorch's place, if anything does."""
+    """A trained run with its best weights; `load` returns one of its subclasses."""
 
     run_dir: Path
     config: RunConfig
     translator: Translator
+
+    PREDICTS: ClassVar[str] = ""
+    """The predictions of the class, in words."""
+
+    RUNS: ClassVar[str] = ""
+    """The runs of the class, in words."""
+
+    _classes: ClassVar[list[type["TrainedTranslator"]]] = []
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        TrainedTranslator._classes.append(cls)
+
+    def __getattr__(self, name: str) -> Any:
+        for kind in TrainedTranslator._classes:
+            if name in vars(kind) and not name.startswith("_"):
+                raise not_predicted(self.run_dir, self.config, type(self), name, kind.RUNS)
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+
+@dataclass(frozen=True)
+class CountsPredictor(TrainedTranslator):
+    """A run that predicts counts from DIGIT images.
+
+    engine: computes the counts in place of PyTorch, if set.
+    """
+
+    translator: CountsTranslator
     engine: Engine | None = None
 
-    @property
-    def draws(self) -> bool:
-        """Whether it draws tactile images, as touch2touch does, and gives what it reads in them."""
-        return self.translator.draws
+    PREDICTS: ClassVar[str] = "counts"
+    RUNS: ClassVar[str] = "digit-to-cyskin run"
 
     def predict(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
         """Counts of one DIGIT image or of several.
@@ -84,141 +103,77 @@ class TrainedTranslator:
         images: one image, (h, w, 3) or (h, w); a batch, (B, h, w, 3) or (B, h, w, 1); or a list or
         tuple of images, whose sizes may differ. All are NumPy arrays of uint8 of any h and w,
         channels red, green, blue. A batch and a list may be empty. background: the background frame
-        of the same DIGIT, one image, for a field run, which uses its world's mean frame without it.
-        Returns (N,) float32 of one image, (B, N) of several, between zero and full scale. Raises
-        T2TwinError for other images, for a background frame that the run does not use, and for a
-        run that predicts no counts.
+        of the same DIGIT, one image, for a field run; by default the mean frame of its world.
+        Returns (N,) float32 for one image, (B, N) for several, between zero and full scale. Raises
+        T2TwinError for other images, and for a background frame with another run.
         """
         frames, is_one = image_list(images)
         counts = self.predict_pixels(self._pixels(frames, background))
         return counts[0] if is_one else counts
 
-    def estimate(self, images: Images, background: np.ndarray | None = None) -> Estimate:
-        """Counts, their standard deviations, and the force; of a field run.
-
-        images, background: as for `predict`, at least one image. Raises T2TwinError as `predict`
-        does, and for the other translators, which predict no standard deviations.
-        """
-        frames, is_one = image_list(images)
-        told = self.estimate_pixels(self._pixels(frames, background))
-        return told.first() if is_one else told
-
-    def sample_fields(
-        self,
-        images: Images,
-        number: int,
-        seed: int = 0,
-        background: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Fields sampled from the distribution that a field run predicts.
-
-        images, background: as for `predict`. number: how many, 1 to MAX_FIELDS of all images.
-        Returns (number, F) float32, counts, of one image, (B, number, F) of several. The F places
-        are `config.data.field_x_mm` and `field_y_mm`. Raises T2TwinError as `estimate` does, and
-        for a number or a seed that is not a whole number in range.
-        """
-        field = self._field()
-        arguments.whole_number(number, "number", low=1, high=MAX_FIELDS)
-        check_seed(seed)
-        frames, is_one = image_list(images)
-        if number * len(frames) > MAX_FIELDS:
-            raise T2TwinError(
-                f"{number} fields of {len(frames)} images are {number * len(frames)}; expected at "
-                f"most {MAX_FIELDS} in all"
-            )
-        inputs = to_input(self._pixels(frames, background).astype(np.float32) / 255.0)
-        drawn = field.teller.drawn(field.tell(inputs), int(number), int(seed)).cpu().numpy()
-        return drawn[0] if is_one else drawn
-
-    def estimate_pixels(
-        self, pixels: np.ndarray | Pictures, progress: str | None = None
-    ) -> Estimate:
-        """As `estimate`, of one or more images as for `predict_pixels`."""
-        field, parts = self._field(), []
-        self._check_pixels(pixels)
-        if not len(pixels):
-            raise T2TwinError("there is no image to estimate; expected at least one")
-        for part in _parts(len(pixels), progress):
-            some = pixels[part]
-            said = None if self.engine is None else self.engine(some)
-            if said is not None:
-                known = [said.get(name) for name in FieldPrediction._fields]
-            else:
-                told = field.tell(to_input(some.astype(np.float32) / 255.0))
-                known = [None if each is None else each.cpu().numpy() for each in told]
-            parts.append(Estimate(*known, full_scale_counts=field.full_scale))  # pyright: ignore
-        return joined(parts)
-
-    def drawn(self, estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-        """Tactile images of an estimate's field and of its standard deviations, of several images:
-        (B, R, C) float32 each, counts."""
-        draw = self._field().drawing.cpu()
-        field, std = (
-            draw(torch.from_numpy(of_all)).numpy()
-            for of_all in (estimate.field, estimate.field_std)
-        )
-        return field, std
-
     def predict_pixels(
-        self, pixels: np.ndarray | Pictures | ImageFile, progress: str | None = None
+        self, pixels: np.ndarray | InputImages | ImageFile, progress: str | None = None
     ) -> np.ndarray:
-        """The same for images already at the run's size and color, (B, S, S, c) uint8; of a field
-        run also with their DIGITs' untouched frames after them, c = 6.
+        """(B, N) counts of images at the size and color of the run, as `pixels_of` returns them.
 
-        progress: a name to show a bar under, or None.
+        pixels: (B, S, S, c) uint8; c = 6 for a field run with background frames. progress: title of
+        a progress bar, or None.
         """
-        check_gives_counts(self.run_dir, self.config.direction)
         self._check_pixels(pixels)
         counts = [np.empty((0, self.config.data.x_mm.size), np.float32)]
-        for part in _parts(len(pixels), progress):
-            some = pixels[part]
-            said = None if self.engine is None else self.engine(some)
-            if said is not None:
-                counts.append(said[COUNTS])
+        for part in parts_of(len(pixels), progress):
+            batch = pixels[part]
+            outputs = None if self.engine is None else self.engine(batch)
+            if outputs is not None:
+                counts.append(outputs[COUNTS])
             else:
-                inputs = to_input(some.astype(np.float32) / 255.0)
+                inputs = to_input(batch.astype(np.float32) / 255.0)
                 counts.append(self.translator.predict(inputs).cpu().numpy())
         return np.concatenate(counts)
 
     def tactile_images(self, images: Images) -> np.ndarray:
-        """Tactile images of DIGIT images, given as for `predict`: (R, C) or (B, R, C), counts.
+        """Tactile images of DIGIT images: (R, C) or (B, R, C) float32, counts.
 
-        Those of touch2touch are the generator's output, resized; those of ResNet18 are phi of its
-        counts. Raises T2TwinError as `predict` does.
+        For touch2touch the predicted images, resized; for ResNet18 phi of the counts; for field the
+        interpolated field. images: as for `predict`, with the same errors.
         """
         frames, is_one = image_list(images)
         tactile = self.counts_and_tactile_images(self._pixels(frames))[1]
         return tactile[0] if is_one else tactile
 
     def counts_and_tactile_images(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Both at once, of images already at the run's size and color, (B, S, S, c) uint8.
+        """Counts, (B, N), and tactile images, (B, R, C), float32, counts.
 
-        Returns (B, N) and (B, R, C) float32, counts.
+        pixels: as for `predict_pixels`.
         """
-        check_gives_counts(self.run_dir, self.config.direction)
         self._check_pixels(pixels)
         inputs = to_input(pixels.astype(np.float32) / 255.0)
         counts, tactile = self.translator.counts_and_tactile_images(inputs)
         return counts.cpu().numpy(), tactile.cpu().numpy()
 
     def in_distribution(self, pixels: np.ndarray) -> np.ndarray:
-        """(B,) bool: whether images, as for `predict_pixels`, look like nothing strange."""
-        return np.array([not said for said in self.looks(pixels)], bool)
+        """(B,) bool: whether images are in distribution. pixels: as for `predict_pixels`."""
+        return np.array([each == OODClass.IN_DISTRIBUTION for each in self.classify(pixels)], bool)
 
-    def looks(self, pixels: np.ndarray) -> list[str]:
-        """(B,) what images, as for `predict_pixels`, look like: nothing where they are like those
-        of the training, and like their untouched frames where they have them, or in words why not,
-        as in "upside down".
+    def classify(self, pixels: np.ndarray) -> list[OODClass]:
+        """(B,) classes of images, as for `predict_pixels`, by out-of-distribution detection.
 
-        A run that does not know what it was trained on says nothing by that.
+        Images are compared with the training images of the run, if it has their statistics, and
+        with their background frames, if they have them.
         """
         self._check_pixels(pixels)
-        known, pictures = self.config.pictures, pixels[..., :3]
-        found = [LIKE] * len(pixels) if known is None else known.looks(pictures)
-        if pixels.shape[-1] <= pictures.shape[-1]:
-            return found
-        beside = compare_with_background(pictures, pixels[..., 3:])
-        return [said or other for said, other in zip(found, beside, strict=True)]
+        detector, images = self.config.ood_detector, pixels[..., :3]
+        inside = OODClass.IN_DISTRIBUTION
+        classes = [inside] * len(pixels) if detector is None else detector.classify(images)
+        if pixels.shape[-1] <= images.shape[-1]:
+            return classes
+        compared = compare_with_background(images, pixels[..., 3:])
+        return [b if a == inside else a for a, b in zip(classes, compared, strict=True)]
+
+    @property
+    def reads_any_layout(self) -> bool:
+        """Whether the network predicts an image or a field, from which any layout can be read."""
+        return isinstance(self.translator, LayoutReader)
 
     def at_layout(
         self,
@@ -226,148 +181,107 @@ class TrainedTranslator:
         y_mm: np.ndarray,
         name: str,
         pad_diameter_mm: np.ndarray | None = None,
-    ) -> "TrainedTranslator":
-        """The same run, giving the counts of another taxel layout.
+    ) -> Self:
+        """The same run with the counts of another taxel layout.
 
-        x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: the layout's. pad_diameter_mm:
-        (N,) of its pads, 4 unless given; a field run reads them by their size.
-        touch2touch's tactile image stays what it is; the new layout's phi^-1 reads it, at the
-        generator's size. A field is read as the pads would (sim.cyskin.field_reading). For its own
-        layout the run is given back as it is.
-        Raises T2TwinError for a ResNet18 run; of touch2touch for a layout that phi cannot
-        interpolate, taxels outside the trained layout's convex hull (the image says nothing there),
-        and taxels too close together for the generator's pixels; of field for taxels off the cover.
+        x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: of the layout. pad_diameter_mm:
+        (N,), by default 4; it matters for a field run. For its own layout, returns the same object.
+        touch2touch reads the predicted image with the new layout's phi^-1, field reads the field
+        with the new pads (sim.cyskin.field_reading).
+        Raises T2TwinError for a ResNet18 run; for touch2touch if phi cannot interpolate the layout,
+        taxels lie outside the trained layout's hull or are too close for the generator's pixels;
+        for field if taxels lie outside the cover.
         """
-        check_gives_counts(self.run_dir, self.config.direction)
         trained = self.config.data
         x_mm, y_mm = arguments.vector(x_mm, "x_mm"), arguments.vector(y_mm, "y_mm")
-        asked = replace(trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm)
-        taxels = asked.taxels
+        data = replace(trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm)
         if same_layout(trained, x_mm, y_mm) and (
-            not self.translator.learns_field or same_pads(trained.taxels, taxels)
+            not self.translator.learns_field or same_pads(trained.taxels, data.taxels)
         ):
             return self
-        if not self.draws:
+        if not isinstance(self.translator, LayoutReader):
             raise T2TwinError(
-                f"{self.run_dir} is a ResNet18, which gives the {trained.x_mm.size} taxels of "
-                f"{trained.layout} that it was trained on and no others; another layout needs a "
-                "touch2touch or a field run"
+                f"{self.run_dir} is a ResNet18, which predicts only the {trained.x_mm.size} taxels "
+                f"of {trained.layout} that it was trained on; another layout needs a touch2touch "
+                "or a field run"
             )
-        translator = self.translator.read_at(taxels)
-        other = replace(
-            self, config=replace(self.config, data=asked), translator=translator, engine=None
-        )
-        return other if self.engine is None else replace(other, engine=self.engine.of(other))
+        translator = self.translator.read_at(data.taxels)
+        config = replace(self.config, data=data)
+        other = replace(self, config=config, translator=translator, engine=None)
+        return other if self.engine is None else replace(other, engine=self.engine.for_run(other))
 
-    def in_float32(self) -> "TrainedTranslator":
-        """The same run in PyTorch, in float32 also where the processor has bfloat16."""
+    def in_float32(self) -> Self:
+        """The same run in PyTorch and float32."""
         return replace(self, translator=self.translator.in_float32(), engine=None)
 
-    def picture_of(self, counts: np.ndarray) -> np.ndarray:
-        """The DIGIT pictures that belong to counts; of a run that goes from the CySkin to the
-        DIGIT.
-
-        counts: (N,), or several, (B, N), from zero to full scale, in the order of the run's layout.
-        Returns (S, S) or (B, S, S) uint8, grey, S the run's image side; the DIGIT's own pictures
-        are 320 by 240. Raises T2TwinError for the other runs, and for what cannot be counts.
-        """
-        if not isinstance(self.translator, CySkinToDigit):
-            raise T2TwinError(
-                f"{self.run_dir} is a {self.config.direction} run, which draws no DIGIT pictures; "
-                f"a run of `t2twin train touch2touch --direction {CYSKIN_TO_DIGIT}` does"
-            )
-        counts = checked_counts(counts, self.config.data)
-        size = self.config.preset.size
-        pictures = [np.empty((0, size, size), np.uint8)]
-        several = torch.from_numpy(np.atleast_2d(counts))
-        for part in _parts(len(several), None):
-            drawn = self.translator.pictures(several[part])[:, 0]
-            pictures.append(drawn.round().clamp(0.0, 255.0).to(torch.uint8).cpu().numpy())
-        drawn = np.concatenate(pictures)
-        return drawn[0] if counts.ndim == 1 else drawn
-
-    def _field(self) -> FieldTranslator:
-        """Its translator, of a field run. Raises T2TwinError for the others."""
-        check_gives_counts(self.run_dir, self.config.direction)
-        if not isinstance(self.translator, FieldTranslator):
-            raise T2TwinError(
-                f"{self.run_dir} is a {self.config.model} run, which gives counts and does not say "
-                "how sure it is of them; a field run does"
-            )
-        return self.translator
-
     def pixels_of(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
-        """What `predict_pixels` takes, of images as for `predict`.
-
-        Raises T2TwinError for other images, and for a background frame that the run does not use.
-        """
+        """The input of `predict_pixels`. Arguments and errors: as for `predict`."""
         return self._pixels(image_list(images)[0], background)
 
     def _pixels(
         self, frames: Sequence[np.ndarray], background: np.ndarray | None = None
     ) -> np.ndarray:
-        """(B, S, S, c) uint8, of images that were checked and a background frame that was not."""
-        preset = self.config.preset
-        pixels = resized(frames, preset.size, preset.grey)
+        """(B, S, S, c) uint8. frames: checked images. background: not checked."""
         if background is None:
-            return pixels
-        frame = one_image(background, "background", ONE)
-        return self.with_background(pixels, resized([frame], preset.size, preset.grey)[0])
+            return resized(frames, self.config.preset.size, self.config.preset.grey)
+        kind = type(self)
+        raise not_predicted(self.run_dir, self.config, kind, "a background frame", "field run")
 
-    def _check_pixels(self, pixels: np.ndarray | Pictures | ImageFile) -> None:
-        """Raises T2TwinError for an array that is not as `pixels_of` returns it."""
-        if not isinstance(pixels, Pictures | ImageFile):
+    def _check_pixels(self, pixels: np.ndarray | InputImages | ImageFile) -> None:
+        """Raises T2TwinError for arrays that `pixels_of` cannot return."""
+        if not isinstance(pixels, InputImages | ImageFile):
             colors = (3, 6) if self.translator.learns_field else (3,)
             preset = self.config.preset
             check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
 
-    def with_background(self, pixels: np.ndarray, frame: np.ndarray) -> np.ndarray:
-        """(B, S, S, 6) uint8: pixels, (B, S, S, 3), with a frame, (S, S, 3), after each.
 
-        Raises T2TwinError for a run that does not look at one.
+@dataclass(frozen=True)
+class ImagePredictor(TrainedTranslator):
+    """A run that predicts DIGIT images from counts."""
+
+    translator: CySkinToDigit
+
+    PREDICTS: ClassVar[str] = "DIGIT images"
+    RUNS: ClassVar[str] = "cyskin-to-digit run"
+
+    def predict_image(self, counts: np.ndarray) -> np.ndarray:
+        """DIGIT images of counts.
+
+        counts: (N,) or (B, N), from zero to full scale, in the order of the run's layout.
+        Returns (S, S) or (B, S, S) uint8, grey; the DIGIT's own images are 320 by 240. Raises
+        T2TwinError for invalid counts.
         """
-        self._field()
-        check_pixels(pixels, self.config.preset.size, (3,))
-        check_pixels(np.asarray(frame)[None], self.config.preset.size, (3,))
-        return np.concatenate([pixels, np.broadcast_to(frame, pixels.shape)], axis=-1)
+        counts = checked_counts(counts, self.config.data)
+        size = self.config.preset.size
+        images = [np.empty((0, size, size), np.uint8)]
+        rows = torch.from_numpy(np.atleast_2d(counts))
+        for part in parts_of(len(rows), None):
+            predicted = self.translator.predict_images(rows[part])
+            images.append(predicted.round().clamp(0.0, 255.0).to(torch.uint8).cpu().numpy())
+        found = np.concatenate(images)
+        return found[0] if counts.ndim == 1 else found
 
 
-def load_run(
-    run_dir: str | Path, layout: str | Path | None = None, bf16: bool = False
-) -> TrainedTranslator:
-    """As `load`, of a run that gives counts. Raises T2TwinError for one that draws pictures too."""
-    run = load(run_dir, layout, bf16)
-    check_gives_counts(run.run_dir, run.config.direction)
+Predictor = TypeVar("Predictor", bound=TrainedTranslator)
+
+
+def require(run: TrainedTranslator, kind: type[Predictor], purpose: str) -> Predictor:
+    """The run as a predictor of a kind. Raises T2TwinError for another kind, naming the purpose."""
+    if not isinstance(run, kind):
+        raise not_predicted(run.run_dir, run.config, type(run), purpose, kind.RUNS)
     return run
 
 
-def load(
-    run: str | Path = DEFAULT_RUN, layout: str | Path | None = None, bf16: bool = False
-) -> TrainedTranslator:
-    """A run's best weights, ready to predict in PyTorch, or to draw pictures where it goes the
-    other way.
-
-    run: its folder, or the name of a pretrained run (t2twin.translate.runs.pretrained).
-    layout: a taxel layout's name or file to read a touch2touch run at, its own unless given.
-    bf16: compute in bfloat16 where the run's preset and the processor have it, which is faster and
-    up to some hundred counts off what float32 gives.
-    torch's threads and random numbers stay as they are.
-    Raises T2TwinError where the folder holds no run, and for a layout that it cannot be read at.
-    """
-    run_dir, bf16 = resolve_run(run), arguments.flag(bf16, "bf16")
-    config = load_config(run_dir)
-    here = replace(config, bf16=bf16 and config.preset.bf16 and has_bf16())
-    translator = build(here)
-    load_weights(run_dir / BEST, translator.predictor)
-    fuse(translator.predictor)
-    trained = TrainedTranslator(run_dir, config, translator)
-    if layout is None:
-        return trained
-    check_gives_counts(run_dir, config.direction)
-    places = load_layout(layout)
-    return trained.at_layout(places.x_mm, places.y_mm, places.name, places.pad_diameter_mm)
+def not_predicted(
+    run_dir: Path, config: RunConfig, kind: type[TrainedTranslator], purpose: str, needed: str
+) -> NotPredicted:
+    """The error for a run of a kind, used for a purpose that needs runs of another kind."""
+    name = config.direction if config.predicts_images else config.model
+    return NotPredicted(
+        f"{run_dir} is a {name} run, which predicts {kind.PREDICTS}; {purpose} needs a {needed}"
+    )
 
 
-def _parts(size: int, progress: str | None) -> list[slice] | Progress:
+def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
     parts = [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
     return parts if progress is None else Progress(parts, desc=progress, unit="batch")

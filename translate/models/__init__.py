@@ -1,1 +1,5 @@
-"""The translators: networks with their training step and their prediction."""
+"""Translators: networks with their losses, optimizers and predictions."""
+
+from t2twin.translate.library_settings import configure_libraries
+
+configure_libraries()

@@ -1,99 +1,106 @@
-"""What training, prediction, export and the saved state need of a translator.
+"""Base classes of the translators: what training needs, and what prediction of counts needs.
 
-Shape letters: B batch, c channels and S side of its input images, N taxels, R rows and C columns of
+Shape letters: B batch, c channels and S side of the input images, N taxels, R rows and C columns of
 a tactile image.
 """
 
-from typing import Protocol, Self
+from abc import ABC, abstractmethod
+from copy import copy
+from typing import Protocol, Self, runtime_checkable
 
+import numpy as np
 import torch
 from torch import nn
 from torch.optim.swa_utils import AveragedModel
 
 from t2twin.sim.cyskin.layout import Layout
+from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, Pairs
 
 
-class Translator(Protocol):
-    """The networks of one model, with a step of training and with what they predict.
+class Translator(ABC):
+    """The networks of one model with their optimizers, as training and checkpoints need them.
 
-    All images that go in are as `data.images.to_input` makes them, (B, c, S, S) float32; all counts
-    are (B, N) float32.
+    networks: all trained networks by name, the predicting one first. optimizers: by the names of
+    their networks. average: the weight average of the first network, if the preset has one.
+    predictor: the network used for prediction, `average.module` or the first network. device:
+    where the networks are; inputs are moved there. bf16: whether networks compute in bfloat16.
+    learns_field: whether training needs pairs with the field.
     """
 
-    @property
-    def networks(self) -> dict[str, nn.Module]:
-        """All that is trained, by name; the one that predicts, or whose mean does, first."""
-        ...
+    networks: dict[str, nn.Module]
+    optimizers: dict[str, torch.optim.Optimizer]
+    average: AveragedModel | None
+    predictor: nn.Module
+    device: torch.device
+    bf16: bool
+    learns_field = False
 
-    @property
-    def optimizers(self) -> dict[str, torch.optim.Optimizer]:
-        """By the names of their networks."""
-        ...
+    @abstractmethod
+    def step(self, examples: Examples) -> dict[str, float]:
+        """Takes one optimizer step on a batch of pairs. Returns the losses by name."""
 
-    @property
-    def predictor(self) -> nn.Module:
-        """The network that is kept to predict with: one of `networks`, or the mean's `module`."""
-        ...
+    @abstractmethod
+    def errors(self, pixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """Predictions minus targets, (B, n), in the unit of the target: counts or grey levels.
 
-    @property
-    def running(self) -> AveragedModel | None:
-        """The running mean of one of `networks`, if the preset has one."""
-        ...
-
-    @property
-    def device(self) -> torch.device:
-        """Where the networks are; what goes in is moved there."""
-        ...
-
-    @property
-    def draws(self) -> bool:
-        """Whether it draws tactile images, which can be read at another taxel layout."""
-        ...
-
-    @property
-    def learns_field(self) -> bool:
-        """Whether it is trained on the field, which not every data set holds."""
-        ...
+        pixels: (B, S, S, c) uint8. counts: (B, N). The predictor is in evaluation mode afterwards.
+        """
 
     def prepare(self, pairs: Pairs) -> None:
-        """Takes from the training's pairs what it must know before the first step, and does not
-        know already from the weights that it begins with."""
-        ...
-
-    def step(self, examples: Examples) -> dict[str, float]:
-        """One step of training on a batch of pairs. Returns the losses by name."""
-        ...
+        """Sets buffers from the training pairs before the first step; by default none."""
+        return
 
     def calibrate(self, *sets: Pairs) -> None:
-        """Takes from pairs that are not trained on what the predictor's spreads are to be
-        multiplied by, and keeps it with its weights."""
-        ...
-
-    def predict(self, images: torch.Tensor) -> torch.Tensor:
-        """Counts, within zero and full scale. The predictor is in evaluation mode after it."""
-        ...
-
-    def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """What `predict` gives, and tactile images, (B, R, C) float32, counts."""
-        ...
-
-    def read_at(self, layout: Layout) -> Self:
-        """The same networks, what they draw being read at the taxels of another layout.
-
-        Raises T2TwinError where it draws no images, for a layout that phi cannot interpolate, and
-        for one that what it draws does not reach or does not tell apart.
-        """
-        ...
+        """Fits the uncertainty of the predictor to held-out pairs; by default there is none."""
+        return
 
     def in_float32(self) -> Self:
-        """The same networks, computing in float32 whatever they compute in now."""
-        ...
+        """The same networks, computing in float32."""
+        other = copy(self)
+        other.bf16 = False
+        return other
 
+    def precision(self) -> torch.autocast:
+        """Context in which the networks compute."""
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16)
+
+
+class CountsTranslator(Translator):
+    """A translator from DIGIT images to counts.
+
+    Input images are as `data.images.to_input` returns them, (B, c, S, S) float32; counts are (B, N)
+    float32, within zero and full scale.
+    """
+
+    @abstractmethod
+    def predict(self, images: torch.Tensor) -> torch.Tensor:
+        """Counts. The predictor is in evaluation mode afterwards."""
+
+    @abstractmethod
+    def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Counts as `predict` returns them, and tactile images, (B, R, C) float32, counts."""
+
+    @abstractmethod
     def as_module(self) -> nn.Module:
-        """All of prediction as one module in float32 on the CPU, ready to be traced.
+        """The whole prediction as one module in float32 on the CPU, ready for tracing.
 
-        From (B, c, S, S) pixels in [0, 1], grey or RGB, to counts and tactile images, (B, R, C),
+        It maps (B, c, S, S) pixels in [0, 1], grey or RGB, to counts and tactile images, (B, R, C),
         counts. Its networks are copies.
+        """
+
+    def errors(self, pixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        return self.predict(to_input(pixels.astype(np.float32) / 255.0)).cpu().numpy() - counts
+
+
+@runtime_checkable
+class LayoutReader(Protocol):
+    """A translator whose spatial output, image or field, can be read at any taxel layout."""
+
+    def read_at(self, layout: Layout) -> CountsTranslator:
+        """The same networks with counts of another layout.
+
+        Raises T2TwinError for a layout that phi cannot interpolate, and for one that the spatial
+        output does not cover or does not resolve.
         """
         ...

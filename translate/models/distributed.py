@@ -1,9 +1,10 @@
-"""Several processes on one training, started by torchrun; with one process all of it does nothing.
+"""Several processes in one training, started by torchrun; with one process nothing here acts.
 
-Every process holds the same weights and takes its part of each batch; gradients are averaged after
-each backward pass, which serves two networks in one step without a wrapper. They are averaged over
-gloo, which adds up tensors of CPUs and of GPUs alike: one way for both, and several processes may
-share a GPU, which nccl refuses.
+Each process has the same weights and computes its part of each batch. Gradients are averaged after
+each backward pass, which serves two networks in one step without a wrapper. They are averaged with
+gloo, which supports CPUs and GPUs, and several processes on one GPU, which nccl does not.
+
+Also the threads and the memory of one process.
 """
 
 import ctypes
@@ -19,59 +20,61 @@ from torch import nn
 from t2twin.core.machine import cores
 
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
-"""glibc's numbers for these settings of its memory (mallopt(3))."""
+"""Parameters of glibc's mallopt(3)."""
+
+
+def process_count() -> int:
+    """Number of processes of the training."""
+    return int(os.environ.get("WORLD_SIZE", "1"))
 
 
 @contextmanager
-def processes() -> Iterator[tuple[int, int]]:
-    """Joins the processes of torchrun, if any, each on its own GPU where the machine has some.
-
-    Gives this one's rank and how many there are.
-    """
-    if int(os.environ.get("WORLD_SIZE", "1")) == 1:
-        yield 0, 1
+def processes() -> Iterator[int]:
+    """Joins the processes of torchrun, if any, on a GPU each if there are GPUs. Yields the rank."""
+    if process_count() == 1:
+        yield 0
         return
     own = device()
     if own.type == "cuda":
         torch.cuda.set_device(own)
     dist.init_process_group("gloo")
     try:
-        yield dist.get_rank(), dist.get_world_size()
-        dist.barrier()  # none leaves while another may still be heard
+        yield dist.get_rank()
+        dist.barrier()  # wait until the others have received everything
     finally:
         dist.destroy_process_group()
 
 
 def device() -> torch.device:
-    """Where this process computes: on a GPU where there is one; under torchrun each on its own."""
+    """The device of this process: a GPU if there is one, under torchrun one per process."""
     gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
     return device_for(int(os.environ.get("LOCAL_RANK", "0")), gpus)
 
 
 def device_for(local_rank: int, gpus: int) -> torch.device:
-    """Where a process of a machine computes; more processes than GPUs share them in turn.
+    """The device of a process; more processes than GPUs share the GPUs.
 
-    local_rank: the process's number on its machine, from 0. gpus: how many the machine has.
+    local_rank: number of the process on its machine, from 0. gpus: number of GPUs of the machine.
     """
     return torch.device("cuda", local_rank % gpus) if gpus else torch.device("cpu")
 
 
 def use_all_cores() -> None:
-    """Threads for torch: the cores this process may use, shared by the processes of the machine.
+    """Sets torch's threads to the available cores, divided by the processes of this machine.
 
-    OMP_NUM_THREADS, where the user has set it, is left to decide; torchrun sets it unasked.
+    OMP_NUM_THREADS has precedence, except under torchrun, which sets it itself.
     """
-    here = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
-    if here == 1 and "OMP_NUM_THREADS" in os.environ:
+    local = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+    if local == 1 and "OMP_NUM_THREADS" in os.environ:
         torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
         return
-    torch.set_num_threads(max(1, cores() // here))
+    torch.set_num_threads(max(1, cores() // local))
 
 
 def keep_memory() -> None:
-    """Has glibc keep what is freed for the next step, up to a GB; elsewhere does nothing.
+    """Makes glibc keep up to 1 GB of freed memory for the next step; no effect elsewhere.
 
-    Given back, the system clears it page by page when it is asked for again: a tenth of a step.
+    Memory returned to the system is cleared page by page on reuse, which takes a tenth of a step.
     """
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
         for setting in (MMAP_THRESHOLD, TRIM_THRESHOLD):
@@ -79,13 +82,13 @@ def keep_memory() -> None:
 
 
 def average_gradients(network: nn.Module) -> None:
-    """Every gradient becomes its mean over the processes."""
+    """Replaces each gradient by its mean over the processes."""
     if dist.is_initialized():
         _average([p.grad for p in network.parameters() if p.grad is not None])
 
 
 def average_statistics(network: nn.Module) -> None:
-    """Batch norm's running statistics become their mean over the processes."""
+    """Replaces batch norm's running statistics by their mean over the processes."""
     if dist.is_initialized():
         _average([b for b in network.buffers() if b.is_floating_point()])
 
@@ -96,12 +99,12 @@ def total(value: float) -> float:
 
 
 def largest(value: float) -> float:
-    """Maximum over the processes, so that all of them decide alike."""
+    """Maximum over the processes, so that all of them take the same decision."""
     return _reduced(value, dist.ReduceOp.MAX) if dist.is_initialized() else value
 
 
 def wait() -> None:
-    """Until every process is here."""
+    """Waits for all processes."""
     if dist.is_initialized():
         dist.barrier()
 
@@ -113,7 +116,7 @@ def _reduced(value: float, how: dist.ReduceOp.RedOpType) -> float:
 
 
 def _average(tensors: list[torch.Tensor]) -> None:
-    """In place. One message for all of them: a message each would cost more than their bytes."""
+    """Averages tensors in place, in one message, which is faster than one per tensor."""
     flat = torch.cat([tensor.detach().reshape(-1) for tensor in tensors])
     dist.all_reduce(flat)
     flat /= dist.get_world_size()

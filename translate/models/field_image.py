@@ -1,6 +1,6 @@
-"""A field as a tactile image, between its places barycentric as phi draws an array.
+"""The tactile image of a field: barycentric interpolation between its places, as phi does.
 
-phi's own matrix would hold a number for every pixel and place; here each pixel knows its three.
+Each pixel stores its three places; phi's matrix would store a weight of every place.
 
 Shape letters: B images, F places, R rows and C columns of a tactile image.
 """
@@ -12,8 +12,8 @@ from torch import nn
 from t2twin.sim.cyskin.phi import PX_PER_MM, TACTILE_SHAPE, barycentric
 
 
-class FieldDrawing(nn.Module):
-    """Draws (B, F) as (B, R, C), zero outside the places' convex hull. x_mm, y_mm: (F,), mm."""
+class FieldImage(nn.Module):
+    """Maps (B, F) to (B, R, C), zero outside the places' convex hull. x_mm, y_mm: (F,), mm."""
 
     corners: torch.Tensor
     weights: torch.Tensor
@@ -35,7 +35,7 @@ class FieldDrawing(nn.Module):
         self.register_buffer("weights", torch.from_numpy(np.ascontiguousarray(weights.T)))
 
     def forward(self, field: torch.Tensor) -> torch.Tensor:
-        # By number, for a traced module must not go through a tensor.
+        # Indexed by number: the tracer does not support iteration over a tensor.
         first, second, third = (
             field.index_select(1, self.corners[n]) * self.weights[n] for n in range(3)
         )

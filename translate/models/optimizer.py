@@ -1,10 +1,11 @@
-"""The optimizer of a network by its preset.
+"""Optimizers and weight averages of networks, as their presets define them.
 
-A running mean of a network's weights over its steps, which predicts better than the last ones.
-
-Polyak and Juditsky 1992 for the mean; Yazıcı et al. 2019 for generators, whose weights circle
-around what they are after; Karras et al. 2024 (section 3.1) for a reach that grows with the steps.
+The weight average of a network predicts better than its last weights (Polyak and Juditsky 1992; for
+GAN generators Yazıcı et al. 2019). Its window grows with the number of steps (Karras et al. 2024,
+section 3.1).
 """
+
+from collections.abc import Sequence
 
 import torch
 from torch import nn
@@ -14,8 +15,10 @@ from t2twin.translate.models.presets import Preset
 
 
 class DenseAdamW(torch.optim.AdamW):
-    """AdamW that steps on kernels as they lie in memory, channels last: the fused step would copy
-    every gradient first, which takes as long as all the rest of it."""
+    """AdamW on kernels in memory order, channels last.
+
+    The fused step of the base class copies each gradient first, which doubles its time.
+    """
 
     def _init_group(self, group, *tensors: list[torch.Tensor]) -> bool:
         is_complex = super()._init_group(group, *tensors)
@@ -25,8 +28,10 @@ class DenseAdamW(torch.optim.AdamW):
 
 
 def adamw(network: nn.Module, preset: Preset, rate_share: float = 1.0) -> torch.optim.Optimizer:
-    """AdamW (Loshchilov and Hutter 2019) over a network's weights. rate_share: of the preset's
-    learning rate."""
+    """AdamW (Loshchilov and Hutter 2019) for the weights of a network.
+
+    rate_share: factor of the preset's learning rate.
+    """
     return DenseAdamW(
         network.parameters(),
         preset.learning_rate * rate_share,
@@ -36,26 +41,25 @@ def adamw(network: nn.Module, preset: Preset, rate_share: float = 1.0) -> torch.
     )
 
 
-Tensors = tuple[torch.Tensor, ...] | list[torch.Tensor]
+def weight_average(network: nn.Module, part: float) -> AveragedModel | None:
+    """An average of a network's weights over a share of the steps so far.
 
-
-def running_mean(network: nn.Module, part: float) -> AveragedModel | None:
-    """A mean that reaches back over a part of the steps so far: 1 is the plain mean of all, 0 none.
-
-    It follows with each `update_parameters(network)`: step n weighs 1 / (n part) in it, so that in
-    the end steps weigh as n^(1 / part - 1). Its `module` is a network like the one followed, batch
-    norm's statistics being means too.
+    part: 1 for the mean of all steps, 0 for none (returns None). Step n, added by
+    `update_parameters(network)`, has weight 1 / (n part), so that the final weights of steps are
+    proportional to n^(1 / part - 1). Batch norm's statistics are averaged too.
     """
     if part == 0.0:
         return None
 
-    def mix(means: Tensors, present: Tensors, followed: torch.Tensor | int) -> None:
-        share = 1.0 / max(1.0, (int(followed) + 1) * part)
-        for mean, now in zip(means, present, strict=True):
-            if mean.is_floating_point():
-                mean.lerp_(now, share)
+    def mix(
+        averages: Sequence[torch.Tensor], values: Sequence[torch.Tensor], steps: torch.Tensor | int
+    ) -> None:
+        share = 1.0 / max(1.0, (int(steps) + 1) * part)
+        for average, value in zip(averages, values, strict=True):
+            if average.is_floating_point():
+                average.lerp_(value, share)
             else:  # batch norm's counters
-                mean.copy_(now)
+                average.copy_(value)
 
-    mean = AveragedModel(network, multi_avg_fn=mix, use_buffers=True)
-    return mean.requires_grad_(False)
+    average = AveragedModel(network, multi_avg_fn=mix, use_buffers=True)
+    return average.requires_grad_(False)

@@ -1,13 +1,12 @@
-"""Sizes and settings of the translators: the paper's, one for a CPU, one for tests.
+"""Models, directions and presets of the translators.
 
-Settings that Grella et al. 2023 give are theirs; pix2pix's own are Isola et al. 2017's; the rest
-says "assumed" or "measured".
+Each model has three presets: the paper's, one for a CPU and one for tests. Values without comment
+are those of Grella et al. 2023 or pix2pix (Isola et al. 2017), or "assumed" or "measured".
 
-Which way a run goes: from the DIGIT to the CySkin, as the paper's translators, or the other.
+A run has a direction: from the DIGIT to the CySkin, as in the paper, or the reverse.
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal
 
 from t2twin.core import arguments
@@ -17,32 +16,39 @@ Model = Literal["touch2touch", "resnet18", "field"]
 MODELS: tuple[Model, ...] = ("touch2touch", "resnet18", "field")
 
 PAPER_MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
-"""Those of Grella et al. 2023, which learn from any pairs; the field is not in all data sets."""
+"""The models of Grella et al. 2023, which need no field in the dataset."""
+
+Direction = Literal["digit-to-cyskin", "cyskin-to-digit"]
+
+DIGIT_TO_CYSKIN: Direction = "digit-to-cyskin"
+CYSKIN_TO_DIGIT: Direction = "cyskin-to-digit"
+DIRECTIONS = (DIGIT_TO_CYSKIN, CYSKIN_TO_DIGIT)
+
+REVERSIBLE = "touch2touch"
+"""The model with both directions: its inputs and targets are both images."""
 
 
 @dataclass(frozen=True)
 class Preset:
-    """Everything that decides a training besides its data and seed.
+    """All settings of a training except its data and seed.
 
-    size: side of the square images, pixels. grey: whether the DIGIT image is turned to grey.
-    filters: base width of the networks. batch: pairs a step, over all processes.
-    learning_rate, beta1, beta2: Adam's. weight_decay: AdamW's (Loshchilov and Hutter 2019), in
-        parts of the learning rate a step; Adam without. schedule: "fixed", or "cosine" down to
-        zero over the epochs.
-    l1_weight: lambda of the L1 loss beside the adversarial one; touch2touch only.
-    shape_weight: the same of the loss of the tactile image's shape (shape_loss), 0 for none;
-        touch2touch from the DIGIT to the CySkin only.
-    discriminator_share: the discriminator's learning rate in parts of the generator's.
-    epochs: most epochs. steps: most steps, rounded to whole epochs, which is what bounds a training
-        on many pairs; zero for any number. An epoch is all pairs, or a part of very many
-        (loop.steps_of_epoch).
-    patience: epochs without a better validation RMSE before it stops.
-    averaged_part: part of the steps so far over which the weights that predict are a mean
-        (averaging.running_mean); 0 for the last step's weights.
-    bf16: compute in bfloat16 where the processor has it.
-    brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: an offset and
-        noise in parts of full scale, a relative gain. Geometry is never changed: it would break
-        the pairing.
+    size: side of the square images, pixels. grey: whether DIGIT images are converted to grey.
+    filters: base width of the networks. batch: pairs per step, over all processes.
+    learning_rate, beta1, beta2: Adam's. weight_decay: AdamW's (Loshchilov and Hutter 2019), as a
+        fraction of the learning rate per step; 0 is Adam. schedule: "fixed", or "cosine" to zero
+        over the epochs.
+    l1_weight: weight of the L1 loss relative to the adversarial loss; touch2touch only.
+    iou_weight: the same of the soft IoU loss, 0 for none; touch2touch from DIGIT to CySkin only.
+    discriminator_share: learning rate of the discriminator relative to the generator's.
+    epochs: maximum epochs. steps: maximum steps, rounded to whole epochs; 0 for no limit. An epoch
+        is all pairs, or a part of a large dataset (training.trainer.steps_of_epoch).
+    patience: epochs without a lower validation RMSE before training stops.
+    averaged_part: share of the steps so far in the weight average used for prediction
+        (optimizer.weight_average); 0 for the last weights.
+    bf16: compute in bfloat16 if the processor supports it.
+    brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: offset and
+        noise as fractions of full scale, relative gain. There is no geometric augmentation, which
+        would break the pairing.
     """
 
     name: str
@@ -58,7 +64,7 @@ class Preset:
     beta2: float = 0.999
     schedule: Literal["fixed", "cosine"] = "fixed"
     l1_weight: float = 0.0
-    shape_weight: float = 0.0
+    iou_weight: float = 0.0
     discriminator_share: float = 1.0
     weight_decay: float = 0.0
     averaged_part: float = 0.0
@@ -79,22 +85,22 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             learning_rate=2e-4,  # Isola et al. 2017
             beta1=0.5,  # Isola et al. 2017
             l1_weight=100.0,  # Isola et al. 2017
-            epochs=200,  # Isola et al. 2017, most of their data sets
+            epochs=200,  # Isola et al. 2017, most of their datasets
             patience=20,  # assumed
         ),
         "cpu": Preset(
             name="cpu",
             size=64,  # assumed
             grey=True,
-            filters=16,  # a third of the work of 32 (measured)
+            filters=16,  # a third of the time of 32 (measured)
             batch=32,  # Grella et al. 2023
-            learning_rate=1e-3,  # better than 4e-4 after as many epochs (measured)
+            learning_rate=1e-3,  # better than 4e-4 after equal epochs (measured)
             beta1=0.5,
             l1_weight=100.0,
-            discriminator_share=0.05,  # at 0.2 it wins in 24 epochs, and L1 and L3 grow (measured)
+            discriminator_share=0.05,  # with 0.2, L1 and L3 increase within 24 epochs (measured)
             schedule="cosine",
-            weight_decay=0.05,  # at 0.5 scale small's validation is 3.0 %, not 2.5 (measured)
-            averaged_part=0.1,  # at 0.25 the mean falls behind weights that decay (measured)
+            weight_decay=0.05,  # validation at scale small 2.5 %, with 0.5 3.0 % (measured)
+            averaged_part=0.1,  # 0.25 is too slow for decaying weights (measured)
             epochs=40,
             steps=10_500,  # 24 epochs of the paper's dataset, 52 minutes of one core (measured)
             patience=15,
@@ -124,7 +130,7 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             filters=64,  # He et al. 2016
             batch=8,  # Grella et al. 2023
             learning_rate=1e-3,  # Grella et al. 2023, fixed
-            beta1=0.9,  # assumed: Adam as it comes; the paper names no optimizer
+            beta1=0.9,  # assumed: Adam's default; the paper names no optimizer
             epochs=200,  # assumed
             patience=20,  # assumed
         ),
@@ -132,12 +138,12 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             name="cpu",
             size=96,  # assumed
             grey=False,
-            filters=32,  # a quarter of the work, as good in as many epochs (measured)
-            batch=32,  # a third faster an epoch than 16 (measured)
+            filters=32,  # a quarter of the time of 64, equally good (measured)
+            batch=32,  # epochs a third faster than with 16 (measured)
             learning_rate=1e-3,
             beta1=0.9,
             schedule="cosine",
-            weight_decay=0.5,  # 2.1 % on the probes where none leaves 2.3 (measured)
+            weight_decay=0.5,  # 2.1 % on the probes, without 2.3 % (measured)
             averaged_part=0.1,
             epochs=40,
             steps=5300,  # 12 epochs of the paper's dataset, 35 minutes of one core (measured)
@@ -149,7 +155,7 @@ PRESETS: dict[Model, dict[str, Preset]] = {
         ),
         "smoke": Preset(
             name="smoke",
-            size=64,  # at 32 the last stage has one pixel, too few for batch norm's statistics
+            size=64,  # with 32 the last stage has one pixel, too few for batch norm
             grey=False,
             filters=16,
             batch=8,
@@ -213,7 +219,7 @@ PRESETS: dict[Model, dict[str, Preset]] = {
 
 
 def find_preset(model: str, preset: str | Preset) -> Preset:
-    """The preset of that name for that model. Raises T2TwinError that lists the valid names."""
+    """The preset of a model by its name. Raises T2TwinError with the valid names."""
     arguments.text(model, "model")
     if model not in PRESETS:
         raise T2TwinError(f"there is no model {model!r}; it must be one of {', '.join(MODELS)}")
@@ -226,33 +232,14 @@ def find_preset(model: str, preset: str | Preset) -> Preset:
     return PRESETS[model][preset]
 
 
-Direction = Literal["digit-to-cyskin", "cyskin-to-digit"]
-
-DIGIT_TO_CYSKIN: Direction = "digit-to-cyskin"
-CYSKIN_TO_DIGIT: Direction = "cyskin-to-digit"
-DIRECTIONS = (DIGIT_TO_CYSKIN, CYSKIN_TO_DIGIT)
-
-TURNS_ROUND = "touch2touch"
-"""The model that goes either way: both of its sides are images."""
-
-
 def check_direction(direction: str, model: str) -> None:
-    """Raises T2TwinError for a direction that is none, and for one that the model does not go."""
+    """Raises T2TwinError for an unknown direction, and for one that the model does not have."""
     if arguments.text(direction, "direction") not in DIRECTIONS:
         raise T2TwinError(
             f"the direction is {direction!r}; it must be one of {', '.join(DIRECTIONS)}"
         )
-    if direction == CYSKIN_TO_DIGIT and model != TURNS_ROUND:
+    if direction == CYSKIN_TO_DIGIT and model != REVERSIBLE:
         raise T2TwinError(
-            f"{model} does not go {direction}; {TURNS_ROUND} goes both ways, the other models "
+            f"{model} has no direction {direction}; {REVERSIBLE} has both, the other models have "
             f"{DIGIT_TO_CYSKIN} only"
-        )
-
-
-def check_gives_counts(run_dir: Path, direction: str) -> None:
-    """Raises T2TwinError for a run that draws DIGIT pictures, where counts are asked for."""
-    if direction != DIGIT_TO_CYSKIN:
-        raise T2TwinError(
-            f"{run_dir} is a {direction} run, which draws DIGIT pictures of counts and gives no "
-            f"counts; use a {DIGIT_TO_CYSKIN} run here, or t2twin.load(RUN).picture_of(counts)"
         )

@@ -1,32 +1,27 @@
-"""ResNet18 from the DIGIT image straight to the counts, trained on L3 (Grella et al. 2023).
+"""ResNet18 from the DIGIT image to the counts, trained on L3 (Grella et al. 2023).
 
 Shape letters: B batch, S image side, N taxels, R rows and C columns of a tactile image.
 """
 
-from copy import copy, deepcopy
+from copy import deepcopy
 from functools import cached_property
-from typing import Self
 
 import torch
 from torch import nn
 from torch.nn import functional
 
-from t2twin.core.errors import T2TwinError
-from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
-from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
+from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.models.base import CountsTranslator
 from t2twin.translate.models.distributed import average_gradients
-from t2twin.translate.models.optimizer import adamw, running_mean
+from t2twin.translate.models.optimizer import adamw, weight_average
 from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.resnet18 import ResNet18
 
 
-class ResNet18Translator:
-    """The Translator of one network, which gives the counts of the layout of its training."""
-
-    draws = False
-    learns_field = False
+class ResNet18Translator(CountsTranslator):
+    """One network, which predicts the counts of the layout that it was trained on."""
 
     def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
         self.info = info
@@ -35,39 +30,33 @@ class ResNet18Translator:
         self.bf16 = bf16
         self.network = ResNet18(info.x_mm.size, preset.filters)
         self.network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
-        self.networks: dict[str, nn.Module] = {"resnet18": self.network}
+        self.networks = {"resnet18": self.network}
         self.optimizers = {"resnet18": adamw(self.network, preset)}
-        self.running = running_mean(self.network, preset.averaged_part)
-        self.predictor = self.network if self.running is None else self.running.module
-
-    def prepare(self, pairs: Pairs) -> None:
-        """See Translator: it needs to know nothing of them."""
-
-    def calibrate(self, *sets: Pairs) -> None:
-        """See Translator: it says nothing of how sure it is."""
+        self.average = weight_average(self.network, preset.averaged_part)
+        self.predictor: nn.Module = self.average.module if self.average else self.network
 
     def step(self, examples: Examples) -> dict[str, float]:
-        """One step on L3, the mean squared error, of counts in parts of full scale.
+        """One step on L3, the mean squared error of the counts as a fraction of full scale.
 
         images: (B, 3, S, S) normalized. Returns the loss by name.
         """
         optimizer = self.optimizers["resnet18"]
         optimizer.zero_grad()
-        with self._precision():
+        with self.precision():
             predicted = self.network(examples.images.to(self.device))
-        wanted = examples.counts.to(self.device) / self.full_scale
-        loss = functional.mse_loss(predicted.float(), wanted)
+        targets = examples.counts.to(self.device) / self.full_scale
+        loss = functional.mse_loss(predicted.float(), targets)
         loss.backward()
         average_gradients(self.network)
         optimizer.step()
-        if self.running is not None:
-            self.running.update_parameters(self.network)
+        if self.average is not None:
+            self.average.update_parameters(self.network)
         return {"l3": float(loss.detach())}
 
     def predict(self, images: torch.Tensor) -> torch.Tensor:
-        """(B, 3, S, S) -> counts (B, N), within zero and full scale. In evaluation mode."""
+        """See CountsTranslator. images: (B, 3, S, S)."""
         self.predictor.eval()
-        with torch.inference_mode(), self._precision():
+        with torch.inference_mode(), self.precision():
             predicted = self.predictor(images.to(self.device))
         return (predicted.float() * self.full_scale).clamp(0.0, self.full_scale)
 
@@ -77,26 +66,13 @@ class ResNet18Translator:
         return Phi(self.info.x_mm, self.info.y_mm)
 
     def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Counts, (B, N), and phi of them, (B, R, C), counts."""
+        """See CountsTranslator. The tactile images are phi of the counts."""
         counts = self.predict(images)
         return counts, torch.from_numpy(self.phi(counts.cpu().numpy()))
 
-    def read_at(self, layout: Layout) -> Self:
-        """See Translator: it draws no images."""
-        raise T2TwinError("a ResNet18 draws no tactile image that another layout could read")
-
-    def in_float32(self) -> Self:
-        """See Translator."""
-        other = copy(self)
-        other.bf16 = False
-        return other
-
     def as_module(self) -> nn.Module:
-        """See Translator."""
+        """See CountsTranslator."""
         return _FromPixels(self.predictor, self.phi, self.full_scale)
-
-    def _precision(self) -> torch.autocast:
-        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16)
 
 
 class _FromPixels(nn.Module):

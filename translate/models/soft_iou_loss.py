@@ -1,14 +1,12 @@
-"""How unlike two tactile images are in shape: one less the overlap of their contacts, made soft.
+"""A differentiable intersection over union of the contacts of two tactile images, as a loss.
 
-The contact IoU of an evaluation asks which pixels lie above a tenth of their own image's maximum,
-and does not ask how much is felt there. Most of a contact's outline lies where counts are small, so
-L1 hardly weighs it. Its overlap is a step at every pixel and has no gradient; here a pixel belongs
-to the contact by a part that rises from 0 where nothing is felt over a half at that level to nearly
-1 at the maximum.
+The contact IoU of an evaluation counts pixels above a tenth of the maximum of their image, whatever
+their value. L1 gives little weight to the outline of a contact, where counts are small. The contact
+IoU is a step function of each pixel; here the membership of a pixel in the contact rises smoothly
+from 0 at zero, over one half at that level, to almost 1 at the maximum.
 
-An intersection over union as a loss: Rahman and Wang 2016. Their intersection is the product of the
-two parts; here intersection and union are minimum and maximum (Zadeh 1965), so that an image
-overlaps itself wholly, however many of its pixels belong by a part.
+IoU as a loss: Rahman and Wang 2016, who use products of memberships. Here intersection and union
+are minimum and maximum (Zadeh 1965), so that the IoU of an image with itself is 1.
 
 Shape letters: B batch, S image side.
 """
@@ -16,40 +14,43 @@ Shape letters: B batch, S image side.
 import torch
 
 CONTACT_LEVEL = 0.1
-"""A pixel is half in contact at this part of its own image's maximum: where the contact IoU of an
-evaluation (evaluation.metrics.CONTACT_LEVEL) takes it to begin."""
+"""Fraction of the maximum at which the membership is one half; the contact IoU of an evaluation has
+its threshold there (evaluation.metrics.array_errors.CONTACT_LEVEL)."""
 
 SHARPNESS = 2
-"""Power by which that part rises about the level (assumed: it is 0.2 at half the level and 0.8 at
-twice; the higher the power, the fewer pixels have a gradient)."""
+"""Exponent of the membership (assumed: 0.2 at half the level and 0.8 at twice the level; with a
+higher exponent, fewer pixels have a gradient)."""
 
-MIN_FELT = 0.01
-"""A real image with no pixel above this part of full scale has no shape (assumed: a few times the
-counts that noise makes of nothing)."""
+MIN_CONTACT = 0.01
+"""A target image with no pixel above this fraction of full scale has no contact (assumed: a few
+times the counts of noise)."""
 
 MIN_UNION = 0.5
-"""Keeps the overlap of two images of nothing from being divided by nothing, pixels: less than the
-highest pixel of any image with a shape."""
+"""Lower bound of the union, pixels, against division by zero: less than the membership of the
+maximum of any image with a contact."""
 
 
-def shape_loss(drawn: torch.Tensor, real: torch.Tensor) -> torch.Tensor:
-    """1 - soft IoU, the mean over the real images that have a shape: (), 0 if none has.
+def soft_iou_loss(predicted: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
+    """1 - soft IoU, averaged over the targets with a contact: (), 0 if there are none.
 
-    drawn, real: (B, 1, S, S), 0 where nothing is felt and 1 at full scale. 0 for two images with
-    the same parts in contact, 1 for two whose contacts lie apart.
+    predicted, target: (B, 1, S, S), 0 at zero and 1 at full scale. The loss is 0 for images with
+    equal memberships and 1 for disjoint contacts.
     """
-    ours, wanted = _in_contact(drawn), _in_contact(real)
-    across = (1, 2, 3)
-    both = torch.minimum(ours, wanted).sum(across)
-    either = torch.maximum(ours, wanted).sum(across)
-    has_shape = real.amax(across) > MIN_FELT
-    apart = 1.0 - both / either.clamp(min=MIN_UNION)
-    return (apart * has_shape).sum() / has_shape.sum().clamp(min=1)
+    ours, theirs = _membership(predicted), _membership(target)
+    pixels = (1, 2, 3)
+    intersection = torch.minimum(ours, theirs).sum(pixels)
+    union = torch.maximum(ours, theirs).sum(pixels)
+    has_contact = target.amax(pixels) > MIN_CONTACT
+    loss = 1.0 - intersection / union.clamp(min=MIN_UNION)
+    return (loss * has_contact).sum() / has_contact.sum().clamp(min=1)
 
 
-def _in_contact(images: torch.Tensor) -> torch.Tensor:
-    """(B, 1, S, S): the part by which each pixel is in contact. An image's maximum is taken as it
-    is: making the highest pixel higher is no way to draw another shape."""
-    most = images.detach().amax((1, 2, 3), keepdim=True).clamp(min=MIN_FELT)
-    height = (images / (CONTACT_LEVEL * most)) ** SHARPNESS
+def _membership(images: torch.Tensor) -> torch.Tensor:
+    """(B, 1, S, S): membership of each pixel in the contact.
+
+    The maximum is detached: a higher maximum would shrink all memberships without a change of
+    shape.
+    """
+    maximum = images.detach().amax((1, 2, 3), keepdim=True).clamp(min=MIN_CONTACT)
+    height = (images / (CONTACT_LEVEL * maximum)) ** SHARPNESS
     return height / (1.0 + height)

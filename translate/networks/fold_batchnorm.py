@@ -1,4 +1,4 @@
-"""Networks made ready to predict with: batch norms folded into the convolutions before them."""
+"""Folds batch norms into convolutions, for prediction."""
 
 from itertools import pairwise
 
@@ -7,11 +7,11 @@ from torch import nn
 from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 
-def fuse(network: nn.Module) -> None:
-    """Folds every batch norm into the convolution named just before it, in place.
+def fold_batchnorm(network: nn.Module) -> None:
+    """Folds every batch norm into the convolution defined before it, in place.
 
-    The result is the same but for rounding, with half as many passes over the memory; the network
-    is in evaluation mode after it, and cannot be trained on.
+    Outputs change by rounding only, with half the memory traffic. The network is in evaluation mode
+    afterwards and cannot be trained further.
     """
     network.eval()
     for module in list(network.modules()):

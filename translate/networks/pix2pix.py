@@ -1,9 +1,10 @@
-"""The generator of pix2pix: a U-Net (Isola et al. 2017, section 6.1.1).
+"""The networks of pix2pix (Isola et al. 2017): a U-Net generator and a PatchGAN discriminator.
 
-Every block is a 4 x 4 convolution of stride 2; the encoder goes down to one pixel, and the decoder
-takes each encoder level's output beside its own. Shape letters: B batch, S image side.
+Every block is a 4 x 4 convolution of stride 2. The encoder of the U-Net goes down to one pixel; its
+decoder concatenates each encoder level's output (section 6.1.1). The discriminator is the 70 x 70
+PatchGAN (section 6.1.2).
 
-The discriminator of pix2pix: a 70 x 70 PatchGAN (Isola et al. 2017, section 6.1.2).
+Shape letters: B batch, S image side.
 """
 
 import math
@@ -13,7 +14,7 @@ from torch import nn
 
 from t2twin.core.errors import T2TwinError
 
-LARGEST_WIDTH = 8
+MAX_WIDTH_FACTOR = 8
 """Channels stop doubling at this many times the base filters (Isola et al. 2017)."""
 
 DROPOUT_BLOCKS = 3
@@ -28,22 +29,22 @@ class UNet(nn.Module):
 
     size: image side, a power of two of at least 16. filters: base width.
 
-    At size 256 with 64 filters it is the paper's generator: 54.4 M parameters at one channel in
-    and one out. Raises T2TwinError for another size.
+    Size 256 with 64 filters is the generator of the paper: 54.4 M parameters with one input and one
+    output channel. Raises T2TwinError for other sizes.
     """
 
     def __init__(self, size: int, filters: int, channels_in: int = 1, channels_out: int = 1):
         super().__init__()
         levels = int(math.log2(size)) if size > 0 else 0
         if size < 16 or size != 2**levels:
-            raise T2TwinError(f"a U-Net cannot take {size} pixels; use a power of two from 16 on")
-        widths = [filters * min(2**level, LARGEST_WIDTH) for level in range(levels)]
+            raise T2TwinError(f"the image side is {size}; expected a power of two of at least 16")
+        widths = [filters * min(2**level, MAX_WIDTH_FACTOR) for level in range(levels)]
         self.encoder = nn.ModuleList(
             _encoder_block(
                 channels_in if level == 0 else widths[level - 1],
                 width,
                 activate=level > 0,
-                # One pixel has no statistics of its own, and pix2pix leaves the first block bare.
+                # One pixel has no statistics; pix2pix does not normalize the first block.
                 normalize=0 < level < levels - 1,
             )
             for level, width in enumerate(widths)
@@ -69,14 +70,14 @@ class UNet(nn.Module):
             x = block(x)
             levels.append(x)
         x = x.relu()
-        for block, beside in zip(self.decoder, reversed(levels[:-1]), strict=True):
-            # each part on its own, for dense gradients, which batch norm is fast on
-            x = torch.cat([block(x).relu_(), beside.relu()], dim=1)
+        for block, skip in zip(self.decoder, reversed(levels[:-1]), strict=True):
+            # ReLU before concatenation: batch norm is fast on dense gradients.
+            x = torch.cat([block(x).relu_(), skip.relu()], dim=1)
         return self.head(x)
 
 
 class HalfDropout(nn.Dropout):
-    """Dropout of a half (Isola et al. 2017): nn.Dropout(0.5) in a fifth of its time on a CPU."""
+    """nn.Dropout(0.5) (Isola et al. 2017), five times as fast on a CPU."""
 
     def forward(self, input: torch.Tensor) -> torch.Tensor:
         if not self.training:
@@ -85,7 +86,7 @@ class HalfDropout(nn.Dropout):
 
 
 def initialize(module: nn.Module) -> None:
-    """Weights from N(0, 0.02), batch norm's scale from N(1, 0.02), no offsets: as in pix2pix."""
+    """pix2pix's: weights from N(0, 0.02), scales of batch norm from N(1, 0.02), zero biases."""
     if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
         nn.init.normal_(module.weight, 0.0, INITIAL_STD)
         if module.bias is not None:
@@ -105,7 +106,7 @@ def _encoder_block(channels: int, width: int, activate: bool, normalize: bool) -
 
 def _decoder_block(channels: int, width: int, dropout: bool) -> nn.Sequential:
     layers: list[nn.Module] = [
-        nn.Identity(),  # a ReLU stood here, and weights go by its place
+        nn.Identity(),  # the place of a former ReLU; names of weights depend on it
         nn.ConvTranspose2d(channels, width, 4, 2, 1, bias=False),
         nn.BatchNorm2d(width),
     ]
@@ -115,7 +116,7 @@ def _decoder_block(channels: int, width: int, dropout: bool) -> nn.Sequential:
 
 
 class PatchGAN(nn.Module):
-    """Says of each 70 x 70 patch whether the pair (condition, image) is real.
+    """Classifies each 70 x 70 patch of a pair (condition, image) as real or generated.
 
     channels_in: the condition's and the image's together. filters: base width, 64 in the paper.
     """

@@ -1,4 +1,4 @@
-"""Translators by the name of their model, on the device and in the precision of this machine."""
+"""Builds the translator of a run, on this machine's device and in its precision."""
 
 from pathlib import Path
 
@@ -18,22 +18,23 @@ TRANSLATORS: dict[str, type[Touch2Touch | ResNet18Translator | FieldTranslator]]
     "resnet18": ResNet18Translator,
     "field": FieldTranslator,
 }
-"""What makes a translator of each model: from preset, data set, device, and whether in bf16."""
+"""Translators from DIGIT to CySkin by model; all take preset, dataset, device and bf16."""
 
 
 def build(config: RunConfig) -> Translator:
-    """The translator of a run with fresh weights, drawn from the run's seed.
+    """The translator of a run with initial weights, which depend on the run's seed.
 
-    torch's random numbers go on as if they had not been drawn from.
+    The state of torch's random number generator does not change.
     """
-    with torch.random.fork_rng(devices=[]):  # weights are drawn on the CPU, whatever the device
+    with torch.random.fork_rng(devices=[]):  # weights are initialized on the CPU
         torch.default_generator.manual_seed(config.seed)
-        kind = CySkinToDigit if config.direction == CYSKIN_TO_DIGIT else TRANSLATORS[config.model]
+        reverse = config.direction == CYSKIN_TO_DIGIT
+        kind = CySkinToDigit if reverse else TRANSLATORS[config.model]
         return kind(config.preset, config.data, device(), config.bf16)
 
 
 def has_bf16() -> bool:
-    """Whether the processor multiplies bfloat16 itself; where it does not, bf16 is slower."""
+    """Whether the processor has bfloat16 instructions; without them, bf16 is slower."""
     if torch.cuda.is_available():
         return torch.cuda.is_bf16_supported(including_emulation=False)
     cpu = Path("/proc/cpuinfo")

@@ -1,5 +1,8 @@
-"""Runs that come with the package. Each goes by its model's name wherever a run's folder is asked
-for; module ship makes them."""
+"""Pretrained runs, which are part of the package.
+
+Their names are accepted wherever a run's folder is. Module evaluation.publish_pretrained writes
+them.
+"""
 
 from pathlib import Path
 
@@ -10,20 +13,19 @@ from t2twin.translate.runs.config import CONFIG
 HOME = Path(__file__).parents[1] / "weights"
 
 DEFAULT_RUN = "field"
-"""The pretrained run that commands, `load` and the studio use unless another is named."""
+"""The pretrained run that commands, `load` and the studio use by default."""
 
 
 def pretrained_runs() -> tuple[str, ...]:
-    """Their names."""
+    """Names of the pretrained runs."""
     return tuple(sorted(path.parent.name for path in HOME.glob(f"*/{CONFIG}")))
 
 
 def resolve_run(run: str | Path) -> Path:
-    """A run's folder: that of a pretrained run by its name, or the one that is given.
+    """The folder of a run, given as a folder or as the name of a pretrained run.
 
-    A text that is a pretrained run's name always means that run, whatever the working directory
-    holds; a folder of that name is given as ./NAME, or as a Path.
-    Raises T2TwinError where there is neither.
+    A text equal to the name of a pretrained run refers to that run; a folder of that name is given
+    as ./NAME or as a Path. Raises T2TwinError if there is neither.
     """
     names = pretrained_runs()
     if isinstance(run, str) and run in names:
@@ -32,6 +34,6 @@ def resolve_run(run: str | Path) -> Path:
     if path.exists():
         return path
     if isinstance(run, str) or str(run) not in names:
-        ships = f", or the name of a pretrained run: {', '.join(names)}" if names else ""
-        raise T2TwinError(f"there is no run {run}; give a folder that `train` has made{ships}")
+        known = f", or the name of a pretrained run: {', '.join(names)}" if names else ""
+        raise T2TwinError(f"there is no run {run}; give a folder that `train` has made{known}")
     return HOME / path

@@ -1,1 +1,5 @@
-"""Training: one loop for all translators."""
+"""Training of translators and calibration of their uncertainty."""
+
+from t2twin.translate.library_settings import configure_libraries
+
+configure_libraries()

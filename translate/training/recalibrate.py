@@ -1,8 +1,8 @@
-"""A field run's standard deviations put right anew, on validation presses of several worlds.
+"""Recalibrates the predicted uncertainty of a field run on validation presses of several worlds.
 
-A training does it on the validation presses of its own world, which may be of one kin only: those
-of `union` are primitives. Of other presses intervals then hold less than they say. Here each
-world's validation has the same say. Test presses are never looked at.
+Training calibrates on the validation presses of its own world, which may have one family of shapes
+only, such as primitives. Intervals of other presses then have too low a coverage. Here each world
+has the same number of validation presses. Test presses are not used.
 """
 
 from collections.abc import Sequence
@@ -20,29 +20,29 @@ from t2twin.translate.runs.checkpoint import load_weights, save_weights
 from t2twin.translate.runs.config import BEST, load_config
 
 SEED = 0
-"""Of which presses of a larger validation are taken."""
+"""Seed of the selection of presses from larger validation splits."""
 
 
-def temper(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
-    """Fits what makes a field run's spreads standard deviations, and how its errors go together,
-    anew (module calibrated); they are kept with its best weights, and its card is written again.
+def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
+    """Fits the calibration of a field run again; writes its best weights and its card.
 
-    data_dirs: datasets whose pairs hold the field, of any world, the run's own among them. Of each
-    as many validation presses are taken as the smallest has. Returns how many these are in all.
-    Raises T2TwinError for a run of another translator, a dataset without a field or validation
-    pairs, and where the run's own dataset is not given.
+    data_dirs: datasets with field, of any world, including the run's own. Each contributes as many
+    validation presses as the smallest has. Returns the total number of presses.
+    Raises T2TwinError for a run of another model, a dataset without field or validation pairs, and
+    if the run's own dataset is missing.
     """
     run_dir, folders = Path(run_dir), [Path(folder) for folder in data_dirs]
     config = load_config(run_dir)
     own = [folder for folder in folders if load_info(folder).sha256 == config.data.sha256]
     if not own:
         raise T2TwinError(
-            f"the dataset that {run_dir} was trained on is not given; give it beside the others"
+            f"the dataset that {run_dir} was trained on is missing; give it with the others"
         )
     translator = build(config)
     if not isinstance(translator, FieldTranslator):
         raise T2TwinError(
-            f"{run_dir} is a {config.model} run, which has no standard deviations; a field run has"
+            f"{run_dir} is a {config.model} run, which predicts no uncertainty; expected a field "
+            "run"
         )
     with locked(run_dir):
         load_weights(run_dir / BEST, translator.predictor)
@@ -50,14 +50,14 @@ def temper(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
             load_pairs(each, "val", config.preset.size, False, usable_cache(each, run_dir), True)
             for each in folders
         ]
-        taken = _as_many_of_each(sets)
-        translator.calibrate(*taken)
+        samples = _equal_samples(sets)
+        translator.calibrate(*samples)
         save_weights(run_dir / BEST, translator.predictor)
         write_card(run_dir, own[0])
-    return sum(map(len, taken))
+    return sum(map(len, samples))
 
 
-def _as_many_of_each(sets: Sequence[Pairs]) -> list[Pairs]:
-    fewest = min(len(pairs) for pairs in sets)
+def _equal_samples(sets: Sequence[Pairs]) -> list[Pairs]:
+    number = min(len(pairs) for pairs in sets)
     rng = np.random.default_rng(SEED)
-    return [pairs.some(np.sort(rng.choice(len(pairs), fewest, replace=False))) for pairs in sets]
+    return [pairs.subset(np.sort(rng.choice(len(pairs), number, replace=False))) for pairs in sets]

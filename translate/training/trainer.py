@@ -1,4 +1,4 @@
-"""A training in progress: its epochs, one loop for all translators."""
+"""The training loop of all translators."""
 
 import math
 import time
@@ -15,33 +15,32 @@ from t2twin.translate.data.images import augment, to_input
 from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import Translator
-from t2twin.translate.models.presets import CYSKIN_TO_DIGIT, Preset
-from t2twin.translate.models.reverse import WHITE_GREY, CySkinToDigit
+from t2twin.translate.models.presets import Preset
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_state, save_state, save_weights
 from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
 from t2twin.translate.runs.log import EpochRecord, best_epoch, to_json, write_log
-from t2twin.translate.training.early_stopping import TrainingResult, outcome_of, stop_reason
-from t2twin.translate.training.warm_start import WarmStart, begin_with
+from t2twin.translate.training.early_stopping import TrainingResult, stop_reason, training_result
+from t2twin.translate.training.warm_start import WarmStart, apply_warm_start
 from t2twin.translate.uncertainty.ood import fit_ood_detector
 
-PREDICT_AT_ONCE = 64
-"""Images in one batch where nothing is learnt; bounds memory."""
+VALIDATION_BATCH = 64
+"""Pairs in one batch of validation; bounds memory."""
 
-EPOCHS_OF_STEPS = 12
-"""Epochs that a preset's steps make at least: where the data has more batches than that leaves an
-epoch, an epoch is cut short of the data, for the schedule and the choice of the best go by epochs
-(assumed: as many as ResNet18's steps make of the paper's dataset)."""
+MIN_EPOCHS = 12
+"""Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
+the paper's dataset). With a large dataset an epoch is a part of the data, because the learning
+rate's schedule and the choice of the best weights depend on epochs."""
 
 MIN_STEPS = 100
-"""Steps that an epoch is not cut below (assumed: validation would cost more than they do)."""
+"""Minimum number of steps of a shortened epoch (assumed: with fewer, validation takes longer)."""
 
 TIMED_STEPS = 3
-"""Steps that the estimate of the time is taken from, after one that is not counted."""
+"""Steps of the time estimate, after one that is not counted."""
 
 
 class Trainer:
-    """One run in progress, in one of its processes."""
+    """The training of one run, in one of its processes."""
 
     def __init__(
         self,
@@ -50,39 +49,40 @@ class Trainer:
         pairs: Pairs,
         validation: Pairs,
         rank: int,
-        start: WarmStart | None = None,
+        warm_start: WarmStart | None = None,
     ) -> None:
         self.config = config
         self.out_dir = out_dir
         self.pairs = pairs
         self.validation = validation
         self.rank = rank
-        self.start = start
+        self.warm_start = warm_start
         most = min(config.preset.batch, len(pairs))
         self.batch = most - most % config.processes
-        self.batches = len(pairs) // self.batch  # a last, smaller one would upset batch norm
+        self.batches = len(pairs) // self.batch  # no smaller last batch: bad for batch norm
         self.steps = steps_of_epoch(self.batches, config.budget)
-        self.draws_pictures = config.direction == CYSKIN_TO_DIGIT
-        self.full_scale = WHITE_GREY if self.draws_pictures else config.data.full_scale_counts
         self.history: list[EpochRecord] = []
 
     def run(self) -> TrainingResult:
+        """Trains until the run is finished; starts from the saved state if there is one."""
         resumed = (self.out_dir / LAST).is_file()
-        if resumed:  # older runs do not say, and went through all of the data
+        if resumed:  # in older runs an epoch is all of the data
             self.steps = self.config.epoch_steps or self.batches
         epoch_seconds = self._measure()
         if not resumed:
             planned = self._planned_epochs(epoch_seconds)
-            pictures = fit_ood_detector(self.pairs.images)
             self.config = replace(
-                self.config, planned_epochs=planned, epoch_steps=self.steps, pictures=pictures
+                self.config,
+                planned_epochs=planned,
+                epoch_steps=self.steps,
+                ood_detector=fit_ood_detector(self.pairs.images),
             )
         self.translator = build(self.config)
         if resumed:
             self.history = load_state(self.out_dir / LAST, self.translator)
         else:
-            if self.start is not None:
-                begin_with(self.start, self.translator)
+            if self.warm_start is not None:
+                apply_warm_start(self.warm_start, self.translator)
             self.translator.prepare(self.pairs)
             if self.rank == 0:
                 self.config.save(self.out_dir)
@@ -90,13 +90,13 @@ class Trainer:
         self._train()
         reason = stop_reason(self.config, self.history)
         assert reason is not None
-        outcome = outcome_of(self.out_dir, self.history, reason)
+        result = training_result(self.out_dir, self.history, reason)
         if self.rank == 0:
-            print(f"{self.out_dir}: {outcome.in_words()}.")
-        return outcome
+            print(f"{self.out_dir}: {result.summary}.")
+        return result
 
     def _planned_epochs(self, epoch_seconds: float) -> int:
-        """As many as asked for, or as the preset allows; with a limit in minutes, what fits in."""
+        """The user's number of epochs or the preset's; with a limit in minutes, those that fit."""
         config, planned = self.config, self.config.planned_epochs
         if config.steps is not None:
             planned = round(config.steps / self.steps)
@@ -120,7 +120,7 @@ class Trainer:
                 best = best_epoch(self.history) is record
                 bar.set_postfix_str(f"val {record.val_rmse_percent:.2f} %")
                 if log is not None:
-                    # The best weights first: killed in between, the epoch is simply done again.
+                    # The best weights first: if killed in between, the epoch is repeated.
                     if best:
                         self.translator.calibrate(self.validation)
                         save_weights(self.out_dir / BEST, self.translator.predictor)
@@ -131,10 +131,10 @@ class Trainer:
             log.close()
 
     def _epoch(self, epoch: int, bar: Progress) -> EpochRecord:
-        """Trains for one epoch and validates. Returns its record for the log."""
+        """Trains for one epoch and validates. Returns the record of the epoch."""
         started = time.perf_counter()
         config, translator = self.config, self.translator
-        share = _share_of_rate(config, epoch)
+        share = _learning_rate_share(config, epoch)
         for optimizer in translator.optimizers.values():
             for group in optimizer.param_groups:
                 group["lr"] = share * optimizer.defaults["lr"]
@@ -151,8 +151,8 @@ class Trainer:
             bar.update()
         if not all(math.isfinite(loss) for loss in sums.values()):
             raise T2TwinError(
-                f"the loss stopped being a number in epoch {epoch + 1}; train again with a preset "
-                "of a lower learning rate"
+                f"the loss is not finite in epoch {epoch + 1}; train again with a preset of a "
+                "lower learning rate"
             )
         for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
             distributed.average_statistics(network)
@@ -161,24 +161,24 @@ class Trainer:
             epoch=epoch + 1,
             learning_rate=share * config.preset.learning_rate,
             train=sums,
-            val_rmse_counts=None if self.draws_pictures else rmse,
-            val_rmse_percent=100.0 * rmse / self.full_scale,
+            val_rmse_counts=None if config.predicts_images else rmse,
+            val_rmse_percent=100.0 * rmse / config.full_scale,
             seconds=distributed.largest(time.perf_counter() - started),
-            val_rmse_grey=rmse if self.draws_pictures else None,
+            val_rmse_grey=rmse if config.predicts_images else None,
         )
 
     def _batches(self, epoch: int) -> Iterator[np.ndarray]:
-        """Indices of the pairs of each of an epoch's steps, (b,).
+        """Indices of the pairs of each step of an epoch, (b,).
 
-        All pairs are gone through in an order drawn from (seed, pass) before any comes again, over
-        as many epochs as that takes. An epoch as long as the data is one pass.
+        One pass uses each pair once, in an order that depends on (seed, pass), and may extend over
+        several epochs. An epoch with as many steps as the data has batches is one pass.
         """
-        drawn, order = -1, np.empty(0, int)
+        current, order = -1, np.empty(0, int)
         for step in range(epoch * self.steps, (epoch + 1) * self.steps):
-            turn, place = divmod(step, self.batches)
-            if turn != drawn:
-                rng = np.random.default_rng([self.config.seed, turn])
-                drawn, order = turn, rng.permutation(len(self.pairs))
+            data_pass, place = divmod(step, self.batches)
+            if data_pass != current:
+                rng = np.random.default_rng([self.config.seed, data_pass])
+                current, order = data_pass, rng.permutation(len(self.pairs))
             yield order[place * self.batch : (place + 1) * self.batch]
 
     def _step(
@@ -188,34 +188,26 @@ class Trainer:
         rng: np.random.Generator,
     ) -> dict[str, float]:
         """One step on the pairs with these indices."""
-        # Jitter is of what is seen; of what is to be drawn it would only blur the truth.
-        jitter = None if self.draws_pictures else rng
+        # Augmentation is for inputs; targets stay as they are.
+        jitter = None if self.config.predicts_images else rng
         return translator.step(load_examples(self.pairs, batch, self.config.preset, jitter))
 
     def _validate(self) -> float:
-        """RMSE on the validation split, counts, or grey levels where it draws pictures; the
-        processes share it."""
+        """RMSE on the validation split, counts or grey levels; the processes share the pairs."""
         mine = np.arange(len(self.validation))[self.rank :: self.config.processes]
         squares, values = 0.0, 0
-        for start in range(0, mine.size, PREDICT_AT_ONCE):
-            off = self._off(self.translator, mine[start : start + PREDICT_AT_ONCE])
-            squares += float(np.square(off).sum(dtype=float))
-            values += off.size
+        for start in range(0, mine.size, VALIDATION_BATCH):
+            errors = self._errors(self.translator, mine[start : start + VALIDATION_BATCH])
+            squares += float(np.square(errors).sum(dtype=float))
+            values += errors.size
         return math.sqrt(distributed.total(squares) / distributed.total(values))
 
-    def _off(self, translator: Translator, index: np.ndarray) -> np.ndarray:
-        """(b, n) what is predicted of validation pairs less what is true: counts, or grey levels
-        where it draws pictures."""
-        pixels, counts = self.validation.pictures[index], self.validation.counts[index]
-        if isinstance(translator, CySkinToDigit):
-            drawn = translator.pictures(torch.from_numpy(counts)).cpu().numpy()
-            return drawn.reshape(pixels.shape[0], -1) - pixels.reshape(pixels.shape[0], -1)
-        return (
-            translator.predict(to_input(pixels.astype(np.float32) / 255.0)).cpu().numpy() - counts
-        )
+    def _errors(self, translator: Translator, index: np.ndarray) -> np.ndarray:
+        """(b, n) prediction errors of the validation pairs with these indices."""
+        return translator.errors(self.validation.inputs[index], self.validation.counts[index])
 
     def _measure(self) -> float:
-        """Seconds that an epoch takes, from a few steps of networks that are thrown away."""
+        """Estimated seconds per epoch, from a few steps of other networks."""
         translator = build(self.config)
         rng = np.random.default_rng(self.config.seed)
         mine = np.arange(self.batch)[self.rank :: self.config.processes]
@@ -224,9 +216,9 @@ class Trainer:
         for _ in range(TIMED_STEPS):
             self._step(translator, mine, rng)
         step_seconds = (time.perf_counter() - started) / TIMED_STEPS
-        few = np.arange(min(PREDICT_AT_ONCE, len(self.validation)))
+        few = np.arange(min(VALIDATION_BATCH, len(self.validation)))
         started = time.perf_counter()
-        self._off(translator, few)
+        self._errors(translator, few)
         image_seconds = (time.perf_counter() - started) / len(few)
         validate_seconds = image_seconds * len(self.validation) / self.config.processes
         return distributed.largest(self.steps * step_seconds + validate_seconds)
@@ -236,11 +228,12 @@ class Trainer:
             return
         config, done = self.config, len(self.history)
         left = config.planned_epochs - done
-        goes_on = f" goes on after epoch {done};" if done else ""
+        resumes = f" resumes after epoch {done};" if done else ""
         precision = "bf16" if config.bf16 else "fp32"
-        way = f" {config.direction}" if self.draws_pictures else ""
+        direction = f" {config.direction}" if config.predicts_images else ""
         print(
-            f"{config.model}{way}, preset {config.preset.name}:{goes_on} {len(self.pairs)} pairs, "
+            f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
+            f"{len(self.pairs)} pairs, "
             f"validated on {len(self.validation)}, {config.planned_epochs} epochs of {self.steps} "
             f"steps, {precision} on {self.translator.device.type}, {config.processes} process(es) "
             f"of {torch.get_num_threads()} thread(s). At most {left * epoch_seconds / 60:.1f} "
@@ -252,9 +245,9 @@ class Trainer:
 def load_examples(
     pairs: Pairs, batch: np.ndarray, preset: Preset, rng: np.random.Generator | None
 ) -> Examples:
-    """The pairs with these indices; their pictures are jittered as the preset says, with rng."""
+    """The pairs with these indices; with rng, their images are augmented as the preset defines."""
     batch, field = np.sort(batch), pairs.field  # the order on disk
-    pixels = pairs.pictures[batch].astype(np.float32) / 255.0
+    pixels = pairs.inputs[batch].astype(np.float32) / 255.0
     if rng is not None and (preset.brightness or preset.contrast or preset.noise):
         pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
     return Examples(
@@ -266,16 +259,16 @@ def load_examples(
 
 
 def steps_of_epoch(batches: int, budget: int) -> int:
-    """Steps after which is validated and saved: all batches of the data, or fewer of many.
+    """Steps per epoch: all batches of the data, or fewer with a large dataset.
 
-    batches: that the data has. budget: most steps of the training, 0 for any number; module
-    constants say into how many epochs at least it is divided.
+    batches: of the data. budget: maximum steps of the training, 0 for no limit, divided into at
+    least MIN_EPOCHS epochs.
     """
-    return min(batches, max(budget // EPOCHS_OF_STEPS, MIN_STEPS)) if budget else batches
+    return min(batches, max(budget // MIN_EPOCHS, MIN_STEPS)) if budget else batches
 
 
 class _Log:
-    """log.jsonl and TensorBoard; what the killed part of an epoch left is overwritten."""
+    """log.jsonl and TensorBoard; entries of an interrupted epoch are overwritten."""
 
     def __init__(self, out_dir: Path, history: list[EpochRecord]) -> None:
         from torch.utils.tensorboard import SummaryWriter
@@ -294,9 +287,9 @@ class _Log:
         self.board.close()
 
 
-def _share_of_rate(config: RunConfig, epoch: int) -> float:
-    """Parts of its learning rate that an epoch (from 0) has: all, or half a cosine that would reach
-    zero after the last one."""
+def _learning_rate_share(config: RunConfig, epoch: int) -> float:
+    """Factor of the learning rate in an epoch (from 0): 1, or a half cosine that reaches zero after
+    the last epoch."""
     if config.preset.schedule == "fixed":
         return 1.0
     return 0.5 * (1.0 + math.cos(math.pi * epoch / config.planned_epochs))

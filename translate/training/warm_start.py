@@ -1,10 +1,10 @@
-"""What a training begins with: fresh weights, or those of another run.
+"""Warm start: the initial weights of a training are the best weights of another run.
 
-Who has another DIGIT, another force or fewer pairs need not begin anew: a translator that knows one
-world learns its neighbor's in a tenth of the steps.
+With another DIGIT, another force or fewer pairs, a trained translator needs a tenth of the steps of
+a new one.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,52 +19,48 @@ from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.pretrained import resolve_run
 
-RATE_SHARE = 0.3
-"""Learning rate in parts of the preset's, where a training begins with another run's weights
-(assumed)."""
-
 
 @dataclass(frozen=True)
 class WarmStart:
-    """Another run's best weights. sha256: of their file."""
+    """The best weights of another run. sha256: of their file."""
 
     weights: Path
     sha256: str
 
 
-def find_start(
+def find_warm_start(
     run: str | Path, model: str, preset: Preset, data: DataInfo, direction: str = DIGIT_TO_CYSKIN
 ) -> WarmStart:
-    """The best weights of a run, for a training of this model, preset and data set.
+    """The best weights of a run, for a training with this model, preset and dataset.
 
-    run: its folder, or the name of a run that ships.
-    Raises T2TwinError for a folder that holds no run, and for a run of another direction, model,
-    image size, width, layout or field.
+    run: its folder, or the name of a pretrained run. Raises T2TwinError for a folder that is not a
+    run, and for a run of another model, direction, image size, width, layout or field.
     """
     run_dir, config = run_of_model(run, model)
-    there, places = config.preset, config.data
-    for what, differs in (
-        (f"a {config.direction} run, and not {direction}", config.direction != direction),
+    theirs, places = config.preset, config.data
+    for difference, differs in (
+        (f"a {config.direction} run, not {direction}", config.direction != direction),
         (
-            f"a run of {there.size} pixels, base width {there.filters}, and preset {preset.name} "
+            f"a run of {theirs.size} pixels, base width {theirs.filters}, and preset {preset.name} "
             f"has {preset.size} and {preset.filters}",
-            (there.size, there.grey, there.filters) != (preset.size, preset.grey, preset.filters),
+            (theirs.size, theirs.grey, theirs.filters)
+            != (preset.size, preset.grey, preset.filters),
         ),
         (
-            f"a run of layout {places.layout}, and the data set's is {data.layout}",
+            f"a run of layout {places.layout}, and the dataset's is {data.layout}",
             not same_layout(places, data.x_mm, data.y_mm),
         ),
         (
-            "a run of another field than the data set's",
+            "a run of another field than the dataset's",
             model == "field"
             and not (
-                _same(places.field_x_mm, data.field_x_mm)
-                and _same(places.field_y_mm, data.field_y_mm)
+                _equal(places.field_x_mm, data.field_x_mm)
+                and _equal(places.field_y_mm, data.field_y_mm)
             ),
         ),
     ):
         if differs:
-            raise T2TwinError(f"{run_dir} is {what}; start with a run like the one asked for")
+            raise T2TwinError(f"{run_dir} is {difference}; expected a run like the new one")
     weights = run_dir / BEST
     if not weights.is_file():
         raise T2TwinError(f"{weights} is not there; the run has not finished its first epoch")
@@ -72,30 +68,27 @@ def find_start(
 
 
 def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
-    """A run's folder and config. run: as for `find_start`. Raises T2TwinError for a folder that
-    holds no run, and for a run of another model."""
+    """The folder and configuration of a run. run: as for `find_warm_start`.
+
+    Raises T2TwinError for a folder that is not a run, and for a run of another model.
+    """
     run_dir = resolve_run(run)
     config = load_config(run_dir)
     if config.model != model:
         raise T2TwinError(
-            f"{run_dir} is a {config.model} run, and a {model} is to be trained; start with a run "
-            "like the one asked for"
+            f"{run_dir} is a {config.model} run, and the new run is a {model}; expected a run like "
+            "the new one"
         )
     return run_dir, config
 
 
-def slower(preset: Preset) -> Preset:
-    """The preset for weights that know something already."""
-    return replace(preset, learning_rate=RATE_SHARE * preset.learning_rate)
-
-
-def begin_with(start: WarmStart, translator: Translator) -> None:
-    """Puts the weights in. Raises T2TwinError for a file that holds other ones."""
+def apply_warm_start(start: WarmStart, translator: Translator) -> None:
+    """Loads the weights. Raises T2TwinError for a file with the weights of another network."""
     load_weights(start.weights, translator.predictor)
-    learns = next(iter(translator.networks.values()))
-    if learns is not translator.predictor:  # that is its running mean
-        learns.load_state_dict(translator.predictor.state_dict())
+    trained = next(iter(translator.networks.values()))
+    if trained is not translator.predictor:  # the predictor is its weight average
+        trained.load_state_dict(translator.predictor.state_dict())
 
 
-def _same(one: np.ndarray | None, other: np.ndarray | None) -> bool:
+def _equal(one: np.ndarray | None, other: np.ndarray | None) -> bool:
     return one is not None and other is not None and np.array_equal(one, other)

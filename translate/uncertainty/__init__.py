@@ -1,1 +1,5 @@
-"""Predicted uncertainty: estimates, their calibration, out-of-distribution detection."""
+"""Predictions with uncertainty, its calibration, and out-of-distribution detection."""
+
+from t2twin.translate.library_settings import configure_libraries
+
+configure_libraries()

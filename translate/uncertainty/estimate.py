@@ -1,4 +1,4 @@
-"""What a field run says of images: counts, how sure it is of each, the force, and the whole field.
+"""Predictions with uncertainty: counts, field and force, each with its standard deviation.
 
 Shape letters: B images, N taxels, F places of the field.
 """
@@ -15,11 +15,11 @@ from t2twin.core.errors import T2TwinError
 
 @dataclass(frozen=True)
 class Estimate:
-    """Of one image, or of several with B before every shape.
+    """The prediction for one image, or for B images with B before every shape.
 
-    counts, counts_std: (N,) float32, what each taxel reads and the standard deviation of that.
-    field, field_std: (F,) float32, the same at the field's places. force_n, force_std_n: ()
-    float32, N, None of a run whose presses had one force. full_scale_counts: where taxels saturate.
+    counts, counts_std: (N,) float32, counts and their standard deviations. field, field_std: (F,)
+    float32, the same at the places of the field. force_n, force_std_n: () float32, N, or None if
+    the run was trained on presses of one force. full_scale_counts: where taxels saturate.
     """
 
     counts: np.ndarray
@@ -31,16 +31,17 @@ class Estimate:
     full_scale_counts: float
 
     def interval(self, level: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
-        """The counts between which each taxel's lies with this probability: two of counts' shape.
+        """Lower and upper ends of the central intervals of the counts, clipped to full scale.
 
-        Raises T2TwinError where level is not between 0 and 1.
+        level: probability, between 0 and 1; T2TwinError otherwise. Returns two arrays of the shape
+        of counts.
         """
         half = half_width(level) * self.counts_std
         low, high = self.counts - half, self.counts + half
         return low.clip(0.0, self.full_scale_counts), high.clip(0.0, self.full_scale_counts)
 
     def first(self) -> "Estimate":
-        """Of the first image alone."""
+        """The estimate of the first image alone."""
         values: dict[str, Any] = {
             name: None if value is None else value[0]
             for name, value in vars(self).items()
@@ -50,9 +51,9 @@ class Estimate:
 
 
 def half_width(level: float) -> float:
-    """Half the width of a Gaussian's interval that holds this share, standard deviations.
+    """Half the width of a Gaussian's central interval, standard deviations.
 
-    Raises T2TwinError where level is not between 0 and 1.
+    Raises T2TwinError unless level lies between 0 and 1.
     """
     level = arguments.real(level, "level")
     if not 0.0 < level < 1.0:
@@ -60,8 +61,8 @@ def half_width(level: float) -> float:
     return NormalDist().inv_cdf(0.5 + level / 2)
 
 
-def joined(parts: list[Estimate]) -> Estimate:
-    """Estimates of several images after one another. parts: one or more."""
+def concatenate(parts: list[Estimate]) -> Estimate:
+    """Concatenates one or more estimates of several images."""
     values: dict[str, Any] = {}
     for name in ("counts", "counts_std", "field", "field_std", "force_n", "force_std_n"):
         of_parts = [getattr(part, name) for part in parts]

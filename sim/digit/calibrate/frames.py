@@ -11,7 +11,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.images import open_picture
+from t2twin.core.images import decode_image
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
@@ -43,7 +43,7 @@ def read_frame(path: Path) -> np.ndarray:
     if not path.exists():
         raise T2TwinError(f"{path} does not exist")
     try:
-        image = open_picture(path, FORMATS)
+        image = decode_image(path, FORMATS)
     except T2TwinError as error:
         raise T2TwinError(
             f"{path} is not a picture: {error}; allowed are {', '.join(FORMATS)}"

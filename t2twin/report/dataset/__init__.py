@@ -1,1 +1,1 @@
-"""Sections of the report of a dataset."""
+"""Sections about a dataset."""

@@ -1,44 +1,50 @@
-"""What a dataset holds: pairs of every shape, pictures of every shape, how many taxels saturate."""
+"""Content of a dataset: pairs and images of the shapes, saturation, contact sheet."""
 
+import io
+import tempfile
 from collections import Counter
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image
 
-from t2twin.report.dataset.pairs import pairs_in_turn
+from t2twin.primitives_cad.contact_sheet import draw_sheet
+from t2twin.report.dataset.pairs import sample_in_turn
 from t2twin.report.dataset.tables import Dataset
 from t2twin.report.html import markup
-from t2twin.report.html.figures import digit_picture, figure
-from t2twin.report.html.labels import SPLIT_COLORS, SPLIT_NAMES, forces_in_words, shape_name
+from t2twin.report.html.figures import draw_digit_image, figure
+from t2twin.report.html.labels import SPLIT_COLORS, SPLIT_NAMES, forces_text, shape_name
 from t2twin.sim.dataset.info import DatasetInfo
 
-TOUCHED_COUNTS = 100
-"""A pair whose largest taxel counts less has not been touched: over ten times the noise."""
+MIN_CONTACT_COUNTS = 100
+"""Smallest maximum count of a pair with contact: more than ten times the noise."""
 
 MAX_BARS = 100
-"""Shapes that are drawn as bars one by one (assumed: three pages of paper)."""
+"""Maximum number of bars (assumed: three printed pages)."""
 
-GALLERY_COLUMNS, MAX_PICTURES = 10, 60
+GALLERY_COLUMNS, MAX_IMAGES = 10, 60
 GALLERY_SEED = 0
 WIDTH_IN = 9.0
-BARS_WIDTH_IN, BAR_IN, FURNITURE_IN = 4.4, 0.17, 0.8
-"""Width of the chart of shapes, which is whole on a phone; height of a shape, and of the rest."""
+BARS_WIDTH_IN, BAR_IN, MARGINS_IN = 4.4, 0.17, 0.8
+"""Width of the bar chart, which fits on a phone; height of a bar and of the margins, inches."""
 
 SATURATION_IN = 2.8
 TILE_IN = 1.42
+JPEG_QUALITY = 85
 
 
 def about_section(dataset: Dataset) -> str:
-    """How many pairs, how large, how made."""
+    """Origin, number of pairs, and size of the dataset."""
     info, counts = dataset.info, dataset.counts
     shapes = {split: len(set(table["shape"].to_pylist())) for split, table in
               dataset.tables.items()}  # fmt: skip
     sizes = [(dataset.data / path).stat().st_size for path in info.shards]
-    untouched = int((counts.max(axis=1) < TOUCHED_COUNTS).sum())
+    without_contact = int((counts.max(axis=1) < MIN_CONTACT_COUNTS).sum())
     facts = [
-        ("Made by", made_by(info)),
+        ("Created by", created_by(info)),
         *(
             (SPLIT_NAMES[split].capitalize(), f"{len(table):,} pairs of {shapes[split]} shapes")
             for split, table in dataset.tables.items()
@@ -47,78 +53,70 @@ def about_section(dataset: Dataset) -> str:
          f"{sum(sizes) / len(counts) / 1e3:.1f} kB a pair"),
         ("Taxels", f"{dataset.layout.x_mm.size} (layout {dataset.layout.layout}), saturated at "
          f"{dataset.layout.full_scale_counts:,.0f} counts"),
-        *([("Forces", forces_in_words(dataset.forces_n))] if dataset.forces_n.size else []),
-        ("Pairs without contact", f"{untouched or 'none'} of {len(counts):,} (largest taxel below "
-         f"{TOUCHED_COUNTS} counts)"),
+        *([("Forces", forces_text(dataset.forces_n))] if dataset.forces_n.size else []),
+        ("Pairs without contact", f"{without_contact or 'none'} of {len(counts):,} (largest taxel "
+         f"below {MIN_CONTACT_COUNTS} counts)"),
         ("Versions", ", ".join(f"{k} {v}" for k, v in info.versions.items())),
     ]  # fmt: skip
-    return markup.section("about", "What it holds", [markup.facts(facts)])
+    return markup.section("about", "Content", [markup.facts(facts)])
 
 
-def made_by(info: DatasetInfo) -> str:
-    """As in "t2twin simdata, scale paper, seed 0"."""
+def created_by(info: DatasetInfo) -> str:
+    """Origin of a dataset, such as "t2twin simdata, scale paper, seed 0"."""
     if not info.is_simulated:
-        return "pairs of the owner's, brought in with t2twin import-pairs"
+        return "pairs imported with t2twin import-pairs"
     what = "scale" if info.is_protocol else "world"
     return f"t2twin simdata, {what} {info.world_name}, seed {info.seed}"
 
 
 def shapes_section(dataset: Dataset) -> str:
-    """A bar a shape; of more than MAX_BARS a bar a family, the largest ones."""
+    """Bar chart of the pairs per shape; of more than MAX_BARS shapes, per family."""
     shapes = np.unique(dataset.shapes).size
     names = dataset.shapes if shapes <= MAX_BARS else dataset.families
     kind = "shape" if shapes <= MAX_BARS else "family"
     counted = counted_by_split(dataset, names)
     shown = dict(list(counted.items())[:MAX_BARS])
-    height = FURNITURE_IN + BAR_IN * len(shown)
+    height = MARGINS_IN + BAR_IN * len(shown)
     content = figure("svg", BARS_WIDTH_IN, height, lambda page: bars(page, shown))
-    parts = [
-        markup.picture(content, "svg", f"Bar chart of the pairs of every {kind}", width="small")
-    ]
+    parts = [markup.embed(content, "svg", f"Bar chart of the pairs by {kind}", width="small")]
     if kind == "family":
-        left = len(counted) - len(shown)
-        others = f" {left:,} families with fewer pairs are not drawn." if left else ""
-        parts.insert(
-            0,
-            markup.paragraph(
-                f"There are {shapes:,} shapes, too many for a bar each; they are drawn by "
-                f"family.{others}",
-                "note",
-            ),
-        )
-    return markup.section("shapes", f"Pairs of every {kind}", parts)
+        hidden = len(counted) - len(shown)
+        others = f" {hidden:,} families with fewer pairs are not shown." if hidden else ""
+        text = f"The {shapes:,} shapes are grouped by family.{others}"
+        parts.insert(0, markup.paragraph(text, "note"))
+    return markup.section("shapes", f"Pairs by {kind}", parts)
 
 
 def counted_by_split(dataset: Dataset, names: np.ndarray) -> dict[tuple[str, str], int]:
-    """Pairs by split and name; those of shapes in the order of the shards, of families that are
-    too many by number. names: (P,)."""
+    """Number of pairs by split and name, in the order of the shards; of more than MAX_BARS names,
+    in descending order. names: (P,)."""
     splits = np.repeat(list(dataset.tables), [len(table) for table in dataset.tables.values()])
     counted = Counter(zip(splits.tolist(), names.tolist(), strict=True))
     return dict(counted.most_common()) if len(counted) > MAX_BARS else dict(counted)
 
 
 def gallery_section(dataset: Dataset) -> str:
-    """Pictures of all shapes in turn."""
+    """Grid of images of all shapes."""
     rows = gallery(dataset)
     lines = -(-len(rows) // GALLERY_COLUMNS)
     content = figure("png", WIDTH_IN, TILE_IN * lines, lambda page: tiles(page, dataset, rows))
     return markup.section(
         "gallery",
-        "Pictures",
+        "Images",
         [
-            markup.paragraph("Drawn at random, shape by shape.", "note"),
-            markup.picture(content, "png", "A grid of DIGIT pictures of all shapes"),
+            markup.paragraph("Random samples, one shape after another.", "note"),
+            markup.embed(content, "png", "Grid of DIGIT images of all shapes"),
         ],
     )
 
 
 def gallery(dataset: Dataset) -> list[tuple[str, int]]:
-    """Splits and rows: one of each shape, then one more of each while a line is to be filled."""
-    return pairs_in_turn(dataset, dataset.shapes, MAX_PICTURES, GALLERY_SEED)
+    """Splits and rows of the sampled images: one of each shape, then further ones of each."""
+    return sample_in_turn(dataset, dataset.shapes, MAX_IMAGES, GALLERY_SEED)
 
 
 def saturation_section(dataset: Dataset) -> str:
-    """Taxels at full scale: by pair, by taxel."""
+    """Saturated counts by pair and by taxel."""
     saturated = dataset.saturated
     some = saturated.any(axis=1)
     text = (
@@ -131,19 +129,50 @@ def saturation_section(dataset: Dataset) -> str:
         "Saturation",
         [
             markup.paragraph(text),
-            markup.picture(
+            markup.embed(
                 chart,
                 "svg",
-                "Histograms of the largest count, of saturated taxels a pair, and by taxel",
-                note="Left: the largest count of each pair. Middle: how many of a pair's taxels "
-                "are saturated. Right: how often each taxel is, at its place in the array.",
+                "Histograms of the largest count and of saturated taxels, by pair and by taxel",
+                note="Left: largest count of each pair. Middle: number of saturated taxels of a "
+                "pair. Right: share of the pairs in which a taxel is saturated, at its position in "
+                "the array.",
             ),
         ],
     )
 
 
+def contact_sheet_section() -> str:
+    """Contact sheet of all primitives and tools."""
+    note = (
+        "Columns of primitives are families, rows are versions; version 3 is for validation. Tools "
+        "are pressed at the four points marked on each."
+    )
+    return markup.section(
+        "shapes",
+        "Shapes",
+        [
+            markup.embed(
+                _contact_sheet(), "jpeg", "Every primitive and tool with its name", note=note
+            )
+        ],
+    )
+
+
+def _contact_sheet() -> bytes:
+    """Content of a JPEG file, which is several times smaller than a PNG."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "contact-sheet.png"
+        draw_sheet(path)
+        buffer = io.BytesIO()
+        with Image.open(path) as image:
+            image.convert("RGB").save(
+                buffer, format="JPEG", quality=JPEG_QUALITY, optimize=True, progressive=True
+            )
+    return buffer.getvalue()
+
+
 def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
-    """counted: pairs by split and name, in the order of the bars."""
+    """counted: number of pairs by split and name, in the order of the bars."""
     axes = page.subplots()
     for split in dict.fromkeys(split for split, _ in counted):
         own = [n for n, (where, _) in enumerate(counted) if where == split]
@@ -161,7 +190,7 @@ def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
     for place in axes:
         place.set_axis_off()
     for place, (split, row) in zip(axes, rows, strict=False):
-        digit_picture(place, dataset.picture(split, row))
+        draw_digit_image(place, dataset.image(split, row))
         place.set_title(shape_name(dataset.shape(split, row)), fontsize=6)
 
 

@@ -1,4 +1,4 @@
-"""Near-duplicates: pairs that another pair of the same shape makes superfluous."""
+"""Near-duplicates: pairs that differ from another pair of the same shape by less than the noise."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,36 +10,35 @@ from t2twin.report.html.figures import figure
 from t2twin.report.html.labels import shape_name
 
 NOISE_GREY = 0.5
-"""Noise of a picture whose dataset does not say: that of the simulated ones, grey levels."""
+"""Noise of images of imported datasets, grey levels: that of simulated ones."""
 
 DUPLICATE_SHARE = 0.0005
-"""Difference of two pairs' taxels, in parts of full scale, below which they are the same (assumed:
-20 of 40,000 counts, four times what two readings of one press differ by)."""
+"""Difference of the counts of two equal pairs, relative to full scale (assumed: 20 of 40,000
+counts, four times the difference of two readings of one press)."""
 
-NAMED = 5
-"""Shapes named as those with most."""
+MAX_LISTED = 5
+"""Number of listed shapes."""
 
 BINS = 60
 WIDTH_IN, HEIGHT_IN = 9.0, 2.6
 
 
 def section(dataset: Dataset, scan: Scan) -> str:
-    """The share of near-duplicates, with what is meant by it."""
+    """Share of near-duplicates and of ambiguous pairs."""
     noise = noise_grey(dataset)
-    duplicates, alike = near_duplicates(dataset, scan), np.isfinite(scan.alike_counts)
+    duplicates, similar = near_duplicates(dataset, scan), np.isfinite(scan.alike_counts)
+    ambiguous = similar & ~duplicates
     text = (
-        "Two presses of a shape look alike where their pictures differ by less than a picture's "
-        f"own noise, {noise:.2f} grey levels (root mean square over squares of {BLOCK_PX} x "
-        f"{BLOCK_PX} pixels, in which the noise itself has fallen to an eighth). Where their "
-        f"taxels are alike too, within {same_counts(dataset):.3g} counts (root mean square), one "
-        "is a near-duplicate of the other and teaches nothing new: "
+        "Two images of a shape are indistinguishable if they differ by less than the noise of an "
+        f"image, {noise:.2f} grey levels (RMS over blocks of {BLOCK_PX} × {BLOCK_PX} pixels, in "
+        "which averaging reduces the noise to an eighth). If their counts also differ by less than "
+        f"{same_counts(dataset):.3g} (RMS), the pairs are near-duplicates: "
         f"{duplicates.sum():,} of {duplicates.size:,} pairs, {100 * duplicates.mean():.2f} %"
-        f"{_most(dataset, duplicates)}. A round shape pressed in its middle is one however it is "
-        f"turned. {(alike & ~duplicates).sum():,} more, "
-        f"{100 * (alike & ~duplicates).mean():.2f} %, look like another press but feel otherwise"
-        f"{_most(dataset, alike & ~duplicates)}: a line whose ends lie outside the picture looks "
-        "the same wherever along it is pressed. Those are true pairs, of which no translator can "
-        "tell one from the other."
+        f"{_most_frequent(dataset, duplicates)}. An example is a round shape, pressed at its "
+        f"center with different yaw. {ambiguous.sum():,} further pairs, "
+        f"{100 * ambiguous.mean():.2f} %, have an indistinguishable image but different counts"
+        f"{_most_frequent(dataset, ambiguous)}. An example is a line whose ends lie outside the "
+        "image. No translator can distinguish such pairs."
     )
     chart = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _histogram(page, scan, noise))
     return markup.section(
@@ -47,34 +46,35 @@ def section(dataset: Dataset, scan: Scan) -> str:
         "Near-duplicates",
         [
             markup.paragraph(text),
-            markup.picture(chart, "svg", "Histogram of the differences between nearest pictures"),
+            markup.embed(chart, "svg", "Histogram of the differences between nearest images"),
         ],
     )
 
 
 def noise_grey(dataset: Dataset) -> float:
-    """Standard deviation of a picture's noise, grey levels."""
+    """Standard deviation of the image noise, grey levels."""
     parameters = dataset.info.parameters
     return NOISE_GREY if parameters is None else parameters.digit.noise_grey
 
 
 def near_duplicates(dataset: Dataset, scan: Scan) -> np.ndarray:
-    """(P,) whether each pair is one of another."""
+    """(P,) bool: near-duplicates of another pair."""
     return scan.alike_counts < same_counts(dataset)
 
 
 def same_counts(dataset: Dataset) -> float:
-    """Difference of two pairs' taxels below which they are the same, counts."""
+    """RMS difference of the counts below which pairs are equal."""
     return DUPLICATE_SHARE * dataset.layout.full_scale_counts
 
 
-def _most(dataset: Dataset, which: np.ndarray) -> str:
-    """The shapes that most of the pairs `which` ((P,) bool) are of, in brackets."""
+def _most_frequent(dataset: Dataset, which: np.ndarray) -> str:
+    """The most frequent shapes of the pairs `which`, (P,) bool, in brackets."""
     if not which.any():
         return ""
-    names, times = np.unique(dataset.shapes[which], return_counts=True)
-    order = np.argsort(-times, kind="stable")[:NAMED]
-    return " (most of " + ", ".join(f"{shape_name(str(names[i]))}, {times[i]}" for i in order) + ")"
+    names, numbers = np.unique(dataset.shapes[which], return_counts=True)
+    order = np.argsort(-numbers, kind="stable")[:MAX_LISTED]
+    listed = ", ".join(f"{shape_name(str(names[i]))}: {numbers[i]}" for i in order)
+    return f" (most frequent: {listed})"
 
 
 def _histogram(page: Figure, scan: Scan, noise: float) -> None:
@@ -86,8 +86,8 @@ def _histogram(page: Figure, scan: Scan, noise: float) -> None:
         axes.hist(np.maximum(values, low), bins.tolist(), color="#0072b2")
     axes.axvline(noise, color="#d55e00", linewidth=1.0)
     axes.set(
-        xlabel="difference from the nearest picture of the same shape, grey levels; the line is "
-        "the noise of one picture",
+        xlabel="difference from the nearest image of the same shape, grey levels; line: noise of "
+        "one image",
         ylabel="pairs",
         xscale="log",
     )

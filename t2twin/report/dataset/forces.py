@@ -1,4 +1,4 @@
-"""What the presses came to: forces really carried, depths, counts, presses that went wrong."""
+"""Contact forces, depths and counts of the presses, and presses that failed."""
 
 from collections import Counter
 
@@ -15,25 +15,24 @@ from t2twin.report.html.labels import (
     SENSOR_NAMES,
     SPLIT_COLORS,
     SPLIT_NAMES,
-    forces_in_words,
+    forces_text,
 )
 from t2twin.sim.dataset.store import taxels
 
 SENSORS = ("digit", "cyskin")
 BINS = 40
 FORCE_BINS = 12
-"""Bars of the commanded forces, as wide in the logarithm."""
+"""Number of bins of the commanded forces, equal in the logarithm."""
 
 MAX_FAMILIES = 24
-"""Families whose depths are drawn (assumed: as many names as stand beside each other); of more,
-those with most pairs."""
+"""Maximum number of families in the chart of depths (assumed: space for their names)."""
 
 COUNTS_TICKS = 5
 WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
 
 
 def section(dataset: Dataset) -> str:
-    """Histograms of force and counts, depths by family, and the numbers that they come to."""
+    """Histograms of forces and counts, depths by family, and a table."""
     charts = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: forces_and_counts(page, dataset))
     depths = figure("svg", WIDTH_IN, DEPTHS_IN, lambda page: depths_in(page, dataset))
     counts = dataset.counts
@@ -44,38 +43,37 @@ def section(dataset: Dataset) -> str:
         [
             markup.facts(_numbers(dataset)),
             *_commanded(dataset),
-            markup.picture(
+            markup.embed(
                 charts,
                 "svg",
-                "Histograms of the forces carried and of the counts",
-                note="Left: the force that each sensor's contact pressure integrates to, less the "
-                f"one commanded, over all {counts.shape[0]:,} pairs. Right: all {counts.size:,} "
-                f"counts; {_saturation(dataset.saturated)} at {full_scale:,.0f}.",
+                "Histograms of the contact forces and of the counts",
+                note="Left: difference between the contact force (integral of the contact "
+                f"pressure) and the commanded force, {counts.shape[0]:,} pairs. Right: "
+                f"{counts.size:,} counts; {_saturation(dataset.saturated)} at {full_scale:,.0f}.",
             ),
-            markup.picture(
+            markup.embed(
                 depths,
                 "svg",
                 "Depths of the presses by family for both sensors",
-                note="How far a shape went in after its first touch. Boxes: quartiles and median; "
-                f"whiskers: all presses.{_left_out(dataset)}",
+                note="Depth from the first contact. Boxes: quartiles and median; whiskers: minimum "
+                f"and maximum.{_hidden_families(dataset)}",
             ),
         ],
     )
 
 
 def _commanded(dataset: Dataset) -> list[str]:
-    """Of several forces: how many pairs there are of each, and how deep they go."""
+    """Histogram of several commanded forces, and depths against force."""
     if dataset.forces_n.size < 2:
         return []
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: commanded_and_depths(page, dataset))
     return [
-        markup.picture(
+        markup.embed(
             content,
             "svg",
-            "Histogram of the forces commanded, and depths against force for both sensors",
-            note="Left: the forces that were commanded, without presses that touch nothing. Right: "
-            "how far a shape went in after its first touch: median, and half of the pairs about "
-            "it.",
+            "Histogram of the commanded forces, and depths against force for both sensors",
+            note="Left: commanded forces, without pairs without contact. Right: depth from the "
+            "first contact, median and quartiles.",
         )
     ]
 
@@ -86,27 +84,28 @@ def _numbers(dataset: Dataset) -> list[tuple[str, str]]:
     touching = commanded > 0
     facts = [("Commanded", _range(commanded[touching], "N"))]
     if not touching.all():
-        facts[0] = ("Commanded", f"{facts[0][1]}; {_of(int((~touching).sum()), pairs)} untouched")
+        without = _of(int((~touching).sum()), pairs)
+        facts[0] = ("Commanded", f"{facts[0][1]}; {without} without contact")
     for sensor in SENSORS:
-        off = dataset.column(f"{sensor}_force_n")[touching] / commanded[touching] - 1.0
+        error = dataset.column(f"{sensor}_force_n")[touching] / commanded[touching] - 1.0
         unsettled = int(pairs - dataset.column(f"{sensor}_settled").sum())
         bottomed = int(dataset.column(f"{sensor}_bottomed").sum())
         facts.append(
             (
                 SENSOR_NAMES[sensor],
-                f"carried within {_percent(100 * np.abs(off).max())} % of it at worst; "
-                f"{_of(unsettled, pairs)} not settled, {_of(bottomed, pairs)} on the base plate; "
+                f"maximum force error {_percent(100 * np.abs(error).max())} %; not converged: "
+                f"{_of(unsettled, pairs)}; base plate in contact: {_of(bottomed, pairs)}; "
                 f"depth {_range(dataset.column(f'{sensor}_depth_mm')[touching], 'mm')}",
             )
         )
     return facts
 
 
-def _left_out(dataset: Dataset) -> str:
+def _hidden_families(dataset: Dataset) -> str:
     families = np.unique(dataset.families).size
     if families <= MAX_FAMILIES:
         return ""
-    return f" Drawn: the {MAX_FAMILIES} families with most pairs, of {families:,}."
+    return f" Shown are the {MAX_FAMILIES} of {families:,} families with the most pairs."
 
 
 def _of(number: int, pairs: int) -> str:
@@ -114,12 +113,12 @@ def _of(number: int, pairs: int) -> str:
 
 
 def _percent(value: float) -> str:
-    """Two digits that count, down to a thousandth."""
+    """Two significant digits, at least 0.001."""
     return f"{value:.2g}" if value >= 1e-3 else "0.001"
 
 
 def _saturation(saturated: np.ndarray) -> str:
-    """saturated: (P, N), which counts are."""
+    """saturated: (P, N) bool."""
     if not saturated.any():
         return "none is saturated"
     return (
@@ -136,14 +135,15 @@ def _range(values: np.ndarray, unit: str) -> str:
 def forces_and_counts(page: Figure, dataset: Dataset) -> None:
     left, right = page.subplots(1, 2)
     commanded = dataset.column("force_n")
-    off = {s: 1e3 * (dataset.column(f"{s}_force_n") - commanded) for s in SENSORS}
-    most = max(float(np.abs(values).max()) for values in off.values()) or 1.0
-    bins = np.linspace(-most, most, BINS + 1).tolist()
-    for sensor, values in off.items():
+    errors = {s: 1e3 * (dataset.column(f"{s}_force_n") - commanded) for s in SENSORS}
+    limit = max(float(np.abs(values).max()) for values in errors.values()) or 1.0
+    bins = np.linspace(-limit, limit, BINS + 1).tolist()
+    for sensor, values in errors.items():
         left.hist(values, bins, color=SENSOR_COLORS[sensor], alpha=0.65, label=SENSOR_NAMES[sensor])
     left.axvline(0.0, color="#222222", linewidth=0.8)
-    at = forces_in_words(dataset.forces_n)
-    left.set(xlabel=f"force carried less commanded ({at}), mN", ylabel="pairs")
+    commanded_text = forces_text(dataset.forces_n)
+    left.set(xlabel=f"contact force − commanded ({commanded_text}), mN", ylabel="pairs")
+    left.locator_params(axis="x", nbins=6)
     left.legend()
     _counts(right, dataset)
 
@@ -159,7 +159,7 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
         own = commanded[touching & (splits == split)]
         if own.size:
             left.hist(own, edges.tolist(), histtype="step", color=color, label=SPLIT_NAMES[split])
-    left.set(xlabel="force commanded, N", ylabel="pairs")
+    left.set(xlabel="commanded force, N", ylabel="pairs")
     force_axis(left, low, high)
     left.legend()
     place = np.clip(np.searchsorted(edges, commanded, "right") - 1, 0, edges.size - 2)
@@ -169,11 +169,13 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
     for sensor in SENSORS:
         depths = dataset.column(f"{sensor}_depth_mm")
         spread = [np.quantile(depths[mine], (0.25, 0.5, 0.75)) for mine in kept]
-        quarter, median, most = np.array(spread).T
+        low_quartile, median, high_quartile = np.array(spread).T
         color = SENSOR_COLORS[sensor]
         right.plot(middles, median, "o-", color=color, markersize=3, label=SENSOR_NAMES[sensor])
-        right.fill_between(middles, quarter, most, color=color, alpha=0.2, linewidth=0)
-    right.set(xlabel="force commanded, N", ylabel="depth, mm", ylim=(0, None))
+        right.fill_between(
+            middles, low_quartile, high_quartile, color=color, alpha=0.2, linewidth=0
+        )
+    right.set(xlabel="commanded force, N", ylabel="depth, mm", ylim=(0, None))
     force_axis(right, low, high)
     right.legend()
 

@@ -1,4 +1,4 @@
-"""Outliers: pairs far from the rest of their shape."""
+"""Outliers: pairs that differ strongly from the others of their shape."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -7,38 +7,38 @@ from matplotlib.figure import Figure
 from t2twin.report.dataset.scan import Scan
 from t2twin.report.dataset.tables import Dataset
 from t2twin.report.html import markup
-from t2twin.report.html.figures import digit_picture, figure
+from t2twin.report.html.figures import draw_digit_image, figure
 from t2twin.report.html.labels import shape_name
 
 SHOWN = 12
 MAX_SHAPES = 200
-"""Shapes up to which a pair is compared with those of its own (assumed: of more, each has too few
-presses for a median)."""
+"""Maximum number of shapes for comparison within a shape (assumed: with more shapes, each has too
+few presses for a median). Otherwise pairs are compared within their family."""
 
 MIN_N = 0.01
-"""The least force that is told from others, N: what a press may be commanded (sim.contact)."""
+"""Smallest commanded force, N (sim.contact)."""
 
 MAD_TO_SIGMA = 1.4826
-"""Standard deviation of a normal distribution over its median absolute deviation."""
+"""Ratio of standard deviation and median absolute deviation of a normal distribution."""
 
 MIN_SCALE = 0.02
-"""Least standard deviation taken, in parts of the median: less is no spread worth speaking of."""
+"""Minimum standard deviation, relative to the median (assumed)."""
 
 PANELS, PANEL_IN, LINE_IN = 6, 1.5, 2.3
-"""Panels in a line, their width and the line's height, inches."""
+"""Panels per row, their width and the height of a row, inches."""
 
 
 def section(dataset: Dataset, scan: Scan) -> str:
-    """The pairs that are farthest from the others of their shape."""
+    """The pairs with the largest deviations."""
     rows = outliers(dataset, scan)
     many = np.unique(dataset.shapes).size > MAX_SHAPES
     group = "family" if many else "shape"
-    at_force = " and of forces within a doubling" if dataset.forces_n.size > 1 else ""
+    at_force = " at similar forces (within a factor of two)" if dataset.forces_n.size > 1 else ""
     text = (
-        f"The pairs farthest from the median of their {group}{at_force} in the sum of their "
-        "counts, in depth, or in their picture, in robust standard deviations (from the median "
-        "absolute deviation). Rims and corners of a shape are far from its middle by right; a "
-        "press that missed or a picture that broke would stand here too."
+        f"Pairs with the largest deviations from the median of their {group}{at_force}, by summed "
+        "counts, depth or image, in robust standard deviations (from the median absolute "
+        "deviation). Rims and corners of a shape deviate as expected; failed presses and damaged "
+        "images also appear here."
     )
     lines = -(-len(rows) // PANELS)
     content = figure(
@@ -49,31 +49,30 @@ def section(dataset: Dataset, scan: Scan) -> str:
         "Outliers",
         [
             markup.paragraph(text, "note"),
-            markup.picture(content, "png", "DIGIT pictures of the farthest pairs"),
+            markup.embed(content, "png", "DIGIT images of the pairs with the largest deviations"),
         ],
     )
 
 
 def outliers(dataset: Dataset, scan: Scan) -> list[tuple[int, str, float]]:
-    """Place of each pair shown, the quantity that is far off, and by how many deviations."""
-    quantities = {"counts": dataset.counts.sum(axis=1), "picture": scan.off_grey}
+    """Index of each pair, the deviating quantity, and its deviation."""
+    quantities = {"counts": dataset.counts.sum(axis=1), "image": scan.residual_grey}
     if dataset.info.is_simulated:
         quantities |= {
             f"{sensor} depth": dataset.column(f"{sensor}_depth_mm")
             for sensor in ("digit", "cyskin")
         }
-    alike = _alike(dataset)
-    far = {name: deviations(values, alike) for name, values in quantities.items()}
-    names = list(far)
-    table = np.stack([far[name] for name in names])
-    which, most = table.argmax(axis=0), table.max(axis=0)
-    order = np.argsort(-most, kind="stable")[:SHOWN]
-    return [(int(place), names[which[place]], float(most[place])) for place in order]
+    groups = _groups(dataset)
+    names = list(quantities)
+    table = np.stack([deviations(values, groups) for values in quantities.values()])
+    which, largest = table.argmax(axis=0), table.max(axis=0)
+    order = np.argsort(-largest, kind="stable")[:SHOWN]
+    return [(int(pair), names[which[pair]], float(largest[pair])) for pair in order]
 
 
-def _alike(dataset: Dataset) -> np.ndarray:
-    """(P,) what each pair is compared with the others of: its shape, or of many shapes its family,
-    and where there are several forces those within a doubling of its own."""
+def _groups(dataset: Dataset) -> np.ndarray:
+    """(P,) group in which each pair is compared: its shape, or its family if there are many shapes;
+    of several forces, with the force rounded down to a power of two."""
     few = np.unique(dataset.shapes).size <= MAX_SHAPES
     groups = dataset.shapes if few else dataset.families
     if dataset.forces_n.size < 2:
@@ -84,19 +83,19 @@ def _alike(dataset: Dataset) -> np.ndarray:
 
 
 def deviations(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    """How far each value is from its group's median, in robust standard deviations: (P,).
+    """(P,) deviation of each value from its group's median, in robust standard deviations.
 
-    The deviation is at least MIN_SCALE of the median.
+    The standard deviation is at least MIN_SCALE times the median.
     """
-    far = np.zeros(values.size)
+    result = np.zeros(values.size)
     in_order = np.argsort(groups, kind="stable")
-    begins = np.unique(groups[in_order], return_index=True)[1]
-    for mine in np.split(in_order, begins[1:]):
-        off = np.abs(values[mine] - np.median(values[mine]))
-        least = MIN_SCALE * abs(np.median(values[mine]))
-        scale = max(MAD_TO_SIGMA * float(np.median(off)), least)
-        far[mine] = off / scale if scale > 0 else 0.0
-    return far
+    starts = np.unique(groups[in_order], return_index=True)[1]
+    for members in np.split(in_order, starts[1:]):
+        residual = np.abs(values[members] - np.median(values[members]))
+        min_scale = MIN_SCALE * abs(np.median(values[members]))
+        scale = max(MAD_TO_SIGMA * float(np.median(residual)), min_scale)
+        result[members] = residual / scale if scale > 0 else 0.0
+    return result
 
 
 def _panels(page: Figure, dataset: Dataset, rows: list[tuple[int, str, float]]) -> None:
@@ -104,9 +103,9 @@ def _panels(page: Figure, dataset: Dataset, rows: list[tuple[int, str, float]]) 
     axes: list[Axes] = list(np.ravel(page.subplots(lines, PANELS, squeeze=False)))
     for place in axes:
         place.set_axis_off()
-    for place, (pair, quantity, far) in zip(axes, rows, strict=False):
+    for place, (pair, quantity, deviation) in zip(axes, rows, strict=False):
         split, row = dataset.places[pair]
         shape = shape_name(dataset.shape(split, row))
         index = dataset.tables[split]["index"][row].as_py()
-        digit_picture(place, dataset.picture(split, row))
-        place.set_title(f"{shape}, {index}\n{quantity} {far:.1f}", fontsize=7.5)
+        draw_digit_image(place, dataset.image(split, row))
+        place.set_title(f"{shape}, {index}\n{quantity} {deviation:.1f}", fontsize=7.5)

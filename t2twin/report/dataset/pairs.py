@@ -1,7 +1,4 @@
-"""A dozen pairs: what the DIGIT saw, what the CySkin's taxels counted, the tactile image.
-
-Which pairs are shown: drawn at random, from every shape or family in turn.
-"""
+"""Randomly sampled pairs: DIGIT image, counts of the CySkin's taxels, tactile image."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,36 +11,39 @@ from t2twin.report.html import markup
 from t2twin.report.html.figures import (
     COUNTS_MAP,
     color_bar,
-    digit_picture,
     digit_width,
+    draw_digit_image,
+    draw_tactile_image,
+    draw_taxels,
     extent_mm,
     figure,
-    rings,
-    tactile_image,
 )
 from t2twin.report.html.labels import SPLIT_NAMES, shape_name
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 
 PAIRS = 12
 SEED = 0
+MAX_NAMES = 60
+"""Maximum number of names that are sampled in their order (assumed: the number of images)."""
+
 WIDTH_IN, HEIGHT_IN = 4.4, 2.1
 
 
 def section(dataset: Dataset) -> str:
-    """One picture a pair, each of another family as far as there are."""
+    """One figure per pair, of different families as far as possible."""
     text = (
-        "For each pair the DIGIT picture, the CySkin's taxels to scale, each pad in the color of "
-        "its count, and the tactile image: the counts interpolated between the taxels, which the "
-        "paper calls φ. The scale beside it is in counts. "
+        "From left to right: the DIGIT image; the CySkin's taxels to scale, colored by their "
+        "counts; the tactile image, interpolated between the taxels (φ in the paper). The color "
+        "scale is in counts. "
     )
     if dataset.info.is_simulated:
         half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
         text += (
-            f"The rectangle is what the DIGIT sees, {2 * half_width:.1f} × {2 * half_height:.1f} "
-            "mm, on the scale of the array. "
+            f"The rectangle is the DIGIT's field of view, {2 * half_width:.1f} × "
+            f"{2 * half_height:.1f} mm, at the scale of the array. "
         )
-    text += "Drawn at random, family by family."
-    rows = chosen(dataset)
+    text += "Random samples, one family after another."
+    rows = sampled_pairs(dataset)
     return markup.section(
         "pairs",
         "Pairs",
@@ -54,9 +54,9 @@ def section(dataset: Dataset) -> str:
     )
 
 
-def chosen(dataset: Dataset) -> list[tuple[str, int]]:
-    """Splits and rows of PAIRS pairs: families in turn, one more of each until there are enough."""
-    return pairs_in_turn(dataset, dataset.families, PAIRS, SEED)
+def sampled_pairs(dataset: Dataset) -> list[tuple[str, int]]:
+    """Splits and rows of PAIRS pairs, sampled from all families in turn."""
+    return sample_in_turn(dataset, dataset.families, PAIRS, SEED)
 
 
 def _pair(dataset: Dataset, split: str, row: int) -> str:
@@ -69,29 +69,31 @@ def _pair(dataset: Dataset, split: str, row: int) -> str:
     note = f"({SPLIT_NAMES[split]}): largest taxel {counts.max():,.0f} counts"
     if dataset.info.is_simulated:
         note += (
-            f"; depth in the gel {table['digit_depth_mm'][row].as_py():.2f} mm, in the skin "
+            f"; depth in the gel {table['digit_depth_mm'][row].as_py():.2f} mm, in the cover "
             f"{table['cyskin_depth_mm'][row].as_py():.2f} mm"
         )
     force_n = table["force_n"][row].as_py()
     if dataset.forces_n.size > 1 and force_n is not None:
         note += f"; {force_n:.3g} N"
-    alt = f"DIGIT picture, taxel counts and tactile image of {shape}"
-    return markup.picture(content, "png", alt, shape, width="narrow", note=note)
+    alt = f"DIGIT image, taxel counts and tactile image of {shape}"
+    return markup.embed(content, "png", alt, shape, width="narrow", note=note)
 
 
 def _draw(page: Figure, dataset: Dataset, split: str, row: int, counts: np.ndarray) -> None:
-    seen = dataset.picture(split, row)
-    picture, array, image = page.subplots(1, 3, width_ratios=(digit_width(seen), 1, 1))
-    digit_picture(picture, seen)
+    image = dataset.image(split, row)
+    digit, array, tactile = page.subplots(1, 3, width_ratios=(digit_width(image), 1, 1))
+    draw_digit_image(digit, image)
     limits = (0.0, max(float(counts.max()), 1.0))
-    _array(array, dataset, counts, limits)
-    drawn = tactile_image(image, dataset.phi(counts), dataset.phi, limits)
-    rings(image, dataset.layout.x_mm, dataset.layout.y_mm)
-    color_bar(page, drawn, image, 0.07)
+    _draw_pads(array, dataset, counts, limits)
+    drawn = draw_tactile_image(tactile, dataset.phi(counts), dataset.phi, limits)
+    draw_taxels(tactile, dataset.layout.x_mm, dataset.layout.y_mm)
+    color_bar(page, drawn, tactile, 0.07)
 
 
-def _array(axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float, float]) -> None:
-    """Every pad as a disc of its diameter, mm, with a simulated DIGIT's view about the middle."""
+def _draw_pads(
+    axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float, float]
+) -> None:
+    """Draws pads as discs of their diameters, with the field of view of a simulated DIGIT."""
     x_mm, y_mm = dataset.layout.x_mm, dataset.layout.y_mm
     size = dataset.pad_diameter_mm
     pads = EllipseCollection(
@@ -117,17 +119,13 @@ def _array(axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float
     axes.set_axis_off()
 
 
-MAX_NAMES = 60
-"""Names that are gone through in their order (assumed: as many as there are pictures of)."""
-
-
-def pairs_in_turn(
-    dataset: Dataset, names: np.ndarray, most: int, seed: int
+def sample_in_turn(
+    dataset: Dataset, names: np.ndarray, number: int, seed: int
 ) -> list[tuple[str, int]]:
-    """Splits and rows: one pair of each name, then one more of each, until there are `most`.
+    """Splits and rows of sampled pairs: one pair of each name, then further ones of each.
 
-    names: (P,) what the pairs are told apart by, such as dataset.shapes. Of more than MAX_NAMES
-    the names are taken at random too.
+    names: (P,) groups of the pairs, such as dataset.shapes; of more than MAX_NAMES, their order is
+    random. number: of pairs.
     """
     rng = np.random.default_rng(seed)
     of_name: dict[str, list[tuple[str, int]]] = {}
@@ -138,4 +136,4 @@ def pairs_in_turn(
         orders = [orders[i] for i in rng.permutation(len(orders))]
     deepest = max(len(order) for order in orders)
     in_turn = [order[turn] for turn in range(deepest) for order in orders if turn < len(order)]
-    return in_turn[:most]
+    return in_turn[:number]

@@ -1,6 +1,6 @@
-"""A dataset as the report draws it: tables of its pairs, pictures one by one.
+"""A dataset in memory: tables of its pairs, without images, which are read individually.
 
-Shape letters: P pairs of all splits, N taxels, R rows and C columns of a picture.
+Shape letters: P pairs of all splits, N taxels, R rows and C columns of an image.
 """
 
 from dataclasses import dataclass
@@ -33,18 +33,18 @@ COLUMNS = [
         for what in ("depth_mm", "force_n", "settled", "bottomed")
     ),
 ]
-"""What the report reads of every pair; pictures are read one by one."""
+"""Columns of the tables."""
 
 SATURATED_SHARE = 0.999
-"""Part of full scale above which a count is taken as saturated (assumed: ten times the noise)."""
+"""Share of full scale above which a count is saturated (assumed: ten times the noise)."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset as the report draws it.
+    """A dataset for a report.
 
-    data: its folder. info: its info.json; layout: the part of it that phi needs. tables: COLUMNS
-    of every split that has pairs.
+    data: folder. info: content of info.json. layout: taxels for phi. tables: COLUMNS of every split
+    with pairs.
     """
 
     data: Path
@@ -53,11 +53,8 @@ class Dataset:
     phi: Phi
     tables: dict[str, pa.Table]
 
-    def picture(self, split: str, row: int) -> np.ndarray:
-        """The DIGIT picture of a split's row, read from its shard alone.
-
-        (R, C, 3) uint8, of one size in the whole dataset; simulated ones are (320, 240, 3).
-        """
+    def image(self, split: str, row: int) -> np.ndarray:
+        """The DIGIT image of a row, (R, C, 3) uint8; simulated images are (320, 240, 3)."""
         path, place = self._shard(split, row)
         with pq.ParquetFile(self.data / path) as shard:
             for group in range(shard.num_row_groups):
@@ -66,33 +63,33 @@ class Dataset:
                     images = shard.read_row_group(group, columns=["image"])["image"]
                     return decode_png(images[place].as_py()["bytes"])
                 place -= rows
-        raise AssertionError("a row lies in one of its file's groups")
+        raise AssertionError("the row is in a row group of its shard")
 
     def _shard(self, split: str, row: int) -> tuple[str, int]:
-        """The shard that a split's row lies in, and its row there."""
+        """Path of the shard that contains a row of a split, and the row's index in it."""
         for path in split_shards(self.info, split):
             pairs = self.info.shards[path].pairs
             if row < pairs:
                 return path, row
             row -= pairs
-        raise AssertionError("a split's rows are those of its shards")
+        raise AssertionError("the row is in a shard of its split")
 
     def shape(self, split: str, row: int) -> str:
-        """The shape's name of a split's row."""
+        """The shape of a row."""
         return self.tables[split]["shape"][row].as_py()
 
     def column(self, name: str) -> np.ndarray:
-        """A column of all splits, one after another: (P,). Numbers that are empty are NaN."""
+        """(P,) a column of all splits; missing numbers are NaN."""
         return np.concatenate([table[name].to_numpy() for table in self.tables.values()])
 
     @property
     def shapes(self) -> np.ndarray:
-        """Each pair's shape, in the order of `column`: (P,) names."""
+        """(P,) shape of each pair, in the order of `column`."""
         return self._names("shape")
 
     @property
     def families(self) -> np.ndarray:
-        """Each pair's family, in the order of `column`: (P,) names."""
+        """(P,) family of each pair, in the order of `column`."""
         return self._names("family")
 
     def _names(self, column: str) -> np.ndarray:
@@ -100,8 +97,8 @@ class Dataset:
 
     @property
     def forces_n(self) -> np.ndarray:
-        """The forces that were commanded, to a hundredth and each once, (k,) N, rising; without
-        those that are not known, and 0 for presses that touch nothing."""
+        """(k,) unique commanded forces, N, ascending, rounded to 0.01 N; 0 for pairs without
+        contact. Unknown forces are omitted."""
         force_n = self.column("force_n").astype(float)
         return np.unique(force_n[np.isfinite(force_n)].round(2))
 
@@ -112,25 +109,25 @@ class Dataset:
 
     @property
     def counts(self) -> np.ndarray:
-        """All taxels' counts, in the order of `column`: (P, N)."""
+        """(P, N) counts, in the order of `column`."""
         return np.concatenate([taxels(table) for table in self.tables.values()])
 
     @property
     def saturated(self) -> np.ndarray:
-        """(P, N), which counts are saturated: a mean of noisy readings that are cut off at full
-        scale lies a little below it."""
+        """(P, N) bool: saturated counts. The mean of noisy readings, clipped at full scale, lies
+        slightly below it."""
         return self.counts >= SATURATED_SHARE * self.layout.full_scale_counts
 
     @property
     def pad_diameter_mm(self) -> np.ndarray:
-        """(N,), the default layout's where the dataset does not say."""
+        """(N,) pad diameters; those of the default layout if the dataset has none."""
         parameters = self.info.parameters
         pads = parameters.cyskin.pad_diameter_mm if parameters else self.info.pad_diameter_mm
         return np.full(self.layout.x_mm.size, PAD_DIAMETER_MM) if pads is None else np.array(pads)
 
 
 def read_dataset(data: Path) -> Dataset:
-    """Reads a dataset alone. Raises T2TwinError where it is missing, unfinished or empty."""
+    """Reads a dataset. Raises T2TwinError if it is missing, unfinished or empty."""
     info, layout = read_info(data), load_info(data)
     with_pairs = {split for split in SPLITS if info.pairs[split]}
     if not with_pairs:

@@ -1,1 +1,1 @@
-"""HTML, colors and figures of the reports."""
+"""Building blocks of the pages: markup, style, labels and figures."""

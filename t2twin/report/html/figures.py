@@ -1,8 +1,6 @@
-"""matplotlib figures as bytes, in one style, and the panels that several of them share.
+"""matplotlib figures as bytes, in one style, and panels that several figures share.
 
 Shape letters: R rows, C columns, N taxels.
-
-A logarithmic axis of forces, marked at doublings of a newton.
 """
 
 import io
@@ -32,19 +30,19 @@ STYLE = {
     "legend.frameon": False,
     "legend.fontsize": 8,
     "lines.linewidth": 1.4,
-    "text.parse_math": False,  # names of shapes may have dollar signs
-    "svg.hashsalt": "t2twin",  # the same figure gives the same bytes
+    "text.parse_math": False,  # names of shapes may contain dollar signs
+    "svg.hashsalt": "t2twin",  # makes the bytes of a figure reproducible
     "xtick.color": "#444444",
     "xtick.major.width": 0.6,
     "ytick.color": "#444444",
     "ytick.major.width": 0.6,
 }
 DPI = 144
-"""Of pictures; charts are drawn as SVG."""
+"""Resolution of PNG images; charts are SVG."""
 
 COUNTS_MAP = "viridis"
 DIFFERENCE_MAP = "RdBu_r"
-"""Colours of counts, perceptually even, and of differences, white at zero."""
+"""Color maps of counts, perceptually uniform, and of differences, white at zero."""
 
 RING_MM = 0.7
 """Radius of the ring that marks a taxel, mm."""
@@ -56,13 +54,13 @@ def figure(
     height_in: float,
     draw: Callable[[Figure], None],
 ) -> bytes:
-    """A figure's file content. draw: fills the empty figure.
+    """File content of a figure. draw: fills the empty figure.
 
-    A letter that the font lacks is drawn as a box.
+    A character that the font lacks is drawn as a box.
     """
     with rc_context(STYLE), warnings.catch_warnings():  # pyright: ignore[reportArgumentType]
         warnings.filterwarnings("ignore", "Glyph .* missing from font")
-        # On a busy machine placing a legend may take the second after which matplotlib warns.
+        # On a busy machine the placement of a legend may exceed the limit for this warning.
         warnings.filterwarnings("ignore", "Creating legend with loc")
         page = Figure(figsize=(width_in, height_in), layout="constrained")
         draw(page)
@@ -74,35 +72,35 @@ def figure(
 
 
 def _plain_powers(page: Figure) -> None:
-    """Logarithmic axes are labelled 100, not as a formula, which STYLE leaves unread."""
+    """Labels logarithmic axes with numbers, because STYLE disables formulas."""
     for axis in (axis for axes in page.axes for axis in (axes.xaxis, axes.yaxis)):
         if axis.get_scale() == "log":
             axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(LogFormatter())
 
 
-def digit_width(picture: np.ndarray) -> float:
-    """Width of a DIGIT image, (R, C, 3), in parts of a tactile image's of the same height."""
-    rows, columns = picture.shape[:2]
+def digit_width(image: np.ndarray) -> float:
+    """Width of a DIGIT image, (R, C, 3), relative to a tactile image of the same height."""
+    rows, columns = image.shape[:2]
     return columns / rows * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]
 
 
-def digit_picture(axes: Axes, picture: np.ndarray) -> None:
-    """A DIGIT image, (R, C, 3) uint8, without axes."""
-    axes.imshow(picture)
+def draw_digit_image(axes: Axes, image: np.ndarray) -> None:
+    """Draws a DIGIT image, (R, C, 3) uint8, without axes."""
+    axes.imshow(image)
     axes.set_axis_off()
 
 
-def tactile_image(
+def draw_tactile_image(
     axes: Axes,
     image: np.ndarray,
     phi: Phi,
     limits: tuple[float, float],
     color_map: str = COUNTS_MAP,
 ) -> AxesImage:
-    """A tactile image or a difference of two, (R, C) counts, on axes in mm, in a thin frame.
+    """Draws a tactile image or a difference of two, (R, C) counts, on axes in mm.
 
-    limits: counts at the two ends of the colors.
+    limits: counts at both ends of the color scale.
     """
     axes.set(xticks=[], yticks=[])
     for spine in axes.spines.values():
@@ -110,8 +108,8 @@ def tactile_image(
     return axes.imshow(image, cmap=color_map, vmin=limits[0], vmax=limits[1], extent=extent_mm(phi))
 
 
-def rings(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
-    """Marks the taxels. x_mm, y_mm: (N,)."""
+def draw_taxels(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
+    """Draws a ring at each taxel. x_mm, y_mm: (N,)."""
     from matplotlib.collections import EllipseCollection
 
     size = np.full(x_mm.size, 2 * RING_MM)
@@ -131,7 +129,7 @@ def rings(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") 
 
 
 def color_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:
-    """Beside an image, with its scale in counts. width: in parts of the image's."""
+    """Adds a color bar in counts next to an image. width: relative to that of the image."""
     bar = page.colorbar(drawn, ax=axes, fraction=width, pad=0.06, aspect=28, format="{x:,.0f}")
     bar.ax.spines["outline"].set_linewidth(0.4)
     bar.ax.tick_params(labelsize=7, length=2)
@@ -145,14 +143,16 @@ def extent_mm(phi: Phi) -> tuple[float, float, float, float]:
     return columns[0] - half, columns[-1] + half, rows[-1] + half, rows[0] - half
 
 
-BEYOND = 1.15
-"""Room at either end, a factor."""
+FORCE_MARGIN = 1.15
+"""Margin of a force axis at both ends, a factor."""
 
 
 def force_axis(axes: Axes, low_n: float, high_n: float) -> None:
-    """Makes x such an axis. low_n, high_n: the outermost forces, above 0 N."""
+    """Makes x a logarithmic axis with ticks at powers of two. low_n, high_n: range, above 0 N."""
     axes.set_xscale("log")
-    axes.set_xlim(low_n / BEYOND, high_n * BEYOND)
-    marks = 2.0 ** np.arange(np.ceil(np.log2(low_n / BEYOND)), np.log2(high_n * BEYOND) + 1e-9)
+    axes.set_xlim(low_n / FORCE_MARGIN, high_n * FORCE_MARGIN)
+    marks = 2.0 ** np.arange(
+        np.ceil(np.log2(low_n / FORCE_MARGIN)), np.log2(high_n * FORCE_MARGIN) + 1e-9
+    )
     axes.xaxis.set_major_locator(FixedLocator(marks.tolist() or [low_n]))
     axes.xaxis.set_minor_locator(NullLocator())

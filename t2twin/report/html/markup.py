@@ -1,4 +1,4 @@
-"""The few pieces of HTML that the page is built from; every text is escaped here."""
+"""HTML elements of the pages. All texts are escaped here."""
 
 import base64
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from html import escape
 SIDEWAYS = "Wider than this screen: scroll sideways →"
 
 MANY_COLUMNS = 5
-"""Columns from which on a table is wider than a phone."""
+"""Number of columns from which a table is wider than a phone."""
 
 MEDIA_TYPES = {"png": "image/png", "svg": "image/svg+xml", "jpeg": "image/jpeg"}
 
@@ -22,7 +22,7 @@ def items(texts: Sequence[str]) -> str:
 
 
 def facts(pairs: Sequence[tuple[str, str]]) -> str:
-    """Names and values, two columns."""
+    """A table of two columns, names and values."""
     rows = "".join(
         f'<tr><th scope="row">{escape(name)}</th><td>{escape(value)}</td></tr>'
         for name, value in pairs
@@ -30,13 +30,13 @@ def facts(pairs: Sequence[tuple[str, str]]) -> str:
     return f'<table class="facts"><tbody>{rows}</tbody></table>'
 
 
-def picture(
+def embed(
     content: bytes, kind: str, alt: str, caption: str = "", width: str = "wide", note: str = ""
 ) -> str:
-    """A figure with its picture embedded.
+    """A figure with an embedded image file.
 
-    kind: "png", "svg" or "jpeg". width: "wide" keeps it legible on a phone by scrolling sideways,
-    "narrow" shrinks it, "small" is no larger than a hand. caption: bold; note: what follows it.
+    kind: "png", "svg" or "jpeg". width: "wide" scrolls sideways on a phone, "narrow" shrinks,
+    "small" is limited to half a page. caption: in bold; note: text after it.
     """
     data = base64.b64encode(content).decode("ascii")
     image = f'<img src="data:{MEDIA_TYPES[kind]};base64,{data}" alt="{escape(alt)}">'
@@ -47,7 +47,7 @@ def picture(
 
 
 def grid(figures: Sequence[str], kind: str = "grid") -> str:
-    """Figures side by side, as many as fit; of the kind "grid halves" two at most."""
+    """Figures in rows, as many as fit; at most two for the kind "grid halves"."""
     return f"<div{_class(kind)}>" + "".join(figures) + "</div>"
 
 
@@ -60,10 +60,10 @@ def table(
     heads: Sequence[Sequence[tuple[str, int]]],
     groups: Sequence[tuple[str, Sequence[Sequence[str]]]],
 ) -> str:
-    """A table of figures.
+    """A table of numbers.
 
-    heads: rows of (text, columns it spans). groups: a title over its rows ("" for none), each row
-    a name and its cells; a row without a name belongs to the one above and is drawn paler.
+    heads: rows of (text, spanned columns). groups: title ("" for none) and rows; a row is a name
+    and its cells. A row without a name is drawn paler, as an addition to the row above.
     """
     columns = sum(span for _, span in heads[0])
     head = "".join(
@@ -91,7 +91,7 @@ def table(
 
 
 def _sideways(content: str) -> str:
-    """A box of its own to scroll in, which says so where the screen is narrower than it."""
+    """A scrollable box, with a note on screens that are narrower."""
     return f'<p class="sideways">{SIDEWAYS}</p><div class="wide" tabindex="0">{content}</div>'
 
 

@@ -1,4 +1,4 @@
-"""How the pages look: by day and by night, on a desk, a phone and paper."""
+"""CSS of the pages, with light and dark themes, for screens, phones and print."""
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1b1b; --soft: #444; --pale: #666; --paper: #fff;
@@ -64,5 +64,4 @@ th { font-weight: 600; text-align: left; }
   h2 { break-after: avoid; }
 }
 """
-"""The whole of it; nothing is fetched. Pictures keep a light ground, which their colors are
-chosen for, also by night."""
+"""The complete CSS. Images keep a light background in the dark theme, as their colors require."""

@@ -1,1 +1,1 @@
-"""Sections of the report of runs."""
+"""Sections about runs and their evaluation."""

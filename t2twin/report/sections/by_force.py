@@ -1,4 +1,4 @@
-"""The error against the force of the press, of data with several forces."""
+"""Error by force, of datasets with several forces."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,30 +20,29 @@ from t2twin.translate.evaluation.records import Evaluation, ForceFigures
 from t2twin.translate.evaluation.table import force_cell, force_rows
 
 WIDTH_IN, HEIGHT_IN, LEGEND_IN = 9.0, 2.7, 0.4
-"""Width of the chart, height of a split's and of the legend, inches."""
+"""Width of the chart, height per split and of the legend, inches."""
 
 MAX_PERCENT = 150.0
-"""Where the axis of percents ends (assumed: what lies above is worse than not to look)."""
+"""Upper end of the relative error's axis, percent (assumed)."""
 
 DASHED: dict[str, Any] = {"linestyle": (0, (6, 3)), "linewidth": 1.0}
 
 
 def section(report: ReportData) -> str:
-    """A chart and a table of every split with several forces."""
+    """Chart and table of each split with several forces."""
     evaluations = {s: one for s, one in report.evaluations.items() if one.has_forces}
     height = LEGEND_IN + HEIGHT_IN * len(evaluations)
     content = figure("svg", WIDTH_IN, height, lambda page: _draw(page, report, evaluations))
     text = (
-        "A light press gives small counts, and any error in them is small. So the error is given "
-        "at each force, and beside it in percent of what the mean array of that force is off by: "
-        "a predictor that knows how hard was pressed and nothing of the picture."
+        "Small forces cause small counts, and small absolute errors. The error is therefore given "
+        "by force, and relative to that of the mean array of the same force: a predictor that uses "
+        "the force but not the image."
     )
     note = (
-        "Left: RMSE in counts, with its interval by bootstrap over shapes. Right: the same in "
-        f"percent of the mean array's at that force; the axis ends at {MAX_PERCENT:g} %. Points "
-        "stand at the mean force of their pairs. That mean array is of the training presses of "
-        f"such forces, or where training has fewer than {MIN_PRESSES} of them, of the presses "
-        "that are evaluated."
+        "Left: RMSE in counts, with a bootstrap interval over shapes. Right: RMSE relative to that "
+        f"of the mean array of the force; the axis ends at {MAX_PERCENT:g} %. Points are at the "
+        "mean force of their pairs. The mean array is computed from training presses of similar "
+        f"force, or, with fewer than {MIN_PRESSES} of them, from the evaluated presses."
     )
     tables = [_table(split, one) for split, one in evaluations.items()]
     return markup.section(
@@ -51,9 +50,7 @@ def section(report: ReportData) -> str:
         "Error by force",
         [
             markup.paragraph(text),
-            markup.picture(
-                content, "svg", "Error against force, in counts and in parts of the mean", note=note
-            ),
+            markup.embed(content, "svg", "Error against force, in counts and relative", note=note),
             markup.items(sentences(evaluations)),
             *tables,
         ],
@@ -61,27 +58,29 @@ def section(report: ReportData) -> str:
 
 
 def sentences(evaluations: dict[str, Evaluation]) -> list[str]:
-    """What runs say of presses that touch nothing, and how they do at the ends of the forces."""
-    said = []
+    """Errors of each run at the smallest and the largest force, and without contact."""
+    result = []
     for split, evaluation in evaluations.items():
         for name, row in evaluation.runs.items():
-            touched = [one for one in row.by_force if one.of_mean_array is not None]
+            relative = [one for one in row.by_force if one.of_mean_array is not None]
             parts = [
-                f"{100 * (one.of_mean_array or 0):.0f} % of the mean array's at {one.mean_n:.3g} N"
-                for one in dict.fromkeys((touched[0], touched[-1]) if touched else ())
+                f"{100 * (one.of_mean_array or 0):.0f} % of the mean array's RMSE at "
+                f"{one.mean_n:.3g} N"
+                for one in dict.fromkeys((relative[0], relative[-1]) if relative else ())
             ]
-            untouched = [one for one in row.by_force if one.phantom_counts is not None]
             parts += [
-                f"where nothing is touched it gives {one.phantom_counts:,.0f} counts in sum, "
-                f"{one.rmse_counts:,.0f} RMSE"
-                for one in untouched
+                f"without contact {one.phantom_counts:,.0f} counts in sum, RMSE "
+                f"{one.rmse_counts:,.0f} counts"
+                for one in row.by_force
+                if one.phantom_counts is not None
             ]
-            said.append(f"{SPLIT_NAMES[split].capitalize()}, {name_of(name)}: {'; '.join(parts)}.")
-    return said
+            title = f"{SPLIT_NAMES[split].capitalize()}, {name_of(name)}"
+            result.append(f"{title}: {'; '.join(parts)}.")
+    return result
 
 
 def _table(split: str, evaluation: Evaluation) -> str:
-    """Forces downwards, models across; intervals in pale rows below."""
+    """Table of forces (rows) and models (columns), with intervals in additional rows."""
     rows = {name: row for name, row in evaluation.models.items() if name != NOISE_FLOOR}
     heads = [[(SPLIT_NAMES[split].capitalize(), 1), *((name_of(name), 1) for name in rows)]]
     titles = force_rows(evaluation)[0][1:]
@@ -104,7 +103,7 @@ def _draw(page: Figure, report: ReportData, evaluations: dict[str, Evaluation]) 
         _lines(percents, report, evaluation, percent=True)
         counts.set(title=SPLIT_NAMES[split], xlabel="force, N", ylabel="RMSE, counts")
         counts.set_yscale("log")
-        percents.set(title=SPLIT_NAMES[split], xlabel="force, N", ylabel="% of the mean array's")
+        percents.set(title=SPLIT_NAMES[split], xlabel="force, N", ylabel="% of mean array's RMSE")
         percents.set_ylim(0, MAX_PERCENT)
     page.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
 
@@ -113,8 +112,8 @@ def _lines(axes: Axes, report: ReportData, evaluation: Evaluation, percent: bool
     color_of = BASELINE_COLORS | colors(list(report.runs))
     ends = []
     for name in (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR, *report.runs):
-        touched = [one for one in evaluation.models[name].by_force if one.phantom_counts is None]
-        drawn = [one for one in touched if not percent or one.of_mean_array is not None]
+        contact = [one for one in evaluation.models[name].by_force if one.phantom_counts is None]
+        drawn = [one for one in contact if not percent or one.of_mean_array is not None]
         forces = [one.mean_n for one in drawn]
         values = [100 * (one.of_mean_array or 0) if percent else one.rmse_counts for one in drawn]
         style = DASHED if name in BASELINE_COLORS else {"marker": "o", "markersize": 3}

@@ -1,4 +1,4 @@
-"""The error of every shape of validation and test: primitives, and tools at their keypoints."""
+"""Error by shape: of validation primitives, and of test tools at their keypoints."""
 
 from typing import Any
 
@@ -15,14 +15,14 @@ from t2twin.report.html.labels import BASELINE_COLORS, SPLIT_NAMES, colors, name
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import Figures
 
-WIDTH_IN, BAR_IN, FURNITURE_IN = 4.2, 0.30, 1.3
-"""Width of a split's chart, which is whole on a phone; height of a shape, and of the rest."""
+WIDTH_IN, BAR_IN, MARGINS_IN = 4.2, 0.30, 1.3
+"""Width of a chart, which fits on a phone; height of a bar and of the margins, inches."""
 
 TITLES = {"val": "validation primitives", "test": "tools at their keypoints"}
-"""Of the paper's protocol."""
+"""Titles of the splits of the paper's protocol."""
 
 MAX_BARS = 60
-"""Shapes that are drawn one by one, and families (assumed: a page of paper)."""
+"""Maximum number of bars of a chart (assumed: a printed page)."""
 COUNTS_TICKS = 4
 MARKS: dict[str, dict[str, Any]] = {
     MEAN_ARRAY: {"marker": "|", "markersize": 13, "markeredgewidth": 2.0},
@@ -31,17 +31,17 @@ MARKS: dict[str, dict[str, Any]] = {
 
 
 def section(report: ReportData) -> str:
-    """A chart a split: bars for the runs, marks for the trivial predictors."""
+    """One chart per split, with bars for the runs and marks for the baselines."""
     many = [split for split in report.evaluations if not _by_shape(report, split)]
     text = (
-        f"RMSE over the pairs of each {'shape or family' if many else 'shape'}. Bars: the "
-        "trained models; marks: what the trivial predictors reach on the same pairs."
+        f"RMSE over the pairs of each {'shape or family' if many else 'shape'}. Bars: trained "
+        "models; marks: baselines."
     )
     if many:
         text += (
-            f" More than {MAX_BARS} shapes are drawn by family: "
-            f"{' and '.join(SPLIT_NAMES[split] for split in many)}; of more families than that, "
-            "those with most pairs."
+            f" Splits with more than {MAX_BARS} shapes are grouped by family: "
+            f"{' and '.join(SPLIT_NAMES[split] for split in many)}. At most {MAX_BARS} families, "
+            "those with the most pairs, are shown."
         )
     charts = [_chart(report, split) for split in report.evaluations]
     return markup.section(
@@ -52,19 +52,19 @@ def section(report: ReportData) -> str:
 
 
 def _chart(report: ReportData, split: str) -> str:
-    height = FURNITURE_IN + BAR_IN * len(_shapes(report, split))
+    height = MARGINS_IN + BAR_IN * len(_shapes(report, split))
     content = figure("svg", WIDTH_IN, height, lambda page: _draw(page, report, split))
     alt = f"Bar chart of the error of every shape, {SPLIT_NAMES[split]}"
-    return markup.picture(content, "svg", alt, width="narrow")
+    return markup.embed(content, "svg", alt, width="narrow")
 
 
 def _shapes(report: ReportData, split: str) -> list[str]:
-    """In the catalogue's order; of too many shapes their families."""
-    there = _errors(report, split, MEAN_ARRAY)
-    if len(there) > MAX_BARS:
-        return sorted(there, key=lambda name: -there[name].pairs)[:MAX_BARS]
-    return [name for name in catalogue.NAMES if name in there] + [
-        name for name in there if name not in catalogue.NAMES
+    """Shapes or families of a split, in the order of the catalogue."""
+    errors = _errors(report, split, MEAN_ARRAY)
+    if len(errors) > MAX_BARS:
+        return sorted(errors, key=lambda name: -errors[name].pairs)[:MAX_BARS]
+    return [name for name in catalogue.NAMES if name in errors] + [
+        name for name in errors if name not in catalogue.NAMES
     ]
 
 
@@ -73,7 +73,7 @@ def _by_shape(report: ReportData, split: str) -> bool:
 
 
 def _errors(report: ReportData, split: str, model: str) -> dict[str, Figures]:
-    """A model's figures by shape, or by family where shapes are too many."""
+    """Errors of a model by shape, or by family if there are too many shapes."""
     row = report.evaluations[split].models[model]
     return row.by_shape if _by_shape(report, split) else row.by_family
 
@@ -81,13 +81,13 @@ def _errors(report: ReportData, split: str, model: str) -> dict[str, Figures]:
 def _draw(page: Figure, report: ReportData, split: str) -> None:
     axes = page.subplots()
     _bars(axes, report, split)
-    most = max(
+    high = max(
         figures.rmse_counts
         for other, evaluation in report.evaluations.items()
         for model in evaluation.models
         for figures in _errors(report, other, model).values()
     )
-    axes.set(xlim=(0, 1.05 * most or 1), ylim=(len(_shapes(report, split)) - 0.4, -0.6))
+    axes.set(xlim=(0, 1.05 * high or 1), ylim=(len(_shapes(report, split)) - 0.4, -0.6))
     page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 

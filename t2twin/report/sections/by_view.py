@@ -1,4 +1,4 @@
-"""RMSE of the taxels under the DIGIT's view, near it and beyond, by model and shape."""
+"""RMSE of the taxels in the DIGIT's field of view, near it and beyond, by model and shape."""
 
 from collections.abc import Sequence
 
@@ -9,24 +9,22 @@ from t2twin.translate.evaluation.metrics.floors import GROUPS, NOISE_FLOOR
 from t2twin.translate.evaluation.records import Evaluation, Figures, ModelRow
 
 MAX_ROWS = 60
-"""Shapes or families that have a row (assumed: a page of paper)."""
+"""Maximum number of rows (assumed: a printed page)."""
 
 
 def section(report: ReportData) -> str:
-    """One table a split."""
+    """One table per split."""
     view = report.evaluation.view
     text = (
-        f"The DIGIT sees {view.width_mm:.1f} × {view.height_mm:.1f} mm. Of the taxels "
-        f"{view.taxels.under} lie under that view, {view.taxels.near} outside within one pitch of "
-        f"it ({view.pitch_mm:.1f} mm), {view.taxels.beyond} beyond. What a shape does outside the "
-        "view is known only from what of it is seen. RMSE of each group alone, counts."
+        f"The DIGIT's field of view is {view.width_mm:.1f} × {view.height_mm:.1f} mm. "
+        f"{view.taxels.under} taxels are under it, {view.taxels.near} outside within one pitch "
+        f"({view.pitch_mm:.1f} mm), and {view.taxels.beyond} beyond. Counts outside the field of "
+        "view are extrapolated from the visible contact. RMSE of each group of taxels, counts."
     )
     if any(len(row.by_family) > MAX_ROWS for row in report.evaluation.models.values()):
-        text += f" Of the families the {MAX_ROWS} with most pairs are given."
+        text += f" Shown are the {MAX_ROWS} families with the most pairs."
     tables = [_table(evaluation, split) for split, evaluation in report.evaluations.items()]
-    return markup.section(
-        "by-view", "Under the view and outside it", [markup.paragraph(text), *tables]
-    )
+    return markup.section("by-view", "Error by field of view", [markup.paragraph(text), *tables])
 
 
 def _table(evaluation: Evaluation, split: str) -> str:
@@ -42,7 +40,7 @@ def _table(evaluation: Evaluation, split: str) -> str:
 
 
 def _by(row: ModelRow, split: str) -> dict[str, Figures]:
-    """Validation by primitive, test by tool; of too many shapes by family, the largest first."""
+    """Errors by shape, or by family: of the test split and of too many shapes."""
     if split != "test" and 0 < len(row.by_shape) <= MAX_ROWS:
         return row.by_shape
     largest = sorted(row.by_family.items(), key=lambda item: -item[1].pairs)[:MAX_ROWS]

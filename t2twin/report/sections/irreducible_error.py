@@ -1,4 +1,4 @@
-"""How far presses that look alike differ in taxels: what no translator can know."""
+"""Estimate of the irreducible error, from presses with similar images."""
 
 from collections.abc import Mapping
 
@@ -12,111 +12,114 @@ from t2twin.report.html.labels import SPLIT_NAMES, colors, name_of
 from t2twin.translate.evaluation.metrics.baselines import FEATURE_SIZE
 from t2twin.translate.evaluation.metrics.irreducible_error import (
     CLOSE,
-    FITTED,
+    FITTED_SHARE,
     NEIGHBORS,
 )
 from t2twin.translate.evaluation.records import IrreducibleError, IrreducibleErrorFloor
 
 WIDTH_IN, HEIGHT_IN = 9.0, 3.6
 SPLIT_STYLE, TRAINING_STYLE = ("#222222", "o"), ("#009e73", "D")
-"""Colour and mark of where the look-alikes come from."""
+"""Color and marker of the nearest neighbors in the split and in the training pairs."""
 
-WHERE = {"under": "under the DIGIT's view", "near": "near it", "beyond": "beyond"}
+GROUPS = {"under": "under the field of view", "near": "near it", "beyond": "beyond"}
 
 
 def section(report: ReportData) -> str:
-    """The curves, and what they bound; of evaluations that have look-alikes."""
-    lookalikes = {split: one.lookalikes for split, one in report.evaluations.items()}
-    known = {split: one for split, one in lookalikes.items() if one is not None}
-    content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report, known))
+    """Chart and summary of the evaluations with an estimate."""
+    estimates = {
+        split: one.irreducible_error
+        for split, one in report.evaluations.items()
+        if one.irreducible_error is not None
+    }
+    content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report, estimates))
     text = (
-        "For every press the pictures nearest to its own are looked up, among presses of the same "
-        "split on other shapes and among the training pairs, and the counts of the two compared. "
-        "A translator gives one answer to pictures that it cannot tell apart; if the two presses "
-        "are two draws of what such a picture may mean, its RMSE is at least sqrt(mean squared "
-        "difference / 2). That is what is drawn, against the distance of the pictures."
+        "Each press is compared with the presses of the nearest images, among other shapes of the "
+        "same split and among the training pairs. A translator predicts the same counts for "
+        "indistinguishable images. If both presses are samples of the arrays that such an image "
+        "may correspond to, its RMSE is at least sqrt(mean squared difference / 2). The chart "
+        "shows this bound against the distance of the images."
     )
     note = (
-        f"Distance: root mean square, of pictures made {FEATURE_SIZE} × {FEATURE_SIZE}, in RGB. "
-        f"Points: groups of as many pairs each, of the {NEIGHBORS} nearest of every press. "
-        "Square: half the squared difference as a straight line of the squared distance, fitted to "
-        f"the nearest {100 * FITTED:.0f} % of the pairs of each shape, read at the distance that "
-        "noise alone makes; with its interval over shapes. Level lines: what the models reach."
+        f"Distance: RMS difference of RGB images of {FEATURE_SIZE} × {FEATURE_SIZE} pixels. "
+        f"Points: bins with equal numbers of pairs, from the {NEIGHBORS} nearest neighbors of each "
+        "press. Square: extrapolation to the distance that noise alone causes, with its interval "
+        "over shapes; it assumes that half the squared difference is linear in the squared "
+        f"distance, and is fitted to the nearest {100 * FITTED_SHARE:.0f} % of the pairs of each "
+        "shape. Horizontal lines: RMSE of the models."
     )
     if (report.forces_n == 0).any():
-        note += " Presses that touch nothing, which look and feel alike, are left out."
+        note += " Presses without contact are excluded."
     bounds = (
-        "It bounds what can be known from the picture at that size, on average over presses that "
-        "something resembles, for a translator that has seen such presses. It does not bound a "
-        "network that sees finer detail, says nothing of presses that nothing resembles, and where "
-        "the nearest picture is many times the noise away, the extrapolated figure is an estimate "
-        "with the line's assumption in it. Among training pairs it also holds what training on "
-        "other shapes misleads about."
+        "The bound is an average over presses with similar neighbors, for images of this size. It "
+        "does not apply to networks with larger images or to presses without similar neighbors. "
+        "If the nearest image is much farther away than the noise, the extrapolation depends on "
+        "the linear assumption. The estimate from training pairs also includes the bias of "
+        "training on other shapes."
     )
     return markup.section(
-        "lookalikes",
-        "What the picture does not say",
+        "irreducible-error",
+        "Irreducible error",
         [
             markup.paragraph(text),
-            markup.picture(
-                content, "svg", "Difference of counts against distance of pictures", note=note
+            markup.embed(
+                content, "svg", "Difference of counts against distance of images", note=note
             ),
-            markup.items(sentences(known)),
+            markup.items(sentences(estimates)),
             markup.paragraph(bounds, "note"),
         ],
     )
 
 
-def sentences(lookalikes: Mapping[str, IrreducibleError]) -> list[str]:
-    """What the look-alikes say, one sentence a split and a place to look. lookalikes: by split."""
-    said = []
-    for split, one in lookalikes.items():
-        places = {"other shapes of the same split": one.split, "training pairs": one.training}
-        for place, floor in places.items():
-            what = "there are none." if floor is None else _sentence(floor, one.close_grey)
-            said.append(f"{SPLIT_NAMES[split].capitalize()}, {place}: {what}")
-    return said
+def sentences(estimates: Mapping[str, IrreducibleError]) -> list[str]:
+    """Summary of each split and source of neighbors. estimates: by split."""
+    result = []
+    for split, one in estimates.items():
+        sources = {"other shapes of the same split": one.split, "training pairs": one.training}
+        for source, floor in sources.items():
+            text = "no neighbors." if floor is None else _sentence(floor, one.close_grey)
+            result.append(f"{SPLIT_NAMES[split].capitalize()}, {source}: {text}")
+    return result
 
 
 def _sentence(floor: IrreducibleErrorFloor, close_grey: float) -> str:
     near, close = floor.nearest, floor.close
     within = (
-        f"{close.pairs:,} of {near.pairs:,} presses have a picture within {close_grey:.2f} grey "
-        f"levels, {CLOSE:g} times the distance that noise makes"
+        f"{close.pairs:,} of {near.pairs:,} presses have a neighbor within {close_grey:.2f} grey "
+        f"levels, {CLOSE:g} times the distance that noise causes"
     )
     if close.pairs:
-        within += f", and those say {close.rmse_counts:,.0f} counts"
+        within += f" (bound {close.rmse_counts:,.0f} counts)"
     line = ""
     value, span = floor.extrapolated_rmse_counts, floor.interval
     if value is not None:
         between = "" if span is None else f" ({span.low:,.0f} to {span.high:,.0f})"
         groups = ", ".join(
-            f"{alone:,.0f} {WHERE[name]}"
-            for name, alone in floor.parts.items()
-            if alone is not None
+            f"{bound:,.0f} {GROUPS[name]}"
+            for name, bound in floor.parts.items()
+            if bound is not None
         )
-        line = f" Extrapolated to the noise's distance: {value:,.0f} counts{between}"
-        line += f"; of the taxels alone {groups}." if groups else "."
+        line = f" Extrapolated bound: {value:,.0f} counts{between}"
+        line += f"; by group of taxels: {groups}." if groups else "."
     return (
-        f"the nearest picture is {near.distance_grey:.1f} grey levels away in the median, and says "
-        f"{near.rmse_counts:,.0f} counts; {within}.{line}"
+        f"the median distance of the nearest image is {near.distance_grey:.1f} grey levels, with a "
+        f"bound of {near.rmse_counts:,.0f} counts; {within}.{line}"
     )
 
 
-def _draw(page: Figure, report: ReportData, lookalikes: Mapping[str, IrreducibleError]) -> None:
-    places = page.subplots(1, len(lookalikes), sharey=True, squeeze=False)[0]
-    for axes, split in zip(places, lookalikes, strict=True):
-        _curves(axes, report, split, lookalikes[split])
+def _draw(page: Figure, report: ReportData, estimates: Mapping[str, IrreducibleError]) -> None:
+    places = page.subplots(1, len(estimates), sharey=True, squeeze=False)[0]
+    for axes, split in zip(places, estimates, strict=True):
+        _curves(axes, report, split, estimates[split])
     places[0].set_ylim(0, None)
     places[0].set_ylabel("sqrt(mean squared difference / 2), counts")
     page.legend(*places[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
-def _curves(axes: Axes, report: ReportData, split: str, lookalikes: IrreducibleError) -> None:
-    noise = lookalikes.noise_grey
+def _curves(axes: Axes, report: ReportData, split: str, estimate: IrreducibleError) -> None:
+    noise = estimate.noise_grey
     for floor, style, label in (
-        (lookalikes.split, SPLIT_STYLE, "other shapes of the split"),
-        (lookalikes.training, TRAINING_STYLE, "training pairs"),
+        (estimate.split, SPLIT_STYLE, "other shapes of the split"),
+        (estimate.training, TRAINING_STYLE, "training pairs"),
     ):
         if floor is not None:
             _curve(axes, floor, style, label, noise)
@@ -126,7 +129,7 @@ def _curves(axes: Axes, report: ReportData, split: str, lookalikes: IrreducibleE
             level = models[name].overall.rmse_counts
             axes.axhline(level, color=color, linewidth=1, label=name_of(name))
     axes.axvline(noise, color="#999999", linewidth=0.8, linestyle=":", label="noise")
-    axes.set(xlabel="distance of the pictures, grey levels", title=SPLIT_NAMES[split])
+    axes.set(xlabel="distance of the images, grey levels", title=SPLIT_NAMES[split])
     axes.set_xlim(0, None)
     axes.yaxis.set_major_formatter("{x:,.0f}")
 

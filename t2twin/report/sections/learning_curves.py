@@ -1,4 +1,4 @@
-"""Learning curves from the runs' logs."""
+"""Learning curves from the logs of the runs."""
 
 import math
 from collections.abc import Mapping
@@ -17,22 +17,22 @@ from t2twin.translate.runs.log import best_epoch
 
 WIDTH_IN, HEIGHT_IN = 9.0, 3.4
 LOSSES = {"adversarial": "-", "l1": "--", "discriminator": ":"}
-"""pix2pix's losses as a log names them, and how each is drawn."""
+"""Losses of pix2pix by their names in a log, with line styles."""
 
 
 def section(report: ReportData) -> str:
-    """RMSE an epoch on the left, the adversarial training's own losses on the right."""
+    """Charts of RMSE and, of adversarial trainings, of the losses by epoch."""
     text = (
-        "Left: RMSE on the validation pairs of each run's own data (solid; the dot is the epoch "
-        "that was kept) and, for ResNet18, which trains on the mean squared error, on the training "
-        "pairs as they were seen (dashed; with dropout or augmentation where the preset has them, "
-        "so it may lie above). touch2touch never trains on that error; its own losses are on the "
-        "right: what its generator pays for being found out, the L1 distance (mean absolute "
-        "difference) with its weight, and the discriminator's loss."
+        "Left, solid: RMSE on the validation pairs of each run's own data; the dot marks the best "
+        "epoch. Left, dashed: RMSE on the training pairs during the training of ResNet18, which "
+        "minimizes the mean squared error. It includes dropout and augmentation, so it may exceed "
+        "the validation error. Right: losses of touch2touch: the adversarial loss of the "
+        "generator, the weighted L1 distance (mean absolute difference), and the loss of the "
+        "discriminator."
     )
     content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report))
-    alt = "Validation and training error by epoch, with the trivial predictors as lines"
-    return markup.section("curves", "Learning", [markup.picture(content, "svg", alt, note=text)])
+    alt = "Validation and training error by epoch, with the baselines as lines"
+    return markup.section("curves", "Learning", [markup.embed(content, "svg", alt, note=text)])
 
 
 def _draw(page: Figure, report: ReportData) -> None:
@@ -73,7 +73,7 @@ def _errors(axes: Axes, report: ReportData) -> None:
 
 
 def _of_own_validation(report: ReportData) -> Mapping[str, ModelRow]:
-    """What was evaluated on the validation pairs that the curves are of; empty of any others."""
+    """Evaluation on the validation pairs of the curves; empty if the runs have other data."""
     evaluation = report.evaluations.get("val")
     if evaluation is None or not all(row.same_data for row in evaluation.runs.values()):
         return {}

@@ -1,4 +1,4 @@
-"""Does the paper's finding hold here? A row a question, answered by an interval."""
+"""The paper's finding, tested on this dataset with bootstrap intervals."""
 
 from collections.abc import Mapping
 
@@ -6,32 +6,31 @@ from t2twin.report.data import ReportData
 from t2twin.report.html import markup
 from t2twin.report.html.labels import SPLIT_NAMES, name_of
 from t2twin.translate.evaluation.records import Evaluation, Finding
-from t2twin.translate.evaluation.table import HOW
+from t2twin.translate.evaluation.table import FORMS
 
-GIVEN = {
+STATEMENTS = {
     "lower-error": "ResNet18 has the lower error (RMSE, counts)",
-    "better-shape-ssim": "touch2touch keeps the contact's shape better (SSIM)",
-    "better-shape-iou": "touch2touch keeps the contact's shape better (contact IoU)",
+    "better-shape-ssim": "touch2touch preserves the shape of the contact better (SSIM)",
+    "better-shape-iou": "touch2touch preserves the shape of the contact better (contact IoU)",
 }
 GAP = "Novel objects are worse than validation (RMSE, counts)"
 
 
 def section(report: ReportData) -> str:
-    """The table, and what stands behind its answers."""
+    """Table of the answers, and their method."""
     how = report.evaluation.bootstrap
     shapes = " and ".join(
         f"{evaluation.bootstrap.shapes} of {SPLIT_NAMES[split]}"
         for split, evaluation in report.evaluations.items()
     )
     text = (
-        "Grella et al. found that ResNet18 has the lower error, that touch2touch keeps the "
-        "contact's shape better, and that both lose on novel objects. Here the difference of the "
-        f"two models{', and of the two splits,' if report.gap else ''} is taken in "
-        f"{how.resamples:,} bootstrap resamples of whole shapes ({shapes}), the same shapes for "
-        f"both models. Yes or no where the {100 * how.confidence:.0f} % interval of the "
-        "difference does not hold zero, else undecided. With so few shapes the intervals are "
-        "rather too narrow than too wide; and they speak of these two trainings, not of others "
-        "from another seed."
+        "Grella et al. found that ResNet18 has the lower error, that touch2touch preserves the "
+        "shape of the contact better, and that both perform worse on novel objects. Here the "
+        f"difference of the two models{', and of the two splits,' if report.gap else ''} is "
+        f"computed for {how.resamples:,} bootstrap resamples of shapes ({shapes}), identical for "
+        f"both models. The answer is undecided if the {100 * how.confidence:.0f} % interval of the "
+        "difference includes zero. With few shapes the intervals tend to be too narrow. They do "
+        "not include the variation between trainings with different seeds."
     )
     return markup.section(
         "finding",
@@ -39,19 +38,20 @@ def section(report: ReportData) -> str:
         [
             markup.table(
                 [[("", 1), ("Answer", 1), ("Difference", 1), ("Interval", 1), ("Figures", 1)]],
-                answers(report.evaluations, report.gap),
+                finding_rows(report.evaluations, report.gap),
             ),
             markup.paragraph(text, "note"),
         ],
     )
 
 
-def answers(
+def finding_rows(
     evaluations: Mapping[str, Evaluation], gap: Mapping[str, Finding]
 ) -> list[tuple[str, list[list[str]]]]:
-    """What the paper found, each with its rows: of what, answer, difference, interval, figures.
+    """Rows by statement of the paper: split or model, answer, difference, interval, figures.
 
-    evaluations: by split. gap: between the two splits. Without both models there is that alone.
+    evaluations: by split. gap: differences between the splits. Statements about both models require
+    both.
     """
     groups = [
         (
@@ -62,7 +62,7 @@ def answers(
                 if name in evaluation.findings
             ],
         )
-        for name, statement in GIVEN.items()
+        for name, statement in STATEMENTS.items()
     ]
     gaps = []
     for finding in gap.values():
@@ -74,7 +74,7 @@ def answers(
 
 
 def _row(statement: str, finding: Finding) -> list[str]:
-    how = HOW[finding.figure].replace(":.0f", ":,.0f")
+    how = FORMS[finding.figure].replace(":.0f", ":,.0f")
     span = finding.interval
     return [
         statement,

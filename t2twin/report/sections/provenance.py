@@ -1,12 +1,13 @@
-"""The dataset, the machine, how long the runs took, and what is not drawn of them."""
+"""The dataset, the runs, the machine, and the omitted sections."""
 
 from collections.abc import Mapping
 
 from t2twin.core.machine import cores, processor
 from t2twin.report.data import ReportData
 from t2twin.report.html import markup
-from t2twin.report.html.labels import SPLIT_NAMES, forces_in_words, name_of
-from t2twin.translate.evaluation.table import trained_on
+from t2twin.report.html.labels import SPLIT_NAMES, forces_text, name_of
+from t2twin.translate.evaluation.table import training_data
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.runs.log import best_epoch
 
 NETWORKS = (
@@ -14,29 +15,29 @@ NETWORKS = (
     "(IROS 2023)"
 )
 WORLD = (
-    f"{NETWORKS}; the presses are not, but those of the world {{}}. Everything here is simulated: "
-    "no figure below was measured on a sensor."
+    f"{NETWORKS}; the presses are those of the world {{}}. Everything is simulated: no value below "
+    "was measured on a sensor."
 )
 SIMULATED = (
-    f"{NETWORKS}, and so is the protocol. Everything here is simulated: no figure below was "
-    "measured on a sensor, except where it says so."
+    f"{NETWORKS}, and so is the protocol. Everything is simulated: no value below was measured on "
+    "a sensor, unless stated otherwise."
 )
-IMPORTED = f"{NETWORKS}. The pairs were brought in by their owner, with `t2twin import-pairs`."
+IMPORTED = f"{NETWORKS}. The pairs were imported with `t2twin import-pairs`."
 
 PRIMITIVES_AND_TOOLS = {
     "train": "{pairs:,} pairs of {shapes} primitives",
-    "val": "{pairs:,} pairs of {shapes} primitives, versions that training never saw",
+    "val": "{pairs:,} pairs of {shapes} primitives, versions outside the training split",
     "test": "{pairs:,} pairs of hand tools, at {shapes} keypoints",
 }
 OF_SHAPES = "{pairs:,} pairs of {shapes:,} shapes"
 
 
-def section(report: ReportData, left_out: Mapping[str, str]) -> str:
-    """On which data, with which runs; left_out: titles of sections not drawn, what they lack."""
+def section(report: ReportData, omitted: Mapping[str, str]) -> str:
+    """Data and runs. omitted: titles of omitted sections, with the data that they would require."""
     parts = [markup.paragraph(_origin(report)), _dataset(report), *_runs(report)]
-    if left_out:
-        named = ", ".join(f"{title} ({missing})" for title, missing in left_out.items())
-        parts.append(markup.paragraph(f"Left out, each with what is lacking: {named}."))
+    if omitted:
+        listed = ", ".join(f"{title} ({missing})" for title, missing in omitted.items())
+        parts.append(markup.paragraph(f"Omitted sections, with the missing data: {listed}."))
     return markup.section("about", "Data and runs", parts)
 
 
@@ -52,7 +53,7 @@ def _dataset(report: ReportData) -> str:
     kind = "Scale" if info.is_protocol else "World"
     scale = [(kind, f"{info.world_name}, seed {info.seed}")] if info.is_simulated else []
     forces = report.forces_n
-    pressed = [("Forces", forces_in_words(forces))] if forces.size else []
+    pressed = [("Forces", forces_text(forces))] if forces.size else []
     return markup.facts(
         [
             *scale,
@@ -64,19 +65,19 @@ def _dataset(report: ReportData) -> str:
                 f"{report.layout.full_scale_counts:,.0f} counts",
             ),
             ("Versions", versions),
-            ("This page's machine", f"{cores()} cores, {processor()}"),
+            ("Machine of this report", f"{cores()} cores, {processor()}"),
         ]
     )
 
 
 def _pairs(report: ReportData, split: str) -> str:
     shapes = report.tables[split]["shape"].to_pylist()
-    words = PRIMITIVES_AND_TOOLS[split] if report.info.is_protocol else OF_SHAPES
-    return words.format(pairs=len(shapes), shapes=len(set(shapes)))
+    template = PRIMITIVES_AND_TOOLS[split] if report.info.is_protocol else OF_SHAPES
+    return template.format(pairs=len(shapes), shapes=len(set(shapes)))
 
 
 def _runs(report: ReportData) -> list[str]:
-    """The table of runs, and what must be known of those trained on something else."""
+    """Table of the runs, with notes on runs with other training data."""
     titles = (
         "Run", "Trained on", "Pairs", "Steps", "Preset", "Image, px", "Parameters", "Epochs",
         "Best epoch", "Minutes",
@@ -85,8 +86,8 @@ def _runs(report: ReportData) -> list[str]:
     parts = [
         markup.table([[(title, 1) for title in titles]], [("", rows)]),
         markup.paragraph(
-            "Minutes are the sum of the epochs' times in each run's log, training and validation; "
-            "parameters are those of the network that predicts.",
+            "Minutes: sum over the epochs in the log, training and validation. Parameters: of the "
+            "predicting network.",
             "note",
         ),
     ]
@@ -97,41 +98,41 @@ def _runs(report: ReportData) -> list[str]:
         if model.trained_layout != report.layout.layout
     }
     if other:
-        named = ", ".join(f"{name} ({layout})" for name, layout in other.items())
+        listed = ", ".join(f"{name} ({layout})" for name, layout in other.items())
         parts.append(
             markup.paragraph(
-                f"Trained on another taxel layout than {report.layout.layout}: {named}."
+                f"Trained on another taxel layout than {report.layout.layout}: {listed}."
             )
         )
     elsewhere = [
-        f"{name_of(name)} ({trained_on(model)[0]})"
+        f"{name_of(name)} ({training_data(model)[0]})"
         for name, model in models.items()
         if not model.same_data
     ]
     if elsewhere:
         parts.append(
             markup.paragraph(
-                f"Trained on another dataset than this one: {', '.join(elsewhere)}. The rows of no "
-                "run, such as the nearest neighbor, know this one's training pairs."
+                f"Trained on another dataset than this one: {', '.join(elsewhere)}. The baselines, "
+                "such as the nearest neighbor, use the training pairs of this dataset."
             )
         )
     return parts
 
 
 def _read_from(report: ReportData, name: str) -> str:
-    """What another layout is read from."""
-    told = report.runs[name].translator.learns_field
-    return "the field that it tells" if told else "the tactile images that the generator draws"
+    """Output from which the counts of another layout are computed."""
+    is_field = isinstance(report.runs[name], FieldPredictor)
+    return "the predicted field" if is_field else "the generated tactile images"
 
 
 def _run(report: ReportData, name: str) -> list[str]:
-    """A run's row."""
+    """Row of a run."""
     run, history = report.runs[name], report.histories[name]
     preset = run.config.preset
     parameters = sum(p.numel() for p in run.translator.predictor.parameters())
     return [
         name_of(name),
-        *trained_on(report.evaluation.runs[name]),
+        *training_data(report.evaluation.runs[name]),
         preset.name,
         f"{preset.size} × {preset.size}, {'grey' if preset.grey else 'RGB'}",
         f"{parameters / 1e6:.2f} M",
@@ -142,5 +143,5 @@ def _run(report: ReportData, name: str) -> list[str]:
 
 
 def minutes(seconds: float) -> str:
-    """To a tenth below ten minutes, whole above."""
+    """Minutes as text, with one decimal below ten minutes."""
     return f"{seconds / 60:.1f}" if seconds < 600 else f"{seconds / 60:,.0f}"

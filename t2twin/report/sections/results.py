@@ -1,7 +1,7 @@
-"""The paper's table for this dataset, the paper's own figures below, and what they say.
+"""The paper's table for this dataset, with the paper's values and a summary.
 
-RMSE is the root of the mean squared error of the counts, over pairs and taxels: the root of the
-loss that the paper calls L3.
+RMSE is the root of the mean squared error of the counts over pairs and taxels: the square root of
+the paper's loss L3.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,26 +24,25 @@ from t2twin.translate.evaluation.table import background_lines
 
 PAPER = "Grella et al. 2023, on hardware"
 TITLES = {"val": "Validation, unseen versions", "test": "Test, objects"}
-"""Of the paper's protocol."""
+"""Titles of the splits of the paper's protocol."""
 
 NONE = "–"
 
-WHAT = (
-    "RMSE is the root of the mean squared error of the counts, over all pairs and taxels; the "
-    "paper writes it as sqrt(L3). A tactile image is the counts interpolated between the taxels. "
-    "SSIM is the structural similarity (Wang et al. 2004) of the tactile image of the predicted "
-    "counts with that of the true ones, averaged over the pairs; 1 is the same image."
+METRICS = (
+    "RMSE is the root of the mean squared error of the counts over all pairs and taxels, sqrt(L3) "
+    "in the paper. A tactile image is the interpolation of the counts between the taxels. SSIM is "
+    "the structural similarity (Wang et al. 2004) of the tactile images of predicted and true "
+    "counts, averaged over the pairs; 1 for identical images."
 )
-TRIVIAL = (
-    "Mean array: the mean of the training set's arrays, whatever the picture. Nearest neighbor: "
-    "the array of the training pair whose DIGIT picture is nearest."
+BASELINES = (
+    "Mean array: mean of the training arrays. Nearest neighbor: array of the training pair with "
+    "the nearest DIGIT image."
 )
 HARDWARE = (
-    "The paper's figures are of another pair of sensors, real ones, and cannot be compared one to "
-    "one with those above; it gives one SSIM a model, without saying of which set. What can be "
-    "compared is how far each model is from a predictor that learns nothing. "
+    "The paper's values are from real sensors and cannot be compared directly with those above; "
+    "it gives one SSIM per model without stating the split. Comparable are the differences between "
+    "a model and the baselines. "
 )
-"""Said once, about the first table."""
 
 SHORT: tuple[tuple[FigureName, str], ...] = (
     ("rmse_counts", "{:,.0f}"),
@@ -59,7 +58,7 @@ RATIOS: tuple[tuple[FigureName, str, str], ...] = (
 
 
 def section(report: ReportData) -> str:
-    """The two tables and the sentences that the numbers make."""
+    """Two tables and a summary."""
     evaluations, first = report.evaluations, report.evaluation
     simulated = report.info.is_simulated
     titles = {
@@ -70,22 +69,22 @@ def section(report: ReportData) -> str:
         "results",
         "Results",
         [
-            markup.paragraph(WHAT),
+            markup.paragraph(METRICS),
             _paper_table(evaluations, titles, "This dataset" + ", simulated" * simulated),
             markup.paragraph(
-                f"{HARDWARE if first.paper else ''}{TRIVIAL}{_floors(first)} Pale: "
-                f"{100 * first.bootstrap.confidence:.0f} % intervals, by bootstrap over shapes. "
+                f"{HARDWARE if first.paper else ''}{BASELINES}{_floors(first)} Pale rows: "
+                f"{100 * first.bootstrap.confidence:.0f} % bootstrap intervals over shapes. "
                 + " ".join(background_lines(first)),
                 "note",
             ),
             markup.items(sentences({split: one.models for split, one in evaluations.items()})),
             markup.paragraph(
-                "More figures of the same. A pixel is in contact above "
-                f"{100 * first.contact_level:.0f} % of its own tactile image's "
-                "maximum. SSIM in contact: over the true contact. Contact IoU: intersection over "
-                "union of the predicted and the true contact, 1 where they are the same. Centroid: "
-                "distance between the two tactile images' centroids. Total: mean error of the "
-                "summed counts, in parts of their mean."
+                "Further metrics. The contact is the set of pixels above "
+                f"{100 * first.contact_level:.0f} % of the maximum of their tactile image. SSIM in "
+                "contact: over the true contact. Contact IoU: intersection over union of the "
+                "predicted and the true contact; 1 for identical contacts. Centroid: distance of "
+                "the centroids of both tactile images. Total: mean error of the summed counts, "
+                "relative to their mean."
             ),
             _further_table(evaluations, titles),
         ],
@@ -93,10 +92,11 @@ def section(report: ReportData) -> str:
 
 
 def sentences(models: Mapping[str, Mapping[str, ModelRow]]) -> list[str]:
-    """What the numbers say, one sentence a split and a run. models: by split and name."""
+    """Comparison of each run with the baselines. models: by split and name."""
     return [
-        f"On {SPLIT_NAMES[split]}, {name_of(name)} is {_against(row, rows[MEAN_ARRAY])} the mean "
-        f"array and {_against(row, rows[NEAREST_NEIGHBOR])} the nearest neighbor."
+        f"{SPLIT_NAMES[split].capitalize()}: the RMSE of {name_of(name)} is "
+        f"{_against(row, rows[MEAN_ARRAY])} that of the mean array and "
+        f"{_against(row, rows[NEAREST_NEIGHBOR])} that of the nearest neighbor."
         for split, rows in models.items()
         for name, row in rows.items()
         if row.run is not None
@@ -104,18 +104,18 @@ def sentences(models: Mapping[str, Mapping[str, ModelRow]]) -> list[str]:
 
 
 def _floors(evaluation: Evaluation) -> str:
-    """What the other rows are: one that knows the force, and those that nothing is to pass."""
-    said = ""
+    """Definitions of the other baselines and of the lower bounds."""
+    text = ""
     if MEAN_ARRAY_OF_FORCE in evaluation.models:
-        said += " Mean array of the force: the same of the training presses of that force alone."
+        text += " Mean array of the force: mean of the training arrays of the same force."
     if NOISE_FLOOR in evaluation.models:
-        said += " Noise floor: the same press read twice by the CySkin."
+        text += " Noise floor: difference between two readings of the same press."
     if LAYOUT_FLOOR in evaluation.models:
-        said += (
-            " Layout floor: the nearest to the true array that a tactile image of the layout "
-            "trained on can say."
+        text += (
+            " Layout floor: smallest error of arrays that tactile images of the training layout "
+            "can represent."
         )
-    return said
+    return text
 
 
 def counts(value: float) -> str:
@@ -123,19 +123,19 @@ def counts(value: float) -> str:
 
 
 def _against(model: ModelRow, other: ModelRow) -> str:
-    """As in "12.0 % below", by RMSE."""
+    """Relative difference of the RMSE, such as "12.0 % below"."""
     if other.overall.rmse_counts == 0:
-        return "above" if model.overall.rmse_counts else "level with"
-    part = model.overall.rmse_counts / other.overall.rmse_counts - 1.0
-    if abs(part) < 0.0005:
-        return "level with"
-    return f"{100 * abs(part):.1f} % {'below' if part < 0 else 'above'}"
+        return "above" if model.overall.rmse_counts else "equal to"
+    difference = model.overall.rmse_counts / other.overall.rmse_counts - 1.0
+    if abs(difference) < 0.0005:
+        return "equal to"
+    return f"{100 * abs(difference):.1f} % {'below' if difference < 0 else 'above'}"
 
 
 def _paper_table(
     evaluations: Mapping[str, Evaluation], titles: Mapping[str, str], group: str
 ) -> str:
-    """titles: of the splits. group: the title of the rows that are not the paper's."""
+    """titles: of the splits. group: title of the rows of this dataset."""
     each, first = evaluations.values(), next(iter(evaluations.values()))
     columns = [("RMSE, counts", 1), (f"% of {first.full_scale_counts:,.0f}", 1), ("SSIM", 1)]
     heads = [
@@ -155,7 +155,7 @@ def _paper_table(
 
 
 def _in_all(evaluations: Mapping[str, Evaluation]) -> list[str]:
-    """The rows that every split has: one of several forces has one more than one of a single."""
+    """Models in all splits: a split with several forces has an additional baseline."""
     first, *others = evaluations.values()
     return [name for name in first.models if all(name in one.models for one in others)]
 

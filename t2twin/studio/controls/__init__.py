@@ -1,1 +1,1 @@
-"""What a user of a page can change."""
+"""Controls of a page: the press, files, frames to translate, and view options."""

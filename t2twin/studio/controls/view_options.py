@@ -1,4 +1,4 @@
-"""How one client looks at the scene: which sensors, how the shape is drawn, by day or by night."""
+"""View options of one client: visible sensors, style of the shape, light or dark theme."""
 
 from collections.abc import Callable
 from threading import Thread
@@ -6,35 +6,34 @@ from typing import get_args
 
 import viser
 
-from t2twin.studio.controls.drop import run_script
+from t2twin.studio.controls.file_drop import run_script
 from t2twin.studio.view.scene import Sensors
-from t2twin.studio.view.solids import ShownAs
+from t2twin.studio.view.solids import ShapeStyle
 
-ACCENT, ACCENT_BY_NIGHT = (11, 83, 148), (138, 184, 240)
-"""The page's one color, red, green, blue, by day and by night: that of links in the project's
-reports."""
+ACCENT, DARK_ACCENT = (11, 83, 148), (138, 184, 240)
+"""Accent color of the light and the dark theme, RGB: that of links in the reports."""
 
-CHOSEN, WANTED = "t2twin-dark", "t2twin-dark-wanted"
-"""What the browser keeps: whether the page is to be dark, "true" or "false", as it was chosen, and
-with that or, where nothing was, as the browser itself would have it."""
+CHOICE, THEME = "t2twin-dark", "t2twin-dark-wanted"
+"""Keys of the browser's local storage, with values "true" or "false": the user's choice of the dark
+theme, and the theme to use: the choice or, without one, the browser's preference."""
 
-ASK = f"""
+STORE_THEME = f"""
 try {{
-  const kept = (name) => "viser-user:" + name;  // as viser's storage names them
-  const asked = matchMedia("(prefers-color-scheme: dark)").matches;
-  const wanted = localStorage.getItem(kept("{CHOSEN}")) ?? String(asked);
-  localStorage.setItem(kept("{WANTED}"), wanted);
+  const key = (name) => "viser-user:" + name;  // prefix of viser's storage
+  const preferred = matchMedia("(prefers-color-scheme: dark)").matches;
+  const theme = localStorage.getItem(key("{CHOICE}")) ?? String(preferred);
+  localStorage.setItem(key("{THEME}"), theme);
 }} catch {{}}
 """
-"""Writes down what is wanted; a browser that keeps nothing stays light."""
+"""Script that stores the theme to use; without local storage the page remains light."""
 
-ANSWER_S = 30.0
-"""How long a browser is waited for to say it, s (assumed: until it has drawn the page)."""
+STORAGE_TIMEOUT_S = 30.0
+"""Maximum wait for the browser's reply, s (assumed: until the page is rendered)."""
 
 
 class ViewOptions:
-    """The folder of the panel. arrange: called with the sensors to be shown. redraw: called when
-    the shape is to be drawn in another way. shown_as: which."""
+    """The folder of view options. arrange: called with the visible sensors. redraw: called after a
+    change of shape_style."""
 
     def __init__(
         self,
@@ -42,47 +41,47 @@ class ViewOptions:
         arrange: Callable[[Sensors], None],
         redraw: Callable[[], None],
     ) -> None:
-        self.shown_as: ShownAs = "glass"
+        self.shape_style: ShapeStyle = "glass"
         self._client = client
-        with client.gui.add_folder("ViewOptions", expand_by_default=False):
+        with client.gui.add_folder("View", expand_by_default=False):
             sensors = client.gui.add_dropdown("Sensors", get_args(Sensors))
-            shown_as = client.gui.add_dropdown("Shape as", get_args(ShownAs))
-            self._dark = client.gui.add_checkbox("Dark", False, hint="Remembered by this browser")
+            shape_style = client.gui.add_dropdown("Shape as", get_args(ShapeStyle))
+            self._dark = client.gui.add_checkbox("Dark", False, hint="Stored in this browser")
 
         @sensors.on_update
         async def _(event: viser.GuiEvent) -> None:
             if sensors.value in get_args(Sensors):
                 arrange(sensors.value)
 
-        @shown_as.on_update
+        @shape_style.on_update
         async def _(event: viser.GuiEvent) -> None:
-            if shown_as.value in get_args(ShownAs):
-                self.shown_as = shown_as.value
+            if shape_style.value in get_args(ShapeStyle):
+                self.shape_style = shape_style.value
                 redraw()
 
         @self._dark.on_update
         async def _(event: viser.GuiEvent) -> None:
-            self._dress(self._dark.value)
+            self._set_theme(self._dark.value)
             if event.client is not None:
-                client.local_storage.set_item(CHOSEN, "true" if self._dark.value else "false")
+                client.local_storage.set_item(CHOICE, "true" if self._dark.value else "false")
 
-        self._dress(False)
+        self._set_theme(False)
         arrange("both")
-        run_script(client, ASK)
-        Thread(target=self._dress_as_wanted, daemon=True).start()
+        run_script(client, STORE_THEME)
+        Thread(target=self._use_stored_theme, daemon=True).start()
 
-    def _dress_as_wanted(self) -> None:
+    def _use_stored_theme(self) -> None:
         try:
-            wanted = self._client.local_storage.get_item(WANTED, ANSWER_S)
+            theme = self._client.local_storage.get_item(THEME, STORAGE_TIMEOUT_S)
         except (RuntimeError, TimeoutError):
-            return  # it is gone, or keeps nothing
-        if wanted == "true":
+            return  # disconnected, or without local storage
+        if theme == "true":
             self._dark.value = True
 
-    def _dress(self, dark: bool) -> None:
+    def _set_theme(self, dark: bool) -> None:
         self._client.gui.configure_theme(
             dark_mode=dark,
-            brand_color=ACCENT_BY_NIGHT if dark else ACCENT,
+            brand_color=DARK_ACCENT if dark else ACCENT,
             control_width="large",
             show_logo=False,
             show_share_button=False,

@@ -1,1 +1,1 @@
-"""Connections, messages and files of clients."""
+"""Connections to clients: origins, messages, uploads and the log."""

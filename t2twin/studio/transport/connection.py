@@ -1,7 +1,6 @@
-"""One client's connection: what comes in is checked and paced, what goes out may not pile up.
+"""Connection of one client, which checks and throttles its messages.
 
-viser has no limits of its own and no place to set them, so this replaces the connections of the
-WebSocket server below it.
+viser has no limits for messages, so this module replaces the connections of its WebSocket server.
 """
 
 import asyncio
@@ -21,57 +20,60 @@ from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
 
 from t2twin.core.errors import T2TwinError
-from t2twin.studio.transport.gate import Gate
 from t2twin.studio.transport.log import log
 from t2twin.studio.transport.messages import read_message
+from t2twin.studio.transport.origin_check import OriginCheck
 
 MAX_MESSAGE = 2**20
-"""Largest message of a client, bytes: twice a part of an upload (viser's page sends 512 KiB)."""
+"""Maximum size of a message of a client, bytes: twice a part of an upload (512 KiB in viser)."""
 
 MAX_CLIENTS = 8
-"""Most pages at once (assumed; each holds some 50 MB and presses on the same cores)."""
+"""Maximum number of pages (assumed; each uses about 50 MB and the same processors)."""
 
 MAX_SOCKETS = 256
-"""Most open sockets at once, those of pages that are being loaded among them (assumed)."""
+"""Maximum number of open sockets, including those of pages that are being loaded (assumed)."""
 
 MESSAGES_PER_S, MESSAGE_BURST = 200.0, 400.0
-"""Messages of one client that are read in a second, and at once; the rest waits on its side
-(assumed: three times what a drag in a browser sends)."""
+"""Messages of one client that are read per second, and at once (assumed: three times the rate of a
+drag in a browser)."""
 
 MAX_UNSENT = 512
-"""Messages to a client that has not taken them, from which on none of its own are read: twice what
-a new page gets."""
+"""Number of unsent messages to a client above which none of its own are read: twice the number of a
+new page."""
 
-UNSENT_S = 0.05
-"""How often such a client is looked at, s."""
+UNSENT_POLL_S = 0.05
+"""Polling period for the unsent messages, s."""
 
-SEND_S, HELLO_S = 30.0, 60.0
-"""How long a client may take for a message, and for its first one, s (assumed: a slow network, a
-browser that loads the page)."""
+SEND_TIMEOUT_S, FIRST_MESSAGE_TIMEOUT_S = 30.0, 60.0
+"""Timeouts for sending a message and for a client's first message, s (assumed: a slow network, and
+a browser that loads the page)."""
 
 MAX_REFUSED = 20
-"""Messages of one client that are refused before it is closed (assumed: none is a page's)."""
+"""Number of refused messages after which a client is disconnected (assumed)."""
 
 POLICY_VIOLATION = 1008
 """Close code (RFC 6455)."""
 
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
-"""What viser's page asks for; any other is of another version."""
+"""WebSocket subprotocol of viser's page; any other is of another version."""
 
 Check = Callable[[Any], bool]
-"""Takes a message that is in form. Gives whether viser is to have it; raises T2TwinError for one
-that no page sends."""
+"""Returns whether a valid message is passed to viser; raises T2TwinError for one that no page
+sends."""
 
 
 class Connection(ServerConnection):
-    """check: set by the studio when it knows the client. unsent: how many messages wait for it."""
+    """A WebSocket connection with limits.
 
-    def __init__(self, *given: Any, sockets: set["Connection"], **named: Any) -> None:
-        super().__init__(*given, **named)
+    check: check of messages, set by the studio. unsent: returns the number of unsent messages.
+    """
+
+    def __init__(self, *arguments: Any, sockets: set["Connection"], **options: Any) -> None:
+        super().__init__(*arguments, **options)
         self.check: Check = lambda message: True
         self.unsent: Callable[[], int] = lambda: 0
         self._sockets = sockets
-        self._has_spoken, self._refused = False, 0
+        self._received_first, self._refused = False, 0
         self._tokens, self._refilled_s = MESSAGE_BURST, self.loop.time()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -86,17 +88,18 @@ class Connection(ServerConnection):
         super().connection_lost(exc)
 
     async def recv(self, decode: bool | None = None) -> Any:
-        """The next message that viser is to have."""
+        """The next valid message."""
         while True:
+            timeout_s = None if self._received_first else FIRST_MESSAGE_TIMEOUT_S
             try:
-                async with asyncio.timeout(None if self._has_spoken else HELLO_S):
+                async with asyncio.timeout(timeout_s):
                     raw = await super().recv(decode)
             except TimeoutError:
-                log(f"a client was closed; it sent nothing in {HELLO_S:g} s")
+                log(f"a client was disconnected; it sent nothing for {timeout_s:g} s")
                 await self.close(POLICY_VIOLATION)
                 raise ConnectionClosedError(None, None) from None
-            self._has_spoken = True
-            await self._pace()
+            self._received_first = True
+            await self._throttle()
             try:
                 if self.check(read_message(raw)):
                     return raw
@@ -104,55 +107,55 @@ class Connection(ServerConnection):
                 await self._refuse(error)
 
     async def send(self, message: Any, text: bool | None = None) -> None:
-        """Sends a message; a client that does not take it in time is closed."""
+        """Sends a message; disconnects a client that does not read it in time."""
         try:
-            async with asyncio.timeout(SEND_S):
+            async with asyncio.timeout(SEND_TIMEOUT_S):
                 await super().send(message, text)
         except TimeoutError:
-            log(f"a client was closed; it did not read what it was sent for {SEND_S:g} s")
+            log(f"a client was disconnected; it read no messages for {SEND_TIMEOUT_S:g} s")
             self.transport.abort()
             raise ConnectionClosedError(None, None) from None
 
-    async def _pace(self) -> None:
-        """Waits until the next message may be read. What came before it has been handled then, as
-        viser hands messages to tasks of the same loop."""
+    async def _throttle(self) -> None:
+        """Waits until the next message may be read. By then viser has handled the previous ones,
+        because it handles them in tasks of the same event loop."""
         now_s = self.loop.time()
         refill = MESSAGES_PER_S * (now_s - self._refilled_s)
         self._tokens = min(MESSAGE_BURST, self._tokens + refill) - 1.0
         self._refilled_s = now_s
         await asyncio.sleep(max(0.0, -self._tokens / MESSAGES_PER_S))
         while self.unsent() > MAX_UNSENT:
-            await asyncio.sleep(UNSENT_S)
+            await asyncio.sleep(UNSENT_POLL_S)
 
     async def _refuse(self, error: T2TwinError) -> None:
         self._refused += 1
         if self._refused < MAX_REFUSED:
             log(f"a message of a client was ignored: {error}")
             return
-        log(f"a client was closed after {MAX_REFUSED} messages that no page sends: {error}")
+        log(f"a client was disconnected after {MAX_REFUSED} invalid messages: {error}")
         await self.close(POLICY_VIOLATION)
         raise ConnectionClosedError(None, None)
 
 
 _serving = Lock()
-"""Held while a server is replaced: two studios of one process start one after another."""
+"""Held while the server function is replaced, so that two studios do not start at once."""
 
 
 @contextmanager
-def guarded_server(gate: Gate) -> Iterator[None]:
-    """A server that viser starts within the block has a gate before it and Connections in it."""
+def guarded_server(origin_check: OriginCheck) -> Iterator[None]:
+    """Within the block, viser starts its server with a check of origins and with Connections."""
     serve = websocket_server.serve
 
-    def guarded(handler: Any, host: str, port: int, **named: Any) -> Any:
+    def guarded(handler: Any, host: str, port: int, **options: Any) -> Any:
         sockets: set[Connection] = set()
-        page = named["process_request"]
+        page = options["process_request"]
 
         def process_request(connection: ServerConnection, request: Request) -> Response | None:
-            refused = _refused(gate, connection, request, sockets)
-            return refused or _with_policy(page(connection, request), request, gate)
+            refusal = _refuse(origin_check, connection, request, sockets)
+            return refusal or _with_policy(page(connection, request), request, origin_check)
 
-        asyncio.get_running_loop().set_exception_handler(_say_unexpected)
-        return serve(handler, host, port, **named | {
+        asyncio.get_running_loop().set_exception_handler(_log_unexpected)
+        return serve(handler, host, port, **options | {
             "process_request": process_request,
             "max_size": MAX_MESSAGE,
             "logger": _quiet_logger(),
@@ -167,16 +170,22 @@ def guarded_server(gate: Gate) -> Iterator[None]:
             websocket_server.serve = serve
 
 
-def _refused(
-    gate: Gate, connection: ServerConnection, request: Request, sockets: set[Connection]
+def _refuse(
+    origin_check: OriginCheck,
+    connection: ServerConnection,
+    request: Request,
+    sockets: set[Connection],
 ) -> Response | None:
-    """The answer to a request that is refused, with a line on standard error."""
-    refusal, status = gate.refusal(request, connection.local_address[0]), HTTPStatus.FORBIDDEN
+    """The response to a refused request, which is logged; None for an accepted request."""
+    refusal, status = (
+        origin_check.refusal(request, connection.local_address[0]),
+        HTTPStatus.FORBIDDEN,
+    )
     if not refusal and request.headers.get_all("Upgrade"):
         protocols = ",".join(request.headers.get_all("Sec-WebSocket-Protocol"))
         if PROTOCOL not in [each.strip() for each in protocols.split(",")]:
             status = HTTPStatus.BAD_REQUEST
-            refusal = f"a connection was refused; it is not of {PROTOCOL}: load the page again"
+            refusal = f"a connection was refused; expected {PROTOCOL}: reload the page"
         elif sum(each.subprotocol is not None for each in sockets) >= MAX_CLIENTS:
             status = HTTPStatus.SERVICE_UNAVAILABLE
             refusal = f"a connection was refused; {MAX_CLIENTS} pages are open"
@@ -186,15 +195,18 @@ def _refused(
     return connection.respond(status, refusal + "\n")
 
 
-def _with_policy(response: Response | None, request: Request, gate: Gate) -> Response | None:
-    """The page's files, with the addresses that they may connect to.
+def _with_policy(
+    response: Response | None, request: Request, origin_check: OriginCheck
+) -> Response | None:
+    """The response with a content security policy.
 
-    viser's page connects to the address that its link names, and does what it is told from there:
-    a link of somebody else must not lead it elsewhere. Nor may a page of another site show it.
+    viser's page connects to the address in its link and obeys the server there. The policy
+    restricts these addresses, so that a forged link cannot connect it to another server, and
+    prevents other sites from embedding the page.
     """
     if response is not None:
         host = cast(str, request.headers["Host"])
-        sites = " ".join(map(str, gate.allowed))
+        sites = " ".join(map(str, origin_check.allowed))
         sockets = f"ws://{host} wss://{host} {sites.replace('http', 'ws')}"
         response.headers["Content-Security-Policy"] = (
             f"connect-src 'self' data: blob: {sites} {sockets}; frame-ancestors 'self' {sites}"
@@ -203,19 +215,19 @@ def _with_policy(response: Response | None, request: Request, gate: Gate) -> Res
 
 
 def _quiet_logger() -> logging.Logger:
-    """The WebSocket server's, whose tracebacks become lines."""
+    """Logger of the WebSocket server that prints lines instead of tracebacks."""
 
     class Lines(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
             error = record.exc_info[1] if record.exc_info else None
             if record.levelno >= logging.ERROR and record.msg != "opening handshake failed":
-                _say_unexpected(None, {"message": record.getMessage(), "exception": error})
+                _log_unexpected(None, {"message": record.getMessage(), "exception": error})
 
     logger = logging.Logger("t2twin.studio", logging.WARNING)
     logger.addHandler(Lines())
     return logger
 
 
-def _say_unexpected(loop: Any, context: dict[str, Any]) -> None:
-    """An error that nothing else has taken."""
-    log(f"the studio goes on after an error: {context['message']} ({context.get('exception')!r})")
+def _log_unexpected(loop: Any, context: dict[str, Any]) -> None:
+    """Logs an unhandled exception."""
+    log(f"the studio continues after an error: {context['message']} ({context.get('exception')!r})")

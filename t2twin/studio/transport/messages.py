@@ -1,7 +1,7 @@
-"""The messages that a page may send, checked before viser reads them.
+"""Schemas of the messages that a page may send, checked before viser reads them.
 
-viser's own reading trusts its page: it sets any attribute of a control to any value, and an error
-ends in a traceback. What is not in the form below is refused here in one sentence.
+viser trusts its page: it sets any attribute of a control to any value, and an error causes a
+traceback. Messages that do not match a schema are refused.
 """
 
 import math
@@ -15,16 +15,16 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.records import convert
 
 MAX_PX = 100_000
-"""Largest side of a page's view, pixels (assumed)."""
+"""Maximum width and height of a page, pixels (assumed)."""
 
 MAX_PARTS = 512
-"""Most parts of an upload: viser's page sends 512 KiB in each, so 64 MB take 123."""
+"""Maximum number of parts of an upload: a page sends 512 KiB in each, so 64 MB require 123."""
 
 TOLERANCE = 1e-6
-"""How far a slider's value may lie off its range, in parts of it: a page rounds."""
+"""Tolerance of a slider's range, relative to its width, because a page rounds values."""
 
 Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
-"""Finite, as comparisons with NaN fail. Bounds assumed: a scene is 100 mm wide."""
+"""A finite number: comparisons with NaN fail. Bounds assumed: a scene is 100 mm wide."""
 
 Pixels = Annotated[int, Meta(ge=1, le=MAX_PX)]
 Name = Annotated[str, Meta(max_length=200)]
@@ -37,7 +37,7 @@ class _Message(msgspec.Struct, forbid_unknown_fields=True):
 
 
 class ViewerCameraMessage(_Message):
-    """Where the page's camera stands."""
+    """Pose of the page's camera."""
 
     wxyz: tuple[Number, Number, Number, Number]
     position: Vector
@@ -51,14 +51,14 @@ class ViewerCameraMessage(_Message):
 
 
 class GuiUpdateMessage(_Message):
-    """A control's new value; `check_update` checks it."""
+    """New value of a control, checked by `check_update`."""
 
     uuid: Name
     updates: dict[Name, Any]
 
 
 class SceneNodeDragMessage(_Message):
-    """A step of a drag of the shape."""
+    """One step of a drag of the shape."""
 
     phase: Literal["start", "update", "end"]
     name: Name
@@ -73,7 +73,7 @@ class SceneNodeDragMessage(_Message):
 
 
 class FileTransferStartUpload(_Message):
-    """A file is about to come."""
+    """Start of an upload."""
 
     source_component_uuid: Name
     transfer_uuid: Name
@@ -84,7 +84,7 @@ class FileTransferStartUpload(_Message):
 
 
 class FileTransferPart(_Message):
-    """A part of it."""
+    """Part of an upload."""
 
     source_component_uuid: Name
     transfer_uuid: Name
@@ -93,14 +93,14 @@ class FileTransferPart(_Message):
 
 
 class LocalStorageGetItemResponseMessage(_Message):
-    """What the browser keeps under a name."""
+    """A value in the browser's local storage."""
 
     value: Content | None
     error: Content | None
     request_uuid: Name
 
 
-KINDS: dict[str, type[_Message]] = {
+MESSAGE_TYPES: dict[str, type[_Message]] = {
     kind.__name__: kind
     for kind in (
         ViewerCameraMessage,
@@ -111,11 +111,11 @@ KINDS: dict[str, type[_Message]] = {
         LocalStorageGetItemResponseMessage,
     )
 }
-"""What the studio's page has reason to send."""
+"""Messages that the studio's page sends, by name."""
 
 
 def read_message(raw: bytes | str) -> _Message:
-    """A message as it came. Raises T2TwinError where it is none of KINDS."""
+    """Decodes a message. Raises T2TwinError if it is not one of MESSAGE_TYPES."""
     if isinstance(raw, str):
         raise T2TwinError("it is text; expected MessagePack")
     try:
@@ -123,16 +123,17 @@ def read_message(raw: bytes | str) -> _Message:
     except (msgspec.DecodeError, ValueError, RecursionError):
         raise T2TwinError("it is not MessagePack") from None
     name = content.get("type") if isinstance(content, dict) else None
-    kind = KINDS.get(name) if isinstance(name, str) else None
+    kind = MESSAGE_TYPES.get(name) if isinstance(name, str) else None
     if kind is None:
-        raise T2TwinError(f"its type is {str(name)[:40]!r}; expected one of {', '.join(KINDS)}")
+        expected = ", ".join(MESSAGE_TYPES)
+        raise T2TwinError(f"its type is {str(name)[:40]!r}; expected one of {expected}")
     return convert(content, kind, kind.__name__)
 
 
 def check_update(gui: viser.GuiApi, message: GuiUpdateMessage) -> None:
-    """Raises T2TwinError unless the message gives a control of `gui` a value that it can have.
+    """Raises T2TwinError unless a control accepts the value of the message.
 
-    A control that is not there is none of the page's any more, and viser ignores it.
+    viser ignores messages to controls that no longer exist.
     """
     control = gui._gui_input_handle_from_uuid.get(message.uuid)
     if control is None:
@@ -149,7 +150,7 @@ def check_update(gui: viser.GuiApi, message: GuiUpdateMessage) -> None:
     elif isinstance(control, viser.GuiSliderHandle | viser.GuiNumberHandle):
         _check_number(value, control.min, control.max, isinstance(control.value, int), label)
     else:
-        raise T2TwinError(f"{label!r} takes no value")
+        raise T2TwinError(f"{label!r} accepts no value")
 
 
 def _check_number(
@@ -160,13 +161,13 @@ def _check_number(
         raise T2TwinError(f"{label!r} is {_short(value)}; expected a finite number")
     if whole and value != int(value):
         raise T2TwinError(f"{label!r} is {_short(value)}; expected a whole number")
-    off = TOLERANCE * (high - low) if math.isfinite(high - low) and not whole else 0.0
-    if not low - off <= value <= high + off:
+    tolerance = TOLERANCE * (high - low) if math.isfinite(high - low) and not whole else 0.0
+    if not low - tolerance <= value <= high + tolerance:
         raise T2TwinError(f"{label!r} is {_short(value)}; expected {low:g} to {high:g}")
 
 
 def _short(value: Any) -> str:
-    """A value as a message quotes it."""
+    """A value for quotation in an error message."""
     if isinstance(value, str | bytes | list | dict):
         value = value[:40] if isinstance(value, str | bytes) else type(value).__name__
     return repr(value)[:60]

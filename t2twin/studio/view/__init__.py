@@ -1,1 +1,1 @@
-"""What a page shows: the scene and the cards."""
+"""Output of a page: the scene, the cards and notices."""

@@ -1,7 +1,6 @@
-"""What stands beside the scene, as HTML: pictures with their errors, color bars, figures.
+"""The cards next to the scene, as HTML: images with their errors, color bars and tables.
 
-Every text is escaped here. Colors of text are the page's own, so that it can be read by day and
-by night.
+All texts are escaped here. Text has the page's own color, for the light and the dark theme.
 """
 
 from collections.abc import Sequence
@@ -14,46 +13,41 @@ from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.phi import PX_PER_MM, TACTILE_SHAPE
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.touch import Touch
-from t2twin.studio.frame_source import Named
-from t2twin.studio.session import TRANSLATING, Look
-from t2twin.studio.translators import MAKE_ONE, Translation
+from t2twin.studio.frame_source import NamedFrame
+from t2twin.studio.session import TRANSLATING, PressResult
+from t2twin.studio.translators import TRAIN_COMMAND, Translation
 from t2twin.studio.view.colors import (
     DIVERGING,
     SEQUENTIAL,
-    colored,
-    colored_address,
-    data_address,
+    color_image_url,
+    color_values,
     gradient,
+    image_url,
 )
 from t2twin.studio.view.intervals import force_html, intervals_html, taxels_html
 
 NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
-"""First figures of a color bar's upper end."""
+"""Leading digits of a color bar's upper end."""
 
 MIN_COUNTS, MIN_KPA = 100.0, 1.0
-"""Least upper ends of the colors of counts and of kPa, so that nothing is not drawn as much."""
+"""Minimum upper ends of the color scales, so that noise is not drawn in strong colors."""
 
 MODELS = {"resnet18": "ResNet18", "touch2touch": "touch2touch", "field": "field"}
-"""How the models are written."""
+"""Displayed names of the models."""
 
 WELCOME = (
-    "Press a shape into two touch sensors at once. Move a slider, or drag the shape itself: "
-    "with Shift it turns, with Ctrl it is pressed harder. Drop a file of yours anywhere to press "
-    "that."
+    "Press a shape into two touch sensors. Move a slider or drag the shape: Shift rotates it, Ctrl "
+    "changes the force. Drop a file on the page to press your own shape."
 )
-"""What a new page says first."""
 
-RUNS_COME = "The translators are being loaded."
-"""What stands in their place until then."""
+LOADING = "The translators are being loaded."
 
-UNFAMILIAR = "This picture is unlike all that it was trained on: its counts mean little."
-"""What is said of a translation that cannot be trusted."""
+OUT_OF_DISTRIBUTION = "This image is unlike the training images; its counts are unreliable."
 
-COMPARED = "Compared with the background frame."
-"""Shown with a translation that used one."""
+BACKGROUND_USED = "Uses the background frame."
 
-PRETRAINED = "the pretrained run"
-"""Shown in place of its name."""
+PRETRAINED = "pretrained run"
+"""Displayed instead of the run's name."""
 
 STYLE = """<style>
 .t2 { font-size: 0.8rem; line-height: 1.4; padding: 0.5rem 1.1rem 0.3rem 0.7rem; }
@@ -77,7 +71,7 @@ STYLE = """<style>
 .t2 > figure { margin: 0.4rem 0 0.9rem; }
 .t2 p { margin: 0.3rem 0; }
 .t2 code { font-size: 0.75rem; overflow-wrap: anywhere; }
-.t2-drop::after { content: "Drop it to press it"; position: fixed; inset: 0.6rem; z-index: 9999;
+.t2-drop::after { content: "Drop the file here"; position: fixed; inset: 0.6rem; z-index: 9999;
   display: grid; place-items: center; border: 3px dashed currentColor; border-radius: 8px;
   background: rgba(128, 128, 128, 0.35); font: 600 1.4rem sans-serif; pointer-events: none; }
 @media (max-width: 36em) {
@@ -85,14 +79,13 @@ STYLE = """<style>
   .mantine-Paper-root:has(.t2) .mantine-ScrollArea-content > div { width: 100% !important; }
 }
 </style>"""
-"""How the cards look, for the page's head; on a phone viser's sheet of controls is made as wide as
-the screen."""
+"""Style of the cards. On a phone, viser's panel of controls is widened to the screen."""
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Upper ends of the colors: of the gel's and the cover's pressure, kPa, of counts, and of
-    differences of counts, which go as far below zero."""
+    """Upper ends of the color scales: pressure on the gel and on the cover, kPa, counts, and
+    differences of counts, whose scale is symmetric."""
 
     digit_kpa: float
     cyskin_kpa: float
@@ -100,123 +93,122 @@ class Scales:
     difference: float
 
 
-def scales_of(look: Look) -> Scales:
-    """The least nice ends that hold all of a look."""
-    counts = [look.touch.counts.max(), *(each.counts.max() for each in look.translations)]
-    off = [np.abs(each.counts - each.truth).max() for each in look.translations
-           if each.truth is not None]  # fmt: skip
+def scales_of(result: PressResult) -> Scales:
+    """The smallest rounded upper ends that include all values of a result."""
+    counts = [result.touch.counts.max(), *(each.counts.max() for each in result.translations)]
+    residuals = [np.abs(each.counts - each.truth).max() for each in result.translations
+                 if each.truth is not None]  # fmt: skip
     return Scales(
-        nice_end(look.touch.digit.pressure_kpa.max(), MIN_KPA),
-        nice_end(look.touch.cyskin.pressure_kpa.max(), MIN_KPA),
+        nice_end(result.touch.digit.pressure_kpa.max(), MIN_KPA),
+        nice_end(result.touch.cyskin.pressure_kpa.max(), MIN_KPA),
         nice_end(max(counts), MIN_COUNTS),
-        nice_end(max(off, default=0.0), MIN_COUNTS),
+        nice_end(max(residuals, default=0.0), MIN_COUNTS),
     )
 
 
-def nice_end(largest: float, least: float) -> float:
-    """The least number with a first figure of NICE that is no less than either."""
-    most = max(float(largest), least)
-    ten = 10.0 ** np.floor(np.log10(most))
-    return float(next(n * ten for n in NICE if n * ten >= most * (1 - 1e-9)))
+def nice_end(maximum: float, minimum_end: float) -> float:
+    """The smallest number with leading digits of NICE that is not below either argument."""
+    end = max(float(maximum), minimum_end)
+    decade = 10.0 ** np.floor(np.log10(end))
+    return float(next(n * decade for n in NICE if n * decade >= end * (1 - 1e-9)))
 
 
 def welcome_html() -> str:
-    """What a new page says first, with the style of all cards."""
+    """The introduction of a page, with the style of all cards."""
     return STYLE + _page([f"<p>{escape(WELCOME)}</p>"])
 
 
-def pictures_html(look: Look, scales: Scales, runs_known: bool, runs_come: bool = False) -> str:
-    """All that is said of a look. runs_known: whether there is any run to translate by. runs_come:
-    whether some are still being looked for or loaded."""
-    touch = look.touch
-    seen = _figure("DIGIT", "what its camera saw, from below", data_address(touch.image), "digit")
-    if look.tactile_image is None:
-        felt = f"<figure><b>CySkin</b>{_paragraph(look.no_image)}</figure>"
+def press_html(result: PressResult, scales: Scales, has_runs: bool, loading: bool = False) -> str:
+    """All cards of a press. has_runs: whether there are runs. loading: whether runs are being
+    searched or loaded."""
+    touch = result.touch
+    digit = _figure("DIGIT", "camera image, from below", image_url(touch.image), "digit")
+    if result.tactile_image is None:
+        cyskin = f"<figure><b>CySkin</b>{_paragraph(result.no_image)}</figure>"
     else:
-        address = colored_address(look.tactile_image, scales.counts)
-        felt = _figure("CySkin", f"what {touch.layout.size} taxels felt", address, "cyskin")
-    parts = [_row(seen, felt, _bars(scales))]
-    if look.translations:
-        parts.append("<h4>The CySkin, translated from the DIGIT's picture alone</h4>")
+        url = color_image_url(result.tactile_image, scales.counts)
+        cyskin = _figure("CySkin", f"tactile image, {touch.layout.size} taxels", url, "cyskin")
+    parts = [_row(digit, cyskin, _bars(scales))]
+    if result.translations:
+        parts.append("<h4>CySkin predicted from the DIGIT image</h4>")
         force_n = touch.command.force_n
-        parts += [_translation_row(each, scales, force_n) for each in look.translations]
-    elif runs_come:
-        parts.append(f"<h4>TranslationResult</h4>{_paragraph(RUNS_COME)}")
-    elif not runs_known:
-        parts.append(_none_yet())
+        parts += [_translation_row(each, scales, force_n) for each in result.translations]
+    elif loading:
+        parts.append(f"<h4>Translation</h4>{_paragraph(LOADING)}")
+    elif not has_runs:
+        parts.append(_no_runs())
     notes = "".join(_paragraph(note) for note in _notes(touch))
-    parts += [_contacts(touch.digit, touch.cyskin), notes, _steps(look), _counts(look)]
-    return _page([*parts, *map(_taxels, look.translations)])
+    parts += [_contacts(touch.digit, touch.cyskin), notes, _steps(result), _counts(result)]
+    return _page([*parts, *map(_taxels, result.translations)])
 
 
-def again_html(line: str, link: str | None) -> str:
-    """How a press is made again: by a command line, and by a link, None where it can have none."""
-    address = _paragraph("None, as a link holds no files.") if link is None else _code(link)
-    return _page([
-        "<h4>The line that makes it again</h4>", _code(line),
-        "<h4>A link to this very press</h4>", address,
-    ])  # fmt: skip
+def reproduce_html(line: str, link: str | None) -> str:
+    """Command line of a press and link to it; None for a press with a user's file."""
+    shown = _paragraph("Not available: a link contains no files.") if link is None else _code(link)
+    return _page(["<h4>Command line</h4>", _code(line), "<h4>Link to this press</h4>", shown])
 
 
-def frame_html(named: Named, background: Named | None, translations: Sequence[Translation]) -> str:
-    """A frame of the user's, whose truth is not known, with the prediction of each run.
+def frame_html(
+    frame: NamedFrame, background: NamedFrame | None, translations: Sequence[Translation]
+) -> str:
+    """A frame without known true counts, with the prediction of each run.
 
-    background: the frame that field runs compare it with.
+    background: background frame of the field runs.
     """
-    most = nice_end(max((t.counts.max() for t in translations), default=0.0), MIN_COUNTS)
-    cells = [_figure("Frame", named[1], data_address(named[0]), "frame")]
+    high = nice_end(max((t.counts.max() for t in translations), default=0.0), MIN_COUNTS)
+    cells = [_figure("Frame", frame[1], image_url(frame[0]), "frame")]
     if background is not None:
         image, name = background
-        cells.append(_figure("Background", name, data_address(image), "background"))
+        cells.append(_figure("Background", name, image_url(image), "background"))
     if not translations:
-        return _page([_row(*cells), _none_yet()])
-    bar = _bar("tactile images", SEQUENTIAL, "0", f"{most:,.0f} counts")
+        return _page([_row(*cells), _no_runs()])
+    bar = _bar("tactile images", SEQUENTIAL, "0", f"{high:,.0f} counts")
     parts = [_row(*cells, f"<div>{bar}</div>")]
     for each in translations:
-        address = colored_address(each.tactile_image, most)
-        figure = _figure(_model(each), _caption(each), address, "translated")
-        words = "" if each.familiar else _paragraph(UNFAMILIAR)
-        words += _paragraph(COMPARED) if each.compared else ""
-        words += _paragraph(f"{each.milliseconds:.0f} ms")
+        url = color_image_url(each.tactile_image, high)
+        figure = _figure(_model(each), _caption(each), url, "translated")
+        notes = "" if each.in_distribution else _paragraph(OUT_OF_DISTRIBUTION)
+        notes += _paragraph(BACKGROUND_USED) if each.background_used else ""
+        notes += _paragraph(f"{each.milliseconds:.0f} ms")
         listed = f"<p><b>counts</b><code>{_listed(each.counts)}</code></p>"
-        parts.append(_row(figure, f'<div class="wide">{words}{listed}</div>'))
+        parts.append(_row(figure, f'<div class="wide">{notes}{listed}</div>'))
         parts += [force_html(each, None), intervals_html(each), taxels_html(each)]
     return _page(parts)
 
 
 def _translation_row(translation: Translation, scales: Scales, force_n: float) -> str:
-    """A run's tactile image, its difference from what the CySkin felt, its error in words, and its
-    intervals where it has some. force_n: the true one."""
+    """Predicted tactile image of a run, differences from the true counts, error and intervals.
+
+    force_n: true force.
+    """
     assert translation.truth is not None
-    drawn = colored_address(translation.tactile_image, scales.counts)
-    left = _figure(_model(translation), _caption(translation), drawn, "translated")
+    url = color_image_url(translation.tactile_image, scales.counts)
+    left = _figure(_model(translation), _caption(translation), url, "translated")
     discs = _discs(translation, scales.difference)
-    right = (
-        f'<figure><b>Difference</b>{discs}<span class="soft">translated less felt</span></figure>'
-    )
+    right = f'<figure><b>Difference</b>{discs}<span class="soft">predicted − true</span></figure>'
     bar = _bar("counts", DIVERGING, f"-{scales.difference:,.0f}", f"+{scales.difference:,.0f}")
-    words = (
-        f"<p><b>{translation.rmse_counts:,.0f} counts off</b>"
-        f'<span class="soft">root mean square, {translation.rmse_percent:.2f}&nbsp;% of full scale '
+    notes = (
+        f"<p><b>RMSE {translation.rmse_counts:,.0f} counts</b>"
+        f'<span class="soft">{translation.rmse_percent:.2f}&nbsp;% of full scale '
         f"({FULL_SCALE_COUNTS:,.0f})</span></p>"
     )
-    words += "" if translation.familiar else _paragraph(UNFAMILIAR)
-    words += _paragraph(f"{translation.milliseconds:.0f} ms")
-    figures = _row(left, right, f"<div>{bar}{words}</div>")
+    notes += "" if translation.in_distribution else _paragraph(OUT_OF_DISTRIBUTION)
+    notes += _paragraph(f"{translation.milliseconds:.0f} ms")
+    figures = _row(left, right, f"<div>{bar}{notes}</div>")
     return figures + force_html(translation, force_n) + intervals_html(translation)
 
 
 def _taxels(translation: Translation) -> str:
-    """A run's counts with their intervals, in figures."""
+    """Table of a run's counts with their intervals."""
     table = taxels_html(translation)
-    return table and f"<h4>{escape(translation.name)}, taxel by taxel</h4>{table}"
+    return table and f"<h4>{escape(translation.name)}, counts by taxel</h4>{table}"
 
 
-def _discs(translation: Translation, most: float) -> str:
-    """Each taxel's difference as a disc at its place, drawn as large as a tactile image."""
+def _discs(translation: Translation, high: float) -> str:
+    """Differences of the taxels as discs at their positions, in the size of a tactile image."""
     assert translation.truth is not None
     rows, columns = TACTILE_SHAPE
-    colors = colored(translation.counts - translation.truth, most, DIVERGING)
+    colors = color_values(translation.counts - translation.truth, high, DIVERGING)
     layout = translation.layout
     discs = "".join(
         f'<circle cx="{columns / 2 + PX_PER_MM * layout.x_mm[n]:.1f}"'
@@ -225,7 +217,7 @@ def _discs(translation: Translation, most: float) -> str:
         f' fill="rgb({red},{green},{blue})"/>'
         for n, (red, green, blue) in enumerate(colors.tolist())
     )
-    middle = ",".join(map(str, colored(np.zeros(1), most, DIVERGING)[0].tolist()))
+    middle = ",".join(map(str, color_values(np.zeros(1), high, DIVERGING)[0].tolist()))
     return (
         f'<svg viewBox="0 0 {columns} {rows}" role="img" aria-label="Difference">'
         f'<rect width="{columns}" height="{rows}" fill="rgb({middle})"/>{discs}</svg>'
@@ -251,43 +243,44 @@ def _bar(name: str, colors: str, low: str, high: str) -> str:
 
 def _contacts(digit: Contact, cyskin: Contact) -> str:
     rows = (
-        ("force carried, N", "{:.2f}", "force_n"),
+        ("contact force, N", "{:.2f}", "force_n"),
         ("depth, mm", "{:.3f}", "depth_mm"),
         ("contact area, mm²", "{:.1f}", "contact_area_mm2"),
-        ("greatest pressure, kPa", "{:.0f}", "pressure_kpa"),
+        ("maximum pressure, kPa", "{:.0f}", "pressure_kpa"),
     )
     body = ""
-    for name, how, of in rows:
-        values = (np.max(getattr(contact, of)) for contact in (digit, cyskin))
-        cells = "".join(f"<td>{how.format(value)}</td>" for value in values)
+    for name, template, field in rows:
+        values = (np.max(getattr(contact, field)) for contact in (digit, cyskin))
+        cells = "".join(f"<td>{template.format(value)}</td>" for value in values)
         body += f"<tr><th>{escape(name)}</th>{cells}</tr>"
     head = "<thead><tr><th></th><th>DIGIT</th><th>CySkin</th></tr></thead>"
-    return f"<h4>The contact</h4><table>{head}<tbody>{body}</tbody></table>"
+    return f"<h4>Contact</h4><table>{head}<tbody>{body}</tbody></table>"
 
 
 def _notes(touch: Touch) -> list[str]:
-    """What there is to know of a press, in sentences: what was mended, what did not go well."""
+    """Notes on a press: repairs of the mesh, and failures of the contact solver."""
     notes = list(touch.shape.notes)
     for name, contact in (("DIGIT", touch.digit), ("CySkin", touch.cyskin)):
         if not contact.settled:
-            notes.append(f"On the {name} it did not settle.")
+            notes.append(f"The press on the {name} did not converge.")
         if contact.bottomed:
             notes.append(
-                f"On the {name} it bottomed out: the base plate (the lowest flat face) touched."
+                f"The press on the {name} bottomed out: its base plate (the lowest flat face) is "
+                "in contact."
             )
     return notes
 
 
-def _steps(look: Look) -> str:
-    steps = [(name, ms) for name, ms in look.steps_ms.items() if ms or name != TRANSLATING]
+def _steps(result: PressResult) -> str:
+    steps = [(name, ms) for name, ms in result.steps_ms.items() if ms or name != TRANSLATING]
     rows = "".join(f"<tr><th>{escape(name)}</th><td>{ms:.1f}</td></tr>" for name, ms in steps)
-    rows += f"<tr><th>all</th><td>{look.milliseconds:.1f}</td></tr>"
-    return f"<h4>Milliseconds</h4><table><tbody>{rows}</tbody></table>"
+    rows += f"<tr><th>total</th><td>{result.milliseconds:.1f}</td></tr>"
+    return f"<h4>Time, ms</h4><table><tbody>{rows}</tbody></table>"
 
 
-def _counts(look: Look) -> str:
-    listed = _listed(look.touch.counts)
-    return f'<h4>Counts, taxel by taxel</h4><p><code class="counts">{listed}</code></p>'
+def _counts(result: PressResult) -> str:
+    listed = _listed(result.touch.counts)
+    return f'<h4>True counts by taxel</h4><p><code class="counts">{listed}</code></p>'
 
 
 def _listed(counts: np.ndarray) -> str:
@@ -299,7 +292,7 @@ def _model(translation: Translation) -> str:
 
 
 def _caption(translation: Translation) -> str:
-    """A run's name; a pretrained run has that of its model, which is said already."""
+    """Caption of a run: its name, or PRETRAINED, whose name is that of the model."""
     return PRETRAINED if translation.name == translation.model else translation.name
 
 
@@ -307,18 +300,18 @@ def _row(*cells: str) -> str:
     return f'<div class="row">{"".join(cells)}</div>'
 
 
-def _none_yet() -> str:
+def _no_runs() -> str:
     return (
-        "<h4>TranslationResult</h4>"
-        + _paragraph("There is no trained translator here yet. This makes both, in minutes:")
-        + _code(MAKE_ONE)
+        "<h4>Translation</h4>"
+        + _paragraph("There is no trained run. This command trains two in minutes:")
+        + _code(TRAIN_COMMAND)
     )
 
 
-def _figure(title: str, note: str, address: str, name: str) -> str:
+def _figure(title: str, note: str, url: str, name: str) -> str:
     return (
         f"<figure><b>{escape(title)}</b>"
-        f'<img decoding="sync" alt="{escape(title)}" data-name="{name}" src="{address}">'
+        f'<img decoding="sync" alt="{escape(title)}" data-name="{name}" src="{url}">'
         f'<span class="soft">{escape(note)}</span></figure>'
     )
 

@@ -1,27 +1,22 @@
-"""The uncertainty of a translation as HTML: the counts' intervals as a chart and as a table, and
-the force with its interval.
-
-Shape letter: N taxels.
-"""
+"""Uncertainty of a translation as HTML: chart and table of the intervals of the counts, and the
+force with its interval."""
 
 import numpy as np
 
 from t2twin.studio.translators import LEVEL, Translation
 
 WIDTH, HEIGHT, LEFT = 400.0, 130.0, 44.0
-"""Size of the chart, and of the margin for its labels, px of its own."""
+"""Size of the chart and width of the margin for its labels, in units of the SVG."""
 
 TRUE_COLOR, PREDICTED_COLOR = "#d9480f", "#2f80d0"
-"""Orange and blue, which differ on a light and on a dark page, and for the color-blind."""
+"""Orange and blue: distinct in both themes and for color-blind readers."""
 
 PERCENT = f"{100 * LEVEL:.0f}&nbsp;%"
+"""Nominal coverage of the intervals, as HTML."""
 
 
 def force_html(translation: Translation, true_n: float | None) -> str:
-    """The predicted force as a table of one row; empty of a run that predicts none.
-
-    true_n: the force that was pressed with, None where it is not known.
-    """
+    """Table of the predicted force; empty for a run without one. true_n: None if unknown."""
     force = translation.force
     if force is None:
         return ""
@@ -33,7 +28,7 @@ def force_html(translation: Translation, true_n: float | None) -> str:
 
 
 def intervals_html(translation: Translation) -> str:
-    """A chart of the counts' intervals; empty of a run that has none."""
+    """Chart of the intervals of the counts; empty for a run without intervals."""
     if translation.interval is None:
         return ""
     end = _end(translation)
@@ -42,59 +37,59 @@ def intervals_html(translation: Translation) -> str:
     for n in range(translation.counts.size):
         parts.append(_taxel(translation, n, float(low[n]), float(high[n]), end))
     covered = translation.covered
-    words = (
-        f"Counts of each taxel, 0 to {translation.counts.size - 1}: "
-        f'<span style="color:{PREDICTED_COLOR}">predicted</span> with its {PERCENT} interval'
+    caption = (
+        f"Counts of taxels 0 to {translation.counts.size - 1}: "
+        f'<span style="color:{PREDICTED_COLOR}">predicted</span> with {PERCENT} interval'
     )
     if covered is not None:
-        words += (
-            f', <span style="color:{TRUE_COLOR}">counted</span>. '
-            f"{covered} of {translation.counts.size} taxels lie within theirs"
+        caption += (
+            f', <span style="color:{TRUE_COLOR}">true</span>. '
+            f"The intervals cover {covered} of {translation.counts.size} taxels"
         )
     return (
         f'<figure data-name="intervals"><svg viewBox="0 0 {WIDTH:g} {HEIGHT:g}" role="img" '
-        f'aria-label="Intervals">{"".join(parts)}</svg><figcaption>{words}.</figcaption></figure>'
+        f'aria-label="Intervals">{"".join(parts)}</svg><figcaption>{caption}.</figcaption></figure>'
     )
 
 
 def taxels_html(translation: Translation) -> str:
-    """The same in figures, a row for each taxel; empty of a run that has no intervals."""
+    """Table of the intervals, one row per taxel; empty for a run without intervals."""
     if translation.interval is None:
         return ""
     low, high = (np.rint(end).astype(int) for end in translation.interval)
     heads, rows = ["predicted", f"{PERCENT} interval"], []
     truth = None if translation.truth is None else np.rint(translation.truth).astype(int)
     for n, count in enumerate(np.rint(translation.counts).astype(int)):
-        cells, is_off = [f"{count:,}", f"{low[n]:,} to {high[n]:,}"], False
+        cells, outside = [f"{count:,}", f"{low[n]:,} to {high[n]:,}"], False
         if truth is not None:
             cells.append(f"{truth[n]:,}")
-            is_off = not low[n] <= truth[n] <= high[n]
-        rows.append((f"taxel {n}", cells, is_off))
+            outside = not low[n] <= truth[n] <= high[n]
+        rows.append((f"taxel {n}", cells, outside))
     if truth is not None:
-        heads.append("counted")
+        heads.append("true")
     return _table(heads, rows, 'data-name="taxels"')
 
 
 def _table(heads: list[str], rows: list[tuple[str, list[str], bool]], attribute: str) -> str:
-    """heads: HTML. rows: names, cells, and whether they are set off."""
+    """heads: HTML. rows: name, cells, and whether the row is highlighted."""
     head = "".join(f"<th>{each}</th>" for each in heads)
     body = ""
-    for name, cells, is_off in rows:
+    for name, cells, highlighted in rows:
         values = "".join(f"<td>{cell}</td>" for cell in cells)
-        body += f"<tr{' class=off' if is_off else ''}><th>{name}</th>{values}</tr>"
+        body += f"<tr{' class=off' if highlighted else ''}><th>{name}</th>{values}</tr>"
     return (
         f"<table {attribute}><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table>"
     )
 
 
 def _end(translation: Translation) -> float:
-    """Upper end of the chart, counts: the least of two figures that holds all."""
+    """Upper end of the chart, counts: the maximum, rounded up to two digits."""
     assert translation.interval is not None
-    most = max(float(translation.interval[1].max()), 1.0)
+    high = max(float(translation.interval[1].max()), 1.0)
     if translation.truth is not None:
-        most = max(most, float(translation.truth.max()))
-    step = 10.0 ** (np.floor(np.log10(most)) - 1)
-    return float(np.ceil(most / step) * step)
+        high = max(high, float(translation.truth.max()))
+    step = 10.0 ** (np.floor(np.log10(high)) - 1)
+    return float(np.ceil(high / step) * step)
 
 
 def _y(counts: float, end: float) -> float:
@@ -114,11 +109,11 @@ def _grid(end: float) -> str:
 
 
 def _taxel(translation: Translation, n: int, low: float, high: float, end: float) -> str:
-    """One taxel: its interval as a bar, the prediction as a disc, what was counted as a line."""
+    """One taxel: interval as a bar, prediction as a disc, true count as a line."""
     pitch = (WIDTH - LEFT) / translation.counts.size
     x, half = LEFT + (n + 0.5) * pitch, min(0.3 * pitch, 6.0)
     top, bottom = _y(high, end), _y(low, end)
-    # A narrow interval is still to be seen.
+    # Intervals have a minimum height, so that narrow ones are visible.
     drawn = (
         f'<rect x="{x - half:.1f}" width="{2 * half:.1f}" y="{top - 0.5:.1f}" '
         f'height="{bottom - top + 1:.1f}" fill="{PREDICTED_COLOR}" opacity="0.35"/>'

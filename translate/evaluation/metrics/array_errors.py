@@ -1,7 +1,7 @@
-"""How far predicted arrays are from the true ones, and their tactile images with them.
+"""Errors of predicted counts and of their tactile images.
 
-RMSE is the root of the mean squared error of the counts, over pairs and taxels. Its square, in
-parts of full scale, is the loss that Grella et al. 2023 call L3.
+RMSE is the root of the mean squared error of the counts, over pairs and taxels. Its square, as a
+fraction of full scale, is the loss that Grella et al. 2023 call L3.
 
 Shape letters: P pairs, N taxels, K groups of pairs.
 """
@@ -20,29 +20,29 @@ from t2twin.translate.evaluation.metrics.ssim import image_scores
 from t2twin.translate.evaluation.records import Figures
 
 CONTACT_LEVEL = 0.1
-"""A pixel is in contact above this part of its own image's maximum (assumed)."""
+"""Fraction of its image's maximum above which a pixel is in contact (assumed)."""
 
 BATCH_SIZE = 64
-"""Pairs whose tactile images are made together; bounds the memory to 50 MB."""
+"""Pairs whose tactile images are computed together; bounds memory to 50 MB."""
 
 
 @dataclass(frozen=True)
 class Sum:
-    """Of one quantity over groups of pairs: its total, and how many pairs have it; (K,) each."""
+    """Sum of a quantity over groups of pairs, and number of pairs that have it; (K,) each."""
 
     total: np.ndarray
     pairs: np.ndarray
 
     @property
     def mean(self) -> np.ndarray:
-        """NaN where no pair has it."""
+        """Mean; NaN if no pair has the quantity."""
         nothing = np.full(self.total.shape, np.nan)
         return np.divide(self.total, self.pairs, out=nothing, where=self.pairs > 0)
 
 
 @dataclass(frozen=True)
 class GroupedFigures:
-    """The figures of records.Figures, of K groups of pairs: (K,) each, NaN where there is none."""
+    """The figures of records.Figures for K groups of pairs: (K,) each, NaN for none."""
 
     rmse_counts: np.ndarray
     rmse_percent: np.ndarray
@@ -60,12 +60,11 @@ class GroupedFigures:
 class PairFigures:
     """Figures of each pair, (P,) each.
 
-    squared_error: mean over the taxels, counts^2; squared_error_of: the same over a group of the
-    taxels, by the names in field_of_view.GROUPS, NaN where it has none. ssim: of phi(predicted)
-    against phi(true), over the image. ssim_contact: over the true contact. contact_iou:
-    intersection over union of the two contacts. centroid_error_mm: between the two images'
-    centroids. total_error: difference of the summed counts, absolute. total: the true sum. What
-    needs a contact is NaN where there is none.
+    squared_error: mean over the taxels, counts^2; squared_error_of: the same over groups of taxels,
+    by the names in floors.GROUPS, NaN for empty groups. ssim: of phi(predicted) and phi(true), over
+    the image. ssim_contact: over the true contact. contact_iou: intersection over union of the two
+    contacts. centroid_error_mm: between the images' centroids. total_error: absolute difference of
+    the summed counts. total: the true sum. Figures of the contact are NaN without contact.
     """
 
     squared_error: np.ndarray
@@ -78,12 +77,12 @@ class PairFigures:
     squared_error_of: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def summary(self, full_scale: float, which: np.ndarray | None = None) -> Figures:
-        """Over the pairs `which` ((P,) bool), by default all. full_scale: counts."""
+        """Figures over the pairs `which`, (P,) bool, by default all. full_scale: counts."""
         chosen = np.ones(self.total.size, bool) if which is None else which
         return self._summaries(full_scale, chosen.astype(int), 2)[1]
 
     def by_name(self, full_scale: float, names: np.ndarray) -> dict[str, Figures]:
-        """Over the pairs of each name. full_scale: counts. names: (P,), as of shapes."""
+        """Figures over the pairs of each name. full_scale: counts. names: (P,), as of shapes."""
         unique, place = np.unique(names, return_inverse=True)
         figures = self._summaries(full_scale, place, unique.size)
         return dict(zip(map(str, unique), figures, strict=True))
@@ -100,7 +99,7 @@ class PairFigures:
         return summaries
 
     def sums(self, place: np.ndarray, groups: int) -> dict[str, Sum]:
-        """What the figures of any union of groups follow from: sums by group, (K,) by attribute.
+        """Sums by group, (K,) each, by attribute; figures of any union of groups follow from them.
 
         place: (P,) the group of each pair, 0 to groups - 1.
         """
@@ -127,7 +126,7 @@ class PairFigures:
 
 
 def figures_of(sums: Mapping[str, Sum], full_scale: float) -> GroupedFigures:
-    """The figures that follow from PairFigures.sums. full_scale: counts."""
+    """Figures from PairFigures.sums. full_scale: counts."""
     rmse = np.sqrt(sums["squared_error"].mean)
     error, total = sums["total_error"].total, sums["total"].total
     nothing = np.full(total.shape, np.nan)
@@ -156,8 +155,8 @@ def compare(
 ) -> PairFigures:
     """Figures of each pair. predicted, true: (P, N), counts; full_scale: SSIM's data range.
 
-    progress: a name to show a bar under, or None. taxel_groups: (N,) bool by the names in
-    field_of_view.GROUPS, the groups of taxels whose errors are kept apart.
+    progress: title of a progress bar, or None. taxel_groups: (N,) bool by the names in
+    floors.GROUPS, for errors by group.
     """
     predicted, true = predicted.astype(float), true.astype(float)
     squares = np.square(predicted - true)
@@ -184,7 +183,7 @@ def _squared_error(group: str) -> str:
 def _scores_of_images(
     predicted: np.ndarray, true: np.ndarray, phi: Phi, full_scale: float, progress: str | None
 ) -> np.ndarray:
-    """ImageScores of every pair's tactile images, (P, 3)."""
+    """ImageScores of the tactile images of all pairs, (P, 3)."""
     scores = np.empty((len(true), 3))
     with (
         ThreadPoolExecutor(cores()) as pool,
@@ -204,9 +203,9 @@ def _scores_of_images(
 
 
 def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.ndarray:
-    """(P,) distance, mm; an empty prediction counts as the middle of the image.
+    """(P,) distance, mm; the centroid of an empty prediction is the center of the image.
 
-    phi is linear, so the images' moments are products of the counts with phi's own.
+    phi is linear, so the moments of the images are products of the counts with those of phi.
     """
     columns_mm, rows_mm = phi.centers_mm
     x_mm, y_mm = np.meshgrid(columns_mm, rows_mm)

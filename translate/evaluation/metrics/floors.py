@@ -1,12 +1,10 @@
-"""Which taxels the DIGIT's picture can know of: under its view, within a pitch of it, beyond.
+"""Error floors, and the taxels that the DIGIT's image shows.
 
-What another layout's tactile images cannot say of a layout's taxels.
+Taxels are divided by their position: under the DIGIT's view, within one pitch of it, and beyond.
+The noise floor is the difference of two readings of one press. The layout floor is the error of a
+layout's counts after interpolation from the taxels of another layout.
 
-Shape letters: N taxels of the new layout, M taxels of the trained one.
-
-What cannot be known because the CySkin is noisy: the same press read twice.
-
-Shape letters: P pairs, N taxels.
+Shape letters: P pairs, N taxels of a layout, M taxels of the layout of training.
 """
 
 from dataclasses import dataclass
@@ -21,19 +19,29 @@ from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera
 from t2twin.translate.data.pairs import DataInfo
 
+NOISE_FLOOR, LAYOUT_FLOOR = "noise-floor", "layout-floor"
+"""Names of their rows."""
+
 GROUPS = ("under", "near", "beyond")
-"""Under the view; outside, within one pitch of it; farther."""
+"""Groups of taxels: under the view; outside, within one pitch; farther."""
 
 SLACK = 1e-6
-"""Parts of a pitch that positions may be rounded by."""
+"""Tolerance of positions for rounding, fraction of a pitch."""
+
+OUTSIDE_PARTS = 0.01
+"""Largest distance of a taxel outside its triangle of trained taxels, in barycentric coordinates
+(assumed: layouts.OUTSIDE_MM for a triangle 1 mm high)."""
+
+SEED = 1
+"""Seed of the second readings; the noise of datasets has other seeds."""
 
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """The DIGIT's view on a taxel layout.
+    """The DIGIT's field of view relative to a taxel layout.
 
-    half_width_mm, half_height_mm: of the rectangle that the picture shows. pitch_mm: the layout's,
-    the median distance to a taxel's nearest neighbor. groups: by the names in GROUPS, (N,) bool.
+    half_width_mm, half_height_mm: of the rectangle that the image shows. pitch_mm: median distance
+    of a taxel to its nearest neighbor. groups: (N,) bool by the names in GROUPS.
     """
 
     half_width_mm: float
@@ -43,60 +51,43 @@ class FieldOfView:
 
 
 def view_on(x_mm: np.ndarray, y_mm: np.ndarray, camera: Camera = DIGIT_CAMERA) -> FieldOfView:
-    """Sorts the taxels of a layout by their distance from the picture's rectangle.
+    """Groups the taxels of a layout by their distance from the rectangle of the image.
 
-    x_mm, y_mm: (N,), N > 1, mm, sensor frame. camera: the twin's own unless given.
+    x_mm, y_mm: (N,), N > 1, mm, sensor frame. camera: by default the twin's.
     """
     half_width, half_height = camera.seen_half_extent_mm()
     points = np.column_stack([x_mm, y_mm])
     pitch = float(np.median(KDTree(points).query(points, k=2)[0][:, 1]))
-    off_mm = np.hypot(
+    distance_mm = np.hypot(
         np.maximum(np.abs(points[:, 0]) - half_width, 0.0),
         np.maximum(np.abs(points[:, 1]) - half_height, 0.0),
     )
-    near = off_mm <= pitch * (1.0 + SLACK)
-    masks = (off_mm == 0.0, near & (off_mm > 0.0), ~near)
+    near = distance_mm <= pitch * (1.0 + SLACK)
+    masks = (distance_mm == 0.0, near & (distance_mm > 0.0), ~near)
     return FieldOfView(half_width, half_height, pitch, dict(zip(GROUPS, masks, strict=True)))
 
 
-LAYOUT_FLOOR = "layout-floor"
-"""The row's name among the models."""
+def representable(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """Projection of a layout's counts onto those that another layout's images can represent.
 
-OUTSIDE_PARTS = 0.01
-"""How far a taxel may lie outside its triangle of trained taxels, in barycentric parts (assumed):
-what layouts.OUTSIDE_MM is of a triangle 1 mm high."""
-
-
-def seen_through(trained: DataInfo, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """The part of a new layout's counts that the trained layout's tactile images can hold.
-
-    x_mm, y_mm: (N,) taxels inside the trained layout's hull, mm. Returns (N, N): times true counts
-    it is the nearest, by least squares, that the interpolation of any M trained taxels takes at
-    the new ones.
+    x_mm, y_mm: (N,) taxels inside the trained layout's hull, mm. Returns (N, N): multiplied by true
+    counts, it is the least-squares approximation by interpolations of any M trained taxels.
     """
     points = np.column_stack([trained.x_mm, trained.y_mm])
     weights = barycentric(points, np.column_stack([x_mm, y_mm]), OUTSIDE_PARTS).toarray()
     return weights @ np.linalg.pinv(weights)
 
 
-NOISE_FLOOR = "noise-floor"
-"""The row's name among the models."""
-
-SEED = 1
-"""Seed of the second readings; the dataset's own noise is drawn otherwise."""
-
-
 def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> np.ndarray | None:
-    """Each press read once more, with the imperfections that the dataset was made with.
+    """A second reading of each press, with the imperfections of the dataset.
 
-    counts: (P, N), the dataset's readings. info: its info.json. Returns (P, N) float32, or None
-    for a dataset that does not name its imperfections, as an imported one.
+    counts: (P, N), the readings of the dataset. info: its info.json. Returns (P, N) float32, or
+    None for a dataset without known imperfections, such as imported pairs.
 
-    A dataset holds no noiseless counts. So two readings are drawn of each stored one, as if it were
-    noiseless, and their difference is added to it: what comes out differs from the stored
-    reading as two independent readings of one press do, by sqrt(2) of one reading's noise. A
-    predictor of the noiseless counts would be off by the noise once. Flaws that an array has for
-    good, such as its gains, are in both readings and cancel.
+    A dataset has no noiseless counts. Two readings of each stored one are simulated, as if it were
+    noiseless, and their difference is added to it. The result differs from the stored reading like
+    two independent readings of one press: by sqrt(2) of the noise of one. A predictor of noiseless
+    counts would differ by the noise once. Permanent imperfections, such as gains, cancel.
     """
     if info.parameters is None:
         return None
@@ -108,8 +99,8 @@ def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> n
         np.array(skin.pad_diameter_mm),
     )
     rng = np.random.default_rng(seed)
-    again = np.empty(counts.shape, np.float32)
+    repeated = np.empty(counts.shape, np.float32)
     for row, stored in enumerate(counts.astype(float)):
         one, two = (read(stored, layout, skin.imperfections, rng).astype(float) for _ in range(2))
-        again[row] = stored + (two - one)
-    return again
+        repeated[row] = stored + (two - one)
+    return repeated

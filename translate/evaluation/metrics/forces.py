@@ -1,8 +1,8 @@
-"""Presses by their force, and the predictor that knows the force of a press and nothing else.
+"""Force bins of presses, and the predictor of the mean array of each bin.
 
-Few forces are bins of their own; of many, bins are as wide in the logarithm. Presses that touch
-nothing, of force 0, are a bin of their own. Imported pairs may not say their forces; they are in no
-bin.
+A few different forces have one bin each; many forces have bins of equal width in the logarithm.
+Presses without contact, of force 0, have a bin of their own. Imported pairs with unknown forces are
+in no bin.
 
 Shape letters: P pairs, N taxels, b pairs of a bin.
 """
@@ -18,31 +18,30 @@ from t2twin.translate.evaluation.metrics.bootstrap import interval, rmse_by_grou
 from t2twin.translate.evaluation.records import ForceFigures, MeanOf
 
 MEAN_ARRAY_OF_FORCE = "mean-array-of-force"
-"""The row's name among the models; only where there are several forces."""
+"""Name of the row; only with several forces."""
 
 MAX_FORCES = 12
-"""Different forces that are each a bin of its own (assumed: as many lines as a table has room
-for)."""
+"""Maximum number of forces with a bin each (assumed: the lines of a table)."""
 
 DECIMALS = 2
-"""Forces that are the same to so many decimals of a newton are one (assumed)."""
+"""Decimals to which forces are rounded, N (assumed)."""
 
 BINS_PER_DOUBLING = 2
-"""Bins of many forces, a doubling of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed)."""
+"""Bins per factor of two of the force: edges at 0.5, 0.71, 1, 1.41, 2 N (assumed)."""
 
 MIN_PRESSES = 50
-"""Training presses of a bin that make a mean array (assumed: its own error is a seventh of the
-spread of the presses)."""
+"""Minimum number of training presses for a mean array (assumed: its standard error is a seventh of
+the presses' standard deviation)."""
 
 
 @dataclass(frozen=True)
 class ForceBin:
-    """Presses of about one force.
+    """Presses in one range of forces.
 
-    low_n, high_n: its edges, N, the same where it is of one force; 0 of presses that touch nothing.
-    mean_n: mean force of its pairs, N. members: (b,) their places among the pairs. mean_array:
-    (N,) counts that the mean of the presses in this bin has: mean_of "training" or, where training
-    has fewer than MIN_PRESSES, of the pairs themselves, "split".
+    low_n, high_n: its edges, N, equal for a single force; 0 without contact. mean_n: mean force of
+    its pairs, N. members: (b,) indices of its pairs. mean_array: (N,), mean counts of the presses
+    in this bin, of the training pairs (mean_of "training") or, with fewer than MIN_PRESSES of them,
+    of the pairs themselves ("split").
     """
 
     low_n: float
@@ -53,27 +52,27 @@ class ForceBin:
     mean_of: MeanOf
 
     @property
-    def touches(self) -> bool:
+    def has_contact(self) -> bool:
         return self.high_n > 0
 
 
 def force_bins(pairs: Pairs, train: Pairs) -> tuple[ForceBin, ...]:
-    """The bins that these pairs lie in, by rising force; none where no force is known.
+    """The bins of pairs in ascending order of force; empty if no force is known.
 
-    train: the training pairs, from which the mean arrays are.
+    train: the training pairs, for the mean arrays.
     """
-    apart = _are_few(np.concatenate([pairs.force_n, train.force_n]))
-    own, trained = (_low_edges_n(each.force_n, apart) for each in (pairs, train))
+    single = _are_few(np.concatenate([pairs.force_n, train.force_n]))
+    own, trained = (_low_edges_n(each.force_n, single) for each in (pairs, train))
     bins = []
     for low in np.unique(own[~np.isnan(own)]):
         members = np.flatnonzero(own == low)
-        taught = np.flatnonzero(trained == low)
-        mean_of: MeanOf = "training" if taught.size >= MIN_PRESSES else "split"
-        counts = train.counts[taught] if mean_of == "training" else pairs.counts[members]
+        others = np.flatnonzero(trained == low)
+        mean_of: MeanOf = "training" if others.size >= MIN_PRESSES else "split"
+        counts = train.counts[others] if mean_of == "training" else pairs.counts[members]
         bins.append(
             ForceBin(
                 low_n=float(low),
-                high_n=float(low if apart else low * 2 ** (1 / BINS_PER_DOUBLING)),
+                high_n=float(low if single else low * 2 ** (1 / BINS_PER_DOUBLING)),
                 mean_n=float(pairs.force_n[members].mean()),
                 members=members,
                 mean_array=counts.mean(axis=0, dtype=float).astype(np.float32),
@@ -84,7 +83,7 @@ def force_bins(pairs: Pairs, train: Pairs) -> tuple[ForceBin, ...]:
 
 
 def mean_array_of_force(bins: tuple[ForceBin, ...], pairs: Pairs, train: Pairs) -> np.ndarray:
-    """(P, N) float32, counts: each pair's bin's mean array; of an unknown force, training's."""
+    """(P, N) float32, counts: mean array of each pair's bin, or of training if it has no bin."""
     predicted = np.tile(mean_array(train), (len(pairs), 1))
     for one in bins:
         predicted[one.members] = one.mean_array
@@ -98,21 +97,21 @@ def by_force(
     bins: tuple[ForceBin, ...],
     full_scale: float,
 ) -> tuple[ForceFigures, ...]:
-    """The errors of one model in each bin.
+    """Errors of one model in each bin.
 
-    predicted: (P, N) counts. figures: of each pair (metrics.compare). full_scale: counts.
+    predicted: (P, N) counts. figures: of each pair (array_errors.compare). full_scale: counts.
     """
     if not bins:
         return ()
     known = np.concatenate([one.members for one in bins])
     place = np.repeat(np.arange(len(bins)), [one.members.size for one in bins])
-    drawn = rmse_by_group(figures.squared_error[known], pairs.shapes[known], place, len(bins))
+    samples = rmse_by_group(figures.squared_error[known], pairs.shapes[known], place, len(bins))
     rows = []
-    for one, resampled in zip(bins, drawn.T, strict=True):
-        # Summed as the overall error is, so that of one force it is the same to the last digit.
+    for one, resampled in zip(bins, samples.T, strict=True):
+        # The summation of the overall error, so that a single bin has exactly that error.
         summary = figures.summary(full_scale, np.isin(np.arange(len(pairs)), one.members))
-        mean_off = np.square(one.mean_array - pairs.counts[one.members].astype(float))
-        level = float(np.sqrt(mean_off.mean()))
+        squares = np.square(one.mean_array - pairs.counts[one.members].astype(float))
+        level = float(np.sqrt(squares.mean()))
         totals = predicted[one.members].sum(axis=1, dtype=float)
         rows.append(
             ForceFigures(
@@ -123,9 +122,9 @@ def by_force(
                 rmse_counts=summary.rmse_counts,
                 rmse_percent=summary.rmse_percent,
                 interval=interval(resampled),
-                of_mean_array=summary.rmse_counts / level if one.touches and level else None,
-                mean_of=one.mean_of if one.touches else None,
-                phantom_counts=None if one.touches else float(totals.mean()),
+                of_mean_array=summary.rmse_counts / level if one.has_contact and level else None,
+                mean_of=one.mean_of if one.has_contact else None,
+                phantom_counts=None if one.has_contact else float(totals.mean()),
             )
         )
     return tuple(rows)
@@ -136,9 +135,9 @@ def _are_few(force_n: np.ndarray) -> bool:
     return np.unique(touching.round(DECIMALS)).size <= MAX_FORCES
 
 
-def _low_edges_n(force_n: np.ndarray, apart: bool) -> np.ndarray:
-    """(P,) the lower edge of each press's bin, N; NaN of an unknown force."""
-    if apart:
+def _low_edges_n(force_n: np.ndarray, single: bool) -> np.ndarray:
+    """(P,) lower edge of each press's bin, N; NaN for unknown forces."""
+    if single:
         return force_n.astype(float).round(DECIMALS)
     low = np.where(np.isnan(force_n), np.nan, 0.0)
     touching = force_n > 0

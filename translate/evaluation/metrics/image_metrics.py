@@ -1,9 +1,9 @@
-"""How near drawn DIGIT pictures are to the real ones, over the contact and by the size of detail.
+"""Metrics of predicted DIGIT images, over the contact and by scale of detail.
 
-Most of a picture is the same whatever touches the gel, so figures of the whole of it flatter
-everybody. The contact is where the real picture differs from the untouched one.
+Most of an image does not change with contact, so figures over whole images are too optimistic. The
+contact is where the real image differs from the background frame.
 
-Shape letters: P pictures, S their side, L scales of detail.
+Shape letters: P images, S image side, L scales of detail.
 """
 
 from collections.abc import Mapping
@@ -13,32 +13,29 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from skimage.metrics import structural_similarity
 
-from t2twin.translate.evaluation.metrics.bootstrap import draws, interval
-
-WHITE_GREY = 255.0
-"""Full scale of a picture, grey levels."""
+from t2twin.translate.data.images import WHITE_GREY
+from t2twin.translate.evaluation.metrics.bootstrap import interval, resample_weights
 
 CONTACT_GREY = 8.0
-"""A pixel is in contact where the real picture is farther from the untouched one than this, grey
-levels (assumed: 3 % of full scale, eight times the most that the camera's noise does to a picture
-of 64 pixels)."""
+"""Difference of the real image from the background frame above which a pixel is in contact, grey
+levels (assumed: 3 % of full scale, eight times the largest effect of camera noise on an image of 64
+pixels)."""
 
 DETAILS_MM = (2.0, 1.0, 0.5)
-"""Where detail is cut apart by its size, mm: standard deviations of Gaussians (assumed). The widest
-keeps 0.70 of a wave of 15 mm, twice as long as the taxels are apart, and 0.25 of one of 7.5 mm."""
+"""Standard deviations of the Gaussians that separate scales of detail, mm (assumed). The widest one
+passes 0.70 of a wave of 15 mm, twice the pitch of the taxels, and 0.25 of one of 7.5 mm."""
 
 MIN_SQUARE = 1e-3
-"""Least mean squared difference that a PSNR is taken of, grey levels^2 (assumed: of two pictures
-that are the same it would be infinite)."""
+"""Lower bound of the mean squared difference in a PSNR, grey levels^2 (assumed)."""
 
 
 @dataclass(frozen=True)
-class PictureFigures:
-    """Figures of each picture, (P,) each.
+class ImageFigures:
+    """Figures of each image, (P,) each.
 
-    square: mean squared difference over the picture, grey levels^2. square_contact, psnr_contact_db
-    and ssim_contact: over its contact; SSIM as Wang et al. 2004, scikit-image's with its defaults,
-    its map's mean over those pixels. NaN where there is no contact.
+    square: mean squared difference over the image, grey levels^2. square_contact, psnr_contact_db
+    and ssim_contact: over its contact, NaN without contact. SSIM (Wang et al. 2004) is the mean of
+    the map of scikit-image, with its defaults, over these pixels.
     """
 
     square: np.ndarray
@@ -47,10 +44,10 @@ class PictureFigures:
     ssim_contact: np.ndarray
 
 
-def compare_pictures(drawn: np.ndarray, real: np.ndarray, untouched: np.ndarray) -> PictureFigures:
-    """Figures of each picture. drawn, real: (P, S, S) uint8. untouched: (S, S) uint8."""
-    squares = np.square(drawn.astype(np.float32) - real)
-    contact = in_contact(real, untouched)
+def compare_images(predicted: np.ndarray, real: np.ndarray, background: np.ndarray) -> ImageFigures:
+    """Figures of each image. predicted, real: (P, S, S) uint8. background: (S, S) uint8."""
+    squares = np.square(predicted.astype(np.float32) - real)
+    contact = in_contact(real, background)
     pixels = contact.sum(axis=(1, 2))
     nothing = np.full(len(real), np.nan)
 
@@ -61,11 +58,11 @@ def compare_pictures(drawn: np.ndarray, real: np.ndarray, untouched: np.ndarray)
     similar = np.stack(
         [
             structural_similarity(a, b, data_range=WHITE_GREY, full=True)[1]
-            for a, b in zip(drawn, real, strict=True)
+            for a, b in zip(predicted, real, strict=True)
         ]
     )
     square_contact = over_contact(squares)
-    return PictureFigures(
+    return ImageFigures(
         square=squares.mean(axis=(1, 2), dtype=float),
         square_contact=square_contact,
         psnr_contact_db=10.0 * np.log10(WHITE_GREY**2 / np.maximum(square_contact, MIN_SQUARE)),
@@ -73,15 +70,18 @@ def compare_pictures(drawn: np.ndarray, real: np.ndarray, untouched: np.ndarray)
     )
 
 
-def in_contact(real: np.ndarray, untouched: np.ndarray) -> np.ndarray:
-    """(P, S, S) bool: where pictures, (P, S, S) uint8, show a contact."""
-    return np.abs(real.astype(np.float32) - untouched) > CONTACT_GREY
+def in_contact(real: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """(P, S, S) bool: pixels of images, (P, S, S) uint8, in contact."""
+    return np.abs(real.astype(np.float32) - background) > CONTACT_GREY
 
 
 @dataclass(frozen=True)
-class PictureScores:
-    """Figures over pictures. rmse_percent, rmse_contact_percent: root of the mean square, percent
-    of full scale; the others are means over the pictures."""
+class ImageMetrics:
+    """Figures over several images.
+
+    rmse_percent, rmse_contact_percent: root of the mean square, percent of full scale. The others
+    are means over the images.
+    """
 
     rmse_percent: float
     rmse_contact_percent: float
@@ -89,65 +89,65 @@ class PictureScores:
     ssim_contact: float
 
 
-def scores(figures: PictureFigures) -> PictureScores:
-    """Over all pictures."""
+def scores(figures: ImageFigures) -> ImageMetrics:
+    """Figures over all images."""
     means = {each.name: np.nanmean(getattr(figures, each.name)) for each in fields(figures)}
-    return PictureScores(**{name: float(value) for name, value in _figures(means).items()})
+    return ImageMetrics(**{name: float(value) for name, value in _figures(means).items()})
 
 
-def replicates(figures: PictureFigures, shapes: np.ndarray) -> dict[str, np.ndarray]:
-    """Every figure of PictureScores in resamples of the shapes (evaluation.bootstrap), (B,) each.
+def replicates(figures: ImageFigures, shapes: np.ndarray) -> dict[str, np.ndarray]:
+    """Every figure of ImageMetrics in resamples of the shapes (module bootstrap), (B,) each.
 
-    shapes: (P,) names. The same shapes give the same resamples, so that differences are paired.
+    shapes: (P,) names. Equal shapes result in equal resamples, so that differences are paired.
     """
     names, place = np.unique(shapes, return_inverse=True)
-    drawn = draws(names.size)
+    weights = resample_weights(names.size)
     means = {}
     for each in fields(figures):
         values = getattr(figures, each.name)
         known = ~np.isnan(values)
         total = np.bincount(place[known], values[known], names.size)
-        pictures = np.bincount(place[known], minlength=names.size)
-        means[each.name] = (drawn @ total) / (drawn @ pictures)
+        images = np.bincount(place[known], minlength=names.size)
+        means[each.name] = (weights @ total) / (weights @ images)
     return _figures(means)
 
 
 def intervals(resampled: Mapping[str, np.ndarray]) -> dict[str, tuple[float, float] | None]:
-    """The 95 % interval of every figure of `replicates`, None where there is none."""
+    """The 95 % interval of every figure of `replicates`, or None."""
     found = {name: interval(values) for name, values in resampled.items()}
     return {name: None if one is None else (one.low, one.high) for name, one in found.items()}
 
 
 def explained_by_detail(
-    drawn: np.ndarray, real: np.ndarray, mean: np.ndarray, mm_per_px: tuple[float, float]
+    predicted: np.ndarray, real: np.ndarray, mean: np.ndarray, mm_per_px: tuple[float, float]
 ) -> list[float]:
-    """How much of what real pictures differ in from a mean one is drawn right, by size of detail.
+    """Explained share of the images' deviation from a mean image, by scale of detail.
 
-    drawn, real: (P, S, S) uint8. mean: (S, S), the training's. mm_per_px: of rows and columns.
-    Returns L = len(DETAILS_MM) + 1 parts, of the coarsest detail first: 1 where all of it is drawn,
-    0 where the mean picture would do as well, below where it would do better.
+    predicted, real: (P, S, S) uint8. mean: (S, S), of the training images. mm_per_px: of rows and
+    columns. Returns L = len(DETAILS_MM) + 1 values, the coarsest scale first: 1 for a perfect
+    prediction, 0 for the mean image, negative for worse ones.
     """
-    off = _details(drawn.astype(np.float32) - real, mm_per_px)
-    there = _details(real - mean.astype(np.float32), mm_per_px)
+    errors = _details(predicted.astype(np.float32) - real, mm_per_px)
+    deviations = _details(real - mean.astype(np.float32), mm_per_px)
     return [
         1.0 - float(np.square(a).sum(dtype=float) / np.square(b).sum(dtype=float))
-        for a, b in zip(off, there, strict=True)
+        for a, b in zip(errors, deviations, strict=True)
     ]
 
 
-def _details(pictures: np.ndarray, mm_per_px: tuple[float, float]) -> list[np.ndarray]:
-    """Pictures, (P, S, S), as L sums of detail, of the coarsest first, which add up to them."""
-    parts, left = [], pictures
+def _details(images: np.ndarray, mm_per_px: tuple[float, float]) -> list[np.ndarray]:
+    """Decomposes images, (P, S, S), into L scales of detail, the coarsest first."""
+    parts, left = [], images
     for size_mm in DETAILS_MM:
         sigma = (0.0, size_mm / mm_per_px[0], size_mm / mm_per_px[1])
-        coarse = gaussian_filter(pictures, sigma, mode="nearest")
-        parts.append(coarse - (pictures - left))
-        left = pictures - coarse
+        coarse = gaussian_filter(images, sigma, mode="nearest")
+        parts.append(coarse - (images - left))
+        left = images - coarse
     return [*parts, left]
 
 
 def _figures(means: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """PictureScores' figures of the means of PictureFigures'."""
+    """The figures of ImageMetrics from the means of ImageFigures."""
     return {
         "rmse_percent": 100.0 / WHITE_GREY * np.sqrt(means["square"]),
         "rmse_contact_percent": 100.0 / WHITE_GREY * np.sqrt(means["square_contact"]),

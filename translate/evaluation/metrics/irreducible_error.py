@@ -1,17 +1,18 @@
-"""What the picture does not say: presses that look nearly alike and do not feel alike.
+"""Estimate of the irreducible error from presses with similar images and different counts.
 
-Of two presses whose pictures cannot be told apart, a translator gives one answer. Taken as two
-draws of what such a picture may mean, their counts differ in mean square by twice the variance that
-is left once the picture is known; so sqrt(mean squared difference / 2) is the RMSE that the best
-predictor, which answers with the mean of all of them, still makes.
+If two presses have indistinguishable images, a translator predicts the same counts for both. Their
+counts are two samples of the distribution given the image, so that their mean squared difference is
+twice its variance. sqrt(mean squared difference / 2) is then the RMSE of the best predictor, the
+conditional mean.
 
-It bounds what can be known from the picture at FEATURE_SIZE, averaged over presses that have a
-look-alike. It does not bound a network that sees finer detail than that, nor speak of presses that
-nothing resembles; and pictures that differ a little may be told apart, so that the figure at a
-distance above the noise's is too high a floor. Hence the figure extrapolated to the noise's
-distance, by a straight line in the squared distance, for the squared difference of the counts grows
-so where they follow the picture smoothly. Neighbors among the training pairs add what a translator
-cannot know in another way: a shape of another kind that looks the same.
+The estimate holds for images at FEATURE_SIZE, averaged over presses with a similar neighbor. It is
+no bound for a network that uses finer detail, nor for presses without neighbors. Images at a
+distance above that of noise can be distinguished, which makes the figure too high. It is therefore
+extrapolated to the distance due to noise, by a line over the squared distance: the squared
+difference of counts that depend smoothly on the image is linear in it. Neighbors in training show
+another ambiguity: a shape of another kind with a similar image.
+
+Shape letters: P presses, k neighbors, N taxels, K shapes.
 """
 
 from collections.abc import Mapping
@@ -32,47 +33,47 @@ from t2twin.translate.evaluation.metrics.baselines import (
     Neighbors,
     neighbors,
 )
-from t2twin.translate.evaluation.metrics.bootstrap import draws, interval
+from t2twin.translate.evaluation.metrics.bootstrap import interval, resample_weights
 from t2twin.translate.evaluation.records import (
-    AlikePairs,
     Interval,
     IrreducibleError,
     IrreducibleErrorFloor,
+    NeighborPairs,
     ShapeFloor,
 )
 
 NEIGHBORS = 8
-"""Nearest images of each press that the extrapolation is made from."""
+"""Nearest images of each press for the extrapolation."""
 
 CLOSE = 2.0
-"""Two pictures are nearly the same within this many times the distance that noise makes."""
+"""Largest distance of close images, relative to the distance due to noise."""
 
-FITTED = 0.5
-"""The part of the pairs, the nearest, that the line is fitted to."""
+FITTED_SHARE = 0.5
+"""Share of the pairs, the nearest ones, that the line is fitted to."""
 
 BINS = 12
-"""Groups of as many pairs each, by distance, for the curve."""
+"""Groups of equal numbers of pairs, by distance, for the curve."""
 
 MAX_PRESSES = 5000
-"""Presses that look-alikes are looked up for (assumed: a median of so many is known to a
-hundredth)."""
+"""Maximum number of presses whose neighbors are searched (assumed: the error of a median is then
+1 %)."""
 
 MAX_SHAPES = 200
-"""Shapes that are given one by one (assumed: nobody reads more)."""
+"""Maximum number of shapes with figures of their own (assumed: more are not read)."""
 
-NOISE_PICTURES = 64
-"""Pictures that the noise's distance is measured on."""
+NOISE_IMAGES = 64
+"""Images for the measurement of the distance due to noise."""
 
 SEED = 2
-"""Seed of that noise, and of which presses are looked up where there are too many."""
+"""Seed of that noise, and of the selection among more than MAX_PRESSES presses."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Presses beside those that look like them.
+    """Presses and their neighbors.
 
-    shapes: (P,) the presses' shapes. distance_grey: (P, k) distance of the pictures, infinite where
-    there are not so many. half_squares: (P, k, N) half the squared difference of the counts,
+    shapes: (P,) the presses' shapes. distance_grey: (P, k) distances of the images, infinite if
+    there are fewer than k. half_squares: (P, k, N) half the squared difference of the counts,
     counts^2.
     """
 
@@ -83,16 +84,16 @@ class Comparison:
 
 @dataclass(frozen=True)
 class AtNoise:
-    """Each shape's line read at the noise's distance.
+    """Extrapolations of the shapes to the distance due to noise.
 
-    presses: (K,) presses of each shape, 0 where it has no line. half_squares: (K,) counts^2.
+    presses: (K,) presses of each shape, 0 without extrapolation. half_squares: (K,) counts^2.
     """
 
     presses: np.ndarray
     half_squares: np.ndarray
 
 
-def lookalikes(
+def estimate_irreducible_error(
     data_dir: Path,
     split: str,
     pairs: Pairs,
@@ -100,40 +101,40 @@ def lookalikes(
     of_train: Neighbors,
     taxel_groups: Mapping[str, np.ndarray],
 ) -> IrreducibleError | None:
-    """How far presses of a split differ in taxels from those that look like them.
+    """The irreducible error of a split, estimated from neighbors in the split and in training.
 
-    pairs: the split's, train: the training split's, images of both at FEATURE_SIZE in RGB.
-    of_train: the pairs' NEIGHBORS nearest of the training images. taxel_groups: (N,) bool by name,
-    groups of the taxels that are looked at alone too. Of more than MAX_PRESSES presses so many are
-    compared with all others; those that touch nothing, which look and feel alike, are not asked of.
-    None for a dataset that does not name its pictures' noise.
+    pairs: of the split, train: of training, both with images at FEATURE_SIZE in RGB. of_train: the
+    NEIGHBORS nearest training images of the pairs. taxel_groups: (N,) bool by name, for estimates
+    by group. With more than MAX_PRESSES presses, a selection is compared with all others. Presses
+    without contact, which are all equal, are excluded. Returns None if the image noise of the
+    dataset is unknown.
     """
     noise = noise_distance_grey(data_dir, split)
     if noise is None:
         return None
-    asked, some = pairs, np.flatnonzero(pairs.force_n != 0)
-    if not some.size:
+    queries, chosen = pairs, np.flatnonzero(pairs.force_n != 0)
+    if not chosen.size:
         return None
-    if some.size > MAX_PRESSES:
-        some = np.sort(np.random.default_rng(SEED).permutation(some)[:MAX_PRESSES])
-    if some.size < len(pairs):
-        asked = pairs.some(some)
-        of_train = Neighbors(of_train.index[some], of_train.distance_grey[some])
-    shapes = (pairs.shapes, asked.shapes)
-    of_split = neighbors(pairs.images, asked.images, NEIGHBORS, shapes, "look-alikes")
+    if chosen.size > MAX_PRESSES:
+        chosen = np.sort(np.random.default_rng(SEED).permutation(chosen)[:MAX_PRESSES])
+    if chosen.size < len(pairs):
+        queries = pairs.subset(chosen)
+        of_train = Neighbors(of_train.index[chosen], of_train.distance_grey[chosen])
+    shapes = (pairs.shapes, queries.shapes)
+    of_split = neighbors(pairs.images, queries.images, NEIGHBORS, shapes, "irreducible error")
     return IrreducibleError(
         noise_grey=noise,
         close_grey=CLOSE * noise,
-        split=floor_of(asked, pairs, of_split, noise, taxel_groups),
-        training=floor_of(asked, train, of_train, noise, taxel_groups),
+        split=floor_of(queries, pairs, of_split, noise, taxel_groups),
+        training=floor_of(queries, train, of_train, noise, taxel_groups),
     )
 
 
 def noise_distance_grey(data_dir: Path, split: str) -> float | None:
-    """Distance between two pictures of one press, grey levels, at FEATURE_SIZE; None if unknown.
+    """Distance between two images of one press, grey levels, at FEATURE_SIZE; None if unknown.
 
-    Measured: pictures of the split get the noise that the dataset was made with, twice each, and
-    are made small as the stored ones are.
+    The noise of the dataset is added twice to images of the split, which are then resized like the
+    stored ones.
     """
     info = read_info(data_dir)
     if info.parameters is None:
@@ -141,26 +142,26 @@ def noise_distance_grey(data_dir: Path, split: str) -> float | None:
     sigma = info.parameters.digit.noise_grey
     rng = np.random.default_rng(SEED)
     squares = [
-        np.square(np.subtract(*(_small(picture, sigma, rng) for _ in range(2)))).mean()
-        for picture in _some_pictures(data_dir, info, split)
+        np.square(np.subtract(*(_noisy_features(image, sigma, rng) for _ in range(2)))).mean()
+        for image in _sample_images(data_dir, info, split)
     ]
     return float(np.sqrt(np.mean(squares)))
 
 
-def _small(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
-    noisy = np.clip(np.rint(picture + sigma * rng.standard_normal(picture.shape)), 0, 255)
-    image = Image.fromarray(noisy.astype(np.uint8))
-    return to_pixels(image, FEATURE_SIZE, grey=False).astype(float)
+def _noisy_features(image: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
+    noisy = np.clip(np.rint(image + sigma * rng.standard_normal(image.shape)), 0, 255)
+    picture = Image.fromarray(noisy.astype(np.uint8))
+    return to_pixels(picture, FEATURE_SIZE, grey=False).astype(float)
 
 
-def _some_pictures(data_dir: Path, info: DatasetInfo, split: str) -> list[np.ndarray]:
-    """NOISE_PICTURES or fewer, as many of each shape, (h, w, 3) uint8."""
+def _sample_images(data_dir: Path, info: DatasetInfo, split: str) -> list[np.ndarray]:
+    """Up to NOISE_IMAGES images, equal numbers of each shape, (h, w, 3) uint8."""
     shards = split_shards(info, split)
-    each = -(-NOISE_PICTURES // len(shards))
-    pictures = [
+    each = -(-NOISE_IMAGES // len(shards))
+    images = [
         decode_png(png) for shard in shards for png in islice(iter_images(data_dir, shard), each)
     ]
-    return pictures[:NOISE_PICTURES]
+    return images[:NOISE_IMAGES]
 
 
 def floor_of(
@@ -170,17 +171,17 @@ def floor_of(
     noise_grey: float,
     taxel_groups: Mapping[str, np.ndarray],
 ) -> IrreducibleErrorFloor | None:
-    """What a set of neighbors says, None where there are none.
+    """The estimate from one set of neighbors, None without neighbors.
 
-    near: the presses' k nearest of the others. noise_grey: the noise's distance. Of the record,
+    near: the presses' k nearest of the others. noise_grey: the distance due to noise. The record's
 
-    - curve: BINS groups of all k neighbors by distance;
-    - extrapolated_rmse_counts: for every shape a straight line of half the squared difference over
-      the squared distance, through the FITTED nearest of its pairs, not falling, read at the
-      noise's distance; the root of the mean over presses, 0 where that is negative, None where no
-      shape has two distances;
-    - interval: of that, over resampled shapes;
-    - parts: that of each group of taxels.
+    - curve has BINS groups of all k neighbors by distance;
+    - extrapolated_rmse_counts is the root of the mean over presses of an extrapolation by shape: a
+      line of half the squared difference over the squared distance, fitted to FITTED_SHARE of its
+      pairs with a slope of at least 0, at the distance due to noise; 0 for a negative mean, None if
+      no shape has two distances;
+    - interval is over resampled shapes;
+    - parts are the extrapolations of groups of taxels.
     """
     known = np.isfinite(near.distance_grey[:, 0])
     if not known.any():
@@ -217,66 +218,65 @@ def floor_of(
     )
 
 
-def _nearest(compared: Comparison, which: np.ndarray) -> AlikePairs:
-    """The presses `which` ((P,) bool) and the nearest of each."""
-    return _alike_pairs(
+def _nearest(compared: Comparison, which: np.ndarray) -> NeighborPairs:
+    """The presses `which`, (P,) bool, with their nearest neighbors."""
+    return _neighbor_pairs(
         compared.distance_grey[which, 0],
         compared.half_squares[which, 0].mean(axis=-1, dtype=float),
     )
 
 
-def _curve(compared: Comparison) -> tuple[AlikePairs, ...]:
+def _curve(compared: Comparison) -> tuple[NeighborPairs, ...]:
     known = np.isfinite(compared.distance_grey)
     distance = compared.distance_grey[known]
     half = compared.half_squares.mean(axis=2, dtype=float)[known]
     in_order = np.argsort(distance, kind="stable")
     return tuple(
-        _alike_pairs(distance[part], half[part])
+        _neighbor_pairs(distance[part], half[part])
         for part in np.array_split(in_order, BINS)
         if part.size
     )
 
 
-def _alike_pairs(distance: np.ndarray, half: np.ndarray) -> AlikePairs:
-    """distance: grey levels, half: half the squared difference, counts^2; a number a pair each."""
+def _neighbor_pairs(distance: np.ndarray, half: np.ndarray) -> NeighborPairs:
+    """distance: grey levels. half: half the squared difference, counts^2. One number per pair."""
     if not distance.size:
-        return AlikePairs(0, None, None)
-    return AlikePairs(distance.size, float(np.median(distance)), float(np.sqrt(half.mean())))
+        return NeighborPairs(0, None, None)
+    return NeighborPairs(distance.size, float(np.median(distance)), float(np.sqrt(half.mean())))
 
 
 def _at_noise(
     compared: Comparison, names: np.ndarray, noise_grey: float, taxels: np.ndarray | None = None
 ) -> AtNoise:
-    """names: (K,) the shapes. taxels: (N,) bool, those that are looked at, by default all.
+    """Extrapolations by shape. names: (K,) shapes. taxels: (N,) bool, by default all.
 
-    Shapes are fitted apart, because those whose pictures are near to others are not those whose
-    counts are.
+    Each shape has its own line, because shapes differ in the distances of their images and counts.
     """
     squares = compared.half_squares if taxels is None else compared.half_squares[:, :, taxels]
     half, distance = squares.mean(axis=2, dtype=float), compared.distance_grey
     presses, at_noise = np.zeros((2, names.size))
     for place, members in enumerate(_members(compared.shapes, names)):
-        off, counted = distance[members], half[members]
-        mine = np.isfinite(off)
-        fitted = mine & (off <= np.quantile(off[mine], FITTED))
-        x, y = np.square(off[fitted]), counted[fitted]
+        distances, values = distance[members], half[members]
+        known = np.isfinite(distances)
+        fitted = known & (distances <= np.quantile(distances[known], FITTED_SHARE))
+        x, y = np.square(distances[fitted]), values[fitted]
         spread = np.square(x - x.mean()).sum()
         if spread > 0:
             slope = max(0.0, float(((x - x.mean()) * (y - y.mean())).sum() / spread))
-            presses[place] = mine[:, 0].sum()
+            presses[place] = known[:, 0].sum()
             at_noise[place] = y.mean() - slope * (x.mean() - noise_grey**2)
     return AtNoise(presses, at_noise)
 
 
 def _members(shapes: np.ndarray, names: np.ndarray) -> list[np.ndarray]:
-    """The places of each name's presses, in their order. names: (K,) in order, as in shapes."""
+    """Indices of the presses of each name, in ascending order. names: (K,), sorted."""
     in_order = np.argsort(shapes, kind="stable")
     ends = [np.searchsorted(shapes[in_order], names, side) for side in ("left", "right")]
     return [in_order[start:end] for start, end in zip(*ends, strict=True)]
 
 
 def _root_of_mean(of_shapes: AtNoise) -> float | None:
-    """Over presses, counts; None where no shape has a line."""
+    """Over presses, counts; None if no shape has an extrapolation."""
     presses, values = of_shapes.presses, of_shapes.half_squares
     if not presses.any():
         return None
@@ -288,6 +288,6 @@ def _interval(of_shapes: AtNoise) -> Interval | None:
     presses, values = of_shapes.presses[known], of_shapes.half_squares[known]
     if presses.size < 2:
         return None
-    drawn = draws(presses.size)
-    means = (drawn @ (presses * values)) / (drawn @ presses)
+    weights = resample_weights(presses.size)
+    means = (weights @ (presses * values)) / (weights @ presses)
     return interval(np.sqrt(np.maximum(means, 0.0)))

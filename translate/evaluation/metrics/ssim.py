@@ -1,8 +1,8 @@
-"""How alike two tactile images are: SSIM and the overlap of their contacts, compiled.
+"""Similarity of two tactile images, SSIM and contact IoU, in compiled code.
 
-SSIM is scikit-image's structural_similarity with its defaults (Wang et al. 2004, a square window
-of 7 pixels, sample covariance, the image's rim left out of the mean); running sums make it some
-ten times as fast. A test holds the two together.
+SSIM is scikit-image's structural_similarity with its defaults (Wang et al. 2004, a square window of
+7 pixels, sample covariance, without the border of the image). Running sums make it ten times as
+fast; a test compares the two.
 
 Shape letters: R rows, C columns.
 """
@@ -17,14 +17,14 @@ WINDOW = 7
 """Side of SSIM's window, pixels (scikit-image's default)."""
 
 K1, K2 = 0.01, 0.03
-"""SSIM's small constants, in parts of the data range (Wang et al. 2004)."""
+"""Constants of SSIM relative to the data range (Wang et al. 2004)."""
 
 _HALF = WINDOW // 2
 _jit = compiled(nogil=True, error_model="numpy")
 
 
 class ImageScores(NamedTuple):
-    """How alike two tactile images are; what needs a contact is NaN where there is none.
+    """Similarity of two tactile images; NaN for figures of the contact without contact.
 
     ssim: over the image. ssim_contact: over the second image's contact. contact_iou: intersection
     over union of both contacts.
@@ -38,10 +38,10 @@ class ImageScores(NamedTuple):
 def image_scores(
     a: np.ndarray, b: np.ndarray, data_range: float, contact_level: float
 ) -> ImageScores:
-    """Compares a with b, which is the true one where there is one.
+    """Compares a with b, the true image.
 
-    a, b: (R, C) float32, at least WINDOW on a side. data_range: as SSIM takes it. A pixel is in
-    contact above contact_level of its own image's maximum.
+    a, b: (R, C) float32, at least WINDOW on a side. data_range: of SSIM. A pixel above the fraction
+    contact_level of its image's maximum is in contact.
     """
     c1, c2 = (K1 * data_range) ** 2, (K2 * data_range) ** 2
     return ImageScores(*_image_scores(a, b, c1, c2, contact_level))
@@ -84,7 +84,7 @@ def _image_scores(a, b, c1, c2, contact_level):
 
 @_jit
 def _local(local, a, b, aa, bb, ab, c1, c2):
-    """SSIM about every pixel of a row, into local (C,), from sums over the window's rows."""
+    """SSIM around each pixel of a row, into local (C,), from sums over the window's rows."""
     size = float(WINDOW * WINDOW)
     sample = size / (size - 1.0)
     for c in range(local.size):
@@ -106,7 +106,7 @@ def _local(local, a, b, aa, bb, ab, c1, c2):
 
 @_jit
 def _mirrored(row, rows):
-    """Beyond an edge the image is taken as mirrored in it, its outermost row twice."""
+    """Index of a row outside the image, which is mirrored at its edges."""
     if row < 0:
         return -1 - row
     if row >= rows:
@@ -116,7 +116,7 @@ def _mirrored(row, rows):
 
 @_jit
 def _add(sums, a, b, sign):
-    """A row of both images, (C,) each, into the sums, or out of them."""
+    """Adds a row of both images, (C,) each, to the sums, with sign -1 subtracts it."""
     of_a, of_b, of_aa, of_bb, of_ab = sums[0], sums[1], sums[2], sums[3], sums[4]
     for column in range(a.size):
         p, q = np.float64(a[column]), np.float64(b[column])
