@@ -24,9 +24,9 @@ from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.forces import BallForces
-from t2twin.sim.digit.calibrate.frames import clean_background, touched_patch
+from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch
 from t2twin.sim.digit.calibrate.measurements import FORCES, Measurements
-from t2twin.sim.digit.calibrate.scale import Presses, fitted
+from t2twin.sim.digit.calibrate.scale import Presses, fit_presses
 from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.pinhole import Camera
@@ -82,12 +82,14 @@ def _lost_db(
     background: np.ndarray, frames: np.ndarray, diameters_mm: np.ndarray
 ) -> dict[str, float]:
     """By how many decibels a fit at a scale that is off is worse than at the true one."""
-    patches = np.array([touched_patch(frame, background) for frame in frames])
+    patches = np.array([contact_patch(frame, background) for frame in frames])
     nothing = np.full(PRESSES, np.nan)
     known = Measurements(diameters_mm, nothing, nothing)
     presses = Presses(clean_background(background, frames), frames, patches, known)
-    true = fitted(presses, Camera(SCALE_PX_PER_MM)).state
-    errors = {off: fitted(presses, Camera(off * SCALE_PX_PER_MM), true).state.error for off in OFF}
+    true = fit_presses(presses, Camera(SCALE_PX_PER_MM)).state
+    errors = {
+        off: fit_presses(presses, Camera(off * SCALE_PX_PER_MM), true).state.error for off in OFF
+    }
     return {f"at_{off:g}": float(10 * np.log10(of / true.error)) for off, of in errors.items()}
 
 
@@ -108,7 +110,7 @@ def _certainty(
                 cells = (of[index] if index < len(of) else "" for of in known.values())
                 table.writerow([path, *cells])
         ball_mm = float(known[BALL][0])
-        certainty = calibrate(folder / "background.png", folder, ball_mm, HELD_OUT).certainty
+        certainty = calibrate(folder / "background.png", folder, ball_mm, HELD_OUT).uncertainty
     assert certainty is not None
     return certainty
 
@@ -134,7 +136,7 @@ def _beside(
 
 
 def _percent(span: Bounds, truth: float) -> float:
-    return abs(100.0 * (span.at / truth - 1.0))
+    return abs(100.0 * (span.value / truth - 1.0))
 
 
 def _off_percent(spans: list[Bounds], truth: np.ndarray) -> float:

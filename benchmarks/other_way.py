@@ -55,7 +55,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     size = run.config.preset.size
     train, *rest = (load_pairs(options.data, s, size, grey=True) for s in ("train", *SPLITS))
     mean = _mean(train)
-    untouched = to_pixels(Image.fromarray(Digit().untouched()), size, grey=True)[..., 0]
+    untouched = to_pixels(Image.fromarray(Digit().background_frame()), size, grey=True)[..., 0]
     content, splits = {}, []
     for split, pairs in zip(SPLITS, rest, strict=True):
         real = pairs.images[:][..., 0]

@@ -22,7 +22,8 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.sensors import Sample, SensorPair
+from t2twin.sim.sensors import SensorPair
+from t2twin.sim.touch import Touch
 from t2twin.sim.world.protocol import FORCE_N
 
 PICTURE = ROOT / "docs" / "pictures" / "presses.png"
@@ -62,7 +63,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     }
 
 
-def draw(sensors: SensorPair, samples: list[Sample]) -> Image.Image:
+def draw(sensors: SensorPair, samples: list[Touch]) -> Image.Image:
     """The picture, a column a sample."""
     layout = sensors.cyskin.layout
     phi = Phi(layout.x_mm, layout.y_mm)

@@ -37,11 +37,12 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.report.html.figures import figure
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.dataset.rejection_sampling import sample_until_contact
-from t2twin.sim.sensors import Sample, SensorPair
+from t2twin.sim.dataset.rejection_sampling import press_until_accepted
+from t2twin.sim.sensors import SensorPair
+from t2twin.sim.touch import Touch
 from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import test_surfaces
-from t2twin.sim.world.presses import PressSample, random_name, sample_force
+from t2twin.sim.world.presses import press_attempts, random_name, sample_force
 from t2twin.sim.world.recipe import Part, load_recipe
 
 SHAPES_PICTURE = ROOT / "docs" / "pictures" / "random_shapes.png"
@@ -184,38 +185,35 @@ def _press(
     """One press, drawn until it touches the features, as a dataset's."""
     took_ms = 0.0
 
-    def press_it(shape: Shape, drawn: PressSample) -> Sample:
+    def press_it(shape: Shape, command: PressCommand, rng: np.random.Generator) -> Touch:
         nonlocal took_ms
         start = time.thread_time()
-        sample = sensors.press(shape, drawn.command, drawn.rng)
+        touch = sensors.press(shape, command, rng)
         took_ms = 1e3 * (time.thread_time() - start)
-        return sample
+        return touch
 
-    def again(why: str) -> None:
-        made.again[why] += 1
-
+    attempts = press_attempts(part, shape.name, number, press, (SEED, 0))
     try:
-        touch = sample_until_contact(part, shape, number, press, (SEED, 0), press_it, again)
+        touch, _ = press_until_accepted(attempts, shape, press_it, made.again)
     except Exception as error:
         made.exceptions.append(f"{shape.name}: {type(error).__name__}: {error}")
         return
-    if touch.sample is None:
+    if not touch.contacts:
         return
     made.stand_ins += touch.shape is not shape
     made.press_ms.append(took_ms)
-    contacts = (touch.sample.digit, touch.sample.cyskin)
-    made.digit_ms.append(touch.sample.digit.milliseconds)
-    made.cyskin_ms.append(touch.sample.cyskin.milliseconds)
-    off = max(_force_off_percent(contact) for contact in contacts)
+    made.digit_ms.append(touch.digit.milliseconds)
+    made.cyskin_ms.append(touch.cyskin.milliseconds)
+    off = max(_force_off_percent(contact) for contact in touch.contacts.values())
     made.force_off_percent = max(made.force_off_percent, off)
-    made.values.append(_values(touch.sample))
+    made.values.append(_values(touch))
 
 
 def _force_off_percent(contact: Contact) -> float:
     return 100.0 * abs(contact.force_n / contact.command.force_n - 1.0)
 
 
-def _values(sample: Sample) -> tuple[float, ...]:
+def _values(sample: Touch) -> tuple[float, ...]:
     """By QUANTITIES."""
     return (
         sample.command.force_n,

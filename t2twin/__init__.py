@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from t2twin.sim.dataset.verify import verify as verify_dataset
     from t2twin.sim.digit.calibrate.background_light import guess_light
     from t2twin.sim.digit.calibrate.calibrate import calibrate
+    from t2twin.sim.touch import Touch
     from t2twin.sim.world.recipe import Recipe, load_recipe
     from t2twin.translate.evaluation.cross_dataset import evaluate_worlds
     from t2twin.translate.evaluation.evaluate import evaluate
@@ -38,11 +39,11 @@ if TYPE_CHECKING:
     from t2twin.translate.inference.onnx_export import export_onnx
     from t2twin.translate.inference.predictor import TrainedTranslator
     from t2twin.translate.training.train import train
-    from t2twin.twin import Touch, Twin, load_shape, press, shapes
+    from t2twin.twin import Twin, load_shape, press, shapes
 
 _HOMES = {
     "Twin": "t2twin.twin:Twin",
-    "Touch": "t2twin.twin:Touch",
+    "Touch": "t2twin.sim.touch:Touch",
     "press": "t2twin.twin:press",
     "shapes": "t2twin.twin:shapes",
     "load_shape": "t2twin.twin:load_shape",

@@ -16,12 +16,12 @@ from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate
 from t2twin.sim.digit.calibrate.frames import (
     clean_background,
+    contact_patch,
     crop,
-    touched_patch,
     upright_frame,
 )
-from t2twin.sim.digit.calibrate.ridge import MAX_TERMS, Sums, chosen
-from t2twin.sim.digit.calibrate.scores import cut_and_paste, repeats_floor, score, untouched_floor
+from t2twin.sim.digit.calibrate.ridge import MAX_TERMS, Sums, select_terms
+from t2twin.sim.digit.calibrate.scores import background_floor, cut_and_paste, repeats_floor, score
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
@@ -71,7 +71,7 @@ def test_held_out_presses_score_near_the_noise(report):
     assert scores.cut_and_paste.psnr_db > scores.do_nothing.psnr_db + 4
     assert scores.calibrated.ssim > scores.cut_and_paste.ssim
     assert min(each.psnr_db for each in report.each) > 30
-    assert scores.untouched_floor.l1 == pytest.approx(
+    assert scores.background_floor.l1 == pytest.approx(
         2 / np.sqrt(np.pi) * NOISE_GREY, rel=0.15
     )  # and shadows' tails
 
@@ -150,8 +150,8 @@ def sums_of(powers, presses, rng, noise):
 
 def test_as_many_terms_are_taken_as_presses_determine():
     rng = np.random.default_rng(0)
-    assert chosen(sums_of(4, 12, rng, 0.1)).degree == 4
-    assert chosen(sums_of(2, 6, rng, 3.0)).degree == 2
+    assert select_terms(sums_of(4, 12, rng, 0.1)).degree == 4
+    assert select_terms(sums_of(2, 6, rng, 3.0)).degree == 2
 
 
 def test_a_press_left_out_is_judged_by_its_own_columns():
@@ -176,14 +176,14 @@ def test_what_is_written_is_fitted_to_all_presses(report):
 def test_a_patch_is_where_the_press_is():
     optics = DigitOptics.load()
     picture = optics.render(probe_surfaces.ball(1.5, -2.0, 1.0))
-    patch = touched_patch(picture, optics.background)
+    patch = contact_patch(picture, optics.background)
     assert patch is not None
     row, column = patch
     assert row == pytest.approx(159.5 - 2.0 * 19.2, abs=20)
     assert column == pytest.approx(119.5 + 1.5 * 19.2, abs=20)
-    assert touched_patch(optics.background, optics.background) is None
+    assert contact_patch(optics.background, optics.background) is None
     dimmer = (optics.background * 0.9).astype(np.uint8)
-    assert touched_patch(dimmer, optics.background) is None
+    assert contact_patch(dimmer, optics.background) is None
 
 
 def test_cut_and_paste_moves_a_press_exactly():
@@ -204,9 +204,9 @@ def test_noise_floors():
     floor = repeats_floor(frames, poses, places)
     assert floor is not None and floor.l1 == expected
     assert repeats_floor(frames[1:], poses[1:], places[1:]) is None
-    away = untouched_floor(frames, places)
+    away = background_floor(frames, places)
     assert away is not None and away.l1 == expected
-    assert untouched_floor(frames[:1], places[:1]) is None
+    assert background_floor(frames[:1], places[:1]) is None
 
 
 @pytest.fixture
@@ -318,5 +318,5 @@ def test_a_fit_that_explains_nothing_is_refused(report):
     """As one to noise does: nearer to the frames than their own background it must be."""
     _check_explains(report.scores)
     worthless = replace(report.scores, calibrated=report.scores.do_nothing)
-    with pytest.raises(T2TwinError, match="explains nothing"):
+    with pytest.raises(T2TwinError, match="does not explain"):
         _check_explains(worthless)

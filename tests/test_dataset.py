@@ -156,8 +156,8 @@ def test_verify_finds_what_a_digest_cannot(made, tmp_path, capsys):
     image, counts = table["image"].to_pylist(), table["taxels"].to_pylist()
     index = table["index"].to_pylist()
     for changes, said in (
-        ({"index": [index[0], index[0], index[2]]}, "comes more than once"),
-        ({"x_mm": [99.0, *table["x_mm"].to_pylist()[1:]]}, "x_mm is not what was planned"),
+        ({"index": [index[0], index[0], index[2]]}, "is repeated"),
+        ({"x_mm": [99.0, *table["x_mm"].to_pylist()[1:]]}, "x_mm is not the planned one"),
         ({"shape": ["circle-1"] * 3}, "another shape"),
         ({"split": ["train", "val", "train"]}, "another split"),
         ({"image": [{"bytes": b"no picture", "path": ""}, *image[1:]]}, "cannot be decoded"),

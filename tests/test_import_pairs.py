@@ -166,7 +166,7 @@ def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout)
         import_pairs(folder, folder, layout)
     for source in (tmp_path, tmp_path / "mine" / "0.png", tmp_path / "none.csv"):
         (tmp_path / "second.csv").touch()  # two in the folder: which is meant?
-        with pytest.raises(T2TwinError, match=r"give a \.csv|name the one"):
+        with pytest.raises(T2TwinError, match=r"expected a \.csv|name the one"):
             import_pairs(source, tmp_path / "data", layout)
     with pytest.raises(T2TwinError, match="the seed is -1"):
         import_pairs(tmp_path / "mine", tmp_path / "data", layout, seed=-1)

@@ -7,7 +7,7 @@ import pytest
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.dataset.build_info import describe
+from t2twin.sim.dataset.build_info import build_info
 from t2twin.sim.dataset.info import DatasetInfo, Shard
 from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
@@ -36,7 +36,7 @@ def info() -> DatasetInfo:
     """A finished dataset's, of one shard."""
     batch = Batch(SHARD, "train", 0, ("square-1",), (0,), (3, 5), 2)
     making = ShardContext(load_recipe("paper"), SensorPair(), "", None)
-    begun = describe(making, "smoke", [batch])
+    begun = build_info(making, "smoke", [batch])
     return replace(begun, complete=True, shards={SHARD: Shard("0" * 64, 2)})
 
 
@@ -158,7 +158,7 @@ def test_a_wrong_field_of_info_is_one_sentence(tmp_path, info, place, value, sai
 def test_a_shard_elsewhere_is_refused(tmp_path, info, path):
     write_info(tmp_path, info)
     change(tmp_path / INFO, ["shards", path], {"sha256": "0" * 64, "pairs": 1})
-    with pytest.raises(T2TwinError, match="lies in no split's folder") as error:
+    with pytest.raises(T2TwinError, match="is not in a split's folder") as error:
         read_info(tmp_path)
     assert repr(path) in sentence(error)
 

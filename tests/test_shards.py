@@ -13,7 +13,7 @@ from t2twin.core.images import decode_png, encode_png
 from t2twin.sim.dataset.columns import SCHEMA
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import (
-    ROWS_AT_ONCE,
+    BATCH_ROWS,
     check_table,
     iter_images,
     read_info,
@@ -48,12 +48,12 @@ def test_a_stored_picture_that_is_none_is_one_sentence():
 
 def test_many_rows_come_in_groups(data, tmp_path):
     table = pq.ParquetFile(data / "train/square-1.parquet").read()
-    rows = [table.to_pylist()[0] | {"index": index} for index in range(ROWS_AT_ONCE + 1)]
+    rows = [table.to_pylist()[0] | {"index": index} for index in range(BATCH_ROWS + 1)]
     digest = write_shard(tmp_path / "long.parquet", rows)
     assert digest == sha256_of(tmp_path / "long.parquet")
     with pq.ParquetFile(tmp_path / "long.parquet") as file:
         assert file.num_row_groups == 2
-        assert file.read(["index"])["index"].to_pylist() == list(range(ROWS_AT_ONCE + 1))
+        assert file.read(["index"])["index"].to_pylist() == list(range(BATCH_ROWS + 1))
 
 
 def test_reading_what_is_not_there_says_so(data, tmp_path):

@@ -261,7 +261,7 @@ def pretrained(session):
 
 def test_the_pretrained_run_gives_intervals_and_the_force(pretrained):
     (translation,) = pretrained.translations
-    background = SensorPair().digit.untouched()
+    background = SensorPair().digit.background_frame()
     estimate = t2twin.load(DEFAULT_RUN).estimate(pretrained.touch.image, background)
     assert np.allclose(translation.counts, estimate.counts, atol=0.5)
     for end, same in zip(translation.interval, estimate.interval(LEVEL), strict=True):
@@ -295,7 +295,7 @@ def test_a_run_without_intervals_has_a_card_without_them(untrained_runs):
 def test_a_frame_is_compared_with_a_background_frame(pretrained):
     translators = Translators()
     translators.search(below=NOWHERE)
-    background = SensorPair().digit.untouched()
+    background = SensorPair().digit.background_frame()
     without, with_background = (
         translators.translate_image(pretrained.touch.image, translators.default_names, frame)
         for frame in (None, background)

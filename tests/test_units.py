@@ -130,7 +130,7 @@ def test_ranges_are_read_from_plain_values_and_held_to_their_bounds():
         convert({"gamma": [1.0, 9.0]}, UnitRanges, "recipe.toml")
     with pytest.raises(T2TwinError, match=r"gamma is \[1.0, 9.0\]; it must lie between 0.5 and 4"):
         UnitRanges(gamma=(1.0, 9.0))
-    with pytest.raises(T2TwinError, match="the least first"):
+    with pytest.raises(T2TwinError, match="the smaller first"):
         UnitRanges(tilt_deg=(1.0, -1.0))
     with pytest.raises(T2TwinError, match=r"linear_amount is 2\.0"):
         UnitRanges(linear_amount=2.0)
@@ -150,9 +150,9 @@ def test_a_digit_takes_a_units_light_and_noise(units):
     assert digit.noise_grey == pytest.approx(units[3].noise_grey / np.sqrt(FRAMES))
     assert digit.gel == DIGIT_GEL
     background = units[3].calibration.background
-    np.testing.assert_array_equal(digit.untouched(), background)
+    np.testing.assert_array_equal(digit.background_frame(), background)
     grainy = Digit().with_unit(replace(units[3], noise_grey=2.0 * np.sqrt(FRAMES)))
-    noisy = grainy.untouched(np.random.default_rng(0)).astype(float)
+    noisy = grainy.background_frame(np.random.default_rng(0)).astype(float)
     inside = (background > 20) & (background < 235)
     wanted = np.hypot(2.0, np.sqrt(1 / 12))
     assert (noisy - background)[inside].std() == pytest.approx(wanted, rel=0.02)
@@ -228,7 +228,7 @@ def test_pyrender_and_the_baked_model_agree_for_the_light_that_ships(monkeypatch
     rendered = digit.optics.render(BALL)
     crop = (slice(90, 190), slice(80, 180))
     assert psnr(rendered[crop], baked[crop]) > 32
-    np.testing.assert_array_equal(digit.untouched(), digit.optics.background)
+    np.testing.assert_array_equal(digit.background_frame(), digit.optics.background)
     noisy = digit.optics.render(BALL * 0, np.random.default_rng(0), 3.0).astype(float)
     assert (noisy - digit.optics.background).std() == pytest.approx(3.0, rel=0.03)
 

@@ -27,6 +27,7 @@ from t2twin.sim.dataset.store import (
 from t2twin.sim.dataset.verify import verify
 from t2twin.sim.digit import rendered
 from t2twin.sim.sensors import CySkin
+from t2twin.sim.world import presses
 from t2twin.sim.world.plan import plan
 from t2twin.sim.world.presses import (
     MAX_ATTEMPTS,
@@ -35,7 +36,7 @@ from t2twin.sim.world.presses import (
     sample_force,
     sample_press,
 )
-from t2twin.sim.world.recipe import ForceRange, Place, load_recipe, shipped
+from t2twin.sim.world.recipe import ForceRange, Place, bundled_worlds, load_recipe
 
 MINE = """
 format = 1
@@ -87,7 +88,7 @@ def digests(folder):
 
 
 def test_what_ships_can_be_planned():
-    assert set(shipped()) == {
+    assert set(bundled_worlds()) == {
         "paper",
         "open",
         "open-8n",
@@ -206,12 +207,12 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     """The second shape and its first stand-in go to the base plate wherever they are pressed."""
     slivers = [f"random-3{number:09d}" for number in (1, 500_000_001)]
     stand_in = "random-3550000001"
-    ask = rejection_sampling.why_again
+    ask = rejection_sampling.rejection_reason
 
-    def why(sample):
-        return "on the base plate" if sample.command.shape in slivers else ask(sample)
+    def why(touch):
+        return "on the base plate" if touch.command.shape in slivers else ask(touch)
 
-    monkeypatch.setattr(rejection_sampling, "why_again", why)
+    monkeypatch.setattr(rejection_sampling, "rejection_reason", why)
     recipe, folder = load_recipe(recipe_file), tmp_path / "stood-in"
     part = structs.replace(recipe.parts[0], untouched_share=0.0, force_n=2.0)
     whole = structs.replace(recipe, parts=(part,))
@@ -221,10 +222,10 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     assert names[4:8] == [stand_in] * 4
     assert len(set(poses)) == 16 and not {*slivers} & {*names}
     (said,) = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
-    assert said["redrawn"]["on the base plate"] >= 2 * MAX_ATTEMPTS
+    assert said["rejected"]["on the base plate"] >= 2 * MAX_ATTEMPTS
     assert verify(folder) == []
-    with pytest.raises(T2TwinError, match="random-3000000001 could not be touched in 20 draws"):
-        monkeypatch.setattr(rejection_sampling, "attempts_of", lambda part: MAX_ATTEMPTS)
+    with pytest.raises(T2TwinError, match="no attempt at a press touched random-3000000001"):
+        monkeypatch.setattr(presses, "max_attempts", lambda part: MAX_ATTEMPTS)
         generate(tmp_path / "none", world=whole, workers=1, cache=shape_cache)
 
 
@@ -244,7 +245,7 @@ def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):
     shutil.copytree(made, tmp_path / "moved")
     write_info(tmp_path / "moved", replace(info, world=other))
     faults = [str(fault) for fault in verify(tmp_path / "moved")]
-    assert any("is not what was planned for press" in fault for fault in faults)
+    assert any("is not the planned one of press" in fault for fault in faults)
 
 
 def test_draws_keep_to_their_distributions():
@@ -284,13 +285,13 @@ def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ('shapes = "random"', "count belongs to random shapes"),
-        ('shapes = "primitives"\npresses = 3', "presses belongs to a place that is no grid"),
-        ('shapes = "random"\ncount = 3', "the grid is the protocol's"),
+        ('shapes = "random"', "random shapes need count"),
+        ('shapes = "primitives"\npresses = 3', "a distribution of place needs presses"),
+        ('shapes = "random"\ncount = 3', "only primitives and tools"),
         ('shapes = "random"\ncount = 0\npresses = 2\nplace = {normal_mm=1.0}', "at least 1"),
         ('shapes = "random"\ncount = 2\npresses = 2\nplace = {}', "one of normal_mm"),
         ('shapes = "random"\ncont = 2', "cont"),
-        ('shapes = "tools"', "their split is test"),
+        ('shapes = "tools"', "the split of tools must be test"),
         ('shapes = "primitives"\nforce_n = 200.0', "at most 100"),
         ('shapes = "primitives"\nforce_n = { low = 5.0, high = 2.0 }', "low below its high"),
         ('shapes = "primitives"\nforce_n = []', "empty list"),

@@ -1,4 +1,4 @@
-"""What is written into info.json before the first shard is made."""
+"""Builds the info.json of a dataset before its first shard is made."""
 
 from pathlib import Path
 
@@ -22,9 +22,9 @@ from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.recipe import NAMED, RANDOM
 
 
-def describe(making: ShardContext, scale: str | None, batches: list[Batch]) -> DatasetInfo:
-    """The info of a dataset of which no shard is made yet."""
-    recipe, sensors = making.recipe, making.sensors
+def build_info(context: ShardContext, scale: str | None, batches: list[Batch]) -> DatasetInfo:
+    """The info of a dataset without shards."""
+    recipe, sensors = context.recipe, context.sensors
     layout = sensors.cyskin.layout
     rows, columns, channels = sensors.digit.optics.background.shape
     places = field_layout(sensors.cyskin.cover) if recipe.field else None

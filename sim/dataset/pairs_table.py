@@ -1,4 +1,4 @@
-"""A user's table of pairs, CSV or Parquet, and where each of its rows stands, for messages."""
+"""Reads a user's table of pairs from CSV or Parquet."""
 
 from pathlib import Path
 
@@ -13,14 +13,14 @@ from t2twin.core.tables import ERRORS, read_csv, row_labels
 SUFFIXES = (".csv", ".parquet")
 
 MAX_PARQUET_BYTES = 1_000_000_000
-"""Most bytes of a Parquet file, as it lies and decoded (assumed: 10,000 pictures of 100 kB)."""
+"""Largest Parquet file, also when decoded, bytes (assumed: 10,000 images of 100 kB)."""
 
 BATCH_ROWS = 64
-"""Rows that are decoded at once (assumed: some MB)."""
+"""Rows that are decoded together (assumed: some MB)."""
 
 
 def find_table(source: Path) -> Path:
-    """The table itself: source, or the one in that folder. Raises T2TwinError."""
+    """The table: source, or the only one in that folder. Raises T2TwinError without one."""
     if source.is_dir():
         tables = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
         if len(tables) != 1:
@@ -29,15 +29,17 @@ def find_table(source: Path) -> Path:
             )
         return tables[0]
     if not source.is_file() or source.suffix.lower() not in SUFFIXES:
-        raise T2TwinError(f"{source} is no pairs; give a .csv or .parquet file, or its folder")
+        raise T2TwinError(
+            f"{source} is not a table of pairs; expected a .csv or .parquet file, or its folder"
+        )
     return source
 
 
 def read_table(path: Path) -> tuple[pa.Table, list[str]]:
-    """The table, and each row's place: "line 2" of a CSV file, "row 1" of Parquet, from 1.
+    """The table, and the place of each row for messages: "line 2" of CSV, "row 1" of Parquet.
 
-    A CSV file's columns stand between commas, semicolons or tabs, whichever its first line has
-    most of. Raises T2TwinError for a file that cannot be read, is too large, or holds no rows.
+    The separator of CSV is the one of comma, semicolon and tab that is most frequent in the first
+    line. Raises T2TwinError for a file that cannot be read, is too large, or has no rows.
     """
     is_csv = path.suffix.lower() == ".csv"
     try:
@@ -47,7 +49,7 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
             table = _read_parquet(path)
             places = row_labels(table)
     except (*ERRORS, OSError) as error:
-        # What is said of Parquet is of its reader's insides.
+        # Messages of the Parquet reader are not for users.
         reason = f" ({error})" if is_csv else ""
         raise T2TwinError(f"{path} cannot be read as a table of pairs{reason}") from error
     if not len(table):
@@ -57,8 +59,7 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
 
 
 def _read_parquet(path: Path) -> pa.Table:
-    """All of a Parquet file. Raises T2TwinError where its rows are larger than is allowed, however
-    small the file is."""
+    """A Parquet file. Raises T2TwinError if its decoded rows are larger than MAX_PARQUET_BYTES."""
     with open_regular(path, MAX_PARQUET_BYTES) as stream, pq.ParquetFile(stream) as file:
         batches, size = [], 0
         for batch in file.iter_batches(BATCH_ROWS):
@@ -66,7 +67,7 @@ def _read_parquet(path: Path) -> pa.Table:
             if size > MAX_PARQUET_BYTES:
                 raise T2TwinError(
                     f"{path} holds more than {MAX_PARQUET_BYTES / 1e6:,.0f} MB of rows, the most "
-                    "allowed; keep its pictures in files of their own, which a CSV file names"
+                    "allowed; use a CSV file and separate files of pictures"
                 )
             batches.append(batch)
         return pa.Table.from_batches(batches, file.schema_arrow)

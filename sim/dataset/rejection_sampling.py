@@ -1,69 +1,59 @@
-"""A press that is drawn, and drawn again as long as it touches nothing that was meant."""
+"""Rejection sampling of presses: attempts are rejected until one touches the shape and settles."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Iterable
+
+import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.pin_layout import OffPadError
-from t2twin.sim.sensors import Sample
-from t2twin.sim.world.presses import PressSample, attempts_of, sample_press
-from t2twin.sim.world.recipe import Part
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.touch import Touch
+from t2twin.sim.world.presses import PressSample
+
+Press = Callable[[Shape, PressCommand, np.random.Generator], Touch]
+"""t2twin.sim.sensors.SensorPair.press."""
 
 
-@dataclass(frozen=True)
-class AcceptedPress:
-    """What came of a draw. shape: the planned one or its stand-in. sample: None where the press is
-    an untouched one. attempt: which draw it was."""
+def press_until_accepted(
+    attempts: Iterable[PressSample], shape: Shape, press: Press, rejected: Counter[str]
+) -> tuple[Touch, int]:
+    """The first accepted attempt at a press, and its number.
 
-    shape: Shape
-    drawn: PressSample
-    sample: Sample | None
-    attempt: int
-
-
-def sample_until_contact(
-    part: Part,
-    shape: Shape,
-    number: int,
-    press: int,
-    seed: tuple[int, ...],
-    press_it: Callable[[Shape, PressSample], Sample],
-    again: Callable[[str], None],
-    first: int = 0,
-) -> AcceptedPress:
-    """Draws a press of a part until it touches the shape's features and settles.
-
-    shape, number, press, seed: as for presses.sample_press. press_it: presses what was drawn.
-    again: told why a draw was refused. first: attempts that need not be made, as none touched.
-    Raises T2TwinError where no draw touched.
+    attempts: from presses.press_attempts. shape: the planned one. rejected: counts the rejected
+    attempts by reason. A press on the grid is not sampled: it may bottom out, and must settle.
+    Raises T2TwinError where no attempt is accepted.
     """
     planned = shape.name
-    for attempt in range(first, attempts_of(part)):
-        drawn = sample_press(part, planned, number, press, seed, attempt)
-        if drawn.command.shape != shape.name:
-            shape = catalogue.load(drawn.command.shape)
-        if drawn.is_untouched:
-            return AcceptedPress(shape, drawn, None, attempt)
+    for sample in attempts:
+        if sample.command.shape != shape.name:
+            shape = catalogue.load(sample.command.shape)
+        if sample.attempt is None:
+            touch = press(shape, sample.command, sample.rng)
+            if not all(contact.settled for contact in touch.contacts.values()):
+                raise T2TwinError(
+                    f"press {sample.index} of {planned} did not settle; use another grid"
+                )
+            return touch, 0
         try:
-            sample = press_it(shape, drawn)
+            touch = press(shape, sample.command, sample.rng)
         except OffPadError:
-            again("beside the pad")
-            continue
-        why = why_again(sample)
-        if why is None:
-            return AcceptedPress(shape, drawn, sample, attempt)
-        again(why)
+            reason = "beside the pad"
+        else:
+            reason = rejection_reason(touch)
+            if reason is None:
+                return touch, sample.attempt
+        rejected[reason] += 1
     raise T2TwinError(
-        f"{planned} could not be touched in {attempts_of(part)} draws; take places nearer to the "
-        "shapes' middles"
+        f"no attempt at a press touched {planned}; use places nearer to the middle of the shapes"
     )
 
 
-def why_again(sample: Sample) -> str | None:
-    """Why a press that was drawn is drawn again, None where it is as it was meant."""
-    contacts = (sample.digit, sample.cyskin)
+def rejection_reason(touch: Touch) -> str | None:
+    """Why a sampled press is rejected, None for an accepted one, such as a press of 0 N."""
+    contacts = touch.contacts.values()
     if any(contact.bottomed for contact in contacts):
         return "on the base plate"
     return None if all(contact.settled for contact in contacts) else "not settled"

@@ -1,6 +1,6 @@
-"""Plausible deflections of the gel in closed form, for calibrating and testing the optics alone.
+"""Approximate deflections of the gel in closed form, for calibrating and testing the optics.
 
-The press engine gives the real ones; these need no contact solver.
+They need no contact solver.
 """
 
 import numpy as np
@@ -8,12 +8,12 @@ import numpy as np
 from t2twin.sim.digit.camera.pinhole import optical_grid
 
 SKIRT_MM = 0.6
-"""Length over which the gel rises again beside a shape, mm (assumed: a fraction of its layer)."""
+"""Decay length of the deflection outside a shape, mm (assumed: a fraction of the layer)."""
 BALL_HOLD = 0.8
-"""Part of a ball's contact radius inside which the gel follows the ball exactly (assumed; the
-gel leaves it where the skirt takes over with the same slope)."""
+"""Fraction of a ball's contact radius inside which the gel follows the ball (assumed); the skirt
+starts there with the same slope."""
 BALL_SKIRT = 1.0
-"""Length of that skirt over the one of equal slope (assumed)."""
+"""Length of the skirt, in parts of the one of equal slope (assumed)."""
 
 
 def ball(
@@ -24,10 +24,10 @@ def ball(
     hold: float = BALL_HOLD,
     skirt: float = BALL_SKIRT,
 ) -> np.ndarray:
-    """Deflection, mm, on optical_grid() under a ball pressed depth_mm deep.
+    """Deflection by a ball pressed depth_mm deep, mm, on optical_grid().
 
-    The ball's own profile within hold of the contact, and an exponential skirt outside, skirt
-    times as long as one of equal slope.
+    The ball's profile within hold times the contact radius, and an exponential skirt outside,
+    skirt times as long as one of equal slope.
     """
     x, y = np.meshgrid(*optical_grid())
     distance = np.hypot(x - x_mm, y - y_mm)
@@ -36,9 +36,9 @@ def ball(
     height = np.sqrt(radius_mm**2 - held_mm**2)
     edge_mm = depth_mm - radius_mm + height
     skirt_mm = skirt * edge_mm * height / held_mm
-    under = depth_mm - radius_mm + np.sqrt(np.maximum(radius_mm**2 - distance**2, 0.0))
-    beside = edge_mm * np.exp(-np.maximum(distance - held_mm, 0.0) / skirt_mm)
-    return np.where(distance < held_mm, under, beside)
+    inside = depth_mm - radius_mm + np.sqrt(np.maximum(radius_mm**2 - distance**2, 0.0))
+    outside = edge_mm * np.exp(-np.maximum(distance - held_mm, 0.0) / skirt_mm)
+    return np.where(distance < held_mm, inside, outside)
 
 
 def block(
@@ -49,7 +49,7 @@ def block(
     length_mm: float,
     yaw_rad: float = 0.0,
 ) -> np.ndarray:
-    """The same under a flat rectangle, width along x and length along y at yaw 0."""
+    """The same by a flat rectangle, width along x and length along y at yaw 0."""
     x, y = np.meshgrid(*optical_grid())
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     along = (x - x_mm) * cos + (y - y_mm) * sin
@@ -59,12 +59,12 @@ def block(
 
 
 def ring(x_mm: float, y_mm: float, depth_mm: float, inner_mm: float, outer_mm: float) -> np.ndarray:
-    """The same under a flat ring of the given inner and outer radius."""
+    """The same by a flat ring with these inner and outer radii."""
     x, y = np.meshgrid(*optical_grid())
     distance = np.hypot(x - x_mm, y - y_mm)
-    away = np.maximum(np.maximum(inner_mm - distance, distance - outer_mm), 0.0)
-    return _flat(away, depth_mm)
+    outside = np.maximum(np.maximum(inner_mm - distance, distance - outer_mm), 0.0)
+    return _flat(outside, depth_mm)
 
 
-def _flat(away_mm: np.ndarray, depth_mm: float) -> np.ndarray:
-    return depth_mm * np.exp(-away_mm / SKIRT_MM)
+def _flat(distance_mm: np.ndarray, depth_mm: float) -> np.ndarray:
+    return depth_mm * np.exp(-distance_mm / SKIRT_MM)

@@ -1,13 +1,13 @@
-"""The reference picture: the deformed gel as a mesh, lit by three LEDs, rendered by pyrender.
+"""Reference renderer: the deformed gel as a mesh, lit by three LEDs, rendered by pyrender.
 
-The only module that touches pyrender, which is unmaintained. It therefore sets the GL platform
-before the import, gives numpy 2 back the one name pyrender still asks for, tells PyOpenGL the name
-that Python 3.12 gave a type, and keeps the scene in millimeters: pyrender's shadow bias is an
-absolute number that swallows every shadow of a scene in meters. pyrender shadows spot and
-directional lights only, hence the spots.
+No other module imports pyrender, which is unmaintained. This one sets the GL platform before the
+import and restores a name that NumPy 2 removed. It registers a type with PyOpenGL whose name Python
+3.12 changed. The scene is in millimeters: pyrender's shadow bias is an absolute number that removes
+all shadows of a scene in meters. The LEDs are spot lights, since pyrender has shadows for spot and
+directional lights only.
 
-An LED with a size casts soft shadows. The renderer gives each LED a handful of points over its
-disc, renders one picture with hard shadows per point and averages the pictures in linear light.
+For soft shadows, each LED has several points on its disc. One image with hard shadows is rendered
+per point, and the images are averaged in linear light.
 """
 
 import os
@@ -22,20 +22,20 @@ from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
 from t2twin.sim.digit.light.coating import coated
 from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS, REACH_MM, Led
-from t2twin.sim.digit.light.shadows import CASTER_LEAST_MM
+from t2twin.sim.digit.light.shadows import MIN_CASTER_MM
 
 GAMMA = 2.2
 """Exponent of pyrender's output encoding."""
 MESH_STRIDE = 2
-"""Cells of the optical grid to a side of the mesh's: finer triangles than this, 4 pixels, cost
-software GL seconds and change nothing that can be seen."""
+"""Cells of the optical grid per cell of the mesh: triangles below 4 pixels take seconds with
+software OpenGL and change the image invisibly."""
 CASTER_DEPTH_MM = 0.06
-"""How far behind the gel's surface the surface that casts the shadows lies, mm: twice a texel of
-the shadow map at the far end of the gel, so that the gel does not shade itself."""
+"""Distance of the surface that casts shadows behind the gel's surface, mm: twice a texel of the
+shadow map at the far end of the gel, which avoids self-shadowing."""
 SEEN_MARGIN_MM = 0.3
-"""How far the receiving mesh reaches beyond what the picture shows, mm: a cell and a half."""
+"""Margin of the receiving mesh around the visible region, mm: a cell and a half."""
 ALBEDO = 0.96
-"""Part of the light that pyrender's rough dielectric scatters diffusely (its own constant)."""
+"""Fraction of the light that pyrender's rough dielectric scatters diffusely (its constant)."""
 
 
 def _import_pyrender() -> Any:
@@ -53,9 +53,9 @@ def _import_pyrender() -> Any:
 
 @cache
 def _name_ctypes_parameters() -> None:
-    """Makes PyOpenGL 3.1.0, to which pyrender holds, take what ctypes.byref gives.
+    """Register the type of ctypes.byref with PyOpenGL 3.1.0, which pyrender requires.
 
-    It knows types by name, and this one was builtins.CArgObject before Python 3.12.
+    It finds types by name, and this one was builtins.CArgObject before Python 3.12.
     """
     from OpenGL.plugins import FormatHandler
 
@@ -72,11 +72,11 @@ def _no_gl(error: Exception) -> str:
 
 
 class ReferenceRenderer:
-    """Renders the gel from inside. Built once, used for any number of frames.
+    """Renders the gel from inside.
 
-    leds, ambient: the LEDs and the undirected light. shadows: whether LEDs cast them.
+    leds, ambient: the LEDs and the undirected light. shadows: whether LEDs cast shadows.
     led_points: points per LED, one render pass each; 1 gives hard shadows.
-    Raises T2TwinError where no EGL or GL library is found.
+    Raises T2TwinError if there is no EGL or OpenGL library.
     """
 
     def __init__(
@@ -136,18 +136,18 @@ class ReferenceRenderer:
         self._flags = flags.SHADOWS_SPOT if shadows and self._lit else flags.NONE
         try:
             self._renderer = pyrender.OffscreenRenderer(COLUMNS, ROWS)
-        except Exception as error:  # what PyOpenGL raises depends on what is missing
+        except Exception as error:  # the type depends on the missing library
             raise T2TwinError(_no_gl(error)) from error
 
     def render(self, surface_mm: np.ndarray) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) uint8 picture of the gel deflected by surface_mm.
+        """(ROWS, COLUMNS, 3) uint8: the image of the gel deflected by surface_mm.
 
         surface_mm: on optical_grid(), rows x columns, positive into the sensor.
         """
         return encode(self.render_linear(surface_mm))
 
     def render_linear(self, surface_mm: np.ndarray) -> np.ndarray:
-        """The same picture as linear light, float64, 1 at the brightest that can be shown."""
+        """The same image as linear light, float64, in parts of white."""
         self._place_gel(surface_mm)
         total = np.zeros((ROWS, COLUMNS, 3))
         for index in range(self._passes):
@@ -168,7 +168,7 @@ class ReferenceRenderer:
         self.close()
 
     def _is_seen(self) -> np.ndarray:
-        """(vertices,) whether the picture can show them; the rim beyond would shade the rest."""
+        """(vertices,) whether the image can contain them; the rim outside would shade the rest."""
         x, y = np.meshgrid(self._x_mm, self._y_mm)
         highest_mm = float(self._rest_mm.max())
         xy = _blocks(np.stack([x, y], axis=-1))
@@ -188,10 +188,10 @@ class ReferenceRenderer:
         normals = _blocks(np.stack([along_x, along_y, -np.ones_like(z)], axis=-1))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         points = _blocks(np.stack([x, y, z], axis=-1))
-        # pyrender draws shadow maps without back faces: the gel, turned away from the LEDs,
-        # receives shadows only, and a copy just behind it, out of the camera's sight, casts them
+        # pyrender's shadow maps omit back faces: the gel, facing away from the LEDs, only receives
+        # shadows; a copy behind it, invisible to the camera, casts them
         primitives = [self._primitive(points, normals, self._seen_faces, self._gel_material)]
-        deep = _blocks(surface_mm[..., None]).ravel() > CASTER_LEAST_MM
+        deep = _blocks(surface_mm[..., None]).ravel() > MIN_CASTER_MM
         casting = self._faces[deep[self._faces].all(axis=1)]
         if casting.size:
             behind = points - CASTER_DEPTH_MM * normals
@@ -210,7 +210,7 @@ class ReferenceRenderer:
 
 
 def encode(linear: np.ndarray) -> np.ndarray:
-    """uint8 grey levels of linear light (the camera's gamma, assumed as pyrender's)."""
+    """uint8 grey levels of linear light (the camera's gamma is assumed to be pyrender's)."""
     return np.round(255.0 * np.clip(linear, 0.0, 1.0) ** (1.0 / GAMMA)).astype(np.uint8)
 
 
@@ -222,7 +222,7 @@ def _blocks(grid: np.ndarray) -> np.ndarray:
 
 
 def _grid_faces(ny: int, nx: int) -> np.ndarray:
-    """(2 (ny - 1) (nx - 1), 3) triangles of a grid of vertices, turned towards the camera (-z)."""
+    """(2 (ny - 1) (nx - 1), 3) triangles of a grid of vertices, facing the camera (-z)."""
     corner = np.arange(ny * nx, dtype=np.uint32).reshape(ny, nx)
     a, b = corner[:-1, :-1].ravel(), corner[:-1, 1:].ravel()
     c, d = corner[1:, :-1].ravel(), corner[1:, 1:].ravel()
@@ -230,14 +230,14 @@ def _grid_faces(ny: int, nx: int) -> np.ndarray:
 
 
 def _camera_pose(camera: Camera) -> np.ndarray:
-    """(4, 4): pyrender's cameras look along their -z with +y up; ours along +z with y down."""
+    """(4, 4): pyrender's cameras look along -z with +y up, this one along +z with y down."""
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[2, 3] = -camera.distance_mm
     return pose
 
 
 def _spot_pose(position_mm: np.ndarray, aim_mm: np.ndarray) -> np.ndarray:
-    """(4, 4) pose of a spot at one point, aimed at another; it shines along its -z."""
+    """(4, 4) pose of a spot light at one point, aimed at another along its -z."""
     back = position_mm - aim_mm
     back = back / np.linalg.norm(back)
     sideways = np.cross([0.0, 0.0, 1.0], back)

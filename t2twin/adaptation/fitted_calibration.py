@@ -70,7 +70,7 @@ def write_fitted(
 
     report: of a calibration with tolerances.
     """
-    assert report.certainty is not None
+    assert report.uncertainty is not None
     fitted = FittedCalibration(
         format=FORMAT,
         inputs_digest=inputs_digest,
@@ -84,7 +84,7 @@ def write_fitted(
                 report.held_out, report.poses, report.each, strict=True
             )
         ),
-        uncertainty=report.certainty,
+        uncertainty=report.uncertainty,
     )
     report.calibration.save(folder / CALIBRATION)
     with atomic_write(folder / PRESSES) as temporary:

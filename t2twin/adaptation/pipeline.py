@@ -121,12 +121,13 @@ class AdaptConfig:
 
     def digest(self, inputs: Inputs) -> str:
         """SHA-256 of the frames and numbers of the calibration."""
-        digest = hashlib.sha256(inputs.untouched.tobytes() + inputs.frames.tobytes())
+        digest = hashlib.sha256(inputs.background.tobytes() + inputs.frames.tobytes())
         numbers = (
             inputs.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
         )  # fmt: skip
         digest.update(repr(numbers).encode())
-        for values in (inputs.known.diameters_mm, inputs.known.depths_mm, inputs.known.forces_n):
+        measured = inputs.measurements
+        for values in (measured.diameters_mm, measured.depths_mm, measured.forces_n):
             digest.update(values.tobytes())
         return digest.hexdigest()
 
@@ -183,7 +184,7 @@ def adapt(
                 model, config.out / DATA, "cpu", run_dir, minutes=share, init_from=config.init_from
             )
     with timer.step("check"):  # without the lock, which write_page takes
-        run, background_frame = load_run(run_dir), inputs.untouched
+        run, background_frame = load_run(run_dir), inputs.background
         comparisons = evaluate_frames(run, _references(config, inputs, fitted), background_frame)
         result = record_of(run, comparisons, background_frame, fitted, timer.minutes)
         write_adapt_page(config.out, run, comparisons, result)

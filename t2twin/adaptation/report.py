@@ -20,7 +20,7 @@ from t2twin.report.html.figures import (
 from t2twin.report.html.page import write_page
 from t2twin.report.sections.qualitative import BAR_WIDTH, PANEL_IN, ROW_IN
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.digit.calibrate.record import sentences_of
+from t2twin.sim.digit.calibrate.record import uncertainty_sentences
 from t2twin.sim.digit.calibrate.uncertainty import Bounds
 from t2twin.translate.inference.predictor import CountsPredictor
 
@@ -146,14 +146,17 @@ def _uncertainty(result: AdaptationResult) -> str:
     return markup.section(
         "uncertainty",
         "Uncertainty",
-        [markup.items(sentences_of(result.uncertainty)), markup.table(heads, [("", rows)])],
+        [
+            markup.items(uncertainty_sentences(result.uncertainty)),
+            markup.table(heads, [("", rows)]),
+        ],
     )
 
 
 def _bounds(bounds: Bounds | None) -> tuple[str, str, str]:
     if bounds is None:
         return "", "", ""
-    return f"{bounds.at:.2f}", f"{bounds.low:.2f}", f"{bounds.high:.2f}"
+    return f"{bounds.value:.2f}", f"{bounds.low:.2f}", f"{bounds.high:.2f}"
 
 
 def _steps(result: AdaptationResult) -> str:

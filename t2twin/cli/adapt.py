@@ -67,9 +67,9 @@ def adapt(
 
 
 def _print(result: "AdaptationResult") -> None:
-    from t2twin.sim.digit.calibrate.record import lines_of
+    from t2twin.sim.digit.calibrate.record import uncertainty_lines
 
-    for line in lines_of(result.uncertainty):
+    for line in uncertainty_lines(result.uncertainty):
         print(line)
     real, percent = result.real, result.real.interval_coverage_percent
     minutes = ", ".join(f"{name} {spent:.1f}" for name, spent in result.minutes.items())

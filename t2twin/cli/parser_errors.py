@@ -7,6 +7,7 @@ interface. Therefore pyproject.toml pins the version of tyro.
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from typing import Any
 
@@ -110,8 +111,12 @@ class ParserError:
         return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing"
 
     def _options(self) -> tuple[str, ...]:
+        names: list[str] = []
         parameters = inspect.signature(self._commands[self._command or ""]).parameters
-        return tuple("--" + name.replace("_", "-") for name in parameters)
+        for name, parameter in parameters.items():
+            options = getattr(parameter.annotation, "__origin__", None)  # of Annotated
+            names += [field.name for field in fields(options)] if is_dataclass(options) else [name]
+        return tuple("--" + name.replace("_", "-") for name in names)
 
     def _unknown_option(self) -> str | None:
         """The first unknown option."""

@@ -18,9 +18,9 @@ from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
     from t2twin.sim.cyskin.layout import Layout
+    from t2twin.sim.touch import Touch
     from t2twin.translate.inference.predictor import CountsPredictor
     from t2twin.translate.uncertainty.estimate import Estimate
-    from t2twin.twin import Touch
 
 RUNS = Path("runs")
 """Default folder of trained runs."""

@@ -8,7 +8,7 @@ from PIL import Image
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import check_image_header, decode_image
-from t2twin.sim.digit.camera.gaussian_noise import white
+from t2twin.sim.digit.camera.gaussian_noise import standard_normal
 
 RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
 RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)
@@ -70,7 +70,7 @@ def augment(
     jittered = (pixels - 0.5) * gain + (0.5 + offset)
     if noise > 0:
         image = jittered[..., : len(RGB_MEAN)]
-        image += np.float32(noise) * white(rng, image.shape)
+        image += np.float32(noise) * standard_normal(rng, image.shape)
     return jittered.clip(0.0, 1.0)
 
 

@@ -1,9 +1,8 @@
-"""A light for a unit of which there is one untouched frame and nothing else: the drawn units' mean.
+"""A calibration from one background frame: the mean light of sampled units.
 
-The frame gives the background. Of how the LEDs shade and shadow a press it says nothing that could
-be used: drawn units whose LEDs explain it best come no nearer to a real unit's presses than others
-do (benchmarks/untouched.py). The mean over many drawn units comes nearer than any of them, as it
-errs the least.
+The background frame does not determine how LEDs shade and shadow a press: the sampled units whose
+LEDs explain it best predict a real unit's presses no better than the others
+(benchmarks/untouched.py). The mean over many units predicts them better than any one unit.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,46 +19,41 @@ from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.randomization.ranges import UnitRanges
 from t2twin.sim.digit.randomization.unit import sample_unit
 
-DRAWN = 300
-"""Units that are averaged (assumed: twice as many change the mean by little)."""
-DRAW = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
-"""Units whose grey levels go with the light, as a fit takes a real unit's to do: only responses of
-one gamma can be averaged."""
+UNIT_COUNT = 300
+"""Number of units that are averaged (assumed: twice as many change the mean by little)."""
+RANGES = UnitRanges(linear_amount=1.0, linear_gamma=(GAMMA, GAMMA))
+"""Ranges of the units: their gamma is the one of a fit. Only responses of one gamma can be
+averaged."""
 
 
 def guess_light(
     background: str | Path,
     camera: Camera | None = None,
-    say: Callable[[str], object] = lambda line: None,
+    report: Callable[[str], object] = lambda line: None,
 ) -> Calibration:
-    """A calibration with the user's background, under the mean light of drawn units.
+    """A calibration with the user's background and the mean light of sampled units.
 
-    background: a frame of the untouched sensor, 240 wide, 320 high, PNG or JPEG; what noise it has
-    stays in it. camera: scale and distance, which the frame does not tell. Raises T2TwinError for a
-    frame that cannot be used.
+    background: a background frame, 240 wide, 320 high, PNG or JPEG, whose noise is kept. camera:
+    scale and distance, which a frame does not determine. report: called with progress messages.
+    Raises T2TwinError for an invalid frame.
     """
     camera = Camera() if camera is None else arguments.instance(camera, "camera", Camera)
-    arguments.function(say, "say")
-    untouched = upright_frame(read_frame(arguments.path(background, "background")))
-    say(f"drawing {DRAWN} DIGITs, some seconds")
-    return mean_light(drawn_lights(untouched, camera))
+    arguments.function(report, "report")
+    frame = upright_frame(read_frame(arguments.path(background, "background")))
+    report(f"sampling {UNIT_COUNT} DIGIT units, some seconds")
+    return mean_light(sample_lights(frame, camera))
 
 
-def drawn_lights(untouched: np.ndarray, camera: Camera, count: int = DRAWN) -> list[Calibration]:
-    """Drawn units, all with one camera and background (ROWS, COLUMNS, 3) uint8."""
-    units = (sample_unit(np.random.default_rng((0, n)), DRAW).calibration for n in range(count))
-    return [
-        replace(
-            unit,
-            background=untouched,
-            **asdict(camera),
-        )
-        for unit in units
-    ]
+def sample_lights(
+    background: np.ndarray, camera: Camera, count: int = UNIT_COUNT
+) -> list[Calibration]:
+    """Sampled units, all with one camera and one background (ROWS, COLUMNS, 3) uint8."""
+    units = (sample_unit(np.random.default_rng((0, n)), RANGES).calibration for n in range(count))
+    return [replace(unit, background=background, **asdict(camera)) for unit in units]
 
 
 def mean_light(units: Sequence[Calibration]) -> Calibration:
-    """LEDs at the mean places, of the mean sizes, geometrically, with the mean response."""
+    """The mean LED positions and response, and the geometric mean of the LED sizes."""
     return replace(
         units[0],
         leds_mm=np.mean([unit.leds_mm for unit in units], axis=0),

@@ -1,7 +1,7 @@
-"""What a user knows of the presses besides their frames: the balls, displacements, forces.
+"""Measurements of the presses besides their frames: ball diameters, displacements, forces.
 
-It stands in `forces.csv` beside the frames: a column file, and any of force_n, depth_mm and
-ball_diameter_mm; a cell may be empty. How sure the numbers are is a Tolerance.
+They are read from `forces.csv` in the folder of the frames. It has a column file, and any of
+force_n, depth_mm and ball_diameter_mm; a cell may be empty. A Tolerance bounds their errors.
 """
 
 from collections.abc import Sequence
@@ -18,11 +18,11 @@ from t2twin.core.tables import read_rows
 from t2twin.sim.contact.types import FORCE_RANGE_N
 
 FORCES = "forces.csv"
-"""The file among the frames."""
+"""Name of the file of measurements."""
 BALL_MM = (1.0, 12.0)
-"""Diameters of balls that press a DIGIT's gel and fit its picture, mm."""
+"""Ball diameters that press a DIGIT's gel and fit into its image, mm."""
 DEEPEST_MM = 4.0
-"""Deepest displacement, mm: the gel is 4.07 mm thick."""
+"""Largest displacement, mm: the gel is 4.07 mm thick."""
 
 Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
 Depth = Annotated[float, Meta(gt=0.0, le=DEEPEST_MM)]
@@ -31,16 +31,16 @@ Diameter = Annotated[float, Meta(ge=BALL_MM[0], le=BALL_MM[1])]
 
 @dataclass(frozen=True)
 class Tolerance:
-    """How far from what is stated the truth may be, either way.
+    """Largest errors, in either direction.
 
-    ball_mm: the balls' diameters. scale_px_per_mm: the picture's scale; where displacements are
-    known it is not asked for. depth_mm: those displacements, their zero at the first touch
-    foremost. force_n: known forces. young_mpa: the gel's modulus as the twin assumes it; where
-    forces are known it is not asked for. Defaults are assumed: a slide gauge's for the ball; of the
-    scale what reaches from 19.2 px/mm to the least of public units, 17.2; a stage's that is set to
-    zero by eye; a kitchen scale's; and of the modulus what spans Gent's 0.41 to 0.57 MPa of Shore
-    10A to 15A.
-    Raises T2TwinError for one that is negative or not finite.
+    ball_mm: of the ball diameters. scale_px_per_mm: of the image scale; unused if displacements are
+    measured. depth_mm: of the displacements, mainly of their zero at first contact. force_n: of the
+    forces. young_mpa: of the gel's default modulus; unused if forces are measured.
+
+    Defaults (assumed): a caliper for the ball; from 19.2 px/mm to 17.2, the lowest of public units,
+    for the scale; a stage zeroed by eye; a kitchen scale; Gent's 0.41 to 0.57 MPa of Shore 10A to
+    15A for the modulus.
+    Raises T2TwinError for a value that is negative or not finite.
     """
 
     ball_mm: float = 0.1
@@ -70,15 +70,18 @@ class _Row:
 
 @dataclass(frozen=True)
 class Measurements:
-    """What is known of n presses, each (n,). diameters_mm: of the balls. depths_mm, forces_n: NaN
-    where unknown; depths from the first touch."""
+    """Measurements of n presses, each (n,).
+
+    diameters_mm: of the balls. depths_mm: from first contact. forces_n. The last two are NaN where
+    there is no measurement.
+    """
 
     diameters_mm: np.ndarray
     depths_mm: np.ndarray
     forces_n: np.ndarray
 
-    def of(self, presses: Sequence[int]) -> "Measurements":
-        """Of some of them, by their indices."""
+    def subset(self, presses: Sequence[int]) -> "Measurements":
+        """The measurements of the presses with these indices."""
         return Measurements(
             self.diameters_mm[presses], self.depths_mm[presses], self.forces_n[presses]
         )
@@ -92,39 +95,39 @@ class Measurements:
         return bool(np.isfinite(self.forces_n).any())
 
 
-def read_known(folder: Path, names: Sequence[str], ball_diameter_mm: float) -> Measurements:
-    """Of the frames of these names in a folder, from its FORCES, where there is one.
+def read_measurements(folder: Path, names: Sequence[str], ball_diameter_mm: float) -> Measurements:
+    """The measurements of the named frames of a folder; its file FORCES may be missing.
 
-    ball_diameter_mm: of the presses of which the file says none. Raises T2TwinError for a ball out
-    of BALL_MM, a file that is no such table, and one that names what is no frame, or a frame twice.
+    ball_diameter_mm: of presses without a diameter in the file. Raises T2TwinError for a diameter
+    outside BALL_MM, an invalid file, and a row without a frame or with the frame of another row.
     """
     check_ball(ball_diameter_mm)
-    path, at = folder / FORCES, {name: number for number, name in enumerate(names)}
-    nothing = np.full(len(names), np.nan)
-    known = Measurements(
-        np.full(len(names), float(ball_diameter_mm)), nothing.copy(), nothing.copy()
+    path, index = folder / FORCES, {name: number for number, name in enumerate(names)}
+    missing = np.full(len(names), np.nan)
+    measurements = Measurements(
+        np.full(len(names), float(ball_diameter_mm)), missing.copy(), missing.copy()
     )
     if not path.exists():
-        return known
+        return measurements
     seen = set()
     for row in read_rows(path, _Row, "a table of presses"):
-        if row.file not in at:
-            raise T2TwinError(f"{path} names {row.file}, which is no frame in {folder}")
+        if row.file not in index:
+            raise T2TwinError(f"{path} names {row.file}, which is not a frame in {folder}")
         if row.file in seen:
             raise T2TwinError(f"{path} names {row.file} twice; each frame has one row")
         seen.add(row.file)
         for values, value in (
-            (known.diameters_mm, row.ball_diameter_mm),
-            (known.depths_mm, row.depth_mm),
-            (known.forces_n, row.force_n),
+            (measurements.diameters_mm, row.ball_diameter_mm),
+            (measurements.depths_mm, row.depth_mm),
+            (measurements.forces_n, row.force_n),
         ):
             if value is not None:
-                values[at[row.file]] = value
-    return known
+                values[index[row.file]] = value
+    return measurements
 
 
 def check_ball(diameter_mm: float) -> None:
-    """Raises T2TwinError for a ball that fits no picture."""
+    """Raises T2TwinError for a ball diameter outside BALL_MM."""
     diameter_mm = arguments.real(diameter_mm, "ball_diameter_mm")
     if not BALL_MM[0] <= diameter_mm <= BALL_MM[1]:
         raise T2TwinError(

@@ -1,1 +1,1 @@
-"""The DIGIT's camera: its pinhole, its response, its noise."""
+"""The DIGIT's camera: projection, response, noise."""

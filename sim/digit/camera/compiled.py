@@ -1,4 +1,4 @@
-"""How the optics' inner loops are compiled, and what they share."""
+"""Compilation of the optics' inner loops, and their shared functions."""
 
 from t2twin.core.jit import compiled
 
@@ -6,14 +6,14 @@ _OPTIONS = {"nogil": True, "error_model": "numpy"}
 
 jit = compiled(**_OPTIONS)
 jit_finite = compiled(fastmath={"nnan", "ninf", "nsz"}, **_OPTIONS)
-"""For finite numbers only: lets minima and maxima be vectorised, changes no rounding."""
+"""For finite numbers only: minima and maxima are vectorized; rounding does not change."""
 inlined = compiled(inline="always", **_OPTIONS)
-"""A part of such a loop, compiled as if its text stood there."""
+"""A function that is inlined into such a loop."""
 
 
 @inlined
 def bilinear(upper_left, upper_right, lower_left, lower_right, down, across):
-    """Between four corners, down and across being the parts of the way, 0 to 1."""
+    """Bilinear interpolation between four corners. down, across: 0 to 1."""
     upper = upper_left + across * (upper_right - upper_left)
     lower = lower_left + across * (lower_right - lower_left)
     return upper + down * (lower - upper)

@@ -1,9 +1,9 @@
-"""White noise, cheap enough for every pixel of every picture.
+"""Fast Gaussian white noise for all pixels of an image.
 
-A number's place in the frame, with two keys drawn for the frame, goes through a hash whose upper
-bits choose a normal quantile: a counter-based generator (Salmon et al., Parallel random numbers: as
-easy as 1, 2, 3, SC 2011), so that a loop needs no state and no array of draws. The hash is the
-finaliser of MurmurHash3 (Appleby, 2011), its second key added between its two rounds.
+A counter-based generator (Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC 2011): the
+index of a value and two keys of the frame are hashed, and the hash's upper bits select a normal
+quantile. So a loop needs no state and no array of samples. The hash is the finalizer of MurmurHash3
+(Appleby, 2011) with the second key added between its two rounds.
 """
 
 import math
@@ -14,10 +14,10 @@ import numpy as np
 from t2twin.sim.digit.camera.compiled import inlined, jit
 
 BITS = 12
-"""Of a hash that choose a quantile: 4,096, the outermost at 3.7 standard deviations."""
+"""Bits of a hash that select a quantile: one of 4,096, the outermost at 3.7 standard deviations."""
 
 Keys = tuple[np.uint32, np.uint32]
-"""What tells one frame's noise from another's."""
+"""The keys of one frame's noise."""
 
 _GOLDEN, _FIRST, _SECOND = (np.uint32(n) for n in (0x9E3779B9, 0x85EBCA6B, 0xC2B2AE35))
 _HALF_WORD, _THIRTEEN = np.uint32(16), np.uint32(13)
@@ -25,16 +25,16 @@ _UPPER, _MIDDLE, _MASK = np.uint32(32 - BITS), np.uint32(32 - 2 * BITS), np.uint
 
 
 def keys(rng: np.random.Generator) -> Keys:
-    """A frame's."""
+    """Keys for one frame."""
     first, second = rng.integers(2**32, size=2, dtype=np.uint32)
     return first, second
 
 
 @cache
 def quantiles() -> np.ndarray:
-    """(2^BITS,) float32 standard normal quantiles, at the middles of equal shares.
+    """(2^BITS,) float32 standard normal quantiles, at the middles of equal probabilities.
 
-    As good as drawing normals, once the result is rounded to grey levels.
+    After rounding to grey levels, samples of them are as good as normal samples.
     """
     from scipy.special import ndtri
 
@@ -42,8 +42,8 @@ def quantiles() -> np.ndarray:
     return ndtri((np.arange(count) + 0.5) / count).astype(np.float32)
 
 
-def white(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Independent standard normals of a shape, float32."""
+def standard_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    """Independent standard normal values of a shape, float32."""
     count = math.prod(shape)
     out = np.empty(count + count % 2, dtype=np.float32)
     _fill(*keys(rng), quantiles(), out)
@@ -52,12 +52,14 @@ def white(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
 
 @inlined
 def choose(first, key, other_key, chosen):
-    """Fill chosen (n,) uint32, n even, with the quantiles' numbers at n places from the first,
-    even one on. A hash's upper and middle bits serve two places, half a row apart."""
+    """Fill chosen (n,) uint32, n even, with indices of quantiles for n values from `first` on.
+
+    first: even. The upper and middle bits of one hash give two values, half a row apart.
+    """
     half = chosen.size // 2
     start = np.uint32(first)
     for n in range(half):
-        # numba widens what two uint32 make; each is cut back, so that a row is one vector loop
+        # numba widens results of uint32; the casts keep the loop vectorized
         word = np.uint32(np.uint32((start + np.uint32(n)) * _GOLDEN) + key)
         word = np.uint32(np.uint32(word ^ np.uint32(word >> _HALF_WORD)) * _FIRST)
         word = np.uint32(word + other_key)

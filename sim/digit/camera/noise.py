@@ -1,6 +1,6 @@
-"""A camera's noise as it is measured: alike in neighboring pixels, and shared by the colors.
+"""Measured camera noise: correlated between neighboring pixels and between colors.
 
-White noise, one number a pixel and color, is smoothed along both axes and mixed over the colors.
+Gaussian white noise of each pixel and color is smoothed along both axes and mixed over the colors.
 """
 
 from dataclasses import dataclass
@@ -13,20 +13,20 @@ from t2twin.sim.digit.camera.gaussian_noise import choose, keys, quantiles
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
 
 REACH = 2
-"""Pixels that noise is smoothed over to either side: beyond, real noise is hardly alike (0.2 at 3
-px, measured on a real unit)."""
+"""Radius of the smoothing, px: the correlation of real noise is small beyond (0.2 at 3 px, measured
+on a real unit)."""
 TAPS = 2 * REACH + 1
-GREYEST = 64.0
+MAX_MIX_GREY = 64.0
 """Largest entry of a mix, grey levels (assumed: a DIGIT's noise has 2 to 4)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """One frame's noise.
+    """Noise of one frame.
 
-    mix: (3, 3) grey levels, what each color takes of three independent noises of unit variance.
-    taps: (TAPS,) weights that smooth it along each axis; their squares add up to one.
-    Raises T2TwinError for other shapes and values that cannot be.
+    mix: (3, 3) grey levels, weights of three independent noises of unit variance for each color.
+    taps: (TAPS,) weights of the smoothing along each axis, of unit energy.
+    Raises T2TwinError for other shapes and values out of range.
     """
 
     mix: np.ndarray
@@ -34,7 +34,7 @@ class Noise:
 
     def __post_init__(self) -> None:
         for name, value, shape, most in (
-            ("mix", self.mix, (3, 3), GREYEST),
+            ("mix", self.mix, (3, 3), MAX_MIX_GREY),
             ("taps", self.taps, (TAPS,), 1.0),
         ):
             if value.shape != shape or value.dtype.kind not in "fiu":
@@ -47,8 +47,8 @@ class Noise:
         """Standard deviation over all colors, grey levels."""
         return float(np.sqrt(np.mean(np.sum(self.mix**2, axis=1))))
 
-    def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) float32 noise of one frame, grey levels."""
+    def sample(self, rng: np.random.Generator) -> np.ndarray:
+        """(ROWS, COLUMNS, 3) float32: noise of one frame, grey levels."""
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.float32)
         taps, mix = self.taps.astype(np.float32), self.mix.astype(np.float32)
         _fill(keys(rng), quantiles(), taps, mix, out)
@@ -57,15 +57,17 @@ class Noise:
 
 @jit_finite
 def _fill(keys, quantiles, taps, mix, out):
-    """Fill out (P, RGB) with white noise of keys, on P and the taps' reach about it, smoothed and
-    mixed."""
+    """Fill out (P, RGB) with Gaussian noise, smoothed and mixed.
+
+    The white noise covers the image and a margin of the smoothing's radius.
+    """
     columns, reach = out.shape[1], taps.size // 2
     down = np.empty((columns + 2 * reach) * 3, dtype=np.float32)
     across = np.empty(columns * 3, dtype=np.float32)
-    white = np.empty((taps.size, down.size), dtype=np.float32)
+    rows = np.empty((taps.size, down.size), dtype=np.float32)
     chosen = np.empty(down.size, dtype=np.uint32)
     for row in range(out.shape[0] + 2 * reach):
-        line = white[row % taps.size]
+        line = rows[row % taps.size]
         choose(row * down.size, keys[0], keys[1], chosen)
         for n in range(line.size):
             line[n] = quantiles[chosen[n]]
@@ -73,7 +75,7 @@ def _fill(keys, quantiles, taps, mix, out):
             continue
         down[:] = np.float32(0.0)
         for k in range(taps.size):
-            tap, line = taps[k], white[(row - 2 * reach + k) % taps.size]
+            tap, line = taps[k], rows[(row - 2 * reach + k) % taps.size]
             for n in range(down.size):
                 down[n] += tap * line[n]
         across[:] = np.float32(0.0)

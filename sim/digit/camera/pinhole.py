@@ -1,13 +1,13 @@
-"""The DIGIT's camera: a pinhole behind the gel, and the grid on which its gel is described.
+"""The DIGIT's camera, a pinhole behind the gel, and the grid of the gel's deflection.
 
 Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the picture, y down, z out of the
-sensor), with z = 0 at the apex of the untouched gel. The camera sits at z = -distance_mm on the
-axis and looks along +z. Pixel (row, column) has its center at those very numbers.
+sensor), with z = 0 at the apex of the gel at rest. The camera is at z = -distance_mm on the axis
+and looks along +z. The center of pixel (row, column) is at these integer coordinates.
 
-No unit's camera is placed exactly. A shift moves the whole picture by pixels. A tilt is that of the
-gel against the camera, about the apex: a plane added to the untouched surface, while the camera and
-the LEDs stay. So the pixels' rays remain those of a grid, and the picture's middle stays in place,
-where a camera that turned alone would also shift it and take the LEDs' directions along.
+Units differ in the camera's placement. A shift moves the whole image by pixels. A tilt rotates the
+gel about its apex: it adds a plane to the surface at rest, while the camera and the LEDs stay. So
+the pixels' rays remain those of a grid and the image's middle stays in place. A rotated camera
+would also shift the image and change the LEDs' directions.
 """
 
 from dataclasses import dataclass, fields
@@ -25,10 +25,10 @@ COLUMNS = 240
 GRID_PITCH_MM = 0.1
 """Pitch of the optical grid, mm: two pixels (assumed; half of it changes the picture little)."""
 PARALLAX_STEPS = 6
-"""Fixed-point steps of a ray's meeting with the gel; each one shrinks the error by the surface's
-slope times the ray's (at most 0.4), so what is left is under 0.01 mm."""
-MAX_OFF = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
-"""Largest shift, px, and tilt, degrees (assumed: 5 mm of shift, and a tilt that can be seen)."""
+"""Fixed-point steps of the intersection of ray and gel. Each multiplies the error by the slopes of
+surface and ray (at most 0.4); the remaining error is below 0.01 mm."""
+MAX_MISALIGNMENT = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
+"""Largest shift, px, and tilt, degrees (assumed: a shift of 5 mm, a clearly visible tilt)."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,11 @@ class Camera:
     scale_px_per_mm: picture scale at the gel's apex; public calibrations of single units give
         17.2 to 19.6.
     distance_mm: from the pinhole to the gel's apex; public calibrations give 20.8 to 22.
-    Both are measured figures and both are kept. The vertical field of view of about 60 degrees
-    that TACTO's configuration states does not agree with them: 320 rows at 19.2 px/mm seen from
-    21.4 mm are 42.6 degrees.
-    shift_x_px, shift_y_px: where the axis shows, from the picture's middle, to the right and down.
-    tilt_x_deg, tilt_y_deg: of the gel about the x and the y axis; a positive one moves the gel's
-        lower and right part away from the camera.
+    Both are measured. The vertical field of view in TACTO's configuration, about 60 degrees, does
+    not agree with them: 320 rows at 19.2 px/mm, 21.4 mm away, are 42.6 degrees.
+    shift_x_px, shift_y_px: position of the axis in the image, right and down from its middle.
+    tilt_x_deg, tilt_y_deg: rotation of the gel about the x and the y axis; positive values move the
+        gel's lower and right part away from the camera.
     Raises T2TwinError for values out of range.
     """
 
@@ -63,7 +62,7 @@ class Camera:
             )
         if not 5.0 <= self.distance_mm <= 200.0:
             raise T2TwinError(f"distance_mm is {self.distance_mm:g}; it must lie between 5 and 200")
-        for name, most in MAX_OFF.items():
+        for name, most in MAX_MISALIGNMENT.items():
             value = getattr(self, name)
             if not abs(value) <= most:
                 raise T2TwinError(
@@ -77,23 +76,23 @@ class Camera:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Row and column, px, at which the sensor's axis shows."""
+        """Row and column of the sensor's axis in the image, px."""
         return (ROWS - 1) / 2 + self.shift_y_px, (COLUMNS - 1) / 2 + self.shift_x_px
 
     @property
     def is_level(self) -> bool:
-        """Whether the gel is not tilted."""
+        """Whether the gel has no tilt."""
         return self.tilt_x_deg == 0.0 and self.tilt_y_deg == 0.0
 
     def tilt_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """What the tilt adds to the gel's z, mm, at points of shapes that go together."""
+        """The tilt's contribution to the gel's z, mm; x_mm and y_mm are broadcast."""
         along_x, along_y = np.tan(np.radians([self.tilt_y_deg, self.tilt_x_deg]))
         return along_x * x_mm + along_y * y_mm
 
     def project(
         self, x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(rows, columns), px, of points of the sensor frame, mm; shapes as given."""
+        """(rows, columns), px, of points in the sensor frame, mm, of any shape."""
         per_mm = self.focal_px / (self.distance_mm + z_mm)
         row, column = self.middle
         return row + per_mm * y_mm, column + per_mm * x_mm
@@ -106,16 +105,15 @@ class Camera:
         )
 
     def seen_half_extent_mm(self) -> tuple[float, float]:
-        """(half width, half height), mm, of all that the picture can show at or below the apex,
-        of a camera without shift."""
+        """(half width, half height), mm, of the image at the height of the apex, without shift."""
         return COLUMNS / 2 / self.scale_px_per_mm, ROWS / 2 / self.scale_px_per_mm
 
     def is_seen(
         self, x_mm: np.ndarray, y_mm: np.ndarray, margin_mm: float, highest_mm: float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Whether the picture can show places along x and along y, bool of their shapes.
+        """Whether the image can contain places along x and along y, bool of their shapes.
 
-        margin_mm: taken beyond it. highest_mm: z of what is farthest from the camera.
+        margin_mm: added at the edges. highest_mm: z of the point farthest from the camera.
         """
         widened = 1.0 + max(highest_mm, 0.0) / self.distance_mm
         half_width, half_height = (half * widened for half in self.seen_half_extent_mm())
@@ -128,7 +126,7 @@ class Camera:
         )
 
     def gel_points(self, gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Where each pixel's ray meets the untouched gel: x, y, z in mm, each (ROWS, COLUMNS)."""
+        """Where each pixel's ray meets the gel at rest: x, y, z in mm, each (ROWS, COLUMNS)."""
         across, down = np.meshgrid(*self.rays())
         z = np.zeros((ROWS, COLUMNS))
         for _ in range(PARALLAX_STEPS):
@@ -141,7 +139,7 @@ DIGIT_CAMERA = Camera()
 
 
 def optical_grid(gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray]:
-    """Axes of the grid on which the optics take the gel's deflection.
+    """Axes of the optics' grid of the gel's deflection.
 
     Returns x_mm (nx,) and y_mm (ny,), cell centers, rising, GRID_PITCH_MM apart, symmetric
     about 0 and covering the gel: 184 and 250 for the DIGIT's.

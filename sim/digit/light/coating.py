@@ -1,4 +1,4 @@
-"""What the gel's reflective coat shows of its deflection: smoothed, and where it is touched.
+"""The gel's reflective coat: its smoothed deflection, and the deflected region.
 
 G is the optical grid (ny, nx). Regions are (first row, end row, first column, end column).
 """
@@ -8,19 +8,19 @@ import numpy as np
 from t2twin.sim.digit.camera.compiled import jit_finite
 
 COAT_TAPS = np.array([0.0614, 0.2448, 0.3876, 0.2448, 0.0614], dtype=np.float32)
-"""Weights of five cells: a Gaussian of one cell, 0.1 mm (assumed: the coat's thickness)."""
+"""Weights of a Gaussian of one cell, 0.1 mm (assumed: the coat's thickness)."""
 
 
 @jit_finite
-def bounds(coated, least, most):
-    """Regions of the cells that are deflected by more than least either way, and by more than most
-    into the sensor (empty: end <= first). most is no less than least."""
+def bounds(coated, deflected_mm, deep_mm):
+    """Regions of the cells deflected by more than deflected_mm in either direction, and by more
+    than deep_mm, which is not less, into the sensor (empty: end <= first)."""
     ny, nx = coated.shape
-    limit, high = np.float32(least), np.float32(most)
+    limit, high = np.float32(deflected_mm), np.float32(deep_mm)
     region, deep = np.array([ny, 0, nx, 0]), np.array([ny, 0, nx, 0])
     for i in range(ny):
         row = coated[i]
-        # counts, not branches, so that a row is one vector loop
+        # counts instead of branches, so that the loop is vectorized
         deflected, deeper = 0, 0
         for j in range(nx):
             deflected += abs(row[j]) > limit
@@ -52,7 +52,7 @@ def bounds(coated, least, most):
 
 @jit_finite
 def coated(surface):
-    """(G) surface smoothed by COAT_TAPS along both axes; its edge cells continue outwards."""
+    """(G) surface smoothed by COAT_TAPS along both axes; edge cells are repeated outwards."""
     ny, nx = surface.shape
     taps, reach = COAT_TAPS.size, COAT_TAPS.size // 2
     padded = np.empty(nx + 2 * reach, dtype=np.float32)
@@ -61,7 +61,7 @@ def coated(surface):
     for i in range(ny):
         padded[:reach] = surface[i, 0]
         row = surface[i]
-        for j in range(nx):  # an array set to another compiles words for its errors
+        for j in range(nx):  # an assignment of arrays would compile its error messages
             padded[reach + j] = row[j]
         padded[reach + nx :] = surface[i, nx - 1]
         row = across[i]

@@ -1,9 +1,9 @@
-"""How the LEDs' light falls on the deflected gel, where the camera's rays end.
+"""Light of the LEDs on the deflected gel, where the camera's rays meet it.
 
-G is the optical grid (ny, nx), C its shadow grid, P the picture (rows, columns), S the picture's
+G is the optical grid (ny, nx), C its shadow grid, P the image (rows, columns), S the image's
 lattice of samples: one in the middle of every 2 x 2 pixels and one more beyond each edge
 (rows / 2 + 2, columns / 2 + 2). Regions are (first row, end row, first column, end column).
-All numbers are float32: twice as fast as mixed ones.
+All numbers are float32, which is twice as fast as mixed types.
 """
 
 import numpy as np
@@ -11,12 +11,12 @@ import numpy as np
 from t2twin.sim.digit.camera.compiled import bilinear, inlined, jit, jit_finite
 
 COSINE_TERMS = 4
-"""Powers of the cosine of incidence beside the first: m^0 to m^3."""
+"""Number of powers of the cosine of incidence: m^0 to m^3."""
 GAIN_STRIDE = 2
-"""Rows of S from one to the next of which gains are kept, and taken as linear between: all of them
-would not stay in a processor's nearer memory. It changes one grey level in a thousand, by one."""
-NEAR_ENOUGH_MM = np.float32(2e-3)
-"""A ray whose height changed by less in a step, mm, has met the gel: 0.02 pixels."""
+"""Distance of the rows of S with stored gains; the others are interpolated. The gains of all rows
+would exceed the processor's cache. One grey level in a thousand changes, by one."""
+RAY_TOLERANCE_MM = np.float32(2e-3)
+"""Tolerance of a ray's height at the gel, mm: 0.02 pixels."""
 
 _ZERO, _ONE, _TWO = np.float32(0.0), np.float32(1.0), np.float32(2.0)
 
@@ -26,17 +26,16 @@ def incidence(
     z, sight, stride, shadowed, leds, reach_mm, across, down, distance, x0, y0, pitch, region,
     steps, depth, cosine, weight,
 ):  # fmt: skip
-    """Fill regions of depth (S), cosine and weight (LEDs, S): where the rays end, LEDs there.
+    """Fill a region of depth (S), cosine and weight (LEDs, S) where the rays meet the gel.
 
-    z: heights (G), mm. sight: (LEDs, C), a cell of C being stride cells of G; whole outside each
-    LED's region of G, shadowed (LEDs, 4). leds: (LEDs, 3), mm. depth holds the untouched z.
-    across, down: slopes of the samples' rays. distance: from the pinhole to the apex; x0, y0:
-    center of G's first cell; pitch: G's, mm. cosine: m_k; weight: V_k m_k (REACH / d_k)^2 of the
-    formula in t2twin.sim.digit.baked, 0 where an LED is not seen.
-    A ray's first guess is what the row above was moved by; it takes as many fixed-point steps as
-    it needs, at most steps.
-    A row is worked out in two sweeps: the surface, read here and there, then the LEDs, in vector
-    loops.
+    z: heights (G), mm. sight: (LEDs, C) visible fractions of the LEDs' discs, 1 outside each LED's
+    region of G, shadowed (LEDs, 4); a cell of C is stride cells of G. leds: (LEDs, 3), mm. depth:
+    initially z of the gel at rest. across, down: slopes of the samples' rays. distance: from the
+    pinhole to the apex; x0, y0: center of G's first cell; pitch: G's, mm. cosine: m_k; weight:
+    V_k m_k (REACH / d_k)^2 of the formula in t2twin.sim.digit.baked, 0 where an LED is hidden.
+    A ray starts from the displacement in the row above and takes at most `steps` fixed-point steps.
+    Each row is computed in two passes: the surface, with scattered reads, then the LEDs, in
+    vectorized loops.
     """
     per_mm = _ONE / pitch
     per_slope = per_mm / _TWO
@@ -51,7 +50,7 @@ def incidence(
     for row in range(region[0], region[1]):
         heights = depth[row, first:end]
         for n in range(across.size):
-            height, fi, fj, i, j = _meeting(
+            height, fi, fj, i, j = _intersection(
                 z, across[n], down[row], heights[n] + moved[n], distance, x0, y0, per_mm, steps
             )
             moved[n] = height - heights[n]
@@ -74,10 +73,10 @@ def incidence(
 
 
 @inlined
-def _meeting(z, across, down, height, distance, x0, y0, per_mm, steps):
-    """Where a ray meets the surface: its z, its row and column in G as fractions and as cells.
+def _intersection(z, across, down, height, distance, x0, y0, per_mm, steps):
+    """Intersection of a ray and the surface: z, fractional row and column in G, and their cell.
 
-    across, down: the ray's slopes. height: the first guess of its z, mm.
+    across, down: the ray's slopes. height: the initial z, mm.
     """
     last_i, last_j = z.shape[0] - 3, z.shape[1] - 3
     step = 0
@@ -88,7 +87,7 @@ def _meeting(z, across, down, height, distance, x0, y0, per_mm, steps):
         u, v = fi - np.float32(i), fj - np.float32(j)
         before = height
         height = bilinear(z[i, j], z[i, j + 1], z[i + 1, j], z[i + 1, j + 1], u, v)
-        if abs(height - before) < NEAR_ENOUGH_MM or step == steps:
+        if abs(height - before) < RAY_TOLERANCE_MM or step == steps:
             break
         step += 1
     return height, fi, fj, i, j
@@ -114,7 +113,7 @@ def _slopes(z, fi, fj, i, j, per_slope):
 
 @inlined
 def _look_up(sight, row, column):
-    """Sight (C) at a place, in cells."""
+    """sight (C), interpolated at a place in cells."""
     a = min(max(int(row), 0), sight.shape[0] - 2)
     b = min(max(int(column), 0), sight.shape[1] - 2)
     down, across = row - np.float32(a), column - np.float32(b)
@@ -127,7 +126,7 @@ def _look_up(sight, row, column):
 def _shine(
     led, parts, reach2, across, down, distance, heights, slope_x, slope_y, cosines, weights
 ):  # fmt: skip
-    """Fill a row's cosines and weights of one LED, from where its rays end and the slopes there."""
+    """Fill one LED's cosines and weights in a row, from heights and slopes at the rays' ends."""
     led_x, led_y, led_z = led[0], led[1], led[2]
     for n in range(across.size):
         height, sx, sy = heights[n], slope_x[n], slope_y[n]
@@ -143,11 +142,10 @@ def _shine(
 
 @jit_finite
 def light(cosine, weight, gain, rest, region, seen):
-    """Fill a region of seen (RGB, S) with the LEDs' light, less rest (RGB, S).
+    """Fill a region of seen (RGB, S) with the LEDs' light minus rest (RGB, S).
 
     cosine, weight: (LEDs, S), from incidence. gain: (gain_rows of S, LEDs, RGB, COSINE_TERMS,
-    columns of S), taken as linear between its rows: a row of the picture lies together, its columns
-    next to each other.
+    columns of S), interpolated linearly between its rows.
     """
     first, end = region[2], region[3]
     leds, colors, columns = gain.shape[1], gain.shape[2], gain.shape[4]
@@ -177,17 +175,17 @@ def light(cosine, weight, gain, rest, region, seen):
 
 
 def gain_rows(rows: int) -> np.ndarray:
-    """(n,) the rows of S that gains are kept of, where it has so many: the last one too."""
+    """(n,) the rows of S with stored gains, including the last one, for so many rows."""
     return np.minimum(GAIN_STRIDE * np.arange((rows - 1) // GAIN_STRIDE + 2), rows - 1)
 
 
 @jit
 def gains(terms, response, gain):
-    """Fill gain, as light takes it, from the response at every sample.
+    """Fill gain, the argument of light, from the response.
 
     terms: (gain_rows of S, columns of S, PLACE_TERMS) float32 polynomials of the place. response:
     (LEDs, RGB, PLACE_TERMS, COSINE_TERMS) float64. Sums are float64, in the polynomials' order;
-    entries of the response that are 0 cost nothing.
+    entries of the response that are 0 are skipped.
     """
     rows, columns, places = terms.shape
     by_term = np.empty((places, columns))

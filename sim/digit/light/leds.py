@@ -1,4 +1,4 @@
-"""The DIGIT's three LEDs: where they are, how large, what color they give."""
+"""The DIGIT's three LEDs: places, sizes, colors."""
 
 from dataclasses import dataclass, replace
 
@@ -9,12 +9,12 @@ from t2twin.core.errors import T2TwinError
 
 @dataclass(frozen=True)
 class Led:
-    """One LED beside the gel, and its diffuser.
+    """One LED next to the gel, with its diffuser.
 
-    color: (3,) linear RGB radiance of the gel's paint, lit square on at REACH_MM.
-    angle_deg: place around the gel, counter-clockwise as seen in the picture, 0 to the right.
+    color: (3,) linear RGB radiance of the gel's paint at normal incidence, REACH_MM away.
+    angle_deg: place around the gel, counterclockwise in the image, 0 to the right.
     radius_mm: distance from the sensor's axis. z_mm: height, negative on the camera's side of
-        the apex. Both are of the light as the gel sees it, after the plate's refraction.
+        the apex. Both are of the LED's image after refraction by the plate.
     size_mm: radius of the luminous disc.
     aim_mm: a point on the beam's axis. beam_rad: half angles between which the beam fades out.
     on: whether it is lit.
@@ -35,16 +35,16 @@ class Led:
 
     @property
     def position_mm(self) -> np.ndarray:
-        """(3,) in the sensor frame (y runs down the picture)."""
+        """(3,) in the sensor frame (y points down in the image)."""
         angle = np.radians(self.angle_deg)
         return np.array(
             [self.radius_mm * np.cos(angle), -self.radius_mm * np.sin(angle), self.z_mm]
         )
 
     def points_mm(self, count: int) -> np.ndarray:
-        """(count, 3) points that share the disc's light evenly: a sunflower of equal areas.
+        """(count, 3) points of equal areas of the disc, on Vogel's spiral.
 
-        The disc stands upright and faces the sensor's axis.
+        The disc is vertical and faces the sensor's axis.
         """
         if count == 1:
             return self.position_mm[None]
@@ -61,11 +61,11 @@ class Led:
 
 
 GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
-"""Turn between neighbors of a sunflower, rad (Vogel 1979)."""
+"""Angle between consecutive points of the spiral, rad (Vogel 1979)."""
 REACH_MM = 22.0
-"""Distance at which an LED's color is stated, mm: that of the axis."""
+"""Distance of an LED at which its color is defined, mm: that of the axis."""
 
-RADIUS_MM = 22.0  # assumed: beside the gel, and as far again for the spread-out light of its plate
+RADIUS_MM = 22.0  # assumed: next to the gel, and as far again for the light spread by the plate
 SIZE_MM = 1.8  # assumed: an LED of 1 to 2 mm behind a diffuser, as seen from RADIUS_MM
 BEAM_RAD = (np.radians(4.0), np.radians(26.0))  # assumed: a plain LED's lobe behind its slot
 
@@ -74,17 +74,17 @@ DIGIT_LEDS = (
     Led((0.03, 1.10, 0.02), 150.0, RADIUS_MM, -6.8, SIZE_MM, (11.0, 0.5, -1.0), BEAM_RAD),  # green
     Led((0.01, 0.10, 0.85), 270.0, RADIUS_MM, -4.9, SIZE_MM, (0.0, -6.0, -1.0), BEAM_RAD),  # blue
 )
-"""Angles: TACTO's configuration and the maker's notes. Heights: assumed, 12 to 17 degrees over
-the apex, as the lengths of a real unit's cast shadows ask. Colors and beams: assumed, so that
-the picture of the untouched gel resembles a real unit's."""
+"""Angles: TACTO's configuration and the maker's notes. Heights: assumed, 12 to 17 degrees over the
+apex, from the lengths of a real unit's shadows. Colors and beams: assumed, so that the background
+resembles a real unit's."""
 
 AMBIENT = (0.024, 0.030, 0.032)
-"""Linear RGB of the light that has been scattered inside the sensor and has no direction
-(assumed: what is left in the cast shadows of a real unit)."""
+"""Linear RGB of undirected light, scattered inside the sensor (assumed from the shadows of a real
+unit)."""
 
 
 def permuted(leds: tuple[Led, ...], order: tuple[int, ...]) -> tuple[Led, ...]:
-    """The same LEDs with their colors handed round: place k gets the color of order[k]."""
+    """The LEDs with permuted colors: place k gets the color of order[k]."""
     if sorted(order) != list(range(len(leds))):
         raise T2TwinError(f"order is {order}; it must name each of 0 to {len(leds) - 1} once")
     return tuple(

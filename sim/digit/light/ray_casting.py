@@ -1,8 +1,8 @@
-"""What the camera's rays meet on the gel: where they end, and how the LEDs shine there.
+"""Casts the camera's rays on to the gel, and computes the LEDs' incidence there.
 
-The geometry half of the baked model (t2twin.sim.digit.baked): it knows the camera and the gel, and
-takes the LEDs by argument, so that a fit can move them. S is the picture's lattice of samples:
-one in the middle of every 2 x 2 pixels and one more beyond each edge.
+This is the geometry of the baked model (t2twin.sim.digit.baked). Camera and gel are fixed; LEDs are
+arguments, so that a fit can move them. S is the image's lattice of samples: one in the middle of
+every 2 x 2 pixels and one more beyond each edge.
 """
 
 from dataclasses import dataclass
@@ -16,31 +16,31 @@ from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera, optical_grid
 from t2twin.sim.digit.light import coating, illumination
 from t2twin.sim.digit.light.leds import REACH_MM
 from t2twin.sim.digit.light.shadows import (
-    CASTER_LEAST_MM,
+    MIN_CASTER_MM,
     SHADOW_STRIDE,
     coarse_heights,
-    sight_of_leds,
+    led_visibility,
     soften,
 )
 
-TOUCHED_MM = 2.0e-3
-"""Deflection below which a place counts as untouched, mm: less than a grey level (assumed)."""
+MIN_DEFLECTION_MM = 2.0e-3
+"""Smallest deflection that is rendered, mm: less than a grey level (assumed)."""
 REST_STEPS = 12
-"""Most fixed-point steps to where the pixels' rays meet the untouched gel."""
-TOUCHED_STEPS = 3
-"""The same to the deformed gel, from where its neighbor met it: each shrinks the error by the
-surface's slope times the ray's, 0.4 at most."""
+"""Largest number of fixed-point steps to the intersection of a ray and the gel at rest."""
+DEFORMED_STEPS = 3
+"""The same for the deformed gel, from the neighboring ray's displacement: each step multiplies the
+error by the slopes of surface and ray, at most 0.4."""
 
 Region = tuple[int, int, int, int]
 """First row, end row, first column, end column."""
 NOWHERE: Region = (0, 0, 0, 0)
 GROWN = np.array([-1, 1, -1, 1])
-"""What a cell more to each side adds to a region."""
+"""Change of a region that grows by a cell to each side."""
 
 
 @dataclass(frozen=True)
 class Leds:
-    """Any number of LEDs, as the rays see them.
+    """LEDs for ray casting.
 
     places_mm: (LEDs, 3) in the sensor frame. sizes_mm: (LEDs,) radii of their discs.
     """
@@ -50,33 +50,33 @@ class Leds:
 
 
 class Rays:
-    """One camera over one untouched gel. shadows: whether LEDs cast them."""
+    """The rays of one camera on one gel. shadows: whether LEDs cast shadows."""
 
     def __init__(self, camera: Camera, gel: Elastomer = DIGIT_GEL, shadows: bool = True) -> None:
         self.camera = camera
         self._shadows = shadows
         self.x_mm, self.y_mm = optical_grid(gel)
         self.pitch_mm = float(self.x_mm[1] - self.x_mm[0])
-        self.rest_mm = _untouched_mm(camera, gel)
+        self.rest_mm = _rest_mm(camera, gel)
         self._highest_mm = max(0.0, float(self.rest_mm.max()))
         self._across = _sample_slopes(COLUMNS, camera.middle[1], camera.focal_px)
         self._down = _sample_slopes(ROWS, camera.middle[0], camera.focal_px)
         self.everywhere: Region = (0, self._down.size, 0, self._across.size)
-        self._window = self._seen_window()
+        self._window = self._visible_window()
         self._coarse_shape = (self.y_mm.size // SHADOW_STRIDE, self.x_mm.size // SHADOW_STRIDE)
         self._rest_depth_mm = np.zeros((self._down.size, self._across.size), dtype=np.float32)
         nothing = Leds(np.zeros((0, 3)), np.zeros(0))
         none = np.zeros((0, *self._rest_depth_mm.shape), dtype=np.float32)
         self._follow(
-            self.rest_mm, self._whole_sight(0), np.zeros((0, 4), dtype=np.int64), nothing,
+            self.rest_mm, self._full_sight(0), np.zeros((0, 4), dtype=np.int64), nothing,
             self.everywhere, REST_STEPS, self._rest_depth_mm, none, none,
         )  # fmt: skip
         reach = camera.distance_mm + self._rest_depth_mm
         self.places_mm = self._across[None, :] * reach, self._down[:, None] * reach
-        """x and y, (S) each, where the rays meet the untouched gel."""
+        """x and y, (S) each, where the rays meet the gel at rest."""
 
     def coated(self, surface_mm: np.ndarray) -> np.ndarray:
-        """A deflection on optical_grid() as the reflective coat shows it, float32.
+        """A deflection on optical_grid(), smoothed by the reflective coat, float32.
 
         Raises T2TwinError for another shape or values that are not finite.
         """
@@ -95,8 +95,8 @@ class Rays:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Cosine of incidence m_k and weight V_k m_k (REACH / d_k)^2, (S, LEDs) float32 each.
 
-        coated_mm: what coated returns. samples: the region of S wanted, everywhere unless given;
-        the rest holds no meaning.
+        coated_mm: from coated. samples: the region of S to compute, default everywhere; other
+        values are undefined.
         """
         z = self.rest_mm - coated_mm
         _, casting = _regions(coated_mm)
@@ -107,17 +107,17 @@ class Rays:
     def incidence_where_changed(
         self, coated_mm: np.ndarray, leds: Leds
     ) -> tuple[np.ndarray, np.ndarray, Region, Region]:
-        """incidence, but (LEDs, S) and only where a picture may change, and the regions of samples
-        and of pixels where that is."""
-        touched, casting = _regions(coated_mm)
+        """incidence, but (LEDs, S) and only where the image may change, and the regions of samples
+        and of pixels of the change."""
+        deflected, casting = _regions(coated_mm)
         nothing = np.zeros(0, dtype=np.float32)
-        if touched[1] <= touched[0]:
+        if deflected[1] <= deflected[0]:
             return nothing, nothing, NOWHERE, NOWHERE
         z = self.rest_mm - coated_mm
         sight, shadowed = self._sight(casting, z, leds)
         for each in shadowed:
-            touched = _union(touched, _region(each))
-        region = _intersection(_grown(touched, 2), self._window)
+            deflected = _union(deflected, _region(each))
+        region = _intersection(_grown(deflected, 2), self._window)
         if region[1] <= region[0] or region[3] <= region[2]:
             return nothing, nothing, NOWHERE, NOWHERE
         pixels = self._pixels(region, float(z.min()))
@@ -137,7 +137,7 @@ class Rays:
         cosine = np.empty((count, *self._rest_depth_mm.shape), dtype=np.float32)
         weight = np.empty_like(cosine)
         depth = self._rest_depth_mm.copy()
-        self._follow(z, sight, shadowed, leds, samples, TOUCHED_STEPS, depth, cosine, weight)
+        self._follow(z, sight, shadowed, leds, samples, DEFORMED_STEPS, depth, cosine, weight)
         return cosine, weight
 
     def _follow(
@@ -152,7 +152,7 @@ class Rays:
         cosine: np.ndarray,
         weight: np.ndarray,
     ) -> None:
-        """Fill depth (S), cosine and weight (LEDs, S) of samples: see illumination.incidence."""
+        """Fill a region of depth (S), cosine and weight (LEDs, S): see illumination.incidence."""
         single = np.float32
         illumination.incidence(
             z, sight, SHADOW_STRIDE, shadowed + SHADOW_STRIDE * GROWN,
@@ -161,20 +161,20 @@ class Rays:
             single(self.pitch_mm), samples, steps, depth, cosine, weight,
         )  # fmt: skip
 
-    def _whole_sight(self, leds: int) -> np.ndarray:
-        """Sight (LEDs, C) of LEDs that no cell of the shadow grid misses."""
+    def _full_sight(self, leds: int) -> np.ndarray:
+        """(LEDs, C) ones: all cells of the shadow grid see all of each LED."""
         return np.ones((leds, *self._coarse_shape), dtype=np.float32)
 
     def _sight(self, casting: Region, z: np.ndarray, leds: Leds) -> tuple[np.ndarray, np.ndarray]:
-        """Sight of the LEDs (LEDs, C), and the regions (LEDs, 4) of the grid where each one's is
-        not whole. casting: the region of the grid that may throw shadows."""
+        """Visible fractions of the LEDs (LEDs, C), and the regions (LEDs, 4) of the grid where they
+        are below 1. casting: the region of the grid that may cast shadows."""
         count = len(leds.places_mm)
-        hard, shadowed = self._whole_sight(count), np.zeros((count, 4), dtype=np.int64)
+        hard, shadowed = self._full_sight(count), np.zeros((count, 4), dtype=np.int64)
         if not self._shadows or casting[1] <= casting[0]:
             return hard, shadowed
         heights = coarse_heights(z)
         first = 0.5 * (SHADOW_STRIDE - 1) * self.pitch_mm
-        sight_of_leds(
+        led_visibility(
             heights, np.float32(self.x_mm[0] + first), np.float32(self.y_mm[0] + first),
             np.float32(SHADOW_STRIDE * self.pitch_mm), _coarse(casting, heights.shape),
             _coarse(self._window, heights.shape),
@@ -186,14 +186,14 @@ class Rays:
         soften(hard, shadowed, sight)
         return sight, SHADOW_STRIDE * shadowed
 
-    def _seen_window(self) -> Region:
-        """Region of the grid that any pixel can show, the gel being at or below its highest."""
+    def _visible_window(self) -> Region:
+        """Region of the grid that the image can contain, for any height of the gel."""
         seen = self.camera.is_seen(self.x_mm, self.y_mm, 4 * self.pitch_mm, self._highest_mm)
         columns, rows = (np.flatnonzero(of) for of in seen)
         return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
     def _pixels(self, region: Region, nearest_mm: float) -> Region:
-        """Region of the picture that can show a region of the grid, from z nearest_mm up."""
+        """Region of the image that can contain a region of the grid with z >= nearest_mm."""
         camera = self.camera
         ends = np.array([self._highest_mm, min(nearest_mm, 0.0)])
         per_mm = camera.focal_px / (camera.distance_mm + ends)
@@ -212,12 +212,12 @@ class Rays:
 
 @lru_cache(maxsize=8)
 def _level_mm(gel: Elastomer) -> np.ndarray:
-    """(G) z of an untouched gel under a camera without tilt, mm."""
+    """(G) z of a gel at rest without tilt, mm."""
     return gel.rest_surface_mm(*np.meshgrid(*optical_grid(gel)))
 
 
-def _untouched_mm(camera: Camera, gel: Elastomer) -> np.ndarray:
-    """(G) float32 z of the untouched gel, mm."""
+def _rest_mm(camera: Camera, gel: Elastomer) -> np.ndarray:
+    """(G) float32 z of the gel at rest, mm."""
     level = _level_mm(gel)
     if camera.is_level:
         return level.astype(np.float32)
@@ -232,9 +232,9 @@ def _sample_slopes(count: int, middle: float, focal_px: float) -> np.ndarray:
 
 
 def _regions(coated_mm: np.ndarray) -> tuple[Region, Region]:
-    """Where a deflection shows, and where it is deep enough to throw a shadow."""
-    touched, deep = coating.bounds(coated_mm, TOUCHED_MM, CASTER_LEAST_MM)
-    return _region(touched), _region(deep)
+    """Regions of a deflection that are rendered, and that are deep enough to cast a shadow."""
+    deflected, deep = coating.bounds(coated_mm, MIN_DEFLECTION_MM, MIN_CASTER_MM)
+    return _region(deflected), _region(deep)
 
 
 def _region(edges: np.ndarray) -> Region:
@@ -257,7 +257,7 @@ def _grown(a: Region, cells: int) -> Region:
 
 
 def _coarse(region: Region, shape: tuple[int, ...]) -> Region:
-    """A region of the grid as one of the shadow grid, not smaller."""
+    """The smallest region of the shadow grid that contains a region of the grid."""
     stride = SHADOW_STRIDE
     return (
         region[0] // stride,

@@ -1,11 +1,11 @@
-"""Shadows: the part of each LED's disc that each place of the gel has in sight.
+"""Soft shadows: the visible fraction of each LED's disc at each place of the gel.
 
 G is the optical grid (ny, nx), C its shadow grid (ny // SHADOW_STRIDE, nx // SHADOW_STRIDE).
 Regions are (first row, end row, first column, end column). All numbers but the LEDs' sizes are
-float32: twice as fast as mixed ones.
+float32, which is twice as fast as mixed types.
 
-Along the ray to an LED's middle a blocker at distance s with clearance c hides the disc up to
-c D / s from its middle, D being the LED's distance, by similar triangles.
+By similar triangles, a blocker at distance s along the ray to an LED's middle, with clearance c,
+hides the disc up to c D / s from its middle, where D is the LED's distance.
 """
 
 import numpy as np
@@ -13,21 +13,20 @@ import numpy as np
 from t2twin.sim.digit.camera.compiled import bilinear, inlined, jit_finite
 
 SHADOW_STRIDE = 2
-"""Cells of the optical grid to a cell of the shadow grid: 0.2 mm."""
-CASTER_LEAST_MM = 0.02
-"""Least deflection that casts a shadow, mm (assumed). The untouched gel casts none: its LEDs shine
+"""Cells of the optical grid per cell of the shadow grid, 0.2 mm."""
+MIN_CASTER_MM = 0.02
+"""Smallest deflection that casts a shadow, mm (assumed). The gel at rest casts none: the LEDs shine
 through its sides."""
 SHADOW_BIAS_MM = 0.01
-"""Clearance given to every ray, mm, so that a surface does not shade itself (assumed)."""
+"""Clearance added to every ray, mm, which avoids self-shadowing (assumed)."""
 MIN_GAP_MM = np.float32(1e-4)
-"""Least distance to an LED along an axis, mm, so that it can be divided by."""
+"""Smallest distance to an LED along an axis, mm, which avoids divisions by zero."""
 
 
 def _ray_stops() -> np.ndarray:
-    """Distances from a cell, mm, at which its rays look for blockers, rising.
+    """Distances along a ray, mm, rising, at which heights are compared.
 
-    Near blockers are looked for at the shadow grid's pitch; the step then grows with the
-    distance as the penumbra does.
+    They start at the shadow grid's pitch; the step grows with the distance as the penumbra does.
     """
     stops, step_mm, growth, reach_mm = [0.2], 0.2, 0.05, 40.0
     while stops[-1] < reach_mm:
@@ -60,15 +59,15 @@ def coarse_heights(z):
 
 
 @jit_finite
-def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight, shadowed):
-    """Fill sight (LEDs, C), which is whole, with the part of each LED's disc that each cell sees,
-    and shadowed (LEDs, 4) with the region of C where that was less than whole.
+def led_visibility(heights, x0, y0, pitch, caster, window, leds, sizes, sight, shadowed):
+    """Fill sight (LEDs, C), initially 1, with the visible fraction of each LED's disc at each cell,
+    and shadowed (LEDs, 4) with the region of C where it is below 1.
 
     heights: (C), mm. x0, y0: center of its first cell; pitch: its pitch, mm.
-    caster: region of C that may block. window: region of C whose cells are wanted.
+    caster: region of C that may block rays. window: region of C to compute.
     leds: (LEDs, 3), mm. sizes: (LEDs,) radii of their discs, mm.
-    Every other cell is looked at first, and those between only where not all of these about them
-    see the whole disc: no shadow of a disc is thinner.
+    Every second cell is computed first. A cell between is skipped if its computed neighbors see the
+    whole disc, since no shadow of a disc is thinner.
     """
     shadowed[:] = 0
     if caster[1] <= caster[0] or caster[3] <= caster[2]:
@@ -95,17 +94,17 @@ def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight, sh
                 begin, end, far, z = begins[m], ends[m], fars[m], row[m]
                 if end <= begin or end < RAY_STOPS_MM[0]:
                     continue
-                if _whole_about(seen, i, j, window):
+                if _neighbors_are_lit(seen, i, j, window):
                     continue
-                # grid steps and fall of the ray per mm of ground
+                # grid steps and slope of the ray per mm along the ground
                 per_mm = _ONE / far
                 gi = dy * per_mm / pitch
                 gj = (led[0] - (x0 + np.float32(j) * pitch)) * per_mm / pitch
-                least = _least_rise(heights, i, j, gi, gj, z, begin, end)
+                least = _min_slope(heights, i, j, gi, gj, z, begin, end)
                 cut = (least - (led[2] - z) * per_mm) * far / size
                 if cut >= _ONE:
                     continue
-                seen[i, j] = _part_above_chord(cut)
+                seen[i, j] = _fraction_above_chord(cut)
                 top, bottom = min(top, i), max(bottom, i + 1)
                 left, right = min(left, j), max(right, j + 1)
         if bottom > top:
@@ -115,8 +114,7 @@ def sight_of_leds(heights, x0, y0, pitch, caster, window, leds, sizes, sight, sh
 
 @inlined
 def _row_and_column(turn, window):
-    """The row whose turn it is and the first of every other column: all even rows come before the
-    odd ones, and in a row the even columns."""
+    """The row and first column of a turn: even rows first, in each row even columns first."""
     rows = window[1] - window[0]
     even = (rows + 1) // 2
     place, odd_row = (turn // 2, 0) if turn < 2 * even else (turn // 2 - even, 1)
@@ -124,8 +122,8 @@ def _row_and_column(turn, window):
 
 
 @inlined
-def _whole_about(seen, i, j, window):
-    """Whether the cells about a cell that have been looked at before it see the whole disc."""
+def _neighbors_are_lit(seen, i, j, window):
+    """Whether the neighbors of a cell that were computed before it see the whole disc."""
     if (i - window[0]) % 2 == 0:
         if (j - window[2]) % 2 == 0 or j + 1 == window[3]:
             return False
@@ -140,12 +138,12 @@ def _whole_about(seen, i, j, window):
 
 @inlined
 def _spans(row, i, first, dy, led, size, x0, pitch, caster, nearest, fars, begins, ends):
-    """Fill, for the cells of a row from column `first` on, how far the LED is and between which
-    distances its ray must be looked along, mm: only there can it be blocked.
+    """Fill, for the cells of a row from column `first` on, the distance of the LED and the interval
+    of distances in which its ray can be blocked, mm.
 
-    dy: from the row to the LED along y, mm. nearest: z of the caster's nearest point to the camera.
+    dy: from the row to the LED along y, mm. nearest: z of the caster's point nearest to the camera.
     """
-    # rays along an axis are turned a little, for the divisions
+    # rays along an axis are rotated slightly, which avoids divisions by zero
     gap_y = dy if abs(dy) > MIN_GAP_MM else MIN_GAP_MM
     per_gap = pitch / gap_y
     near_y, far_y = np.float32(caster[0] - i) * per_gap, np.float32(caster[1] - 1 - i) * per_gap
@@ -157,21 +155,21 @@ def _spans(row, i, first, dy, led, size, x0, pitch, caster, nearest, fars, begin
         per_gap = pitch / gap_x
         near_x, far_x = np.float32(caster[2] - j) * per_gap, np.float32(caster[3] - 1 - j) * per_gap
         far = np.sqrt(dx * dx + dy * dy)
-        # only over the caster (parts of the way to the LED so far) ...
+        # over the caster, in parts of the distance to the LED
         begin = max(max(near_y, min(near_x, far_x)), _ZERO)
         end = min(min(far_y, max(near_x, far_x)), _ONE)
-        # ... and only below its nearest point to the camera: the shallowest ray, to the
-        # disc's lower edge, stays longest among blockers
+        # below the caster's point nearest to the camera, for the shallowest ray, to the disc's
+        # lower edge
         fall = min(led[2] - row[m] + size, -MIN_GAP_MM)
         end = min(end, (nearest - row[m]) / fall)
         fars[m], begins[m], ends[m] = far, begin * far, end * far
 
 
 @inlined
-def _least_rise(heights, i, j, gi, gj, z, begin, end):
-    """Least z of the surface over a cell's own, per mm of ground, where its ray may be blocked.
+def _min_slope(heights, i, j, gi, gj, z, begin, end):
+    """Smallest slope from a cell to the surface along its ray, within an interval of distances.
 
-    gi, gj: rows and columns that the ray passes per mm. begin, end: from where to where, mm.
+    gi, gj: rows and columns per mm along the ray. begin, end: the interval, mm.
     """
     last_i, last_j = heights.shape[0] - 2, heights.shape[1] - 2
     n = FIRST_STOPS[int(begin)]
@@ -192,8 +190,8 @@ def _least_rise(heights, i, j, gi, gj, z, begin, end):
 
 
 @inlined
-def _part_above_chord(cut):
-    """Part of a disc above a chord at cut radii from its middle, below 1: an odd cubic, to 0.01."""
+def _fraction_above_chord(cut):
+    """Fraction of a disc above a chord at cut < 1 radii from its middle: an odd cubic, to 0.01."""
     if cut <= -_ONE:
         return 0.0
     return 0.5 + cut * (0.6366 - 0.1366 * cut * cut)
@@ -202,9 +200,7 @@ def _part_above_chord(cut):
 @jit_finite
 def soften(sight, shadowed, softened):
     """Fill the regions shadowed (LEDs, 4) of softened with sight (LEDs, C) blurred by 1, 2, 1 along
-    both axes.
-
-    Stands for the discs' width, which hides behind a side edge over about one cell.
+    both axes: the effect of the discs' width at edges along the ray, about one cell.
     """
     ny, nx = sight.shape[1], sight.shape[2]
     half, quarter = np.float32(0.5), np.float32(0.25)

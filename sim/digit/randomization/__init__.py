@@ -1,1 +1,1 @@
-"""Domain randomization: sampled DIGIT units."""
+"""Domain randomization: samples DIGIT units."""

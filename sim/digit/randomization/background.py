@@ -1,94 +1,93 @@
-"""The background of a drawn unit: what its camera sees of the untouched gel.
+"""Samples the background frame of a unit.
 
-Light is worked out at nodes NODE_PX apart, turned into grey levels there, and interpolated by
-cubics (Catmull and Rom 1974); blotches, a dark side, specks and the pixels' fixed pattern are added
-as grey levels.
+The light is computed at nodes NODE_PX apart, encoded as grey levels there and interpolated by
+cubics (Catmull and Rom 1974). Blotches, a dark side, specks and the pixels' fixed pattern are
+applied to the grey levels.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera.compiled import jit
-from t2twin.sim.digit.camera.gaussian_noise import white
+from t2twin.sim.digit.camera.gaussian_noise import standard_normal
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera
-from t2twin.sim.digit.randomization.lighting import DrawnLight, untouched_light
-from t2twin.sim.digit.randomization.ranges import UnitRanges, evenly
+from t2twin.sim.digit.randomization.lighting import SampledLight, light_at_rest
+from t2twin.sim.digit.randomization.ranges import UnitRanges, uniform
 
 NODE_PX = 10
-"""Pixels from a node to the next."""
+"""Distance of neighboring nodes, px."""
 COARSE_PX = 80
-"""Pixels from one coarse blotch to the next."""
+"""Distance of neighboring coarse blotches, px."""
 PATTERN = (0.15, 2.0)
-"""Least and most of a background's light, in parts of its mean (assumed: a real unit's brightest
-place has 2.1 times its mean)."""
+"""Bounds of the background's light, in parts of its mean (assumed: the maximum of a real unit is
+2.1 times its mean)."""
 DARKEST = 1e-4
-"""Least light of a node, white being 1, so that it has a grey level."""
+"""Smallest light of a node, in parts of white, so that it has a grey level."""
 
 NODE_ROWS = NODE_PX * (np.arange(ROWS // NODE_PX + 3) - 1.0)
 NODE_COLUMNS = NODE_PX * (np.arange(COLUMNS // NODE_PX + 3) - 1.0)
-"""Pixels of the nodes, one beyond each edge of the picture, as cubics need."""
+"""Pixel coordinates of the nodes; cubics need one beyond each edge of the image."""
 
 INSIDE = (slice(1, -2), slice(1, -2))
-"""The nodes within the picture."""
+"""The nodes within the image."""
 
 
 def sample_background(
-    rng: np.random.Generator, draw: UnitRanges, light: DrawnLight, camera: Camera, gamma: float
-) -> tuple[np.ndarray, DrawnLight]:
-    """(ROWS, COLUMNS, 3) uint8, and the light as exposed: dimmer where it were too bright."""
-    direct = np.maximum(untouched_light(light, camera, NODE_COLUMNS, NODE_ROWS), DARKEST)
-    wanted = direct[INSIDE].mean(axis=(0, 1)) * (1.0 + evenly(rng, draw.scattered_part, 3))
-    low, high = (np.array(draw.brightness_grey) / 255.0) ** gamma
-    exposure = np.minimum(high / wanted, 1.0)
+    rng: np.random.Generator, ranges: UnitRanges, light: SampledLight, camera: Camera, gamma: float
+) -> tuple[np.ndarray, SampledLight]:
+    """(ROWS, COLUMNS, 3) uint8, and the light, dimmed in channels that would be overexposed."""
+    direct = np.maximum(light_at_rest(light, camera, NODE_COLUMNS, NODE_ROWS), DARKEST)
+    mean = direct[INSIDE].mean(axis=(0, 1)) * (1.0 + uniform(rng, ranges.scattered_part, 3))
+    low, high = (np.array(ranges.brightness_grey) / 255.0) ** gamma
+    exposure = np.minimum(high / mean, 1.0)
     direct = direct * exposure
-    follow = float(evenly(rng, draw.follow_amount))
+    follow = float(uniform(rng, ranges.follow_amount))
     mixed = follow * direct / direct[INSIDE].mean(axis=(0, 1))
-    mixed += (1.0 - follow) * _own_pattern(rng, draw)
-    mixed = np.clip(mixed, *PATTERN) * np.maximum(wanted * exposure, low)
-    # what a shadow takes away must have been there, mostly, or it were black with a hard rim
-    mixed = np.maximum(mixed, np.minimum(direct, PATTERN[1] * wanted * exposure))
-    grey = _calmed(255.0 * mixed ** (1.0 / gamma), evenly(rng, draw.pattern_grey, 3))
-    grey *= _dark_side(rng, draw)[..., None]
-    grey += blotches(rng, draw)
+    mixed += (1.0 - follow) * _separate_pattern(rng, ranges)
+    mixed = np.clip(mixed, *PATTERN) * np.maximum(mean * exposure, low)
+    # the background contains most of the light that a shadow removes; else it would be clipped
+    mixed = np.maximum(mixed, np.minimum(direct, PATTERN[1] * mean * exposure))
+    grey = _limit_std(255.0 * mixed ** (1.0 / gamma), uniform(rng, ranges.pattern_grey, 3))
+    grey *= _dark_side(rng, ranges)[..., None]
+    grey += blotches(rng, ranges)
     exposed = replace(light, response=light.response * exposure[:, None, None])
-    return paint(rng, draw, grey), exposed
+    return paint(rng, ranges, grey), exposed
 
 
-def _own_pattern(rng: np.random.Generator, draw: UnitRanges) -> np.ndarray:
-    """(nodes, RGB) smooth light with a mean of about 1."""
+def _separate_pattern(rng: np.random.Generator, ranges: UnitRanges) -> np.ndarray:
+    """(nodes, RGB) light with constant gradients and a mean of about 1."""
     x = (NODE_COLUMNS - COLUMNS / 2)[None, :, None] / (COLUMNS / 2)
     y = (NODE_ROWS - ROWS / 2)[:, None, None] / (ROWS / 2)
-    along = evenly(rng, draw.gradient_part, (2, 3))
+    along = uniform(rng, ranges.gradient_part, (2, 3))
     return 1.0 + along[0] * x + along[1] * y
 
 
-def _calmed(grey: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """(nodes, RGB) grey levels whose standard deviation in the picture is at most so much."""
+def _limit_std(grey: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """(nodes, RGB) grey levels, scaled about their mean; limit: (RGB) standard deviation."""
     middle = grey[INSIDE].mean(axis=(0, 1))
-    return middle + (grey - middle) * np.minimum(most / (grey[INSIDE].std(axis=(0, 1))), 1.0)
+    return middle + (grey - middle) * np.minimum(limit / (grey[INSIDE].std(axis=(0, 1))), 1.0)
 
 
-def _dark_side(rng: np.random.Generator, draw: UnitRanges) -> np.ndarray:
-    """(nodes) what is left of the light beside one side of the picture."""
-    amount, end = float(evenly(rng, draw.edge_dark_amount)), float(evenly(rng, draw.edge_px))
-    soft, side = float(evenly(rng, draw.edge_soft_px)), int(rng.integers(4))
-    off = (
+def _dark_side(rng: np.random.Generator, ranges: UnitRanges) -> np.ndarray:
+    """(nodes) factor that darkens one side of the image."""
+    amount, end = float(uniform(rng, ranges.edge_dark_amount)), float(uniform(rng, ranges.edge_px))
+    soft, side = float(uniform(rng, ranges.edge_soft_px)), int(rng.integers(4))
+    distance = (
         NODE_ROWS[:, None],
         ROWS - NODE_ROWS[:, None],
         NODE_COLUMNS[None, :],
         COLUMNS - NODE_COLUMNS[None, :],
     )[side]
-    inside = 0.5 + 0.5 * np.tanh((off - end) / soft)
+    inside = 0.5 + 0.5 * np.tanh((distance - end) / soft)
     return np.broadcast_to(1.0 - amount * (1.0 - inside), (NODE_ROWS.size, NODE_COLUMNS.size))
 
 
-def blotches(rng: np.random.Generator, draw: UnitRanges) -> np.ndarray:
-    """(nodes, RGB) grey levels of smooth unevenness, coarse and fine."""
+def blotches(rng: np.random.Generator, ranges: UnitRanges) -> np.ndarray:
+    """(nodes, RGB) grey levels of smooth blotches, coarse and fine."""
     coarse_grey, fine_grey = (
-        float(evenly(rng, draw.uneven_coarse_grey)),
-        float(evenly(rng, draw.uneven_fine_grey)),
+        float(uniform(rng, ranges.uneven_coarse_grey)),
+        float(uniform(rng, ranges.uneven_fine_grey)),
     )
     coarse = rng.standard_normal((ROWS // COARSE_PX + 2, COLUMNS // COARSE_PX + 2, 3))
     fine = rng.standard_normal((NODE_ROWS.size, NODE_COLUMNS.size, 3))
@@ -101,32 +100,20 @@ def blotches(rng: np.random.Generator, draw: UnitRanges) -> np.ndarray:
     return coarse_grey * coarse + fine_grey * fine
 
 
-def paint(rng: np.random.Generator, draw: UnitRanges, grey: np.ndarray) -> np.ndarray:
-    """(ROWS, COLUMNS, 3) uint8 of grey levels at the nodes, with specks and a fixed pattern."""
-    count = int(rng.integers(draw.specks[0], draw.specks[1] + 1))
+def paint(rng: np.random.Generator, ranges: UnitRanges, grey: np.ndarray) -> np.ndarray:
+    """(ROWS, COLUMNS, 3) uint8: interpolated grey levels, with specks and a fixed pattern."""
+    count = int(rng.integers(ranges.specks[0], ranges.specks[1] + 1))
     middles = rng.uniform((0.0, 0.0), (ROWS, COLUMNS), (count, 2))
-    radii = evenly(rng, draw.speck_px, (count, 1))
-    colors = evenly(rng, draw.speck_grey, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
+    radii = uniform(rng, ranges.speck_px, (count, 1))
+    colors = uniform(rng, ranges.speck_grey, (count, 3)) * rng.choice([-1.0, 1.0], (count, 3))
     specks = np.concatenate([middles, radii, colors], axis=1).astype(np.float32)
-    texture = np.float32(evenly(rng, draw.texture_grey))
+    texture = np.float32(uniform(rng, ranges.texture_grey))
     out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
     _paint(
         np.ascontiguousarray(grey, dtype=np.float32), NODE_PX, specks,
-        texture * white(rng, (ROWS, COLUMNS * 3)), out,
+        texture * standard_normal(rng, (ROWS, COLUMNS * 3)), out,
     )  # fmt: skip
     return out
-
-
-def redrawn(rng: np.random.Generator, draw: UnitRanges, center: Calibration) -> np.ndarray:
-    """(ROWS, COLUMNS, 3) uint8: a calibration's background, its brightness changed a little.
-
-    Each channel by a part and by rises along both axes, of around_part each.
-    """
-    level, right, down = evenly(rng, draw.around_part, (3, 3))
-    x = ((np.arange(COLUMNS) - COLUMNS / 2) / COLUMNS)[None, :, None]
-    y = ((np.arange(ROWS) - ROWS / 2) / ROWS)[:, None, None]
-    factor = (1.0 + level + right * x + down * y).astype(np.float32)
-    return (np.minimum(center.background * factor, 255.0) + np.float32(0.5)).astype(np.uint8)
 
 
 _ZERO, _ONE, _HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)

@@ -1,9 +1,8 @@
-"""What varies from one DIGIT to the next, and between which bounds: plain numbers.
+"""Ranges of the parameters that differ between DIGIT units.
 
-Each field is a range (least, most); its default is the shipped distribution. Draws are even, but
-for the LEDs' distance and sizes and the noise, which are even in their logarithm. "Assumed" ranges
-were chosen in view of two units, the shipped light and one real DIGIT, so that both lie inside:
-docs/light.md says where.
+Each field is a range (low, high) with a default. Samples are uniform; those of the LEDs' distance
+and sizes and of the noise are log-uniform. "Assumed" ranges were set to contain the default
+calibration and one real DIGIT; docs/light.md compares them.
 """
 
 from dataclasses import dataclass, fields
@@ -36,49 +35,48 @@ Noise = Annotated[float, Meta(ge=0.01, le=50.0)]
 
 @dataclass(frozen=True)
 class UnitRanges:
-    """Ranges of what makes a unit. Parts are of the own LED's light in the picture's middle; places
-    in them are counted in PLACE_MM, 8 mm.
+    """Ranges of a unit's parameters. Parts are relative to the own LED's light in the image's
+    middle; places are in units of PLACE_MM, 8 mm.
 
     Of the camera:
         scale_px_per_mm, distance_mm: public calibrations of single units.
         shift_px: along both axes (assumed: half a millimeter). tilt_deg: about both (assumed).
     Of each of the three LEDs:
-        led_turn_deg: off 30, 150 and 270 degrees around the gel, the angles of TACTO's
+        led_turn_deg: deviation from 30, 150 and 270 degrees around the gel, the angles in TACTO's
             configuration (assumed).
-        led_distance_mm: one for the unit, as the light is spread out by the plate (assumed).
-        led_elevation_deg: over the apex, one for the unit; led_elevation_off_deg: of an LED from it
-            (assumed, from the lengths of shadows).
+        led_distance_mm: one value per unit, as the plate spreads the light (assumed).
+        led_elevation_deg: over the apex, one value per unit; led_elevation_off_deg: deviation of
+            each LED (assumed, from the lengths of shadows).
         led_size_mm: radius of the disc, at most 0.95 of its height (assumed: an LED behind a
             diffuser, 1 to 9 mm).
     Of the light that each LED leaves in each color:
-        facing_grey: of the gel that faces its own LED (assumed).
-        beam_along_part, beam_across_part: rise of an LED's light towards it, and of the two upper
-            LEDs' away from the picture's lower end (assumed). beam_curve_part, beam_twist_part:
-            its second derivatives' halves (assumed).
-        cosine_slope_part, cosine_bend_part: how far it differs from lambertian paint, with the
-            cosine of incidence and its square (assumed).
-        leak_amount: of an LED's light in the other two channels, times leak_part for each of
-            them; negative where the camera's color correction takes it off (assumed).
-        irregular_amount: by how much the light in each color has a pattern of its own (assumed).
-    Of the picture:
-        linear_amount: share of units whose grey levels go with the light, with a gamma in
+        facing_grey: grey level of gel that faces its own LED (assumed).
+        beam_along_part, beam_across_part: gradient of an LED's light towards it, and of the two
+            upper LEDs' away from the image's lower end (assumed). beam_curve_part, beam_twist_part:
+            half its second derivatives (assumed).
+        cosine_slope_part, cosine_bend_part: deviation from a Lambertian surface, linear and
+            quadratic in the cosine of incidence (assumed).
+        leak_amount: of an LED's light in the other two channels, multiplied by leak_part of each;
+            negative where the camera's color correction subtracts it (assumed).
+        irregular_amount: of a separate pattern of the light in each color (assumed).
+    Of the image:
+        linear_amount: share of units with grey levels nearly linear in the light, of a gamma in
             linear_gamma; the others' is in gamma (assumed; TACTO's renderer 2.2, a real unit 1).
-        scattered_part: undirected light beside the LEDs' own on the untouched gel (assumed).
-        follow_amount: how far the background follows the LEDs' light and not a pattern of its own,
-            whose rise along both axes is gradient_part (assumed).
-        brightness_grey: bounds of a channel's mean in the background (assumed).
-        pattern_grey: the most that a channel's standard deviation in it is, before what follows
-            (assumed).
+        scattered_part: undirected light on the gel at rest, added to the LEDs' (assumed).
+        follow_amount: weight of the LEDs' light in the background, against a separate pattern
+            whose gradients along both axes are gradient_part (assumed).
+        brightness_grey: of a channel's mean in the background (assumed).
+        pattern_grey: maximum of a channel's standard deviation, before the following (assumed).
         uneven_coarse_grey, uneven_fine_grey: standard deviation of smooth blotches about 80 and
             about 10 pixels wide (assumed). texture_grey: of the pixels' fixed pattern (assumed).
-        edge_dark_amount: how dark the picture is at one of its sides, as far as edge_px, blurred
-            over edge_soft_px (assumed).
-        specks: how many; speck_px: their radius; speck_grey: how bright or dark (assumed).
+        edge_dark_amount: darkening of one side of the image, up to edge_px, blurred over
+            edge_soft_px (assumed).
+        specks: their number; speck_px: their radius; speck_grey: their contrast (assumed).
         noise_grey: standard deviation of one frame (2.8 measured on a real unit; TACTO 7).
-    Of units about a calibration:
-        around_led_mm: its LEDs' places. around_part: its sizes, light, colors, brightness and
-            noise; half as much of its gamma, a quarter of its scale and distance (assumed).
-        around_shift_px, around_tilt_deg: its camera (assumed).
+    Of units near a calibration, relative to it:
+        around_led_mm: LED positions. around_part: sizes, light, colors, brightness and noise; half
+            of it for gamma, a quarter for scale and distance (assumed).
+        around_shift_px, around_tilt_deg: camera (assumed).
     Raises T2TwinError for a range that is reversed or out of bounds.
     """
 
@@ -134,18 +132,18 @@ class UnitRanges:
                 )
             if len(pair) != 2 or pair[0] > pair[1]:
                 raise T2TwinError(
-                    f"{field.name} is {_shown(value)}; it must be two numbers, the least first"
+                    f"{field.name} is {_shown(value)}; it must be two numbers, the smaller first"
                 )
 
 
 def _shown(value: object) -> str:
-    """A value as a user writes it."""
+    """A value in TOML's notation."""
     return str(list(value)) if isinstance(value, tuple) else str(value)
 
 
 @cache
 def _bounds() -> dict[str, tuple[float, float]]:
-    """Least and most of each field's numbers, as their types say."""
+    """The bounds of each field's numbers, from their types."""
     bounds = {}
     for name, kind in get_type_hints(UnitRanges, include_extras=True).items():
         number = get_args(kind)[0] if get_args(kind)[0] not in (int, float) else kind
@@ -157,11 +155,11 @@ def _bounds() -> dict[str, tuple[float, float]]:
 Range = tuple[float, float]
 
 
-def evenly(rng: np.random.Generator, between: Range, shape: int | tuple = ()) -> np.ndarray:
-    """Even draws of a shape."""
-    return rng.uniform(between[0], between[1], shape)
+def uniform(rng: np.random.Generator, bounds: Range, shape: int | tuple = ()) -> np.ndarray:
+    """Uniform samples of a shape."""
+    return rng.uniform(bounds[0], bounds[1], shape)
 
 
-def log_uniform(rng: np.random.Generator, between: Range, shape: int | tuple = ()) -> np.ndarray:
-    """Draws of a shape whose logarithm is even."""
-    return np.exp(rng.uniform(np.log(between[0]), np.log(between[1]), shape))
+def log_uniform(rng: np.random.Generator, bounds: Range, shape: int | tuple = ()) -> np.ndarray:
+    """Samples of a shape whose logarithm is uniform."""
+    return np.exp(rng.uniform(np.log(bounds[0]), np.log(bounds[1]), shape))

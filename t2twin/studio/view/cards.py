@@ -12,6 +12,7 @@ import numpy as np
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.phi import PX_PER_MM, TACTILE_SHAPE
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.touch import Touch
 from t2twin.studio.frame_source import NamedFrame
 from t2twin.studio.session import TRANSLATING, PressResult
 from t2twin.studio.translators import TRAIN_COMMAND, Translation
@@ -24,7 +25,6 @@ from t2twin.studio.view.colors import (
     image_url,
 )
 from t2twin.studio.view.intervals import force_html, intervals_html, taxels_html
-from t2twin.twin import Touch
 
 NICE = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)
 """Leading digits of a color bar's upper end."""
