@@ -20,6 +20,7 @@ from t2twin.live.latest_frame import LatestFrame
 from t2twin.live.sources import Video, _opencv, open_source
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.predictor import require
+from t2twin.translate.uncertainty.ood import OODClass
 
 HZ, FRAMES = 30.0, 24
 cv2 = _opencv()  # before anything else of it is used, as in the command, so that it is quiet
@@ -318,9 +319,7 @@ def test_bad_input_is_one_sentence(
 
 def test_a_frame_unlike_the_training_is_said_once(run, monkeypatch):
     said, lines = [], []
-    monkeypatch.setattr(
-        type(run), "in_distribution", lambda self, pixels: np.zeros(len(pixels), bool)
-    )
+    monkeypatch.setattr(type(run), "classify", lambda self, pixels: [OODClass.OTHER] * len(pixels))
     source = Listed(5, lambda number: _wait_for(lambda: len(lines) >= number))
     follow(run, source, lines.append, said.append)
     assert len(lines) == 5
