@@ -289,7 +289,7 @@ def test_drawn_images_become_counts_and_tactile_images(
     translator = run.translator
     assert isinstance(translator, Touch2Touch)
     perfect = translator.phi.to_torch(torch.tensor(true, dtype=torch.float32))
-    monkeypatch.setattr(translator, "draw", lambda images: perfect)
+    monkeypatch.setattr(translator, "predict_tactile_images", lambda images: perfect)
     images = load_pairs(data_dir, "val", 64, grey=False).images[:6]
     np.testing.assert_allclose(run.predict(images), true, atol=1.0)
     tactile = run.tactile_images(images)
@@ -316,7 +316,7 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
     info = json.loads((other / "info.json").read_text())
     info["layout_x_mm"] = [0.5 * x for x in info["layout_x_mm"]]
     (other / "info.json").write_text(json.dumps(info))
-    with pytest.raises(T2TwinError, match=r"resnet18 is a ResNet18, which gives the 20 taxels"):
+    with pytest.raises(T2TwinError, match="a ResNet18, which predicts only the 20 taxels"):
         evaluate(runs[1:], other, "val", tmp_path / "out")
     with pytest.raises(T2TwinError, match="outside the array"):
         evaluate(runs, other, "val", tmp_path / "out")

@@ -175,7 +175,7 @@ def test_a_map_of_the_view_is_laid_where_the_view_lies() -> None:
         np.testing.assert_allclose((cells.ravel() @ reading)[within], at[within], atol=1e-5)
     beyond = (np.abs(places.x_mm) > view[0] + 0.6) | (np.abs(places.y_mm) > view[1] + 0.8)
     assert not reading[:, beyond].any()
-    with pytest.raises(T2TwinError, match="no columns of one length"):
+    with pytest.raises(T2TwinError, match="columns of different lengths"):
         grid_of(np.array([0.0, 0.0, 1.0]))
 
 
@@ -301,7 +301,7 @@ def test_a_larger_spread_never_makes_a_smaller_standard_deviation(presses: int) 
 def test_weights_of_an_earlier_version_keep_their_temperatures(run: FieldPredictor) -> None:
     """A spread s was made T m (s / m)^q of, m a hundredth of full scale."""
     network = run.translator.networks["field"]
-    weights = {k: v for k, v in network.state_dict().items() if "rungs" not in k}
+    weights = {k: v for k, v in network.state_dict().items() if "knots" not in k}
     other = deepcopy(network)
     earlier = {"temperature": torch.tensor([2.0, 3.0]), "power": torch.tensor(1.5)}
     other.load_state_dict(weights | earlier)
@@ -310,6 +310,18 @@ def test_weights_of_an_earlier_version_keep_their_temperatures(run: FieldPredict
     std = standard_deviation(spread.log(), other.place_knots, other.press_knots)
     torch.testing.assert_close(std, 0.02 * (spread / 0.01) ** 1.5)
     assert float(interpolate_scale(torch.zeros(()), other.force_knots)) == pytest.approx(3.0)
+
+
+def test_weights_of_version_0_2_load(run: FieldPredictor) -> None:
+    """Its keys are in the table of renames, with and without a prefix."""
+    network = run.translator.networks["field"]
+    state = network.state_dict()
+    earlier = {name.replace("_knots", "_rungs"): tensor for name, tensor in state.items()}
+    assert earlier.keys() != state.keys()
+    other = torch.nn.ModuleDict({"module": deepcopy(network)})
+    other.load_state_dict({f"module.{name}": 2 * tensor for name, tensor in earlier.items()})
+    for name, tensor in other["module"].state_dict().items():
+        torch.testing.assert_close(tensor, 2 * state[name])
 
 
 def test_certainty_of_what_is_right_by_half() -> None:
@@ -500,7 +512,7 @@ def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp
     frame_file = tmp_path / "press.png"
     other = translate_files(run_dir, [frame_file], out, background=frame_file, pictures=False)
     assert not np.array_equal(other.counts, translated.counts)
-    assert json.loads((out / "counts.json").read_text())["untouched"] == str(frame_file)
+    assert json.loads((out / "counts.json").read_text())["background"] == str(frame_file)
 
 
 def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_path) -> None:
@@ -538,14 +550,14 @@ def test_the_onnx_file_says_the_same(run: FieldPredictor, frame, tmp_path) -> No
     ]  # fmt: skip
     for given, told in (
         ({}, run.estimate([frame, frame[::-1]])),
-        ({"untouched": images[1:]}, run.estimate([frame, frame[::-1]], frame[::-1])),
+        ({"background": images[1:]}, run.estimate([frame, frame[::-1]], frame[::-1])),
     ):
         said = dict(zip(names, session.run(None, {"images": images, **given}), strict=True))
         for name in ("counts", "counts_std", "field", "field_std"):
             np.testing.assert_allclose(said[name], getattr(told, name), rtol=1e-3, atol=1.0)
         assert told.force_n is not None
         np.testing.assert_allclose(said["force_n"], told.force_n, rtol=1e-3)
-        np.testing.assert_allclose(said["tactile_images"], run.drawn(told)[0], atol=1.0)
+        np.testing.assert_allclose(said["tactile_images"], run.field_images(told)[0], atol=1.0)
 
 
 def test_an_evaluation_says_how_right_it_is_in_that(

@@ -128,7 +128,7 @@ def test_what_cannot_be_evaluated_is_refused_before_anything_is_written(
 ) -> None:
     twin = write_spots(tmp_path / "other" / "protocol", train=8, val=2, test=1)
     out = tmp_path / "out"
-    with pytest.raises(T2TwinError, match="each must have its own"):
+    with pytest.raises(T2TwinError, match="which must differ"):
         evaluate_worlds(runs, [data_dir, twin], "val", out)
     with pytest.raises(T2TwinError, match="has no test pairs"):
         evaluate_worlds(runs, [data_dir, elsewhere], "test", out)
