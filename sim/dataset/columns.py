@@ -40,7 +40,7 @@ SCHEMA = pa.schema(
 )
 """Columns of every dataset."""
 
-UNIT, FIELD, UNTOUCHED = "unit", "field", "untouched"
+UNIT, FIELD, BACKGROUND = "unit", "field", "untouched"
 """Further columns of most worlds: the number of the DIGIT unit in its part, the field's counts, and
 the unit's background frame."""
 
@@ -59,7 +59,7 @@ def schema_of(recipe: Recipe | None) -> pa.Schema:
         if recipe.field:
             schema = schema.append(pa.field(FIELD, pa.list_(pa.uint16())))
         if recipe.untouched_frames:
-            schema = schema.append(pa.field(UNTOUCHED, IMAGE_TYPE))
+            schema = schema.append(pa.field(BACKGROUND, IMAGE_TYPE))
     return schema.with_metadata({"huggingface": json.dumps(_hugging_face(schema))})
 
 

@@ -35,7 +35,7 @@ from t2twin.core.records import check_names
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.card import card
-from t2twin.sim.dataset.columns import FIELD, POSE, SCHEMA, UNIT, UNTOUCHED
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, POSE, SCHEMA, UNIT
 from t2twin.sim.dataset.info import FORMAT, MAX_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.pairs_table import find_table, read_table
 from t2twin.sim.dataset.store import CARD, write_info, write_shard, write_whole
@@ -51,8 +51,8 @@ FORMATS = ("PNG", "JPEG", "BMP", "TIFF", "WEBP")
 LONGEST_NAME = 220
 """Longest name of a shape, bytes: it becomes a file name, of at most 255 bytes."""
 
-COLUMNS = [*SCHEMA.names, UNIT, FIELD, UNTOUCHED]
-"""Columns of a dataset's shards, some of which are read."""
+COLUMNS = [*SCHEMA.names, UNIT, FIELD, BACKGROUND]
+"""Columns of a dataset's shards. Not all are read."""
 
 OWN = "own"
 """Shape and family of pairs without a name."""

@@ -40,7 +40,7 @@ def press_until_accepted(
         try:
             touch = press(shape, sample.command, sample.rng)
         except OffPadError:
-            reason = "beside the pad"
+            reason = "off the pad"
         else:
             reason = rejection_reason(touch)
             if reason is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from t2twin.core.images import encode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.dataset.columns import FIELD, UNIT, UNTOUCHED, row, schema_of
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, UNIT, row, schema_of
 from t2twin.sim.dataset.rejection_sampling import press_until_accepted
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
@@ -121,6 +121,6 @@ def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) 
                     rng = np.random.default_rng((recipe.seed, FRAME_STREAM, batch.part, number))
                     with watch.running("encoding"):
                         png = encode_png(digit.background_frame(rng))
-                    columns |= {UNTOUCHED: {"bytes": png, "path": f"untouched-{number}.png"}}
+                    columns |= {BACKGROUND: {"bytes": png, "path": f"untouched-{number}.png"}}
                 unit = _Unit(number, replace(sensors, digit=digit), columns)
             yield unit

@@ -28,7 +28,7 @@ import pyarrow.parquet as pq
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import read_json
-from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, UNTOUCHED, schema_of
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, IMAGE_TYPE, schema_of
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
 
 INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
@@ -52,9 +52,9 @@ def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema | 
     columns = schema_of(None) if schema is None else schema
     remaining = iter(rows)
     repeated, dictionary_bytes = ["shape", "family", "split"], None
-    if UNTOUCHED in columns.names:
+    if BACKGROUND in columns.names:
         # all rows of a DIGIT unit have one background frame: a dictionary stores it once per group
-        repeated.append(f"{UNTOUCHED}.bytes")
+        repeated.append(f"{BACKGROUND}.bytes")
         dictionary_bytes = MAX_DICTIONARY_BYTES
     with _durable(path) as file:
         # Images are compressed already; dictionaries are useful for repeated values only.
@@ -214,7 +214,7 @@ def _lists(table: pa.Table, name: str) -> np.ndarray:
 def iter_images(folder: str | Path, shard: str, column: str = "image") -> Iterator[bytes]:
     """A shard's images as PNG bytes, row by row, with little memory.
 
-    column: UNTOUCHED for the background frames. Raises T2TwinError for a damaged shard.
+    column: BACKGROUND for the background frames. Raises T2TwinError for a damaged shard.
     """
     with _opened(folder, shard) as file:
         if column not in file.schema_arrow.names or (

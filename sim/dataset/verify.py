@@ -19,7 +19,7 @@ from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.dataset.columns import FIELD, POSE, UNTOUCHED, schema_of
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, POSE, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import BATCH_ROWS, INFO, read_info, sha256_of
 from t2twin.sim.world.plan import Batch, name_of, plan, shard_path
@@ -120,7 +120,7 @@ def _content(
             return
         if file.metadata.num_rows != pairs:
             yield Fault(path, f"it has {file.metadata.num_rows} rows instead of {pairs}")
-        arrays = [name for name in (*ARRAYS, FIELD, UNTOUCHED) if name in schema.names]
+        arrays = [name for name in (*ARRAYS, FIELD, BACKGROUND) if name in schema.names]
         scalars = file.read([name for name in schema.names if name not in arrays])
         yield from (Fault(path, reason) for reason in _pairing(path, scalars, info, planned))
         row = 0
@@ -215,7 +215,7 @@ def planned_presses(
 
 
 def _sample(row: dict[str, Any], info: DatasetInfo) -> Iterator[str]:
-    for column in ("image", UNTOUCHED):
+    for column in ("image", BACKGROUND):
         if column not in row:
             continue
         image = row[column]

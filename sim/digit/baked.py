@@ -15,7 +15,7 @@ gel at rest gives the background exactly, and features of the background besides
 (scattered light, specks) stay in place. Light is sampled at every second pixel, the optical grid's
 pitch, and interpolated. grey = 255 light^(1 / gamma), with the calibration's gamma.
 
-The camera sees the gel's reflective coat, whose thickness rounds edges: this model and the
+The camera sees the gel's reflective coating, whose thickness rounds edges: this model and the
 reference smooth the deflection by a Gaussian of 0.1 mm (assumed).
 """
 

@@ -70,7 +70,7 @@ def name_at(name: str, attempt: int) -> str:
 
 
 def planned_name(name: str) -> str:
-    """The planned random shape of a pressed one: itself, or the one that it stands in for."""
+    """The planned random shape of a pressed one: itself, or the one that it replaces."""
     world, number = divmod(int(name.removeprefix(PREFIX)), SEEDS_PER_WORLD)
     if number >= FIRST_STAND_IN:
         number = (number - FIRST_STAND_IN) % STAND_IN_STEP

@@ -40,7 +40,7 @@ def new_name(kind: str, old: str) -> str | None:
 
 
 def message(kind: str, old: str) -> str | None:
-    """The sentence about a renamed name, as in "--untouched is now --background"."""
+    """The sentence about a renamed name, as in "--start is now --init-from"."""
     new = new_name(kind, old)
     return None if new is None else f"{old.split()[-1]} is now {new.split()[-1]}"
 

@@ -17,7 +17,7 @@ from t2twin.core.cached_files import add_checksum, is_intact
 from t2twin.core.files import atomic_write
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
-from t2twin.sim.dataset.columns import UNTOUCHED
+from t2twin.sim.dataset.columns import BACKGROUND
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import iter_images, read_info, split_shards
 from t2twin.translate.data.images import to_pixels
@@ -103,13 +103,13 @@ def _frames(data_dir: Path, split: str, info: DatasetInfo) -> Iterator[bytes]:
     shards = split_shards(info, split)
     assert info.world is not None
     if info.world.light.kind == "fixed":
-        yield next(iter_images(data_dir, shards[0], UNTOUCHED))
+        yield next(iter_images(data_dir, shards[0], BACKGROUND))
         return
     with Progress(
         total=info.pairs[split], desc=f"background frames of {split}", unit="pair",
         disable=info.pairs[split] < 1000,
     ) as bar:  # fmt: skip
         for shard in shards:
-            for png in iter_images(data_dir, shard, UNTOUCHED):
+            for png in iter_images(data_dir, shard, BACKGROUND):
                 yield png
                 bar.update()

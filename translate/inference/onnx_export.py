@@ -49,7 +49,7 @@ OUTPUTS = (
 """Outputs in order; a run has the first of them."""
 
 OPSET = 17
-"""Version of the ONNX operators, not the newest, so that older runtimes can read the file."""
+"""Version of the ONNX operators, not the latest, so that older runtimes can read the file."""
 
 PARITY_IMAGES = 5
 """Random images on which the file is compared with the run."""

@@ -101,7 +101,7 @@ def _export(run: CountsPredictor, parent: Path) -> bytes:
 
 
 def _remove_oldest(folder: Path) -> None:
-    """Removes all files but the newest MAX_FILES."""
+    """Removes all files but the latest MAX_FILES."""
     with suppress(OSError):  # another process may remove them at the same time
         files = sorted(folder.glob("*.onnx"), key=lambda each: each.lstat().st_mtime)
         for older in files[:-MAX_FILES]:

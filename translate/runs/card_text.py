@@ -49,7 +49,7 @@ REVERSE_LIMITS = """\
 - Counts do not determine details finer than the pitch of the taxels, such as teeth and edges. The
   network invents them from the training shapes.
 - The error above is for validation shapes of the same families as the training shapes, and over
-  whole images, most of which do not change with contact.
+  whole images, and most pixels do not change with contact.
 - The images are not measurements.
 """
 

@@ -34,7 +34,7 @@ PRESS_SHARES = FORCE_SHARES = (0.125,) * 8
 """Share of all presses in the bin of each knot of press and force (assumed)."""
 
 MIN_ERRORS = 100
-"""Fewest errors in a bin (assumed: a 90 % quantile of fewer is unreliable)."""
+"""Minimum number of errors in a bin (assumed: a 90 % quantile of fewer is unreliable)."""
 
 MIN_KNOT_DISTANCE = 1e-3
 """Smallest distance of two knots' logarithms (assumed), so that slopes stay finite."""
@@ -134,7 +134,7 @@ def _fit_knots(
     """(2, K) knots of errors and their raw spreads, two tensors of one shape.
 
     K is the number of shares; if there are few errors, the last knots repeat the last bin's factor.
-    least: fewest errors in a bin.
+    least: minimum number of errors in a bin.
     """
     log_spread, order = spread.flatten().log().sort()
     errors = errors.flatten().abs()[order]

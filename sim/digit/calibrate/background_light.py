@@ -2,7 +2,7 @@
 
 The background frame does not determine how LEDs shade and shadow a press: the sampled units whose
 LEDs explain it best predict a real unit's presses no better than the others
-(benchmarks/untouched.py). The mean over many units predicts them better than any one unit.
+(docs/calibration.md). The mean over many units predicts them better than any one unit.
 """
 
 from collections.abc import Callable, Sequence

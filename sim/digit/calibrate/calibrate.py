@@ -171,7 +171,7 @@ def calibrate(
 
 
 def _evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
-    """The report of a fit without the held-out presses, of which only their poses are fitted."""
+    """The report of a fit without the held-out presses, which are only located."""
     train, test = inputs.train, inputs.test
     held_out = inputs.presses(test, training.background)
     model = held_out.model(fit.model.camera)

@@ -2,7 +2,7 @@
 
 Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the picture, y down, z out of the
 sensor), with z = 0 at the apex of the gel at rest. The camera is at z = -distance_mm on the axis
-and looks along +z. The center of pixel (row, column) is at these integer coordinates.
+and points along +z. The center of pixel (row, column) is at these integer coordinates.
 
 Units differ in the camera's placement. A shift moves the whole image by pixels. A tilt rotates the
 gel about its apex: it adds a plane to the surface at rest, while the camera and the LEDs stay. So

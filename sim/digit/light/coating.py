@@ -1,4 +1,4 @@
-"""The gel's reflective coat: its smoothed deflection, and the deflected region.
+"""The gel's reflective coating: its smoothed deflection, and the deflected region.
 
 G is the optical grid (ny, nx). Regions are (first row, end row, first column, end column).
 """
@@ -7,8 +7,8 @@ import numpy as np
 
 from t2twin.sim.digit.camera.compiled import jit_finite
 
-COAT_TAPS = np.array([0.0614, 0.2448, 0.3876, 0.2448, 0.0614], dtype=np.float32)
-"""Weights of a Gaussian of one cell, 0.1 mm (assumed: the coat's thickness)."""
+COATING_TAPS = np.array([0.0614, 0.2448, 0.3876, 0.2448, 0.0614], dtype=np.float32)
+"""Weights of a Gaussian of one cell, 0.1 mm (assumed: the coating's thickness)."""
 
 
 @jit_finite
@@ -52,9 +52,9 @@ def bounds(coated, deflected_mm, deep_mm):
 
 @jit_finite
 def coated(surface):
-    """(G) surface smoothed by COAT_TAPS along both axes; edge cells are repeated outwards."""
+    """(G) surface smoothed by COATING_TAPS along both axes; edge cells are repeated outwards."""
     ny, nx = surface.shape
-    taps, reach = COAT_TAPS.size, COAT_TAPS.size // 2
+    taps, reach = COATING_TAPS.size, COATING_TAPS.size // 2
     padded = np.empty(nx + 2 * reach, dtype=np.float32)
     across = np.zeros_like(surface)
     out = np.zeros_like(surface)
@@ -66,13 +66,13 @@ def coated(surface):
         padded[reach + nx :] = surface[i, nx - 1]
         row = across[i]
         for k in range(taps):
-            tap, shifted = COAT_TAPS[k], padded[k : k + nx]
+            tap, shifted = COATING_TAPS[k], padded[k : k + nx]
             for j in range(nx):
                 row[j] += tap * shifted[j]
     for i in range(ny):
         row = out[i]
         for k in range(taps):
-            tap, shifted = COAT_TAPS[k], across[min(max(i + k - reach, 0), ny - 1)]
+            tap, shifted = COATING_TAPS[k], across[min(max(i + k - reach, 0), ny - 1)]
             for j in range(nx):
                 row[j] += tap * shifted[j]
     return out

@@ -76,7 +76,7 @@ class Rays:
         """x and y, (S) each, where the rays meet the gel at rest."""
 
     def coated(self, surface_mm: np.ndarray) -> np.ndarray:
-        """A deflection on optical_grid(), smoothed by the reflective coat, float32.
+        """A deflection on optical_grid(), smoothed by the reflective coating, float32.
 
         Raises T2TwinError for another shape or values that are not finite.
         """
