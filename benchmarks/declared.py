@@ -8,7 +8,8 @@ MIN_PSNR_DB, MIN_SSIM = 32.0, 0.95
 """Of the baked picture at the contact, against the rendered one."""
 
 DRAWING = tuple(
-    f"t2twin.report.{name}" for name in ("markup", "figures", "names", "picks", "forces", "pairs")
+    f"t2twin.report.{name}"
+    for name in ("html.markup", "html.figures", "html.labels", "dataset.forces", "dataset.pairs")
 )
 """Parts of the report that draw or write, and count nothing."""
 

@@ -100,7 +100,7 @@ def test_a_changed_tool_is_a_changed_shape(copy, edit):
 
 def test_comments_docstrings_and_formatting_make_nothing_stale(copy, edit):
     families = "primitives_cad/primitive_parameters.py"
-    edit(families, '"""Side of the square base plate', '"""Length of the square base plate')
+    edit(families, '"""Side of a primitive', '"""Length of a primitive')
     edit(families, "PLATE_SIDE_MM = 46.0", "# new\nPLATE_SIDE_MM = (\n    46.0\n)")
     edit(families, '"""Family of a primitive', '"""The family of a primitive')
     assert stale_by_name(copy) == {}

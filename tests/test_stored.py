@@ -67,7 +67,7 @@ def test_a_stored_field_run_predicts_the_same(stored, expected):
 @pytest.mark.parametrize("expected", PREDICTIONS["pairs"], ids=lambda pair: pair["split"])
 def test_a_stored_cyskin_to_digit_run_predicts_the_same(stored, expected):
     counts = np.array(row_of(stored, expected)["taxels"], np.float32)
-    image = t2twin.load(stored / "cyskin-to-digit").picture_of(counts)
+    image = t2twin.load(stored / "cyskin-to-digit").predict_image(counts)
     np.testing.assert_allclose(image.mean(axis=1), expected["digit_image"], atol=0.5)
 
 

@@ -126,11 +126,8 @@ class AdaptConfig:
             inputs.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
         )  # fmt: skip
         digest.update(repr(numbers).encode())
-        for values in (
-            inputs.measurements.diameters_mm,
-            inputs.measurements.depths_mm,
-            inputs.measurements.forces_n,
-        ):
+        measured = inputs.measurements
+        for values in (measured.diameters_mm, measured.depths_mm, measured.forces_n):
             digest.update(values.tobytes())
         return digest.hexdigest()
 

@@ -49,7 +49,7 @@ def evaluate(
         raise T2TwinError("there is no dataset to evaluate on; give its folder with --data")
     folder = out or Path("runs/evaluate") / ("" if split == "both" or len(data) > 1 else split)
     use_all_cores()
-    first, *others = data
+    first, *others = list(data)
     if others:
         _evaluate_worlds(runs, data, split, folder, background)
     else:

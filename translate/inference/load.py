@@ -32,8 +32,10 @@ def load(
     layout: str | Path | None = None,
     bf16: bool = False,
     engine: Literal["onnx", "torch"] | None = None,
-) -> TrainedTranslator:
+) -> Any:
     """A run with its best weights: a CountsPredictor, a FieldPredictor or an ImagePredictor.
+
+    The class depends on the run, so that the annotation is Any.
 
     run: its folder, or the name of a pretrained run. layout: name or file of a taxel layout that a
     touch2touch or field run is read at, by default its own. bf16: compute in bfloat16 if the run's

@@ -9,7 +9,7 @@ Shape letters: B images, R rows, C columns, N taxels, S image side of the run.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 import torch
@@ -17,12 +17,7 @@ import torch
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
-from t2twin.translate.data.image_arrays import (
-    Images,
-    check_pixels,
-    image_list,
-    resized,
-)
+from t2twin.translate.data.image_arrays import Images, check_pixels, image_list, resized
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import ImageFile, InputImages
 from t2twin.translate.models.base import CountsTranslator, LayoutReader, Translator
@@ -77,11 +72,13 @@ class TrainedTranslator:
         super().__init_subclass__()
         TrainedTranslator._classes.append(cls)
 
-    def __getattr__(self, name: str) -> Any:
-        for kind in TrainedTranslator._classes:
-            if name in vars(kind) and not name.startswith("_"):
-                raise not_predicted(self.run_dir, self.config, type(self), name, kind.RUNS)
-        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+    if not TYPE_CHECKING:  # type checkers report attributes that a class does not have
+
+        def __getattr__(self, name: str) -> Any:
+            for kind in TrainedTranslator._classes:
+                if name in vars(kind) and not name.startswith("_"):
+                    raise not_predicted(self.run_dir, self.config, type(self), name, kind.RUNS)
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
 
 @dataclass(frozen=True)
