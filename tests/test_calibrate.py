@@ -301,7 +301,7 @@ def test_what_is_no_calibration_is_refused(tmp_path):
     with pytest.raises(T2TwinError, match="not a calibration"):
         Calibration.load(bad)
     bad.write_bytes(good.read_bytes()[:500])
-    with pytest.raises(T2TwinError, match=r"no \.npz file"):
+    with pytest.raises(T2TwinError, match=r"not an \.npz file"):
         Calibration.load(bad)
 
 
