@@ -33,7 +33,9 @@ from t2twin.translate.evaluation.metrics.reliability import (
 )
 from t2twin.translate.evaluation.predictions import read_predictions
 from t2twin.translate.evaluation.scoring import training_steps
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.runs.config import BEST, load_config
 from t2twin.translate.runs.log import read_log
 from t2twin.translate.uncertainty.estimate import half_width
@@ -118,7 +120,7 @@ def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[
     """What a run is called, how long its training took, and its figures."""
     run = load_run(folder)
     data = run.config.data
-    told = run.estimate(probes.images)
+    told = require(run, FieldPredictor, "the benchmark").estimate(probes.images)
     force_n = np.full(len(probes.names), FORCE_N)
     sure = uncertainty_metrics(told, probes.counts, force_n)
     trained = {"minutes": _minutes(folder)}

@@ -47,7 +47,9 @@ from t2twin.translate.evaluation.records import (
     ViewSummary,
 )
 from t2twin.translate.evaluation.table import table
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.log import best_epoch, read_log
 
@@ -328,7 +330,8 @@ def test_a_field_run_is_given_the_background_of_the_default_calibration(
 ) -> None:
     found = evaluate(["field"], small_dataset, "val", tmp_path / "default")
     assert found.background == OF_CALIBRATION
-    run, pairs = load_run("field"), load_pairs(small_dataset, "val", 96, grey=False)
+    run = require(load_run("field"), FieldPredictor, "the test")
+    pairs = load_pairs(small_dataset, "val", 96, grey=False)
     frame = DigitOptics.load().background
     expected = run.estimate_pixels(run.with_background(pairs.images[:], run.pixels_of(frame)[0]))
     predictions = read_predictions(tmp_path / "default").by_model["field"]

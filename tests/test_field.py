@@ -29,7 +29,7 @@ from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, unce
 from t2twin.translate.evaluation.predictions import read_predictions
 from t2twin.translate.inference.batch import translate_files
 from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.predictor import require
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
@@ -520,7 +520,7 @@ def test_the_other_two_do_not_say_how_sure_they_are(untrained_runs, frame, tmp_p
 
     Image.fromarray(frame).save(tmp_path / "frame.png")
     for folder in untrained_runs:
-        run = load_run(folder)
+        run = load(folder, engine="torch")
         with pytest.raises(T2TwinError, match="predicts counts; estimate needs a field run"):
             run.estimate(frame)
         with pytest.raises(T2TwinError, match="a background frame needs a field run"):

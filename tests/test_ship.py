@@ -14,7 +14,9 @@ from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, uncertainty_metrics
 from t2twin.translate.evaluation.publish_pretrained import publish_pretrained
+from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.runs import pretrained
 from t2twin.translate.runs.config import BEST
 from t2twin.translate.runs.pretrained import HOME, pretrained_runs, resolve_run
@@ -86,7 +88,7 @@ def test_the_card_says_what_is_measured(protocol_dataset: Path) -> None:
     card = (HOME / "field" / "README.md").read_text()
     told = re.search(r"\| paper, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", card)
     assert told is not None
-    run = load_run(HOME / "field")
+    run = require(load_run(HOME / "field"), FieldPredictor, "the test")
     pairs = load_pairs(protocol_dataset, "test", run.config.preset.size, grey=False)
     said = run.estimate_pixels(pairs.inputs)
     off = said.counts - pairs.counts

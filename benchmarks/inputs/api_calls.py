@@ -11,7 +11,6 @@ from PIL import Image
 import t2twin
 from benchmarks.inputs.api_values import FRAME, PICTURE, PRESSES, SMALL, TABLE
 from benchmarks.inputs.case import Base
-from t2twin.translate.inference.predictor import TrainedTranslator
 
 Call = Callable[[Any, Path, Base], object]
 """Calls the API with a value, in a box, with the good inputs of a base."""
@@ -41,23 +40,24 @@ def calibrate(**changed: Any) -> object:
 
 
 @cache
-def run_of(name: str | Path) -> TrainedTranslator:
+def run_of(name: str | Path) -> Any:
     return t2twin.load(name, engine="torch")
 
 
 @cache
-def field_run() -> TrainedTranslator:
+def field_run() -> Any:
     return run_of("field")
 
 
 @cache
-def turned_round(run_dir: Path) -> TrainedTranslator:
+def turned_round(run_dir: Path) -> Any:
     """A run from counts to pictures, of random weights."""
+    from t2twin.translate.inference.predictor import ImagePredictor
     from t2twin.translate.runs.build import build
 
     own = run_of(run_dir)
     config = replace(own.config, direction="cyskin-to-digit")
-    return replace(own, config=config, translator=build(config))
+    return ImagePredictor(own.run_dir, config, build(config))  # pyright: ignore[reportArgumentType]
 
 
 def elastomer(**changed: Any) -> object:
