@@ -36,7 +36,7 @@ def test_png_gives_back_the_picture():
         np.full((5, 7, 3), 255, np.uint8),
     ):
         assert (decode_png(encode_png(image)) == image).all()
-    with pytest.raises(T2TwinError, match="rows x columns x 3"):
+    with pytest.raises(T2TwinError, match=r"expected uint8, \(rows, columns, 3\)"):
         encode_png(np.zeros((4, 4), np.uint8))
 
 
