@@ -78,9 +78,9 @@ def test_the_reference_has_the_pose_found_in_the_frame(tmp_path):
         np.testing.assert_allclose(middle, pose[:2], atol=2.0)
 
 
-def briefly(model, data_dir, preset, out_dir, minutes, start):
+def briefly(model, data_dir, preset, out_dir, minutes, init_from):
     """As many steps on every machine."""
-    assert preset == "cpu" and minutes == 0.5 and start == HOME / "field"
+    assert preset == "cpu" and minutes == 0.5 and init_from == HOME / "field"
     return train(model, data_dir, "smoke", out_dir, epochs=6)
 
 

@@ -165,7 +165,7 @@ def outcome(edit, monkeypatch):
 @pytest.mark.exhaustive
 def test_the_same_outcome_confirms_results(outcome, copy):
     before = read_results(DATASET.results)
-    assert "law" in stale_by_name(copy)["dataset"][0]
+    assert "elastomer" in stale_by_name(copy)["dataset"][0]
     said = confirm(DATASET, case=None, tree=SourceTree(copy))  # pyright: ignore[reportArgumentType]
     assert "times are of then: run, rates" in said
     after = read_results(DATASET.results)

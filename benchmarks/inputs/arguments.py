@@ -209,7 +209,7 @@ PARSED: tuple[tuple[tuple[str, ...], str], ...] = (
             "0",
             *OUT,
         ),
-        "0 workers",
+        "workers is 0",
     ),
     (("import-pairs", "x.csv"), "--out is missing"),
     (("simdata", "--verify"), "--verify has no value"),

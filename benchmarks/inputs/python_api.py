@@ -36,7 +36,7 @@ MORE: Mapping[str, tuple[Call, object, str]] = {
         lambda value, box, base: field_run().estimate(value), [], "at least one",
     ),
     "estimate of a run without a field": (
-        lambda value, box, base: run_of(base.resnet18).estimate(value), SMALL, "a field run does",
+        lambda value, box, base: run_of(base.resnet18).estimate(value), SMALL, "needs a field run",
     ),
     "a background frame for a run without a field": (
         lambda value, box, base: run_of(base.resnet18).predict(SMALL, value), SMALL, "field run",

@@ -11,6 +11,7 @@ import struct
 import warnings
 import zlib
 from pathlib import Path
+from stat import S_ISREG
 from threading import Lock
 
 import numpy as np
@@ -61,15 +62,14 @@ def decode_image(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> Im
     source: a file or its content. Raises T2TwinError without the image's name, which the caller
     adds, for a missing file, another format, a damaged image, or more than MAX_PIXELS.
     """
-    with _opened(source, formats) as image:
+    content = _content(source) if isinstance(source, Path) else source
+    with _opened(content, formats) as image:
         try:
             image.load()
             whole = ImageOps.exif_transpose(image)
         except _ERRORS as error:
             raise T2TwinError(f"it is damaged ({error})") from error
-    if image.format == "PNG" and PNG_END not in (
-        source if isinstance(source, bytes) else source.read_bytes()
-    ):
+    if image.format == "PNG" and PNG_END not in content:
         raise T2TwinError("it is damaged (it is cut off before its end)")
     return whole
 
@@ -79,14 +79,32 @@ def check_image_header(source: Path | bytes, formats: tuple[str, ...] = FORMATS)
     _opened(source, formats).close()
 
 
+def _content(path: Path) -> bytes:
+    """The bytes of an image file. Raises T2TwinError as `decode_image` does."""
+    _check_file(path)
+    try:
+        return path.read_bytes()
+    except OSError as error:  # removed or locked since the check
+        raise T2TwinError(f"it cannot be read ({error.strerror})") from error
+
+
+def _check_file(path: Path) -> None:
+    try:
+        status = path.stat()
+    except (OSError, ValueError):  # ValueError: a null character in the path
+        raise T2TwinError("it is not there") from None
+    if not S_ISREG(status.st_mode):
+        raise T2TwinError("it is not a file")
+    if status.st_size > MAX_FILE_BYTES:
+        raise T2TwinError(
+            f"it has {status.st_size / 1e6:,.0f} MB; at most {MAX_FILE_BYTES / 1e6:,.0f} MB are "
+            "allowed"
+        )
+
+
 def _opened(source: Path | bytes, formats: tuple[str, ...]) -> Image.Image:
     if isinstance(source, Path):
-        if not source.is_file():
-            raise T2TwinError("it is not there" if not source.exists() else "it is not a file")
-        if (size := source.stat().st_size) > MAX_FILE_BYTES:
-            raise T2TwinError(
-                f"it has {size / 1e6:,.0f} MB; at most {MAX_FILE_BYTES / 1e6:,.0f} MB are allowed"
-            )
+        _check_file(source)
     readable = io.BytesIO(source) if isinstance(source, bytes) else source
     try:
         with _opening, warnings.catch_warnings():

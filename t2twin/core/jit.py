@@ -2,8 +2,8 @@
 
 A function is compiled at its first call, or loaded if it was compiled before. Numba's own cache is
 not used: it detects changes only in a function's own file, although code of other files is compiled
-into it, and it unpickles files without a check. Here the key includes all sources in the function's
-folder and in this one, and a file is loaded only if its checksum is right.
+into it, and it unpickles files without a check. Here the key includes all sources of the function's
+package and of this one, and a file is loaded only if its checksum is right.
 """
 
 import pickle
@@ -27,6 +27,9 @@ from t2twin.core.cache_dir import cache_dir, is_writable
 from t2twin.core.cached_files import read_checked, short_digest, write_checked
 from t2twin.core.compile_ahead import announce_compiling, wait_for_helper
 from t2twin.core.errors import T2TwinError
+
+PACKAGE_LEVEL = 3
+"""Dots in t2twin.sim.digit.optics; modules with more belong to a package at this level."""
 
 SUFFIX = ".loop"
 """Suffix of the files with machine code."""
@@ -67,8 +70,11 @@ def compiled(*signature: str, **options: Any) -> Callable[[Callable], Any]:
 
     def declare(function: Callable) -> Any:
         dispatcher = _njit(**options)(function)
+        # Loops of one package, such as t2twin.sim.digit with its subpackages, inline each other.
+        level = max(0, function.__module__.count(".") - PACKAGE_LEVEL)
+        sources = Path(function.__code__.co_filename).parents[level]
         with _lock:
-            folder = _code_folder(_config.CACHE_DIR, Path(function.__code__.co_filename).parent)
+            folder = _code_folder(_config.CACHE_DIR, sources)
         name = f"{function.__module__}.{function.__qualname__}"
         dispatcher._cache = _MachineCode(folder, name)
 
@@ -139,7 +145,7 @@ class _MachineCode(NullCache):
 
 @cache
 def _code_folder(numba_folder: str, sources: Path) -> Path | None:
-    """The folder for machine code from a folder of sources; removes that of older sources.
+    """The folder for machine code from a package's sources; removes that of older sources.
 
     numba_folder: NUMBA_CACHE_DIR, or "".
     """
@@ -149,7 +155,7 @@ def _code_folder(numba_folder: str, sources: Path) -> Path | None:
     if not numba_folder:
         root /= "numba"
     place = root / f"{sources.name}-{short_digest(str(sources).encode())}"
-    used = sorted({*sources.glob("*.py"), *Path(__file__).parent.glob("*.py")})
+    used = sorted({*sources.rglob("*.py"), *Path(__file__).parent.glob("*.py")})
     folder = place / short_digest(b"".join(path.read_bytes() for path in used))
     if not folder.is_dir():
         for older in set(place.glob("*")) - {folder}:
