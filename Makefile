@@ -37,7 +37,7 @@ help:
 	@echo "make studio      press, look and translate in a browser          PORT="
 	@echo "make regression  RMSE on synthetic data held to its band"
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
-	@echo "make check       ruff, pyright, and which package may import which"
+	@echo "make check       ruff, pyright, layers, import cycles, and sizes of modules, functions and folders"
 	@echo "make clean       remove data, runs and what tools left here"
 
 demo: SCALE := small
@@ -117,6 +117,7 @@ check: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright
 	$(BIN)/lint-imports --no-logo --no-cache
+	$(BIN)/python -m pytest -q --noconftest tests/test_structure.py
 
 clean:
 	rm -rf data runs .pytest_cache .ruff_cache build *.egg-info

@@ -23,7 +23,7 @@ from benchmarks.evidence.run import parser_of, run_apart
 from benchmarks.evidence.small_case import SmallCase
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.evidence.stale import staleness
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -20,17 +20,17 @@ from PIL import Image
 
 from benchmarks.declared import ANCHORS
 from benchmarks.evidence.run import main
-from t2twin.sim.digit import deflections
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.certainty import Certainty, Span
 from t2twin.sim.digit.calibrate.forces import BallForces
-from t2twin.sim.digit.calibrate.frames import clean_background, touched_patch
-from t2twin.sim.digit.calibrate.known import FORCES, Known
-from t2twin.sim.digit.calibrate.scale import Presses, fitted
+from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch
+from t2twin.sim.digit.calibrate.measurements import FORCES, Measurements
+from t2twin.sim.digit.calibrate.scale import Presses, fit_presses
+from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
-from t2twin.sim.press.elastomer import DIGIT_GEL
 
 SCALE_PX_PER_MM, YOUNG_MPA = 18.0, 0.42
 """Of the twins; stated are 19.2 px/mm and assumed 0.5 MPa."""
@@ -70,9 +70,9 @@ def _frames(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The untouched frame and those of the presses, (n, 320, 240, 3) uint8."""
     optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE_PX_PER_MM))
-    still = optics.render(0.0 * deflections.ball(0.0, 0.0, 1.0), rng, NOISE_GREY)
+    still = optics.render(0.0 * probe_surfaces.ball(0.0, 0.0, 1.0), rng, NOISE_GREY)
     surfaces = (
-        deflections.ball(x_mm, y_mm, depth_mm, diameter_mm / 2)
+        probe_surfaces.ball(x_mm, y_mm, depth_mm, diameter_mm / 2)
         for (x_mm, y_mm, depth_mm), diameter_mm in zip(poses, diameters_mm, strict=True)
     )
     return still, np.array([optics.render(surface, rng, NOISE_GREY) for surface in surfaces])
@@ -82,18 +82,20 @@ def _lost_db(
     background: np.ndarray, frames: np.ndarray, diameters_mm: np.ndarray
 ) -> dict[str, float]:
     """By how many decibels a fit at a scale that is off is worse than at the true one."""
-    patches = np.array([touched_patch(frame, background) for frame in frames])
+    patches = np.array([contact_patch(frame, background) for frame in frames])
     nothing = np.full(PRESSES, np.nan)
-    known = Known(diameters_mm, nothing, nothing)
+    known = Measurements(diameters_mm, nothing, nothing)
     presses = Presses(clean_background(background, frames), frames, patches, known)
-    true = fitted(presses, Camera(SCALE_PX_PER_MM)).state
-    errors = {off: fitted(presses, Camera(off * SCALE_PX_PER_MM), true).state.error for off in OFF}
+    true = fit_presses(presses, Camera(SCALE_PX_PER_MM)).state
+    errors = {
+        off: fit_presses(presses, Camera(off * SCALE_PX_PER_MM), true).state.error for off in OFF
+    }
     return {f"at_{off:g}": float(10 * np.log10(of / true.error)) for off, of in errors.items()}
 
 
 def _certainty(
     background: np.ndarray, frames: np.ndarray, known: Mapping[str, np.ndarray]
-) -> Certainty:
+) -> CalibrationUncertainty:
     """Of a calibration of these frames. known: columns of the table, for as many first presses."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -108,12 +110,14 @@ def _certainty(
                 cells = (of[index] if index < len(of) else "" for of in known.values())
                 table.writerow([path, *cells])
         ball_mm = float(known[BALL][0])
-        certainty = calibrate(folder / "background.png", folder, ball_mm, HELD_OUT).certainty
+        certainty = calibrate(folder / "background.png", folder, ball_mm, HELD_OUT).uncertainty
     assert certainty is not None
     return certainty
 
 
-def _beside(certainty: Certainty, poses: np.ndarray, forces_n: np.ndarray) -> dict[str, Any]:
+def _beside(
+    certainty: CalibrationUncertainty, poses: np.ndarray, forces_n: np.ndarray
+) -> dict[str, Any]:
     """How far from the truth, in percent, and how many ranges hold it."""
     depths = [press.depth_mm for press in certainty.presses]
     forces = [press.force_n for press in certainty.presses if press.force_n is not None]
@@ -131,16 +135,16 @@ def _beside(certainty: Certainty, poses: np.ndarray, forces_n: np.ndarray) -> di
     }
 
 
-def _percent(span: Span, truth: float) -> float:
-    return abs(100.0 * (span.at / truth - 1.0))
+def _percent(span: Bounds, truth: float) -> float:
+    return abs(100.0 * (span.value / truth - 1.0))
 
 
-def _off_percent(spans: list[Span], truth: np.ndarray) -> float:
+def _off_percent(spans: list[Bounds], truth: np.ndarray) -> float:
     """The mean over presses."""
     return float(np.mean([_percent(of, one) for of, one in zip(spans, truth, strict=True)]))
 
 
-def _inside(spans: list[Span], truth: np.ndarray) -> int:
+def _inside(spans: list[Bounds], truth: np.ndarray) -> int:
     return sum(bool(of.low <= one <= of.high) for of, one in zip(spans, truth, strict=True))
 
 

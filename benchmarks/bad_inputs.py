@@ -36,7 +36,7 @@ from benchmarks.inputs import (
 )
 from benchmarks.inputs.case import REFUSED, Base, Case
 from benchmarks.inputs.tried import Tried, connections, guard_connections, try_case
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 KINDS: dict[str, Callable[[], Iterator[Case]]] = {
     "arguments": arguments.cases,
@@ -101,7 +101,7 @@ def make_base(folder: Path) -> Base:
     """Makes the inputs that are spoilt: a dataset, both runs of one epoch, their evaluation."""
     from t2twin.sim.dataset.generate import generate
     from t2twin.translate.evaluation.evaluate import evaluate_both
-    from t2twin.translate.train import train
+    from t2twin.translate.training.train import train
 
     base = Base(*(folder / name for name in ("data", "touch2touch", "resnet18", "evaluation")))
     generate(base.data, "smoke", workers=1, shapes=SHAPES)

@@ -25,15 +25,15 @@ from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase, shards_sha256
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.paper_scale import presses_sha256
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.report import contents, duplicates, forces
-from t2twin.report.dataset import Dataset, read_dataset
-from t2twin.report.figures import figure
-from t2twin.report.scan import scan
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.core.records import decode_json
+from t2twin.report.dataset import contents, duplicates, forces
+from t2twin.report.dataset.scan import scan
+from t2twin.report.dataset.tables import Dataset, read_dataset
+from t2twin.report.html.figures import figure
 from t2twin.sim.dataset.store import LOG
 from t2twin.sim.dataset.timing import RunTiming
-from t2twin.sim.typed_json import decode_json
 
 PICTURES = ROOT / "docs" / "pictures"
 SENSORS = ("digit", "cyskin")
@@ -61,20 +61,20 @@ def outcome(case: SmallCase) -> dict[str, Any]:
 
 def figures(dataset: Dataset) -> dict[str, Any]:
     """What a dataset's shards say."""
-    looked = scan(dataset, duplicates.noise_grey(dataset))
+    scanned = scan(dataset, duplicates.noise_grey(dataset))
     counts, saturated = dataset.counts, dataset.saturated
     largest = counts.max(axis=1)
     split = np.array([split for split, _ in dataset.places])
     size = sum((dataset.data / path).stat().st_size for path in dataset.info.shards)
     force = dataset.column("force_n")
-    alike, same = np.isfinite(looked.alike_counts), duplicates.near_duplicates(dataset, looked)
+    alike, same = np.isfinite(scanned.alike_counts), duplicates.near_duplicates(dataset, scanned)
     return {
         "pairs": {name: len(table) for name, table in dataset.tables.items()},
         "shards_sha256": shards_sha256(dataset.data),
         "versions": dict(dataset.info.versions),
         "size_gib": size / 2**30,
         "kb_a_pair": size / len(counts) / 1e3,
-        "pairs_without_contact": int((largest < contents.TOUCHED_COUNTS).sum()),
+        "pairs_without_contact": int((largest < contents.MIN_CONTACT_COUNTS).sum()),
         "unsettled": int(sum((~dataset.column(f"{s}_settled")).sum() for s in SENSORS)),
         "bottomed": int(sum(dataset.column(f"{s}_bottomed").sum() for s in SENSORS)),
         "force_off_percent": {
@@ -144,7 +144,7 @@ def draw(dataset: Dataset) -> None:
     }
     for name, (height_in, drawing) in drawings.items():
         content = figure("png", contents.WIDTH_IN, height_in, drawing)
-        with whole_file(PICTURES / f"dataset_{name}.png") as temporary:
+        with atomic_write(PICTURES / f"dataset_{name}.png") as temporary:
             temporary.write_bytes(content)
 
 

@@ -4,15 +4,16 @@ from pathlib import Path
 
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 
-LEAST_PSNR_DB, LEAST_SSIM = 32.0, 0.95
+MIN_PSNR_DB, MIN_SSIM = 32.0, 0.95
 """Of the baked picture at the contact, against the rendered one."""
 
 DRAWING = tuple(
-    f"t2twin.report.{name}" for name in ("markup", "figures", "names", "picks", "forces", "pairs")
+    f"t2twin.report.{name}"
+    for name in ("html.markup", "html.figures", "html.labels", "dataset.forces", "dataset.pairs")
 )
 """Parts of the report that draw or write, and count nothing."""
 
-PHYSICS = ("t2twin.sim.press", "t2twin.sim.digit", "t2twin.sim.cyskin", "t2twin.primitives_cad")
+PHYSICS = ("t2twin.sim.contact", "t2twin.sim.digit", "t2twin.sim.cyskin", "t2twin.primitives_cad")
 """What a training's or a frame's time does not depend on: the pairs' content."""
 
 PRESS = Benchmark(
@@ -67,9 +68,9 @@ DIGIT_RENDER = Benchmark(
     measures="How near the baked DIGIT picture is to the rendered reference, and what each costs.",
     minutes=8,
     figures=(
-        Figure("least_psnr_db", "dB", least=LEAST_PSNR_DB),
+        Figure("least_psnr_db", "dB", least=MIN_PSNR_DB),
         Figure("median_psnr_db", "dB"),
-        Figure("least_ssim", least=LEAST_SSIM),
+        Figure("least_ssim", least=MIN_SSIM),
         Figure("median_ssim"),
         Figure("baked_ms", "ms", most=5.0),
         Figure("baked_best_ms", "ms"),
@@ -129,7 +130,7 @@ LATENCY = Benchmark(
         Figure("presets.*.torch_ratio"),
         Figure("presets.*.plain_ratio"),
     ),
-    apart_from=("t2twin.sim.press", "t2twin.sim.digit", "t2twin.sim.dataset"),
+    apart_from=("t2twin.sim.contact", "t2twin.sim.digit", "t2twin.sim.dataset"),
     shapes=False,
 )
 
@@ -189,7 +190,7 @@ TRANSLATION = Benchmark(
     measures="The errors of trained translators beside the trivial rows and the floors.",
     minutes=4,
     figures=(
-        # A quarter of the mean array's, and the nearest neighbour's, on validation; three quarters
+        # A quarter of the mean array's, and the nearest neighbor's, on validation; three quarters
         # of the better of the two on the objects.
         Figure("ratios.val.*.of_mean_array", most=0.25),
         Figure("ratios.val.*.of_nearest_neighbour", most=1.0),
@@ -205,8 +206,8 @@ TRANSLATION = Benchmark(
         Argument("--report", "the report's folder", Path, required=True, metavar="DIR"),
         Argument("--layouts", "evaluations on other layouts", Path, (), "*", metavar="DIR"),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
-    apart_from=(*DRAWING, "t2twin.report.qualitative"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
+    apart_from=(*DRAWING, "t2twin.report.sections.qualitative"),
     times=("runs.*.minutes",),
     confirmable=True,
 )
@@ -227,7 +228,7 @@ PROBES = Benchmark(
             metavar="FILE",
         ),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
     confirmable=True,
 )
 
@@ -244,7 +245,7 @@ KILLS = Benchmark(
         Argument("--kills", "how many; keeps nothing unless 20", int, 20, thins=True),
         Argument("--seed", "of the moments", int, 0),
     ),
-    entries=("t2twin.cli.simdata", "t2twin.sim.dataset.generate"),
+    entries=("t2twin.cli.dataset", "t2twin.sim.dataset.generate"),
     shapes=False,
 )
 
@@ -260,7 +261,7 @@ BAD_INPUTS = Benchmark(
         Figure("bombs_gib", "GiB", most=1.0),
         Figure("minutes", "minutes"),
     ),
-    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
     shapes=False,
 )
 
@@ -274,7 +275,7 @@ FAULTS = Benchmark(
         Argument("--commands", "keeps nothing unless all", str, None, "*", metavar="NAME",
                  thins=True),
     ),
-    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.cli", "t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
     shapes=False,
 )  # fmt: skip
 
@@ -292,7 +293,7 @@ CALIBRATION = Benchmark(
         Figure("scores.do_nothing.psnr_db", "dB"),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
-    apart_from=("t2twin.sim.digit.calibrate.certainty",),
+    apart_from=("t2twin.sim.digit.calibrate.uncertainty",),
     shapes=False,
 )
 
@@ -328,7 +329,7 @@ UNTOUCHED = Benchmark(
         Figure("drawn_singly_psnr_db", "dB"),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
-    apart_from=("t2twin.sim.digit.calibrate.certainty",),
+    apart_from=("t2twin.sim.digit.calibrate.uncertainty",),
     shapes=False,
 )
 
@@ -340,10 +341,10 @@ REAL = Benchmark(
         Figure("runs.*.real.rmse_percent", "%"),
         Figure("runs.*.simulated.rmse_percent", "%"),
         Figure("runs.*.real.centroid_mm", "mm"),
-        Figure("runs.*.real.force_part"),
-        Figure("runs.*.untouched_counts", "counts"),
-        Figure("nothing_rmse_percent", "%"),
-        Figure("constant_rmse_percent", "%"),
+        Figure("runs.*.real.force_error"),
+        Figure("runs.*.background_counts", "counts"),
+        Figure("zero_rmse_percent", "%"),
+        Figure("mean_array_rmse_percent", "%"),
     ),
     arguments=(
         Argument("frames", "folder of background.png and press_*.png", Path),
@@ -364,7 +365,7 @@ UNITS = Benchmark(
         Figure("pictures.*.shipped.mean_percentile", "%", most=95.0),
     ),
     arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
-    apart_from=("t2twin.sim.digit.calibrate.certainty",),
+    apart_from=("t2twin.sim.digit.calibrate.uncertainty",),
     shapes=False,
 )
 
@@ -443,7 +444,7 @@ WORLD_RUNS = Benchmark(
         Figure("on.*.test.*.overall.rmse_percent", "%"),
     ),
     arguments=(Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
 )
 
 FIELD = Benchmark(
@@ -478,7 +479,7 @@ FIELD = Benchmark(
             metavar="FILE",
         ),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
 )
 
 OTHER_WAY = Benchmark(
@@ -501,7 +502,7 @@ OTHER_WAY = Benchmark(
         Argument("run", "folder of t2twin train --direction cyskin-to-digit", Path),
         Argument("--data", "the dataset", Path, required=True, metavar="DIR"),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
     apart_from=(*DRAWING, "benchmarks.other_way_picture"),
 )
 
@@ -520,7 +521,7 @@ SHAPE_LOSS = Benchmark(
         Argument("--shaped", "the same with", Path, nargs="+", required=True, metavar="RUN"),
         Argument("--data", "the dataset", Path, required=True, metavar="DIR"),
     ),
-    entries=("t2twin.sim.dataset.generate", "t2twin.translate.train"),
+    entries=("t2twin.sim.dataset.generate", "t2twin.translate.training.train"),
 )
 
 REGRESSION = Benchmark(

@@ -17,16 +17,15 @@ import numpy as np
 from skimage.metrics import structural_similarity
 from tqdm import tqdm
 
-from benchmarks.declared import DIGIT_RENDER, LEAST_PSNR_DB, LEAST_SSIM
+from benchmarks.declared import DIGIT_RENDER, MIN_PSNR_DB, MIN_SSIM
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad.catalogue import NAMES, load
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact, surface_on
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from t2twin.sim.digit.optics import DigitOptics
-from t2twin.sim.digit.reference import ReferenceRenderer
-from t2twin.sim.press.elastomer import DIGIT_GEL
-from t2twin.sim.press.engine import DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.records import PressCommand
-from t2twin.sim.press.surface import surface_on
+from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 
 FORCE_N = 8.0
 HALF_CROP_PX = 50
@@ -72,7 +71,7 @@ def psnr(wanted: np.ndarray, given: np.ndarray) -> float:
 
 
 def ssim(wanted: np.ndarray, given: np.ndarray) -> float:
-    """Mean structural similarity over the colours."""
+    """Mean structural similarity over the colors."""
     return float(np.mean(structural_similarity(wanted, given, channel_axis=2, data_range=255)))
 
 
@@ -131,8 +130,8 @@ def _scores(rows: list[dict[str, Any]]) -> dict[str, float]:
         "median_psnr_db": statistics.median(psnrs),
         "least_ssim": min(ssims),
         "median_ssim": statistics.median(ssims),
-        "share_under_least_psnr": float(np.mean(np.array(psnrs) < LEAST_PSNR_DB)),
-        "share_under_least_ssim": float(np.mean(np.array(ssims) < LEAST_SSIM)),
+        "share_under_least_psnr": float(np.mean(np.array(psnrs) < MIN_PSNR_DB)),
+        "share_under_least_ssim": float(np.mean(np.array(ssims) < MIN_SSIM)),
     }
 
 

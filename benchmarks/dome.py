@@ -25,13 +25,13 @@ from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase
 from benchmarks.solid import Answer, Gel, solve
 from benchmarks.solids import ball
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.footprint import heights_at
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.footprint import heights_at
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.world import protocol
 
 SHAPES = ("hemisphere-2", "square-2", "line-smooth-2", "circle-empty-2", "line-sharp-2")

@@ -31,7 +31,7 @@ from benchmarks.inputs.case import Base
 from benchmarks.inputs.images import PNG, frame
 from benchmarks.inputs.results import same_results
 from benchmarks.inputs.tables import good_pairs
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 STATUS = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
 LOADING_SECONDS = 0.5

@@ -22,17 +22,23 @@ from benchmarks.declared import FIELD
 from benchmarks.evidence.run import main
 from benchmarks.probes import Probes, errors, kept_probes
 from benchmarks.world_runs import called, figures
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.world.protocol import FORCE_N
-from t2twin.translate.estimate import half_width
-from t2twin.translate.evaluation.certainty import NAMED_KEPT, NAMED_LEVEL, certainty
+from t2twin.translate.evaluation.files import read_evaluation
+from t2twin.translate.evaluation.metrics.reliability import (
+    REPORTED_LEVEL,
+    REPORTED_SHARE,
+    uncertainty_metrics,
+)
 from t2twin.translate.evaluation.predictions import read_predictions
-from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.rows import steps_taken
-from t2twin.translate.predict import load_run
+from t2twin.translate.evaluation.scoring import training_steps
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import require
 from t2twin.translate.runs.config import BEST, load_config
 from t2twin.translate.runs.log import read_log
+from t2twin.translate.uncertainty.estimate import half_width
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -60,18 +66,18 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def _with_start(folder: Path, run: dict[str, Any], earlier: dict[str, Path]) -> dict[str, Any]:
     """A run's minutes and steps, with those of the run with whose weights it began."""
-    start = load_config(folder).start
+    start = load_config(folder).init_from
     if start is None:
         return {"begun_with": None}
     if start not in earlier:
         raise T2TwinError(f"{folder} began with other weights; give their run with --begun-with")
     before = load_run(earlier[start])
-    if before.config.start is not None:
+    if before.config.init_from is not None:
         raise T2TwinError(f"{earlier[start]} began with another run itself; two are added up here")
     return {
         "begun_with": before.config.data.world,
         "minutes": run["minutes"] + _minutes(earlier[start]),
-        "steps": run["steps"] + steps_taken(before, before.config.data.train_pairs),
+        "steps": run["steps"] + training_steps(before, before.config.data.train_pairs),
     }
 
 
@@ -84,10 +90,10 @@ def _add_ranking(rows: dict[str, Any], folder: Path) -> None:
         off = np.abs(predictions.by_model[name] - predictions.truth)
         std = predictions.std_by_model[name]
         tenths = np.array_split(np.argsort(std, axis=None), 10)
-        held = (off <= half_width(NAMED_LEVEL) * std).ravel()
+        held = (off <= half_width(REPORTED_LEVEL) * std).ravel()
         rmse = predictions.rmse_counts(name)
         row["tenths_held_percent"] = [100.0 * float(held[part].mean()) for part in tenths]
-        row["said_over_rmse"] = row["certainty"]["said_rmse_counts"] / float(_rms(rmse))
+        row["said_over_rmse"] = row["certainty"]["predicted_rmse_counts"] / float(_rms(rmse))
         row["falls_by_at_best_percent"] = _falls_by(rmse, rmse)
         others = [other for other in rows if other != run]
         if len(others) == 1:
@@ -98,7 +104,7 @@ def _add_ranking(rows: dict[str, Any], folder: Path) -> None:
 
 def _falls_by(rmse: np.ndarray, unsure: np.ndarray) -> float:
     """By how much the RMSE falls where the fifth with the largest `unsure` is left out, %."""
-    kept = np.argsort(unsure, kind="stable")[: round(NAMED_KEPT * unsure.size)]
+    kept = np.argsort(unsure, kind="stable")[: round(REPORTED_SHARE * unsure.size)]
     return 100.0 * float(1.0 - _rms(rmse[kept]) / _rms(rmse))
 
 
@@ -114,13 +120,13 @@ def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[
     """What a run is called, how long its training took, and its figures."""
     run = load_run(folder)
     data = run.config.data
-    told = run.estimate(probes.images)
+    told = require(run, FieldPredictor, "the benchmark").estimate(probes.images)
     force_n = np.full(len(probes.names), FORCE_N)
-    sure = certainty(told, probes.counts, force_n)
+    sure = uncertainty_metrics(told, probes.counts, force_n)
     trained = {"minutes": _minutes(folder)}
     found = {
         "rmse_percent": errors(told.counts, probes, data.full_scale_counts)["all"],
-        "held_percent": 100.0 * sure.held_at(NAMED_LEVEL),
+        "held_percent": 100.0 * sure.coverage_at(REPORTED_LEVEL),
     }
     return f"{run.config.model}-of-{data.world}", trained, found
 

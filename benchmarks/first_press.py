@@ -22,8 +22,8 @@ from tqdm import tqdm
 
 from benchmarks.declared import FIRST_PRESS
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad.cache_home import VARIABLE
-from t2twin.primitives_cad.machine import cores
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.core.machine import cores
 
 SHAPE = "wrench/ring"
 

@@ -15,9 +15,9 @@ from scipy.special import j1
 
 from benchmarks.oracle import Answer, Waves, kernel, solve
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.press.elastomer import Elastomer
-from t2twin.sim.press.records import PressCommand
 
 DEEPEST_MM = 10.0
 """How far below a shape's top it is still looked at, mm: deeper than every layer."""
@@ -41,11 +41,11 @@ class FlatPad:
 
     @property
     def x_mm(self) -> np.ndarray:
-        return _centres(self.width_mm, self.pitch_mm)
+        return _centers(self.width_mm, self.pitch_mm)
 
     @property
     def y_mm(self) -> np.ndarray:
-        return _centres(self.length_mm, self.pitch_mm)
+        return _centers(self.length_mm, self.pitch_mm)
 
     @cached_property
     def answer_of_cell(self) -> np.ndarray:
@@ -70,7 +70,7 @@ class FlatPad:
 
     def pad_pressure_mpa(self, pressure_mpa: np.ndarray, layout: Layout) -> np.ndarray:
         """Mean stress at the base on each taxel's pad, (n,) MPa, under a pressure on the cells."""
-        axis = _centres(2 * BASE_REACH_MM, self.pitch_mm)
+        axis = _centers(2 * BASE_REACH_MM, self.pitch_mm)
         wide = np.zeros((axis.size, axis.size))
         rows, columns = ((axis.size - side) // 2 for side in pressure_mpa.shape)
         height, width = pressure_mpa.shape
@@ -85,7 +85,7 @@ class FlatPad:
         return RectBivariateSpline(axis, axis, means)(layout.y_mm, layout.x_mm, grid=False)
 
 
-def _centres(length_mm: float, pitch_mm: float) -> np.ndarray:
+def _centers(length_mm: float, pitch_mm: float) -> np.ndarray:
     """Centres of the cells that cover a length about zero, mm."""
     cells = round(length_mm / pitch_mm)
     return (np.arange(cells) - (cells - 1) / 2) * pitch_mm

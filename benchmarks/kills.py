@@ -21,7 +21,7 @@ from typing import Any
 
 from benchmarks.declared import KILLS
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import INFO, read_info
 from t2twin.sim.dataset.verify import verify
 

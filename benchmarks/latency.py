@@ -23,18 +23,18 @@ from PIL import Image
 
 from benchmarks.declared import LATENCY
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad.cache_home import VARIABLE
+from t2twin.core.cache_dir import VARIABLE
 from t2twin.sim.cyskin.field import field_layout
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.build import build
 from t2twin.translate.data.images import to_input, to_pixels
 from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.engine import load
-from t2twin.translate.field import FieldTranslator
-from t2twin.translate.presets import MODELS, PRESETS, Model, Preset
+from t2twin.translate.inference.load import load
+from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.presets import MODELS, PRESETS, Model, Preset
+from t2twin.translate.models.touch2touch import Touch2Touch
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_weights, save_weights
 from t2twin.translate.runs.config import BEST, RunConfig
-from t2twin.translate.touch2touch import Touch2Touch
 
 FRAME = (320, 240, 3)
 FULL_SCALE = 40_000.0
@@ -113,7 +113,7 @@ def _plain(config: RunConfig, run_dir: Path) -> Way:
         with torch.no_grad():
             if isinstance(translator, FieldTranslator):
                 own = translator.predictor.mean_frame.expand_as(images)
-                return translator.teller(network(torch.cat([images, own], 1))).counts[0].numpy()
+                return translator.readout(network(torch.cat([images, own], 1))).counts[0].numpy()
             output = network(images)
             if isinstance(translator, Touch2Touch):
                 counts = translator.counts_of((output + 1.0) * (FULL_SCALE / 2.0))

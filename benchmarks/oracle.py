@@ -14,7 +14,7 @@ from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 ALIASES = 4
 """Spectral images summed on either side."""

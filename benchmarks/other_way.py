@@ -21,26 +21,26 @@ from scipy.spatial import KDTree
 from benchmarks.declared import OTHER_WAY
 from benchmarks.evidence.run import main
 from benchmarks.other_way_picture import PICTURE, Split, draw
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.digit.camera import DIGIT_CAMERA
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.sensors import Digit
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.direction import CYSKIN_TO_DIGIT
-from t2twin.translate.evaluation.drawn_pictures import (
+from t2twin.translate.evaluation.metrics.image_metrics import (
     CONTACT_GREY,
     DETAILS_MM,
-    PictureFigures,
-    compare_pictures,
+    ImageFigures,
+    compare_images,
     explained_by_detail,
     in_contact,
     intervals,
     replicates,
     scores,
 )
-from t2twin.translate.evaluation.rows import steps_taken
-from t2twin.translate.predict import load
+from t2twin.translate.evaluation.scoring import training_steps
+from t2twin.translate.inference.load import load
+from t2twin.translate.inference.predictor import ImagePredictor, require
 
 SPLITS = ("val", "test")
 
@@ -49,25 +49,23 @@ DRAWN, NEAREST, MEAN, UNTOUCHED = "drawn", "nearest_neighbour", "mean_picture", 
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    run = load(options.run)
-    if run.config.direction != CYSKIN_TO_DIGIT:
-        raise T2TwinError(f"{options.run} is a {run.config.direction} run; give one the other way")
+    run = require(load(options.run), ImagePredictor, "the benchmark")
     if load_info(options.data).sha256 != run.config.data.sha256:
         raise T2TwinError(f"{options.data} is not the data set that {options.run} was trained on")
     size = run.config.preset.size
     train, *rest = (load_pairs(options.data, s, size, grey=True) for s in ("train", *SPLITS))
     mean = _mean(train)
-    untouched = to_pixels(Image.fromarray(Digit().untouched()), size, grey=True)[..., 0]
+    untouched = to_pixels(Image.fromarray(Digit().background_frame()), size, grey=True)[..., 0]
     content, splits = {}, []
     for split, pairs in zip(SPLITS, rest, strict=True):
         real = pairs.images[:][..., 0]
         rows = {
-            DRAWN: run.picture_of(pairs.counts),
+            DRAWN: run.predict_image(pairs.counts),
             NEAREST: _nearest(train, pairs),
             MEAN: np.broadcast_to(mean, real.shape),
             UNTOUCHED: np.broadcast_to(untouched, real.shape),
         }
-        figures = {name: compare_pictures(row, real, untouched) for name, row in rows.items()}
+        figures = {name: compare_images(row, real, untouched) for name, row in rows.items()}
         content[split] = _figures(figures, pairs) | {
             "contact_percent": 100.0 * float(in_contact(real, untouched).mean()),
             "explained": {
@@ -78,19 +76,19 @@ def measure(options: Namespace) -> dict[str, Any]:
         psnr_db = {name: one.psnr_contact_db for name, one in figures.items()}
         splits.append(Split(split, pairs, real, rows, psnr_db))
     if not options.keep_nothing:
-        with whole_file(PICTURE) as temporary:
+        with atomic_write(PICTURE) as temporary:
             temporary.write_bytes(draw(splits, run.config.data))
     return content | {
         "pairs": {"train": len(train), **{s: len(p) for s, p in zip(SPLITS, rest, strict=True)}},
         "size_px": size,
         "contact_grey": CONTACT_GREY,
         "details_mm": DETAILS_MM,
-        "steps": steps_taken(run, len(train)),
+        "steps": training_steps(run, len(train)),
     }
 
 
-def _figures(figures: Mapping[str, PictureFigures], pairs: Pairs) -> dict[str, Any]:
-    """Every row's scores with their intervals, and what is drawn less the nearest neighbour's."""
+def _figures(figures: Mapping[str, ImageFigures], pairs: Pairs) -> dict[str, Any]:
+    """Every row's scores with their intervals, and what is drawn less the nearest neighbor's."""
     resampled = {name: replicates(one, pairs.shapes) for name, one in figures.items()}
     rows = {name: asdict(scores(one)) for name, one in figures.items()}
     over = {name: rows[DRAWN][name] - value for name, value in rows[NEAREST].items()}
@@ -113,7 +111,7 @@ def _nearest(train: Pairs, pairs: Pairs) -> np.ndarray:
 
 
 def _mm_per_px(size: int) -> tuple[float, float]:
-    """Millimetres that a row and a column of a square picture are apart."""
+    """Millimeters that a row and a column of a square picture are apart."""
     half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
     return 2 * half_height / size, 2 * half_width / size
 

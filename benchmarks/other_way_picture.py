@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from benchmarks import ROOT
-from t2twin.report.figures import figure, rings, tactile_image
-from t2twin.sim.digit.camera import DIGIT_CAMERA
+from t2twin.report.html.figures import draw_tactile_image, draw_taxels, figure
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.translate.data.pairs import DataInfo, Pairs
-from t2twin.translate.phi import Phi
 
 PICTURE = ROOT / "docs" / "pictures" / "other_way.png"
 
@@ -70,8 +70,8 @@ def _draw(page: Figure, samples: Sequence[tuple[Split, int]], info: DataInfo) ->
     for axes, (split, place) in zip(all_axes, samples, strict=True):
         pairs = split.pairs
         counts = phi(pairs.counts[place])
-        tactile_image(axes[0], counts, phi, (0.0, float(counts.max())))
-        rings(axes[0], info.x_mm, info.y_mm)
+        draw_tactile_image(axes[0], counts, phi, (0.0, float(counts.max())))
+        draw_taxels(axes[0], info.x_mm, info.y_mm)
         _view(axes[0])
         axes[0].set_ylabel(f"{pairs.shapes[place]}\n{SPLITS[split.name]}")
         _picture(axes[1], split.real[place])

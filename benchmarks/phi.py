@@ -19,7 +19,7 @@ from scipy.spatial import Delaunay
 from benchmarks.declared import PHI
 from benchmarks.evidence.run import main
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.phi import Phi
+from t2twin.sim.cyskin.phi import Phi
 
 BATCH = 64
 ONE_BY_ONE = 8
@@ -32,14 +32,14 @@ def measure(options: Namespace) -> dict[str, Any]:
     phi = Phi(layout.x_mm, layout.y_mm)
     counts = np.random.default_rng(0).integers(0, 40_001, (BATCH, layout.size)).astype(np.float32)
     triangles = Delaunay(np.column_stack([layout.x_mm, layout.y_mm]))
-    centres = np.stack(np.meshgrid(*phi.centres_mm), axis=-1).reshape(-1, 2)
+    centers = np.stack(np.meshgrid(*phi.centers_mm), axis=-1).reshape(-1, 2)
 
     def interpolated() -> np.ndarray:
-        return LinearNDInterpolator(triangles, counts.T, fill_value=0.0)(centres)
+        return LinearNDInterpolator(triangles, counts.T, fill_value=0.0)(centers)
 
     def one_by_one() -> list[np.ndarray]:
         return [
-            LinearNDInterpolator(triangles, image, fill_value=0.0)(centres)
+            LinearNDInterpolator(triangles, image, fill_value=0.0)(centers)
             for image in counts[:ONE_BY_ONE]
         ]
 

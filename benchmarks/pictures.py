@@ -16,14 +16,15 @@ from PIL import Image, ImageDraw
 from benchmarks import ROOT
 from benchmarks.declared import PICTURES
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad import catalogue, sheet
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.files import atomic_write
+from t2twin.primitives_cad import catalogue, contact_sheet
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.press.records import PressCommand
-from t2twin.sim.sensors import Sample, SensorPair
+from t2twin.sim.sensors import SensorPair
+from t2twin.sim.touch import Touch
 from t2twin.sim.world.protocol import FORCE_N
-from t2twin.translate.phi import Phi
-from t2twin.translate.picture import tactile_picture
 
 PICTURE = ROOT / "docs" / "pictures" / "presses.png"
 
@@ -40,14 +41,14 @@ TACTILE_PX = (240, 330)
 GAP_PX = 16
 
 BRIGHTEST = 1.2
-"""Counts of the brightest colour, in parts of the press's largest."""
+"""Counts of the brightest color, in parts of the press's largest."""
 
 
 def measure(options: Namespace) -> dict[str, Any]:
     sensors = SensorPair()
     samples = [sensors.press(catalogue.load(press.shape), press) for press in PRESSES]
     if not options.keep_nothing:
-        with whole_file(PICTURE) as temporary:
+        with atomic_write(PICTURE) as temporary:
             draw(sensors, samples).save(temporary, optimize=True)
     return {
         "presses": [
@@ -62,7 +63,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     }
 
 
-def draw(sensors: SensorPair, samples: list[Sample]) -> Image.Image:
+def draw(sensors: SensorPair, samples: list[Touch]) -> Image.Image:
     """The picture, a column a sample."""
     layout = sensors.cyskin.layout
     phi = Phi(layout.x_mm, layout.y_mm)
@@ -75,7 +76,7 @@ def draw(sensors: SensorPair, samples: list[Sample]) -> Image.Image:
         page.paste(Image.fromarray(sample.image), (left, SHAPE_PX[1] + GAP_PX))
         counts = sample.counts.astype(np.float32)
         brightest = min(FULL_SCALE_COUNTS, BRIGHTEST * float(counts.max()))
-        tactile = tactile_picture(phi(counts), layout.x_mm, layout.y_mm, brightest)
+        tactile = colored_tactile_image(phi(counts), layout.x_mm, layout.y_mm, brightest)
         page.paste(tactile.resize(TACTILE_PX), (left, height - TACTILE_PX[1]))
     return page
 
@@ -85,9 +86,9 @@ def _drawn_shape(name: str) -> Image.Image:
     tool = name.split("/")[0]
     is_tool = tool in catalogue.TOOLS
     mesh = catalogue.tool_mesh(tool) if is_tool else catalogue.load(name).mesh
-    view = sheet.TOOL_VIEWS[tool] if is_tool else sheet.PRIMITIVE_VIEW
-    drawing = Image.fromarray(sheet.draw(mesh, view, SHAPE_PX, sheet.STEEL)[0])
-    ImageDraw.Draw(drawing).text((6, 4), name, fill=sheet.INK, font_size=15)
+    view = contact_sheet.TOOL_VIEWS[tool] if is_tool else contact_sheet.PRIMITIVE_VIEW
+    drawing = Image.fromarray(contact_sheet.draw(mesh, view, SHAPE_PX, contact_sheet.STEEL)[0])
+    ImageDraw.Draw(drawing).text((6, 4), name, fill=contact_sheet.INK, font_size=15)
     return drawing
 
 

@@ -27,16 +27,16 @@ from benchmarks.declared import PRESS
 from benchmarks.evidence.run import main
 from benchmarks.flat_pad import FlatPad
 from benchmarks.solids import ball, punch
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact import pin_layout
+from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa
-from t2twin.sim.press import engine
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.records import Contact, PressCommand
 from t2twin.sim.world import protocol
 
 FORCES_N = (1.0, 2.0, 4.0, 8.0)
@@ -60,11 +60,11 @@ EXPONENT_FORCES_N, EXPONENT_PITCH_MM = (0.1, 0.2, 0.4, 0.8), 0.2
 PUNCH_RADIUS_MM = 3.0
 
 HALVED = {
-    "FINER": (*engine.FINER, 2 * engine.FINER[-1]),
-    "FEWEST_PINS": 4 * engine.FEWEST_PINS,
-    "STAGES": tuple((pitch_mm / 2, tolerance) for pitch_mm, tolerance in engine.STAGES),
+    "FINER": (*pin_layout.FINER, 2 * pin_layout.FINER[-1]),
+    "MIN_PINS": 4 * pin_layout.MIN_PINS,
+    "STAGES": tuple((pitch_mm / 2, tolerance) for pitch_mm, tolerance in pin_layout.STAGES),
 }
-"""The engine's choices that halve its pins and its layer's grid, with half the contact's grid."""
+"""The settings that halve the pins and the grid of the layer, for half the grid of the contact."""
 
 RANDOM_SHAPES = 20
 """Seeds from 0 on."""
@@ -201,7 +201,7 @@ def halved(shape: Shape, sensor: Sensor, force_n: float) -> dict[str, float]:
     """How a depth changes when all grids are halved."""
     command = PressCommand(shape.name, 0.0, 0.0, YAW_RAD, force_n)
     contact = solve_contact(shape, command, sensor.flat, sensor.pitch_mm)
-    with patch.multiple(engine, **HALVED):
+    with patch.multiple(pin_layout, **HALVED):
         finer = solve_contact(shape, command, sensor.flat, sensor.pitch_mm / 2)
     return {"halved_grid": finer.depth_mm / contact.depth_mm - 1}
 

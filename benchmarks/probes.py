@@ -5,7 +5,7 @@
 Nine plain solids of edges, faces and ribs that leave the DIGIT's view, neither primitives nor
 tools, are pressed as the protocol presses the objects: 3 x 3 places by 7 orientations. Gives the
 RMSE in percent of full scale for each run and, beside them, for the mean array and the nearest
-neighbour of the training set, by solid. What a preset or an augmentation is worth is read here.
+neighbor of the training set, by solid. What a preset or an augmentation is worth is read here.
 """
 
 import hashlib
@@ -24,24 +24,24 @@ from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.paper_scale import presses_sha256, settings
-from t2twin.primitives_cad import catalogue, surface
+from t2twin.core.files import atomic_write
+from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.shape import Shape
-from t2twin.primitives_cad.tessellate import tessellate
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.press.records import PressCommand
+from t2twin.primitives_cad.solids import tessellate
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world import protocol
 from t2twin.translate.data.images import to_pixels
 from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.evaluation.baselines import (
+from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     MEAN_ARRAY,
-    NEAREST_NEIGHBOUR,
+    NEAREST_NEIGHBOR,
     mean_array,
-    nearest_neighbour,
+    nearest_neighbor,
 )
-from t2twin.translate.evaluation.evaluate import run_names
-from t2twin.translate.predict import load_run
+from t2twin.translate.evaluation.prepare import run_names
+from t2twin.translate.inference.load import load_run
 
 if TYPE_CHECKING:
     import cadquery as cq
@@ -94,7 +94,7 @@ def rows(probes: Probes, runs: Sequence[Path], data: Path) -> dict[str, dict[str
     loaded = [load_run(run) for run in runs]
     predictions = {
         MEAN_ARRAY: np.broadcast_to(mean_array(train), probes.counts.shape),
-        NEAREST_NEIGHBOUR: nearest_neighbour(train, np.stack(small)),
+        NEAREST_NEIGHBOR: nearest_neighbor(train, np.stack(small)),
     }
     for name, run in zip(run_names(loaded), loaded, strict=True):
         predictions[name] = run.predict(probes.images)
@@ -140,7 +140,7 @@ def solids() -> dict[str, "cq.Workplane"]:
 
 def shape_of(name: str, solid: "cq.Workplane") -> Shape:
     """A solid as a shape, its own origin kept: a file's would be moved to its middle."""
-    mesh, heights = surface.stand(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
+    mesh, heights = height_map.aligned(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
     return Shape(name, mesh, heights, spacing_mm=catalogue.OBJECT_SPACING_MM)
 
 
@@ -174,7 +174,7 @@ def kept_probes(path: Path) -> Probes:
                 return Probes(kept["images"], kept["counts"], kept["names"])
     grid = protocol.OBJECT_GRID
     probes = press_solids(range(grid.points**2 * grid.orientations))
-    with whole_file(path) as temporary, temporary.open("wb") as file:
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
             digest=np.array(digest),

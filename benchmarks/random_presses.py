@@ -29,19 +29,20 @@ from tqdm import tqdm
 from benchmarks import ROOT
 from benchmarks.declared import RANDOM_PRESSES
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad import catalogue, sheet
-from t2twin.primitives_cad.machine import cores
+from t2twin.core.files import atomic_write
+from t2twin.core.machine import cores
+from t2twin.primitives_cad import catalogue, contact_sheet
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import Shape
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.report.figures import figure
+from t2twin.report.html.figures import figure
+from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.dataset.touching import draw_touch
-from t2twin.sim.press.records import Contact, PressCommand
-from t2twin.sim.sensors import Sample, SensorPair
+from t2twin.sim.dataset.rejection_sampling import press_until_accepted
+from t2twin.sim.sensors import SensorPair
+from t2twin.sim.touch import Touch
 from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import test_surfaces
-from t2twin.sim.world.presses import Drawn, draw_force, random_name
+from t2twin.sim.world.presses import press_attempts, random_name, sample_force
 from t2twin.sim.world.recipe import Part, load_recipe
 
 SHAPES_PICTURE = ROOT / "docs" / "pictures" / "random_shapes.png"
@@ -184,38 +185,35 @@ def _press(
     """One press, drawn until it touches the features, as a dataset's."""
     took_ms = 0.0
 
-    def press_it(shape: Shape, drawn: Drawn) -> Sample:
+    def press_it(shape: Shape, command: PressCommand, rng: np.random.Generator) -> Touch:
         nonlocal took_ms
         start = time.thread_time()
-        sample = sensors.press(shape, drawn.command, drawn.rng)
+        touch = sensors.press(shape, command, rng)
         took_ms = 1e3 * (time.thread_time() - start)
-        return sample
+        return touch
 
-    def again(why: str) -> None:
-        made.again[why] += 1
-
+    attempts = press_attempts(part, shape.name, number, press, (SEED, 0))
     try:
-        touch = draw_touch(part, shape, number, press, (SEED, 0), press_it, again)
+        touch, _ = press_until_accepted(attempts, shape, press_it, made.again)
     except Exception as error:
         made.exceptions.append(f"{shape.name}: {type(error).__name__}: {error}")
         return
-    if touch.sample is None:
+    if not touch.contacts:
         return
     made.stand_ins += touch.shape is not shape
     made.press_ms.append(took_ms)
-    contacts = (touch.sample.digit, touch.sample.cyskin)
-    made.digit_ms.append(touch.sample.digit.milliseconds)
-    made.cyskin_ms.append(touch.sample.cyskin.milliseconds)
-    off = max(_force_off_percent(contact) for contact in contacts)
+    made.digit_ms.append(touch.digit.milliseconds)
+    made.cyskin_ms.append(touch.cyskin.milliseconds)
+    off = max(_force_off_percent(contact) for contact in touch.contacts.values())
     made.force_off_percent = max(made.force_off_percent, off)
-    made.values.append(_values(touch.sample))
+    made.values.append(_values(touch))
 
 
 def _force_off_percent(contact: Contact) -> float:
     return 100.0 * abs(contact.force_n / contact.command.force_n - 1.0)
 
 
-def _values(sample: Sample) -> tuple[float, ...]:
+def _values(sample: Touch) -> tuple[float, ...]:
     """By QUANTITIES."""
     return (
         sample.command.force_n,
@@ -233,7 +231,7 @@ def press_tool(name: str) -> list[tuple[float, ...]]:
     for index in protocol.indices(name, protocol.scale_of("paper")):
         rng = np.random.default_rng((SEED, place, index))
         at = protocol.press_at(shape, index)
-        force_n = draw_force(rng, forces)
+        force_n = sample_force(rng, forces)
         command = PressCommand(name, at.x_mm, at.y_mm, at.yaw_rad, force_n)
         rows.append(_values(sensors.press(shape, command, rng)))
     return rows
@@ -283,7 +281,7 @@ def draw_spread(values: np.ndarray, tools: np.ndarray) -> None:
         axes[0].set_ylabel("share of the presses, %")
         axes[0].legend()
 
-    with whole_file(SPREAD_PICTURE) as temporary:
+    with atomic_write(SPREAD_PICTURE) as temporary:
         temporary.write_bytes(figure("png", 13.0, 3.2, draw))
 
 
@@ -300,14 +298,23 @@ def _histograms(axis: Axes, values: np.ndarray, tools: np.ndarray, label: str) -
 def draw_shapes() -> None:
     """The first random shapes of all, from above and aside."""
     rows, columns = SHEET
-    page = Image.new("RGB", (columns * TILE_PX[0], rows * TILE_PX[1]), tuple(sheet.PAPER.tolist()))
+    page = Image.new(
+        "RGB", (columns * TILE_PX[0], rows * TILE_PX[1]), tuple(contact_sheet.PAPER.tolist())
+    )
     pen = ImageDraw.Draw(page)
     for seed, (left, top) in enumerate(_tiles(rows, columns)):
         mesh = RandomShape(seed).mesh
-        tile, _ = sheet.draw(mesh, sheet.PRIMITIVE_VIEW, TILE_PX, sheet.RESIN)
+        tile, _ = contact_sheet.draw(
+            mesh, contact_sheet.PRIMITIVE_VIEW, TILE_PX, contact_sheet.RESIN
+        )
         page.paste(Image.fromarray(tile), (left, top))
-        pen.text((left + 6, top + TILE_PX[1] - 18), f"random-{seed}", fill=sheet.INK, font_size=11)
-    with whole_file(SHAPES_PICTURE) as temporary:
+        pen.text(
+            (left + 6, top + TILE_PX[1] - 18),
+            f"random-{seed}",
+            fill=contact_sheet.INK,
+            font_size=11,
+        )
+    with atomic_write(SHAPES_PICTURE) as temporary:
         page.save(temporary, format="PNG", optimize=True)
 
 

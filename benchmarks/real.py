@@ -21,15 +21,21 @@ import numpy as np
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import REAL
 from benchmarks.evidence.run import main
-from t2twin.adaptation.judged import Felt, counts_of, felt_by_the_twin, judge_each
-from t2twin.adaptation.record import Scores, trivial_percent
+from t2twin.adaptation.real_frame_evaluation import (
+    SimulatedReference,
+    evaluate_frames,
+    predict_counts,
+    simulate_reference,
+)
+from t2twin.adaptation.record import AdaptationScores, baseline_rmse_percent
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
-from t2twin.translate.predict import TrainedTranslator, load_run
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import CountsPredictor
 
 
 def measure(options: Namespace) -> dict[str, Any]:
@@ -48,23 +54,27 @@ def measure(options: Namespace) -> dict[str, Any]:
         sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
         ball = write_ball(Path(folder) / "ball.step", BALL_DIAMETER_MM)
         balls = [ball] * len(report.held_out)
-        felt = felt_by_the_twin(report.held_out, report.poses, report.real, balls, sensors)
-    untouched = upright_frame(read_frame(background))
-    nothing, constant = trivial_percent(felt, next(iter(runs.values())))
+        references = simulate_reference(report.held_out, report.poses, report.real, balls, sensors)
+    background_frame = upright_frame(read_frame(background))
+    zero, mean_array = baseline_rmse_percent(references, next(iter(runs.values())))
     return {
-        "presses": [{"name": one.name, "pose": one.pose, "force_n": one.force_n} for one in felt],
-        "nothing_rmse_percent": nothing,
-        "constant_rmse_percent": constant,
-        "runs": {name: _scores(run, felt, untouched) for name, run in runs.items()},
+        "presses": [
+            {"name": one.name, "pose": one.pose, "force_n": one.force_n} for one in references
+        ],
+        "zero_rmse_percent": zero,
+        "mean_array_rmse_percent": mean_array,
+        "runs": {name: _scores(run, references, background_frame) for name, run in runs.items()},
     }
 
 
-def _scores(run: TrainedTranslator, felt: Sequence[Felt], untouched: np.ndarray) -> dict[str, Any]:
-    judged = judge_each(run, felt, untouched)
+def _scores(
+    run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray
+) -> dict[str, Any]:
+    comparisons = evaluate_frames(run, references, background)
     return {
-        "real": asdict(Scores.of([one.real for one in judged])),
-        "simulated": asdict(Scores.of([one.simulated for one in judged])),
-        "untouched_counts": float(np.max(counts_of(run, untouched, untouched))),
+        "real": asdict(AdaptationScores.of([one.real for one in comparisons])),
+        "simulated": asdict(AdaptationScores.of([one.simulated for one in comparisons])),
+        "background_counts": float(np.max(predict_counts(run, background, background))),
     }
 
 

@@ -18,9 +18,9 @@ from benchmarks.declared import REGRESSION
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.run import main
 from t2twin.sim.dataset.generate import generate
-from t2twin.translate.evaluation.baselines import MEAN_ARRAY
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.train import train
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY
+from t2twin.translate.training.train import train
 
 SCALE = "small"
 EPOCHS = {"touch2touch": 36, "resnet18": 12}

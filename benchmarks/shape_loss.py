@@ -1,7 +1,7 @@
 """What a loss of the tactile image's shape brings: touch2touch with it against without.
 
     t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --out plain-0
-    t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --shape-weight W --out shaped-0
+    t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --iou-weight W --out shaped-0
     python -m benchmarks.shape_loss --plain plain-0 ... --shaped shaped-0 ... --data data/paper
 
 The runs are of the same seeds, steps and data, and differ in the weight alone. Every figure is
@@ -19,13 +19,14 @@ import numpy as np
 
 from benchmarks.declared import SHAPE_LOSS
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.evaluation.bootstrap import interval, replicates
-from t2twin.translate.evaluation.metrics import compare
-from t2twin.translate.evaluation.rows import steps_taken
-from t2twin.translate.phi import Phi
-from t2twin.translate.predict import TrainedTranslator, load_run
+from t2twin.translate.evaluation.metrics.array_errors import compare
+from t2twin.translate.evaluation.metrics.bootstrap import interval, replicates
+from t2twin.translate.evaluation.scoring import training_steps
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.runs.config import RunConfig
 
 SPLITS = ("val", "test")
@@ -44,14 +45,14 @@ def measure(options: Namespace) -> dict[str, Any]:
         content[split] = _split(plain, shaped, pairs)
     return content | {
         "seeds": [run.config.seed for run in plain],
-        "shape_weight": preset.shape_weight,
+        "shape_weight": preset.iou_weight,
         "l1_weight": preset.l1_weight,
-        "steps": [steps_taken(run, run.config.data.train_pairs) for run in (*plain, *shaped)],
+        "steps": [training_steps(run, run.config.data.train_pairs) for run in (*plain, *shaped)],
     }
 
 
 def _split(
-    plain: Sequence[TrainedTranslator], shaped: Sequence[TrainedTranslator], pairs: Pairs
+    plain: Sequence[CountsPredictor], shaped: Sequence[CountsPredictor], pairs: Pairs
 ) -> dict[str, Any]:
     """Both kinds' figures of each run and their means, and what the loss brings."""
     content, resampled = {}, {}
@@ -77,7 +78,7 @@ def _split(
     }
 
 
-def _figures(run: TrainedTranslator, pairs: Pairs) -> tuple[dict[str, float], Any]:
+def _figures(run: CountsPredictor, pairs: Pairs) -> tuple[dict[str, float], Any]:
     """A run's figures, and the same in the resamples of the shapes."""
     data = run.config.data
     predicted = run.predict_pixels(pairs.images, progress=run.run_dir.name)
@@ -90,18 +91,14 @@ def _figures(run: TrainedTranslator, pairs: Pairs) -> tuple[dict[str, float], An
 
 
 def _check_alike(
-    plain: Sequence[TrainedTranslator], shaped: Sequence[TrainedTranslator], data: Path
+    plain: Sequence[CountsPredictor], shaped: Sequence[CountsPredictor], data: Path
 ) -> None:
     """Raises T2TwinError for runs that differ in more than the weight."""
     if len(plain) != len(shaped):
         raise T2TwinError(f"there are {len(plain)} runs without and {len(shaped)} with; pair them")
-    weight, sha256 = shaped[0].config.preset.shape_weight, load_info(data).sha256
+    weight, sha256 = shaped[0].config.preset.iou_weight, load_info(data).sha256
     for one, other in zip(plain, shaped, strict=True):
-        if (
-            one.config.preset.shape_weight
-            or other.config.preset.shape_weight != weight
-            or not weight
-        ):
+        if one.config.preset.iou_weight or other.config.preset.iou_weight != weight or not weight:
             raise T2TwinError(
                 f"{one.run_dir} must have no shape weight, {other.run_dir} {weight:g}"
             )
@@ -114,7 +111,7 @@ def _check_alike(
 
 
 def _but_for_the_weight(config: RunConfig) -> tuple[Any, ...]:
-    preset = replace(config.preset, shape_weight=0.0)
+    preset = replace(config.preset, iou_weight=0.0)
     return preset, config.model, config.seed, config.planned_epochs, config.epoch_steps
 
 

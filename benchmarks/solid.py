@@ -1,6 +1,6 @@
 """The real gel as a solid: finite elements of its dome, its free sides and its bonded base.
 
-An independent answer to what `t2twin.sim.press.layer` takes for a laterally unbounded layer of
+An independent answer to what `t2twin.sim.contact.layer` takes for a laterally unbounded layer of
 the local thickness. Small strain, linear elastic; trilinear hexahedra with mean dilatation (Hughes,
 The Finite Element Method, 1987, section 4.5), which do not lock near incompressibility. The base
 is bonded, sides and top are free. A rigid shape, given by its gaps over the top's nodes, is
@@ -17,8 +17,8 @@ from itertools import product
 import numpy as np
 from scipy import linalg, sparse
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.press.elastomer import Elastomer
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
 
 LAYERS_TIMES_PITCH_MM = 3.0
 """Layers of elements times the columns' pitch, mm: 6 layers at 0.5 mm, 12 at 0.25 mm."""
@@ -30,12 +30,12 @@ COARSEST_MM = 3.0
 """Widest column away from the finely divided middle, mm."""
 
 GROWTH = 1.25
-"""Width of a column over its inner neighbour's, away from the middle."""
+"""Width of a column over its inner neighbor's, away from the middle."""
 
 SLOPE_STEP_MM = 1e-4
 """Distance over which the surface's slope is taken, mm."""
 
-MOST_ROUNDS = 60
+MAX_ROUNDS = 60
 """Changes of the contact after which a press is given up."""
 
 CORNERS = np.array(list(product((-1, 1), (-1, 1), (-1, 1))), dtype=float)[:, ::-1]
@@ -318,7 +318,7 @@ def solve(gel: Gel, gap_mm: np.ndarray, force_n: float) -> Answer:
     """
     gaps = gap_mm.ravel()
     touching = gaps < _foundation_depth_mm(gel, gaps, force_n)
-    for _ in range(MOST_ROUNDS):
+    for _ in range(MAX_ROUNDS):
         nodes = np.flatnonzero(touching)
         factor = linalg.cho_factor(gel.compliance(nodes))
         unit = linalg.cho_solve(factor, np.stack([np.ones(nodes.size), gaps[nodes]], axis=1))
@@ -332,7 +332,7 @@ def solve(gel: Gel, gap_mm: np.ndarray, force_n: float) -> Answer:
             shape = gap_mm.shape
             return Answer(float(depth), forces.reshape(shape), deflection.reshape(shape))
         touching = (touching | through) & ~pulled
-    raise T2TwinError(f"the contact did not come to rest within {MOST_ROUNDS} rounds")
+    raise T2TwinError(f"the contact did not come to rest within {MAX_ROUNDS} rounds")
 
 
 def _foundation_depth_mm(gel: Gel, gaps_mm: np.ndarray, force_n: float) -> float:

@@ -27,7 +27,7 @@ from tqdm import tqdm
 from benchmarks import ROOT
 from benchmarks.declared import SPEED
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 TURN = ROOT / "benchmarks" / "speed_turn.py"
 PARTS = ROOT / "benchmarks" / "speed_parts.py"

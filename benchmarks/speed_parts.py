@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.contact import pin_layout
+from t2twin.sim.contact.fixed_point import FixedPoint
+from t2twin.sim.contact.layer import Layer
 from t2twin.sim.dataset.timing import Stopwatch
-from t2twin.sim.press import engine
-from t2twin.sim.press.layer import Layer
-from t2twin.sim.press.solution import Solution
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world import protocol
 
 PARTS: dict[str, tuple[Any, str]] = {
-    "transforms": (Layer, "answers"),
-    "mujoco": (Solution, "_judge"),
-    "footprints": (engine, "footprint"),
-    "means_over_pins": (Solution, "_feel"),
+    "transforms": (Layer, "responses"),
+    "mujoco": (FixedPoint, "_verify_with_mujoco"),
+    "footprints": (pin_layout, "footprint"),
+    "means_over_pins": (FixedPoint, "_deflection"),
 }
 """What is timed, and where it is called from."""
 

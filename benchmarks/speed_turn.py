@@ -23,10 +23,10 @@ if Path("t2twin").is_dir():
         return PAIR.digit.image(contact, rng)
 
 else:
-    from sim.bench import Bench
+    from sim.bench import Bench  # noqa: TID251
 
-    from primitives_cad import catalogue
-    from sim import protocol
+    from primitives_cad import catalogue  # noqa: TID251
+    from sim import protocol  # noqa: TID251
 
     PAIR = Bench()
     press_digit, press_cyskin, picture = PAIR.digit.touch, PAIR.cyskin.touch, PAIR.digit.see

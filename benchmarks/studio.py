@@ -27,15 +27,15 @@ from benchmarks import ROOT
 from benchmarks.declared import STUDIO
 from benchmarks.evidence.run import main
 from benchmarks.studio_events import act
-from t2twin.primitives_cad.cache_home import VARIABLE
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.studio.cards import pictures_html, scales_of
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import studio
 from t2twin.studio.session import Session
-from t2twin.studio.solids import as_glb, elastomer_part, taxels_part
 from t2twin.studio.translators import Translators
+from t2twin.studio.view.cards import press_html, scales_of
+from t2twin.studio.view.solids import as_glb, elastomer_part, taxels_part
 
 PICTURE = ROOT / "docs" / "pictures" / "studio.png"
 SIZE = {"width": 1400, "height": 900}
@@ -91,7 +91,7 @@ def draw(tab: Any) -> None:
     for close in tab.locator(".mantine-Notification-closeButton").all():
         close.click()
     time.sleep(1.0)
-    with whole_file(PICTURE) as temporary:
+    with atomic_write(PICTURE) as temporary:
         tab.screenshot(path=temporary)
 
 
@@ -122,13 +122,13 @@ def _core_ms(run: Path) -> float:
     session, times = Session(translators), []
     for force_n in FORCES_N:
         started = time.perf_counter()
-        look = session.look(PressState(force_n=float(force_n)), translators.chosen)
-        scales = scales_of(look)
-        digit, cyskin = look.touch.digit, look.touch.cyskin
-        pads = taxels_part(cyskin, look.touch.layout, look.touch.counts, scales.counts)
+        result = session.press(PressState(force_n=float(force_n)), translators.default_names)
+        scales = scales_of(result)
+        digit, cyskin = result.touch.digit, result.touch.cyskin
+        pads = taxels_part(cyskin, result.touch.layout, result.touch.counts, scales.counts)
         as_glb([elastomer_part(digit, scales.digit_kpa)])
         as_glb([elastomer_part(cyskin, scales.cyskin_kpa), pads])
-        pictures_html(look, scales, runs_known=True)
+        press_html(result, scales, has_runs=True)
         times.append(1e3 * (time.perf_counter() - started))
     return statistics.median(times[1:])
 

@@ -11,10 +11,10 @@ import trimesh
 from viser import UploadedFile, _messages
 
 import t2twin
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.studio import notices
+from t2twin.core.errors import T2TwinError
 from t2twin.studio.page import Page
 from t2twin.studio.server import Studio
+from t2twin.studio.view import notices
 
 WARM = 0.3
 """Part of the events after which memory is looked at first: by then all that is kept is there."""
@@ -35,14 +35,14 @@ def act(served: Studio, pages: Sequence[Page], events: int, folder: Path) -> dic
     """
     rng = np.random.default_rng(0)
     files, exceptions = _files(folder), []
-    wrong = notices.Notices.wrong
+    wrong = notices.Notices.show_error
 
     def counted(self: notices.Notices, error: Exception) -> None:
         if not isinstance(error, T2TwinError | OSError):
             exceptions.append(error)
         wrong(self, error)
 
-    notices.Notices.wrong = counted
+    notices.Notices.show_error = counted
     try:
         first_bytes = 0
         for number in range(events):
@@ -55,7 +55,7 @@ def act(served: Studio, pages: Sequence[Page], events: int, folder: Path) -> dic
                 _send(page, page.controls.sliders[name], value)
         grown = 100.0 * (_held(pages) / first_bytes - 1.0)
     finally:
-        notices.Notices.wrong = wrong
+        notices.Notices.show_error = wrong
     return {
         "events": events,
         "exceptions": len(exceptions),
@@ -75,7 +75,7 @@ def _event(page: Page, rng: np.random.Generator, files: dict[str, bytes]) -> Non
         _send(page, slider, float(rng.uniform(slider.min, slider.max) * far))
     elif kind == 1:
         name = str(rng.choice(SHAPES))
-        controls.take({"shape": name, "scale": None})
+        controls.apply({"shape": name, "scale": None})
     elif kind == 2:
         _send(page, controls.number, int(rng.integers(0, 600)))
     elif kind == 3:
@@ -124,8 +124,8 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 
 def _is_right(page: Page, last: dict[str, float]) -> bool:
-    look = page.look
-    if look is None or look.state != page.state:
+    result = page.result
+    if result is None or result.state != page.state:
         return False
     if any(getattr(page.state, name) != value for name, value in last.items()):
         return False
@@ -141,8 +141,8 @@ def _is_right(page: Page, last: dict[str, float]) -> bool:
         scale=state.scale,
     )
     return bool(
-        np.array_equal(touch.counts, look.touch.counts)
-        and np.array_equal(touch.image, look.touch.image)
+        np.array_equal(touch.counts, result.touch.counts)
+        and np.array_equal(touch.image, result.touch.image)
     )
 
 

@@ -23,7 +23,7 @@ from benchmarks.studio_client import (
     target,
     try_connect,
 )
-from t2twin.studio.log import BURST
+from t2twin.studio.transport.log import BURST
 
 MAX_GROWTH_MB = 300.0
 """Most that the studio may hold more after a script than before it, MB."""
@@ -158,8 +158,8 @@ def flood_of_clicks(studio: Target) -> None:
     """Hundreds of clicks on what is slow."""
     with _page(studio) as client:
         for _ in range(300):
-            client.set("This press as a zip file", True)
-            client.set("The current picture, with noise", True)
+            client.set("Download this press (zip)", True)
+            client.set("Current image, with noise", True)
             client.take()
         assert client.serves()
 
@@ -283,7 +283,7 @@ def never_reads(studio: Target) -> None:
     for client in clients:
         for number in range(300):
             client.set("force, N", 1.0 + number / 20)
-            client.set("This press as a zip file", True)
+            client.set("Download this press (zip)", True)
     _serves_others(studio)
     for client in clients:
         client.close()
@@ -356,14 +356,14 @@ def _wait_for_room(studio: Target) -> None:
 def _begin(client: Client, transfer: str, size: int, parts: int, **other: str) -> None:
     client.send({
         "type": "FileTransferStartUpload", "transfer_uuid": transfer,
-        "source_component_uuid": client.controls[other.get("to", "A file of mine")]["uuid"],
+        "source_component_uuid": client.controls[other.get("to", "Upload a shape")]["uuid"],
         "filename": other.get("name", "a.stl"), "mime_type": "", "part_count": parts,
         "size_bytes": size,
     })  # fmt: skip
 
 
 def _part(
-    client: Client, transfer: str, index: int, content: bytes, to: str = "A file of mine"
+    client: Client, transfer: str, index: int, content: bytes, to: str = "Upload a shape"
 ) -> None:
     client.send({
         "type": "FileTransferPart", "transfer_uuid": transfer, "part_index": index,

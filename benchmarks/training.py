@@ -33,25 +33,23 @@ from torch.utils.data import DataLoader, Dataset
 from benchmarks.declared import TRAINING
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.world import protocol
-from t2twin.translate.build import TRANSLATORS, has_bf16
-from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
-from t2twin.translate.data.pairs import DataInfo, load_info, load_pairs
-from t2twin.translate.distributed import use_all_cores
-from t2twin.translate.loop import load_examples
-from t2twin.translate.networks.patchgan import PatchGAN
+from t2twin.translate.data.pairs import DataInfo, Examples, load_info, load_pairs
+from t2twin.translate.models.distributed import use_all_cores
+from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model, Preset
+from t2twin.translate.networks.pix2pix import PatchGAN, UNet
 from t2twin.translate.networks.resnet18 import ResNet18
-from t2twin.translate.networks.unet import UNet
-from t2twin.translate.phi import Phi
-from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model, Preset
+from t2twin.translate.runs.build import TRANSLATORS, has_bf16
 from t2twin.translate.runs.log import read_log
-from t2twin.translate.train import train
+from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import load_examples
 
 PRESET = "cpu"
 ROUNDS = 3
-LEAST_STEPS = 24
+MIN_STEPS = 24
 """Steps of a round, at least; as many epochs as that takes."""
 PAPER_STEPS = 3
 """Timed steps of preset paper, after one that is not counted."""
@@ -76,7 +74,7 @@ class PngPairs(Dataset):
                 size, Image.Resampling.BILINEAR
             )
         scaled = np.asarray(pixels, dtype=np.float32) / 255.0
-        scaled = 2.0 * scaled[:, :, None] - 1.0 if self.preset.grey else _normalised(scaled)
+        scaled = 2.0 * scaled[:, :, None] - 1.0 if self.preset.grey else _normalized(scaled)
         counts = torch.tensor(row["taxels"], dtype=torch.float32)
         return torch.from_numpy(np.ascontiguousarray(scaled.transpose(2, 0, 1))), counts
 
@@ -170,7 +168,7 @@ def _measure(model: Model, data_dir: Path, folder: Path) -> dict[str, Any]:
     preset = PRESETS[model][PRESET]
     splits = {split: PngPairs(data_dir, split, preset) for split in ("train", "val")}
     steps = len(splits["train"]) // preset.batch
-    epochs = -(-LEAST_STEPS // steps)
+    epochs = -(-MIN_STEPS // steps)
     ours, plain = [], []
     with ProcessPoolExecutor(1, get_context("spawn")) as apart:
         for number in range(ROUNDS):
@@ -195,7 +193,7 @@ def _loading(preset: Preset, data_dir: Path) -> float:
     pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
     rng = np.random.default_rng(0)
     seconds = []
-    for _ in range(LEAST_STEPS):
+    for _ in range(MIN_STEPS):
         started = time.perf_counter()
         load_examples(pairs, rng.permutation(len(pairs))[: preset.batch], preset, rng)
         seconds.append(time.perf_counter() - started)
@@ -258,7 +256,7 @@ def _adam(network: nn.Module, preset: Preset) -> torch.optim.Adam:
     )
 
 
-def _normalised(pixels: np.ndarray) -> np.ndarray:
+def _normalized(pixels: np.ndarray) -> np.ndarray:
     return (pixels - RGB_MEAN) / RGB_STD
 
 

@@ -23,11 +23,11 @@ from benchmarks.declared import TRANSLATION
 from benchmarks.evidence.run import main
 from benchmarks.evidence.small_case import SmallCase, rounded, sha256_of
 from benchmarks.paper_scale import presses_sha256, settings
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.report.qualitative import chosen, row_picture
-from t2twin.report.report_data import ReportData, read_report_data
-from t2twin.translate.evaluation.baselines import MEAN_ARRAY, NEAREST_NEIGHBOUR
-from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.core.files import atomic_write
+from t2twin.report.data import ReportData, read_report_data
+from t2twin.report.sections.qualitative import sample_image, samples_at_quantiles
+from t2twin.translate.evaluation.files import read_evaluation
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 
 PICTURE = ROOT / "docs" / "pictures" / "samples.png"
 
@@ -54,7 +54,7 @@ def outcome(case: SmallCase) -> dict[str, Any]:
     models = {split: content["models"] for split, content in metrics.items()}
     more = {
         split: {
-            "lookalikes": metrics[split]["lookalikes"],
+            "lookalikes": metrics[split]["irreducible_error"],
             "rows": {
                 name: {key: row[key] for key in ("interval", "by_shape")}
                 for name, row in rows.items()
@@ -96,12 +96,12 @@ def figures(report: ReportData) -> dict[str, Any]:
             }
             for split, evaluation in evaluations.items()
         },
-        "lookalikes": {s: evaluation["lookalikes"] for s, evaluation in evaluations.items()},
+        "lookalikes": {s: evaluation["irreducible_error"] for s, evaluation in evaluations.items()},
     }
 
 
 def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Each run's error in parts of the mean array's, of the nearest neighbour's, of the lower of
+    """Each run's error in parts of the mean array's, of the nearest neighbor's, of the lower of
     the two, and of what presses of the split that look alike differ by; by split and run."""
     parts: dict[str, dict[str, dict[str, float | None]]] = {}
     for split in SHOWN:
@@ -109,8 +109,8 @@ def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | Non
         alike = content["lookalikes"][split]["split"]["extrapolated_rmse_counts"]
         bounds = {
             "of_mean_array": errors[MEAN_ARRAY],
-            "of_nearest_neighbour": errors[NEAREST_NEIGHBOUR],
-            "of_best_trivial": min(errors[MEAN_ARRAY], errors[NEAREST_NEIGHBOUR]),
+            "of_nearest_neighbour": errors[NEAREST_NEIGHBOR],
+            "of_best_trivial": min(errors[MEAN_ARRAY], errors[NEAREST_NEIGHBOR]),
             "of_lookalikes": alike,
         }
         parts[split] = {
@@ -133,11 +133,11 @@ def draw(report: ReportData) -> None:
     """The samples, one below another."""
     rows = []
     for split, quantiles in SHOWN.items():
-        for row, quantile in chosen(report, split):
+        for row, quantile in samples_at_quantiles(report, split):
             if quantile in quantiles:
-                with Image.open(io.BytesIO(row_picture(report, split, row))) as picture:
+                with Image.open(io.BytesIO(sample_image(report, split, row))) as picture:
                     rows.append(np.asarray(picture.convert("RGB")))
-    with whole_file(PICTURE) as temporary:
+    with atomic_write(PICTURE) as temporary:
         Image.fromarray(np.concatenate(rows)).save(temporary, optimize=True)
 
 

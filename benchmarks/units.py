@@ -19,13 +19,13 @@ from benchmarks import ROOT
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import UNITS
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.digit import deflections
+from t2twin.core.files import atomic_write
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
-from t2twin.sim.digit.unit_light import MIDDLE_COSINE, TERMS, at_middle
-from t2twin.sim.digit.units import Unit, UnitDraw, draw_unit
+from t2twin.sim.digit.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
+from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
 
 PICTURE = ROOT / "docs" / "pictures" / "units.png"
 DRAWN = 300
@@ -47,7 +47,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     known = {"real": Unit(real, NOISE_GREY), "shipped": Unit(Calibration.load(), NOISE_GREY)}
     units = [drawn(number) for number in range(DRAWN)]
     if not options.keep_nothing:
-        with whole_file(PICTURE) as temporary:
+        with atomic_write(PICTURE) as temporary:
             sheet().save(temporary, optimize=True)
     return {
         "drawn": DRAWN,
@@ -61,7 +61,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def drawn(number: int) -> Unit:
     """One unit of the shipped distribution."""
-    return draw_unit(np.random.default_rng([SEED, number]), UnitDraw())
+    return sample_unit(np.random.default_rng([SEED, number]), UnitRanges())
 
 
 def _cost() -> dict[str, float]:
@@ -84,17 +84,17 @@ def _cost() -> dict[str, float]:
 
 
 def _own(unit: Unit) -> np.ndarray:
-    """(3,) each LED's light in its own colour, in the picture's middle."""
+    """(3,) each LED's light in its own color, in the picture's middle."""
     return np.diag(at_middle(unit.calibration.response))
 
 
 def _leaks(unit: Unit) -> np.ndarray:
-    """(6,) light in other colours there, in parts of the colour's own LED's."""
+    """(6,) light in other colors there, in parts of the color's own LED's."""
     return (at_middle(unit.calibration.response) / _own(unit))[~np.eye(3, dtype=bool)]
 
 
 def _irregularity(unit: Unit) -> float:
-    """Root mean square, over LEDs and other colours, of the coefficients in the place."""
+    """Root mean square, over LEDs and other colors, of the coefficients in the place."""
     powers = MIDDLE_COSINE ** np.arange(unit.calibration.response.shape[-1])
     places = np.einsum("kcij,j->kci", unit.calibration.response, powers)[:, :, 1:TERMS]
     parts = (places / _own(unit)[None, :, None])[~np.eye(3, dtype=bool)]
@@ -181,7 +181,7 @@ def _shown(unit: Unit) -> tuple[np.ndarray, np.ndarray]:
     """(presses, rows, columns, RGB) int16 change of the pictures, and the background."""
     optics = DigitOptics(unit.calibration)
     still = optics.background[::STRIDE, ::STRIDE].astype(np.int16)
-    pressed = [optics.render(deflections.ball(*ball))[::STRIDE, ::STRIDE] for ball in BALLS]
+    pressed = [optics.render(probe_surfaces.ball(*ball))[::STRIDE, ::STRIDE] for ball in BALLS]
     return np.array(pressed).astype(np.int16) - still, still
 
 
@@ -192,7 +192,7 @@ def _distances(one: np.ndarray, among: np.ndarray) -> np.ndarray:
 def sheet() -> Image.Image:
     """Drawn units, each pressed by a ball and a block."""
     surface = np.maximum(
-        deflections.ball(-1.5, -2.5, 1.1), deflections.block(1.8, 3.0, 0.7, 5.0, 2.0, 0.5)
+        probe_surfaces.ball(-1.5, -2.5, 1.1), probe_surfaces.block(1.8, 3.0, 0.7, 5.0, 2.0, 0.5)
     )
     page = Image.new("RGB", (SHEET[1] * TILE_PX[0], SHEET[0] * TILE_PX[1]))
     for number in range(SHEET[0] * SHEET[1]):

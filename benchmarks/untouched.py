@@ -5,7 +5,7 @@
 FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project. Every
 light shows the presses at the places and depths that the fitted one finds in them: the light that
 ships, it on the unit's own background, the drawn unit whose LEDs explain that background best, the
-same with each colour bent to explain it, the mean of the best, the mean of all drawn units (what
+same with each color bent to explain it, the mean of the best, the mean of all drawn units (what
 `t2twin calibrate --background` gives), and the light fitted to the first presses. Scored are the
 last presses, and the first ones too, which no light but the fitted one has seen, as plain balls.
 """
@@ -21,16 +21,16 @@ from scipy.optimize import nnls
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
 from benchmarks.declared import UNTOUCHED
 from benchmarks.evidence.run import main
-from t2twin.sim.digit import deflections
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.background_light import mean_light, sample_lights
 from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.frames import read_frames, touched_patch
+from t2twin.sim.digit.calibrate.frames import contact_patch, read_frames
 from t2twin.sim.digit.calibrate.scores import Score, crop_scores, mean_score
-from t2twin.sim.digit.calibrate.untouched import drawn_lights, mean_light
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.digit.camera.response import linear
 from t2twin.sim.digit.optics import DigitOptics
-from t2twin.sim.digit.picture import linear
-from t2twin.sim.digit.unit_light import DrawnLight, untouched_light
+from t2twin.sim.digit.randomization.lighting import SampledLight, light_at_rest
 
 DRAWN = 1000
 """Units that one is chosen among."""
@@ -43,7 +43,7 @@ BLOCK_PX = 10
 @dataclass(frozen=True)
 class Explained:
     """A drawn unit and how its LEDs explain the untouched frame: gains (RGB) and an even light in
-    each colour, and by how much it is missed then, root mean square, grey levels."""
+    each color, and by how much it is missed then, root mean square, grey levels."""
 
     light: Calibration
     gains: np.ndarray
@@ -51,7 +51,7 @@ class Explained:
 
     @property
     def bent(self) -> Calibration:
-        """Each colour as bright as the frame asks for."""
+        """Each color as bright as the frame asks for."""
         return replace(self.light, response=self.light.response * self.gains[None, :, None, None])
 
 
@@ -75,7 +75,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     untouched, frames, names = read_frames(background, options.frames)
     last = _shown(untouched, report.real, report.surfaces_mm)
     balls = [
-        deflections.ball(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
+        probe_surfaces.ball(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
         for x_mm, y_mm, depth_mm in report.training_poses
     ]
     trained = frames[[names.index(name) for name in report.trained]]
@@ -88,7 +88,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         "nearest": best[0],
         "nearest_bent": explained[0].bent,
         "mean_of_nearest": mean_light(best),
-        "mean_of_all": mean_light(drawn_lights(untouched, DIGIT_CAMERA)),
+        "mean_of_all": mean_light(sample_lights(untouched, DIGIT_CAMERA)),
         "fitted": report.scored_by,
     }
     return {
@@ -106,7 +106,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def _shown(untouched: np.ndarray, frames: np.ndarray, surfaces_mm: np.ndarray) -> Shown:
-    patches = [touched_patch(frame, untouched) for frame in frames]
+    patches = [contact_patch(frame, untouched) for frame in frames]
     return Shown(frames, surfaces_mm, np.array(patches))
 
 
@@ -120,9 +120,9 @@ def _explained(untouched: np.ndarray) -> list[Explained]:
     grey = blocks.mean(axis=(1, 3))
     rows, columns = (BLOCK_PX * np.arange(n) + (BLOCK_PX - 1) / 2 for n in grey.shape[:2])
     explained = []
-    for unit in drawn_lights(untouched, DIGIT_CAMERA, DRAWN):
-        light = DrawnLight(unit.leds_mm, unit.sizes_mm, unit.response)
-        lit = untouched_light(light, DIGIT_CAMERA, columns, rows).reshape(-1, 3)
+    for unit in sample_lights(untouched, DIGIT_CAMERA, DRAWN):
+        light = SampledLight(unit.leds_mm, unit.sizes_mm, unit.response)
+        lit = light_at_rest(light, DIGIT_CAMERA, columns, rows).reshape(-1, 3)
         wanted = linear(grey, unit.gamma).reshape(-1, 3)
         fits = [
             nnls(np.stack([lit[:, c], np.ones(len(lit))], axis=1), wanted[:, c]) for c in range(3)

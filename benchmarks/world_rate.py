@@ -71,7 +71,7 @@ def _record(folder: Path, info: DatasetInfo) -> dict[str, Any]:
         "ms_a_pair": {
             stage: round(1e3 * said["stage_seconds"][stage] / said["pairs"], 2) for stage in STAGES
         },
-        "drawn_again": said["redrawn"],
+        "drawn_again": said["rejected"],
     }
 
 

@@ -15,9 +15,10 @@ import msgspec
 
 from benchmarks.declared import WORLD_RUNS
 from benchmarks.evidence.run import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.evaluation.certainty import NAMED_KEPT, NAMED_LEVEL
-from t2twin.translate.evaluation.records import ModelRow, read_evaluation
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.evaluation.files import read_evaluation
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
+from t2twin.translate.evaluation.records import ModelRow
 
 SPLITS = ("val", "test")
 
@@ -69,12 +70,12 @@ def _row(row: ModelRow) -> dict[str, Any]:
 
 def _sureness(row: ModelRow) -> dict[str, Any]:
     """How sure a run is, of those that say it."""
-    sure = row.certainty
+    sure = row.uncertainty
     if sure is None:
         return {}
     return {
-        "held_percent": 100.0 * sure.held_at(NAMED_LEVEL),
-        "falls_by_percent": 100.0 * sure.falls_by(NAMED_KEPT),
+        "held_percent": 100.0 * sure.coverage_at(REPORTED_LEVEL),
+        "falls_by_percent": 100.0 * sure.sparsification_gain(REPORTED_SHARE),
         "certainty": msgspec.to_builtins(sure),
     }
 

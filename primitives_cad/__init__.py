@@ -1,13 +1,11 @@
-"""Parametric tactile primitives and hand tools, and any solid a user brings: named shapes
-with the surface that faces a sensor."""
+"""Shapes to press: parametric primitives, hand tools, random shapes, and solids from files."""
 
 from pathlib import Path
 
 try:
     Path.home()
 except RuntimeError:
-    # A user whom the system does not know, as containers have them. Libraries look for settings in
-    # the home as soon as they are imported, and fail.
-    from t2twin.primitives_cad.cache_home import lend_home
+    # The user has no home, as in containers. Libraries fail that look for settings there at import.
+    from t2twin.core.cache_dir import use_cache_dir_as_home
 
-    lend_home()
+    use_cache_dir_as_home()

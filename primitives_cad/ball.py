@@ -1,25 +1,27 @@
-"""The ball that a DIGIT is calibrated with, as a shape that the twin presses."""
+"""The ball for the calibration of a DIGIT, as a shape for the twin."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
-from t2twin.primitives_cad.writing import whole_file
 
 if TYPE_CHECKING:
     import cadquery as cq
 
-HELD_MM = 5.0
-"""Length of the stem above a ball's middle, mm: longer than any elastomer is thick (assumed)."""
+STEM_MM = 5.0
+"""Length of the stem from the ball's center, mm: more than an elastomer's thickness (assumed)."""
 
 
 def write_ball(path: Path, diameter_mm: float) -> Shape:
-    """Writes a ball on a stem of its own width as a STEP file, its pressing side up, and gives it
-    as a shape. Raises T2TwinError where it cannot be written."""
+    """Write a ball on a stem of its diameter as a STEP file, pressing side up; returns the shape.
+
+    Raises T2TwinError where the file cannot be written.
+    """
     import cadquery as cq
 
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         cq.exporters.export(_solid(diameter_mm), str(temporary), cq.exporters.ExportTypes.STEP)
     return catalogue.load(path)
 
@@ -27,5 +29,5 @@ def write_ball(path: Path, diameter_mm: float) -> Shape:
 def _solid(diameter_mm: float) -> "cq.Workplane":
     import cadquery as cq
 
-    stem = cq.Workplane().circle(diameter_mm / 2).extrude(-HELD_MM)
+    stem = cq.Workplane().circle(diameter_mm / 2).extrude(-STEM_MM)
     return stem.union(cq.Workplane().sphere(diameter_mm / 2))

@@ -1,10 +1,10 @@
-"""The catalogue's meshes and height maps, which are part of the package.
+"""Meshes and height maps of the catalogue, which are bundled with the package.
 
-They are made from the CAD solids by `python -m t2twin.primitives_cad.write_bundled`, so that a
-press needs no CAD. A file is an .npz whose arrays are bytes of differences, which compress well:
-neighbors hardly differ, and the first bytes of their differences are mostly equal.
+`python -m t2twin.primitives_cad.write_bundled` writes them from the CAD solids, so that a press
+does not need CadQuery. Each file is an .npz; its arrays are byte planes of differences between
+neighbors, which compress well.
 
-NAME.npz of a primitive: its mesh and its height map in the shape frame.
+NAME.npz of a primitive: mesh and height map in the shape frame.
 TOOL.npz: a tool's mesh in its own frame.
 TOOL--KEYPOINT.npz: a height map, and the transform from the tool's frame to the shape frame.
 """
@@ -24,7 +24,7 @@ FOLDER = Path(__file__).parent / "bundled"
 
 
 class BundledShape(Shape):
-    """A shape of the catalogue, whose mesh is read at its first use."""
+    """A shape of the catalogue; reads its mesh at the first use."""
 
     def __init__(self, name: str, **properties: Any) -> None:
         defaults = {"parameters": {}, "base_mm": None, "notes": ()}
@@ -46,12 +46,12 @@ class BundledShape(Shape):
 
 
 def path_of(name: str) -> Path:
-    """The file of a shape of the catalogue, or of a tool."""
+    """The file of a catalogue shape or a tool."""
     return FOLDER / f"{name.replace('/', '--')}.npz"
 
 
 def read_surface(name: str) -> HeightMap:
-    """The height map of a shape of the catalogue."""
+    """The height map of a catalogue shape."""
     with np.load(path_of(name), allow_pickle=False) as file:
         rows, columns = (int(side) for side in file["shape"])
         heights = unpacked(file["heights"], np.uint32).view(np.float32).reshape(rows, columns)
@@ -61,8 +61,8 @@ def read_surface(name: str) -> HeightMap:
 
 
 def read_mesh(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) float64, mm, and faces (m, 3) int32 of a shape of the catalogue in the shape
-    frame, or of a tool in its own."""
+    """Vertices (n, 3) float64, mm, and faces (m, 3) int32 of a catalogue shape in the shape frame,
+    or of a tool in its own."""
     with np.load(path_of(name), allow_pickle=False) as file:
         if "transform" in file:
             transform = file["transform"]
@@ -75,14 +75,16 @@ def read_mesh(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def packed(values: np.ndarray) -> np.ndarray:
-    """(bytes of a value, n) uint8: the differences of values, whose bits are taken as whole
-    numbers, the first bytes of all before the second ones."""
+    """Differences of values, their bits taken as unsigned integers, as byte planes.
+
+    Returns (bytes of a value, n) uint8.
+    """
     numbers = np.ascontiguousarray(values).ravel().view(f"u{values.itemsize}")
     differences = np.diff(numbers, prepend=numbers.dtype.type(0))
     return np.ascontiguousarray(differences.view(np.uint8).reshape(-1, values.itemsize).T)
 
 
 def unpacked(planes: np.ndarray, kind: type[np.unsignedinteger]) -> np.ndarray:
-    """The values of `packed` as whole numbers of a kind, (n,)."""
+    """The values of `packed` as unsigned integers of a type, (n,)."""
     differences = np.ascontiguousarray(planes.T).view(kind).ravel()
     return np.cumsum(differences, dtype=kind)

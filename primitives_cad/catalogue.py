@@ -1,4 +1,4 @@
-"""Every shape by name: the primitives, the tools at their keypoints, and a user's own files."""
+"""Loads primitives, tools at their keypoints and random shapes by name, and solids from files."""
 
 import difflib
 import hashlib
@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from t2twin.primitives_cad import bundled_shapes, checks, families
-from t2twin.primitives_cad.cache_home import cache_home
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.families import PRIMITIVES
-from t2twin.primitives_cad.random_shapes import seeds
+from t2twin.core import arguments
+from t2twin.core.cache_dir import cache_dir
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import bundled_shapes, primitive_parameters
+from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
+from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.primitives_cad.shape import Keypoint, Shape
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ KEYPOINTS: dict[str, tuple[str, ...]] = {
     "allen-key": ("long-arm", "bend", "short-end", "ridge"),
     "wrench": ("ring", "open-end", "shank", "jaw-end"),
 }
-"""The tools and their keypoints by name; the points themselves stand with each tool's solid."""
+"""Names of the tools' keypoints; the module of each tool defines the points."""
 
 TOOLS = tuple(KEYPOINTS)
 OBJECTS = tuple(f"{tool}/{keypoint}" for tool in TOOLS for keypoint in KEYPOINTS[tool])
@@ -35,12 +36,12 @@ OBJECT_SPACING_MM = (1.5, 1.5)
 """Spacing of the 3 x 3 grid at a tool's keypoint, x and y, mm (Grella et al. 2023)."""
 
 FILE_SPACING_MM = 1.5
-"""Largest spacing of the grid on a user's shape, mm (assumed: so that it stays near the middle,
-where there surely is something to press)."""
+"""Largest spacing of the grid on a shape from a file, mm (assumed: keeps the grid near the center,
+which is likely to be solid)."""
 
 
 def split(name: str) -> str:
-    """What a catalogue shape is for: "train", "val" (version 3) or "test" (tools).
+    """Split of a catalogue shape: "train", "val" (version 3) or "test" (tools).
 
     Raises T2TwinError for a name that is not in the catalogue.
     """
@@ -48,52 +49,56 @@ def split(name: str) -> str:
         return "test"
     if name not in PRIMITIVES:
         raise T2TwinError(_unknown(name))
-    return "val" if families.version(name) == families.VALIDATION_VERSION else "train"
+    return (
+        "val"
+        if primitive_parameters.version(name) == primitive_parameters.VALIDATION_VERSION
+        else "train"
+    )
 
 
 def load(
     name_or_path: str | Path, cache_dir: str | Path | None = None, scale: float | None = None
 ) -> Shape:
-    """A shape of the catalogue by name (`square-2`, `pliers/jaw-tip`), a random one by its seed
-    (`random-17`), or of a user's file.
+    """A shape by its name (`square-2`, `pliers/jaw-tip`, `random-17`), or from a file.
 
-    The file is of one of files.SUFFIXES, its pressing side up (+z).
-    cache_dir: where the prepared shapes of files are kept between calls, None for the folder
-    `shapes` of the cache home. They are used only while the code that made them and the file's
-    content are the same.
-    scale: mm in one of the file's units, None for what the file says, else 1: see files.read_solid.
-    Raises T2TwinError for a name that is not in the catalogue, a file that cannot be pressed, and
-    a scale that is not positive or not for a file.
+    The file has one of mesh_io.read.SUFFIXES and its pressing side up (+z).
+    cache_dir: folder for the prepared shapes of files, None for `shapes` in the cache directory.
+    They are used only while the code and the file's content are unchanged.
+    scale: mm per unit of the file, None for the file's own unit: see mesh_io.read.read_solid.
+    Raises T2TwinError for an unknown name, a file that cannot be pressed, and a scale that is not
+    positive or not for a file.
     """
-    folder = kept_in(cache_dir)
     name = str(name_or_path)
     if scale is not None and name in NAMES:
         raise T2TwinError(f"{name} is a shape of the catalogue, in mm; a scale is for files only")
     if name in NAMES:
         return bundled_shapes.BundledShape(name, **_properties(name))
-    if (seed := seeds.seed_of(name)) is not None:
+    if (seed := seed_of(name)) is not None:
         if scale is not None:
             raise T2TwinError(f"{name} is a random shape, in mm; a scale is for files only")
         from t2twin.primitives_cad.random_shapes.shape import RandomShape
 
         return RandomShape(seed)
-    from t2twin.primitives_cad import cache, files
+    from t2twin.primitives_cad import shape_cache
+    from t2twin.primitives_cad.mesh_io import read
 
     path = Path(name_or_path)
-    if path.suffix.lower() not in files.SUFFIXES and not path.is_file():
+    if path.suffix.lower() not in read.SUFFIXES and not path.is_file():
         raise T2TwinError(_unknown(name))
-    files.check_scale(scale)
-    content = hashlib.sha256(files.read_bytes(path)).digest()
-    made_from = f"{path.suffix.lower()} {scale}".encode() + content
-    return cache.fetch(folder, cache.file_label(path), made_from, lambda: _file(path, scale))
+    read.check_scale(scale)
+    content = hashlib.sha256(read.read_bytes(path)).digest()
+    key = f"{path.suffix.lower()} {scale}".encode() + content
+    return shape_cache.fetch(
+        cache_folder(cache_dir), shape_cache.file_label(path), key, lambda: _file(path, scale)
+    )
 
 
-def kept_in(cache_dir: str | Path | None) -> Path | None:
-    """Where the prepared shapes of files are kept, see `load`; None where none can be."""
-    if cache_dir is not None:
-        return checks.path(cache_dir, "cache_dir")
-    home = cache_home()
-    return None if home is None else home / "shapes"
+def cache_folder(folder: str | Path | None) -> Path | None:
+    """The folder for prepared shapes of files, as for `load`; None where none is writable."""
+    if folder is not None:
+        return arguments.path(folder, "cache_dir")
+    default = cache_dir()
+    return None if default is None else default / "shapes"
 
 
 def tool_mesh(tool: str) -> "trimesh.Trimesh":
@@ -124,19 +129,18 @@ def _check_tool(tool: str) -> None:
 
 
 def _unknown(name: str) -> str:
-    """What to say of a name that is not in the catalogue: which names are near, what else is
-    allowed."""
-    from t2twin.primitives_cad import files
+    """The message for an unknown name: similar names, and what else is allowed."""
+    from t2twin.primitives_cad.mesh_io import read
 
-    also = f"a path to a file of {', '.join(files.SUFFIXES)} is also allowed"
+    also = f"a path to a file of {', '.join(read.SUFFIXES)} is also allowed"
     if name in TOOLS:
         choices = ", ".join(f"{name}/{keypoint}" for keypoint in KEYPOINTS[name])
         return f"{name!r} is a tool and is pressed at a keypoint: {choices}; {also}"
-    # A family or a tool by itself is near, but not a shape: what it holds is named instead.
+    # Names of families and tools are not shapes; their members are listed instead.
     groups = {
         **{
-            kind: tuple(n for n in PRIMITIVES if families.family(n) == kind)
-            for kind in families.FAMILIES
+            kind: tuple(n for n in PRIMITIVES if primitive_parameters.family(n) == kind)
+            for kind in primitive_parameters.FAMILIES
         },
         **{tool: tuple(n for n in OBJECTS if n.startswith(tool + "/")) for tool in TOOLS},
     }
@@ -153,64 +157,65 @@ def _unknown(name: str) -> str:
 
 
 def spacing_mm(name: str) -> tuple[float, float]:
-    """Spacings along x and y of the protocol's grid on a shape of the catalogue, mm."""
-    return OBJECT_SPACING_MM if name in OBJECTS else families.spacings_mm(name)
+    """Spacings along x and y of the protocol's grid on a catalogue shape, mm."""
+    return OBJECT_SPACING_MM if name in OBJECTS else primitive_parameters.spacings_mm(name)
 
 
 def build(name: str, tool: "trimesh.Trimesh | None" = None) -> Shape:
-    """A shape of the catalogue made from its CAD solid, as the bundled one was.
+    """A catalogue shape computed from its CAD solid, as `write_bundled` does.
 
-    tool: the tool's mesh, of a shape that is a tool's keypoint.
+    tool: the tool's mesh, for a tool's keypoint.
     """
-    from t2twin.primitives_cad import solids, surface
-    from t2twin.primitives_cad.tessellate import tessellate_symmetric
+    from t2twin.primitives_cad import height_map, solids
+    from t2twin.primitives_cad.solids import tessellate_symmetric
 
     if name in PRIMITIVES:
         mesh = tessellate_symmetric(solids.primitive(name))
     else:
         assert tool is not None
         mesh = tool.copy().apply_transform(keypoint_transform(name))
-    mesh, heights = surface.stand(mesh)
+    mesh, heights = height_map.aligned(mesh)
     return Shape(name=name, mesh=mesh, surface=heights, **_properties(name))
 
 
 def keypoint_transform(name: str) -> np.ndarray:
-    """(4, 4) transform from a tool's frame that brings the keypoint of a shape to the origin."""
+    """(4, 4) transform from a tool's frame to the frame of one of its shapes, up to the height."""
     tool, _, at = name.partition("/")
-    return upright(next(each for each in keypoints(tool) if each.name == at))
+    return align_to_z(next(each for each in keypoints(tool) if each.name == at))
 
 
 def _properties(name: str) -> dict[str, Any]:
-    """What a shape of the catalogue has besides its mesh and its surface."""
+    """Fields of a catalogue shape besides its name, mesh and surface."""
     if name in OBJECTS:
         return {"spacing_mm": OBJECT_SPACING_MM}
     return {
-        "spacing_mm": families.spacings_mm(name),
-        "parameters": families.parameters(name),
-        "base_mm": -families.FEATURE_HEIGHT_MM,
+        "spacing_mm": primitive_parameters.spacings_mm(name),
+        "parameters": primitive_parameters.parameters(name),
+        "base_mm": -primitive_parameters.FEATURE_HEIGHT_MM,
     }
 
 
 def _file(path: Path, scale: float | None) -> Shape:
-    from t2twin.primitives_cad import files, surface
+    from t2twin.primitives_cad import height_map
+    from t2twin.primitives_cad.mesh_io import read
 
-    mesh, notes = files.read_solid(path, scale)
-    mesh, heights = surface.stand(mesh)
-    spacing = min(families.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
+    mesh, notes = read.read_solid(path, scale)
+    mesh, heights = height_map.aligned(mesh)
+    spacing = min(primitive_parameters.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(
-        name=os.fsencode(path.stem).decode(errors="replace"),  # a file's name may be no text
+        name=os.fsencode(path.stem).decode(errors="replace"),  # a file name may be invalid text
         mesh=mesh,
         surface=heights,
         spacing_mm=(spacing, spacing),
-        base_mm=surface.base_mm(heights),
+        base_mm=height_map.base_mm(heights),
         notes=notes,
     )
 
 
-def upright(keypoint: Keypoint) -> np.ndarray:
-    """(4, 4) transform that brings a keypoint to the origin and its direction to +z.
+def align_to_z(keypoint: Keypoint) -> np.ndarray:
+    """(4, 4) transform that moves a keypoint to the origin and rotates its direction to +z.
 
-    The smallest turn that does it (Rodrigues' rotation formula); half a turn about x for -z.
+    The smallest such rotation (Rodrigues' rotation formula); half a turn about x for -z.
     """
     direction = np.asarray(keypoint.direction, dtype=np.float64)
     axis = np.cross(direction, (0.0, 0.0, 1.0))

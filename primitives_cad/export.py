@@ -1,32 +1,45 @@
-"""STEP and STL files of every primitive, every tool and the mosaic, and what they are."""
+"""Writes STEP and STL files of all primitives, tools and the print plate, with a manifest."""
 
 from dataclasses import dataclass
 from pathlib import Path
 
+import cadquery as cq
 import msgspec
 import trimesh
 
-from t2twin.primitives_cad import cache, catalogue, checks, families
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.folder_lock import locked
-from t2twin.primitives_cad.progress import Progress
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write, locked, write_json
+from t2twin.core.progress import Progress
+from t2twin.primitives_cad import catalogue, primitive_parameters, shape_cache
+from t2twin.primitives_cad.primitive_parameters import FAMILIES, PRIMITIVES
 from t2twin.primitives_cad.shape import Keypoint
-from t2twin.primitives_cad.writing import whole_file, write_json
 
 MANIFEST = "manifest.json"
 MOSAIC = "mosaic"
 SUFFIXES = (".step", ".stl")
 
+PLATE_PITCH_MM = (31.0, 56.0)
+"""Distance of the primitives on the plate along x and y, mm. Assumed, so that no press touches a
+neighbor: the sum of half the diagonal of a DIGIT's gel, the protocol's largest offset and half the
+neighbor. That is 15.5 + 8.3 + 6.5 mm along x, where the largest square and circle stand next to the
+largest empty circle, and 15.5 + 20.2 + 20 mm along y, where lines follow lines. The plate fits a
+printer's bed of 250 mm."""
+
+PLATE_COLUMNS = len(FAMILIES)
+PLATE_ROWS = len(PRIMITIVES) // PLATE_COLUMNS
+
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One shape in the manifest. What a shape does not have is None, and not in the file.
+    """One shape in the manifest. The file omits fields that are None.
 
     family, version, parameters_mm: of a primitive. keypoints: of a tool.
-    split, spacing_mm: what it is for, and the spacings of its press grid; not of the mosaic.
-    places_mm: x, y of every primitive's axis on the mosaic. pitch_mm: between them along x and y.
+    split, spacing_mm: split and spacings of the press grid, except of the plate.
+    places_mm: x, y of each primitive's axis on the plate. pitch_mm: their distance along x and y.
     bounding_box_mm: lowest and highest corner of the mesh, (2, 3).
-    chordal_error_mm: asked of the mesher. bytes: sizes of its files. made_by: cache.key.
+    chordal_error_mm: requested from the mesher. bytes: sizes of the files. made_by:
+    shape_cache.key.
     """
 
     name: str
@@ -53,13 +66,13 @@ class _Manifest:
 
 
 def export(out_dir: str | Path) -> Path:
-    """Write NAME.step and NAME.stl of the 32 primitives, the 5 tools and the mosaic, in mm.
+    """Write NAME.step and NAME.stl of the 32 primitives, the 5 tools and the plate with all
+    primitives (`mosaic`), in mm, and manifest.json, which describes them.
 
-    Beside them manifest.json says what each is. A shape whose files are there, made by the same
-    code, is not made again. Returns the manifest's path.
+    Skips shapes whose files were written by the same code. Returns the manifest's path.
     Raises T2TwinError where the folder cannot be written.
     """
-    folder = checks.path(out_dir, "out_dir")
+    folder = arguments.path(out_dir, "out_dir")
     with locked(folder):
         return _export(folder)
 
@@ -71,9 +84,9 @@ def _export(folder: Path) -> Path:
     names = (*catalogue.PRIMITIVES, *catalogue.TOOLS, MOSAIC)
     for name in Progress(names, desc="primitives and tools", unit="shape"):
         entry = before.get(name)
-        if entry is None or not _still_there(folder, entry):
+        if entry is None or not _is_current(folder, entry):
             entry = _write_shape(folder, name)
-            # Kept up to date so that an interrupted export continues.
+            # Written after each shape, so that an interrupted export continues.
             _write_manifest(path, {**before, **entries, name: entry})
         entries[name] = entry
     if entries != before:
@@ -82,7 +95,7 @@ def _export(folder: Path) -> Path:
 
 
 def _read(path: Path) -> dict[str, Entry]:
-    """Entries by name of the manifest that lies there; none where there is no whole one."""
+    """Entries of an existing manifest by name; empty without a complete one."""
     try:
         manifest = msgspec.json.decode(path.read_bytes(), type=_Manifest)
     except (OSError, msgspec.DecodeError):
@@ -98,8 +111,8 @@ def _write_manifest(path: Path, entries: dict[str, Entry]) -> None:
     write_json(path, {"units": "mm", "shapes": shapes})
 
 
-def _still_there(folder: Path, entry: Entry) -> bool:
-    if entry.made_by != cache.key(entry.name):
+def _is_current(folder: Path, entry: Entry) -> bool:
+    if entry.made_by != shape_cache.key(entry.name):
         return False
     files = [folder / f"{entry.name}{suffix}" for suffix in SUFFIXES]
     return all(
@@ -108,16 +121,14 @@ def _still_there(folder: Path, entry: Entry) -> bool:
 
 
 def _write_shape(folder: Path, name: str) -> Entry:
-    """Both files of one shape; returns its entry in the manifest."""
-    import cadquery as cq
-
-    from t2twin.primitives_cad import mosaic, solids, tessellate, tools
+    """Write both files of one shape; returns its entry in the manifest."""
+    from t2twin.primitives_cad import solids, tools
 
     mesh: trimesh.Trimesh
     if name == MOSAIC:
-        solid = mosaic.solid()
-        mesh = tessellate.tessellate(solid)
-        about = {"places_mm": mosaic.places(), "pitch_mm": mosaic.PITCH_MM}
+        solid = plate_solid()
+        mesh = solids.tessellate(solid)
+        about = {"places_mm": plate_positions(), "pitch_mm": PLATE_PITCH_MM}
     elif name in catalogue.TOOLS:
         solid = tools.solid(name)
         mesh = catalogue.tool_mesh(name)
@@ -131,8 +142,8 @@ def _write_shape(folder: Path, name: str) -> Entry:
         shape = catalogue.load(name)
         mesh = shape.mesh
         about = {
-            "family": families.family(name),
-            "version": families.version(name),
+            "family": primitive_parameters.family(name),
+            "version": primitive_parameters.version(name),
             "split": catalogue.split(name),
             "parameters_mm": shape.parameters,
             "spacing_mm": shape.spacing_mm,
@@ -140,9 +151,9 @@ def _write_shape(folder: Path, name: str) -> Entry:
     bodies = solid.Solids()
     if len(bodies) != 1 or not bodies[0].isValid():
         raise T2TwinError(f"{name} is not one valid solid; its parameters do not make a shape")
-    with whole_file(folder / f"{name}.step") as temporary:
+    with atomic_write(folder / f"{name}.step") as temporary:
         cq.exporters.export(cq.Workplane(bodies[0]), str(temporary))
-    with whole_file(folder / f"{name}.stl") as temporary:
+    with atomic_write(folder / f"{name}.stl") as temporary:
         mesh.export(temporary, file_type="stl")
     return Entry(
         name=name,
@@ -150,9 +161,33 @@ def _write_shape(folder: Path, name: str) -> Entry:
         volume_mm3=round(solid.Volume(), 3),
         bounding_box_mm=tuple(tuple(round(float(x), 4) for x in corner) for corner in mesh.bounds),
         triangles=len(mesh.faces),
-        chordal_error_mm=tools.CHORDAL_MM.get(name, tessellate.CHORDAL_MM),
+        chordal_error_mm=tools.CHORDAL_MM.get(name, solids.CHORDAL_MM),
         bytes={
             f"{name}{suffix}": (folder / f"{name}{suffix}").stat().st_size for suffix in SUFFIXES
         },
-        made_by=cache.key(name),
+        made_by=shape_cache.key(name),
     )
+
+
+def plate_positions() -> dict[str, tuple[float, float]]:
+    """x, y of each primitive's axis on the plate, mm: one column per family, version 1 on top."""
+    return {
+        name: (
+            (index // PLATE_ROWS - (PLATE_COLUMNS - 1) / 2.0) * PLATE_PITCH_MM[0],
+            ((PLATE_ROWS - 1) / 2.0 - index % PLATE_ROWS) * PLATE_PITCH_MM[1],
+        )
+        for index, name in enumerate(PRIMITIVES)
+    }
+
+
+def plate_solid() -> cq.Shape:
+    """The plate with all primitives as one solid, tops of the features at z = 0, mm."""
+    from t2twin.primitives_cad.solids import feature, plate
+
+    width_mm, length_mm = PLATE_COLUMNS * PLATE_PITCH_MM[0], PLATE_ROWS * PLATE_PITCH_MM[1]
+    ground: cq.Shape = plate(width_mm, length_mm).val()  # pyright: ignore[reportAssignmentType]
+    features: list[cq.Shape] = [
+        feature(name).translate((*place, 0.0)).val()  # pyright: ignore[reportAssignmentType]
+        for name, place in plate_positions().items()
+    ]
+    return ground.fuse(*features)

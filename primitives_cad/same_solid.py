@@ -1,8 +1,8 @@
-"""Whether a solid, or one of its bodies, is another one: however it is turned, mirrored or scaled.
+"""Recognizes a solid, or one of its bodies, independent of rotation, reflection and scale.
 
-Compared are numbers that none of that changes: the surface against the volume, and the three
-principal second moments against the volume. A file's format changes them little, as do its
-triangles: a mesh ten times as coarse as the known one changes the tools' by less than a percent.
+Compares invariants: the surface area and the three principal second moments, relative to the
+volume. They depend little on the mesh: one ten times as coarse changes the tools' invariants by
+less than 1 %.
 """
 
 from collections.abc import Mapping
@@ -13,20 +13,20 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 SAME_SHARE = 0.02
-"""Solids are the same where each number differs by less than this share (assumed: twice what a
-coarse mesh changes; of 200 random shapes and the 32 primitives the nearest differs by 0.6)."""
+"""Solids are the same if each invariant differs by less than this share (assumed: twice the effect
+of a coarse mesh; of 200 random shapes and the 32 primitives the nearest differs by 0.6)."""
 
 
 class KnownSolids:
-    """Solids that others are compared with. named: closed meshes by name."""
+    """Reference solids. named: closed meshes by name."""
 
     def __init__(self, named: Mapping[str, trimesh.Trimesh]) -> None:
         self.names = tuple(named)
-        self._numbers = np.concatenate([invariants(mesh) for mesh in named.values()])
+        self._invariants = np.concatenate([invariants(mesh) for mesh in named.values()])
 
     def same_as(self, mesh: trimesh.Trimesh) -> str | None:
-        """The name of the first one that a body of a mesh is the same as, or None."""
-        ratios = invariants(mesh)[:, None] / self._numbers[None]
+        """The name of the first reference solid that a body of a mesh equals, or None."""
+        ratios = invariants(mesh)[:, None] / self._invariants[None]
         same = np.flatnonzero((np.abs(ratios - 1.0) < SAME_SHARE).all(axis=-1).any(axis=0))
         return self.names[same[0]] if same.size else None
 
@@ -36,7 +36,7 @@ def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
     of each body that encloses a volume."""
     labels = _bodies(mesh.faces.view(np.ndarray), len(mesh.vertices))
     corners = mesh.vertices.view(np.ndarray)[mesh.faces] - mesh.bounds.mean(axis=0)
-    # Each triangle and the middle are a tetrahedron; inward ones count as negative.
+    # Each triangle forms a tetrahedron with the center; its volume is signed.
     volumes = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
     total = corners.sum(axis=1)
     second = np.einsum("tci,tcj->tij", corners, corners) + total[:, :, None] * total[:, None]
@@ -52,7 +52,7 @@ def invariants(mesh: trimesh.Trimesh) -> np.ndarray:
 
 
 def _bodies(faces: np.ndarray, corners: int) -> np.ndarray:
-    """(t,): the number of the body of each triangle (t, 3), all that hang together by corners."""
+    """(t,) number of the body, connected by vertices, of each triangle, (t, 3)."""
     rows, columns = faces[:, :2].ravel(), faces[:, 1:].ravel()
     edges = sparse.coo_matrix((np.ones(rows.size, bool), (rows, columns)), (corners, corners))
     return csgraph.connected_components(edges, directed=False)[1][faces[:, 0]]

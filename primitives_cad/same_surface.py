@@ -1,7 +1,7 @@
-"""Whether a shape presses with the same surface as another one, wherever and however it stands.
+"""Recognizes a pressing surface, independent of position and rotation.
 
-What a sensor feels of the other one, its patch about the press axis, is laid over the shape at
-every place and turn: coarsely by Fourier transforms, then finely where it nearly fits.
+Matches the patch of a reference surface around its press axis to a shape at every position and
+rotation: first on a coarse grid by Fourier transforms, then finely at the best coarse matches.
 """
 
 from collections.abc import Mapping
@@ -13,40 +13,37 @@ from scipy import fft, ndimage, optimize
 from t2twin.primitives_cad.shape import HeightMap
 
 PATCH_MM = 13.0
-"""Radius of the patch that is compared, mm: as far as a cover of 28 mm reaches to its sides."""
+"""Radius of the compared patch, mm: about half the width of the cover, 28 mm."""
 
-FELT_MM = 3.0
-"""How far below the top of its patch a surface can be felt, mm (assumed: no press is deeper)."""
+MAX_DEPTH_MM = 3.0
+"""Depth below the patch's top to which surfaces are compared, mm (assumed: no press is deeper)."""
 
 WINDOW_MM = 38.0
-"""Half the side of the square about the shape's press axis in which the patch is looked for, mm:
-its middle may lie as far aside as a press may be meant to, 25 mm."""
+"""Half the side of the search window around the shape's press axis, mm: the patch's center may lie
+as far aside as a press, 25 mm."""
 
 COARSE_MM, COARSE_TURNS, SAMPLES = 1.0, 36, 2
-"""Cells, mm, and turns in a circle on which it is first looked for; points along a cell."""
+"""Cells of the coarse search, mm; its rotations per turn; sample points along a cell."""
 
 NEARLY_MM = 0.6
-"""Root mean square of the differences, mm, up to which a coarse place is looked at finely."""
+"""Root mean square difference, mm, up to which a coarse match is refined."""
 
 BEST = 8
-"""Coarse places that are looked at finely."""
+"""Number of coarse matches that are refined."""
 
 FINE_MM = 0.4
-"""Distance of the points that are compared in the end, mm."""
+"""Spacing of the points of the fine comparison, mm."""
 
 ASIDE_MM = 0.1
-"""How far aside a height may be found, mm: at a wall that is millimetres up or down."""
+"""Lateral tolerance, mm: at a wall heights differ by millimeters."""
 
 SAME_MM, SAME_SHARE = 0.1, 0.95
-"""Surfaces are the same where so large a share of the points that are felt differs by less (mm):
-finer than a sensor feels, and coarser than a mesh's or a print's own error."""
+"""Surfaces are the same if this share of the compared points differs by less than SAME_MM: below a
+sensor's resolution, and above the error of a mesh or a print."""
 
 
 class KnownSurfaces:
-    """Surfaces that others are compared with.
-
-    named: the surfaces by name, each with the press axis through the middle of what counts.
-    """
+    """Reference surfaces. named: surfaces by name, the patch centered on the press axis."""
 
     def __init__(self, named: Mapping[str, HeightMap]) -> None:
         self.names = tuple(named)
@@ -71,16 +68,19 @@ class KnownSurfaces:
         self._squares = (flat**2).sum(axis=(1, 2)) - self._sums**2 / self._points
 
     def same_as(self, surface: HeightMap) -> str | None:
-        """The name of the one that a surface is the same as, or None."""
+        """The name of the reference surface that a surface contains, or None."""
         window = self._transform(self._coarse(surface, self._axis, 0.0))
         squares = self._transform(self._coarse(surface, self._axis, 0.0) ** 2)
-        total, total_squares = self._slid(window * self._disc), self._slid(squares * self._disc)
+        total, total_squares = (
+            self._correlation(window * self._disc),
+            self._correlation(squares * self._disc),
+        )
         spread = total_squares - total**2 / self._points
-        common = self._slid(window * self._patches) - self._sums[:, None, None] * (
+        common = self._correlation(window * self._patches) - self._sums[:, None, None] * (
             total / self._points
         )
         apart = (self._squares[:, None, None] + spread - 2 * common) / self._points
-        # the best shift of every patch and turn, then the best of those
+        # the best shift of each patch and rotation, then the best of those
         best = apart.reshape(len(apart), -1)
         at = best.argmin(axis=1)
         least = best[np.arange(len(best)), at]
@@ -102,22 +102,22 @@ class KnownSurfaces:
         turn_rad: float,
         inside: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Mean heights on coarse cells of the surface turned about the axis, 0 outside."""
+        """Mean heights of the rotated surface on coarse cells; 0 outside `inside`."""
         offsets = ((np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5) * COARSE_MM
         fine = (axis_mm[:, None] + offsets).ravel()
         x, y = np.meshgrid(fine, fine)
         heights = _turned(surface, x, y, 0.0, 0.0, turn_rad)
-        heights = np.maximum(heights - heights.max(), -FELT_MM)
+        heights = np.maximum(heights - heights.max(), -MAX_DEPTH_MM)
         cells = heights.reshape(axis_mm.size, SAMPLES, axis_mm.size, SAMPLES).mean(axis=(1, 3))
         return cells if inside is None else cells * inside
 
     def _transform(self, cells: np.ndarray) -> np.ndarray:
-        """Of the window as it is, of a patch for sliding it over."""
+        """Fourier transform of a window; its conjugate for a patch, for the correlation."""
         made = np.asarray(fft.rfft2(cells, (self._size, self._size)))
         return made if len(cells) == self._axis.size else made.conj()
 
-    def _slid(self, product: np.ndarray) -> np.ndarray:
-        """Sums over the patch at each of its places in the window."""
+    def _correlation(self, product: np.ndarray) -> np.ndarray:
+        """Sums over the patch at each of its positions in the window."""
         sums = np.asarray(fft.irfft2(product, (self._size, self._size)))
         return sums[..., : self._shifts, : self._shifts]
 
@@ -125,7 +125,7 @@ class KnownSurfaces:
 def _turned(
     surface: HeightMap, x: np.ndarray, y: np.ndarray, at_x: float, at_y: float, turn: float
 ) -> np.ndarray:
-    """Heights of a surface at points that are turned about the axis and moved, mm."""
+    """Heights of a surface at rotated and shifted points, mm."""
     cos, sin = np.cos(turn), np.sin(turn)
     return surface.sample(at_x + cos * x + sin * y, at_y + cos * y - sin * x)
 
@@ -133,13 +133,13 @@ def _turned(
 def _share_of_same(
     known: HeightMap, surface: HeightMap, start: tuple[float, float, float]
 ) -> float:
-    """Share of a patch's points at which a surface is the same, best laid from a first place."""
+    """Share of a patch's points at which a surface agrees, after optimizing the pose locally."""
     axis = np.arange(-PATCH_MM, PATCH_MM + FINE_MM / 2, FINE_MM)
     x, y = np.meshgrid(axis, axis)
     inside = np.hypot(x, y) <= PATCH_MM
     x, y = x[inside], y[inside]
     wanted = known.sample(x, y)
-    wanted = np.maximum(wanted - wanted.max(), -FELT_MM)
+    wanted = np.maximum(wanted - wanted.max(), -MAX_DEPTH_MM)
 
     size = 1 + 2 * round(ASIDE_MM / surface.pitch_mm)
     lowest, highest = (
@@ -154,15 +154,15 @@ def _share_of_same(
     top = float(heights(surface, np.array(start)).max())
 
     def apart(laid: np.ndarray) -> np.ndarray:
-        """At the points where either can be felt, so that what stands alone counts by itself."""
+        """Differences at the points where either surface lies above the largest depth."""
         there, low, high = (
-            np.maximum(heights(of, laid) - top, -FELT_MM) for of in (surface, lowest, highest)
+            np.maximum(heights(of, laid) - top, -MAX_DEPTH_MM) for of in (surface, lowest, highest)
         )
-        felt, felt_wanted = there > -FELT_MM, wanted > -FELT_MM
-        if not (felt & felt_wanted).any():
-            return np.full(x.size, FELT_MM)
-        level = wanted + np.median((there - wanted)[felt & felt_wanted])
-        return np.maximum(np.maximum(level - high, low - level), 0.0)[felt | felt_wanted]
+        near_top, wanted_near_top = there > -MAX_DEPTH_MM, wanted > -MAX_DEPTH_MM
+        if not (near_top & wanted_near_top).any():
+            return np.full(x.size, MAX_DEPTH_MM)
+        level = wanted + np.median((there - wanted)[near_top & wanted_near_top])
+        return np.maximum(np.maximum(level - high, low - level), 0.0)[near_top | wanted_near_top]
 
     laid = optimize.minimize(
         lambda values: float(np.minimum(apart(values), 5 * SAME_MM).mean()),
@@ -174,6 +174,6 @@ def _share_of_same(
 
 
 def _simplex(start: tuple[float, float, float]) -> np.ndarray:
-    """A first simplex of half a coarse cell and half a coarse turn."""
+    """An initial simplex of half a coarse cell and half a coarse rotation."""
     steps = np.diag([COARSE_MM / 2, COARSE_MM / 2, np.pi / COARSE_TURNS])
     return np.array(start) + np.concatenate([np.zeros((1, 3)), steps])

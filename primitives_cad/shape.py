@@ -1,16 +1,15 @@
-"""What a shape is: a solid, and the height map of the surface that it presses with.
+"""Shapes: solids with the height map of their pressing surface.
 
-Frames, the same in the whole project. Lengths are in mm.
+Frames of the whole project, lengths in mm:
 
 - Shape frame: the solid stands as printed, its pressing side up (+z), the press axis through
   x = y = 0. Heights are measured from the highest point of the pressing side, so they are
   <= 0.
-- Sensor frame: x to the right of the picture (columns), y down the picture (rows), z out of
+- Sensor frame: x to the right of the image (columns), y down the image (rows), z out of
   the sensor towards the shape. Right-handed.
-- A press turns the shape over about x, turns it by yaw about +z, and moves it to (x, y):
-  p_sensor = Rz(yaw) diag(1, -1, -1) p_shape + (x, y, .). So at yaw 0 the DIGIT picture shows
-  the shape as one sees it from above with y up, and a positive yaw turns it clockwise in
-  the picture.
+- A press turns the shape over about x, rotates it by yaw about +z, and moves it to (x, y):
+  p_sensor = Rz(yaw) diag(1, -1, -1) p_shape + (x, y, .). At yaw 0 the DIGIT's image shows the
+  shape as seen from above with y up; a positive yaw rotates it clockwise in the image.
 """
 
 from dataclasses import dataclass, field
@@ -18,13 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
     import trimesh
 
 NOTHING_MM = -1.0e3
-"""Height given where the solid has no surface, mm: far below any layer's thickness."""
+"""Height where the solid has no surface, mm: far below any layer's thickness."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +50,8 @@ class HeightMap:
         return float(self.x_mm[1] - self.x_mm[0])
 
     def sample(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """Heights at points of the shape frame, bilinear, as many as x; NOTHING_MM outside."""
-        from scipy import ndimage  # which a press does without
+        """Heights at points of the shape frame, bilinear, shape of x_mm; NOTHING_MM outside."""
+        from scipy import ndimage  # slow to import
 
         rows = (y_mm - self.y_mm[0]) / self.pitch_mm
         columns = (x_mm - self.x_mm[0]) / self.pitch_mm
@@ -63,7 +62,7 @@ class HeightMap:
 
 @dataclass(frozen=True)
 class Keypoint:
-    """A place of a tool to press with: where, from which direction, and its name.
+    """A named place and direction at which a tool is pressed.
 
     point_mm: (3,) on the tool's surface, in the tool's own frame.
     direction: (3,) unit vector out of the tool towards the sensor.
@@ -76,16 +75,16 @@ class Keypoint:
 
 @dataclass(frozen=True)
 class Shape:
-    """A named solid, ready to press: see the module's text for its frame.
+    """A named solid with its pressing surface, in the shape frame.
 
     name: as in the catalogue (`square-2`, `pliers/jaw-tip`) or a file's stem.
     mesh: the solid, mm, in the shape frame, closed around a volume.
     surface: its pressing surface.
     spacing_mm: pitch of the protocol's grid of press points for this shape, along x and y.
-    parameters: what was varied, by name, mm.
-    base_mm: height of the base plate's top in the surface's heights (negative), or None; of a
-        user's file its lowest flat face, where other parts stand on one.
-    notes: what was mended in a user's file, each a sentence for the user.
+    parameters: of a primitive, by name, mm.
+    base_mm: height of the base plate's top (negative), or None; of a shape from a file the lowest
+        flat face below other parts.
+    notes: repairs of a shape from a file, each a sentence.
     """
 
     name: str

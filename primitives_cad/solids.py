@@ -1,9 +1,16 @@
-"""CadQuery solids of the primitives, in the shape frame: top of the feature at z = 0, base
-plate below it, centred on the press axis."""
+"""CadQuery solids of the primitives, and triangle meshes of CadQuery solids.
+
+The solids are in the shape frame: top of the feature at z = 0, base plate below it, centered on the
+press axis.
+"""
 
 import cadquery as cq
+import numpy as np
+import trimesh
+from OCP.BRepMesh import BRepMesh_IncrementalMesh  # pyright: ignore[reportAttributeAccessIssue]
 
-from t2twin.primitives_cad.families import (
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.primitive_parameters import (
     FEATURE_HEIGHT_MM,
     PLATE_SIDE_MM,
     PLATE_THICKNESS_MM,
@@ -12,6 +19,18 @@ from t2twin.primitives_cad.families import (
     parameters,
 )
 
+CHORDAL_MM = 0.005
+"""Chordal error requested from the mesher, mm (assumed: half of the documented 0.01 mm)."""
+
+ANGULAR_RAD = 0.25
+"""Largest angle between the normals of neighboring triangles, rad (assumed)."""
+
+BEYOND_MM = 1.0e3
+"""A length beyond any primitive, mm."""
+
+SAME_MM = 1.0e-7
+"""Distance below which points coincide, mm: the CAD kernel's tolerance."""
+
 
 def primitive(name: str) -> cq.Shape:
     """The solid of a primitive on its own base plate, lengths in mm."""
@@ -19,7 +38,7 @@ def primitive(name: str) -> cq.Shape:
 
 
 def plate(width_mm: float, length_mm: float) -> cq.Workplane:
-    """A base plate centred on the axis, its top FEATURE_HEIGHT_MM below z = 0."""
+    """A base plate centered on the axis, its top FEATURE_HEIGHT_MM below z = 0."""
     return (
         cq.Workplane()
         .workplane(offset=-FEATURE_HEIGHT_MM - PLATE_THICKNESS_MM)
@@ -29,7 +48,7 @@ def plate(width_mm: float, length_mm: float) -> cq.Workplane:
 
 
 def feature(name: str) -> cq.Workplane:
-    """What stands on the plate: from the plate's top to z = 0."""
+    """The feature on the plate: from the plate's top to z = 0."""
     sizes = parameters(name)
     kind = family(name)
     if kind == "line-sharp":
@@ -58,7 +77,7 @@ def _floor() -> cq.Workplane:
 
 
 def _capped_cylinder(height_mm: float, curvature_mm: float) -> cq.Workplane:
-    """A spherical cap on a cylinder of the cap's own radius; a hemisphere where height is R."""
+    """A spherical cap on a cylinder of its radius; a hemisphere if height_mm is curvature_mm."""
     rim = cap_radius_mm(height_mm, curvature_mm)
     middle = height_mm / 2.0
     arc_point = (cap_radius_mm(middle, curvature_mm), -middle)
@@ -71,3 +90,61 @@ def _capped_cylinder(height_mm: float, curvature_mm: float) -> cq.Workplane:
         .close()
     )
     return profile.revolve(360.0, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+def tessellate(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trimesh:
+    """A watertight mesh of a solid, mm, with an error of about chordal_mm.
+
+    Raises T2TwinError where the solid's faces do not close.
+    """
+    return watertight(*_triangles(solid, chordal_mm))
+
+
+def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trimesh:
+    """A watertight mesh, exactly mirror symmetric, of a solid symmetric in x and in y, mm.
+
+    The mesher's triangles are not symmetric, so one quarter is meshed and mirrored.
+    """
+    corner = cq.Workplane().box(BEYOND_MM, BEYOND_MM, BEYOND_MM, centered=(False, False, True))
+    points, triangles = _triangles(solid.intersect(corner.val()), chordal_mm)  # pyright: ignore[reportArgumentType]
+    points[np.abs(points) < SAME_MM] = 0.0
+    on_cut = (points[triangles][:, :, :2] == 0.0).all(axis=1).any(axis=1)
+    triangles = triangles[~on_cut]
+    all_points, all_triangles = [], []
+    for turn, mirror in enumerate(((1, 1, 1), (-1, 1, 1), (-1, -1, 1), (1, -1, 1))):
+        all_points.append(points * mirror)
+        # Mirroring turns triangles inwards; reversing their vertices turns them back.
+        order = triangles if turn % 2 == 0 else triangles[:, ::-1]
+        all_triangles.append(order + turn * len(points))
+    return watertight(np.concatenate(all_points), np.concatenate(all_triangles))
+
+
+def _triangles(solid: cq.Shape, chordal_mm: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points (n, 3) mm and triangles (m, 3); each face of the solid has its own points."""
+    own = solid.copy()
+    # CadQuery requests an error relative to each edge's length; here it is absolute, in mm.
+    BRepMesh_IncrementalMesh(own.wrapped, chordal_mm, False, ANGULAR_RAD, True)
+    # With such a tolerance CadQuery returns the existing mesh.
+    vertices, faces = own.tessellate(BEYOND_MM)
+    points = np.array([vertex.toTuple() for vertex in vertices], dtype=np.float64)
+    return points.reshape(-1, 3), np.array(faces, dtype=np.int64).reshape(-1, 3)
+
+
+def watertight(points: np.ndarray, triangles: np.ndarray) -> trimesh.Trimesh:
+    """A mesh of points (n, 3) mm and triangles (m, 3), with coincident vertices merged.
+
+    Raises T2TwinError where the result is not watertight.
+    """
+    mesh = trimesh.Trimesh(points, triangles, process=False)
+    mesh.merge_vertices()
+    corners = mesh.faces
+    whole = (
+        (corners[:, 0] != corners[:, 1])
+        & (corners[:, 1] != corners[:, 2])
+        & (corners[:, 2] != corners[:, 0])
+    )
+    mesh.update_faces(whole)
+    mesh.remove_unreferenced_vertices()
+    if not mesh.is_watertight or mesh.volume <= 0.0:
+        raise T2TwinError("the solid's mesh is not closed; it must be a watertight solid")
+    return mesh

@@ -1,8 +1,8 @@
-"""Writes the meshes and height maps that are part of the package, from the CAD solids.
+"""Writes the bundled meshes and height maps from the CAD solids.
 
     python -m t2twin.primitives_cad.write_bundled [NAME ...]
 
-Run it after a change of a solid, its tessellation or the height maps; without names it writes all.
+Run it after a change to a solid, its tessellation or the height maps. Without names it writes all.
 """
 
 import io
@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
+from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue, tools
 from t2twin.primitives_cad.bundled_shapes import packed, path_of
 from t2twin.primitives_cad.shape import HeightMap
-from t2twin.primitives_cad.writing import whole_file
 
 
 def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
-    """Write the files of shapes of the catalogue and of their tools."""
+    """Write the files of catalogue shapes and of their tools."""
     meshes = {tool: tools.mesh(tool) for tool in sorted({_tool(name) for name in names} - {""})}
     for tool, mesh in meshes.items():
         _write(path_of(tool), _mesh_arrays(mesh.vertices, mesh.faces))
@@ -31,7 +31,7 @@ def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
         else:
             transform = catalogue.keypoint_transform(name)
             upright = tool.vertices @ transform[:3, :3].T + transform[:3, 3]
-            # the height by which `surface.stand` has moved the mesh
+            # the height by which `height_map.aligned` has moved the mesh
             transform[2, 3] += (shape.mesh.vertices[0] - upright[0])[2]
             arrays = {"transform": transform}
         _write(path_of(name), arrays | _surface_arrays(shape.surface))
@@ -58,8 +58,8 @@ def _surface_arrays(surface: HeightMap) -> dict[str, np.ndarray]:
 
 
 def _write(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    """An .npz, compressed more than NumPy does; the same bytes for the same arrays."""
-    with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
+    """Write an .npz with LZMA compression and fixed dates, so that its bytes are reproducible."""
+    with atomic_write(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, values in arrays.items():
             content = io.BytesIO()
             np.save(content, values)

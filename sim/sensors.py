@@ -1,4 +1,4 @@
-"""Both simulated sensors, and the one way in which anything is pressed into them."""
+"""The simulated DIGIT and CySkin, and the press of one shape into both."""
 
 import hashlib
 from collections.abc import Callable
@@ -9,28 +9,31 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.contact_solver import (
+    CYSKIN_PITCH_MM,
+    DIGIT_PITCH_MM,
+    solve_contact,
+    surface_on,
+)
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
-from t2twin.sim.digit.camera import optical_grid
-from t2twin.sim.digit.leds import DIGIT_LEDS
-from t2twin.sim.digit.optics import FRAMES, NOISE_GREY, DigitOptics
+from t2twin.sim.digit.camera.pinhole import optical_grid
+from t2twin.sim.digit.light.leds import DIGIT_LEDS
+from t2twin.sim.digit.optics import FRAMES, NOISE_GREY, DigitOptics, Renderer
+from t2twin.sim.digit.randomization.unit import Unit
 from t2twin.sim.digit.rendered import RenderedOptics
-from t2twin.sim.digit.units import Unit
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.records import Contact, PressCommand
-from t2twin.sim.press.surface import surface_on
+from t2twin.sim.touch import Touch
 
-Renderer = Literal["baked", "pyrender"]
-"""What makes the DIGIT's pictures: the baked model, in milliseconds, or pyrender itself, in about
-t2twin.sim.digit.rendered.FRAME_SECONDS."""
+Sensor = Literal["both", "digit", "cyskin"]
 
-Timed = Callable[[str], AbstractContextManager[None]]
-"""Wraps the stages of a press, named as in t2twin.sim.dataset.timing.STAGES."""
+StageTimer = Callable[[str], AbstractContextManager[None]]
+"""Context manager around each stage of a press, named as in t2twin.sim.dataset.timing.STAGES."""
 
 
 def _untimed(stage: str) -> AbstractContextManager[None]:
@@ -38,34 +41,16 @@ def _untimed(stage: str) -> AbstractContextManager[None]:
 
 
 @dataclass(frozen=True)
-class DigitTouch:
-    """What a press did to the DIGIT. image: (320, 240, 3) uint8. calibration: the file with the
-    light that it is in, None for the one that ships. renderer: what made the image."""
-
-    contact: Contact
-    image: np.ndarray
-    calibration: str | None
-    renderer: Renderer = "baked"
-
-
-@dataclass(frozen=True)
-class CySkinTouch:
-    """What a press did to the CySkin. counts: (n,) uint16, one for each taxel of the layout."""
-
-    contact: Contact
-    counts: np.ndarray
-    layout: Layout
-
-
-@dataclass(frozen=True)
 class Digit:
-    """A DIGIT: its gel, its optics' calibration file (None: the one that ships), its noise.
+    """A DIGIT: its gel, its light, its camera noise.
 
-    renderer: what makes its pictures. unit: a drawn light, which is taken instead of the file's.
-    elastomer: what is pressed into: the gel, of the modulus that the calibration was fitted, where
-    it was and the gel is not one of another modulus or law than the DIGIT's.
-    Raises T2TwinError for a file that is no calibration, and for pyrender where it has no LEDs to
-    render: a calibration's are known by their response only.
+    calibration: file of the light, None for the default calibration. renderer: what makes the
+    images. unit: a sampled unit, whose light replaces the file's. elastomer: the gel that is
+    pressed. It has the calibration's Young's modulus, if the calibration has one and `gel` has the
+    default modulus and law.
+
+    Raises T2TwinError for a file that is not a calibration, and for renderer "pyrender" with a
+    calibration file, which has no LEDs to render.
     """
 
     gel: Elastomer = DIGIT_GEL
@@ -74,13 +59,15 @@ class Digit:
     noise_grey: float = NOISE_GREY / np.sqrt(FRAMES)
     renderer: Renderer = "baked"
     unit: Unit | None = field(default=None, repr=False)
+    light: Calibration = field(init=False, repr=False, compare=False)
     optics: DigitOptics | RenderedOptics = field(init=False, repr=False, compare=False)
     elastomer: Elastomer = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checks.instance(self.gel, "gel", Elastomer)
-        checks.choice(self.renderer, "optics", get_args(Renderer))
+        arguments.instance(self.gel, "gel", Elastomer)
+        arguments.choice(self.renderer, "optics", get_args(Renderer))
         light = self.unit.calibration if self.unit else Calibration.load(self._file)
+        object.__setattr__(self, "light", light)
         object.__setattr__(self, "optics", self._optics(light))
         object.__setattr__(self, "elastomer", self._elastomer(light))
 
@@ -91,29 +78,24 @@ class Digit:
             return RenderedOptics(light, DIGIT_LEDS, self.gel)
         if self.unit is None or self.unit.leds is None:
             raise T2TwinError(
-                "pyrender cannot render a calibration file's light, which is not known LED by LED; "
-                "it renders the light that ships and units drawn without a calibration"
+                "pyrender cannot render a calibration file, which has no description of single "
+                "LEDs; it renders the default calibration and units sampled without a calibration"
             )
         return RenderedOptics(light, self.unit.leds, self.gel)
 
     def _elastomer(self, light: Calibration) -> Elastomer:
-        assumed = (DIGIT_GEL.young_mpa, DIGIT_GEL.law)
-        if light.young_mpa is None or (self.gel.young_mpa, self.gel.law) != assumed:
+        default = (DIGIT_GEL.young_mpa, DIGIT_GEL.law)
+        if light.young_mpa is None or (self.gel.young_mpa, self.gel.law) != default:
             return self.gel
         return replace(self.gel, young_mpa=light.young_mpa)
 
     def with_unit(self, unit: Unit) -> "Digit":
-        """The same gel, pitch and renderer under the light of a drawn unit, with its noise, of
-        which as much is averaged away as of this one's."""
+        """The same gel, pitch and renderer with the light and noise of a sampled unit.
+
+        The unit's noise is reduced by averaging as much as this sensor's is.
+        """
         noise_grey = unit.noise_grey * self.noise_grey / NOISE_GREY
         return replace(self, unit=unit, noise_grey=float(noise_grey))
-
-    def untouched(self, rng: np.random.Generator | None = None) -> np.ndarray:
-        """The image of the untouched gel, (320, 240, 3) uint8; with camera noise where rng is
-        given."""
-        x, y = optical_grid(self.gel)
-        surface = np.zeros((y.size, x.size))
-        return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
 
     @property
     def _file(self) -> Path:
@@ -127,29 +109,29 @@ class Digit:
         """The contact of a shape with the gel. Raises T2TwinError as solve_contact does."""
         return solve_contact(shape, command, self.elastomer, self.pitch_mm)
 
-    def image(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
-        """The image of a contact, (320, 240, 3) uint8; with camera noise where rng is given."""
-        surface = surface_on(contact, *optical_grid())
+    def image(self, contact: Contact | None, rng: np.random.Generator | None = None) -> np.ndarray:
+        """(320, 240, 3) uint8: the image of a contact, of None the background frame.
+
+        rng: of the camera noise; None for none.
+        """
+        if contact is None:
+            x, y = optical_grid(self.gel)
+            surface = np.zeros((y.size, x.size))
+        else:
+            surface = surface_on(contact, *optical_grid())
         return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
 
-    def touch(
-        self,
-        shape: Shape,
-        command: PressCommand,
-        rng: np.random.Generator | None = None,
-        timed: Timed = _untimed,
-    ) -> DigitTouch:
-        """Both: the contact, and its image."""
-        with timed("press digit"):
-            contact = self.press(shape, command)
-            _ = contact.surface_mm  # which the picture needs
-        with timed("picture"):
-            return DigitTouch(contact, self.image(contact, rng), self.calibration, self.renderer)
+    def background_frame(self, rng: np.random.Generator | None = None) -> np.ndarray:
+        """(320, 240, 3) uint8: the image without contact. rng: as for image."""
+        return self.image(None, rng)
 
 
 @dataclass(frozen=True)
 class CySkin:
-    """A CySkin: its cover, its taxels (a layout's name or file), how imperfect it is."""
+    """A CySkin: its cover, its taxels (a layout's name or file), its imperfections.
+
+    dead: indices of taxels that always count 0.
+    """
 
     cover: Elastomer = CYSKIN_COVER
     pitch_mm: float = CYSKIN_PITCH_MM
@@ -160,7 +142,7 @@ class CySkin:
     flaws: reading.Imperfections = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        checks.instance(self.cover, "cover", Elastomer)
+        arguments.instance(self.cover, "cover", Elastomer)
         object.__setattr__(self, "layout", load_layout(self.layout_source))
         object.__setattr__(
             self, "flaws", reading.imperfections(self.imperfections, tuple(self.dead))
@@ -171,54 +153,24 @@ class CySkin:
         """The contact of a shape with the cover. Raises T2TwinError as solve_contact does."""
         return solve_contact(shape, command, self.cover, self.pitch_mm)
 
-    def counts(self, contact: Contact, rng: np.random.Generator | None = None) -> np.ndarray:
-        """The counts of a contact, (n,) uint16; with imperfections where rng is given.
+    def counts(self, contact: Contact | None, rng: np.random.Generator | None = None) -> np.ndarray:
+        """(n,) uint16: the counts of a contact; None for no contact.
 
-        Raises T2TwinError for a layout that reaches beyond the cover.
+        rng: of the imperfections; None for none. Raises T2TwinError for a layout that reaches
+        beyond the cover.
         """
-        true = taxels.counts(taxels.pad_pressure_mpa(contact, self.layout))
+        if contact is None:
+            noiseless = np.zeros(self.layout.size)
+        else:
+            noiseless = taxels.counts(taxels.pad_pressure_mpa(contact, self.layout))
         if rng is None:
-            return np.rint(true).astype(np.uint16)
-        return reading.read(true, self.layout, self.flaws, rng)
-
-    def untouched(self, rng: np.random.Generator | None = None) -> np.ndarray:
-        """What it counts while nothing touches it, (n,) uint16."""
-        nothing = np.zeros(self.layout.size)
-        if rng is None:
-            return nothing.astype(np.uint16)
-        return reading.read(nothing, self.layout, self.flaws, rng)
-
-    def touch(
-        self,
-        shape: Shape,
-        command: PressCommand,
-        rng: np.random.Generator | None = None,
-        timed: Timed = _untimed,
-    ) -> CySkinTouch:
-        """Both: the contact, and its counts."""
-        with timed("press cyskin"):
-            contact = self.press(shape, command)
-        with timed("taxels"):
-            return CySkinTouch(contact, self.counts(contact, rng), self.layout)
-
-
-@dataclass(frozen=True)
-class Sample:
-    """One pair: the same press seen by the DIGIT and felt by the CySkin.
-
-    image: (320, 240, 3) uint8. counts: (20,) uint16, or as many taxels as the layout has.
-    """
-
-    command: PressCommand
-    image: np.ndarray
-    counts: np.ndarray
-    digit: Contact
-    cyskin: Contact
+            return np.rint(noiseless).astype(np.uint16)
+        return reading.read(noiseless, self.layout, self.flaws, rng)
 
 
 @dataclass(frozen=True)
 class SensorPair:
-    """Both sensors side by side, touched by the same shape in the same way."""
+    """Both sensors, to be pressed by the same shape with the same command."""
 
     digit: Digit = field(default_factory=Digit)
     cyskin: CySkin = field(default_factory=CySkin)
@@ -228,13 +180,38 @@ class SensorPair:
         shape: Shape,
         command: PressCommand,
         rng: np.random.Generator | None = None,
-        timed: Timed = _untimed,
-    ) -> Sample:
-        """One pair.
+        timed: StageTimer = _untimed,
+        sensor: Sensor = "both",
+    ) -> Touch:
+        """Press a shape into both sensors or one of them.
 
-        rng: noise and imperfections are drawn from it, the DIGIT's first; none without.
-        Raises T2TwinError where either sensor does.
+        command: a force of 0 N gives the image and the counts without contact. rng: of the camera
+        noise, then of the CySkin's imperfections; None for neither.
+        Raises T2TwinError as solve_contact does.
         """
-        seen = self.digit.touch(shape, command, rng, timed)
-        felt = self.cyskin.touch(shape, command, rng, timed)
-        return Sample(command, seen.image, felt.counts, seen.contact, felt.contact)
+        digit, cyskin, is_contact = self.digit, self.cyskin, command.force_n != 0.0
+        image = counts = on_digit = on_cyskin = None
+        if sensor != "cyskin":
+            with timed("press digit"):
+                if is_contact:
+                    on_digit = digit.press(shape, command)
+                    _ = on_digit.surface_mm  # computed on first access; the image needs it
+            with timed("picture"):
+                image = digit.image(on_digit, rng)
+        if sensor != "digit":
+            with timed("press cyskin"):
+                if is_contact:
+                    on_cyskin = cyskin.press(shape, command)
+            with timed("taxels"):
+                counts = cyskin.counts(on_cyskin, rng)
+        return Touch(
+            shape=shape,
+            command=command,
+            image=image,
+            counts=counts,
+            digit=on_digit,
+            cyskin=on_cyskin,
+            layout=None if sensor == "digit" else cyskin.layout,
+            calibration=digit.calibration,
+            optics=digit.renderer,
+        )

@@ -3,12 +3,12 @@
 import os
 import sys
 
-from t2twin.stopping import heed_signals
+from t2twin.core.signals import install_handlers
 
 
 def main() -> None:
-    """Run the command line; signals are heeded before the rest is loaded, which takes a while."""
-    heed_signals()
+    """Run the command line; installs the signal handlers before the slow imports."""
+    install_handlers()
     _open_standard_streams()
 
     from t2twin.cli import main as run
@@ -17,13 +17,16 @@ def main() -> None:
 
 
 def _open_standard_streams() -> None:
-    """A closed stream becomes the null device: the next file that is opened would take its number
-    and get what libraries print. File names that the terminal cannot show are escaped."""
+    """Replaces closed streams by the null device.
+
+    Otherwise the next opened file would have the number of the stream, and receive the output of
+    libraries. Characters that the terminal cannot show are escaped.
+    """
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
         except OSError:
-            null = os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, this one
+            null = os.open(os.devnull, os.O_RDWR)  # has the lowest free number, this one
             if getattr(sys, name) is None:
                 setattr(sys, name, os.fdopen(null, "r" if number == 0 else "w"))
     if hasattr(sys.stdout, "reconfigure"):

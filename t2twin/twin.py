@@ -1,76 +1,38 @@
-"""The twin as users have it: press a shape into both sensors, look at what they saw and felt."""
+"""The public interface of the simulation: press a shape into both sensors."""
 
-from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from dataclasses import replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from t2twin.press_folder import write_press
-from t2twin.primitives_cad import catalogue, checks
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core import arguments
+from t2twin.core.arguments import check_seed
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
+from t2twin.sim.contact.depth import force_at_depth
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
-from t2twin.sim.press.depth import force_at_depth
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.force import check_force
-from t2twin.sim.press.records import Contact, PressCommand
-from t2twin.sim.seeds import check_seed
-from t2twin.sim.sensors import CySkin, CySkinTouch, Digit, DigitTouch, Renderer, SensorPair
+from t2twin.sim.digit.optics import Renderer
+from t2twin.sim.sensors import CySkin, Digit, SensorPair
+from t2twin.sim.touch import Touch
 from t2twin.sim.world.protocol import FORCE_N
-from t2twin.translate.phi import Phi
-
-
-@dataclass(frozen=True)
-class Touch:
-    """One press of one shape, seen by the DIGIT and felt by the CySkin.
-
-    command: where the shape stood, its turn and the force. image: (320, 240, 3) uint8, the DIGIT's,
-    channels red, green, blue. counts: (n,) uint16, one for each taxel of the layout. digit, cyskin:
-    both contacts, with depth_mm, force_n, surface_mm, pressure_kpa and more. calibration: the file
-    with the DIGIT's light, None for the one that ships. optics: what made the image.
-    """
-
-    shape: Shape
-    command: PressCommand
-    image: np.ndarray
-    counts: np.ndarray
-    digit: Contact
-    cyskin: Contact
-    layout: Layout
-    calibration: str | None = None
-    optics: Renderer = "baked"
-
-    @cached_property
-    def tactile_image(self) -> np.ndarray:
-        """(396, 240) float32, counts: the array as an image, between the taxels barycentric.
-
-        Raises T2TwinError for a layout that cannot be drawn, as one with all taxels on a line.
-        """
-        return Phi(self.layout.x_mm, self.layout.y_mm)(self.counts)
-
-    def save(self, folder: str | Path) -> None:
-        """Write the folder that `t2twin press` writes: pictures, counts, contacts, scenes.
-
-        Raises T2TwinError where the folder cannot be written.
-        """
-        digit = DigitTouch(self.digit, self.image, self.calibration, self.optics)
-        cyskin = CySkinTouch(self.cyskin, self.counts, self.layout)
-        write_press(checks.path(folder, "folder"), digit, cyskin)
 
 
 class Twin:
-    """Both simulated sensors, ready to be pressed.
+    """Both simulated sensors.
 
-    calibration: the DIGIT's light, a file of `t2twin calibrate`, and its gel's modulus where that
-    was fitted; None takes the one that ships.
+    calibration: the DIGIT's light and, if it was fitted, its gel's modulus: a file written by
+    `t2twin calibrate`. None is the default calibration.
     layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
-    imperfections: what the CySkin adds to a press that is given a seed: "none", "white",
-    "untouched" or "all". gel, cover: the sensors' elastomers. optics: what makes the DIGIT's
-    pictures: "baked" in milliseconds, or "pyrender" in seconds and for the light that ships only.
-    Several threads may press one twin at once.
-    Raises T2TwinError for a calibration, a layout or imperfections that cannot be used.
+    imperfections: the CySkin's errors in a press with a seed: "none", "white", "baseline" or
+    "all". gel, cover: the sensors' elastomers. optics: what renders the DIGIT's images: "baked" in
+    milliseconds, or "pyrender" in seconds and for the default calibration only.
+    Several threads may use one twin at the same time.
+    Raises T2TwinError for an invalid calibration, layout or imperfections.
     """
 
     def __init__(
@@ -82,8 +44,8 @@ class Twin:
         cover: Elastomer = CYSKIN_COVER,
         optics: Renderer = "baked",
     ) -> None:
-        light = None if calibration is None else str(checks.path(calibration, "calibration"))
-        taxels = str(checks.path(layout, "layout"))
+        light = None if calibration is None else str(arguments.path(calibration, "calibration"))
+        taxels = str(arguments.path(layout, "layout"))
         self.sensors = SensorPair(
             Digit(gel=gel, calibration=light, renderer=optics),
             CySkin(cover=cover, layout_source=taxels, imperfections=imperfections),
@@ -96,7 +58,7 @@ class Twin:
 
     @property
     def background(self) -> np.ndarray:
-        """(320, 240, 3) uint8: the DIGIT untouched."""
+        """(320, 240, 3) uint8: the DIGIT's background frame, without noise."""
         return self.sensors.digit.optics.background
 
     def press(
@@ -113,30 +75,19 @@ class Twin:
     ) -> Touch:
         """Press a shape into both sensors.
 
-        shape, scale: as for `load_shape`. force_n: 0.01 to 100, 8 unless given; or depth_mm: how
-        far it travels into the DIGIT's gel from its first touch, the CySkin being touched with the
-        same force. x_mm, y_mm: where its middle stands, to the right and down in the image.
-        yaw_deg: its turn, clockwise in the image. seed: camera noise and the CySkin's imperfections
-        are drawn from it; without one there are none.
-        Raises T2TwinError for a shape, a number or a place that cannot be pressed.
+        shape, scale: as for `load_shape`. force_n: 0.01 to 100, default 8. depth_mm: instead of a
+        force, the depth in the DIGIT's gel from first contact; the CySkin is pressed with the
+        resulting force. x_mm, y_mm: position of the shape's origin, right and down in the image.
+        yaw_deg: rotation, clockwise in the image. seed: of the camera noise and the CySkin's
+        imperfections; None for neither.
+        Raises T2TwinError for an invalid shape, number or position.
         """
         if seed is not None:
             check_seed(seed)
         solid = load_shape(shape, scale)
         command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, self.sensors.digit)
         rng = None if seed is None else np.random.default_rng(seed)
-        sample = self.sensors.press(solid, command, rng)
-        return Touch(
-            solid,
-            command,
-            sample.image,
-            sample.counts,
-            sample.digit,
-            sample.cyskin,
-            self.layout,
-            self.sensors.digit.calibration,
-            self.sensors.digit.renderer,
-        )
+        return self.sensors.press(solid, command, rng)
 
 
 def press(
@@ -150,7 +101,7 @@ def press(
     seed: int | None = None,
     scale: float | None = None,
 ) -> Touch:
-    """Press a shape into the twin as it comes: see `Twin.press`."""
+    """Press a shape into a default `Twin`: see `Twin.press`."""
     return _default_twin().press(
         shape,
         force_n=force_n,
@@ -169,26 +120,27 @@ def _default_twin() -> Twin:
 
 
 def shapes() -> tuple[str, ...]:
-    """Names of all shapes that ship: the primitives, then the tools at their keypoints. Random
-    ones, `random-0` and so on, are without end."""
+    """Names of all bundled shapes: the primitives, then the tools at their keypoints.
+
+    Any number of random shapes exists besides: `random-0`, `random-1` and so on.
+    """
     return catalogue.NAMES
 
 
 def load_shape(shape: str | Path | Shape, scale: float | None = None) -> Shape:
-    """A shape by name (see `t2twin.shapes()`), a random one (`random-17`), or from a file; a Shape
-    is given back as it is.
+    """A shape by name (see `t2twin.shapes()`), a random one (`random-17`), or from a file.
 
-    A file is STL, STEP, OBJ, PLY, 3MF or GLB, its pressing side up. scale: mm in one of the file's
-    units; None takes what the file says, or 1 where it says nothing. The Shape's `notes` say what
-    had to be mended. What is prepared is kept between calls. Raises T2TwinError for an unknown
-    name, a file that cannot be pressed, and a scale that is not positive or not for a file.
+    A file is STL, STEP, OBJ, PLY, 3MF or GLB, its pressing side up. scale: mm per unit of the file;
+    None for the file's own unit, or 1 if it has none. The Shape's `notes` list repairs of the mesh.
+    A prepared file is cached on disk. A Shape is returned unchanged. Raises T2TwinError for an
+    unknown name, a file that cannot be pressed, and a scale that is not positive or without a file.
     """
     if not isinstance(shape, Shape):
-        checks.path(shape, "shape")
+        arguments.path(shape, "shape")
         return catalogue.load(shape, scale=scale)
-    checks.instance(shape.surface, "the shape's surface", HeightMap)
+    arguments.instance(shape.surface, "the shape's surface", HeightMap)
     if scale is not None:
-        raise T2TwinError(f"{shape.name} is a Shape, in mm; a scale is for files only")
+        raise T2TwinError(f"{shape.name} is a Shape, in mm; scale is for files only")
     return shape
 
 
@@ -201,16 +153,17 @@ def press_command(
     depth_mm: float | None,
     sensor: Digit | CySkin,
 ) -> PressCommand:
-    """A checked command: of a force, FORCE_N where None, or of the one that gives a depth, mm, in
-    a sensor. Raises T2TwinError for a force or depth out of range, for both, and for places not
-    finite."""
+    """The validated command of a force, FORCE_N where it is None, or of a depth in a sensor, mm.
+
+    Raises T2TwinError for a force or depth out of range, for both, and for values not finite.
+    """
     x_mm, y_mm, yaw_deg = (
-        checks.number(value, name)
+        arguments.number(value, name)
         for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("yaw_deg", yaw_deg))
     )
     if force_n is not None and depth_mm is not None:
-        raise T2TwinError("force_n and depth_mm are both given; a press is of one of them")
-    force = FORCE_N if force_n is None else checks.real(force_n, "force_n")
+        raise T2TwinError("force_n and depth_mm are both given; expected one of them")
+    force = FORCE_N if force_n is None else arguments.real(force_n, "force_n")
     check_force(force)
     command = PressCommand(shape.name, x_mm, y_mm, float(np.deg2rad(yaw_deg)), force)
     if depth_mm is None:
@@ -226,10 +179,10 @@ def other_elastomer(
     poisson: float | None = None,
     flat: bool = False,
 ) -> Elastomer:
-    """A sensor's elastomer with other properties, None leaving one as it is.
+    """A sensor's elastomer with other properties; None keeps a property.
 
-    With any of the first three it is linear elastic, so that it can be compared with theory. flat:
-    without the dome. Raises T2TwinError for values out of range.
+    With any of the first three it is linear elastic, for comparison with theory. flat: without the
+    dome. Raises T2TwinError for values out of range.
     """
     changes = {"thickness_mm": thickness_mm, "young_mpa": young_mpa, "poisson": poisson}
     given: dict[str, Any] = {k: value for k, value in changes.items() if value is not None}

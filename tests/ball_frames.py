@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from t2twin.sim.digit import deflections
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
 BALL_MM = 4.7
@@ -27,7 +27,10 @@ def write_frames(folder: Path) -> None:
     """background.png and press_*.png, with a frame's noise."""
     folder.mkdir(parents=True, exist_ok=True)
     optics, rng = DigitOptics.load(), np.random.default_rng(3)
-    save(optics.render(deflections.ball(0, 0, 1.0) * 0, rng, NOISE_GREY), folder / "background.png")
+    save(
+        optics.render(probe_surfaces.ball(0, 0, 1.0) * 0, rng, NOISE_GREY),
+        folder / "background.png",
+    )
     for index, (x_mm, y_mm, depth_mm) in enumerate(POSES):
-        surface = deflections.ball(x_mm, y_mm, depth_mm, BALL_MM / 2)
+        surface = probe_surfaces.ball(x_mm, y_mm, depth_mm, BALL_MM / 2)
         save(optics.render(surface, rng, NOISE_GREY), folder / f"press_{index:02d}.png")

@@ -79,7 +79,7 @@ def products(session_folder):
 @pytest.fixture(scope="session")
 def shape_cache(session_folder):
     """The folder of the prepared shapes, which commands use too."""
-    return catalogue.kept_in(None)
+    return catalogue.cache_folder(None)
 
 
 @pytest.fixture(scope="session")
@@ -138,7 +138,7 @@ def runs(data_dir, trained):
 def untrained_runs(products):
     """Runs of both translators with the weights that a training begins with: their folders, for
     tests that do not depend on their errors."""
-    from t2twin.translate.presets import PAPER_MODELS
+    from t2twin.translate.models.presets import PAPER_MODELS
 
     return [products.make(f"untrained/{model}", write_untrained) for model in PAPER_MODELS]
 
@@ -147,9 +147,9 @@ def write_untrained(folder):
     """Writes the run of the model that the folder is named after."""
     from t2twin.sim.cyskin.layout import load_layout
     from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-    from t2twin.translate.build import build
     from t2twin.translate.data.pairs import DataInfo
-    from t2twin.translate.presets import PRESETS
+    from t2twin.translate.models.presets import PRESETS
+    from t2twin.translate.runs.build import build
     from t2twin.translate.runs.checkpoint import save_weights
     from t2twin.translate.runs.config import BEST, RunConfig
 
@@ -183,7 +183,7 @@ def protocol_dataset(products):
 def phi():
     """phi of the layout that ships."""
     from t2twin.sim.cyskin.layout import load_layout
-    from t2twin.translate.phi import Phi
+    from t2twin.sim.cyskin.phi import Phi
 
     layout = load_layout()
     return Phi(layout.x_mm, layout.y_mm)

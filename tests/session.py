@@ -12,7 +12,7 @@ from pathlib import Path
 
 from filelock import FileLock
 
-from t2twin.primitives_cad.cache_home import VARIABLE
+from t2twin.core.cache_dir import VARIABLE
 
 SESSION = "T2TWIN_TEST_SESSION"
 """Environment variable that names the folder of the session to the workers."""
@@ -39,7 +39,7 @@ def start(numba: Path) -> Path:
     """Makes the folder of the session and sets the environment of all of its processes.
 
     numba: where compiled code is kept from one session to the next. It depends on the sources
-    alone (primitives_cad/jit.py), and compiling takes half a minute.
+    alone (t2twin/core/jit.py), and compiling takes half a minute.
     """
     folder = Path(tempfile.mkdtemp(prefix="t2twin-tests-"))
     os.environ[SESSION] = str(folder)

@@ -13,15 +13,15 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from t2twin.core.images import encode_png
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.columns import SCHEMA
 from t2twin.sim.dataset.info import FORMAT, DatasetInfo, Shard, versions
-from t2twin.sim.dataset.png import encode_png
 from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.world.plan import shard_path
-from t2twin.translate.loop import TrainingLoop
-from t2twin.translate.train import train
+from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import Trainer
 
 ROWS, COLUMNS = 320, 240
 PX_PER_MM = 8.0
@@ -91,15 +91,15 @@ def train_smoke(model: str, data_dir: Path, run_dir: Path, epochs: int) -> Path:
 @contextmanager
 def stopped_after_an_epoch() -> Iterator[None]:
     """A training inside is stopped by Ctrl-C in its second epoch."""
-    validate = TrainingLoop._validate
+    validate = Trainer._validate
 
-    def killed(self: TrainingLoop) -> float:
+    def killed(self: Trainer) -> float:
         if len(self.history) == 1:
             raise KeyboardInterrupt
         return validate(self)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(TrainingLoop, "_validate", killed)
+        patch.setattr(Trainer, "_validate", killed)
         with pytest.raises(KeyboardInterrupt):
             yield
 

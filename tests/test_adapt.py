@@ -1,4 +1,4 @@
-"""The road from a ball's frames to a translator: walked, stopped, judged, refused."""
+"""Adaptation to one DIGIT: scores, references, a whole adaptation, resuming, refusals."""
 
 import shutil
 from dataclasses import replace
@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES
 
-from t2twin.adaptation import road
-from t2twin.adaptation.fitted import PRESSES, read_fitted
-from t2twin.adaptation.judged import felt_by_the_twin, judge
-from t2twin.adaptation.record import RECORD, Scores
-from t2twin.adaptation.road import adapt
+from t2twin.adaptation import pipeline
+from t2twin.adaptation.fitted_calibration import PRESSES, read_fitted
+from t2twin.adaptation.pipeline import adapt
+from t2twin.adaptation.real_frame_evaluation import evaluate_frame, simulate_reference
+from t2twin.adaptation.record import RECORD, AdaptationScores
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.sensors import SensorPair
-from t2twin.translate.runs.shipped import HOME
-from t2twin.translate.train import train
+from t2twin.translate.runs.pretrained import HOME
+from t2twin.translate.training.train import train
 
 FULL_SCALE = 40_000.0
 BLACK = np.zeros((320, 240, 3), np.uint8)
@@ -34,8 +34,7 @@ def fake_run(counts) -> Any:
         Any,
         SimpleNamespace(
             config=SimpleNamespace(data=data),
-            translator=SimpleNamespace(learns_field=False),
-            predict=lambda image, untouched: counts,
+            predict=lambda image, background: counts,
         ),
     )
 
@@ -45,33 +44,33 @@ def bump(x_mm, y_mm, most=9000.0):
     return most * np.exp(-((layout.x_mm - x_mm) ** 2 + (layout.y_mm - y_mm) ** 2) / (2 * 5.0**2))
 
 
-def test_a_translator_that_is_right_is_judged_right():
+def test_a_correct_prediction_has_no_error():
     truth = bump(0.0, 0.0)
-    one = judge(fake_run(truth), BLACK, truth, 4.0, BLACK)
-    assert (one.rmse_percent, one.centroid_mm, one.blobs, one.force_part) == (0.0, 0.0, 1, 0.0)
+    one = evaluate_frame(fake_run(truth), BLACK, truth, 4.0, BLACK)
+    assert (one.rmse_percent, one.centroid_mm, one.regions, one.force_error) == (0.0, 0.0, 1, 0.0)
 
 
-def test_each_figure_sees_its_own_fault():
+def test_each_score_reacts_to_its_own_error():
     truth = bump(0.0, 0.0)
-    harder = judge(fake_run(1.2 * truth), BLACK, truth, 4.0, BLACK)
-    assert harder.force_part == pytest.approx(0.2) and harder.blobs == 1
+    harder = evaluate_frame(fake_run(1.2 * truth), BLACK, truth, 4.0, BLACK)
+    assert harder.force_error == pytest.approx(0.2) and harder.regions == 1
     assert harder.rmse_percent == pytest.approx(20.0 * np.sqrt(np.mean(truth**2)) / FULL_SCALE)
-    beside = judge(fake_run(bump(3.0, 0.0)), BLACK, truth, 4.0, BLACK)
+    beside = evaluate_frame(fake_run(bump(3.0, 0.0)), BLACK, truth, 4.0, BLACK)
     assert 1.5 < beside.centroid_mm < 4.0
-    apart = judge(fake_run(bump(0.0, -16.0) + bump(0.0, 16.0)), BLACK, truth, 4.0, BLACK)
-    assert apart.blobs == 2
-    scores = Scores.of([harder, apart])
-    assert scores.one_blob == 1
+    apart = evaluate_frame(fake_run(bump(0.0, -16.0) + bump(0.0, 16.0)), BLACK, truth, 4.0, BLACK)
+    assert apart.regions == 2
+    scores = AdaptationScores.of([harder, apart])
+    assert scores.single_region == 1
     assert scores.rmse_percent == pytest.approx(
         np.sqrt((harder.rmse_percent**2 + apart.rmse_percent**2) / 2)
     )
 
 
-def test_the_twin_goes_as_deep_as_the_frame_says(tmp_path):
+def test_the_reference_has_the_pose_found_in_the_frame(tmp_path):
     ball = write_ball(tmp_path / "ball.step", BALL_MM)
     frames = np.zeros((2, 320, 240, 3), np.uint8)
     poses = np.array([[1.0, -0.5, 0.9], [-2.0, 1.0, 1.2]])
-    shallow, deep = felt_by_the_twin(["a", "b"], poses, frames, [ball, ball], SensorPair())
+    shallow, deep = simulate_reference(["a", "b"], poses, frames, [ball, ball], SensorPair())
     assert 0.5 < shallow.force_n < deep.force_n < 12.0
     layout = load_layout("cyskin-20")
     for one, pose in zip((shallow, deep), poses, strict=True):
@@ -79,38 +78,41 @@ def test_the_twin_goes_as_deep_as_the_frame_says(tmp_path):
         np.testing.assert_allclose(middle, pose[:2], atol=2.0)
 
 
-def briefly(model, data_dir, preset, out_dir, minutes, start):
+def briefly(model, data_dir, preset, out_dir, minutes, init_from):
     """As many steps on every machine."""
-    assert preset == "cpu" and minutes == 0.5 and start == HOME / "field"
+    assert preset == "cpu" and minutes == 0.5 and init_from == HOME / "field"
     return train(model, data_dir, "smoke", out_dir, epochs=6)
 
 
 @pytest.fixture(scope="module")
-def walked(unit, tmp_path_factory):
+def adapted_run(unit, tmp_path_factory):
     out = tmp_path_factory.mktemp("adapted") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(road, "SHAPES_A_MINUTE", 25)
-        patch.setattr(road, "train", briefly)
+        patch.setattr(pipeline, "SHAPES_PER_MINUTE", 25)
+        patch.setattr(pipeline, "train", briefly)
         said: list[str] = []
         adapted = adapt(
-            unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0, say=said.append
+            unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0, report=said.append
         )
     assert [line for line in said if "step" in line] == [
-        f"{name}: step {number} of 4" for number, name in enumerate(road.STEPS, start=1)
+        f"{name}: step {number} of 4" for number, name in enumerate(pipeline.STEPS, start=1)
     ]
     return out, adapted
 
 
 @pytest.mark.exhaustive
-def test_the_road_leads_to_a_run_that_is_checked_on_the_frames_kept_out(walked):
-    out, adapted = walked
-    assert adapted.presses == HELD_OUT and list(adapted.minutes) == list(road.STEPS)
+def test_an_adaptation_ends_with_a_run_evaluated_on_held_out_frames(adapted_run):
+    out, adapted = adapted_run
+    assert adapted.presses == HELD_OUT and list(adapted.minutes) == list(pipeline.STEPS)
     assert adapted.optics_psnr_db > 32
     # the frames are the twin's own, so that only the fitted light lies between both
     apart = adapted.real.rmse_percent - adapted.simulated.rmse_percent
-    assert abs(apart) < 0.2 * adapted.nothing_rmse_percent
-    assert adapted.real.held_percent is not None and 0.0 < adapted.real.held_percent <= 100.0
-    assert 0.0 < adapted.constant_rmse_percent < adapted.nothing_rmse_percent < 15.0
+    assert abs(apart) < 0.2 * adapted.zero_rmse_percent
+    assert (
+        adapted.real.interval_coverage_percent is not None
+        and 0.0 < adapted.real.interval_coverage_percent <= 100.0
+    )
+    assert 0.0 < adapted.mean_array_rmse_percent < adapted.zero_rmse_percent < 15.0
     fitted = read_fitted(out)
     assert fitted is not None
     np.testing.assert_allclose(fitted.poses[:, :2], POSES[-HELD_OUT:, :2], atol=0.15)
@@ -120,26 +122,26 @@ def test_the_road_leads_to_a_run_that_is_checked_on_the_frames_kept_out(walked):
     assert info.parameters.digit.noise_grey == pytest.approx(2.8)
     for name in ("calibration.npz", "ball.step", "world.toml", "index.html", RECORD, "field"):
         assert (out / name).exists(), name
-    sure = fitted.certainty
-    assert len(sure.presses) == len(POSES) and adapted.certainty == sure
-    for press, pose in zip(sure.presses, POSES, strict=True):
+    uncertainty = fitted.uncertainty
+    assert len(uncertainty.presses) == len(POSES) and adapted.uncertainty == uncertainty
+    for press, pose in zip(uncertainty.presses, POSES, strict=True):
         assert press.depth_mm.low < pose[2] < press.depth_mm.high
         assert press.force_n is not None and press.force_n.low < press.force_n.high
     page = (out / "index.html").read_text()
-    assert "How sure" in page and all(press.name in page for press in sure.presses)
+    assert "Uncertainty" in page and all(press.name in page for press in uncertainty.presses)
     assert page.count("data:image/png") == HELD_OUT
     assert f"{adapted.real.rmse_percent:.2f} %" in page
 
 
 @pytest.mark.exhaustive
-def test_what_is_done_is_not_done_again(walked, unit, monkeypatch):
-    out, adapted = walked
+def test_finished_steps_are_not_repeated(adapted_run, unit, monkeypatch):
+    out, adapted = adapted_run
     before = (out / "field" / "best.safetensors").read_bytes()
-    monkeypatch.setattr(road, "calibrate", None)
-    monkeypatch.setattr(road, "train", briefly)
+    monkeypatch.setattr(pipeline, "calibrate", None)
+    monkeypatch.setattr(pipeline, "train", briefly)
     said: list[str] = []
     again = adapt(
-        unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0, say=said.append
+        unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0, report=said.append
     )
     assert replace(again, minutes={}) == replace(adapted, minutes={})
     assert (out / "field" / "best.safetensors").read_bytes() == before
@@ -155,18 +157,18 @@ def refused(capsys, *arguments):
 
 
 @pytest.mark.exhaustive
-def test_what_cannot_be_walked_is_refused(walked, unit, tmp_path, capsys):
-    out, _ = walked
+def test_invalid_arguments_are_refused(adapted_run, unit, tmp_path, capsys):
+    out, _ = adapted_run
     given = ("--background", unit / "background.png", "--presses", unit)
     other = ("--ball-diameter-mm", 5.0, "--held-out", HELD_OUT, "--out", out)
     assert "other frames or numbers" in refused(capsys, *given, *other)
     (tmp_path / "mine.txt").write_text("mine")
     ball = ("--ball-diameter-mm", BALL_MM)
-    assert "holds no adaptation" in refused(capsys, *given, *ball, "--out", tmp_path)
+    assert "contains no adaptation" in refused(capsys, *given, *ball, "--out", tmp_path)
     fresh = tmp_path / "fresh"
     assert "from 1 to 6000" in refused(capsys, *given, *ball, "--out", fresh, "--minutes", 0.1)
-    assert "there is no run" in refused(capsys, *given, *ball, "--out", fresh, "--start", "x")
-    wrong = ("--start", HOME / "field", "--model", "resnet18")
+    assert "there is no run" in refused(capsys, *given, *ball, "--out", fresh, "--init-from", "x")
+    wrong = ("--init-from", HOME / "field", "--model", "resnet18")
     assert "is a field run" in refused(capsys, *given, *ball, "--out", fresh, *wrong)
     assert "there is no model" in refused(capsys, *given, *ball, "--out", fresh, "--model", "x")
     assert "between 1 and 12" in refused(capsys, *given, "--ball-diameter-mm", 40, "--out", fresh)
@@ -176,8 +178,8 @@ def test_what_cannot_be_walked_is_refused(walked, unit, tmp_path, capsys):
 
 
 @pytest.mark.exhaustive
-def test_a_spoilt_file_of_an_earlier_start_is_one_sentence(walked, unit, tmp_path):
-    out = shutil.copytree(walked[0], tmp_path / "copy")
+def test_a_damaged_file_of_an_earlier_start_is_one_sentence(adapted_run, unit, tmp_path):
+    out = shutil.copytree(adapted_run[0], tmp_path / "copy")
     (out / PRESSES).write_text("{}")
     with pytest.raises(T2TwinError, match=r"presses\.json"):
         adapt(unit / "background.png", unit, BALL_MM, out, HELD_OUT, minutes=1.0)

@@ -109,7 +109,7 @@ def test_another_layout_reads_the_same_touch():
         ({"shape": "sqare-2"}, "square-2"),
         ({"shape": "square-2", "force_n": -1.0}, "0.01 to 100 N"),
         ({"shape": "square-2", "x_mm": float("nan")}, "finite"),
-        ({"shape": "square-2", "y_mm": 90.0}, "beside"),
+        ({"shape": "square-2", "y_mm": 90.0}, "not lie over"),
     ],
 )
 def test_what_cannot_be_pressed_is_said_in_a_sentence(arguments, words):

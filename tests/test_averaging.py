@@ -8,17 +8,16 @@ import torch
 from torch import nn
 
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.averaging import running_mean
-from t2twin.translate.build import TRANSLATORS
-from t2twin.translate.data.examples import Examples
-from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model
+from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.models.optimizer import weight_average
+from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model
+from t2twin.translate.runs.build import TRANSLATORS
 
 
 def mean_of(part: float, values: list[float]) -> float:
     """The mean of a one-weight network that has had these weights."""
     network = nn.Linear(1, 1, bias=False)
-    mean = running_mean(network, part)
+    mean = weight_average(network, part)
     assert mean is not None
     for value in values:
         nn.init.constant_(network.weight, value)
@@ -42,7 +41,7 @@ def test_steps_weigh_by_a_power_of_their_number(part: float) -> None:
 
 def test_batch_norms_statistics_are_means_too() -> None:
     network = nn.BatchNorm1d(1)
-    mean = running_mean(network, 1.0)
+    mean = weight_average(network, 1.0)
     assert mean is not None
     for value in (1.0, 3.0):
         network.running_mean = torch.tensor([value])
@@ -54,7 +53,7 @@ def test_batch_norms_statistics_are_means_too() -> None:
 
 
 def test_no_part_is_no_mean() -> None:
-    assert running_mean(nn.Linear(1, 1), 0.0) is None
+    assert weight_average(nn.Linear(1, 1), 0.0) is None
 
 
 @pytest.mark.parametrize("model", PAPER_MODELS)

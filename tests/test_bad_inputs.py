@@ -9,7 +9,7 @@ import pytest
 from benchmarks import bad_inputs
 from benchmarks.inputs.case import Base, Case, replaced
 from benchmarks.inputs.tried import guard_connections, try_case
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 FEWEST = 1600
 

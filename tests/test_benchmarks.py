@@ -15,7 +15,7 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.evidence.values import value, values
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_results_are_written_with_their_provenance(results, monkeypatch):
     assert origin.versions == versions() and {"python", "numpy", "torch"} <= set(origin.versions)
     assert origin.processor == processor() and origin.cores and origin.load_average is not None
     assert origin.sources and PHI.module in origin.sources
-    assert "t2twin.primitives_cad.families" in (origin.shapes or {})
+    assert "t2twin.primitives_cad.primitive_parameters" in (origin.shapes or {})
 
 
 @pytest.mark.parametrize("arguments", [["--rows", "1"], ["--keep-nothing"]])

@@ -11,19 +11,19 @@ from ball_frames import BALL_MM, HELD_OUT, POSES, save
 from PIL import Image
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import deflections
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import _check_explains, calibrate
 from t2twin.sim.digit.calibrate.frames import (
     clean_background,
+    contact_patch,
     crop,
-    touched_patch,
     upright_frame,
 )
-from t2twin.sim.digit.calibrate.response import MOST_TERMS, Sums, chosen
-from t2twin.sim.digit.calibrate.scores import cut_and_paste, repeats_floor, score, untouched_floor
+from t2twin.sim.digit.calibrate.ridge import MAX_TERMS, Sums, select_terms
+from t2twin.sim.digit.calibrate.scores import background_floor, cut_and_paste, repeats_floor, score
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
 ONE_PIXEL_MM = 1 / DIGIT_CAMERA.scale_px_per_mm
@@ -71,16 +71,16 @@ def test_held_out_presses_score_near_the_noise(report):
     assert scores.cut_and_paste.psnr_db > scores.do_nothing.psnr_db + 4
     assert scores.calibrated.ssim > scores.cut_and_paste.ssim
     assert min(each.psnr_db for each in report.each) > 30
-    assert scores.untouched_floor.l1 == pytest.approx(
+    assert scores.background_floor.l1 == pytest.approx(
         2 / np.sqrt(np.pi) * NOISE_GREY, rel=0.15
     )  # and shadows' tails
 
 
 def test_a_unit_of_another_make_is_not_what_ships(report, unit):
-    """The fit must come from the frames: the colours handed round, it follows them."""
+    """The fit must come from the frames: the colors handed round, it follows them."""
     optics = DigitOptics(report.calibration)
-    picture = optics.render(deflections.ball(0.5, 0.2, 1.0, BALL_MM / 2))
-    wanted = DigitOptics.load().render(deflections.ball(0.5, 0.2, 1.0, BALL_MM / 2))
+    picture = optics.render(probe_surfaces.ball(0.5, 0.2, 1.0, BALL_MM / 2))
+    wanted = DigitOptics.load().render(probe_surfaces.ball(0.5, 0.2, 1.0, BALL_MM / 2))
     place = (163.0, 129.0)
     assert score(crop(wanted, place), crop(picture, place)).psnr_db > 30
     swapped = wanted[..., [1, 2, 0]]
@@ -103,7 +103,7 @@ def test_the_file_is_what_press_takes(report, tmp_path):
 
 def test_an_untouched_gel_gives_the_cleaned_background(report):
     optics = DigitOptics(report.calibration)
-    still = optics.render(deflections.ball(0, 0, 1.0) * 0)
+    still = optics.render(probe_surfaces.ball(0, 0, 1.0) * 0)
     np.testing.assert_array_equal(still, report.calibration.background)
     truth = DigitOptics.load().background
     assert np.abs(still.astype(float) - truth).mean() < 0.5 * NOISE_GREY
@@ -137,12 +137,12 @@ def test_light_that_drifts_is_the_frames_own():
 
 def sums_of(powers, presses, rng, noise):
     """What a fit needs of presses whose light has a known response, of this degree in the place."""
-    response = rng.normal(0.0, 1.0, (3, MOST_TERMS.entries))
-    of_most = np.tile(np.repeat(MOST_TERMS.place_degrees <= powers, 4), 3)
+    response = rng.normal(0.0, 1.0, (3, MAX_TERMS.entries))
+    of_most = np.tile(np.repeat(MAX_TERMS.place_degrees <= powers, 4), 3)
     response *= np.where(of_most, 1.0, 0.0)
     made = []
     for _ in range(presses):
-        columns = rng.normal(0.0, 1.0, (400, MOST_TERMS.entries))
+        columns = rng.normal(0.0, 1.0, (400, MAX_TERMS.entries))
         shown = columns @ response.T + rng.normal(0.0, noise, (400, 3))
         made.append(Sums.of(columns, shown))
     return made
@@ -150,8 +150,8 @@ def sums_of(powers, presses, rng, noise):
 
 def test_as_many_terms_are_taken_as_presses_determine():
     rng = np.random.default_rng(0)
-    assert chosen(sums_of(4, 12, rng, 0.1)).degree == 4
-    assert chosen(sums_of(2, 6, rng, 3.0)).degree == 2
+    assert select_terms(sums_of(4, 12, rng, 0.1)).degree == 4
+    assert select_terms(sums_of(2, 6, rng, 3.0)).degree == 2
 
 
 def test_a_press_left_out_is_judged_by_its_own_columns():
@@ -168,22 +168,22 @@ def test_what_is_written_is_fitted_to_all_presses(report):
     assert report.calibration.noise.grey == pytest.approx(NOISE_GREY, rel=0.06)
     assert report.scored_by.noise is None
     assert not np.array_equal(report.calibration.response, report.scored_by.response)
-    surface = deflections.ball(0.5, 0.2, 1.0, BALL_MM / 2)
+    surface = probe_surfaces.ball(0.5, 0.2, 1.0, BALL_MM / 2)
     one, other = (DigitOptics(of).render(surface) for of in (report.calibration, report.scored_by))
     assert score(one, other).psnr_db > 32
 
 
 def test_a_patch_is_where_the_press_is():
     optics = DigitOptics.load()
-    picture = optics.render(deflections.ball(1.5, -2.0, 1.0))
-    patch = touched_patch(picture, optics.background)
+    picture = optics.render(probe_surfaces.ball(1.5, -2.0, 1.0))
+    patch = contact_patch(picture, optics.background)
     assert patch is not None
     row, column = patch
     assert row == pytest.approx(159.5 - 2.0 * 19.2, abs=20)
     assert column == pytest.approx(119.5 + 1.5 * 19.2, abs=20)
-    assert touched_patch(optics.background, optics.background) is None
+    assert contact_patch(optics.background, optics.background) is None
     dimmer = (optics.background * 0.9).astype(np.uint8)
-    assert touched_patch(dimmer, optics.background) is None
+    assert contact_patch(dimmer, optics.background) is None
 
 
 def test_cut_and_paste_moves_a_press_exactly():
@@ -204,9 +204,9 @@ def test_noise_floors():
     floor = repeats_floor(frames, poses, places)
     assert floor is not None and floor.l1 == expected
     assert repeats_floor(frames[1:], poses[1:], places[1:]) is None
-    away = untouched_floor(frames, places)
+    away = background_floor(frames, places)
     assert away is not None and away.l1 == expected
-    assert untouched_floor(frames[:1], places[:1]) is None
+    assert background_floor(frames[:1], places[:1]) is None
 
 
 @pytest.fixture
@@ -301,7 +301,7 @@ def test_what_is_no_calibration_is_refused(tmp_path):
     with pytest.raises(T2TwinError, match="not a calibration"):
         Calibration.load(bad)
     bad.write_bytes(good.read_bytes()[:500])
-    with pytest.raises(T2TwinError, match=r"no \.npz file"):
+    with pytest.raises(T2TwinError, match=r"not an \.npz file"):
         Calibration.load(bad)
 
 
@@ -318,5 +318,5 @@ def test_a_fit_that_explains_nothing_is_refused(report):
     """As one to noise does: nearer to the frames than their own background it must be."""
     _check_explains(report.scores)
     worthless = replace(report.scores, calibrated=report.scores.do_nothing)
-    with pytest.raises(T2TwinError, match="explains nothing"):
+    with pytest.raises(T2TwinError, match="does not explain"):
         _check_explains(worthless)

@@ -9,17 +9,17 @@ import pytest
 from ball_frames import POSES, save
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import deflections
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.forces import BallForces, fitted_young_mpa
-from t2twin.sim.digit.calibrate.known import FORCES, Tolerance, read_known
-from t2twin.sim.digit.calibrate.words import lines_of
+from t2twin.sim.digit.calibrate.forces import BallForces, fit_young_mpa
+from t2twin.sim.digit.calibrate.measurements import FORCES, Tolerance, read_measurements
+from t2twin.sim.digit.calibrate.record import uncertainty_lines
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
-from t2twin.sim.digit.units import UnitDraw, draw_unit
-from t2twin.sim.press.elastomer import DIGIT_GEL
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.sensors import Digit
 
 SCALE, YOUNG_MPA = 18.0, 0.42
@@ -37,10 +37,10 @@ def twin_frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("twin")
     optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE))
     rng = np.random.default_rng(5)
-    still = optics.render(deflections.ball(0, 0, 1.0) * 0, rng, NOISE_GREY)
+    still = optics.render(probe_surfaces.ball(0, 0, 1.0) * 0, rng, NOISE_GREY)
     save(still, folder / "background.png")
     for name, (x_mm, y_mm, depth_mm), ball_mm in zip(NAMES, TRUE_POSES, BALLS_MM, strict=True):
-        surface = deflections.ball(x_mm, y_mm, depth_mm, ball_mm / 2)
+        surface = probe_surfaces.ball(x_mm, y_mm, depth_mm, ball_mm / 2)
         save(optics.render(surface, rng, NOISE_GREY), folder / name)
     return folder
 
@@ -68,7 +68,7 @@ def stated(twin_frames, tmp_path_factory):
     """Fitted as one fits who knows no more than two balls' diameters, and these not quite."""
     folder = copy_of(twin_frames, tmp_path_factory)
     table(folder, ("ball_diameter_mm", BALLS_MM + OFF_MM))
-    return calibrate(folder / "background.png", folder, 5.0, 1).certainty
+    return calibrate(folder / "background.png", folder, 5.0, 1).uncertainty
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +86,7 @@ def anchored(twin_frames, true_forces_n, tmp_path_factory):
 
 
 def test_the_truth_lies_within_the_stated_ranges(stated, true_forces_n):
-    assert (stated.depths_known, stated.forces_known, stated.young_mpa) == (0, 0, None)
+    assert (stated.depth_measurements, stated.force_measurements, stated.young_mpa) == (0, 0, None)
     assert stated.scale_px_per_mm.low <= SCALE <= stated.scale_px_per_mm.high
     for press, pose, ball_mm, force_n in zip(
         stated.presses, TRUE_POSES, BALLS_MM, true_forces_n, strict=True
@@ -94,7 +94,7 @@ def test_the_truth_lies_within_the_stated_ranges(stated, true_forces_n):
         assert press.ball_diameter_mm == pytest.approx(ball_mm + OFF_MM)
         assert press.depth_mm.low < pose[2] < press.depth_mm.high
         assert press.force_n.low < force_n < press.force_n.high
-        assert press.depth_mm.low < press.depth_mm.at < press.depth_mm.high
+        assert press.depth_mm.low < press.depth_mm.value < press.depth_mm.high
         # with the square of the scale, and a little with the ball
         assert press.depth_mm.high / press.depth_mm.low == pytest.approx(
             (21.2 / 17.2) ** 2, rel=0.15
@@ -103,16 +103,16 @@ def test_the_truth_lies_within_the_stated_ranges(stated, true_forces_n):
 
 @pytest.mark.exhaustive
 def test_anchors_find_scale_and_modulus(anchored, true_forces_n):
-    sure = json.loads((anchored / "calibration.json").read_text())["certainty"]
-    assert (sure["depths_known"], sure["forces_known"]) == (3, PRESSES - 3)
-    assert sure["scale_px_per_mm"]["at"] == pytest.approx(SCALE, rel=0.01)
-    assert sure["young_mpa"]["at"] == pytest.approx(YOUNG_MPA, rel=0.04)
+    sure = json.loads((anchored / "calibration.json").read_text())["uncertainty"]
+    assert (sure["depth_measurements"], sure["force_measurements"]) == (3, PRESSES - 3)
+    assert sure["scale_px_per_mm"]["value"] == pytest.approx(SCALE, rel=0.01)
+    assert sure["young_mpa"]["value"] == pytest.approx(YOUNG_MPA, rel=0.04)
     for name, truth in (("scale_px_per_mm", SCALE), ("young_mpa", YOUNG_MPA)):
         assert sure[name]["low"] < truth < sure[name]["high"]
-    assert sure["depth_off_mm"] < 0.02 and sure["force_off_n"] < 0.06
+    assert sure["depth_residual_mm"] < 0.02 and sure["force_residual_n"] < 0.06
     for press, pose, force_n in zip(sure["presses"], TRUE_POSES, true_forces_n, strict=True):
-        assert press["depth_mm"]["at"] == pytest.approx(pose[2], rel=0.03)
-        assert press["force_n"]["at"] == pytest.approx(force_n, rel=0.05)
+        assert press["depth_mm"]["value"] == pytest.approx(pose[2], rel=0.03)
+        assert press["force_n"]["value"] == pytest.approx(force_n, rel=0.05)
         assert press["depth_mm"]["high"] < 1.15 * press["depth_mm"]["low"]
 
 
@@ -128,7 +128,7 @@ def test_a_fitted_modulus_is_pressed_into(anchored, shapes):
         for of in (digit, assumed)
     )
     assert soft.depth_mm > 1.05 * hard.depth_mm
-    unit = draw_unit(np.random.default_rng(0), UnitDraw(), calibration)
+    unit = sample_unit(np.random.default_rng(0), UnitRanges(), calibration)
     assert assumed.with_unit(unit).elastomer == digit.elastomer
     linear = replace(DIGIT_GEL, young_mpa=0.5, law="linear")
     assert Digit(gel=linear, calibration=digit.calibration).elastomer == linear
@@ -154,15 +154,15 @@ def test_force_goes_with_the_modulus(shapes):
     soft = Digit(gel=soft_gel).press(shapes("hemisphere-1"), replace(command, force_n=1.8))
     assert soft.depth_mm == pytest.approx(hard.depth_mm, rel=1e-3)
     known, assumed = np.array([1.8, np.nan, 2.0]), np.array([3.0, 1.0, np.nan])
-    assert fitted_young_mpa(known, assumed) == pytest.approx(soft_gel.young_mpa)
-    with pytest.raises(T2TwinError, match="no press of a known force"):
-        fitted_young_mpa(known, np.full(3, np.nan))
+    assert fit_young_mpa(known, assumed) == pytest.approx(soft_gel.young_mpa)
+    with pytest.raises(T2TwinError, match="no press with a measured force"):
+        fit_young_mpa(known, np.full(3, np.nan))
 
 
 def test_it_is_said(stated):
-    said = "\n".join(lines_of(stated))
-    assert "The scale is 19.2 px/mm, within 2, as stated" in said
-    assert "0.5 MPa, within 0.1, as assumed" in said
+    said = "\n".join(uncertainty_lines(stated))
+    assert "The scale is 19.2 px/mm within 2, as given" in said
+    assert "0.5 MPa, within 0.1" in said
     assert all(name in said for name in NAMES)
 
 
@@ -173,7 +173,7 @@ def test_it_is_said(stated):
         ("file;force_n\npress_00.png;1,5\n", None),
         ("", "cannot be read"),
         ("force_n\n1.5\n", "has no column file"),
-        ("file,force_n\nnone.png,1.5\n", "names none.png, which is no frame"),
+        ("file,force_n\nnone.png,1.5\n", "names none.png, which is not a frame"),
         ("file,force_n\npress_00.png,1.5\npress_00.png,1.6\n", "names press_00.png twice"),
         ("file,force_n\npress_00.png,0\n", r"line 2: force_n must be a number at least 0.01"),
         ("file,force_n\npress_00.png,soft\n", r"line 2: force_n is text; it must be a number"),
@@ -185,12 +185,12 @@ def test_it_is_said(stated):
 def test_the_table_is_checked(content, says, tmp_path):
     (tmp_path / FORCES).write_text(content)
     if says is None:
-        known = read_known(tmp_path, NAMES, 4.7)
+        known = read_measurements(tmp_path, NAMES, 4.7)
         assert (known.diameters_mm == 4.7).all() and not known.has_depths
         assert known.has_forces == ("1,5" in content)
         return
     with pytest.raises(T2TwinError, match=says):
-        read_known(tmp_path, NAMES, 4.7)
+        read_measurements(tmp_path, NAMES, 4.7)
 
 
 def refused(folder, **numbers):
@@ -211,7 +211,7 @@ def test_tolerances_that_cannot_be_are_refused(twin_frames):
 def test_displacements_of_held_out_presses_alone_are_refused(twin_frames, tmp_path_factory):
     folder = copy_of(twin_frames, tmp_path_factory)
     table(folder, ("depth_mm", [None] * (PRESSES - 1) + [1.0]))
-    assert "held out only" in refused(folder)
+    assert "held-out presses only" in refused(folder)
 
 
 def test_displacements_in_another_unit_are_refused(twin_frames, tmp_path_factory):

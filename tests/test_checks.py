@@ -6,44 +6,44 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 
 
 @pytest.mark.parametrize("value", [2, 2.0, np.float32(2), np.int64(2), np.uint8(2), Fraction(2)])
 def test_scalars_are_numbers(value):
-    found = checks.number(value, "x", 0, 3)
+    found = arguments.number(value, "x", 0, 3)
     assert found == 2.0 and type(found) is float
 
 
 @pytest.mark.parametrize("value", [2, np.int64(2), np.uint8(2)])
 def test_integers_are_whole_numbers(value):
-    assert type(checks.whole_number(value, "n", low=0, high=2)) is int
+    assert type(arguments.whole_number(value, "n", low=0, high=2)) is int
 
 
 @pytest.mark.parametrize(
     "check, value, words",
     [
-        (checks.number, "8", "x is '8' of type str; expected a number"),
-        (checks.number, True, "x is True of type bool; expected a number"),
-        (checks.number, np.True_, "expected a number"),
-        (checks.number, 1j, "expected a number"),
-        (checks.number, np.ones(3), r"x is of type ndarray, shape \(3,\) and float64; expected"),
-        (checks.number, float("nan"), "x is nan; expected a finite number"),
-        (checks.number, -(10**400), "x is -inf; expected a finite number"),
-        (checks.whole_number, 1.0, "x is 1.0 of type float; expected a whole number"),
-        (checks.flag, 1, "expected True or False"),
-        (checks.path, "", "expected a path"),
-        (checks.path, b"x", "expected a path"),
-        (checks.path, "a\0b", "expected a path"),
-        (checks.paths, "x.png", "expected a list of paths"),
-        (checks.paths, ["a", None], r"x\[1\] is None; expected a path"),
-        (checks.array, [[1.0], [1.0, 2.0]], "expected an array of numbers"),
-        (checks.vector, np.ones((2, 2)), r"x has shape \(2, 2\); expected \(n,\)"),
-        (checks.vector, [1.0, np.nan], "not finite"),
-        (checks.text, "x" * 100, None),
-        (checks.text, 5, "expected text"),
-        (checks.function, 5, "expected a function"),
+        (arguments.number, "8", "x is '8' of type str; expected a number"),
+        (arguments.number, True, "x is True of type bool; expected a number"),
+        (arguments.number, np.True_, "expected a number"),
+        (arguments.number, 1j, "expected a number"),
+        (arguments.number, np.ones(3), r"x is of type ndarray, shape \(3,\) and float64; expected"),
+        (arguments.number, float("nan"), "x is nan; expected a finite number"),
+        (arguments.number, -(10**400), "x is -inf; expected a finite number"),
+        (arguments.whole_number, 1.0, "x is 1.0 of type float; expected a whole number"),
+        (arguments.flag, 1, "expected True or False"),
+        (arguments.path, "", "expected a path"),
+        (arguments.path, b"x", "expected a path"),
+        (arguments.path, "a\0b", "expected a path"),
+        (arguments.paths, "x.png", "expected a list of paths"),
+        (arguments.paths, ["a", None], r"x\[1\] is None; expected a path"),
+        (arguments.array, [[1.0], [1.0, 2.0]], "expected an array of numbers"),
+        (arguments.vector, np.ones((2, 2)), r"x has shape \(2, 2\); expected \(n,\)"),
+        (arguments.vector, [1.0, np.nan], "not finite"),
+        (arguments.text, "x" * 100, None),
+        (arguments.text, 5, "expected text"),
+        (arguments.function, 5, "expected a function"),
     ],
 )
 def test_one_sentence_names_the_argument_the_value_and_what_is_allowed(check, value, words):
@@ -62,11 +62,11 @@ def test_bounds_are_named():
         (-np.inf, -3, "of at most -3"),
     ):
         with pytest.raises(T2TwinError, match=words):
-            checks.number(0, "x", low, high)
+            arguments.number(0, "x", low, high)
     with pytest.raises(T2TwinError, match="0 of type int; expected a whole number of at least 1"):
-        checks.whole_number(0, "n", low=1)
+        arguments.whole_number(0, "n", low=1)
 
 
 def test_paths_are_paths():
-    assert checks.path("a/b", "x") == Path("a/b")
-    assert checks.paths(("a", Path("b")), "x") == [Path("a"), Path("b")]
+    assert arguments.path("a/b", "x") == Path("a/b")
+    assert arguments.paths(("a", Path("b")), "x") == [Path("a"), Path("b")]

@@ -4,9 +4,9 @@ import os
 
 import pytest
 
-from t2twin.primitives_cad.checksum import (
+from t2twin.core.cached_files import (
     BLOCK_BYTES,
-    SIZE,
+    TRAILER_BYTES,
     add_checksum,
     is_intact,
     read_checked,
@@ -14,7 +14,9 @@ from t2twin.primitives_cad.checksum import (
 )
 
 
-@pytest.mark.parametrize("size", [0, 1, SIZE, BLOCK_BYTES - SIZE, BLOCK_BYTES, BLOCK_BYTES + 3])
+@pytest.mark.parametrize(
+    "size", [0, 1, TRAILER_BYTES, BLOCK_BYTES - TRAILER_BYTES, BLOCK_BYTES, BLOCK_BYTES + 3]
+)
 def test_what_is_written_is_read(tmp_path, size):
     content = os.urandom(size)
     write_checked(tmp_path / "a", content)

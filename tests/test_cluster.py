@@ -11,10 +11,10 @@ from contextlib import contextmanager
 import pytest
 from waiting import wait_until
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset import cluster
 from t2twin.sim.dataset.generate import generate
-from t2twin.sim.dataset.shard import Making
+from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import INFO, LOG, read_info
 from t2twin.sim.dataset.verify import verify
 from t2twin.sim.sensors import SensorPair
@@ -103,14 +103,14 @@ def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
         generate(tmp_path / "none", "smoke", cache=shape_cache, shapes=SHAPES[:1],
                  scheduler="tcp://127.0.0.1:9")  # fmt: skip
     for address in ("foo", "http://127.0.0.1:8786", "tcp://127.0.0.1", ""):
-        with pytest.raises(T2TwinError, match="no address of a Dask scheduler"):
+        with pytest.raises(T2TwinError, match="not the address of a Dask scheduler"):
             generate(tmp_path / "refused", "smoke", cache=shape_cache, shapes=SHAPES[:1],
                      scheduler=address)  # fmt: skip
     assert not (tmp_path / "refused").exists()
     batch = Batch("train/square-1.parquet", "train", 0, ("square-1",), (0,), (0,), 1)
     elsewhere = str(tmp_path / "elsewhere")
-    making = Making(load_recipe("paper"), SensorPair(), elsewhere, str(shape_cache))
+    making = ShardContext(load_recipe("paper"), SensorPair(), elsewhere, str(shape_cache))
     with scheduler() as address, worker(address, tmp_path):
-        for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "does not see")):
+        for needed, said in (({"numpy": "1.0"}, "numpy"), ({}, "cannot read")):
             with pytest.raises(T2TwinError, match=said):
                 list(cluster.run(making, [batch], address, needed, lambda pairs: None))

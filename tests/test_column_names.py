@@ -2,8 +2,8 @@
 
 import pytest
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.column_names import check_names, nearest
+from t2twin.core.errors import T2TwinError
+from t2twin.core.records import check_names, nearest
 from t2twin.sim.dataset.columns import SCHEMA
 
 KNOWN = ("file", "force_n", "depth_mm", "ball_diameter_mm")

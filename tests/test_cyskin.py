@@ -1,15 +1,17 @@
 import json
 
+import msgspec
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
 from benchmarks.solids import ball
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import Layout, load_layout
-from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import CySkin
+from t2twin.sim.world.recipe import Recipe, load_recipe
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +56,19 @@ def test_counts_rise_with_force_and_flatten_at_saturation(sensor):
     assert (read <= taxels.FULL_SCALE_COUNTS).all()
 
 
+def test_the_preset_baseline_is_read_by_its_earlier_name(tmp_path):
+    file = tmp_path / "own.toml"
+    part = '[[parts]]\nshapes = "primitives"\n'
+    file.write_text(f'name = "own"\nimperfections = "untouched"\n{part}')
+    recipe = load_recipe(file)
+    assert recipe.imperfections == "baseline"
+    stored = msgspec.json.encode(recipe).replace(b"baseline", b"untouched")
+    assert msgspec.json.decode(stored, type=Recipe) == recipe
+
+
 def test_untouched_readings_scatter_as_the_real_ones_do():
     layout, rng = load_layout(), np.random.default_rng(0)
-    flaws = reading.imperfections("untouched")
+    flaws = reading.imperfections("baseline")
     # Around an offset, so that readings below the baseline are seen too.
     offset = 5000.0
     samples = np.array([reading.read(np.full(20, offset), layout, flaws, rng) for _ in range(2000)])
@@ -99,10 +111,10 @@ def test_the_default_layout_is_a_triangular_grid():
 
 
 def test_the_denser_layout_holds_the_default_one():
-    """And one more taxel midway between any two neighbours: a triangular grid of half the pitch."""
+    """And one more taxel midway between any two neighbors: a triangular grid of half the pitch."""
     coarse, fine = load_layout(), load_layout("cyskin-63")
     places, of = (np.stack([each.x_mm, each.y_mm], 1) for each in (fine, coarse))
-    assert fine.size == 20 + 43  # 3 x 5 + 4 x 4 + 3 x 4 pairs of neighbours
+    assert fine.size == 20 + 43  # 3 x 5 + 4 x 4 + 3 x 4 pairs of neighbors
     apart, _ = KDTree(places).query(of)
     assert apart.max() < 1e-3
     nearest = KDTree(places).query(places, k=2)[0][:, 1]

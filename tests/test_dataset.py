@@ -17,11 +17,11 @@ import pytest
 from waiting import wait_until
 
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.info import Shard
-from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
     LOG,
     read_info,
@@ -156,9 +156,9 @@ def test_verify_finds_what_a_digest_cannot(made, tmp_path, capsys):
     image, counts = table["image"].to_pylist(), table["taxels"].to_pylist()
     index = table["index"].to_pylist()
     for changes, said in (
-        ({"index": [index[0], index[0], index[2]]}, "comes more than once"),
-        ({"x_mm": [99.0, *table["x_mm"].to_pylist()[1:]]}, "x_mm is not what was planned"),
-        ({"shape": ["circle-1"] * 3}, "another shape"),
+        ({"index": [index[0], index[0], index[2]]}, "is repeated"),
+        ({"x_mm": [99.0, *table["x_mm"].to_pylist()[1:]]}, "x_mm is not the planned one"),
+        ({"shape": ["circle-1"] * 3}, "its shape is not the one of its name"),
         ({"split": ["train", "val", "train"]}, "another split"),
         ({"image": [{"bytes": b"no picture", "path": ""}, *image[1:]]}, "cannot be decoded"),
         ({"image": [None, *image[1:]]}, "cannot be decoded"),
@@ -300,7 +300,7 @@ def test_shapes_of_another_code_are_not_mixed(made, tmp_path, shape_cache, code)
     ("asked", "said"),
     [
         ({"seed": -1}, "the seed is -1"),
-        ({"workers": 0}, "0 workers"),
+        ({"workers": 0}, "workers is 0"),
         ({"scale": "huge"}, "no scale 'huge'"),
         ({"shapes": ("square-1", "sphere")}, "sphere"),
         ({"layout": "x_mm,y_mm\n0,0\n5,0\n13.9,0\n"}, "outside the cover"),

@@ -4,9 +4,9 @@ import pytest
 
 import t2twin
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.press.depth import TOLERANCE_MM, force_at_depth
-from t2twin.sim.press.records import PressCommand
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.depth import TOLERANCE_MM, force_at_depth
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors import CySkin, Digit
 
 

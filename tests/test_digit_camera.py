@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
-from t2twin.sim.press.elastomer import DIGIT_GEL
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
 
 
-def test_one_millimetre_at_the_apex_is_the_stated_scale():
+def test_one_millimeter_at_the_apex_is_the_stated_scale():
     x = np.array([0.0, 1.0])
     rows, columns = DIGIT_CAMERA.project(x, np.zeros(2), np.zeros(2))
     assert columns[1] - columns[0] == pytest.approx(19.2)

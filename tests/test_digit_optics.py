@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import deflections, shadows
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.leds import DIGIT_LEDS
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.light import shadows
+from t2twin.sim.digit.light.leds import DIGIT_LEDS
 from t2twin.sim.digit.optics import DigitOptics
-from t2twin.sim.digit.reference import ReferenceRenderer
+from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 
 X_MM, Y_MM = np.meshgrid(*optical_grid())
 FLAT = np.zeros(X_MM.shape)
@@ -51,7 +52,7 @@ def test_an_untouched_gel_gives_the_background(optics):
 
 
 def test_far_from_a_press_the_picture_is_the_background(optics):
-    picture = optics.render(deflections.ball(-3.5, -5.0, 0.6)).astype(int)
+    picture = optics.render(probe_surfaces.ball(-3.5, -5.0, 0.6)).astype(int)
     assert np.abs(picture[200:] - optics.background[200:]).max() <= 1
     assert np.abs(picture[:200] - optics.background[:200]).max() > 40
 
@@ -64,9 +65,9 @@ def test_the_shipped_background_is_the_reference(optics, reference):
 @pytest.mark.parametrize(
     "surface, place",
     [
-        (deflections.ball(1.0, -1.4, 1.2), (1.0, -1.4)),
-        (deflections.block(-1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
-        (deflections.ring(0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
+        (probe_surfaces.ball(1.0, -1.4, 1.2), (1.0, -1.4)),
+        (probe_surfaces.block(-1.5, 2.0, 0.6, 6.0, 3.0, 0.5), (-1.5, 2.0)),
+        (probe_surfaces.ring(0.5, 1.0, 0.7, 2.2, 3.0), (0.5, 1.0)),
     ],
     ids=["ball", "block", "ring"],
 )
@@ -81,7 +82,7 @@ def test_the_baked_picture_is_the_reference(optics, reference, surface, place):
 
 
 def test_without_shadows_every_led_is_missed_on_its_far_side(optics):
-    surface = deflections.ball(0.5, 0.5, 1.2)
+    surface = probe_surfaces.ball(0.5, 0.5, 1.2)
     bare = DigitOptics(Calibration.load(), shadows=False)
     lost = bare.render(surface).astype(int) - optics.render(surface)
     assert lost.min() >= -1
@@ -91,9 +92,9 @@ def test_without_shadows_every_led_is_missed_on_its_far_side(optics):
     rows, columns = np.mgrid[:ROWS, :COLUMNS]
     for channel, led in enumerate(DIGIT_LEDS):
         weight = np.clip(lost[..., channel] - 25, 0, None)  # the LED's own channel, mostly
-        centre = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
+        center = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
         angle = np.radians(led.angle_deg)
-        assert (centre - middle) @ np.array([np.sin(angle), -np.cos(angle)]) > 15
+        assert (center - middle) @ np.array([np.sin(angle), -np.cos(angle)]) > 15
 
 
 def test_a_wall_hides_half_the_led_where_similar_triangles_say():
@@ -103,7 +104,7 @@ def test_a_wall_hides_half_the_led_where_similar_triangles_say():
     heights[:, wall - 10 : wall + 1] = -height
     led = np.array([[-15.0, 1.0, -4.0]], dtype=np.float32)  # in line with row 10, left of the wall
     sight, shadowed = np.ones((1, *heights.shape), dtype=np.float32), np.empty((1, 4), np.int64)
-    shadows.sight_of_leds(
+    shadows.led_visibility(
         heights, start, start, pitch, (0, 21, wall - 11, wall + 2), (0, 21, 0, 200), led,
         np.array([0.5]), sight, shadowed,
     )  # fmt: skip
@@ -129,8 +130,8 @@ def test_noise_has_the_stated_deviation_and_comes_from_the_generator(optics):
     noise = first.astype(float) - optics.background
     assert noise.mean() == pytest.approx(0.0, abs=0.03)
     assert noise.std() == pytest.approx(np.hypot(3.0, np.sqrt(1 / 12)), rel=0.02)
-    neighbours = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
-    assert abs(neighbours) < 0.01
+    neighbors = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
+    assert abs(neighbors) < 0.01
 
 
 def test_no_generator_or_no_deviation_gives_no_noise(optics):

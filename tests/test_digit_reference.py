@@ -1,22 +1,22 @@
-"""Truths of the reference picture: light, colour, shadow and symmetry."""
+"""Truths of the reference picture: light, color, shadow and symmetry."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import deflections
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.leds import AMBIENT, DIGIT_LEDS, permuted
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS, permuted
 from t2twin.sim.digit.optics import DigitOptics
-from t2twin.sim.digit.reference import ReferenceRenderer, encode
-from t2twin.sim.press.elastomer import DIGIT_GEL
+from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer, encode
 
 X_MM, Y_MM = np.meshgrid(*optical_grid())
 FLAT = np.zeros(X_MM.shape)
 PURE = tuple(
-    replace(led, colour=colour) for led, colour in zip(DIGIT_LEDS, np.eye(3).tolist(), strict=True)
+    replace(led, color=color) for led, color in zip(DIGIT_LEDS, np.eye(3).tolist(), strict=True)
 )
 GREY_AMBIENT = (0.03, 0.03, 0.03)
 
@@ -28,7 +28,7 @@ def render(surface_mm, leds=PURE, ambient=GREY_AMBIENT, shadows=True):
 
 @pytest.fixture(scope="module")
 def ball():
-    return deflections.ball(0.8, -0.6, 1.2)
+    return probe_surfaces.ball(0.8, -0.6, 1.2)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_with_the_leds_off_only_the_ambient_light_is_left(ball):
     assert np.abs(picture - expected).max() <= 1
 
 
-def test_leds_with_exchanged_colours_exchange_the_channels(ball, ball_picture):
+def test_leds_with_exchanged_colors_exchange_the_channels(ball, ball_picture):
     exchanged = render(ball, permuted(PURE, (1, 0, 2)))
     np.testing.assert_array_equal(exchanged, ball_picture[..., [1, 0, 2]])
 
@@ -80,10 +80,10 @@ def test_each_led_casts_its_shadow_on_the_far_side(ball, ball_picture):
     for channel, led in enumerate(PURE):
         weight = np.clip(lost[..., channel] - 10, 0, None)
         assert weight.sum() > 0
-        centre = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
+        center = np.array([(rows * weight).sum(), (columns * weight).sum()]) / weight.sum()
         angle = np.radians(led.angle_deg)
         away = np.array([np.sin(angle), -np.cos(angle)])
-        assert (centre - middle) @ away > 15  # pixels
+        assert (center - middle) @ away > 15  # pixels
 
 
 def test_a_gel_pressed_flat_everywhere_shows_no_edges():
@@ -101,7 +101,7 @@ def test_a_surface_on_another_grid_is_refused():
 def test_the_baked_model_takes_a_gel_without_a_dome():
     flat_gel = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
     own, domed = DigitOptics.load(gel=flat_gel), DigitOptics.load()
-    pressed = deflections.ball(0.5, -0.5, 0.8)
+    pressed = probe_surfaces.ball(0.5, -0.5, 0.8)
     middle = (slice(100, 200), slice(80, 180))
     with ReferenceRenderer(led_points=5, gel=flat_gel) as renderer:
         pictures = [renderer.render(surface) for surface in (FLAT, pressed)]

@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.documents import markers, tables
 from benchmarks.documents.formats import formatted
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 
 def test_documents_are_in_step_with_the_results():

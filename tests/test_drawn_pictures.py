@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from t2twin.translate.evaluation.drawn_pictures import (
+from t2twin.translate.evaluation.metrics.image_metrics import (
     CONTACT_GREY,
     DETAILS_MM,
-    compare_pictures,
+    compare_images,
     explained_by_detail,
     in_contact,
     intervals,
@@ -35,7 +35,7 @@ def test_the_contact_is_where_the_untouched_picture_has_changed(real: np.ndarray
 
 
 def test_the_real_picture_itself_is_without_fault(real: np.ndarray) -> None:
-    result = scores(compare_pictures(real, real, UNTOUCHED))
+    result = scores(compare_images(real, real, UNTOUCHED))
     assert result.rmse_percent == result.rmse_contact_percent == 0.0
     assert result.ssim_contact == pytest.approx(1.0) and result.psnr_contact_db > 70.0
 
@@ -44,13 +44,13 @@ def test_only_the_contact_counts(real: np.ndarray) -> None:
     """25.5 grey levels are a tenth of full scale: 20 dB. Elsewhere they change the RMSE alone."""
     drawn = real.copy()
     drawn[real == 180] -= 25
-    result = scores(compare_pictures(drawn, real, UNTOUCHED))
+    result = scores(compare_images(drawn, real, UNTOUCHED))
     assert result.rmse_contact_percent == pytest.approx(100 * 25 / 255)
     assert result.psnr_contact_db == pytest.approx(20 * np.log10(255 / 25))
     assert result.rmse_percent == pytest.approx(100 * 25 / 255 * np.sqrt(400 / 4096))
     elsewhere = real.copy()
     elsewhere[:, 50:] = 0
-    result = scores(compare_pictures(elsewhere, real, UNTOUCHED))
+    result = scores(compare_images(elsewhere, real, UNTOUCHED))
     assert result.rmse_contact_percent == 0.0 and result.rmse_percent > 10
     assert result.ssim_contact == pytest.approx(1.0)
 
@@ -58,7 +58,7 @@ def test_only_the_contact_counts(real: np.ndarray) -> None:
 def test_a_picture_without_contact_has_no_say(real: np.ndarray) -> None:
     more = np.concatenate([real, UNTOUCHED[None]])
     drawn = np.concatenate([real, 0 * UNTOUCHED[None]])
-    figures = compare_pictures(drawn, more, UNTOUCHED)
+    figures = compare_images(drawn, more, UNTOUCHED)
     assert np.isnan(figures.ssim_contact[-1])
     assert scores(figures).ssim_contact == pytest.approx(1.0)
 
@@ -67,9 +67,9 @@ def test_resamples_are_of_whole_shapes(real: np.ndarray) -> None:
     drawn = real.copy()
     drawn[2:, 10:20, :] += np.uint8(20)
     shapes = np.array(["good", "good", "bad", "bad"])
-    found = intervals(replicates(compare_pictures(drawn, real, UNTOUCHED), shapes))
+    found = intervals(replicates(compare_images(drawn, real, UNTOUCHED), shapes))
     low, high = found["rmse_percent"] or (0, 0)
-    worst = scores(compare_pictures(drawn[2:], real[2:], UNTOUCHED)).rmse_percent
+    worst = scores(compare_images(drawn[2:], real[2:], UNTOUCHED)).rmse_percent
     assert low == 0.0 and high == pytest.approx(worst)
 
 

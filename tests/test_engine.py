@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from spots import train_smoke, write_spots
 
-from t2twin.primitives_cad.cache_home import VARIABLE
-from t2twin.primitives_cad.checksum import SIZE, write_checked
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate import engine
-from t2twin.translate.engine import load
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.core.cached_files import TRAILER_BYTES, write_checked
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.inference import load as load_runs
+from t2twin.translate.inference import onnx_runtime
+from t2twin.translate.inference.load import load
 
 pytest.importorskip("onnx")
 pytest.importorskip("onnxruntime")
@@ -28,7 +29,7 @@ def run_dir(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where the files are kept, empty."""
     monkeypatch.setenv(VARIABLE, str(tmp_path))
-    return tmp_path / engine.FOLDER
+    return tmp_path / onnx_runtime.FOLDER
 
 
 @pytest.fixture
@@ -52,8 +53,8 @@ def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
     run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
-    make = engine._made
-    monkeypatch.setattr(engine, "_made", lambda *of: made.append(of) or make(*of))
+    make = onnx_runtime._export
+    monkeypatch.setattr(onnx_runtime, "_export", lambda *of: made.append(of) or make(*of))
     first = load(run_dir).predict(frames)
     np.testing.assert_array_equal(load(run_dir).predict(frames), first)
     assert len(made) == 1
@@ -62,7 +63,7 @@ def test_a_kept_file_is_taken_again_and_a_damaged_one_is_not(
     flipped = bytearray(content)
     flipped[len(content) // 2] ^= 64
     other = kept / "other.onnx"
-    write_checked(other, content[:-SIZE])  # whole, but of another name
+    write_checked(other, content[:-TRAILER_BYTES])  # whole, but of another name
     for number, damaged in enumerate((content[:-1000], b"", bytes(flipped), other.read_bytes())):
         file.write_bytes(damaged)
         np.testing.assert_array_equal(load(run_dir).predict(frames), first)
@@ -92,7 +93,7 @@ def test_where_no_file_can_be_kept_pytorch_computes(
 def test_the_oldest_files_go(
     run_dir: Path, kept: Path, frames: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(engine, "MOST_KEPT", 1)
+    monkeypatch.setattr(onnx_runtime, "MAX_FILES", 1)
     kept.mkdir()
     (kept / "older.onnx").write_bytes(b"")
     load(run_dir).predict(frames)
@@ -106,7 +107,7 @@ def test_what_cannot_be_gets_a_sentence(run_dir: Path, monkeypatch: pytest.Monke
     with pytest.raises(T2TwinError, match="float32 on the CPU"):
         load(run_dir, bf16=True, engine="onnx")
     assert load(run_dir, bf16=True).engine is None
-    monkeypatch.setattr(engine, "find_spec", lambda name: None)
+    monkeypatch.setattr(load_runs, "find_spec", lambda name: None)
     with pytest.raises(T2TwinError, match=r"pip install 't2twin\[onnx\]'"):
         load(run_dir, engine="onnx")
     assert load(run_dir).engine is None

@@ -9,13 +9,14 @@ import torch
 from safetensors.torch import load_file
 from spots import write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.loop import TrainingLoop, steps_of_epoch
-from t2twin.translate.presets import PAPER_MODELS, PRESETS
+from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
-from t2twin.translate.train import for_steps, train
+from t2twin.translate.training.settings import for_steps
+from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import Trainer, steps_of_epoch
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -54,7 +55,7 @@ def test_short_epochs_go_through_all_pairs_before_any_comes_again(data_dir: Path
     preset, info = PRESETS["resnet18"]["smoke"], load_info(data_dir)
     pairs = load_pairs(data_dir, "train", preset.size, preset.grey)
     config = RunConfig("resnet18", preset, 5, info, None, None, 1, False, 1)
-    loop = TrainingLoop(config, data_dir, pairs, pairs, 0)
+    loop = Trainer(config, data_dir, pairs, pairs, 0)
     whole = [np.concatenate(list(loop._batches(epoch))) for epoch in range(3)]
     for epoch, order in enumerate(whole):
         drawn = np.random.default_rng([5, epoch]).permutation(32)
@@ -78,24 +79,24 @@ def test_steps_asked_for_go_into_the_config_and_bound_the_epochs(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Short epochs resume as whole ones do, at the length that the run began with."""
-    monkeypatch.setattr("t2twin.translate.loop.FEWEST_STEPS", 2)
+    monkeypatch.setattr("t2twin.translate.training.trainer.MIN_STEPS", 2)
     train("resnet18", data_dir, "smoke", tmp_path / "whole", steps=24)
     config = load_config(tmp_path / "whole")
     assert (config.steps, config.epoch_steps, config.planned_epochs) == (24, 2, 12)
     assert config.data.world == "smoke" and config.data.train_pairs == 32
 
-    epoch = TrainingLoop._epoch
+    epoch = Trainer._epoch
 
-    def killed(self: TrainingLoop, number: int, bar: object) -> EpochRecord:
+    def killed(self: Trainer, number: int, bar: object) -> EpochRecord:
         if number == 5:
             raise KeyboardInterrupt
         return epoch(self, number, bar)  # pyright: ignore[reportArgumentType]
 
     with monkeypatch.context() as patch:
-        patch.setattr(TrainingLoop, "_epoch", killed)
+        patch.setattr(Trainer, "_epoch", killed)
         with pytest.raises(KeyboardInterrupt):
             train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=24)
-    monkeypatch.setattr("t2twin.translate.loop.FEWEST_STEPS", 100)
+    monkeypatch.setattr("t2twin.translate.training.trainer.MIN_STEPS", 100)
     train("resnet18", data_dir, "smoke", tmp_path / "killed", steps=24)
     assert without_times(tmp_path / "killed") == without_times(tmp_path / "whole")
     whole, resumed = (load_file(tmp_path / run / "last.safetensors") for run in ("whole", "killed"))

@@ -13,24 +13,23 @@ from PIL import Image
 from spots import write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.dataset.store import read_info
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.evaluation.as_json import as_json
 from t2twin.translate.evaluation.background import OF_CALIBRATION, is_of_default_calibration
-from t2twin.translate.evaluation.baselines import (
+from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
+from t2twin.translate.evaluation.files import METRICS, as_json, read_evaluation, write_evaluation
+from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     mean_array,
-    nearest_neighbour,
-    neighbours,
+    nearest_neighbor,
+    neighbors,
 )
-from t2twin.translate.evaluation.evaluate import evaluate, evaluate_both
 from t2twin.translate.evaluation.predictions import PREDICTIONS, read_predictions
 from t2twin.translate.evaluation.records import (
     FORMAT,
-    METRICS,
-    AlikePairs,
     Bootstrap,
     Difference,
     Evaluation,
@@ -38,21 +37,21 @@ from t2twin.translate.evaluation.records import (
     Finding,
     Interval,
     Intervals,
-    LookAlikeFloor,
-    LookAlikes,
+    IrreducibleError,
+    IrreducibleErrorFloor,
     ModelRow,
+    NeighborPairs,
     PaperRow,
     ShapeFloor,
     TaxelCounts,
-    View,
-    read_evaluation,
-    write_evaluation,
+    ViewSummary,
 )
 from t2twin.translate.evaluation.table import table
-from t2twin.translate.phi import Phi
-from t2twin.translate.predict import load_run
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import require
+from t2twin.translate.models.touch2touch import Touch2Touch
 from t2twin.translate.runs.log import best_epoch, read_log
-from t2twin.translate.touch2touch import Touch2Touch
 
 FULL_SCALE = 40000.0
 
@@ -79,31 +78,31 @@ def test_mean_array_is_the_best_constant(data_dir: Path) -> None:
         assert np.square(pairs.counts - other).mean() > error
 
 
-def test_nearest_neighbour_of_the_training_images_is_themselves(data_dir: Path) -> None:
+def test_nearest_neighbor_of_the_training_images_is_themselves(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
-    assert np.array_equal(nearest_neighbour(pairs, pairs.images), pairs.counts)
+    assert np.array_equal(nearest_neighbor(pairs, pairs.images), pairs.counts)
 
 
-def test_nearest_neighbour_is_by_euclid(data_dir: Path) -> None:
+def test_nearest_neighbor_is_by_euclid(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
     queries = load_pairs(data_dir, "val", FEATURE_SIZE, grey=False).images
-    nearest_counts = nearest_neighbour(pairs, queries)
+    nearest_counts = nearest_neighbor(pairs, queries)
     stored = pairs.images[:].astype(float).reshape(len(pairs), -1)
     for image, counts in zip(queries[:].astype(float), nearest_counts, strict=True):
         nearest = np.linalg.norm(stored - image.ravel(), axis=1).argmin()
         assert np.array_equal(counts, pairs.counts[nearest])
 
 
-def test_neighbours_pass_over_their_own_shape(data_dir: Path) -> None:
+def test_neighbors_pass_over_their_own_shape(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
     shapes = np.where(np.arange(len(pairs)) % 2 == 0, "a", "b")
-    near = neighbours(pairs.images, pairs.images, 3, (shapes, shapes))
+    near = neighbors(pairs.images, pairs.images, 3, (shapes, shapes))
     assert (shapes[near.index] != shapes[:, None]).all()
     stored = pairs.images[:].astype(float).reshape(len(pairs), -1)
     apart = np.sqrt(np.square(stored[:, None] - stored[None]).mean(axis=2))
     apart[shapes[:, None] == shapes[None]] = np.inf
     np.testing.assert_allclose(near.distance_grey, np.sort(apart, axis=1)[:, :3], rtol=1e-5)
-    alone = neighbours(pairs.images, pairs.images, 2, (np.full(48, "a"), np.full(48, "a")))
+    alone = neighbors(pairs.images, pairs.images, 2, (np.full(48, "a"), np.full(48, "a")))
     assert np.isinf(alone.distance_grey).all()
 
 
@@ -140,7 +139,7 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     content = json.loads((evaluated / "val" / METRICS).read_text())
     assert list(content) == [
         "format", "split", "pairs", "full_scale_counts", "contact_level", "info_sha256", "layout",
-        "view", "models", "bootstrap", "paired", "lookalikes", "paper", "findings",
+        "view", "models", "bootstrap", "paired", "irreducible_error", "paper", "findings",
         "world",
     ]  # fmt: skip
     assert content["format"] == FORMAT
@@ -158,7 +157,7 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
     assert list(content["models"]["resnet18"]["overall"]) == ["pairs", *figures]
     assert list(content["models"]["resnet18"]["interval"]) == figures
     assert content["models"]["resnet18"]["interval"]["ssim"] is None  # there is one shape alone
-    assert content["lookalikes"] is None
+    assert content["irreducible_error"] is None
     test = json.loads((evaluated / "test" / METRICS).read_text())
     assert test["paper"]["resnet18"] == {"rmse_counts": 4867, "rmse_percent": 12.17}
 
@@ -168,19 +167,19 @@ def test_records_come_back_from_their_file(tmp_path: Path) -> None:
     absent = Figures(3, 800.0, 2.0, 0.9, None, None, None, None, 700.0, None, 900.0)
     spans = {field.name: None for field in fields(Intervals)} | {"ssim": Interval(0.25, 0.5)}
     row = ModelRow(absent, {"bump-3": absent}, {"bump": absent}, Intervals(**spans))
-    alike = AlikePairs(3, 0.5, 100.0)
-    floor = LookAlikeFloor(
-        alike, AlikePairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
+    alike = NeighborPairs(3, 0.5, 100.0)
+    floor = IrreducibleErrorFloor(
+        alike, NeighborPairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
         {"under": None, "near": 2.0}, {"bump-3": ShapeFloor(alike, None)},
     )  # fmt: skip
     evaluation = Evaluation(
         format=FORMAT, split="val", pairs=3, full_scale_counts=40000.0, contact_level=0.1,
         info_sha256="0" * 64, layout="cyskin-20",
-        view=View(12.5, 16.5, 7.5, TaxelCounts(4, 12, 4)),
+        view=ViewSummary(12.5, 16.5, 7.5, TaxelCounts(4, 12, 4)),
         models={"mean-array": row, "resnet18": replace(row, run="run", same_data=False)},
         bootstrap=Bootstrap("shapes", 1, 1000, 0, 0.95),
         paired={"ssim": Difference(0.1, None)},
-        lookalikes=LookAlikes(0.3, 0.6, floor, None),
+        irreducible_error=IrreducibleError(0.3, 0.6, floor, None),
         paper={"resnet18": PaperRow(4867, 12.17)},
         findings={
             "lower-error": Finding("Lower?", "yes", "rmse_counts", 5.0, Interval(1.0, 9.0),
@@ -292,7 +291,7 @@ def test_drawn_images_become_counts_and_tactile_images(
     translator = run.translator
     assert isinstance(translator, Touch2Touch)
     perfect = translator.phi.to_torch(torch.tensor(true, dtype=torch.float32))
-    monkeypatch.setattr(translator, "draw", lambda images: perfect)
+    monkeypatch.setattr(translator, "predict_tactile_images", lambda images: perfect)
     images = load_pairs(data_dir, "val", 64, grey=False).images[:6]
     np.testing.assert_allclose(run.predict(images), true, atol=1.0)
     tactile = run.tactile_images(images)
@@ -319,7 +318,7 @@ def test_bad_asking_is_refused(runs: list[Path], data_dir: Path, tmp_path: Path)
     info = json.loads((other / "info.json").read_text())
     info["layout_x_mm"] = [0.5 * x for x in info["layout_x_mm"]]
     (other / "info.json").write_text(json.dumps(info))
-    with pytest.raises(T2TwinError, match=r"resnet18 is a ResNet18, which gives the 20 taxels"):
+    with pytest.raises(T2TwinError, match="a ResNet18, which predicts only the 20 taxels"):
         evaluate(runs[1:], other, "val", tmp_path / "out")
     with pytest.raises(T2TwinError, match="outside the array"):
         evaluate(runs, other, "val", tmp_path / "out")
@@ -331,9 +330,10 @@ def test_a_field_run_is_given_the_background_of_the_default_calibration(
 ) -> None:
     found = evaluate(["field"], small_dataset, "val", tmp_path / "default")
     assert found.background == OF_CALIBRATION
-    run, pairs = load_run("field"), load_pairs(small_dataset, "val", 96, grey=False)
+    run = require(load_run("field"), FieldPredictor, "the test")
+    pairs = load_pairs(small_dataset, "val", 96, grey=False)
     frame = DigitOptics.load().background
-    expected = run.estimate_pixels(run.with_untouched(pairs.images[:], run.pixels_of(frame)[0]))
+    expected = run.estimate_pixels(run.with_background(pairs.images[:], run.pixels_of(frame)[0]))
     predictions = read_predictions(tmp_path / "default").by_model["field"]
     np.testing.assert_allclose(predictions, expected.counts, atol=0.5)
     assert not np.allclose(predictions, run.predict_pixels(pairs.images[:]), atol=0.5)

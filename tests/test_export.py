@@ -13,13 +13,13 @@ from PIL import Image
 from spots import train_smoke, write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.export import export_onnx
-from t2twin.translate.predict import load_run
-from t2twin.translate.presets import PRESETS
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.onnx_export import export_onnx
+from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.card import write_card
 from t2twin.translate.runs.config import load_config
-from t2twin.translate.train import train
+from t2twin.translate.training.train import train
 
 onnx = pytest.importorskip("onnx")
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -71,7 +71,7 @@ def test_file_says_what_it_is(run_dir: Path, session) -> None:
     assert said["model"] == config.model == run_dir.name
     assert (said["preset"], said["layout"]) == ("smoke", "cyskin-20")
     assert said["full_scale_counts"] == "40000"
-    assert said["colour"] == ("grey" if run_dir.name == "touch2touch" else "rgb")
+    assert said["color"] == ("grey" if run_dir.name == "touch2touch" else "rgb")
     assert int(said["size"]) == config.preset.size
     assert json.loads(said["layout_x_mm"]) == config.data.x_mm.tolist()
     assert session.get_inputs()[0].shape[0] == "batch"
@@ -104,7 +104,7 @@ def test_an_existing_file_is_replaced_with_force_only(
 def test_missing_package_and_run_get_a_sentence(
     run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(T2TwinError, match="holds no config"):
+    with pytest.raises(T2TwinError, match="has no config"):
         load_run(tmp_path)
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(T2TwinError, match="t2twin\\[onnx\\]"):
@@ -129,10 +129,10 @@ def test_card_says_what_the_run_is(run_dir: Path, data_dir: Path) -> None:
         config.data.sha256,
         "32 train, 12 val, 8 test",
         "| made by | the paper's protocol, scale smoke |",
-        f"epoch {best['epoch']} of the 4",
+        f"epoch {best['epoch']} of 4",
         f"| learning_rate | {PRESETS[run_dir.name]['smoke'].learning_rate:g} |",  # pyright: ignore[reportArgumentType]
         "arXiv:2411.02187",
-        "## What it is not good for",
+        "## Limits",
     ):
         assert words in text, words
 
@@ -148,7 +148,7 @@ def test_cards_lines_of_code_work(
     assert names["counts"].shape == (20,)
 
 
-def test_card_of_pairs_brought_in_gives_no_licence_away(data_dir: Path, tmp_path: Path) -> None:
+def test_card_of_pairs_brought_in_gives_no_license_away(data_dir: Path, tmp_path: Path) -> None:
     folder = write_spots(tmp_path / "data")
     info = json.loads((folder / "info.json").read_text())
     del info["scale"]
@@ -158,7 +158,7 @@ def test_card_of_pairs_brought_in_gives_no_licence_away(data_dir: Path, tmp_path
     text = (tmp_path / "run" / "README.md").read_text()
     assert yaml.safe_load(text.split("---\n")[1])["license"] == "unknown"
     assert "simulat" not in text
-    with pytest.raises(T2TwinError, match="is not the data set"):
+    with pytest.raises(T2TwinError, match="is not the dataset"):
         write_card(tmp_path / "run", data_dir)
 
 
@@ -171,7 +171,7 @@ def test_card_needs_an_epoch(run_dir: Path, data_dir: Path, tmp_path: Path) -> N
 def test_onnxruntime_reports_nothing(tmp_path: Path) -> None:
     """Left alone it keeps a device's id in the user's cache, to send with its reports."""
     script = (
-        "import t2twin.translate\n"
+        "import t2twin.translate.inference.onnx_export\n"
         "import onnx, onnxruntime\n"
         "from onnx import TensorProto as T, helper as h\n"
         "a, b = (h.make_tensor_value_info(n, T.FLOAT, [1]) for n in 'ab')\n"
@@ -184,3 +184,20 @@ def test_onnxruntime_reports_nothing(tmp_path: Path) -> None:
     home = {"HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path / ".cache")}
     subprocess.run([sys.executable, "-c", script], check=True, env=environment | home)
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize(
+    ("module", "is_set"),
+    [("t2twin.translate", False), ("t2twin.translate.inference.load", True)],
+)
+def test_library_settings_are_set_where_the_libraries_are_used(module: str, is_set: bool) -> None:
+    names = ("OMP_WAIT_POLICY", "ORT_DISABLE_TELEMETRY", "TORCHINDUCTOR_CACHE_DIR")
+    script = (
+        f"import os, {module}\n"
+        f"print([name in os.environ for name in {names}], 'torch' in __import__('sys').modules)"
+    )
+    environment = {name: value for name, value in os.environ.items() if name not in names}
+    done = subprocess.run(
+        [sys.executable, "-c", script], check=True, env=environment, capture_output=True, text=True
+    )
+    assert done.stdout.strip() == f"{[is_set] * 3} {is_set}"

@@ -8,11 +8,11 @@ from PIL import Image
 from spots import train_smoke, write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.dataset.png import decode_png
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
 from t2twin.sim.dataset.store import read_split
-from t2twin.translate.familiar import CELLS, familiar_with
 from t2twin.translate.runs.config import CONFIG, load_config
+from t2twin.translate.uncertainty.ood import CELLS, fit_ood_detector
 
 
 @pytest.fixture(scope="module")
@@ -26,15 +26,15 @@ def test_distances_are_in_spreads_of_the_cells():
     rng = np.random.default_rng(0)
     pixels = rng.integers(90, 110, (100, 61, 61, 3)).astype(np.uint8)
     pixels[::2] += 20  # all cells move together by 20
-    known = familiar_with(pixels)
-    assert known is not None and familiar_with(pixels[:99]) is None
+    known = fit_ood_detector(pixels)
+    assert known is not None and fit_ood_detector(pixels[:99]) is None
     assert known.mean.shape == (CELLS * CELLS * 3,)
     np.testing.assert_allclose(known.mean, 109.5, atol=2.0)
-    np.testing.assert_allclose(known.spread, 10.0, atol=1.0)
+    np.testing.assert_allclose(known.std, 10.0, atol=1.0)
     np.testing.assert_allclose(known.distances(pixels), 1.0, atol=0.1)
     off = np.full((1, 61, 61, 3), 150, np.uint8)
     assert known.distances(off)[0] == pytest.approx(40.5 / 10, rel=0.05)
-    assert known.is_like(pixels).all() and not known.is_like(off).any()
+    assert known.in_distribution(pixels).all() and not known.in_distribution(off).any()
 
 
 def test_how_a_picture_is_wrong_is_told():
@@ -42,10 +42,10 @@ def test_how_a_picture_is_wrong_is_told():
     down, across = np.mgrid[0:64, 0:64] / 63.0
     scene = np.stack([200 * across, 200 * down * (1 - across), 60 + 80 * down], axis=-1)
     pixels = np.clip(scene + rng.normal(0, 12, (120, 1, 1, 3)), 0, 255).astype(np.uint8)
-    known = familiar_with(pixels)
+    known = fit_ood_detector(pixels)
     assert known is not None
     wrong = {
-        "": pixels[0],
+        "in distribution": pixels[0],
         "upside down": pixels[0, ::-1, ::-1],
         "mirrored": pixels[0, :, ::-1],
         "upside down and mirrored": pixels[0, ::-1],
@@ -55,7 +55,7 @@ def test_how_a_picture_is_wrong_is_told():
         "overexposed": np.clip(pixels[0].astype(int) + 170, 0, 255).astype(np.uint8),
         "of another light or sensor": pixels[0][..., [1, 2, 0]],
     }
-    assert known.looks(np.array(list(wrong.values()))) == list(wrong)
+    assert known.classify(np.array(list(wrong.values()))) == list(wrong)
 
 
 def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
@@ -68,11 +68,11 @@ def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
     Image.new("RGB", (240, 320), "white").save(tmp_path / "white.png")
     main(["translate", "--run", str(folder), str(tmp_path), "--out", str(tmp_path / "out")])
     said = capsys.readouterr().err
-    assert "2 of 8 pictures are unlike all that" in said and "noise.png (1 " in said
+    assert "2 of 8 images are unlike all training images of" in said and "noise.png (1 " in said
     assert "1 overexposed" in said
     entries = json.loads((tmp_path / "out/counts.json").read_text())["images"]
-    assert [entry["like_training"] for entry in entries] == [True] * 6 + [False] * 2
-    assert [entry.get("looks") for entry in entries[5:]] == [
+    assert [entry["in_distribution"] for entry in entries] == [True] * 6 + [False] * 2
+    assert [entry.get("ood_class") for entry in entries[5:]] == [
         None, "of another light or sensor", "overexposed",
     ]  # fmt: skip
     main(
@@ -90,13 +90,24 @@ def test_what_is_strange_is_said_and_what_is_not_is_not(run, tmp_path, capsys):
 
 def test_config_keeps_it_and_older_runs_lack_it(run, tmp_path):
     config = load_config(run[1])
-    assert config.pictures is not None
+    assert config.ood_detector is not None
     content = json.loads((run[1] / CONFIG).read_text())
-    assert content["pictures"]["farthest"] == config.pictures.farthest
-    content["pictures"]["mean_grey"].pop()
+    assert content["ood_detector"]["max_distance"] == config.ood_detector.max_distance
+    content["ood_detector"]["mean_grey"].pop()
     (tmp_path / CONFIG).write_text(json.dumps(content))
-    with pytest.raises(T2TwinError, match="pictures must have 192 means and as many spreads"):
+    with pytest.raises(T2TwinError, match="ood_detector must have 192 values"):
         load_config(tmp_path)
-    del content["pictures"]
+    content = json.loads((run[1] / CONFIG).read_text())
+    renamed = {"ood_detector": "pictures", "std_grey": "spread_grey", "max_distance": "farthest",
+               "iou_weight": "shape_weight", "init_from_sha256": "start_sha256"}  # fmt: skip
+    text = json.dumps(content)
+    for new, old in renamed.items():
+        assert f'"{new}"' in text
+        text = text.replace(f'"{new}"', f'"{old}"')
+    (tmp_path / CONFIG).write_text(text)  # as version 0.2 wrote it
+    earlier = load_config(tmp_path).ood_detector
+    assert earlier is not None
+    np.testing.assert_array_equal(earlier.std, config.ood_detector.std)
+    del content["ood_detector"]
     (tmp_path / CONFIG).write_text(json.dumps(content))
-    assert load_config(tmp_path).pictures is None
+    assert load_config(tmp_path).ood_detector is None

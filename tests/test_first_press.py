@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.core.cached_files import cached_array
 from t2twin.primitives_cad import bundled_shapes, catalogue, tools
-from t2twin.primitives_cad.cache_home import VARIABLE
-from t2twin.primitives_cad.kept_array import kept_array
-from t2twin.primitives_cad.stl_bytes import binary_stl
-from t2twin.sim.press.cubic_spline import CubicSpline
-from t2twin.translate.picture import _colours
+from t2twin.primitives_cad.mesh_io.stl import binary_stl
+from t2twin.sim.contact.splines import CubicSpline
+from t2twin.sim.cyskin.tactile_image import _colors
 
 SLOW = (
     "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "scipy.interpolate",
@@ -114,7 +114,7 @@ def test_bundled_shapes_are_small():
 def test_an_stl_file_has_the_triangles(tmp_path):
     vertices, faces = bundled_shapes.read_mesh("square-2")
     (tmp_path / "square.stl").write_bytes(binary_stl(vertices, faces))
-    from t2twin.primitives_cad.files import read_solid
+    from t2twin.primitives_cad.mesh_io.read import read_solid
 
     mesh, notes = read_solid(tmp_path / "square.stl", None)
     assert not notes and len(mesh.faces) == len(faces)
@@ -131,11 +131,11 @@ def test_the_cubic_spline_is_scipy_s(count):
     np.testing.assert_allclose(CubicSpline(0.3, 2.7, values)(at), expected, atol=1e-11)
 
 
-def test_the_colours_are_matplotlib_s_viridis():
+def test_the_colors_are_matplotlib_s_viridis():
     values = np.random.default_rng(0).uniform(-0.2, 1.2, (40, 50))
     values[0, :2] = 0.0, 1.0
     expected = colormaps["viridis"](values.clip(0.0, 1.0), bytes=True)[..., :3]
-    np.testing.assert_array_equal(_colours(values), expected)
+    np.testing.assert_array_equal(_colors(values), expected)
 
 
 def test_an_array_is_computed_once_for_each_key(tmp_path, monkeypatch):
@@ -147,6 +147,8 @@ def test_an_array_is_computed_once_for_each_key(tmp_path, monkeypatch):
         return np.arange(4.0)
 
     for key in ("a", "a", "b"):
-        np.testing.assert_array_equal(kept_array("arrays", key, __file__, compute), np.arange(4.0))
+        np.testing.assert_array_equal(
+            cached_array("arrays", key, __file__, compute), np.arange(4.0)
+        )
     assert len(computed) == 2
     assert len(list(Path(tmp_path / "arrays").iterdir())) == 2

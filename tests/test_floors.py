@@ -11,14 +11,24 @@ from t2twin.sim.cyskin.reading import Imperfections
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
-from t2twin.translate.data.pairs import Pairs, load_pairs
-from t2twin.translate.evaluation import bootstrap
-from t2twin.translate.evaluation.baselines import FEATURE_SIZE, NEAREST_NEIGHBOUR, Neighbours
-from t2twin.translate.evaluation.evaluate import _without_runs
+from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation.findings import findings, gap, paired
-from t2twin.translate.evaluation.lookalikes import CLOSE, floor_of, lookalikes, noise_distance_grey
-from t2twin.translate.evaluation.metrics import GroupedFigures, PairFigures
-from t2twin.translate.evaluation.noise_floor import NOISE_FLOOR, second_reading
+from t2twin.translate.evaluation.metrics import bootstrap
+from t2twin.translate.evaluation.metrics.array_errors import GroupedFigures, PairFigures
+from t2twin.translate.evaluation.metrics.baselines import (
+    FEATURE_SIZE,
+    NEAREST_NEIGHBOR,
+    Neighbors,
+)
+from t2twin.translate.evaluation.metrics.floors import NOISE_FLOOR, second_reading
+from t2twin.translate.evaluation.metrics.irreducible_error import (
+    CLOSE,
+    estimate_irreducible_error,
+    floor_of,
+    noise_distance_grey,
+)
+from t2twin.translate.evaluation.predictions import predict_baselines
+from t2twin.translate.evaluation.prepare import EvaluationInputs
 from t2twin.translate.evaluation.records import ModelRow
 
 FULL_SCALE = 40000.0
@@ -68,12 +78,13 @@ def test_flaws_for_good_cancel_between_readings(info: DatasetInfo) -> None:
 
 def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
-    near = Neighbours(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
-    rows = _without_runs(data_dir, pairs, train, near, ())
+    near = Neighbors(np.zeros((len(pairs), 1), int), np.ones((len(pairs), 1)))
+    inputs = EvaluationInputs(data_dir, read_info(data_dir), load_info(data_dir), {}, {}, None)
+    rows = predict_baselines(inputs, pairs, train, near, ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
     # 8.6 counts a reading; where a taxel is at zero, half of the noise is cut off
     assert 0.6 * 8.6 * np.sqrt(2 / 5) < error < 1.1 * 8.6 * np.sqrt(2 / 5)
-    assert error < np.sqrt(np.square(rows[NEAREST_NEIGHBOUR] - pairs.counts).mean()) / 20
+    assert error < np.sqrt(np.square(rows[NEAREST_NEIGHBOR] - pairs.counts).mean()) / 20
 
 
 def figures_of(errors: np.ndarray) -> PairFigures:
@@ -189,7 +200,7 @@ def test_unknowable_part_is_found_by_extrapolation() -> None:
     apart = np.linalg.norm(places[:, None] - places[None], axis=2)
     apart[apart < 1.0] = np.inf  # no pictures are nearly the same
     order = np.argsort(apart, axis=1)[:, :8]
-    near = Neighbours(order, np.take_along_axis(apart, order, axis=1))
+    near = Neighbors(order, np.take_along_axis(apart, order, axis=1))
     pairs = pairs_with(counts.astype(np.float32), np.array([f"s{n % 15}" for n in range(1500)]))
     some = np.arange(20) < 5
     floor = floor_of(pairs, pairs, near, 0.3, {"some": some, "none": np.zeros(20, bool)})
@@ -211,21 +222,21 @@ def test_twins_within_the_noise_are_counted() -> None:
     counts = np.zeros((40, 20), np.float32)
     counts[::2] = 1000.0
     index = np.arange(40) ^ 1
-    near = Neighbours(index[:, None], np.full((40, 1), 0.5))
+    near = Neighbors(index[:, None], np.full((40, 1), 0.5))
     pairs = pairs_with(counts, np.array([f"s{n % 2}" for n in range(40)]))
     floor = floor_of(pairs, pairs, near, 0.3, {})
     assert floor is not None
     assert floor.close.pairs == 40
     assert floor.close.rmse_counts == pytest.approx(1000.0 / math.sqrt(2))
     assert floor.extrapolated_rmse_counts is None  # one distance makes no line
-    far = Neighbours(near.index, np.full((40, 1), np.inf))
+    far = Neighbors(near.index, np.full((40, 1), np.inf))
     assert floor_of(pairs, pairs, far, 0.3, {}) is None
 
 
 def test_lookalikes_of_a_dataset(data_dir: Path) -> None:
     pairs, train = (load_pairs(data_dir, s, FEATURE_SIZE, grey=False) for s in ("val", "train"))
-    near = Neighbours(np.zeros((len(pairs), 1), int), np.full((len(pairs), 1), 5.0))
-    alike = lookalikes(data_dir, "val", pairs, train, near, {})
+    near = Neighbors(np.zeros((len(pairs), 1), int), np.full((len(pairs), 1), 5.0))
+    alike = estimate_irreducible_error(data_dir, "val", pairs, train, near, {})
     assert alike is not None and alike.split is not None and alike.training is not None
     noise = noise_distance_grey(data_dir, "val")
     assert noise is not None and alike.noise_grey == noise

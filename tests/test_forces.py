@@ -9,19 +9,23 @@ import pytest
 from spots import write_spots
 
 from t2twin.translate.data.pairs import ImageFile, Pairs
-from t2twin.translate.evaluation import bootstrap
-from t2twin.translate.evaluation.bootstrap import draws, replicates, rmse_by_group
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.forces import (
-    FEWEST_PRESSES,
+from t2twin.translate.evaluation.files import METRICS, read_evaluation
+from t2twin.translate.evaluation.metrics import bootstrap
+from t2twin.translate.evaluation.metrics.array_errors import PairFigures
+from t2twin.translate.evaluation.metrics.bootstrap import (
+    replicates,
+    resample_weights,
+    rmse_by_group,
+)
+from t2twin.translate.evaluation.metrics.forces import (
+    MAX_FORCES,
     MEAN_ARRAY_OF_FORCE,
-    MOST_FORCES,
+    MIN_PRESSES,
     by_force,
     force_bins,
     mean_array_of_force,
 )
-from t2twin.translate.evaluation.metrics import PairFigures
-from t2twin.translate.evaluation.records import METRICS, read_evaluation
 
 FULL_SCALE = 40000.0
 
@@ -51,17 +55,17 @@ def test_few_forces_are_a_bin_each() -> None:
     bins = force_bins(presses(forces), presses(np.array([8.0])))
     assert [(one.low_n, one.high_n) for one in bins] == [(0, 0), (0.5, 0.5), (2, 2), (8, 8)]
     assert [one.members.tolist() for one in bins] == [[3], [0, 5], [1, 2], [4]]
-    assert [one.touches for one in bins] == [False, True, True, True]
+    assert [one.has_contact for one in bins] == [False, True, True, True]
     assert bins[2].mean_n == pytest.approx(2.002)
 
 
 def test_many_forces_lie_in_bins_as_wide_in_the_logarithm() -> None:
     """Two a doubling, edges at whole powers of two; empty ones are not there; 0 is its own."""
-    forces = np.concatenate([np.linspace(0.5, 0.7, MOST_FORCES), [1.0, 11.9, 0.0, np.nan]])
+    forces = np.concatenate([np.linspace(0.5, 0.7, MAX_FORCES), [1.0, 11.9, 0.0, np.nan]])
     bins = force_bins(presses(forces), presses(np.array([4.0])))
     edges = [(round(one.low_n, 2), round(one.high_n, 2)) for one in bins]
     assert edges == [(0, 0), (0.5, 0.71), (1.0, 1.41), (11.31, 16.0)]
-    assert [one.members.size for one in bins] == [1, MOST_FORCES, 1, 1]  # an unknown one in none
+    assert [one.members.size for one in bins] == [1, MAX_FORCES, 1, 1]  # an unknown one in none
 
 
 def test_presses_of_unknown_force_are_in_no_bin() -> None:
@@ -72,7 +76,7 @@ def test_presses_of_unknown_force_are_in_no_bin() -> None:
 
 def test_the_mean_array_of_a_force_is_its_training_presses() -> None:
     """2 N are trained on often enough, 4 N once too seldom: there it is the split's own mean."""
-    trained = np.repeat([2.0, 4.0], [FEWEST_PRESSES, FEWEST_PRESSES - 1])
+    trained = np.repeat([2.0, 4.0], [MIN_PRESSES, MIN_PRESSES - 1])
     train = presses(trained, np.tile(500.0 * trained[:, None], (1, 20)))
     pairs = presses(np.array([2.0, 4.0, 4.0, 2.0]))
     bins = force_bins(pairs, train)
@@ -121,9 +125,9 @@ def test_intervals_by_force_are_those_of_the_same_resamples(
     whole = replicates(figures, pairs.shapes, FULL_SCALE)
     alone = rmse_by_group(figures.squared_error, pairs.shapes, np.zeros(40, int), 1)
     np.testing.assert_allclose(alone[:, 0], whole.rmse_counts, rtol=1e-12)
-    drawn = draws(7)
-    monkeypatch.setattr(bootstrap, "NUMBERS_AT_ONCE", 70)
-    assert np.array_equal(draws(7), drawn)
+    drawn = resample_weights(7)
+    monkeypatch.setattr(bootstrap, "MAX_NUMBERS", 70)
+    assert np.array_equal(resample_weights(7), drawn)
     in_parts = replicates(figures, pairs.shapes, FULL_SCALE)
     for field in fields(whole):
         one, other = getattr(whole, field.name), getattr(in_parts, field.name)

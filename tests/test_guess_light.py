@@ -6,25 +6,25 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.sim.digit import deflections
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.background_light import RANGES, mean_light, sample_lights
 from t2twin.sim.digit.calibrate.scores import crop_scores, mean_score
-from t2twin.sim.digit.calibrate.untouched import DRAW, drawn_lights, mean_light
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import DigitOptics
-from t2twin.sim.digit.units import draw_unit
+from t2twin.sim.digit.randomization.unit import sample_unit
 
 FEW = 60
 
 
 @pytest.fixture(scope="module")
 def background():
-    return draw_unit(np.random.default_rng((9, 0)), DRAW).calibration.background
+    return sample_unit(np.random.default_rng((9, 0)), RANGES).calibration.background
 
 
 @pytest.fixture(scope="module")
 def lights(background):
-    return drawn_lights(background, Camera(18.0, 21.0), FEW)
+    return sample_lights(background, Camera(18.0, 21.0), FEW)
 
 
 def test_camera_and_background_are_the_users_own(lights, background):
@@ -41,12 +41,12 @@ def test_camera_and_background_are_the_users_own(lights, background):
 
 def test_the_mean_errs_less_than_the_drawn_ones(lights):
     """On a unit that is none of them, which is why it is the mean."""
-    surface = deflections.ball(0.5, 0.2, 1.0)
+    surface = probe_surfaces.ball(0.5, 0.2, 1.0)
     places = np.array([(163.0, 129.0)])
     mean, singly = [], []
     for number in range(1, 7):
-        unit = draw_unit(np.random.default_rng((9, number)), DRAW).calibration
-        own = drawn_lights(unit.background, unit.camera, FEW)
+        unit = sample_unit(np.random.default_rng((9, number)), RANGES).calibration
+        own = sample_lights(unit.background, unit.camera, FEW)
         wanted = DigitOptics(unit).render(surface)[None]
 
         def psnr_db(light: Calibration, wanted: np.ndarray = wanted) -> float:
@@ -63,7 +63,7 @@ def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys
     Image.fromarray(background).save(path)
     main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])
     said = capsys.readouterr().out
-    assert "a guess" in said
+    assert "mean light of sampled DIGIT units" in said
     written = Calibration.load(tmp_path / "out" / "calibration.npz")
     given = t2twin.guess_light(path)
     for name in ("background", "leds_mm", "sizes_mm", "response"):

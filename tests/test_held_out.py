@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.same_solid import KnownSolids, invariants
 from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.sim.world.held_out import SHARED, check_held_out
@@ -62,10 +62,10 @@ def test_every_tool_is_found_however_it_lies(tools):
 
 @pytest.mark.exhaustive
 def test_a_tool_of_coarser_triangles_is_found(tools):
-    from t2twin.primitives_cad import tessellate
+    from t2twin.primitives_cad import solids as primitive_solids
     from t2twin.primitives_cad import tools as solids
 
-    coarse = tessellate.tessellate(solids.solid("wrench"), 0.05)
+    coarse = primitive_solids.tessellate(solids.solid("wrench"), 0.05)
     assert len(coarse.faces) < len(tools["wrench"].faces) / 3
     assert KnownSolids(tools).same_as(coarse) == "wrench"
 
@@ -104,7 +104,7 @@ def test_a_part_of_a_tool_is_refused(world):
     """Cut out about the keypoint, which lies 10 mm from the middle of what is left."""
     import cadquery as cq
 
-    from t2twin.primitives_cad import tessellate
+    from t2twin.primitives_cad import solids as primitive_solids
     from t2twin.primitives_cad import tools as solids
 
     at = solids.keypoints("wrench")[2]
@@ -112,7 +112,7 @@ def test_a_part_of_a_tool_is_refused(world):
     block = cq.Workplane().box(60.0, 60.0, 60.0).translate((at.point_mm[0] + 10.0, 0.0, 0.0))
     part = solids.solid("wrench").intersect(block.val())  # pyright: ignore[reportArgumentType]
     with pytest.raises(T2TwinError, match="the same surface as wrench/shank"):
-        world(part=tessellate.tessellate(part))
+        world(part=primitive_solids.tessellate(part))
 
 
 def test_only_a_part_that_is_for_the_test_alone_may_have_tools(world, tools, tmp_path):

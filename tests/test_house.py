@@ -1,6 +1,7 @@
-"""How the package is laid out: one name when it is installed, layers that hold, no circles."""
+"""The layout of the package: one name when it is installed, layers, no import cycles."""
 
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -45,7 +46,7 @@ def test_another_translate_and_a_users_sim_do_not_disturb_it(wheel, tmp_path):
         (folder / "__init__.py").write_text("raise ImportError('not ours')\n")
     script = work / "script.py"
     script.write_text(
-        "import t2twin, t2twin.sim.sensors, t2twin.translate.phi\n"
+        "import t2twin, t2twin.sim.sensors, t2twin.sim.cyskin.phi\n"
         "print(t2twin.__file__, len(t2twin.shapes()))\n"
     )
     environment = os.environ | {"PYTHONPATH": str(site)}
@@ -68,9 +69,9 @@ def lint(folder: Path) -> subprocess.CompletedProcess:
 @pytest.mark.parametrize(
     "module, wrong",
     [
-        ("primitives_cad/errors.py", "from t2twin.sim.press import grid\n"),
-        ("sim/press/grid.py", "from t2twin.translate import phi\n"),
-        ("sim/press/grid.py", "from t2twin.sim.press import engine\n"),
+        ("t2twin/core/errors.py", "from t2twin.sim.contact import grid\n"),
+        ("sim/contact/grid.py", "from t2twin.translate.models import base\n"),
+        ("sim/contact/grid.py", "from t2twin.sim.contact import contact_solver\n"),
     ],
 )
 def test_a_wrong_import_breaks_the_contract(checkout, module, wrong):
@@ -87,3 +88,19 @@ def test_a_wrong_import_breaks_the_contract(checkout, module, wrong):
 def test_the_contract_is_kept():
     done = lint(ROOT)
     assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize("statement", ["import sim", "from translate.models import base"])
+def test_an_import_without_the_package_is_refused(statement):
+    ruff = Path(sys.executable).with_name("ruff")
+    command = [ruff, "check", "--select", "TID251", "--stdin-filename", "tests/test_a.py", "-"]
+    done = subprocess.run(command, cwd=ROOT, input=statement, capture_output=True, text=True)
+    assert done.returncode == 1 and "import t2twin." in done.stdout
+
+
+def test_every_path_in_contributing_exists():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    assert text.rindex("## ") == text.index("## Where to change what")
+    paths = re.findall(r"`([\w.]+(?:/[\w.]*)+)`", text)
+    assert len(paths) > 30
+    assert not [path for path in paths if not (ROOT / path).exists()]

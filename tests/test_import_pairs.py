@@ -10,16 +10,16 @@ from PIL import Image
 from spots import write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.import_pairs import import_pairs
-from t2twin.sim.dataset.png import decode_png
+from t2twin.sim.dataset.pairs_table import read_table
 from t2twin.sim.dataset.store import CARD, read_info, read_split, taxels
-from t2twin.sim.dataset.table import read_table
 from t2twin.sim.dataset.verify import verify
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.train import train
+from t2twin.translate.training.train import train
 
 TAXELS = 4
 LAYOUT_CSV = "x_mm,y_mm\n0,0\n8,0\n0,8\n8,8\n"
@@ -166,7 +166,7 @@ def test_a_folder_in_use_and_a_source_that_is_none_are_refused(tmp_path, layout)
         import_pairs(folder, folder, layout)
     for source in (tmp_path, tmp_path / "mine" / "0.png", tmp_path / "none.csv"):
         (tmp_path / "second.csv").touch()  # two in the folder: which is meant?
-        with pytest.raises(T2TwinError, match=r"give a \.csv|name the one"):
+        with pytest.raises(T2TwinError, match=r"expected a \.csv|name the one"):
             import_pairs(source, tmp_path / "data", layout)
     with pytest.raises(T2TwinError, match="the seed is -1"):
         import_pairs(tmp_path / "mine", tmp_path / "data", layout, seed=-1)

@@ -12,8 +12,8 @@ from session import FOLDERS, Products
 
 ROOT = Path(__file__).parents[1]
 ON_THE_SPOT = (
-    "import json, os, platformdirs, sys, t2twin.primitives_cad.cache_home as cache\n"
-    "print(json.dumps([os.getcwd(), os.path.expanduser('~'), str(cache.cache_home()),"
+    "import json, os, platformdirs, sys, t2twin.core.cache_dir as cache\n"
+    "print(json.dumps([os.getcwd(), os.path.expanduser('~'), str(cache.cache_dir()),"
     " platformdirs.user_cache_dir(), platformdirs.user_config_dir()]))"
 )
 """Prints the folders that a command finds by itself."""
@@ -49,11 +49,11 @@ def test_commands_find_temporary_folders_alone():
 
 def test_runs_of_the_repository_are_not_found():
     from t2twin.studio.translators import Translators
-    from t2twin.translate.runs.shipped import shipped_runs
+    from t2twin.translate.runs.pretrained import pretrained_runs
 
     translators = Translators()
     translators.search()
-    assert set(translators.names) <= set(shipped_runs())
+    assert set(translators.names) <= set(pretrained_runs())
 
 
 def test_a_product_is_made_once_and_a_change_of_it_is_seen(tmp_path):

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.layer import Layer, base_stress, compliance_mm_per_mpa
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.layer import Layer, base_stress, compliance_mm_per_mpa
 
 H, E, NU = 2.5, 0.3, 0.47
 

@@ -8,20 +8,24 @@ import pytest
 import torch
 from spots import train_smoke, write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.evaluation.field_of_view import view_on
-from t2twin.translate.evaluation.layout_floor import LAYOUT_FLOOR, seen_through
-from t2twin.translate.layouts import same_layout
-from t2twin.translate.predict import TrainedTranslator, load_run
-from t2twin.translate.touch2touch import Touch2Touch
+from t2twin.translate.evaluation.metrics.floors import (
+    LAYOUT_FLOOR,
+    representable,
+    view_on,
+)
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import CountsPredictor
+from t2twin.translate.models.layouts import same_layout
+from t2twin.translate.models.touch2touch import Touch2Touch
 
 PITCH_MM = 4.0
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, TrainedTranslator]:
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, CountsPredictor]:
     folder = tmp_path_factory.mktemp("layouts")
     data = write_spots(folder / "data", train=16, val=4, test=2)
     return {
@@ -42,15 +46,15 @@ def dense() -> tuple[np.ndarray, np.ndarray]:
     return x[inside], y[inside]
 
 
-def drawing(run: TrainedTranslator, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+def drawing(run: CountsPredictor, counts: np.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
     """Makes the run's generator draw exactly the tactile images of these trained counts."""
     assert isinstance(run.translator, Touch2Touch)
     perfect = run.translator.phi.to_torch(torch.tensor(counts, dtype=torch.float32))
-    monkeypatch.setattr(Touch2Touch, "draw", lambda self, images: perfect)
+    monkeypatch.setattr(Touch2Touch, "predict_tactile_images", lambda self, images: perfect)
 
 
 def test_linear_response_is_read_exactly_by_any_layout(
-    runs: dict[str, TrainedTranslator],
+    runs: dict[str, CountsPredictor],
     dense: tuple[np.ndarray, np.ndarray],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -69,7 +73,7 @@ def test_linear_response_is_read_exactly_by_any_layout(
     assert run.predict(np.zeros((1, 320, 240, 3), np.uint8)).shape == (1, 20)
 
 
-def test_own_layout_changes_nothing(runs: dict[str, TrainedTranslator]) -> None:
+def test_own_layout_changes_nothing(runs: dict[str, CountsPredictor]) -> None:
     layout = load_layout()
     for run in runs.values():
         assert run.at_layout(layout.x_mm, layout.y_mm + 1e-6, "again") is run
@@ -77,7 +81,7 @@ def test_own_layout_changes_nothing(runs: dict[str, TrainedTranslator]) -> None:
 
 
 def test_layouts_that_cannot_be_read_are_refused(
-    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray]
+    runs: dict[str, CountsPredictor], dense: tuple[np.ndarray, np.ndarray]
 ) -> None:
     with pytest.raises(T2TwinError, match="needs a touch2touch or a field run"):
         runs["resnet18"].at_layout(*dense, "dense")
@@ -92,11 +96,11 @@ def test_layouts_that_cannot_be_read_are_refused(
 
 
 def test_what_the_trained_layout_can_say(
-    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray]
+    runs: dict[str, CountsPredictor], dense: tuple[np.ndarray, np.ndarray]
 ) -> None:
     """A projection of rank 20: any trained array's interpolation passes, nothing is added."""
     trained = runs["touch2touch"].config.data
-    kept = seen_through(trained, *dense)
+    kept = representable(trained, *dense)
     np.testing.assert_allclose(kept @ kept, kept, atol=1e-9)
     assert np.linalg.matrix_rank(kept) == 20
     linear = 3.0 + dense[0] - 2.0 * dense[1]
@@ -104,7 +108,7 @@ def test_what_the_trained_layout_can_say(
 
 
 def test_evaluation_on_a_denser_layout(
-    runs: dict[str, TrainedTranslator], dense: tuple[np.ndarray, np.ndarray], tmp_path: Path,
+    runs: dict[str, CountsPredictor], dense: tuple[np.ndarray, np.ndarray], tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """Errors are of the new layout's taxels; a generator that drew the truth meets the floor."""
@@ -121,7 +125,7 @@ def test_evaluation_on_a_denser_layout(
     assert evaluation.view.pitch_mm == pytest.approx(PITCH_MM)
     stored = np.load(tmp_path / "out" / "predictions.npz")
     assert stored["touch2touch"].shape == stored["truth"].shape == (4, dense[0].size)
-    kept = seen_through(run.config.data, *dense)
+    kept = representable(run.config.data, *dense)
     np.testing.assert_allclose(stored[LAYOUT_FLOOR], stored["truth"] @ kept.T, rtol=1e-5, atol=0.1)
     floor = evaluation.models[LAYOUT_FLOOR].overall.rmse_counts
     assert 0 < floor < evaluation.models["touch2touch"].overall.rmse_counts

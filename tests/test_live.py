@@ -12,13 +12,15 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.live.folder import Folder
+from t2twin.core.errors import T2TwinError
+from t2twin.live.folder import FolderSource
 from t2twin.live.follow import follow
-from t2twin.live.frame import Frame
-from t2twin.live.newest import Newest
-from t2twin.live.skipped import Skipped
-from t2twin.live.sources import Video, _opencv, open_source
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.live.frame import Frame, SkippedFrames
+from t2twin.live.latest_frame import LatestFrame
+from t2twin.live.sources import VideoSource, _opencv, open_source
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import require
+from t2twin.translate.uncertainty.ood import OODClass
 
 HZ, FRAMES = 30.0, 24
 cv2 = _opencv()  # before anything else of it is used, as in the command, so that it is quiet
@@ -76,7 +78,7 @@ def no_waiting(monkeypatch):
             slept.append(seconds)
 
     monkeypatch.setattr("t2twin.live.sources.time", Clock)
-    monkeypatch.setattr("t2twin.live.skipped.time", Clock)
+    monkeypatch.setattr("t2twin.live.frame.time", Clock)
     return slept
 
 
@@ -113,16 +115,16 @@ def test_frames_are_turned_upright(turn_deg, corner, tmp_path):
     image = np.zeros((24, 32), np.uint8)
     image[0, 0] = 255
     Image.fromarray(image).save(tmp_path / "a.png")
-    seen = Folder(tmp_path, turn_deg, silent).read()
+    seen = FolderSource(tmp_path, turn_deg, silent).read()
     assert seen is not None and seen.image[corner] == 255
     assert seen.image.shape == ((24, 32) if turn_deg == 0 else (32, 24))
 
 
-def test_colours_are_red_green_blue(tmp_path):
+def test_colors_are_red_green_blue(tmp_path):
     writer = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 60, (64, 64))
     writer.write(np.full((64, 64, 3), (10, 10, 240), np.uint8))  # OpenCV has blue first
     writer.release()
-    seen = Video(tmp_path / "v.avi").read()
+    seen = VideoSource(tmp_path / "v.avi").read()
     assert seen is not None
     assert seen.image[..., 0].mean() > 200 > 60 > seen.image[..., 2].mean()
 
@@ -131,7 +133,7 @@ def test_a_folder_gives_its_newest_and_then_what_arrives(tmp_path):
     for number in range(3):
         write(tmp_path / f"{number}.png", frame(number), 1000 + number)
     (tmp_path / "notes.txt").write_text("no image")
-    source = Folder(tmp_path, 0, silent)
+    source = FolderSource(tmp_path, 0, silent)
     first = source.read()
     assert first is not None and first.name == "2.png"
     write(tmp_path / "9.png", frame(9), 1010)
@@ -144,7 +146,7 @@ def test_a_half_written_frame_is_waited_for(tmp_path):
     write(tmp_path / "whole.png", frame(9), 1010)
     content = (tmp_path / "whole.png").read_bytes()
     (tmp_path / "whole.png").unlink()
-    source, half = Folder(tmp_path, 0, silent), threading.Event()
+    source, half = FolderSource(tmp_path, 0, silent), threading.Event()
 
     def tries(name, version, image=source._image):
         seen = image(name, version)
@@ -167,7 +169,7 @@ def test_a_half_written_frame_is_waited_for(tmp_path):
 
 
 def test_a_file_written_again_is_a_new_frame(tmp_path):
-    source = Folder(tmp_path, 0, silent)
+    source = FolderSource(tmp_path, 0, silent)
     for number in range(5):
         Image.fromarray(frame(number)).save(tmp_path / ".new.png")
         (tmp_path / ".new.png").replace(tmp_path / "latest.png")
@@ -177,7 +179,7 @@ def test_a_file_written_again_is_a_new_frame(tmp_path):
 
 def test_a_file_that_stays_broken_is_skipped_and_reported(tmp_path):
     reports = []
-    source = Folder(tmp_path, 0, reports.append, patience_s=0.0)
+    source = FolderSource(tmp_path, 0, reports.append, read_timeout_s=0.0)
     (tmp_path / "a.png").write_text("no image")
     write(tmp_path / "b.png", frame(3), 1000)  # older, and whole
     first = source.read()
@@ -196,7 +198,7 @@ def _write_when(reports, path):
 
 def test_skipped_frames_are_reported_now_and_then(no_waiting):
     reports = []
-    skipped = Skipped(reports.append)
+    skipped = SkippedFrames(reports.append)
     for _ in range(40):
         skipped.add("a.png is damaged")
         no_waiting.append(0.25)  # ten seconds in all
@@ -204,8 +206,8 @@ def test_skipped_frames_are_reported_now_and_then(no_waiting):
 
 
 def test_a_folder_that_is_closed_ends(tmp_path):
-    source = Folder(tmp_path, 0, silent)
-    newest = Newest(source)
+    source = FolderSource(tmp_path, 0, silent)
+    newest = LatestFrame(source)
     newest.close()
     assert newest.take() is None
 
@@ -219,7 +221,7 @@ def test_what_gives_no_frames_is_refused(name, words, tmp_path, monkeypatch, cap
     (tmp_path / "text.mp4").write_text("no video")
     with pytest.raises(T2TwinError, match=words):
         open_source(name)
-    assert capfd.readouterr() == ("", "")  # nor does OpenCV say anything
+    assert capfd.readouterr() == ("", "")  # nor does OpenCV report anything
 
 
 def test_without_opencv_it_says_what_brings_it(video, monkeypatch):
@@ -238,7 +240,7 @@ def test_a_slow_taker_gets_the_newest_frame():
         if number == 30:  # twenty-nine came meanwhile
             took.wait()
 
-    newest = Newest(Listed(50, more))
+    newest = LatestFrame(Listed(50, more))
     while newest.read < 30:
         time.sleep(0.001)
     first = newest.take()
@@ -251,7 +253,7 @@ def test_a_slow_taker_gets_the_newest_frame():
 
 
 def test_several_take_from_one_source():
-    newest = Newest(Listed(3))
+    newest = LatestFrame(Listed(3))
     while not newest.ended:
         time.sleep(0.001)
     both = [newest.take(1), newest.take(1)]
@@ -264,7 +266,7 @@ def test_a_source_s_error_comes_through():
             raise T2TwinError("the camera is gone")
 
     with pytest.raises(T2TwinError, match="gone"):
-        Newest(Broken()).take()
+        LatestFrame(Broken()).take()
 
 
 # Lines
@@ -272,16 +274,16 @@ def test_a_source_s_error_comes_through():
 
 def test_each_line_has_the_counts_of_its_frame(run, video):
     lines, said, before_s = [], [], time.time()
-    pace = follow(run, open_source(str(video)), lines.append, said.append)
+    throughput = follow(run, open_source(str(video)), lines.append, said.append)
     records = [json.loads(line) for line in lines]
-    assert pace.done == len(records) and pace.came == FRAMES
+    assert throughput.translated == len(records) and throughput.received == FRAMES
     numbers = [record["frame"] for record in records]
     assert numbers == sorted(set(numbers)) and numbers[-1] == FRAMES - 1
-    decoded = {each.number: each.image for each in iter(Video(video).read, None)}
+    decoded = {each.number: each.image for each in iter(VideoSource(video).read, None)}
     for record in records:
         expected = np.rint(run.predict(decoded[record["frame"]])).astype(int)
         assert record["counts"] == expected.tolist()
-        assert record["latency_ms"] > 0 and record["like_training"] is True
+        assert record["latency_ms"] > 0 and record["in_distribution"] is True
         assert before_s <= record["time_s"] <= time.time()
     assert f"{FRAMES - len(records)} of {FRAMES} dropped" in said[-1]
     assert "frames/s" in said[-1] and "latency" in said[-1]
@@ -317,12 +319,12 @@ def test_bad_input_is_one_sentence(
 
 def test_a_frame_unlike_the_training_is_said_once(run, monkeypatch):
     said, lines = [], []
-    monkeypatch.setattr(type(run), "is_familiar", lambda self, pixels: np.zeros(len(pixels), bool))
+    monkeypatch.setattr(type(run), "classify", lambda self, pixels: [OODClass.OTHER] * len(pixels))
     source = Listed(5, lambda number: _wait_for(lambda: len(lines) >= number))
     follow(run, source, lines.append, said.append)
     assert len(lines) == 5
-    assert all(json.loads(line)["like_training"] is False for line in lines)
-    assert sum("unlike all" in sentence for sentence in said) == 1
+    assert all(json.loads(line)["in_distribution"] is False for line in lines)
+    assert sum("unlike the training images" in sentence for sentence in said) == 1
 
 
 def _wait_for(holds):
@@ -331,7 +333,7 @@ def _wait_for(holds):
 
 
 def test_a_field_run_gives_standard_deviations_and_force():
-    run = t2twin.load("field")
+    run = require(t2twin.load("field"), FieldPredictor, "the test")
     lines, background = [], np.full((64, 48, 3), 90, np.uint8)
     follow(run, Listed(1), lines.append, silent, background=background)
     record, size = json.loads(lines[0]), run.config.preset.size
@@ -346,5 +348,5 @@ def test_a_field_run_gives_standard_deviations_and_force():
 
 
 def test_a_background_frame_is_for_field_runs_only(run):
-    with pytest.raises(T2TwinError, match="takes no background frame"):
+    with pytest.raises(T2TwinError, match="a background frame needs a field run"):
         follow(run, Listed(1), silent, silent, background=frame(0))

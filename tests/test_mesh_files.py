@@ -10,9 +10,9 @@ import trimesh
 from solid_files import SIDES_MM, box, glb_of, model, obj_text, part, taken_apart, threemf_of, y_up
 
 import t2twin
-from t2twin.primitives_cad import catalogue, files
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.formats import bodies, obj, threemf
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.mesh_io import bodies, obj, read, threemf
 
 VOLUME_MM3 = 72.0
 
@@ -79,7 +79,7 @@ def test_a_scale_takes_the_place_of_the_file_s_own_unit(tmp_path):
     y_up(box()).export(tmp_path / "mm.glb")
     threemf_of(tmp_path / "mm.3mf", model(part(1, box()), '<item objectid="1"/>', "inch"))
     for name in ("mm.glb", "mm.3mf"):
-        assert files.read_solid(tmp_path / name, 1.0)[0].volume == pytest.approx(72.0, rel=1e-5)
+        assert read.read_solid(tmp_path / name, 1.0)[0].volume == pytest.approx(72.0, rel=1e-5)
 
 
 def test_step_lengths_come_in_mm_and_a_scale_multiplies_them(tmp_path):
@@ -87,8 +87,8 @@ def test_step_lengths_come_in_mm_and_a_scale_multiplies_them(tmp_path):
 
     path = tmp_path / "inches.step"
     cq.exporters.export(cq.Workplane().box(*SIDES_MM), str(path), unit="INCH", outputUnit="INCH")
-    assert files.read_solid(path)[0].volume == pytest.approx(25.4**3 * VOLUME_MM3, rel=1e-6)
-    assert files.read_solid(path, 0.5)[0].volume == pytest.approx(12.7**3 * VOLUME_MM3, rel=1e-6)
+    assert read.read_solid(path)[0].volume == pytest.approx(25.4**3 * VOLUME_MM3, rel=1e-6)
+    assert read.read_solid(path, 0.5)[0].volume == pytest.approx(12.7**3 * VOLUME_MM3, rel=1e-6)
 
 
 def test_each_scale_is_a_shape_of_its_own(tmp_path):
@@ -121,9 +121,9 @@ def test_a_scale_is_for_files_only(tmp_path):
 @pytest.mark.parametrize(
     "name, sides, hint",
     [
-        ("m.stl", (0.03, 0.02, 0.01), "in metres, --scale 1000 makes it 30 mm large"),
+        ("m.stl", (0.03, 0.02, 0.01), "in meters, --scale 1000 makes it 30 mm large"),
         ("in.stl", (0.4, 0.3, 0.2), "in inches, --scale 25.4 makes it 10.16 mm large"),
-        ("um.ply", (30000.0, 2e4, 1e4), "in micrometres, --scale 0.001 makes it 30 mm large"),
+        ("um.ply", (30000.0, 2e4, 1e4), "in micrometers, --scale 0.001 makes it 30 mm large"),
         ("mm.glb", SIDES_MM, "in mm, --scale 1 makes it 6 mm large"),
     ],
 )
@@ -131,20 +131,20 @@ def test_an_unlikely_size_names_the_likely_scale(name, sides, hint, tmp_path):
     mesh = box(sides, at=(0, 0, 0))
     mesh.export(tmp_path / name)
     with pytest.raises(T2TwinError) as caught:
-        files.read_solid(tmp_path / name)
+        read.read_solid(tmp_path / name)
     assert hint in str(caught.value) and "0.5 x 0.2 mm" in str(caught.value)
     scale = float(str(caught.value).split("--scale ")[1].split()[0])
-    assert files.read_solid(tmp_path / name, scale)[0].is_watertight
+    assert read.read_solid(tmp_path / name, scale)[0].is_watertight
 
 
 def test_the_smallest_solid_is_felt_wherever_it_is_pressed(tmp_path):
-    side = files.SMALLEST_MM
+    side = read.SMALLEST_MM
     box((side, side, 3.0)).export(tmp_path / "least.stl")
     box((side / 2, side / 2, 3.0)).export(tmp_path / "less.stl")
     with pytest.raises(
         T2TwinError, match=r"0\.25 x 0\.25 mm seen from above.*at least 0\.5 x 0\.2"
     ):
-        files.read_solid(tmp_path / "less.stl")
+        read.read_solid(tmp_path / "less.stl")
     twin, shape = t2twin.Twin(), t2twin.load_shape(tmp_path / "least.stl")
     for x, yaw in ((0.0, 0.0), (0.13, 30.0), (0.25, 45.0)):
         touch = twin.press(shape, force_n=1.0, x_mm=x, yaw_deg=yaw)
@@ -191,7 +191,7 @@ def test_a_3mf_build_takes_parts_from_other_models(tmp_path):
         for name, height in (("a", 2), ("b", 4))
     }
     threemf_of(tmp_path / "two.3mf", model("", places), **parts)
-    mesh, _ = files.read_solid(tmp_path / "two.3mf")
+    mesh, _ = read.read_solid(tmp_path / "two.3mf")
     assert mesh.volume == pytest.approx(24.0)
     np.testing.assert_allclose(mesh.extents, (8, 2, 4))
 
@@ -199,7 +199,7 @@ def test_a_3mf_build_takes_parts_from_other_models(tmp_path):
 def test_an_obj_solid_of_several_materials_is_one(tmp_path):
     (tmp_path / "secret.mtl").symlink_to("/dev/zero")  # would be read without end
     lines = obj_text(corners_of(), quads()).splitlines()
-    coloured = [
+    colored = [
         "mtllib secret.mtl",
         *lines[:8],
         "usemtl red",
@@ -207,8 +207,8 @@ def test_an_obj_solid_of_several_materials_is_one(tmp_path):
         "usemtl blue",
         *lines[11:],
     ]
-    (tmp_path / "two.obj").write_text("\n".join(coloured))
-    mesh, notes = files.read_solid(tmp_path / "two.obj")
+    (tmp_path / "two.obj").write_text("\n".join(colored))
+    mesh, notes = read.read_solid(tmp_path / "two.obj")
     assert mesh.is_watertight and mesh.volume == pytest.approx(72.0) and notes == ()
 
 
@@ -218,7 +218,7 @@ def test_a_glb_solid_of_several_materials_is_one(tmp_path):
     for rows in (range(5), range(5, 12)):
         scene.add_geometry(whole.submesh([list(rows)], append=True))
     scene.export(tmp_path / "two.glb")
-    mesh, notes = files.read_solid(tmp_path / "two.glb")
+    mesh, notes = read.read_solid(tmp_path / "two.glb")
     assert mesh.is_watertight and mesh.volume == pytest.approx(72.0) and notes == ()
 
 
@@ -232,18 +232,18 @@ def test_a_face_with_a_notch_is_cut_within_its_outline(tmp_path):
         faces = [range(n, 0, -1), range(n + 1, 2 * n + 1), *sides]
         lines = corners + ["f " + " ".join(map(str, face)) for face in faces]
         (tmp_path / f"{name}.obj").write_text("\n".join(lines))
-    mesh, _ = files.read_solid(tmp_path / "corner.obj")
+    mesh, _ = read.read_solid(tmp_path / "corner.obj")
     assert mesh.volume == pytest.approx(12 * 5)
     assert mesh.area == pytest.approx(2 * 12 + 16 * 5)  # folds would count twice
     with pytest.raises(T2TwinError, match="notches"):
-        files.read_solid(tmp_path / "notch.obj")
+        read.read_solid(tmp_path / "notch.obj")
 
 
 def test_a_glb_s_data_may_stand_in_its_description(tmp_path):
     about, binary = taken_apart(y_up(box(unit_mm=1000.0)))
     about["buffers"][0]["uri"] = "data:base64," + base64.b64encode(binary).decode()
     glb_of(tmp_path / "own.glb", about)
-    assert files.read_solid(tmp_path / "own.glb")[0].volume == pytest.approx(72.0, rel=1e-5)
+    assert read.read_solid(tmp_path / "own.glb")[0].volume == pytest.approx(72.0, rel=1e-5)
 
 
 def test_a_glb_s_nodes_place_its_parts(tmp_path):
@@ -277,7 +277,7 @@ def test_a_glb_s_nodes_place_its_parts(tmp_path):
         "scenes": [{"nodes": [0]}],
     }
     glb_of(tmp_path / "four.glb", about, binary)
-    mesh, _ = files.read_solid(tmp_path / "four.glb")
+    mesh, _ = read.read_solid(tmp_path / "four.glb")
     assert mesh.is_watertight and mesh.volume == pytest.approx(10.0**3 / 6 * 2 * 3, rel=1e-5)
     # x is doubled, then turned to -z, which is +y of the shape; y, tripled, is up
     np.testing.assert_allclose(mesh.extents, (10.0, 20.0, 30.0), rtol=1e-5)
@@ -298,7 +298,7 @@ def test_a_3mf_names_its_model(tmp_path):
         archive.writestr("_rels/.rels", relations)
         archive.writestr("3D/3dmodel.model", small)
         archive.writestr("other/main.model", large)
-    assert files.read_solid(tmp_path / "named.3mf")[0].volume == pytest.approx(72.0)
+    assert read.read_solid(tmp_path / "named.3mf")[0].volume == pytest.approx(72.0)
 
 
 def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path, monkeypatch):
@@ -309,11 +309,11 @@ def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path, monkeypatch):
     faces = [range(400, 0, -1), range(401, 801), *sides]
     lines = corners + ["f " + " ".join(map(str, face)) for face in faces]
     (tmp_path / "prism.obj").write_text("\ufeff" + "\r".join(lines), encoding="utf-8")
-    mesh, _ = files.read_solid(tmp_path / "prism.obj")
+    mesh, _ = read.read_solid(tmp_path / "prism.obj")
     assert mesh.volume == pytest.approx(np.pi * 25 * 5, rel=1e-3)
     monkeypatch.setattr(obj, "MAX_FACE_CORNERS", 399)
     with pytest.raises(T2TwinError, match="a face of 400 corners; at most 399"):
-        files.read_solid(tmp_path / "prism.obj")
+        read.read_solid(tmp_path / "prism.obj")
 
 
 def test_corners_without_triangles_are_bounded_too(tmp_path, monkeypatch):
@@ -323,24 +323,24 @@ def test_corners_without_triangles_are_bounded_too(tmp_path, monkeypatch):
     monkeypatch.setattr(bodies, "MAX_CORNERS", 7)
     for name in ("block.3mf", "block.obj", "block.glb"):
         with pytest.raises(T2TwinError, match="more than the 7 corners"):
-            files.read_solid(tmp_path / name)
+            read.read_solid(tmp_path / name)
 
 
 def test_bounds_are_those_that_are_named(tmp_path, monkeypatch):
     box().export(tmp_path / "block.stl")
     threemf_of(tmp_path / "block.3mf", model(part(1, box()), '<item objectid="1"/>'))
     monkeypatch.setattr(bodies, "MAX_TRIANGLES", 12)
-    files.read_solid(tmp_path / "block.stl")
+    read.read_solid(tmp_path / "block.stl")
     monkeypatch.setattr(bodies, "MAX_TRIANGLES", 11)
     for name in ("block.stl", "block.3mf"):
         with pytest.raises(T2TwinError, match="more than the 11 triangles"):
-            files.read_solid(tmp_path / name)
+            read.read_solid(tmp_path / name)
     monkeypatch.setattr(threemf, "MAX_UNPACKED_BYTES", 500)
     with pytest.raises(T2TwinError, match="larger than the"):
-        files.read_solid(tmp_path / "block.3mf")
-    monkeypatch.setattr(files, "MAX_BYTES", 100)
+        read.read_solid(tmp_path / "block.3mf")
+    monkeypatch.setattr(read, "MAX_BYTES", 100)
     with pytest.raises(T2TwinError, match="MB are allowed"):
-        files.read_solid(tmp_path / "block.stl")
+        read.read_solid(tmp_path / "block.stl")
 
 
 def test_a_step_that_is_cut_short_is_one_quiet_sentence(tmp_path, capfd):
@@ -351,7 +351,7 @@ def test_a_step_that_is_cut_short_is_one_quiet_sentence(tmp_path, capfd):
     path.write_bytes(path.read_bytes()[:5000])
     capfd.readouterr()
     with pytest.raises(T2TwinError, match="damaged or not STEP"):
-        files.read_solid(path)
+        read.read_solid(path)
     said = capfd.readouterr()
     assert said.out == said.err == ""
 
@@ -365,4 +365,4 @@ def test_what_an_archive_announces_bounds_what_is_unpacked(said, words, tmp_path
     content = stream.getvalue().replace(held, said.to_bytes(4, "little"))
     (tmp_path / "bomb.3mf").write_bytes(content)
     with pytest.raises(T2TwinError, match=words):
-        files.read_solid(tmp_path / "bomb.3mf")
+        read.read_solid(tmp_path / "bomb.3mf")

@@ -5,9 +5,9 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.evaluation.metrics import compare
-from t2twin.translate.evaluation.similarity import image_scores
-from t2twin.translate.phi import Phi
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.translate.evaluation.metrics.array_errors import compare
+from t2twin.translate.evaluation.metrics.ssim import image_scores
 
 FULL_SCALE = 40000.0
 

@@ -5,19 +5,17 @@ import pytest
 import torch
 from torch import nn
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.build import TRANSLATORS
-from t2twin.translate.data.examples import Examples
-from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.networks.fused import fuse
-from t2twin.translate.networks.patchgan import PatchGAN
+from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.models.optimizer import adamw
+from t2twin.translate.models.presets import find_preset
+from t2twin.translate.models.resnet18 import ResNet18Translator
+from t2twin.translate.models.touch2touch import Touch2Touch
+from t2twin.translate.networks.fold_batchnorm import fold_batchnorm
+from t2twin.translate.networks.pix2pix import HalfDropout, PatchGAN, UNet
 from t2twin.translate.networks.resnet18 import ResNet18
-from t2twin.translate.networks.unet import HalfDropout, UNet
-from t2twin.translate.optimizer import adamw
-from t2twin.translate.presets import find_preset
-from t2twin.translate.resnet18 import ResNet18Translator
-from t2twin.translate.touch2touch import Touch2Touch
+from t2twin.translate.runs.build import TRANSLATORS
 
 CPU = torch.device("cpu")
 FULL_SCALE = 40_000.0
@@ -146,7 +144,7 @@ def test_paper_preset_trains_the_published_networks() -> None:
     [("touch2touch", 2e-4, (0.5, 0.999)), ("resnet18", 1e-3, (0.9, 0.999))],
 )
 def test_adam_is_set_as_in_the_paper(model: str, rate: float, betas: tuple[float, float]) -> None:
-    """The settings of the optimisers themselves, which hold every weight once, without decay."""
+    """The settings of the optimizers themselves, which hold every weight once, without decay."""
     preset = replace(find_preset(model, "paper"), filters=16)
     translator = TRANSLATORS[model](preset, info(), CPU, False)
     assert translator.optimizers.keys() == translator.networks.keys()
@@ -277,6 +275,6 @@ def test_folding_the_batch_norms_changes_nothing(network: nn.Module) -> None:
     images = torch.randn(2, 1 if isinstance(network, UNet) else 3, 64, 64)
     expected = network.eval()(images).detach()
     assert len(norms) > 5
-    fuse(network)
+    fold_batchnorm(network)
     assert not any(isinstance(module, nn.BatchNorm2d) for module in network.modules())
     torch.testing.assert_close(network(images), expected, rtol=1e-3, atol=1e-4)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit.calibrate.noise import measured_noise
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.digit.calibrate.noise import measure_noise
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import COLUMNS, ROWS, optical_grid
-from t2twin.sim.digit.noise import Noise
+from t2twin.sim.digit.camera.noise import Noise
+from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, optical_grid
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
 TAPS = np.array([0.2, 0.5, 0.7, 0.5, 0.2])
@@ -22,13 +22,13 @@ def noise() -> Noise:
 
 
 def alike(drawn, rows, columns):
-    """How alike pixels so far apart are, all colours together."""
+    """How alike pixels so far apart are, all colors together."""
     pairs = drawn[rows:, columns:], drawn[: ROWS - rows, : COLUMNS - columns]
     return float(np.mean(pairs[0] * pairs[1]) / np.mean(drawn**2))
 
 
-def test_noise_has_the_spread_and_the_neighbours_it_says(noise):
-    drawn = noise.draw(np.random.default_rng(0))
+def test_noise_has_the_spread_and_the_neighbors_it_says(noise):
+    drawn = noise.sample(np.random.default_rng(0))
     covariance = np.cov(drawn.reshape(-1, 3).T)
     np.testing.assert_allclose(covariance, MIX @ MIX.T, atol=0.25)
     assert noise.grey == pytest.approx(np.sqrt(np.trace(covariance) / 3), rel=0.03)
@@ -45,8 +45,8 @@ def test_noise_has_the_spread_and_the_neighbours_it_says(noise):
 def test_what_is_drawn_is_measured_again(noise):
     rng = np.random.default_rng(0)
     still = np.full((ROWS, COLUMNS, 3), 90.0)
-    frames = np.array([np.rint(still + noise.draw(rng)) for _ in range(6)]).astype(np.uint8)
-    found = measured_noise(still, frames, frames[0])
+    frames = np.array([np.rint(still + noise.sample(rng)) for _ in range(6)]).astype(np.uint8)
+    found = measure_noise(still, frames, frames[0])
     assert found is not None
     # what is slow is taken off as drift, and with it a part of noise as smooth as this
     assert found.grey == pytest.approx(noise.grey, rel=0.05)
@@ -59,7 +59,7 @@ def test_white_noise_is_found_white():
     rng = np.random.default_rng(0)
     still = np.full((ROWS, COLUMNS, 3), 90.0)
     frames = np.rint(still + rng.normal(0.0, NOISE_GREY, (4, *still.shape))).astype(np.uint8)
-    found = measured_noise(still, frames, frames[0])
+    found = measure_noise(still, frames, frames[0])
     assert found is not None
     np.testing.assert_allclose(found.taps, [0, 0, 1, 0, 0], atol=0.03)
     np.testing.assert_allclose(found.mix, NOISE_GREY * np.eye(3), atol=0.1)
@@ -93,7 +93,7 @@ def test_the_file_keeps_it(noise, tmp_path):
         assert "noise_mix" not in file.files
         parts = dict(file)
     np.savez(path, **parts, noise_mix=MIX)
-    with pytest.raises(T2TwinError, match="of noise_mix and noise_taps one is missing"):
+    with pytest.raises(T2TwinError, match="one of noise_mix and noise_taps is missing"):
         Calibration.load(path)
 
 

@@ -6,11 +6,11 @@ import pytest
 from benchmarks.flat_pad import FlatPad
 from benchmarks.oracle import Waves, kernel, solve
 from benchmarks.solids import block
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.layer import base_stress, compliance_mm_per_mpa
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.press.elastomer import Elastomer
-from t2twin.sim.press.layer import base_stress, compliance_mm_per_mpa
-from t2twin.sim.press.records import PressCommand
 
 E, NU = 0.5, 0.47
 MODULUS = E / (1 - NU**2)

@@ -15,22 +15,21 @@ from spots import stopped_after_an_epoch, write_spots
 
 import t2twin
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.studio.translators import Translators
-from t2twin.translate.build import build
-from t2twin.translate.data.examples import Examples
 from t2twin.translate.data.images import to_input
-from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.export import export_onnx
-from t2twin.translate.other_way import OtherWay
-from t2twin.translate.predict import load_run
-from t2twin.translate.presets import PRESETS, Preset
-from t2twin.translate.runs import shipped
+from t2twin.translate.data.pairs import Examples, load_info, load_pairs
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.onnx_export import export_onnx
+from t2twin.translate.models.pix2pix import Pix2Pix
+from t2twin.translate.models.presets import PRESETS, Preset
+from t2twin.translate.models.reverse import CySkinToDigit
+from t2twin.translate.runs import pretrained
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import read_log
-from t2twin.translate.runs.shipped import DEFAULT_RUN
-from t2twin.translate.touch2touch import Touch2Touch
-from t2twin.translate.train import train
+from t2twin.translate.runs.pretrained import DEFAULT_RUN
+from t2twin.translate.training.train import train
 
 SMOKE = PRESETS["touch2touch"]["smoke"]
 WAY = "cyskin-to-digit"
@@ -52,11 +51,11 @@ def run_dir(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def translator(data_dir: Path, preset: Preset, direction: str) -> Touch2Touch:
+def translator(data_dir: Path, preset: Preset, direction: str) -> Pix2Pix:
     info = load_info(data_dir)
     config = RunConfig("touch2touch", preset, 0, info, None, None, 1, False, 1, direction=direction)
     made = build(config)
-    assert isinstance(made, Touch2Touch)
+    assert isinstance(made, Pix2Pix)
     return made
 
 
@@ -81,7 +80,7 @@ def test_overfits_one_batch(data_dir: Path) -> None:
     """Eight pairs seen again and again are drawn by heart, to 2 % of full scale."""
     torch.set_num_threads(1)
     ours = translator(data_dir, replace(SMOKE, learning_rate=2e-3), WAY)
-    assert isinstance(ours, OtherWay)
+    assert isinstance(ours, CySkinToDigit)
     pairs = load_pairs(data_dir, "train", SMOKE.size, SMOKE.grey)
     torch.manual_seed(0)  # dropout
     pixels, counts = pairs.images[:8].astype(np.float32), torch.from_numpy(pairs.counts[:8])
@@ -94,7 +93,7 @@ def test_overfits_one_batch(data_dir: Path) -> None:
     for _ in range(60):
         last = ours.step(examples)
     assert last["l1"] < first["l1"] / 4
-    drawn = ours.pictures(counts)[:, 0].numpy()
+    drawn = ours.predict_images(counts).numpy()
     assert np.sqrt(np.square(drawn - pixels[..., 0]).mean()) < 0.02 * 255
 
 
@@ -102,7 +101,7 @@ def test_training_is_validated_by_its_pictures(data_dir: Path, run_dir: Path) ->
     """The best epoch's figure is the RMSE of the validation's pixels, in percent of 255."""
     best = min(read_log(run_dir), key=lambda record: record.val_rmse_percent)
     pairs = load_pairs(data_dir, "val", SMOKE.size, SMOKE.grey)
-    drawn = t2twin.load(run_dir).picture_of(pairs.counts).astype(float)
+    drawn = t2twin.load(run_dir).predict_image(pairs.counts).astype(float)
     rmse = np.sqrt(np.square(drawn - pairs.images[:][..., 0]).mean())
     assert best.val_rmse_grey == pytest.approx(rmse, abs=0.1)
     assert best.val_rmse_percent == pytest.approx(100 * rmse / 255, abs=0.05)
@@ -117,19 +116,21 @@ def test_what_is_drawn_follows_the_touch(data_dir: Path, run_dir: Path) -> None:
     )
     true = pairs.images[:][..., 0].astype(float)
     off_mean = np.square(true - train_pairs.images[:][..., 0].mean(axis=0)).mean()
-    drawn = t2twin.load(run_dir).picture_of(pairs.counts)
+    drawn = t2twin.load(run_dir).predict_image(pairs.counts)
     assert np.square(true - drawn).mean() < 0.7 * off_mean
 
 
 def test_pictures_have_the_shape_of_the_counts(run_dir: Path) -> None:
     run = t2twin.load(run_dir)
     counts = np.linspace(0, 40_000, 20)
-    one, several = run.picture_of(counts), run.picture_of(np.stack([counts, 0 * counts]))
+    one, several = run.predict_image(counts), run.predict_image(np.stack([counts, 0 * counts]))
     assert one.shape == (32, 32) and one.dtype == np.uint8
     assert several.shape == (2, 32, 32) and several.dtype == np.uint8
     assert np.array_equal(several[0], one) and not np.array_equal(several[1], one)
-    assert np.array_equal(run.picture_of(counts.astype(np.uint16)), run.picture_of(counts // 1))
-    assert run.picture_of(np.empty((0, 20))).shape == (0, 32, 32)
+    assert np.array_equal(
+        run.predict_image(counts.astype(np.uint16)), run.predict_image(counts // 1)
+    )
+    assert run.predict_image(np.empty((0, 20))).shape == (0, 32, 32)
 
 
 @pytest.mark.parametrize(
@@ -138,28 +139,28 @@ def test_pictures_have_the_shape_of_the_counts(run_dir: Path) -> None:
         (np.zeros(19), r"\(19,\); they must be \(20,\) or \(B, 20\)"),
         (np.zeros((2, 2, 20)), "they must be"),
         (np.float32(3), "they must be"),
-        (np.full(20, np.nan), "no number from 0 to 40,000"),
-        (np.full(20, -1.0), "no number from 0 to 40,000"),
-        (np.full(20, 40_001), "no number from 0 to 40,000"),
+        (np.full(20, np.nan), "expected numbers from 0 to 40,000"),
+        (np.full(20, -1.0), "expected numbers from 0 to 40,000"),
+        (np.full(20, 40_001), "expected numbers from 0 to 40,000"),
         (np.array(["many"] * 20), "expected an array of numbers"),
     ],
 )
 def test_what_cannot_be_counts_is_one_sentence(run_dir: Path, counts: np.ndarray, said: str):
     with pytest.raises(T2TwinError, match=said):
-        t2twin.load(run_dir).picture_of(counts)
+        t2twin.load(run_dir).predict_image(counts)
 
 
 def test_jitter_is_not_put_on_what_is_drawn(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = []
-    step = OtherWay.step
+    step = CySkinToDigit.step
 
-    def watched(self: OtherWay, examples: Examples) -> dict[str, float]:
+    def watched(self: CySkinToDigit, examples: Examples) -> dict[str, float]:
         seen.append(examples.images.numpy().copy())
         return step(self, examples)
 
-    monkeypatch.setattr(OtherWay, "step", watched)
+    monkeypatch.setattr(CySkinToDigit, "step", watched)
     train("touch2touch", data_dir, replace(SMOKE, noise=0.1), tmp_path, epochs=1, direction=WAY)
     grey = (np.concatenate(seen) + 1.0) * 127.5
     np.testing.assert_allclose(grey, np.rint(grey), atol=1e-3)
@@ -187,7 +188,7 @@ def test_another_direction_into_a_run_is_refused(
 
 
 def test_a_direction_that_cannot_be_gone_is_one_sentence(data_dir: Path, tmp_path: Path) -> None:
-    with pytest.raises(T2TwinError, match="resnet18 does not go cyskin-to-digit"):
+    with pytest.raises(T2TwinError, match="resnet18 has no direction cyskin-to-digit"):
         train("resnet18", data_dir, "smoke", tmp_path, direction=WAY)
     with pytest.raises(T2TwinError, match="'sideways'; it must be one of digit-to-cyskin, cyskin"):
         train("touch2touch", data_dir, "smoke", tmp_path, direction="sideways")
@@ -199,7 +200,7 @@ def test_a_direction_that_cannot_be_gone_is_one_sentence(data_dir: Path, tmp_pat
     [
         ("direction", "sideways", "'sideways'; it must be one of digit-to-cyskin, cyskin-to-digit"),
         ("direction", 3, "direction is a whole number; it must be text"),
-        ("model", "resnet18", "resnet18 does not go cyskin-to-digit"),
+        ("model", "resnet18", "resnet18 has no direction cyskin-to-digit"),
     ],
 )
 def test_a_wrong_direction_in_the_config_is_one_sentence(
@@ -215,10 +216,10 @@ def test_a_wrong_direction_in_the_config_is_one_sentence(
 def test_a_config_of_an_older_version_goes_the_papers_way(run_dir: Path, tmp_path: Path) -> None:
     content = json.loads((run_dir / "config.json").read_text())
     assert load_config(run_dir).direction == content.pop("direction") == WAY
-    del content["preset"]["shape_weight"]
+    del content["preset"]["iou_weight"]
     (tmp_path / "config.json").write_text(json.dumps(content))
     older = load_config(tmp_path)
-    assert (older.direction, older.preset.shape_weight) == ("digit-to-cyskin", 0.0)
+    assert (older.direction, older.preset.iou_weight) == ("digit-to-cyskin", 0.0)
 
 
 @pytest.mark.parametrize(
@@ -248,7 +249,7 @@ def test_commands_that_want_counts_refuse_it_in_one_sentence(
         main([word.format(run=run_dir, data=data_dir) for word in words])
     said = capsys.readouterr().err.strip()
     assert stop.value.code == 2 and len(said.splitlines()) == 1
-    assert f"{run_dir} is a {WAY} run, which draws DIGIT pictures" in said
+    assert f"{run_dir} is a {WAY} run, which predicts DIGIT images" in said
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -257,58 +258,58 @@ def test_commands_that_want_counts_refuse_it_in_one_sentence(
     [
         lambda run, frame: run.predict(frame),
         lambda run, frame: run.estimate(frame),
-        lambda run, frame: run.draw_fields(frame, 2),
+        lambda run, frame: run.sample_fields(frame, 2),
         lambda run, frame: run.tactile_images(frame),
         lambda run, frame: export_onnx(run, "x.onnx"),
         lambda run, frame: t2twin.load(run.run_dir, layout="cyskin-63"),
     ],
-    ids=["predict", "estimate", "draw_fields", "tactile_images", "export_onnx", "layout"],
+    ids=["predict", "estimate", "sample_fields", "tactile_images", "export_onnx", "layout"],
 )
 def test_a_loaded_run_gives_no_counts(
     ask: Callable, run_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(T2TwinError, match=r"draws DIGIT pictures .*gives no counts"):
+    with pytest.raises(T2TwinError, match=r"DIGIT images; .* needs a (field|digit-to-cyskin) run"):
         ask(t2twin.load(run_dir), np.zeros((320, 240, 3), np.uint8))
     assert not list(tmp_path.iterdir())
 
 
 def test_a_run_of_the_papers_way_draws_no_pictures(untrained_runs: list[Path]) -> None:
     for run in untrained_runs:
-        with pytest.raises(T2TwinError, match=r"digit-to-cyskin run, which draws no DIGIT picture"):
-            t2twin.load(run).picture_of(np.zeros(20))
+        with pytest.raises(T2TwinError, match="predict_image needs a cyskin-to-digit run"):
+            t2twin.load(run).predict_image(np.zeros(20))
 
 
 def test_the_studio_passes_it_over_and_refuses_it_by_name(run_dir: Path) -> None:
     translators = Translators()
     translators.search(below=run_dir.parent)
     assert translators.names == (DEFAULT_RUN,)
-    with pytest.raises(T2TwinError, match="gives no counts"):
+    with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
         translators.search([run_dir])
 
 
 def test_load_run_is_of_translators_to_counts(run_dir: Path) -> None:
-    with pytest.raises(T2TwinError, match="gives no counts"):
+    with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
         load_run(run_dir)
 
 
 def test_load_run_knows_runs_that_ship_by_their_names(
     untrained_runs: list[Path], run_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(shipped, "HOME", untrained_runs[0].parent)
+    monkeypatch.setattr(pretrained, "HOME", untrained_runs[0].parent)
     assert load_run(untrained_runs[0].name).run_dir == untrained_runs[0]
-    monkeypatch.setattr(shipped, "HOME", run_dir.parent)
-    with pytest.raises(T2TwinError, match="gives no counts"):
+    monkeypatch.setattr(pretrained, "HOME", run_dir.parent)
+    with pytest.raises(T2TwinError, match="needs a digit-to-cyskin run"):
         load_run(run_dir.name)
 
 
 def test_the_card_says_which_way_it_goes(run_dir: Path) -> None:
     _, head, text = (run_dir / "README.md").read_text().split("---\n", 2)
     [result] = yaml.safe_load(head)["model-index"][0]["results"]
-    assert result["task"]["name"] == "CySkin counts to DIGIT picture"
+    assert result["task"]["name"] == "CySkin counts to DIGIT image"
     names = [metric["name"] for metric in result["metrics"]]
     assert names == ["RMSE, grey levels", "RMSE, % of full scale"]
-    for words in ("the other way", "picture_of(counts)", "| direction | cyskin-to-digit |",
-                  "grey levels of the pictures' pixels", "are made up"):  # fmt: skip
+    for words in ("Reversed touch2touch", "predict_image(counts)", "| direction | cyskin-to-digit |",  # noqa: E501
+                  "grey levels of the image's pixels", "invents them"):  # fmt: skip
         assert words in text, words
     assert "predict(" not in text

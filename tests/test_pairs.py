@@ -9,7 +9,7 @@ from spots import write_spots
 
 from t2twin.translate.data.images import augment
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.presets import PRESETS
+from t2twin.translate.models.presets import PRESETS
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.phi import TACTILE_SHAPE, Phi, barycentric
+from t2twin.sim.cyskin.phi import TACTILE_SHAPE, Phi, barycentric
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_resize_is_by_area(phi: Phi, counts: np.ndarray) -> None:
 
 def test_linear_field_is_exact_inside_the_hull_and_zero_outside(phi: Phi) -> None:
     layout = load_layout()
-    x_mm, y_mm = np.meshgrid(*phi.centres_mm)
+    x_mm, y_mm = np.meshgrid(*phi.centers_mm)
     image = phi(1000.0 + 30.0 * layout.x_mm - 20.0 * layout.y_mm)
     plane = 1000.0 + 30.0 * x_mm - 20.0 * y_mm
     np.testing.assert_allclose(image[phi.hull], plane[phi.hull], rtol=1e-5)
@@ -70,7 +70,7 @@ def test_weights_are_barycentric(phi: Phi) -> None:
 
 def test_one_taxel_peaks_at_its_place(phi: Phi) -> None:
     layout = load_layout()
-    columns_mm, rows_mm = phi.centres_mm
+    columns_mm, rows_mm = phi.centers_mm
     for n in range(layout.size):
         row, column = np.unravel_index(phi(np.eye(layout.size)[n]).argmax(), TACTILE_SHAPE)
         assert abs(columns_mm[column] - layout.x_mm[n]) < 1.5 / 8.8
@@ -106,7 +106,7 @@ def test_what_is_not_read_does_not_count(phi: Phi, counts: np.ndarray) -> None:
     """Counts come from the pixels that are read alone, as from all where nothing is disturbed."""
     small = phi.resized((64, 64))
     unread = np.arange(0, 64 * 64, 7)
-    reading = small.reading_only(np.setdiff1d(np.arange(64 * 64), unread))
+    reading = small.with_inverse_from(np.setdiff1d(np.arange(64 * 64), unread))
     images = small(counts).reshape(16, -1)
     images[:, unread] = 1e5
     disturbed = images.reshape(16, 64, 64)
@@ -114,7 +114,7 @@ def test_what_is_not_read_does_not_count(phi: Phi, counts: np.ndarray) -> None:
     assert np.abs(small.inverse(disturbed) - counts).max() > 1000.0
     np.testing.assert_array_equal(reading(counts), small(counts))
     with pytest.raises(T2TwinError, match="too near the rim"):
-        small.reading_only(np.arange(64))
+        small.with_inverse_from(np.arange(64))
 
 
 def test_any_layout_works() -> None:

@@ -10,21 +10,24 @@ from scipy.interpolate import RectBivariateSpline
 
 from benchmarks.oracle import kernel, solve
 from benchmarks.solids import ball, block, formula, punch
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
-from t2twin.primitives_cad.random_shapes.relief import heights_mm
+from t2twin.primitives_cad.random_shapes.rasterize import heights_mm
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.sim.press.anderson import Anderson
-from t2twin.sim.press.bed import Bed
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.footprint import footprint
-from t2twin.sim.press.layer import cached_layer
-from t2twin.sim.press.records import PressCommand
-from t2twin.sim.press.spline import on_lines
-from t2twin.sim.press.step import depth_carrying
-from t2twin.sim.press.surface import surface_on
+from t2twin.sim.contact.contact_solver import (
+    CYSKIN_PITCH_MM,
+    DIGIT_PITCH_MM,
+    solve_contact,
+    surface_on,
+)
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.footprint import footprint
+from t2twin.sim.contact.layer import cached_layer
+from t2twin.sim.contact.mujoco_pins import MujocoPins
+from t2twin.sim.contact.solver_loops import Anderson, spring_depth
+from t2twin.sim.contact.splines import on_lines
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.world import protocol
 
 FLAT = Elastomer("flat", 4.07, 0.5, 0.47, width_mm=18.5, length_mm=18.5, law="linear")
@@ -158,7 +161,7 @@ def test_the_fine_surface_follows_the_shape(shapes):
 
 
 def test_beside_the_pad_is_an_error():
-    with pytest.raises(T2TwinError, match="beside the flat pad"):
+    with pytest.raises(T2TwinError, match="not lie over the flat pad"):
         pressed(ball(2.0), x=30.0)
 
 
@@ -226,10 +229,10 @@ def test_a_domed_gel_too_thin_for_its_dome_is_refused():
 
 def test_a_warning_of_mujoco_leaves_no_file_and_says_nothing(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
-    bed = Bed(1)
-    bed.lay(np.zeros(1), np.nan)
-    bed.push(1.0, np.zeros(1), np.ones(1))
-    assert sum(warning.number for warning in bed.data.warning) == 1
+    model = MujocoPins(1)
+    model.set_state(np.zeros(1), np.nan)
+    model.step(1.0, np.zeros(1), np.ones(1))
+    assert sum(warning.number for warning in model.data.warning) == 1
     assert "".join(capfd.readouterr()) == ""
     assert not list(tmp_path.iterdir())
 
@@ -282,21 +285,21 @@ def test_the_spline_between_grid_points_is_scipy_s():
 def test_springs_carry_the_force_by_those_they_meet():
     """Three springs, of which the third is met only at 3 mm."""
     tops, stiffness = np.array([0.0, 1.0, 3.0]), np.array([1.0, 2.0, 5.0])
-    assert depth_carrying(0.5, tops, stiffness) == pytest.approx(0.5)
-    assert depth_carrying(4.0, tops, stiffness) == pytest.approx(2.0)
-    assert depth_carrying(15.0, tops, stiffness) == pytest.approx(4.0)
+    assert spring_depth(0.5, tops, stiffness) == pytest.approx(0.5)
+    assert spring_depth(4.0, tops, stiffness) == pytest.approx(2.0)
+    assert spring_depth(15.0, tops, stiffness) == pytest.approx(4.0)
 
 
 def test_mujoco_has_the_last_word(monkeypatch):
     """Were its contacts to find other springs pressed, nothing would have settled."""
     shape, command = ball(4.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0)
     assert solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM).settled
-    push = Bed.push
+    step = MujocoPins.step
 
-    def every_other(bed, force, rest, stiffness):
-        depth, deflection = push(bed, force, rest, stiffness)
+    def every_other(model, force, rest, stiffness):
+        depth, deflection = step(model, force, rest, stiffness)
         deflection[::2] = 0.0
         return depth, deflection
 
-    monkeypatch.setattr(Bed, "push", every_other)
+    monkeypatch.setattr(MujocoPins, "step", every_other)
     assert not solve_contact(shape, command, DIGIT_GEL, DIGIT_PITCH_MM).settled

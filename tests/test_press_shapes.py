@@ -5,9 +5,9 @@ import pytest
 import trimesh
 
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
-from t2twin.sim.press.engine import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
+from t2twin.sim.contact.types import PressCommand
 
 SENSORS = ((DIGIT_GEL, DIGIT_PITCH_MM), (CYSKIN_COVER, CYSKIN_PITCH_MM))
 
@@ -37,7 +37,7 @@ def pressed(shape, elastomer, pitch, force=8.0, x=0.0, y=0.0, yaw=0.0):
     return contact
 
 
-def centre(contact):
+def center(contact):
     """Centre of pressure, mm."""
     weights = contact.pressure_kpa / contact.pressure_kpa.sum()
     return float(weights.sum(0) @ contact.x_mm), float(weights.sum(1) @ contact.y_mm)
@@ -73,15 +73,15 @@ def test_only_the_higher_of_two_steps_touches_until_pushed_harder(solid, elastom
     assert hard.bottomed
 
 
-def test_a_part_off_centre_presses_where_it_stands(solid):
-    # The box around both parts is centred: the post stands 6 mm to the right of its middle.
+def test_a_part_off_center_presses_where_it_stands(solid):
+    # The box around both parts is centerd: the post stands 6 mm to the right of its middle.
     plate, post = box((14, 4, 1), (0, 0, 0)), box((2, 2, 9), (6, 0, 5))
     contact = pressed(solid(plate, post), CYSKIN_COVER, CYSKIN_PITCH_MM, x=1.0, y=-3.0)
-    assert centre(contact) == pytest.approx((7.0, -3.0), abs=0.1)
+    assert center(contact) == pytest.approx((7.0, -3.0), abs=0.1)
     turned = pressed(
         solid(plate, post), CYSKIN_COVER, CYSKIN_PITCH_MM, x=1.0, y=-3.0, yaw=np.pi / 2
     )
-    assert centre(turned) == pytest.approx((1.0, 3.0), abs=0.1)
+    assert center(turned) == pytest.approx((1.0, 3.0), abs=0.1)
 
 
 @pytest.mark.parametrize("elastomer, pitch", SENSORS)
@@ -92,7 +92,7 @@ def test_a_plate_larger_than_the_pad_presses_it_all(solid, elastomer, pitch):
         assert touched.all()
     else:  # on a dome the middle only
         assert touched[len(contact.y_mm) // 2, len(contact.x_mm) // 2] and not touched[0, 0]
-    assert centre(contact) == pytest.approx((0.0, 0.0), abs=0.05)
+    assert center(contact) == pytest.approx((0.0, 0.0), abs=0.05)
 
 
 def test_a_tilted_block_touches_with_its_edge(solid):
@@ -101,7 +101,7 @@ def test_a_tilted_block_touches_with_its_edge(solid):
     shape = solid(block)
     contact = pressed(shape, CYSKIN_COVER, CYSKIN_PITCH_MM, force=1.0)
     corner = shape.mesh.vertices[shape.mesh.vertices[:, 2] > -1e-6]
-    assert centre(contact)[0] == pytest.approx(corner[:, 0].mean(), abs=1.0)
+    assert center(contact)[0] == pytest.approx(corner[:, 0].mean(), abs=1.0)
     assert contact.contact_area_mm2 < 30.0
 
 
@@ -112,11 +112,11 @@ def test_a_block_turned_in_its_file_presses_as_one_turned_by_the_press(solid):
     # The press turns the turned-over shape by +yaw: in the shape's own frame that is -yaw.
     turned_mesh.apply_transform(trimesh.transformations.rotation_matrix(-yaw, (0, 0, 1)))
     turned = solid(turned_mesh)
-    # A file's solid is centred on its bounding box: where its axis then stands is known.
+    # A file's solid is centerd on its bounding box: where its axis then stands is known.
     away = turned_mesh.bounds.mean(axis=0)
     one = pressed(straight, CYSKIN_COVER, CYSKIN_PITCH_MM, yaw=yaw)
     other = pressed(turned, CYSKIN_COVER, CYSKIN_PITCH_MM, x=away[0], y=-away[1])
     assert other.depth_mm == pytest.approx(one.depth_mm, rel=0.02)
-    assert centre(other) == pytest.approx(centre(one), abs=0.05)
+    assert center(other) == pytest.approx(center(one), abs=0.05)
     difference = np.linalg.norm(other.surface_mm - one.surface_mm)
     assert difference < 0.04 * np.linalg.norm(one.surface_mm)

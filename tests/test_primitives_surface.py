@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from t2twin.primitives_cad import catalogue, families, surface
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue, height_map, primitive_parameters
 from t2twin.primitives_cad.shape import NOTHING_MM
 
 CHORDAL_MM = 0.01
@@ -21,7 +21,7 @@ def grid(heights):
 def test_caps_have_their_sphere_s_heights(name, radius, height, shapes):
     heights = shapes(name).surface
     x, y = grid(heights)
-    inside = np.hypot(x, y) < families.cap_radius_mm(height, radius) - 0.1
+    inside = np.hypot(x, y) < primitive_parameters.cap_radius_mm(height, radius) - 0.1
     expected = np.sqrt(radius**2 - x[inside] ** 2 - y[inside] ** 2) - radius
     # Near a hemisphere's rim the surface is steep: a chord's error there is taken along it.
     steep = radius / np.sqrt(radius**2 - x[inside] ** 2 - y[inside] ** 2)
@@ -31,9 +31,11 @@ def test_caps_have_their_sphere_s_heights(name, radius, height, shapes):
 def test_square_ends_where_its_side_does(shapes):
     shape = shapes("square-2")
     x, y = grid(shape.surface)
-    half = families.parameters("square-2")["side"] / 2.0
+    half = primitive_parameters.parameters("square-2")["side"] / 2.0
     on_top = np.maximum(np.abs(x), np.abs(y)) <= half + 1e-9
-    on_plate = ~on_top & (np.maximum(np.abs(x), np.abs(y)) <= families.PLATE_SIDE_MM / 2.0 + 1e-9)
+    on_plate = ~on_top & (
+        np.maximum(np.abs(x), np.abs(y)) <= primitive_parameters.PLATE_SIDE_MM / 2.0 + 1e-9
+    )
     heights = shape.surface.heights_mm
     assert (heights[on_top] == 0.0).all()
     assert (heights[on_plate] == shape.base_mm).all()
@@ -41,7 +43,7 @@ def test_square_ends_where_its_side_does(shapes):
 
 
 def test_line_smooth_has_its_rounded_edge(shapes):
-    sizes = families.parameters("line-smooth-2")
+    sizes = primitive_parameters.parameters("line-smooth-2")
     flat = sizes["width"] / 2.0 - sizes["radius"]
     across = np.linspace(flat, flat + 0.9 * sizes["radius"], 20)
     expected = np.sqrt(sizes["radius"] ** 2 - (across - flat) ** 2) - sizes["radius"]
@@ -64,7 +66,7 @@ def test_quarter_turn_of_the_mesh_turns_the_map(shapes):
     mesh.apply_translation((1.3, -0.7, 0.0))  # so that no symmetry hides a wrong turn
     turned = mesh.copy()
     turned.vertices = mesh.vertices[:, [1, 0, 2]] * (-1.0, 1.0, 1.0)
-    before, after = surface.height_map(mesh), surface.height_map(turned)
+    before, after = height_map.height_map(mesh), height_map.height_map(turned)
     # x' = -y, y' = x: rows of the new map are columns of the old one.
     np.testing.assert_allclose(after.heights_mm, before.heights_mm.T[:, ::-1], atol=1e-6)
     assert not np.array_equal(after.heights_mm, before.heights_mm)
@@ -76,25 +78,25 @@ def test_only_what_is_within_reach_counts():
     tower.apply_translation((50.0, 0.0, 0.0))
     both = trimesh.util.concatenate([low, tower])
     assert isinstance(both, trimesh.Trimesh)
-    lowered, heights = surface.stand(both, reach_mm=10.0)
+    lowered, heights = height_map.aligned(both, reach_mm=10.0)
     assert np.abs(heights.x_mm).max() < 10.0 + 2 * heights.pitch_mm
     assert heights.sample(np.zeros(1), np.zeros(1))[0] == 0.0
     assert lowered.bounds[1, 2] == pytest.approx(9.0)
-    assert surface.stand(both, reach_mm=60.0)[1].sample(np.zeros(1), np.zeros(1))[0] == -9.0
+    assert height_map.aligned(both, reach_mm=60.0)[1].sample(np.zeros(1), np.zeros(1))[0] == -9.0
 
 
 def test_large_maps_take_a_coarser_pitch():
     plate = trimesh.creation.box((400.0, 300.0, 2.0))
-    heights = surface.height_map(plate)
+    heights = height_map.height_map(plate)
     assert heights.pitch_mm == pytest.approx(0.1)
-    assert heights.heights_mm.size <= surface.MOST_CELLS
-    assert surface.height_map(plate, pitch_mm=0.5).pitch_mm == pytest.approx(0.5)
+    assert heights.heights_mm.size <= height_map.MAX_CELLS
+    assert height_map.height_map(plate, pitch_mm=0.5).pitch_mm == pytest.approx(0.5)
 
 
 def test_nothing_within_reach_is_an_error():
     away = trimesh.creation.box((4.0, 4.0, 2.0))
     away.apply_translation((50.0, 0.0, 0.0))
     with pytest.raises(T2TwinError, match="no surface within"):
-        surface.height_map(away)
+        height_map.height_map(away)
     with pytest.raises(T2TwinError, match="positive"):
-        surface.height_map(away, pitch_mm=-1.0)
+        height_map.height_map(away, pitch_mm=-1.0)

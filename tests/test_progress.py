@@ -1,7 +1,7 @@
 """Progress where nobody watches: a plain line once in a while, and nothing of a bar."""
 
-from t2twin.primitives_cad import progress
-from t2twin.primitives_cad.progress import Progress
+from t2twin.core import progress
+from t2twin.core.progress import Progress
 
 
 def test_a_pipe_gets_few_plain_lines(capsys, monkeypatch):

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.sim.world import protocol
 
 

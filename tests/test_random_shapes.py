@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from t2twin.cli import main
-from t2twin.primitives_cad import catalogue, surface
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.random_shapes import features, relief
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue, height_map
+from t2twin.primitives_cad.random_shapes import features, rasterize, seed_of
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
-from t2twin.primitives_cad.random_shapes.seeds import seed_of
-from t2twin.primitives_cad.random_shapes.shape import PITCH_MM, RELIEF_MM, RandomShape
+from t2twin.primitives_cad.random_shapes.shape import BASE_DEPTH_MM, PITCH_MM, RandomShape
 from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 
@@ -17,7 +16,7 @@ AXIS = np.arange(-200, 201) * 0.1
 
 
 def heights_of(*parts, cuts=(), holes=(), tilt=(0.0, 0.0)):
-    return relief.heights_mm(Composition(parts, cuts, holes, tilt), AXIS, AXIS)
+    return rasterize.heights_mm(Composition(parts, cuts, holes, tilt), AXIS, AXIS)
 
 
 def area_mm2(heights):
@@ -37,17 +36,17 @@ def test_surfaces_are_as_the_frame_has_them():
         shape = RandomShape(seed)
         heights = shape.surface.heights_mm
         inside = heights[1:-1, 1:-1]
-        assert inside.max() == 0.0 and inside.min() >= -RELIEF_MM
+        assert inside.max() == 0.0 and inside.min() >= -BASE_DEPTH_MM
         assert (heights[[0, -1]] == NOTHING_MM).all() and (heights[:, [0, -1]] == NOTHING_MM).all()
         assert shape.surface.pitch_mm == pytest.approx(PITCH_MM)
-        assert shape.base_mm == -RELIEF_MM
+        assert shape.base_mm == -BASE_DEPTH_MM
 
 
 @pytest.mark.parametrize("seed", [3, 14, 25])
 def test_the_solid_presses_with_the_surface(seed):
     shape = RandomShape(seed)
     assert shape.mesh.is_watertight and shape.mesh.is_winding_consistent and shape.mesh.volume > 0
-    seen = surface.height_map(shape.mesh, PITCH_MM)
+    seen = height_map.height_map(shape.mesh, PITCH_MM)
     x, y = np.meshgrid(shape.surface.x_mm[1:-1], shape.surface.y_mm[1:-1])
     np.testing.assert_allclose(seen.sample(x, y), shape.surface.heights_mm[1:-1, 1:-1], atol=2e-3)
 
@@ -89,7 +88,7 @@ def test_a_half_plane_is_all_that_lies_beyond_its_edge(turn, profile):
 
 
 def test_irregular_polygons_keep_their_corners():
-    """Also where a side lies so far out that its neighbours meet before it."""
+    """Also where a side lies so far out that its neighbors meet before it."""
     rng = np.random.default_rng(5)
     for number in (3, 4, 5, 6, 8) * 4:
         apart = 4.0 * np.exp(0.25 * rng.standard_normal(number))
@@ -144,11 +143,11 @@ def test_the_higher_feature_is_felt():
 
 def test_what_is_drawn_is_of_every_kind():
     rng = np.random.default_rng(0)
-    drawn = [features.draw_composition(rng) for _ in range(600)]
+    drawn = [features.sample_composition(rng) for _ in range(600)]
     parts = [feature for composition in drawn for feature in composition.features]
-    assert {feature.outline for feature in parts} == set(relief.OUTLINES)
-    assert {feature.profile for feature in parts} == set(relief.PROFILES)
-    assert {feature.teeth for feature in parts} == set(relief.TEETH)
+    assert {feature.outline for feature in parts} == set(rasterize.OUTLINES)
+    assert {feature.profile for feature in parts} == set(rasterize.PROFILES)
+    assert {feature.teeth for feature in parts} == set(rasterize.TEETH)
     assert {len(composition.features) for composition in drawn} == {1, 2, 3, 4}
     widths = 2 * np.array([feature.half_width_mm for feature in parts])
     assert widths.min() < 0.6 and widths[np.isfinite(widths)].max() > 30

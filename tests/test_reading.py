@@ -5,8 +5,8 @@ import socket
 
 import pytest
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.reading import read_file
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import read_file
 
 
 def bind_socket(path, monkeypatch):

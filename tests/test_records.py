@@ -5,17 +5,17 @@ from dataclasses import replace
 
 import pytest
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.dataset.describe import describe
+from t2twin.sim.dataset.build_info import build_info
 from t2twin.sim.dataset.info import DatasetInfo, Shard
-from t2twin.sim.dataset.shard import Making
+from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import INFO, read_info, split_shards, write_info
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.presets import PRESETS
+from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.runs.config import CONFIG, LOG, RunConfig, load_config
 from t2twin.translate.runs.log import (
     EpochRecord,
@@ -35,8 +35,8 @@ GONE = object()
 def info() -> DatasetInfo:
     """A finished dataset's, of one shard."""
     batch = Batch(SHARD, "train", 0, ("square-1",), (0,), (3, 5), 2)
-    making = Making(load_recipe("paper"), SensorPair(), "", None)
-    begun = describe(making, "smoke", [batch])
+    making = ShardContext(load_recipe("paper"), SensorPair(), "", None)
+    begun = build_info(making, "smoke", [batch])
     return replace(begun, complete=True, shards={SHARD: Shard("0" * 64, 2)})
 
 
@@ -158,7 +158,7 @@ def test_a_wrong_field_of_info_is_one_sentence(tmp_path, info, place, value, sai
 def test_a_shard_elsewhere_is_refused(tmp_path, info, path):
     write_info(tmp_path, info)
     change(tmp_path / INFO, ["shards", path], {"sha256": "0" * 64, "pairs": 1})
-    with pytest.raises(T2TwinError, match="lies in no split's folder") as error:
+    with pytest.raises(T2TwinError, match="is not in a split's folder") as error:
         read_info(tmp_path)
     assert repr(path) in sentence(error)
 
@@ -280,7 +280,7 @@ def test_a_wrong_line_of_the_log_is_one_sentence(tmp_path, history, key, value, 
 
 
 def test_a_log_that_is_missing_or_empty_is_one_sentence(tmp_path, history):
-    with pytest.raises(T2TwinError, match=r"holds no log\.jsonl"):
+    with pytest.raises(T2TwinError, match=r"has no log\.jsonl"):
         read_log(tmp_path)
     (tmp_path / LOG).touch()
     with pytest.raises(T2TwinError, match="is empty"):

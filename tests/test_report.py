@@ -15,27 +15,22 @@ from PIL import Image
 
 from t2twin.cli import main
 from t2twin.report import evaluations as report_evaluations
-from t2twin.report import (
-    limits,
-    lookalikes,
-    pairs,
-    qualitative,
-    shapes,
-    summary,
-)
-from t2twin.report.names import name_of
-from t2twin.report.page import LINKS, PAGE, write_report
-from t2twin.report.picks import pairs_in_turn
-from t2twin.report.report_data import ReportData, read_report_data
+from t2twin.report.data import ReportData, read_report_data
+from t2twin.report.dataset import contents, pairs
+from t2twin.report.dataset.pairs import sample_in_turn
+from t2twin.report.html.labels import name_of
+from t2twin.report.html.page import PAGE
+from t2twin.report.run_report import LINKS, write_report
+from t2twin.report.sections import irreducible_error, limits, qualitative, summary
 from t2twin.sim.dataset.store import read_info
-from t2twin.translate.evaluation.predictions import read_predictions, write_predictions
-from t2twin.translate.evaluation.records import (
+from t2twin.translate.evaluation.files import (
     FINDINGS,
     METRICS,
-    Evaluation,
     read_evaluation,
     write_evaluation,
 )
+from t2twin.translate.evaluation.predictions import read_predictions, write_predictions
+from t2twin.translate.evaluation.records import Evaluation
 
 ONE_FORCE = np.array([8.0])
 
@@ -53,7 +48,7 @@ def page(data_dir: Path, runs: list[Path], tmp_path_factory: pytest.TempPathFact
         Image.new("RGB", (8, 8), "white").save(path)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(shapes, "draw_sheet", blank)
+        patch.setattr(contents, "draw_sheet", blank)
         return write_report(tmp_path_factory.mktemp("out") / "report", data_dir, runs)
 
 
@@ -69,8 +64,8 @@ def read(page: Path) -> Reader:
 def test_page_holds_every_section_in_order(page: Path, read: Reader) -> None:
     assert page.name == PAGE
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
-    # There is one force, and no run that says how sure it is.
-    drawn = [name for name in LINKS if name not in ("by-force", "sureness")]
+    # There is one force, and no run with uncertainty.
+    drawn = [name for name in LINKS if name not in ("by-force", "uncertainty")]
     assert sections == ["summary", "about", *drawn]
     anchors = [attrs["href"] for tag, attrs in read.tags if tag == "a"]
     assert anchors == [f"#{name}" for name in drawn]
@@ -175,13 +170,19 @@ def test_errors_by_view_are_those_of_metrics(
             ]
 
 
-def test_lookalikes_are_said_as_they_are(page: Path, evaluations: dict[str, Evaluation]) -> None:
-    alike = {s: each.lookalikes for s, each in evaluations.items() if each.lookalikes is not None}
-    said = lookalikes.sentences(alike)
+def test_irreducible_errors_are_those_of_metrics(
+    page: Path, evaluations: dict[str, Evaluation]
+) -> None:
+    alike = {
+        s: each.irreducible_error
+        for s, each in evaluations.items()
+        if each.irreducible_error is not None
+    }
+    said = irreducible_error.sentences(alike)
     assert len(said) == 4 and said[0].startswith("Validation, other shapes")
     training = alike["test"].training
     assert training is not None
-    assert f"says {training.nearest.rmse_counts:,.0f} counts; 0 of 2 presses have" in said[3]
+    assert f"bound of {training.nearest.rmse_counts:,.0f} counts; 0 of 2 presses have" in said[3]
     text = page.read_text(encoding="utf-8")
     assert all(escape(sentence) in text for sentence in said)
 
@@ -196,12 +197,12 @@ def test_limits_say_whose_digit_it_is(data_dir: Path, page: Path) -> None:
     digit = replace(parameters.digit, calibration_sha256="0123456789ab" + 52 * "0")
     own = limits.limits(replace(parameters, digit=digit), ONE_FORCE)
     assert not any("not on your sensor" in sentence for sentence in own)
-    assert any("calibration of its own (SHA-256 0123456789ab)" in sentence for sentence in own)
+    assert any("custom calibration (SHA-256 0123456789ab)" in sentence for sentence in own)
 
 
 def test_limits_name_the_law_of_the_elastomer(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
-    assert "stiffens as that of a neo-Hookean solid" in text
+    assert "stiffens like that of a neo-Hookean solid" in text
     assert "logarithm of strain" not in text
 
 
@@ -211,12 +212,12 @@ def report_data(page: Path, data_dir: Path, runs: list[Path]) -> ReportData:
 
 
 def test_summary_says_what_the_evaluation_found(page: Path, report_data: ReportData) -> None:
-    said = summary.sentences(report_data)
+    said = summary.paragraphs(report_data)
     text = page.read_text(encoding="utf-8")
     assert len(said) == 4
     assert text.count("<p>" + escape(said[0])) == 1 < text.index(escape(said[3]))
     assert text.index(escape(said[3])) < text.index("<nav>")
-    assert "shapes never trained on" in said[1] and "on hand tools" in said[1]
+    assert "new versions of the training shapes" in said[1] and "on hand tools" in said[1]
     for evaluation in report_data.evaluations.values():
         rows = evaluation.models
         for name in ("touch2touch", "resnet18"):
@@ -224,7 +225,7 @@ def test_summary_says_what_the_evaluation_found(page: Path, report_data: ReportD
         rules = [rows[name].overall.rmse_counts for name in ("mean-array", "nearest-neighbour")]
         best = min(row.overall.rmse_counts for row in evaluation.runs.values())
         assert f"{best / min(rules):.2f}" in said[2]
-        assert summary.better_run(evaluation) == min(
+        assert summary.best_run(evaluation) == min(
             evaluation.runs, key=lambda name: rows[name].overall.rmse_counts
         )
     assert "simulated" in said[0] + said[3]
@@ -233,36 +234,39 @@ def test_summary_says_what_the_evaluation_found(page: Path, report_data: ReportD
 def test_samples_stand_at_their_quantiles(report_data: ReportData) -> None:
     predictions = report_data.predictions["val"]
     error = (predictions.rmse_counts("touch2touch") + predictions.rmse_counts("resnet18")) / 2
-    rows = qualitative.chosen(report_data, "val")
+    rows = qualitative.samples_at_quantiles(report_data, "val")
     assert [quantile for _, quantile in rows] == [0.1, 0.5, 0.9, 1.0]
     assert rows[-1][0] == error.argmax()
     for row, quantile in rows:
         assert abs(np.mean(error <= error[row]) - quantile) <= 1.5 / error.size
     # Two test pairs cannot fill five places, and none is shown twice.
-    assert [row for row, _ in qualitative.chosen(report_data, "test")] in ([0, 1], [1, 0])
+    assert [row for row, _ in qualitative.samples_at_quantiles(report_data, "test")] in (
+        [0, 1],
+        [1, 0],
+    )
 
 
 def test_pairs_are_of_every_family_and_all_different(report_data: ReportData) -> None:
-    chosen = pairs.chosen(report_data)
+    chosen = pairs.sampled_pairs(report_data)
     assert len(set(chosen)) == len(chosen) == pairs.PAIRS
     families = {report_data.tables[split]["family"][row].as_py() for split, row in chosen}
     assert families == {"circle", "square", "hemisphere", "line-sharp", "wrench", "allen-key"}
 
 
-def test_pairs_are_picked_in_turn(report_data: ReportData) -> None:
+def test_pairs_are_sampled_in_turn(report_data: ReportData) -> None:
     """One of each shape, then one more of each; some shapes have fewer than others."""
     names = report_data.shapes
-    picked = pairs_in_turn(report_data, names, 100, seed=0)
+    picked = sample_in_turn(report_data, names, 100, seed=0)
     assert sorted(picked) == sorted(report_data.places)
     shapes_picked = [report_data.shape(split, row) for split, row in picked]
     assert len(set(shapes_picked[:8])) == 8
-    assert pairs_in_turn(report_data, names, 5, seed=0) == picked[:5]
+    assert sample_in_turn(report_data, names, 5, seed=0) == picked[:5]
 
 
-def test_pictures_are_those_of_their_rows(report_data: ReportData) -> None:
-    """Translated again, a sample's picture gives the very counts that the evaluation gave."""
+def test_images_are_those_of_their_rows(report_data: ReportData) -> None:
+    """A sample's image translated again gives the counts of the evaluation."""
     for row in range(report_data.tables["val"].num_rows):
-        again = report_data.runs["resnet18"].predict([report_data.picture("val", row)])
+        again = report_data.runs["resnet18"].predict([report_data.image("val", row)])
         expected = report_data.predictions["val"].by_model["resnet18"][row]
         np.testing.assert_allclose(again[0], expected, rtol=1e-3, atol=1.0)
 
@@ -302,12 +306,12 @@ def test_report_draws_what_evaluate_wrote(
     beside = read_report_data(out, data_dir, runs)
     assert beside.folders == {split: tmp_path / "evaluate" / split for split in ("val", "test")}
     assert [path.name for path in out.iterdir()] == [FINDINGS]
-    monkeypatch.setattr("t2twin.report.page.draw_report", lambda out, report_data: out / PAGE)
+    monkeypatch.setattr("t2twin.report.run_report.draw_report", lambda out, report_data: out / PAGE)
     arguments = ["report", "--data", str(data_dir), "--out", str(out), "--runs", *map(str, runs)]
     main([*arguments, "--evaluation", str(named)])
-    said = f"drawing the evaluation in {named / 'val'} and {named / 'test'}\n"
+    said = f"using the evaluation in {named / 'val'} and {named / 'test'}\n"
     assert said in capsys.readouterr().out
-    # Each split is looked for by itself, and what cannot be read is passed over.
+    # Each split is scanned for by itself, and what cannot be read is passed over.
     (named / "val" / METRICS).write_text("{")
     mixed = read_report_data(out, data_dir, runs, named).folders
     assert mixed == {"val": tmp_path / "evaluate" / "val", "test": named / "test"}

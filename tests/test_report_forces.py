@@ -11,14 +11,15 @@ import pytest
 from pages import read_page
 from spots import write_spots
 
-from t2twin.report import by_force, contents
-from t2twin.report.data_page import write_data_report
-from t2twin.report.dataset import read_dataset
-from t2twin.report.names import forces_in_words
-from t2twin.report.page import write_report
-from t2twin.report.picks import pairs_in_turn
+from t2twin.report.dataset import contents
+from t2twin.report.dataset.pairs import sample_in_turn
+from t2twin.report.dataset.tables import read_dataset
+from t2twin.report.dataset_report import write_data_report
+from t2twin.report.html.labels import forces_text
+from t2twin.report.run_report import write_report
+from t2twin.report.sections import by_force
 from t2twin.sim.dataset.store import read_info, sha256_of, write_info
-from t2twin.translate.evaluation.records import read_evaluation
+from t2twin.translate.evaluation.files import read_evaluation
 
 FORCES_N = (0.0, 0.5, 2.0, 8.0)
 
@@ -47,11 +48,11 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_forces_in_words() -> None:
-    assert forces_in_words(np.array([8.0])) == "8 N"
-    assert forces_in_words(np.array([0.0, 1.0, 2.0, 8.0])) == "1, 2 and 8 N"
-    assert forces_in_words(np.linspace(0.52, 11.9, 50)) == "0.52 to 11.9 N"
-    assert forces_in_words(np.array([0.0])) == "none"
+def test_forces_text() -> None:
+    assert forces_text(np.array([8.0])) == "8 N"
+    assert forces_text(np.array([0.0, 1.0, 2.0, 8.0])) == "1, 2 and 8 N"
+    assert forces_text(np.linspace(0.52, 11.9, 50)) == "0.52 to 11.9 N"
+    assert forces_text(np.array([0.0])) == "none"
 
 
 def test_a_rows_picture_is_its_own_wherever_its_shape_lies(data_dir: Path) -> None:
@@ -59,12 +60,10 @@ def test_a_rows_picture_is_its_own_wherever_its_shape_lies(data_dir: Path) -> No
     dataset = read_dataset(data_dir)
     counts = np.stack(dataset.tables["train"]["taxels"].to_pylist()).max(axis=1)
     some = [8 * n + 7 for n in range(0, 27, 3)]  # all of 8 N
-    bright = [int(dataset.picture("train", row).max()) for row in some]
+    bright = [int(dataset.image("train", row).max()) for row in some]
     inside = [row for row, light in zip(some, bright, strict=True) if light < 250]
-    assert (
-        np.corrcoef(counts[inside], [dataset.picture("train", r).max() for r in inside])[0, 1] > 0
-    )
-    assert dataset.picture("train", 0).max() == 60  # untouched: the background
+    assert np.corrcoef(counts[inside], [dataset.image("train", r).max() for r in inside])[0, 1] > 0
+    assert dataset.image("train", 0).max() == 60  # untouched: the background
 
 
 def test_the_page_of_runs_draws_the_error_by_force(
@@ -78,9 +77,9 @@ def test_the_page_of_runs_draws_the_error_by_force(
     evaluation = read_evaluation(page.parent / "evaluate-val")
     ours = evaluation.models["resnet18"].by_force
     assert [title for title in rows if title.endswith("6 pairs")] == [
-        "untouched, 6 pairs", "0.5 N, 6 pairs", "2 N, 6 pairs", "8 N, 6 pairs",
+        "no contact, 6 pairs", "0.5 N, 6 pairs", "2 N, 6 pairs", "8 N, 6 pairs",
     ]  # fmt: skip
-    assert rows["untouched, 6 pairs"][-1] == (
+    assert rows["no contact, 6 pairs"][-1] == (
         f"{ours[0].rmse_counts:,.0f} ({ours[0].phantom_counts:,.0f})"
     )
     assert rows["8 N, 6 pairs"][-1] == (
@@ -88,7 +87,7 @@ def test_the_page_of_runs_draws_the_error_by_force(
     )
     said = by_force.sentences({"val": evaluation})
     assert all(escape(sentence) in text for sentence in said)
-    assert "where nothing is touched it gives" in said[-1]
+    assert "without contact" in said[-1]
     assert "0.5, 2 and 8 N" in text
     assert "hand tools" not in text and "real ones" not in text  # the paper's protocol, its rows
 
@@ -96,9 +95,9 @@ def test_the_page_of_runs_draws_the_error_by_force(
 def test_the_page_of_data_with_many_shapes_stays_short(data_dir: Path, tmp_path: Path) -> None:
     page = write_data_report(tmp_path, data_dir)
     _, text = read_page(page)
-    assert "There are 256 shapes, too many for a bar each; they are drawn by family." in text
+    assert "The 256 shapes are grouped by family." in text
     assert "256 pairs of 256 shapes, pressed with 0.5, 2 and 8 N" in text
-    assert "the median of their family and of forces within a doubling" in text
+    assert "the median of their family at similar forces" in text
     dataset = read_dataset(data_dir)
     counted = contents.counted_by_split(dataset, dataset.families)
     assert counted["train", "long"] == 72 and counted["val", "round"] == 16
@@ -106,6 +105,6 @@ def test_the_page_of_data_with_many_shapes_stays_short(data_dir: Path, tmp_path:
 
 def test_pictures_of_many_shapes_are_of_shapes_drawn_at_random(data_dir: Path) -> None:
     dataset = read_dataset(data_dir)
-    drawn = pairs_in_turn(dataset, dataset.shapes, 40, 0)
+    drawn = sample_in_turn(dataset, dataset.shapes, 40, 0)
     assert len({dataset.shape(split, row) for split, row in drawn}) == 40
     assert {split for split, _ in drawn} > {"train"}

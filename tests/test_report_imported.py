@@ -13,21 +13,22 @@ from PIL import Image
 from spots import train_smoke
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.report import summary
-from t2twin.report.page import LINKS, PAGE, write_report
-from t2twin.report.report_data import read_report_data
+from t2twin.core.errors import T2TwinError
+from t2twin.report.data import read_report_data
+from t2twin.report.html.page import PAGE
+from t2twin.report.run_report import LINKS, write_report
+from t2twin.report.sections import summary
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.import_pairs import import_pairs
-from t2twin.translate.evaluation.records import FINDINGS, read_evaluation
+from t2twin.translate.evaluation.files import FINDINGS, read_evaluation
 
 ROWS, COLUMNS = 24, 48
 FULL_SCALE = 1000
 LAYOUT_CSV = "x_mm,y_mm\n0,0\n8,0\n0,8\n8,8\n4,4\n"
 NAMES = ("$\\foo_{$", "<script>alert(1)</script>", "x" * 200, "two\nlines\x07")
-LEFT_OUT = {"by-view", "lookalikes", "shapes", "forces"}
-NOT_DRAWN = {*LEFT_OUT, "by-force", "sureness"}
-"""Nothing is said of forces where none is known, nor of how sure runs are that do not say it."""
+OMITTED = {"by-view", "irreducible-error", "shapes", "forces"}
+NOT_DRAWN = {*OMITTED, "by-force", "uncertainty"}
+"""Imported pairs have no forces here, and these runs predict no uncertainty."""
 
 
 def own_pairs(folder: Path, splits: str, shapes: tuple[str, ...] = (), poses: bool = False) -> Path:
@@ -80,8 +81,8 @@ def test_what_is_known_is_drawn_and_the_rest_named(page: Path, read: Reader) -> 
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
     assert sections == ["summary", "about", *(name for name in LINKS if name not in NOT_DRAWN)]
     text = read_page(page)[1]
-    line = next(part for part in text.split("\n") if "Left out" in part)
-    assert all(LINKS[name] in line for name in LEFT_OUT)
+    line = next(part for part in text.split("\n") if "Omitted sections" in part)
+    assert all(LINKS[name] in line for name in OMITTED)
     for word in ("Grella et al. 2023, on hardware", "hand tool", "primitive", "simulated", "None"):
         assert word not in text
     assert sorted(path.name for path in page.parent.iterdir()) == [
@@ -93,17 +94,17 @@ def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> No
     evaluation = read_evaluation(page.parent / "evaluate-val")
     assert not evaluation.paper and evaluation.full_scale_counts == FULL_SCALE
     rows = {name: cells for name, *cells in read.rows["results"][:12] if name}
-    for name, title in (("resnet18", "ResNet18"), ("nearest-neighbour", "nearest neighbour")):
+    for name, title in (("resnet18", "ResNet18"), ("nearest-neighbour", "nearest neighbor")):
         overall = evaluation.models[name].overall
         assert rows[title][:2] == [f"{overall.rmse_counts:,.0f}", f"{overall.rmse_percent:.2f} %"]
     assert json.loads((page.parent / FINDINGS).read_text())["gap"] == {}
 
 
 def test_the_summary_speaks_of_these_pairs(page: Path, data_dir: Path, runs: list[Path]) -> None:
-    said = summary.sentences(read_report_data(page.parent, data_dir, runs))
-    assert len(said) == 4 and "an array of 5 pressure pads" in said[0]
-    assert "each from 0 to 1,000" in said[0] and "brought in by their owner" in said[0]
-    assert "the 8 validation pairs (of shapes that were trained on)" in said[1]
+    said = summary.paragraphs(read_report_data(page.parent, data_dir, runs))
+    assert len(said) == 4 and "an array of 5 pressure sensors" in said[0]
+    assert "each from 0 to 1,000" in said[0] and "were imported" in said[0]
+    assert "the 8 validation pairs (of training shapes)" in said[1]
     assert all(escape(sentence) in page.read_text(encoding="utf-8") for sentence in said)
 
 
@@ -134,7 +135,7 @@ def test_test_pairs_alone_are_evaluated_and_drawn(
     assert there == [FINDINGS, "results.md", "test"]
     main(["report", "--runs", *given, *arguments, str(tmp_path / "report")])
     folder = tmp_path / "evaluate" / "test"
-    assert f"drawing the evaluation in {folder}\n" in capsys.readouterr().out
+    assert f"using the evaluation in {folder}\n" in capsys.readouterr().out
     text = read_page(tmp_path / "report" / PAGE)[1]
     assert "on the 3 test pairs" in text and "Trained on another dataset than this one" in text
     assert re.search(r"Test, quantile 0\.1\. +RMSE in counts", text)  # no place is known
@@ -156,5 +157,5 @@ def test_one_run_is_the_network(data_dir: Path, tmp_path: Path) -> None:
     """Without both translators the paper's finding cannot be asked for."""
     run = train_smoke("resnet18", data_dir, tmp_path / "run", epochs=1)
     text = read_page(write_report(tmp_path / "report", data_dir, [run]))[1]
-    assert "the network ResNet18 has learned" in text and "better network" not in text
+    assert "the network ResNet18 predicts" in text and "best network" not in text
     assert "The paper's finding (runs of both translators)" in text.replace("&#x27;", "'")

@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.report import data_page, out_folder, report_data
-from t2twin.report.out_folder import PAGE, check_out
+from t2twin.core.errors import T2TwinError
+from t2twin.report import data, dataset_report
+from t2twin.report.html import page
+from t2twin.report.html.page import PAGE, check_out
 
 
 def files(folder: Path) -> list[Path]:
@@ -31,12 +32,12 @@ def test_a_place_that_is_no_folder_is_found_first(
     of: str,
     out: str,
 ) -> None:
-    """Neither dataset nor run is looked at: they need not be there."""
+    """Neither dataset nor run is scanned at: they need not be there."""
 
     def refuse(*arguments: object) -> None:
         raise AssertionError("the work has begun")
 
-    for module in (data_page, report_data):
+    for module in (dataset_report, data):
         monkeypatch.setattr(module, "read_dataset", refuse)
     (tmp_path / "file").touch()
     (tmp_path / "page" / PAGE).mkdir(parents=True)
@@ -62,7 +63,7 @@ def test_a_folder_without_the_right_to_write_is_refused(
     def read_only(dir: Path) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr(out_folder.tempfile, "TemporaryFile", read_only)
+    monkeypatch.setattr(page.tempfile, "TemporaryFile", read_only)
     with pytest.raises(T2TwinError, match=r"read-only file system.*writable folder"):
         check_out(tmp_path / "report")
     assert files(tmp_path) == []
@@ -73,4 +74,4 @@ def test_evaluation_without_runs_is_refused(
 ) -> None:
     with pytest.raises(SystemExit):
         main(["report", "--data", str(tmp_path), "--evaluation", str(tmp_path)])
-    assert "name them with --runs" in capsys.readouterr().err
+    assert "give them with --runs" in capsys.readouterr().err

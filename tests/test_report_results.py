@@ -4,7 +4,7 @@ from dataclasses import fields
 
 import pytest
 
-from t2twin.report import results
+from t2twin.report.sections import results
 from t2twin.translate.evaluation.records import Figures, Intervals, ModelRow
 
 
@@ -22,15 +22,15 @@ def models(mean: float, nearest: float, run: float) -> dict[str, ModelRow]:
 @pytest.mark.parametrize(
     "split, errors, said",
     [
-        ("val", (4000, 2000, 3000), "25.0 % below the mean array and 50.0 % above"),
-        ("test", (5000, 5000, 5000), "level with the mean array and level with"),
-        ("test", (0, 0, 3), "above the mean array and above"),  # arrays that are all alike
-        ("test", (0, 0, 0), "level with the mean array and level with"),
+        ("val", (4000, 2000, 3000), "25.0 % below that of the mean array and 50.0 % above"),
+        ("test", (5000, 5000, 5000), "equal to that of the mean array and equal to"),
+        ("test", (0, 0, 3), "above that of the mean array and above"),  # arrays that are all alike
+        ("test", (0, 0, 0), "equal to that of the mean array and equal to"),
     ],
 )
 def test_sentences_follow_the_numbers(
     split: str, errors: tuple[float, float, float], said: str
 ) -> None:
-    where = {"val": "validation", "test": "test"}[split]
-    expected = f"On {where}, ResNet18 is {said} the nearest neighbour."
+    title = {"val": "Validation", "test": "Test"}[split]
+    expected = f"{title}: the RMSE of ResNet18 is {said} that of the nearest neighbor."
     assert results.sentences({split: models(*errors)}) == [expected]

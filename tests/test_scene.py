@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from benchmarks.solids import ball
-from t2twin.sim.press.elastomer import CYSKIN_COVER, DIGIT_GEL
-from t2twin.sim.press.engine import solve_contact
-from t2twin.sim.press.records import PressCommand
-from t2twin.sim.press.scene import mesh_name, scene
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.scene import mesh_name, scene
 
 
 @pytest.mark.parametrize("elastomer, pitch", [(DIGIT_GEL, 0.25), (CYSKIN_COVER, 0.5)])

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from t2twin.primitives_cad import cache, catalogue, export, families, files, mosaic, sheet
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import (
+    catalogue,
+    contact_sheet,
+    export,
+    primitive_parameters,
+    shape_cache,
+)
+from t2twin.primitives_cad.mesh_io import read
 
 
 def block(path, sides=(6.0, 4.0, 3.0), at=(40.0, -7.0, 11.0)):
@@ -25,7 +32,7 @@ def step_of_block(path, sides=(6.0, 4.0, 3.0)):
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".STL", ".step", ".StP"])
-def test_a_user_s_solid_is_centred_below_the_axis(suffix, tmp_path):
+def test_a_user_s_solid_is_centerd_below_the_axis(suffix, tmp_path):
     made = tmp_path / "block.made.step" if suffix.lower() != ".stl" else tmp_path / "block.made.stl"
     (step_of_block if suffix.lower() != ".stl" else block)(made)
     path = made.rename(tmp_path / f"block{suffix}")
@@ -131,7 +138,7 @@ def test_damaged_or_stale_copies_are_not_used(tmp_path, monkeypatch):
     kept.write_bytes(kept.read_bytes()[:200])
     again = catalogue.load(path, folder)
     assert again.mesh.is_watertight
-    monkeypatch.setattr(cache, "version", lambda name: "another")
+    monkeypatch.setattr(shape_cache, "version", lambda name: "another")
     catalogue.load(path, folder)
     (newer,) = folder.iterdir()
     assert newer != kept
@@ -160,10 +167,10 @@ def test_files_of_one_stem_in_two_folders_are_both_kept(tmp_path, monkeypatch):
 
 
 def test_the_code_s_digest_follows_the_libraries(monkeypatch):
-    before = cache.code_digest()
-    assert len(before) == cache.KEY_DIGITS and before == cache.code_digest()
-    monkeypatch.setattr(cache, "version", lambda name: "another")
-    assert cache.code_digest() != before
+    before = shape_cache.code_digest()
+    assert len(before) == shape_cache.DIGEST_DIGITS and before == shape_cache.code_digest()
+    monkeypatch.setattr(shape_cache, "version", lambda name: "another")
+    assert shape_cache.code_digest() != before
 
 
 def test_a_file_in_the_cache_s_place_is_an_error(tmp_path):
@@ -189,7 +196,7 @@ def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monke
     assert len(entries["allen-key"]["keypoints"]) == 4
     for name, entry in entries.items():
         for suffix in (".stl", ".step"):
-            mesh, notes = files.read_solid(out / f"{name}{suffix}")
+            mesh, notes = read.read_solid(out / f"{name}{suffix}")
             assert notes == ()
             assert mesh.volume == pytest.approx(entry["volume_mm3"], rel=2e-3)
     assert {file.suffix for file in out.iterdir()} == {".step", ".stl", ".json"}
@@ -202,22 +209,30 @@ def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monke
 
 
 def test_the_mosaic_holds_every_feature(shapes):
-    solid = mosaic.solid()
-    plate = mosaic.COLUMNS * mosaic.ROWS * mosaic.PITCH_MM[0] * mosaic.PITCH_MM[1] * 3.0
-    single_plate = families.PLATE_SIDE_MM**2 * 3.0
+    solid = export.plate_solid()
+    plate = (
+        export.PLATE_COLUMNS
+        * export.PLATE_ROWS
+        * export.PLATE_PITCH_MM[0]
+        * export.PLATE_PITCH_MM[1]
+        * 3.0
+    )
+    single_plate = primitive_parameters.PLATE_SIDE_MM**2 * 3.0
     features = sum(shapes(name).mesh.volume - single_plate for name in catalogue.PRIMITIVES)
     assert solid.isValid()
     assert len(solid.Solids()) == 1
     assert solid.Volume() == pytest.approx(plate + features, rel=1e-3)
-    assert len(set(mosaic.places().values())) == 32
+    assert len(set(export.plate_positions().values())) == 32
 
 
 def test_sheet_draws_shapes_and_places_points():
     mesh = trimesh.creation.box((10.0, 10.0, 2.0))
-    picture, places = sheet.draw(mesh, (0.0, 90.0), (200, 200), sheet.STEEL, [(0, 0, 1), (5, 5, 1)])
+    picture, places = contact_sheet.draw(
+        mesh, (0.0, 90.0), (200, 200), contact_sheet.STEEL, [(0, 0, 1), (5, 5, 1)]
+    )
     assert picture.shape == (200, 200, 3)
     assert picture.dtype == np.uint8
-    np.testing.assert_array_equal(picture[2, 2], sheet.PAPER)
-    assert (picture[100, 100] != sheet.PAPER).any()
+    np.testing.assert_array_equal(picture[2, 2], contact_sheet.PAPER)
+    assert (picture[100, 100] != contact_sheet.PAPER).any()
     # Seen from straight above, y is up in the picture and the box fills 0.88 of it.
     assert places == pytest.approx(np.array([[100.0, 100.0], [188.0, 12.0]]), abs=1.0)

@@ -8,17 +8,16 @@ import pytest
 import torch
 from spots import write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.build import build
-from t2twin.translate.data.examples import Examples
-from t2twin.translate.data.pairs import load_info
-from t2twin.translate.evaluation import metrics
-from t2twin.translate.presets import PRESETS, Preset
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.data.pairs import Examples, load_info
+from t2twin.translate.evaluation.metrics import array_errors
+from t2twin.translate.models.presets import PRESETS, Preset
+from t2twin.translate.models.soft_iou_loss import CONTACT_LEVEL, soft_iou_loss
+from t2twin.translate.models.touch2touch import Touch2Touch
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.runs.log import read_log
-from t2twin.translate.shape_loss import CONTACT_LEVEL, shape_loss
-from t2twin.translate.touch2touch import Touch2Touch
-from t2twin.translate.train import train
+from t2twin.translate.training.train import train
 
 SMOKE = PRESETS["touch2touch"]["smoke"]
 
@@ -45,60 +44,60 @@ def hill(width: float) -> torch.Tensor:
 
 def test_equal_images_lose_nothing_and_contacts_apart_lose_all() -> None:
     for image in (square(4), hill(5.0), torch.rand(3, 1, 32, 32)):
-        assert shape_loss(image, image).item() == 0.0
-    assert shape_loss(square(4), square(20)).item() == 1.0
-    assert shape_loss(torch.zeros(1, 1, 32, 32), square(4)).item() == 1.0
+        assert soft_iou_loss(image, image).item() == 0.0
+    assert soft_iou_loss(square(4), square(20)).item() == 1.0
+    assert soft_iou_loss(torch.zeros(1, 1, 32, 32), square(4)).item() == 1.0
 
 
 def test_it_is_the_overlap_of_sharp_contacts() -> None:
     """Two squares of 8 x 8 pixels, 2 columns of them common: 16 pixels of 112."""
-    assert shape_loss(square(4), square(10)).item() == pytest.approx(1 - 16 / 112)
+    assert soft_iou_loss(square(4), square(10)).item() == pytest.approx(1 - 16 / 112)
 
 
 def test_it_asks_for_the_shape_and_not_for_how_much_is_felt() -> None:
     for height in (0.2, 0.9):
-        assert shape_loss(square(4, height), square(4)).item() == pytest.approx(0.0, abs=1e-6)
-    assert shape_loss(0.4 * hill(5.0), hill(5.0)).item() == pytest.approx(0.0, abs=1e-6)
+        assert soft_iou_loss(square(4, height), square(4)).item() == pytest.approx(0.0, abs=1e-6)
+    assert soft_iou_loss(0.4 * hill(5.0), hill(5.0)).item() == pytest.approx(0.0, abs=1e-6)
 
 
 def test_it_grows_with_the_distance_and_follows_the_contact_iou() -> None:
     """A hill of another width: the loss is near what the sharp overlap leaves."""
-    losses = [shape_loss(hill(width), hill(5.0)).item() for width in (5.0, 5.5, 6.0, 7.0, 9.0)]
+    losses = [soft_iou_loss(hill(width), hill(5.0)).item() for width in (5.0, 5.5, 6.0, 7.0, 9.0)]
     assert losses == sorted(losses)
     for width in (6.0, 7.0, 9.0):
         ours, wanted = (each > CONTACT_LEVEL * each.max() for each in (hill(width), hill(5.0)))
         sharp = 1 - ((ours & wanted).sum() / (ours | wanted).sum()).item()
-        assert shape_loss(hill(width), hill(5.0)).item() == pytest.approx(sharp, abs=0.1)
+        assert soft_iou_loss(hill(width), hill(5.0)).item() == pytest.approx(sharp, abs=0.1)
 
 
 def test_a_pixel_is_half_in_contact_at_the_level_of_the_contact_iou() -> None:
-    assert CONTACT_LEVEL == metrics.CONTACT_LEVEL
+    assert CONTACT_LEVEL == array_errors.CONTACT_LEVEL
     drawn, real = square(4), square(4)
     drawn[0, 0, 20, 20] = CONTACT_LEVEL * 0.5
     highest = 1 / (1 + CONTACT_LEVEL**2)
     expected = 0.5 / (64 * highest + 0.5)
-    assert shape_loss(drawn, real).item() == pytest.approx(expected, rel=1e-4)
+    assert soft_iou_loss(drawn, real).item() == pytest.approx(expected, rel=1e-4)
 
 
 def test_real_images_of_nothing_have_no_say() -> None:
     nothing = torch.zeros(1, 1, 32, 32)
     drawn, real = torch.cat([square(4), square(4)]), torch.cat([square(20), nothing])
-    assert shape_loss(drawn, real).item() == 1.0
-    assert shape_loss(square(4), nothing).item() == 0.0
+    assert soft_iou_loss(drawn, real).item() == 1.0
+    assert soft_iou_loss(square(4), nothing).item() == 0.0
 
 
 def test_its_gradient_is_finite_and_leads_to_the_shape() -> None:
     torch.manual_seed(0)
     drawn = (0.05 * torch.rand(1, 1, 32, 32)).requires_grad_()
     real = hill(5.0)
-    first = shape_loss(drawn, real)
+    first = soft_iou_loss(drawn, real)
     for _ in range(200):
-        (gradient,) = torch.autograd.grad(shape_loss(drawn, real), drawn)
+        (gradient,) = torch.autograd.grad(soft_iou_loss(drawn, real), drawn)
         assert torch.isfinite(gradient).all()
         drawn = (drawn - 0.3 * gradient).clamp(0, 1).detach().requires_grad_()
-    assert shape_loss(drawn, real).item() < first.item() / 2
+    assert soft_iou_loss(drawn, real).item() < first.item() / 2
     empty = torch.zeros(1, 1, 32, 32, requires_grad=True)
-    (gradient,) = torch.autograd.grad(shape_loss(empty, real), empty)
+    (gradient,) = torch.autograd.grad(soft_iou_loss(empty, real), empty)
     assert torch.isfinite(gradient).all() and gradient.abs().max() < 10
 
 
@@ -116,7 +115,7 @@ def test_the_generator_minimises_it_with_its_weight(data_dir: Path) -> None:
     images = 2 * torch.rand(4, 1, 32, 32) - 1
     losses, gradients = {}, {}
     for weight in (0.0, 7.0):
-        one = translator(data_dir, replace(SMOKE, shape_weight=weight))
+        one = translator(data_dir, replace(SMOKE, iou_weight=weight))
         before = deepcopy(one)
         torch.manual_seed(1)  # dropout
         losses[weight] = one.step(Examples(images, counts))
@@ -125,8 +124,8 @@ def test_the_generator_minimises_it_with_its_weight(data_dir: Path) -> None:
         drawn = before.generator(images)
         before.discriminator.load_state_dict(one.discriminator.state_dict())
         likely = torch.sigmoid(before.discriminator(images, drawn))
-        real = before.to_image(counts)
-        shape = shape_loss((drawn + 1) / 2, (real + 1) / 2)
+        real = before.scaled_tactile_images(counts)
+        shape = soft_iou_loss((drawn + 1) / 2, (real + 1) / 2)
         whole = -likely.log().mean() + 100 * (drawn - real).abs().mean() + weight * shape
         whole.backward()
         for ours, parameter in zip(gradients[weight], before.generator.parameters(), strict=True):
@@ -134,24 +133,29 @@ def test_the_generator_minimises_it_with_its_weight(data_dir: Path) -> None:
             scale = parameter.grad.abs().max().item()
             torch.testing.assert_close(ours, parameter.grad, rtol=0, atol=2e-3 * scale + 1e-9)
         if weight:
-            assert losses[weight]["shape"] == pytest.approx(shape.item(), rel=1e-4)
+            assert losses[weight]["iou"] == pytest.approx(shape.item(), rel=1e-4)
     assert set(losses[0.0]) == {"discriminator", "adversarial", "l1"}
 
 
 def test_a_run_keeps_its_weight_and_its_log_the_loss(data_dir: Path, tmp_path: Path) -> None:
-    train("touch2touch", data_dir, "smoke", tmp_path, epochs=1, shape_weight=3.0)
-    assert load_config(tmp_path).preset.shape_weight == 3.0
-    assert 0 < read_log(tmp_path)[0].train["shape"] < 1
-    assert "| shape_weight | 3 |" in (tmp_path / "README.md").read_text()
-    with pytest.raises(T2TwinError, match=r"another shape weight \(3\.0\); give the same again"):
+    train("touch2touch", data_dir, "smoke", tmp_path, epochs=1, iou_weight=3.0)
+    assert load_config(tmp_path).preset.iou_weight == 3.0
+    assert 0 < read_log(tmp_path)[0].train["iou"] < 1
+    assert "| iou_weight | 3 |" in (tmp_path / "README.md").read_text()
+    with pytest.raises(T2TwinError, match=r"another IoU weight \(3\.0\); give the same again"):
         train("touch2touch", data_dir, "smoke", tmp_path, epochs=1)
 
 
 @pytest.mark.parametrize(
     ("model", "direction", "weight", "said"),
     [
-        ("resnet18", "digit-to-cyskin", 1.0, "a resnet18 digit-to-cyskin draws no tactile image"),
-        ("touch2touch", "cyskin-to-digit", 1.0, "cyskin-to-digit draws no tactile image"),
+        (
+            "resnet18",
+            "digit-to-cyskin",
+            1.0,
+            "resnet18 digit-to-cyskin run predicts no tactile",
+        ),
+        ("touch2touch", "cyskin-to-digit", 1.0, "cyskin-to-digit run predicts no tactile image"),
         ("touch2touch", "digit-to-cyskin", -1.0, "is -1; it must be 0 or more"),
         ("touch2touch", "digit-to-cyskin", float("nan"), "is nan; it must be 0 or more"),
     ],
@@ -160,7 +164,5 @@ def test_a_weight_that_cannot_be_used_is_one_sentence(
     data_dir: Path, tmp_path: Path, model: str, direction: str, weight: float, said: str
 ) -> None:
     with pytest.raises(T2TwinError, match=said):
-        train(
-            model, data_dir, "smoke", tmp_path, epochs=1, direction=direction, shape_weight=weight
-        )
+        train(model, data_dir, "smoke", tmp_path, epochs=1, direction=direction, iou_weight=weight)
     assert not list(tmp_path.iterdir())

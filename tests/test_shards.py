@@ -8,13 +8,13 @@ import pyarrow.parquet as pq
 import pytest
 from spots import write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png, encode_png
 from t2twin.sim.dataset.columns import SCHEMA
 from t2twin.sim.dataset.info import Shard
-from t2twin.sim.dataset.png import decode_png, encode_png
-from t2twin.sim.dataset.shard_table import check_table
 from t2twin.sim.dataset.store import (
-    ROWS_AT_ONCE,
+    BATCH_ROWS,
+    check_table,
     iter_images,
     read_info,
     read_split,
@@ -36,24 +36,24 @@ def test_png_gives_back_the_picture():
         np.full((5, 7, 3), 255, np.uint8),
     ):
         assert (decode_png(encode_png(image)) == image).all()
-    with pytest.raises(T2TwinError, match="rows x columns x 3"):
+    with pytest.raises(T2TwinError, match=r"expected uint8, \(rows, columns, 3\)"):
         encode_png(np.zeros((4, 4), np.uint8))
 
 
 def test_a_stored_picture_that_is_none_is_one_sentence():
     for content in (b"", b"no picture", np.zeros(100, np.uint8).tobytes()):
-        with pytest.raises(T2TwinError, match="a stored picture cannot be decoded"):
+        with pytest.raises(T2TwinError, match="an image of the dataset cannot be decoded"):
             decode_png(content)
 
 
 def test_many_rows_come_in_groups(data, tmp_path):
     table = pq.ParquetFile(data / "train/square-1.parquet").read()
-    rows = [table.to_pylist()[0] | {"index": index} for index in range(ROWS_AT_ONCE + 1)]
+    rows = [table.to_pylist()[0] | {"index": index} for index in range(BATCH_ROWS + 1)]
     digest = write_shard(tmp_path / "long.parquet", rows)
     assert digest == sha256_of(tmp_path / "long.parquet")
     with pq.ParquetFile(tmp_path / "long.parquet") as file:
         assert file.num_row_groups == 2
-        assert file.read(["index"])["index"].to_pylist() == list(range(ROWS_AT_ONCE + 1))
+        assert file.read(["index"])["index"].to_pylist() == list(range(BATCH_ROWS + 1))
 
 
 def test_reading_what_is_not_there_says_so(data, tmp_path):

@@ -9,17 +9,19 @@ import pytest
 from safetensors.torch import load_file
 from spots import write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.evaluation.certainty import NAMED_LEVEL, certainty
 from t2twin.translate.evaluation.evaluate import evaluate
-from t2twin.translate.predict import load_run
-from t2twin.translate.runs import shipped
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, uncertainty_metrics
+from t2twin.translate.evaluation.publish_pretrained import publish_pretrained
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.inference.predictor import require
+from t2twin.translate.runs import pretrained
 from t2twin.translate.runs.config import BEST
-from t2twin.translate.runs.shipped import HOME, find_run, shipped_runs
-from t2twin.translate.ship import ship
+from t2twin.translate.runs.pretrained import HOME, pretrained_runs, resolve_run
 
-MOST_BYTES = 16_000_000
+MAX_BYTES = 16_000_000
 """Of all weights that ship together."""
 
 
@@ -30,7 +32,7 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatch) -> None:
     evaluate([runs[1]], data_dir, "val", tmp_path / "evaluation" / "val")
-    folder = ship(runs[1], [tmp_path / "evaluation"], tmp_path / "home")
+    folder = publish_pretrained(runs[1], [tmp_path / "evaluation"], tmp_path / "home")
     assert folder == tmp_path / "home" / "resnet18"
     whole, half = runs[1] / BEST, folder / BEST
     assert half.stat().st_size < 0.52 * whole.stat().st_size
@@ -40,45 +42,45 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
         if name.endswith(("running_mean", "running_var", "bias")):
             assert kept[name].dtype == tensor.dtype
     pixels = np.random.default_rng(0).integers(0, 256, (4, 64, 64, 3), np.uint8)
-    monkeypatch.setattr(shipped, "HOME", tmp_path / "home")
+    monkeypatch.setattr(pretrained, "HOME", tmp_path / "home")
     monkeypatch.chdir(tmp_path)
     by_name = load_run("resnet18").predict_pixels(pixels)
     np.testing.assert_allclose(by_name, load_run(runs[1]).predict_pixels(pixels), atol=100)
     card = (folder / "README.md").read_text()
     assert re.search(r"\| .*, new versions of primitives \| [\d,]+ \| [\d.]+ \|", card)
-    assert card.index("## Measured") < card.index("## What it is not good for")
+    assert card.index("## Measured") < card.index("## Limits")
 
 
 def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert find_run("field") == HOME / "field"
+    assert resolve_run("field") == HOME / "field"
     shutil.copytree(runs[1], tmp_path / "field")
-    assert find_run("field") == HOME / "field"
-    assert find_run("./field") == find_run(Path("field")) == Path("field")
+    assert resolve_run("field") == HOME / "field"
+    assert resolve_run("./field") == resolve_run(Path("field")) == Path("field")
     shutil.rmtree(tmp_path / "field")
     with pytest.raises(T2TwinError, match=r"there is no run fild; .* a pretrained run: .*field"):
-        find_run("fild")
+        resolve_run("fild")
     with pytest.raises(T2TwinError, match=r"there is no run \./field"):
-        find_run("./field")
+        resolve_run("./field")
 
 
 def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:
     with pytest.raises(T2TwinError, match="holds no evaluation"):
-        ship(runs[0], [tmp_path], tmp_path / "home")
+        publish_pretrained(runs[0], [tmp_path], tmp_path / "home")
     evaluate([runs[1]], data_dir, "val", tmp_path / "of-resnet18" / "val")
     (tmp_path / "of-resnet18" / "val" / "metrics.json").write_text("{}")
     with pytest.raises(T2TwinError, match=r"metrics\.json"):
-        ship(runs[0], [tmp_path / "of-resnet18"], tmp_path / "home")
+        publish_pretrained(runs[0], [tmp_path / "of-resnet18"], tmp_path / "home")
     unfinished = shutil.copytree(runs[0], tmp_path / "unfinished")
     (unfinished / BEST).unlink()
     with pytest.raises(T2TwinError, match="has not finished"):
-        ship(unfinished, [], tmp_path / "home")
+        publish_pretrained(unfinished, [], tmp_path / "home")
     assert not (tmp_path / "home").exists()
 
 
 def test_all_that_ships_is_small() -> None:
-    assert "field" in shipped_runs()
-    assert sum(path.stat().st_size for path in HOME.rglob("*")) < MOST_BYTES
+    assert "field" in pretrained_runs()
+    assert sum(path.stat().st_size for path in HOME.rglob("*")) < MAX_BYTES
 
 
 def test_the_card_says_what_is_measured(protocol_dataset: Path) -> None:
@@ -86,12 +88,14 @@ def test_the_card_says_what_is_measured(protocol_dataset: Path) -> None:
     card = (HOME / "field" / "README.md").read_text()
     told = re.search(r"\| paper, hand tools \| [\d,]+ \| ([\d.]+) \| ([\d.]+) \| ([\d.]+) \|", card)
     assert told is not None
-    run = load_run(HOME / "field")
+    run = require(load_run(HOME / "field"), FieldPredictor, "the test")
     pairs = load_pairs(protocol_dataset, "test", run.config.preset.size, grey=False)
-    said = run.estimate_pixels(pairs.pictures)
+    said = run.estimate_pixels(pairs.inputs)
     off = said.counts - pairs.counts
     percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.full_scale_counts
     assert percent == pytest.approx(float(told[1]), rel=0.1)
-    held = 100.0 * certainty(said, pairs.counts, pairs.force_n).held_at(NAMED_LEVEL)
+    held = 100.0 * uncertainty_metrics(said, pairs.counts, pairs.force_n).coverage_at(
+        REPORTED_LEVEL
+    )
     assert held == pytest.approx(float(told[3]), abs=3.0)
     print(percent, held, told.groups())

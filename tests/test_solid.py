@@ -6,9 +6,9 @@ from scipy.sparse.linalg import spsolve
 
 from benchmarks import oracle
 from benchmarks.solid import COARSEST_MM, Gel, Mesh, half_axis_mm, quarter, solve, stiffness
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
-from t2twin.sim.press.layer import compliance_mm_per_mpa
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.layer import compliance_mm_per_mpa
 
 E, NU = DIGIT_GEL.young_mpa, DIGIT_GEL.poisson
 FLAT = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)

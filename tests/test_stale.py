@@ -15,7 +15,7 @@ from benchmarks.evidence.record import Benchmark
 from benchmarks.evidence.results import Results, read_results, write_results
 from benchmarks.evidence.small_case import rounded
 from benchmarks.evidence.sources import SourceTree
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 SOURCES = ("benchmarks", "primitives_cad", "sim", "translate", "t2twin")
 """Folders of a copy in which code is changed."""
@@ -83,12 +83,12 @@ def test_nothing_is_stale_right_after_the_measurement(copy):
 
 
 def test_a_changed_constant_of_the_shapes_makes_stale_what_presses_them(copy, edit):
-    edit("primitives_cad/families.py", '{"side": 5.6}', '{"side": 5.7}')
+    edit("primitives_cad/primitive_parameters.py", '{"side": 5.6}', '{"side": 5.7}')
     reasons = stale_by_name(copy)
     assert set(reasons) == {b.name for b in BENCHMARKS if b.shapes and not b.baseline}
     assert {"press", "dome", "dataset", "translation", "probes", "gain"} <= set(reasons)
     assert not {"phi", "latency", "training", "kills", "regression"} & set(reasons)
-    said = ["the shapes' parameters (t2twin.primitives_cad.families)"]
+    said = ["the shapes' parameters (t2twin.primitives_cad.primitive_parameters)"]
     assert all(words == said for words in reasons.values())
 
 
@@ -99,19 +99,19 @@ def test_a_changed_tool_is_a_changed_shape(copy, edit):
 
 
 def test_comments_docstrings_and_formatting_make_nothing_stale(copy, edit):
-    families = "primitives_cad/families.py"
-    edit(families, '"""Side of the square base plate', '"""Length of the square base plate')
+    families = "primitives_cad/primitive_parameters.py"
+    edit(families, '"""Side of a primitive', '"""Length of a primitive')
     edit(families, "PLATE_SIDE_MM = 46.0", "# new\nPLATE_SIDE_MM = (\n    46.0\n)")
     edit(families, '"""Family of a primitive', '"""The family of a primitive')
     assert stale_by_name(copy) == {}
 
 
 def test_changed_code_makes_stale_what_measures_it_and_is_named(copy, edit):
-    edit("translate/phi.py", "import numpy as np", "import numpy as np\n\nNEW = 1")
+    edit("sim/cyskin/phi.py", "import numpy as np", "import numpy as np\n\nNEW = 1")
     reasons = stale_by_name(copy)
-    assert reasons["phi"] == ["t2twin.translate.phi"]
-    assert reasons["translation"] == ["t2twin.translate.phi"]
-    assert not {"press", "dome", "digit_render", "gain"} & set(reasons)
+    assert reasons["phi"] == ["t2twin.sim.cyskin.phi"]
+    assert reasons["translation"] == ["t2twin.sim.cyskin.phi"]
+    assert not {"press", "dome", "digit_render"} & set(reasons)
 
 
 @pytest.mark.exhaustive
@@ -143,11 +143,11 @@ def test_stale_results_are_named_with_status_one(results, capsys):
 
 def test_imports_inside_functions_are_followed_and_those_for_types_are_not():
     modules = SourceTree().modules_of(PRESS)
-    assert "t2twin.primitives_cad.files" in modules
-    assert "t2twin.sim.press.bed" in modules
+    assert "t2twin.primitives_cad.mesh_io.read" in modules
+    assert "t2twin.sim.contact.mujoco_pins" in modules
     assert not any(name.startswith("t2twin.report") for name in modules)
-    assert "t2twin.translate.train" in SourceTree().modules_of(TRANSLATION)
-    assert "t2twin.report.forces" not in SourceTree().modules_of(DATASET)
+    assert "t2twin.translate.training.train" in SourceTree().modules_of(TRANSLATION)
+    assert "t2twin.report.dataset.forces" not in SourceTree().modules_of(DATASET)
 
 
 # Confirming
@@ -156,7 +156,7 @@ def test_imports_inside_functions_are_followed_and_those_for_types_are_not():
 @pytest.fixture
 def outcome(edit, monkeypatch):
     """What the code gives since it was changed; the same as before unless a test changes it."""
-    edit("sim/press/law.py", "import numpy as np", "import numpy as np\n\nNEW = 1")
+    edit("sim/contact/elastomer.py", "import numpy as np", "import numpy as np\n\nNEW = 1")
     content = {"a": 1.0}
     monkeypatch.setattr(Benchmark, "outcome", lambda self, case: content)
     return content
@@ -165,7 +165,7 @@ def outcome(edit, monkeypatch):
 @pytest.mark.exhaustive
 def test_the_same_outcome_confirms_results(outcome, copy):
     before = read_results(DATASET.results)
-    assert "law" in stale_by_name(copy)["dataset"][0]
+    assert "elastomer" in stale_by_name(copy)["dataset"][0]
     said = confirm(DATASET, case=None, tree=SourceTree(copy))  # pyright: ignore[reportArgumentType]
     assert "times are of then: run, rates" in said
     after = read_results(DATASET.results)

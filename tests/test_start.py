@@ -9,17 +9,18 @@ import pytest
 import torch
 from spots import train_smoke, write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.world.recipe import load_recipe
-from t2twin.translate.build import build
 from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.field import FieldTranslator
-from t2twin.translate.predict import load_run
-from t2twin.translate.presets import PAPER_MODELS, PRESETS
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.config import CONFIG, load_config
-from t2twin.translate.start import RATE_SHARE, begin_with, find_start, slower
-from t2twin.translate.train import train
+from t2twin.translate.training.settings import WARM_START_SHARE, after_warm_start
+from t2twin.translate.training.train import train
+from t2twin.translate.training.warm_start import apply_warm_start, find_warm_start
 
 WORLD = """
 format = 1
@@ -55,11 +56,11 @@ def world(folder: Path, seed: int, force: str) -> Path:
 def test_begins_where_the_other_run_ended(runs: list[Path], data_dir: Path, number: int) -> None:
     model, info = PAPER_MODELS[number], load_info(data_dir)
     earlier = load_run(runs[number])
-    start = find_start(runs[number], model, earlier.config.preset, info)
+    start = find_warm_start(runs[number], model, earlier.config.preset, info)
     averaged = replace(earlier.config.preset, averaged_part=0.1)
     fresh = build(replace(earlier.config, seed=7, preset=averaged))
     pictures = load_pairs(data_dir, "val", averaged.size, averaged.grey).images[:4]
-    begin_with(start, fresh)
+    apply_warm_start(start, fresh)
     np.testing.assert_allclose(
         replace(earlier, translator=fresh).predict_pixels(pictures),
         earlier.predict_pixels(pictures),
@@ -74,16 +75,20 @@ def test_a_start_saves_steps_and_is_kept_in_mind(
     runs: list[Path], data_dir: Path, tmp_path: Path
 ) -> None:
     fresh = train("resnet18", data_dir, "smoke", tmp_path / "fresh", epochs=1)
-    begun = train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, start=runs[1])
+    begun = train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, init_from=runs[1])
     assert begun.best_rmse_percent < 0.8 * fresh.best_rmse_percent
     config = load_config(tmp_path / "begun")
-    assert config.start == find_start(runs[1], "resnet18", config.preset, config.data).sha256
-    assert config.preset == slower(PRESETS["resnet18"]["smoke"])
-    assert config.preset.learning_rate == RATE_SHARE * PRESETS["resnet18"]["smoke"].learning_rate
-    assert load_config(tmp_path / "fresh").start is None
+    assert (
+        config.init_from == find_warm_start(runs[1], "resnet18", config.preset, config.data).sha256
+    )
+    assert config.preset == after_warm_start(PRESETS["resnet18"]["smoke"])
+    assert (
+        config.preset.learning_rate == WARM_START_SHARE * PRESETS["resnet18"]["smoke"].learning_rate
+    )
+    assert load_config(tmp_path / "fresh").init_from is None
     for other in (None, tmp_path / "fresh"):
         with pytest.raises(T2TwinError, match="holds a run with another"):
-            train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, start=other)
+            train("resnet18", data_dir, "smoke", tmp_path / "begun", epochs=1, init_from=other)
 
 
 def test_a_field_run_keeps_what_it_knows_but_for_the_mean_frame(tmp_path: Path) -> None:
@@ -95,8 +100,8 @@ def test_a_field_run_keeps_what_it_knows_but_for_the_mean_frame(tmp_path: Path) 
     config = load_config(tmp_path / "run")
     translator = build(config)
     assert isinstance(translator, FieldTranslator)
-    start = find_start(tmp_path / "run", "field", config.preset, load_info(several))
-    begin_with(start, translator)
+    start = find_warm_start(tmp_path / "run", "field", config.preset, load_info(several))
+    apply_warm_start(start, translator)
     before = {name: tensor.clone() for name, tensor in translator.network.state_dict().items()}
     translator.prepare(load_pairs(several, "train", config.preset.size, False, with_field=True))
     after = translator.network.state_dict()
@@ -111,12 +116,12 @@ def test_what_cannot_be_begun_with_is_one_sentence(
 ) -> None:
     def refused(start: Path, model: str = "resnet18") -> str:
         with pytest.raises(T2TwinError) as error:
-            train(model, data_dir, "smoke", tmp_path / "run", start=start)
+            train(model, data_dir, "smoke", tmp_path / "run", init_from=start)
         assert not (tmp_path / "run").exists()
         return str(error.value)
 
     assert "there is no run" in refused(tmp_path / "none")
-    assert "holds no config.json" in refused(tmp_path)
+    assert "has no config.json" in refused(tmp_path)
     assert "is a touch2touch run" in refused(runs[0])
     wide = train_smoke("resnet18", data_dir, tmp_path / "wide", epochs=1)
     text = json.loads((wide / CONFIG).read_text())
@@ -124,10 +129,10 @@ def test_what_cannot_be_begun_with_is_one_sentence(
     (wide / CONFIG).write_text(json.dumps(text))
     assert "base width 8, and preset smoke has" in refused(wide)
     text["preset"]["filters"] = PRESETS["resnet18"]["smoke"].filters
-    text["start_sha256"] = "x"
+    text["init_from_sha256"] = "x"
     (wide / CONFIG).write_text(json.dumps(text))
-    assert "start_sha256 must be 64 hexadecimal digits" in refused(wide)
-    text["start_sha256"] = None
+    assert "init_from_sha256 must be 64 hexadecimal digits" in refused(wide)
+    text["init_from_sha256"] = None
     text["data"]["layout_x_mm"][0] += 1.0
     (wide / CONFIG).write_text(json.dumps(text))
     assert "a run of layout" in refused(wide)

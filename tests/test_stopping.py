@@ -9,13 +9,14 @@ from pathlib import Path
 import pytest
 from waiting import PATIENCE_S
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.folder_lock import LOCK, locked
-from t2twin.primitives_cad.writing import (
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import (
+    LOCK,
+    atomic_write,
+    locked,
     move_into,
-    sweep,
+    remove_leftovers,
     temporary_folder,
-    whole_file,
     write_json,
 )
 
@@ -31,16 +32,16 @@ def heed():
 WRITING = """
 import os, signal, sys
 from pathlib import Path
-from t2twin.primitives_cad.folder_lock import locked
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.stopping import Stopped, heed_signals, say_stopped
-heed_signals()
+from t2twin.core.files import locked
+from t2twin.core.files import atomic_write
+from t2twin.core.signals import Stopped, install_handlers, report_stop
+install_handlers()
 try:
-    with locked(Path("a/b")), whole_file(Path("a/b/c.txt")) as temporary:
+    with locked(Path("a/b")), atomic_write(Path("a/b/c.txt")) as temporary:
         temporary.write_text("half")
         {then}
 except Stopped as stop:
-    sys.exit(say_stopped(stop.number))
+    sys.exit(report_stop(stop.number))
 """
 
 TELL = "print(sorted(os.listdir('a/b')), flush=True); signal.pause()"
@@ -170,7 +171,7 @@ def test_only_what_the_dead_were_writing_is_swept(tmp_path):
     mine = tmp_path / f".mine.{os.getpid()}.part.txt"
     (tmp_path / ".hidden").touch()
     mine.touch()
-    sweep(tmp_path)
+    remove_leftovers(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [".hidden", mine.name]
 
 
@@ -189,7 +190,7 @@ def test_a_file_in_the_way_is_named(place, tmp_path):
         pass
     with (
         pytest.raises(T2TwinError, match="cannot be written"),
-        whole_file(tmp_path / "file" / "x.txt") as temporary,
+        atomic_write(tmp_path / "file" / "x.txt") as temporary,
     ):
         temporary.touch()
     assert (tmp_path / "file").read_text() == "mine"
@@ -211,7 +212,7 @@ def test_only_files_are_replaced(kind, tmp_path):
 
 
 def test_a_folder_that_was_made_for_nothing_goes(tmp_path):
-    with pytest.raises(KeyError), whole_file(tmp_path / "new/folder/x.txt"):
+    with pytest.raises(KeyError), atomic_write(tmp_path / "new/folder/x.txt"):
         raise KeyError
     assert list(tmp_path.iterdir()) == []
 

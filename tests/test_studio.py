@@ -14,17 +14,18 @@ from PIL import Image
 
 import t2twin
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.press.depth import TOLERANCE_MM
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.depth import TOLERANCE_MM
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world.protocol import indices, press_at, scale_of
-from t2twin.studio import cards, solids, transfers, uploads
-from t2twin.studio.colours import colour_table, coloured
+from t2twin.studio.controls.files import COMMAND_FILE, zip_press
 from t2twin.studio.press_state import PressState, protocol_press, read_query
 from t2twin.studio.session import STEPS, Session
-from t2twin.studio.take_away import AGAIN, zipped
-from t2twin.studio.translators import LEVEL, MAKE_ONE, Translators
-from t2twin.translate.runs.shipped import DEFAULT_RUN
+from t2twin.studio.translators import LEVEL, TRAIN_COMMAND, Translators
+from t2twin.studio.transport import uploads
+from t2twin.studio.view import cards, solids
+from t2twin.studio.view.colors import color_table, color_values
+from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
 SHAPE = "hemisphere-4"
 NOWHERE = Path("/nonexistent")
@@ -37,8 +38,8 @@ def session(shape_cache):
 
 
 @pytest.fixture(scope="module")
-def look(session):
-    return session.look(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0))
+def result(session):
+    return session.press(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0))
 
 
 # Presses as asked for
@@ -71,7 +72,7 @@ def test_a_press_has_a_line_that_makes_it_again(state, line):
     "asked", [{"force_n": 5.0}, {"seed": 7, "imperfections": "all"}, {"depth_mm": 0.5}]
 )
 def test_the_line_makes_the_same_press(asked, session, tmp_path):
-    seen = session.look(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, **asked))
+    seen = session.press(PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, **asked))
     line = seen.state.command_line().split()
     main([*line[1:], "--out", str(tmp_path / "out")])
     counts = json.loads((tmp_path / "out/cyskin.json").read_text())["counts"]
@@ -81,13 +82,13 @@ def test_the_line_makes_the_same_press(asked, session, tmp_path):
 
 
 def test_of_force_and_depth_the_last_counts(session):
-    deep = PressState(SHAPE, force_n=3.0).changed({"depth_mm": 0.5})
+    deep = PressState(SHAPE, force_n=3.0).with_changes({"depth_mm": 0.5})
     assert (deep.depth_mm, deep.force_n) == (0.5, PressState().force_n)
-    assert deep.changed({"x_mm": 1.0}).depth_mm == 0.5
-    hard = deep.changed({"force_n": 3.0})
+    assert deep.with_changes({"x_mm": 1.0}).depth_mm == 0.5
+    hard = deep.with_changes({"force_n": 3.0})
     assert hard == PressState(SHAPE, force_n=3.0)
     assert read_query(deep.query()) == deep and read_query(hard.query()) == hard
-    touch = session.look(deep).touch
+    touch = session.press(deep).touch
     assert touch.digit.depth_mm == pytest.approx(0.5, abs=TOLERANCE_MM)
     assert np.array_equal(touch.image, t2twin.press(SHAPE, depth_mm=0.5).image)
 
@@ -133,35 +134,35 @@ def test_presses_of_the_protocol_are_found_by_their_number(shapes):
     assert np.deg2rad(state.yaw_deg) == pytest.approx(command.yaw_rad)
     with pytest.raises(T2TwinError, match="0 to 31"):
         protocol_press(PressState(), "small", 32)
-    with pytest.raises(T2TwinError, match="no shape of the protocol"):
+    with pytest.raises(T2TwinError, match="not a shape of the protocol"):
         protocol_press(PressState("random-3"), "small", 0)
 
 
 # Looks
 
 
-def test_a_look_is_what_the_twin_gives(look):
+def test_a_look_is_what_the_twin_gives(result):
     touch = t2twin.press(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0)
-    assert np.array_equal(look.touch.image, touch.image)
-    assert np.array_equal(look.touch.counts, touch.counts)
-    assert np.array_equal(look.tactile_image, touch.tactile_image)
-    assert set(look.steps_ms) == set(STEPS) and look.milliseconds > 0
+    assert np.array_equal(result.touch.image, touch.image)
+    assert np.array_equal(result.touch.counts, touch.counts)
+    assert np.array_equal(result.tactile_image, touch.tactile_image)
+    assert set(result.steps_ms) == set(STEPS) and result.milliseconds > 0
 
 
 def test_noise_and_layout_are_those_of_the_twin(session):
     state = PressState(SHAPE, seed=3, imperfections="all", layout="cyskin-63")
     twin = t2twin.Twin(layout="cyskin-63", imperfections="all")
     touch = twin.press(SHAPE, seed=3)
-    seen = session.look(state)
+    seen = session.press(state)
     assert np.array_equal(seen.touch.counts, touch.counts)
     assert np.array_equal(seen.touch.image, touch.image)
-    assert np.array_equal(session.look(replace(state, seed=None)).touch.counts,
+    assert np.array_equal(session.press(replace(state, seed=None)).touch.counts,
                           t2twin.Twin(layout="cyskin-63").press(SHAPE).counts)  # fmt: skip
 
 
 def test_what_cannot_be_pressed_says_what_the_command_says(session, capsys):
     with pytest.raises(T2TwinError) as refused:
-        session.look(PressState(SHAPE, x_mm=60.0))
+        session.press(PressState(SHAPE, x_mm=60.0))
     with pytest.raises(SystemExit):
         main(["press", SHAPE, "--x-mm", "60"])
     assert capsys.readouterr().err == f"t2twin: {refused.value}\n"
@@ -170,9 +171,9 @@ def test_what_cannot_be_pressed_says_what_the_command_says(session, capsys):
 def test_a_layout_on_a_line_has_counts_and_no_tactile_image(session, tmp_path):
     file = tmp_path / "line.csv"
     file.write_text("x_mm,y_mm\n0,-5\n0,0\n0,5\n")
-    seen = session.look(PressState(SHAPE, layout=str(file)))
+    seen = session.press(PressState(SHAPE, layout=str(file)))
     assert seen.tactile_image is None and "line" in seen.no_image
-    assert seen.no_image in cards.pictures_html(seen, cards.scales_of(seen), runs_known=True)
+    assert seen.no_image in cards.press_html(seen, cards.scales_of(seen), has_runs=True)
 
 
 # Translators
@@ -182,24 +183,26 @@ def test_runs_are_found_and_their_errors_are_known(untrained_runs, tmp_path):
     translators = Translators()
     folders = {folder.name: folder for folder in untrained_runs}
     translators.search(untrained_runs, tmp_path)
-    assert len(translators.names) == 3 and translators.chosen == translators.names
+    assert len(translators.names) == 3 and translators.default_names == translators.names
     assert translators.names[0] == DEFAULT_RUN
     own = Session(translators)
-    seen = own.look(PressState(SHAPE), translators.chosen[1:])
+    seen = own.press(PressState(SHAPE), translators.default_names[1:])
     for each in seen.translations:
         run = t2twin.load(folders[each.model])
         assert np.allclose(each.counts, run.predict(seen.touch.image), atol=0.5)
         off = each.counts - seen.touch.counts
         assert each.rmse_counts == pytest.approx(np.sqrt(np.mean(off**2)))
         assert each.rmse_percent == pytest.approx(np.sqrt(np.mean(off**2)) / 400)
-    page = cards.pictures_html(seen, cards.scales_of(seen), runs_known=True)
+    page = cards.press_html(seen, cards.scales_of(seen), has_runs=True)
     assert "ResNet18" in page and (page.count("<img"), page.count("<svg")) == (4, 2)
 
 
 def test_the_truth_of_another_layout_is_that_at_the_runs_own_taxels(untrained_runs):
     translators = Translators()
     translators.search([untrained_runs[1]], NOWHERE)
-    seen = Session(translators).look(PressState(SHAPE, layout="cyskin-63"), translators.chosen[1:])
+    seen = Session(translators).press(
+        PressState(SHAPE, layout="cyskin-63"), translators.default_names[1:]
+    )
     truth = seen.translations[0].truth
     assert truth is not None
     assert np.rint(truth).astype(int).tolist() == t2twin.press(SHAPE).counts.tolist()
@@ -207,22 +210,22 @@ def test_the_truth_of_another_layout_is_that_at_the_runs_own_taxels(untrained_ru
 
 def test_a_run_is_loaded_apart_from_its_first_use(untrained_runs):
     translators = Translators()
-    assert not translators.are_known
+    assert not translators.is_searched
     translators.search([untrained_runs[0]], NOWHERE)
-    assert translators.are_known and not translators.are_loaded(translators.chosen)
-    translators.load(translators.chosen)
-    assert translators.are_loaded(translators.chosen)
+    assert translators.is_searched and not translators.are_loaded(translators.default_names)
+    translators.load(translators.default_names)
+    assert translators.are_loaded(translators.default_names)
     with pytest.raises(T2TwinError, match="no run"):
         translators.load(["x"])
 
 
-def test_what_is_to_come_is_said_until_it_has(look):
+def test_what_is_to_come_is_said_until_it_has(result):
     said = {
-        (known, come): cards.pictures_html(look, cards.scales_of(look), known, come)
+        (known, come): cards.press_html(result, cards.scales_of(result), known, come)
         for known in (False, True) for come in (False, True)
     }  # fmt: skip
-    assert all((cards.RUNS_COME in page) == come for (_, come), page in said.items())
-    assert [key for key, page in said.items() if MAKE_ONE in page] == [(False, False)]
+    assert all((cards.LOADING in page) == come for (_, come), page in said.items())
+    assert [key for key, page in said.items() if TRAIN_COMMAND in page] == [(False, False)]
 
 
 def test_runs_are_found_below_a_folder(untrained_runs, tmp_path):
@@ -234,8 +237,8 @@ def test_runs_are_found_below_a_folder(untrained_runs, tmp_path):
     translators = Translators()
     translators.search(below=tmp_path)
     assert set(translators.names) == {DEFAULT_RUN, "a/resnet18", "a/touch2touch", "b/newer"}
-    assert len(translators.chosen) == 3 and "a/touch2touch" in translators.chosen
-    assert translators.chosen[0] == DEFAULT_RUN
+    assert len(translators.default_names) == 3 and "a/touch2touch" in translators.default_names
+    assert translators.default_names[0] == DEFAULT_RUN
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path):
@@ -245,7 +248,7 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path):
     translators.search(below=tmp_path)
     assert translators.names == (DEFAULT_RUN,)
     with pytest.raises(T2TwinError, match="no run"):
-        translators.of_image(np.zeros((320, 240, 3), np.uint8), ["x"])
+        translators.translate_image(np.zeros((320, 240, 3), np.uint8), ["x"])
 
 
 @pytest.fixture(scope="module")
@@ -253,12 +256,12 @@ def pretrained(session):
     """A press and what the pretrained run predicts of it."""
     translators = Translators()
     translators.search(below=NOWHERE)
-    return Session(translators).look(PressState(SHAPE, force_n=6.0), translators.chosen)
+    return Session(translators).press(PressState(SHAPE, force_n=6.0), translators.default_names)
 
 
 def test_the_pretrained_run_gives_intervals_and_the_force(pretrained):
     (translation,) = pretrained.translations
-    background = SensorPair().digit.untouched()
+    background = SensorPair().digit.background_frame()
     estimate = t2twin.load(DEFAULT_RUN).estimate(pretrained.touch.image, background)
     assert np.allclose(translation.counts, estimate.counts, atol=0.5)
     for end, same in zip(translation.interval, estimate.interval(LEVEL), strict=True):
@@ -267,12 +270,12 @@ def test_the_pretrained_run_gives_intervals_and_the_force(pretrained):
     assert estimate.force_n is not None
     assert force.value == pytest.approx(estimate.force_n.item(), abs=1e-3)
     assert force.low < force.value < force.high
-    assert translation.compared and 10 < translation.covered <= 20
+    assert translation.background_used and 10 < translation.covered <= 20
 
 
 def test_intervals_and_force_are_on_the_card(pretrained):
     (translation,) = pretrained.translations
-    page = cards.pictures_html(pretrained, cards.scales_of(pretrained), runs_known=True)
+    page = cards.press_html(pretrained, cards.scales_of(pretrained), has_runs=True)
     low, high = (np.rint(end).astype(int) for end in translation.interval)
     assert all(f"{a:,} to {b:,}" in page for a, b in zip(low, high, strict=True))
     force = translation.force
@@ -284,32 +287,36 @@ def test_intervals_and_force_are_on_the_card(pretrained):
 def test_a_run_without_intervals_has_a_card_without_them(untrained_runs):
     translators = Translators()
     translators.search(untrained_runs, NOWHERE)
-    seen = Session(translators).look(PressState(SHAPE), translators.chosen[1:])
-    page = cards.pictures_html(seen, cards.scales_of(seen), runs_known=True)
+    seen = Session(translators).press(PressState(SHAPE), translators.default_names[1:])
+    page = cards.press_html(seen, cards.scales_of(seen), has_runs=True)
     assert 'data-name="intervals"' not in page and "interval" not in page
 
 
 def test_a_frame_is_compared_with_a_background_frame(pretrained):
     translators = Translators()
     translators.search(below=NOWHERE)
-    background = SensorPair().digit.untouched()
-    without, compared = (
-        translators.of_image(pretrained.touch.image, translators.chosen, frame)
+    background = SensorPair().digit.background_frame()
+    without, with_background = (
+        translators.translate_image(pretrained.touch.image, translators.default_names, frame)
         for frame in (None, background)
     )
-    assert compared[0].compared and not without[0].compared
-    assert np.array_equal(compared[0].counts, pretrained.translations[0].counts)
-    assert not np.array_equal(without[0].counts, compared[0].counts)
-    page = cards.frame_html((background, "a.png"), (background, "<b>.png"), compared)
-    assert 'data-name="background"' in page and "&lt;b&gt;.png" in page and cards.COMPARED in page
+    assert with_background[0].background_used and not without[0].background_used
+    assert np.array_equal(with_background[0].counts, pretrained.translations[0].counts)
+    assert not np.array_equal(without[0].counts, with_background[0].counts)
+    page = cards.frame_html((background, "a.png"), (background, "<b>.png"), with_background)
+    assert (
+        'data-name="background"' in page
+        and "&lt;b&gt;.png" in page
+        and cards.BACKGROUND_USED in page
+    )
 
 
 # What is drawn
 
 
-def test_colours_go_from_one_end_of_the_map_to_the_other():
-    table = colour_table()
-    assert np.array_equal(coloured(np.array([0.0, 5.0, 9.0]), 5.0), table[[0, 255, 255]])
+def test_colors_go_from_one_end_of_the_map_to_the_other():
+    table = color_table()
+    assert np.array_equal(color_values(np.array([0.0, 5.0, 9.0]), 5.0), table[[0, 255, 255]])
 
 
 @pytest.mark.parametrize(
@@ -319,41 +326,43 @@ def test_a_bar_ends_at_a_number_that_can_be_read(largest, end):
     assert cards.nice_end(largest, 100.0) == pytest.approx(end)
 
 
-def test_the_drawn_surface_is_the_contact_s(look):
-    part = solids.elastomer_part(look.touch.digit, 400.0)
-    contact = look.touch.digit
+def test_the_drawn_surface_is_the_contact_s(result):
+    part = solids.elastomer_part(result.touch.digit, 400.0)
+    contact = result.touch.digit
     x, y = np.meshgrid(contact.x_mm, contact.y_mm)
-    top = part.corners[: x.size]
+    top = part.vertices[: x.size]
     assert np.allclose(
         top[:, 2], (contact.elastomer.rest_surface_mm(x, y) - contact.surface_mm).ravel()
     )
     scene = trimesh.load(io.BytesIO(solids.as_glb([part])), file_type="glb")
     assert isinstance(scene, trimesh.Scene)
     mesh = scene.to_mesh()
-    assert np.allclose(mesh.bounds, [part.corners.min(axis=0), part.corners.max(axis=0)], atol=1e-4)
-
-
-def test_the_drawn_shape_touches_the_surface(look):
-    """In its pose the solid's lowest point is where the contact says."""
-    turn, place = solids.shape_pose(look.touch.digit)
-    mesh = solids.near_mesh(look.touch.shape).copy()
-    mesh.apply_transform(trimesh.transformations.quaternion_matrix(turn))
-    assert (mesh.vertices[:, 2] + place[2]).min() == pytest.approx(
-        -look.touch.digit.shape_depth_mm, abs=1e-3
+    assert np.allclose(
+        mesh.bounds, [part.vertices.min(axis=0), part.vertices.max(axis=0)], atol=1e-4
     )
 
 
-def test_a_cut_leaves_the_half_behind(look):
-    yaw = look.touch.command.yaw_rad
-    half = solids.cut_open(solids.near_mesh(look.touch.shape), yaw).copy()
-    turn, _ = solids.shape_pose(look.touch.digit)
+def test_the_drawn_shape_touches_the_surface(result):
+    """In its pose the solid's lowest point is where the contact says."""
+    turn, place = solids.shape_pose(result.touch.digit)
+    mesh = solids.near_mesh(result.touch.shape).copy()
+    mesh.apply_transform(trimesh.transformations.quaternion_matrix(turn))
+    assert (mesh.vertices[:, 2] + place[2]).min() == pytest.approx(
+        -result.touch.digit.shape_depth_mm, abs=1e-3
+    )
+
+
+def test_a_cut_leaves_the_half_behind(result):
+    yaw = result.touch.command.yaw_rad
+    half = solids.cut_open(solids.near_mesh(result.touch.shape), yaw).copy()
+    turn, _ = solids.shape_pose(result.touch.digit)
     half.apply_transform(trimesh.transformations.quaternion_matrix(turn))
     assert half.bounds[0][1] == pytest.approx(0.0, abs=1e-6) and half.bounds[1][1] > 1.0
 
 
-def test_what_a_user_names_is_escaped(look):
-    state = replace(look.state, shape="/tmp/<img src=x onerror=alert(1)>.stl")
-    page = cards.pictures_html(replace(look, state=state), cards.scales_of(look), runs_known=False)
+def test_what_a_user_names_is_escaped(result):
+    state = replace(result.state, shape="/tmp/<img src=x onerror=alert(1)>.stl")
+    page = cards.press_html(replace(result, state=state), cards.scales_of(result), has_runs=False)
     assert "onerror" not in page
 
 
@@ -361,12 +370,12 @@ def test_what_a_user_names_is_escaped(look):
 
 
 def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
-    path = uploads.kept_file("shape", "../../e vil$.STL", b"x", tmp_path)
+    path = uploads.save_upload("shape", "../../e vil$.STL", b"x", tmp_path)
     assert path.read_bytes() == b"x" and path.name == "e_vil.stl"
     assert path.resolve().is_relative_to(tmp_path)
-    again = uploads.kept_file("shape", "..\\..\\$.stl", b"y", tmp_path)
+    again = uploads.save_upload("shape", "..\\..\\$.stl", b"y", tmp_path)
     assert again.read_bytes() == b"y" and again.resolve().is_relative_to(tmp_path)
-    uploads.forget("shape", tmp_path, all_but=again)
+    uploads.remove_uploads("shape", tmp_path, all_but=again)
     assert again.exists() and not path.exists()
 
 
@@ -377,33 +386,33 @@ def test_a_file_keeps_a_harmless_name_in_its_own_folder(tmp_path):
         ("frame", "a.npz", 3, r"\.png"),
         ("calibration", "a.pkl", 3, r"\.npz"),
         ("layout", "", 3, r"\.csv"),
-        ("shape", "a.stl", transfers.MOST_BYTES + 1, "64 MB"),
+        ("shape", "a.stl", uploads.MAX_BYTES + 1, "64 MB"),
     ],
 )
 def test_a_file_of_another_kind_or_too_large_is_refused(kind, name, size, words, tmp_path):
     with pytest.raises(T2TwinError, match=words):
-        uploads.kept_file(kind, name, bytes(size), tmp_path)
+        uploads.save_upload(kind, name, bytes(size), tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_taken_away_it_is_the_folder_that_press_writes(look, tmp_path):
+def test_taken_away_it_is_the_folder_that_press_writes(result, tmp_path):
     (tmp_path / "zip").mkdir()
-    name, content = zipped(look, tmp_path / "zip")
+    name, content = zip_press(result, tmp_path / "zip")
     assert name == f"{SHAPE}.zip"
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         archive.extractall(tmp_path / "out")
-    main([*look.state.command_line().split()[1:], "--out", str(tmp_path / "press")])
+    main([*result.state.command_line().split()[1:], "--out", str(tmp_path / "press")])
     taken = {path.name: path for path in (tmp_path / "out" / SHAPE).iterdir()}
-    assert taken.pop(AGAIN).read_text().strip() == look.state.command_line()
+    assert taken.pop(COMMAND_FILE).read_text().strip() == result.state.command_line()
     made = {path.name: path for path in (tmp_path / "press").iterdir()}
     assert set(taken) == set(made)
     for file in ("digit.png", "cyskin.json", "tactile_image.png", "tactile_picture.png"):
         assert taken[file].read_bytes() == made[file].read_bytes()
 
 
-def test_no_path_of_this_machine_is_taken_away(look, tmp_path):
-    state = replace(look.state, calibration=str(tmp_path / "mine.npz"))
-    _, content = zipped(replace(look, state=state), tmp_path)
+def test_no_path_of_this_machine_is_taken_away(result, tmp_path):
+    state = replace(result.state, calibration=str(tmp_path / "mine.npz"))
+    _, content = zip_press(replace(result, state=state), tmp_path)
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         summary = archive.read(f"{SHAPE}/press.json").decode()
     assert json.loads(summary)["digit"]["calibration"] == "mine.npz"

@@ -7,9 +7,9 @@ from browser import PATIENCE_MS, browser
 
 from benchmarks.studio_client import Client, target, try_connect
 from benchmarks.studio_hostile import SCRIPTS, SLOW, attack
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.studio.gate import Origin, read_origin
-from t2twin.studio.log import MAX_LINE, Log, one_line
+from t2twin.core.errors import T2TwinError
+from t2twin.studio.transport.log import MAX_LINE, Log, one_line
+from t2twin.studio.transport.origin_check import Origin, read_origin
 
 
 @pytest.fixture(scope="module")

@@ -20,12 +20,12 @@ from benchmarks.studio_events import act
 from t2twin.cli import main
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import FOLDER, studio
-from t2twin.studio.transfers import MOST_BYTES
+from t2twin.studio.transport.uploads import MAX_BYTES
 
 SHAPE = "hemisphere-4"
 STATE = PressState(SHAPE, x_mm=1.5, yaw_deg=30.0, force_n=5.0)
 BLOCK = 20
-MOST_GREYS_OFF = 24
+MAX_GREYS_OFF = 24
 SETTLED_AFTER = 2
 SMALLEST_PX = 9
 WIDE, PHONE = {"width": 1400, "height": 900}, {"width": 420, "height": 860}
@@ -73,9 +73,9 @@ def one_tab(opened):
 def desk(one_tab):
     """A page on a desk's screen, which several tests use in turn, each from STATE on."""
     tab, page = one_tab
-    tab.get_by_text("Pictures", exact=True).click()
+    tab.get_by_text("Images", exact=True).click()
     if page.state != STATE:
-        page.controls.take(vars(STATE))
+        page.controls.apply(vars(STATE))
     drawn(tab, page)
     return tab, page
 
@@ -83,7 +83,7 @@ def desk(one_tab):
 def drawn(tab, page):
     """Waits until the browser shows the page's newest state."""
     assert page.wait(60)
-    await_that(lambda: counts_on(tab) == page.look.touch.counts.tolist())
+    await_that(lambda: counts_on(tab) == page.result.touch.counts.tolist())
     settled(tab)  # the scene is drawn after the pictures
 
 
@@ -148,7 +148,7 @@ def coarse(pixels):
 
 def alike(one, other):
     """Whether two pictures of the scene show the same."""
-    return np.abs(coarse(one) - coarse(other)).max() < MOST_GREYS_OFF
+    return np.abs(coarse(one) - coarse(other)).max() < MAX_GREYS_OFF
 
 
 def test_the_page_shows_what_press_gives(desk, tmp_path):
@@ -184,13 +184,13 @@ def test_the_scene_follows_the_slider(desk):
 def test_each_translator_has_its_picture_and_error(desk):
     tab, page = desk
     assert tab.locator('img[data-name="translated"]').count() == 3
-    for translation in page.look.translations:
-        assert f"{translation.rmse_counts:,.0f} counts off" in tab.locator("body").inner_text()
+    for translation in page.result.translations:
+        assert f"RMSE {translation.rmse_counts:,.0f} counts" in tab.locator("body").inner_text()
 
 
 def test_the_shape_is_dragged_in_the_scene(desk):
     tab, page = desk
-    page.controls.take(vars(PressState("circle-4")))
+    page.controls.apply(vars(PressState("circle-4")))
     drawn(tab, page)
     box = tab.locator("canvas").first.bounding_box()
     x, y = box["x"] + 0.245 * box["width"], box["y"] + 0.45 * box["height"]
@@ -213,8 +213,8 @@ def test_on_a_phone_all_of_it_fits_and_each_client_has_its_own_press(desk, opene
     fits(other_tab, PHONE)
     set_slider(other_tab, other, "force_n", 3)
     assert (page.state, other.state.force_n) == (STATE, 3.0)
-    assert counts_on(tab) == page.look.touch.counts.tolist()
-    assert counts_on(other_tab) == other.look.touch.counts.tolist()
+    assert counts_on(tab) == page.result.touch.counts.tolist()
+    assert counts_on(other_tab) == other.result.touch.counts.tolist()
     known = other.folder
     assert known.exists()
     other_tab.close()
@@ -244,31 +244,31 @@ def test_a_file_is_pressed_and_a_bad_one_is_refused_as_by_the_command(desk, tmp_
 def test_a_file_that_is_too_large_is_dropped_as_it_comes(desk, tmp_path):
     tab, page = desk
     with (tmp_path / "large.stl").open("wb") as file:
-        file.truncate(MOST_BYTES + 1)
+        file.truncate(MAX_BYTES + 1)
     upload(tab, page.controls.upload_shape, tmp_path / "large.stl")
     tab.get_by_text("at most 64 MB are allowed").wait_for()
     assert page._client.gui._current_file_upload_states == {}
     assert page.state == STATE
 
 
-def test_a_press_is_taken_away(desk):
+def test_a_press_is_downloaded(desk):
     tab, page = desk
-    open_folder(tab, "Take it away")
+    open_folder(tab, "Export")
     assert page.state.command_line() in tab.locator("body").inner_text()
     with tab.expect_download() as waited:
-        tab.get_by_text("This press as a zip file").click()
+        tab.get_by_text("Download this press (zip)").click()
     with zipfile.ZipFile(waited.value.path()) as archive:
         assert waited.value.suggested_filename == f"{SHAPE}.zip"
         with Image.open(io.BytesIO(archive.read(f"{SHAPE}/digit.png"))) as image:
-            assert np.array_equal(np.asarray(image), page.look.touch.image)
+            assert np.array_equal(np.asarray(image), page.result.touch.image)
 
 
 def test_a_frame_of_ones_own_is_translated(desk, untrained_runs, tmp_path):
     tab, page = desk
-    Image.fromarray(page.look.touch.image).save(tmp_path / "mine.png")
+    Image.fromarray(page.result.touch.image).save(tmp_path / "mine.png")
     tab.get_by_text("Translate", exact=True).click()
     upload(tab, page._tab.upload, tmp_path / "mine.png")
-    counts = t2twin.load(untrained_runs[0]).predict(page.look.touch.image)
+    counts = t2twin.load(untrained_runs[0]).predict(page.result.touch.image)
     listed = " ".join(str(count) for count in np.rint(counts).astype(int))
     await_that(lambda: listed in tab.locator("body").inner_text())
     assert "mine.png" in tab.locator("body").inner_text()
@@ -311,7 +311,7 @@ def test_two_busy_clients_end_with_the_right_state(desk, opened, served, tmp_pat
     assert (done["exceptions"], done["states_wrong"]) == (0, 0)
     for each_tab, each in ((tab, page), (other_tab, other)):
         drawn(each_tab, each)
-        assert np.array_equal(picture(each_tab, "digit"), each.look.touch.image)
+        assert np.array_equal(picture(each_tab, "digit"), each.result.touch.image)
     other_tab.close()
 
 

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 from t2twin.cli import main
-from t2twin.studio.server import is_own
-from t2twin.studio.worker import NewestFirst
+from t2twin.studio.server import is_loopback
+from t2twin.studio.worker import LatestOnlyWorker
 
 # The newest first
 
@@ -22,27 +22,27 @@ def test_only_the_newest_is_done():
         begun.set()
         go.wait(5)
 
-    worker = NewestFirst(work, lambda: settled.append(1), quiet_s=0.01)
-    worker.ask()
+    worker = LatestOnlyWorker(work, lambda: settled.append(1), idle_s=0.01)
+    worker.request()
     assert begun.wait(5)
     for asked[0] in range(1, 101):
-        worker.ask()
+        worker.request()
     go.set()
     assert worker.wait(5)
     assert done == [0, 100] and settled
-    worker.end()
+    worker.stop()
 
 
 @pytest.mark.parametrize(
     "arguments, words",
     [
         (("--run", "{folder}"), "config.json"),
-        (("--host", "nowhere.invalid"), "cannot be listened at"),
-        (("--host", "203.0.113.7"), "cannot be listened at"),
+        (("--host", "nowhere.invalid"), "cannot listen on"),
+        (("--host", "203.0.113.7"), "cannot listen on"),
         (("--port", "70000"), "0 to 65535"),
         (("--port", "-1"), "0 to 65535"),
         (("--source", "nowhere"), "no source"),
-        (("--source", "{picture}"), "is a picture"),
+        (("--source", "{picture}"), "is an image"),
         (("--background", "{folder}"), "cannot be read as an image"),
         (("--background", "nowhere.png"), "cannot be read as an image"),
         (("--allow-origin", "evil.example"), "is not an origin"),
@@ -70,4 +70,4 @@ def test_a_taken_port_is_refused(capsys):
     "host, own", [("127.0.0.1", True), ("localhost", True), ("::1", True), ("0.0.0.0", False)]
 )
 def test_which_addresses_are_this_machine_s_alone(host, own):
-    assert is_own(host) is own
+    assert is_loopback(host) is own

@@ -15,18 +15,18 @@ from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from spots import stopped_after_an_epoch, write_spots
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate import distributed
-from t2twin.translate import train as training
-from t2twin.translate.build import build
-from t2twin.translate.data.examples import Examples
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.images import to_input
-from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.loop import TrainingLoop
-from t2twin.translate.presets import PAPER_MODELS, PRESETS, Model, find_preset
+from t2twin.translate.data.pairs import Examples, load_info, load_pairs
+from t2twin.translate.models import distributed
+from t2twin.translate.models.base import CountsTranslator
+from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model, find_preset
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_state
 from t2twin.translate.runs.config import RunConfig, load_config
-from t2twin.translate.train import train
+from t2twin.translate.training import train as training
+from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import Trainer
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -64,6 +64,7 @@ def test_overfits_one_batch(data_dir: Path, model: Model) -> None:
         last = translator.step(Examples(images, counts))
     watched = "l3" if model == "resnet18" else "l1"
     assert last[watched] < first[watched] / 4
+    assert isinstance(translator, CountsTranslator)
     rmse = (translator.predict(images) - counts).square().mean().sqrt().item()
     assert rmse < 0.02 * info.full_scale_counts
 
@@ -132,22 +133,22 @@ def test_stops_early_and_keeps_the_best(
     errors = iter([900.0, 500.0, 700.0, 600.0, 100.0])
     weights = []
 
-    def validate(self: TrainingLoop) -> float:
+    def validate(self: Trainer) -> float:
         weights.append(self.translator.predictor.state_dict()["fc.weight"].clone())
         return next(errors)
 
-    monkeypatch.setattr(TrainingLoop, "_validate", validate)
+    monkeypatch.setattr(Trainer, "_validate", validate)
     preset = replace(PRESETS["resnet18"]["smoke"], patience=2)
     outcome = train("resnet18", data_dir, preset, tmp_path)
     assert (outcome.epochs, outcome.best_epoch, outcome.best_rmse_counts) == (4, 2, 500.0)
-    assert "2 epochs brought no better" in outcome.reason
+    assert "2 epochs brought no better" in outcome.stop_reason
     assert torch.equal(load_file(tmp_path / "best.safetensors")["fc.weight"], weights[1])
 
 
 def test_minutes_bound_the_epochs(
     data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(TrainingLoop, "_measure", lambda self: 20.0)
+    monkeypatch.setattr(Trainer, "_measure", lambda self: 20.0)
     train("resnet18", data_dir, "smoke", tmp_path, minutes=1.1)
     assert load_config(tmp_path).planned_epochs == 3
     assert len(records(tmp_path)) == 3
@@ -195,7 +196,14 @@ def test_two_processes_share_one_training(data_dir: Path, tmp_path: Path) -> Non
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "t2twin.translate.train", "resnet18", str(data_dir), "smoke"]
+    command = [
+        sys.executable,
+        "-m",
+        "t2twin.translate.training.train",
+        "resnet18",
+        str(data_dir),
+        "smoke",
+    ]
     shared = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "WORLD_SIZE": "2"}
     processes = [
         subprocess.Popen(
@@ -273,7 +281,7 @@ def test_another_run_in_the_folder_is_refused(
 def test_another_data_set_in_the_folder_is_refused(data_dir: Path, tmp_path: Path) -> None:
     train("resnet18", data_dir, "smoke", tmp_path / "run", epochs=1)
     other = write_spots(tmp_path / "other", train=8, val=2, test=1, seed=1)
-    with pytest.raises(T2TwinError, match="another data set"):
+    with pytest.raises(T2TwinError, match="another dataset"):
         train("resnet18", other, "smoke", tmp_path / "run", epochs=1)
 
 
@@ -300,10 +308,10 @@ def test_damaged_state_is_refused(data_dir: Path, tmp_path: Path) -> None:
     last = tmp_path / "last.safetensors"
     with safe_open(last, "pt") as file:
         save_file(load_file(tmp_path / "best.safetensors"), last, file.metadata())
-    with pytest.raises(T2TwinError, match="no saved state of these networks"):
+    with pytest.raises(T2TwinError, match="not a saved state of these networks"):
         load_state(last, build(load_config(tmp_path)))
     last.write_bytes(b"not a checkpoint")
-    with pytest.raises(T2TwinError, match="no saved state of a training"):
+    with pytest.raises(T2TwinError, match="not a saved state of a training"):
         train("resnet18", data_dir, "smoke", tmp_path, epochs=1)
 
 

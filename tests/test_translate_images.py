@@ -1,4 +1,4 @@
-"""Translating image files: any size and colour in, counts and tactile images out, one sentence
+"""Translating image files: any size and color in, counts and tactile images out, one sentence
 for what cannot be used."""
 
 import csv
@@ -13,13 +13,14 @@ from safetensors.torch import load_file, save_file
 from spots import train_smoke, write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate import batch
-from t2twin.translate.batch import find_images, translate_images
-from t2twin.translate.build import build
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import load_pairs
-from t2twin.translate.predict import load_run
+from t2twin.translate.inference import batch
+from t2twin.translate.inference.batch import find_images, translate_images
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.models.base import CountsTranslator
+from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_weights
 
 
@@ -64,7 +65,7 @@ def test_files_say_what_was_predicted(run_dir: Path, digit: Image.Image, tmp_pat
         assert len(np.unique(np.asarray(picture).reshape(-1, 3), axis=0)) > 50
 
 
-def test_any_size_and_colour_is_translated(
+def test_any_size_and_color_is_translated(
     run_dir: Path, digit: Image.Image, tmp_path: Path
 ) -> None:
     digit.resize((640, 480)).save(tmp_path / "large.jpg")
@@ -85,8 +86,8 @@ def test_grey_is_all_that_touch2touch_sees(
     digit.save(tmp_path / "colour.png")
     digit.convert("L").save(tmp_path / "grey.png")
     paths = [tmp_path / "colour.png", tmp_path / "grey.png"]
-    colour, grey = translate_images(paths, tmp_path / "out", run_dir)
-    same = np.allclose(colour, grey, atol=1.0)
+    color, grey = translate_images(paths, tmp_path / "out", run_dir)
+    same = np.allclose(color, grey, atol=1.0)
     assert same == (run_dir.name == "touch2touch")
 
 
@@ -126,7 +127,7 @@ def test_bad_files_get_a_sentence_and_nothing_is_written(
         translate_images([tmp_path / "folder"], out, run_dir)
     for bad in (text, cut, empty):
         bad.unlink()
-    with pytest.raises(T2TwinError, match="holds no config\\.json"):
+    with pytest.raises(T2TwinError, match="has no config\\.json"):
         translate_images([good], out, tmp_path)
     assert not out.exists()
 
@@ -174,6 +175,7 @@ def test_folded_batch_norms_change_nothing(run_dir: Path, digit: Image.Image) ->
     run = load_run(run_dir)
     trained = build(run.config)
     load_weights(run_dir / "best.safetensors", trained.predictor)
+    assert isinstance(trained, CountsTranslator)
     pixels = np.stack([np.asarray(digit), np.asarray(digit)[::-1]])
     pixels = run.pixels_of(pixels).astype(np.float32) / 255.0
     expected = trained.predict(to_input(pixels)).numpy()
@@ -195,7 +197,7 @@ def test_folder_of_many_is_as_one_by_one(
     run_dir: Path, data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """More than fits in one batch, and a last batch that is smaller: every row is its image's."""
-    monkeypatch.setattr(batch, "AT_ONCE", 5)
+    monkeypatch.setattr(batch, "BATCH_SIZE", 5)
     frames = load_pairs(data_dir, "train", 64, grey=False).images[:23]
     (tmp_path / "frames").mkdir()
     for number, frame in enumerate(frames):
@@ -222,7 +224,7 @@ def test_file_cut_in_its_middle_leaves_earlier_outputs_as_they_were(
     run_dir: Path, digit: Image.Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Found only when it is decoded, after others were translated."""
-    monkeypatch.setattr(batch, "AT_ONCE", 1)
+    monkeypatch.setattr(batch, "BATCH_SIZE", 1)
     out = tmp_path / "out"
     digit.save(tmp_path / "a.png")
     translate_images([tmp_path / "a.png"], out, run_dir)
@@ -307,7 +309,7 @@ def test_loading_a_run_leaves_torchs_threads_and_random_numbers_alone(
     finally:
         torch.set_num_threads(threads)
     assert run.run_dir == run_dir
-    assert run.draws == (run_dir.name == "touch2touch")
+    assert run.reads_any_layout == (run_dir.name == "touch2touch")
 
 
 def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> None:
@@ -315,7 +317,7 @@ def test_run_without_its_weights_is_refused(run_dir: Path, tmp_path: Path) -> No
     with pytest.raises(T2TwinError, match="not finished its first epoch"):
         load_run(tmp_path)
     (tmp_path / "best.safetensors").write_bytes(b"rubbish")
-    with pytest.raises(T2TwinError, match="does not hold the weights"):
+    with pytest.raises(T2TwinError, match="does not fit the networks"):
         load_run(tmp_path)
 
 
@@ -325,7 +327,7 @@ def test_weights_that_are_no_numbers_are_refused(run_dir: Path, tmp_path: Path) 
     name = next(name for name in weights if weights[name].is_floating_point())
     weights[name].view(-1)[0] = torch.nan
     save_file(weights, tmp_path / "best.safetensors")
-    with pytest.raises(T2TwinError, match=f"not finite, in {name}"):
+    with pytest.raises(T2TwinError, match=f"non-finite numbers in {name}"):
         load_run(tmp_path)
 
 

@@ -11,25 +11,25 @@ import trimesh
 
 from t2twin import Twin
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import deflections
+from t2twin.core.errors import T2TwinError
+from t2twin.core.records import convert
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit import rendered as rendered_optics
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import DIGIT_CAMERA, Camera, optical_grid
+from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera, optical_grid
+from t2twin.sim.digit.light.ray_casting import Rays
 from t2twin.sim.digit.optics import FRAMES, DigitOptics
-from t2twin.sim.digit.rays import Rays
-from t2twin.sim.digit.units import UnitDraw, draw_unit
-from t2twin.sim.press.elastomer import DIGIT_GEL
+from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
 from t2twin.sim.sensors import Digit
-from t2twin.sim.typed_json import convert
 
-DRAW = UnitDraw()
+DRAW = UnitRanges()
 DRAWN = 500
-BALL = deflections.ball(0.5, -1.0, 1.1)
+BALL = probe_surfaces.ball(0.5, -1.0, 1.1)
 
 
-def unit(seed, draw=DRAW, centre=None):
-    return draw_unit(np.random.default_rng(seed), draw, centre)
+def unit(seed, draw=DRAW, center=None):
+    return sample_unit(np.random.default_rng(seed), draw, center)
 
 
 def same(one, other):
@@ -106,7 +106,7 @@ def test_a_press_is_seen_in_every_unit(units):
 def test_a_unit_about_a_calibration_is_near_it(shipped):
     own = DigitOptics(shipped)
     for seed in range(5):
-        near = unit(seed, centre=shipped).calibration
+        near = unit(seed, center=shipped).calibration
         assert np.abs(near.leds_mm - shipped.leds_mm).max() <= DRAW.around_led_mm[1]
         assert near.scale_px_per_mm == pytest.approx(shipped.scale_px_per_mm, rel=0.03)
         assert near.gamma == pytest.approx(shipped.gamma, rel=0.06)
@@ -117,27 +117,27 @@ def test_a_unit_about_a_calibration_is_near_it(shipped):
         assert np.corrcoef(changes)[0, 1] > 0.8
 
 
-def test_a_centre_at_the_edge_of_what_a_calibration_may_be_is_kept_inside(shipped):
+def test_a_center_at_the_edge_of_what_a_calibration_may_be_is_kept_inside(shipped):
     edge = replace(shipped, gamma=4.0, scale_px_per_mm=100.0, distance_mm=100.0, shift_x_px=100.0)
-    assert all(unit(seed, centre=edge).calibration.gamma <= 4.0 for seed in range(5))
+    assert all(unit(seed, center=edge).calibration.gamma <= 4.0 for seed in range(5))
 
 
 def test_ranges_are_read_from_plain_values_and_held_to_their_bounds():
-    draw = convert({"gamma": [1.0, 1.5], "specks": [0, 2]}, UnitDraw, "recipe.toml")
-    assert draw == UnitDraw(gamma=(1.0, 1.5), specks=(0, 2))
-    assert convert(msgspec.to_builtins(draw), UnitDraw, "recipe.toml") == draw
+    draw = convert({"gamma": [1.0, 1.5], "specks": [0, 2]}, UnitRanges, "recipe.toml")
+    assert draw == UnitRanges(gamma=(1.0, 1.5), specks=(0, 2))
+    assert convert(msgspec.to_builtins(draw), UnitRanges, "recipe.toml") == draw
     with pytest.raises(T2TwinError, match=r"recipe.toml: gamma.* must be .*at most 4"):
-        convert({"gamma": [1.0, 9.0]}, UnitDraw, "recipe.toml")
+        convert({"gamma": [1.0, 9.0]}, UnitRanges, "recipe.toml")
     with pytest.raises(T2TwinError, match=r"gamma is \[1.0, 9.0\]; it must lie between 0.5 and 4"):
-        UnitDraw(gamma=(1.0, 9.0))
-    with pytest.raises(T2TwinError, match="the least first"):
-        UnitDraw(tilt_deg=(1.0, -1.0))
+        UnitRanges(gamma=(1.0, 9.0))
+    with pytest.raises(T2TwinError, match="the smaller first"):
+        UnitRanges(tilt_deg=(1.0, -1.0))
     with pytest.raises(T2TwinError, match=r"linear_amount is 2\.0"):
-        UnitDraw(linear_amount=2.0)
+        UnitRanges(linear_amount=2.0)
 
 
 def test_one_range_of_one_number_fixes_it():
-    still = UnitDraw(shift_px=(0.0, 0.0), tilt_deg=(0.0, 0.0), scale_px_per_mm=(19.2, 19.2))
+    still = UnitRanges(shift_px=(0.0, 0.0), tilt_deg=(0.0, 0.0), scale_px_per_mm=(19.2, 19.2))
     calibration = unit(0, still).calibration
     assert calibration.scale_px_per_mm == 19.2 and calibration.camera.is_level
 
@@ -150,9 +150,9 @@ def test_a_digit_takes_a_units_light_and_noise(units):
     assert digit.noise_grey == pytest.approx(units[3].noise_grey / np.sqrt(FRAMES))
     assert digit.gel == DIGIT_GEL
     background = units[3].calibration.background
-    np.testing.assert_array_equal(digit.untouched(), background)
+    np.testing.assert_array_equal(digit.background_frame(), background)
     grainy = Digit().with_unit(replace(units[3], noise_grey=2.0 * np.sqrt(FRAMES)))
-    noisy = grainy.untouched(np.random.default_rng(0)).astype(float)
+    noisy = grainy.background_frame(np.random.default_rng(0)).astype(float)
     inside = (background > 20) & (background < 235)
     wanted = np.hypot(2.0, np.sqrt(1 / 12))
     assert (noisy - background)[inside].std() == pytest.approx(wanted, rel=0.02)
@@ -228,7 +228,7 @@ def test_pyrender_and_the_baked_model_agree_for_the_light_that_ships(monkeypatch
     rendered = digit.optics.render(BALL)
     crop = (slice(90, 190), slice(80, 180))
     assert psnr(rendered[crop], baked[crop]) > 32
-    np.testing.assert_array_equal(digit.untouched(), digit.optics.background)
+    np.testing.assert_array_equal(digit.background_frame(), digit.optics.background)
     noisy = digit.optics.render(BALL * 0, np.random.default_rng(0), 3.0).astype(float)
     assert (noisy - digit.optics.background).std() == pytest.approx(3.0, rel=0.03)
 
@@ -248,7 +248,7 @@ def test_pyrender_is_refused_where_no_leds_are_known(shipped, tmp_path, capsys):
     with pytest.raises(T2TwinError, match="cannot render a calibration"):
         Twin(tmp_path / "mine.npz", optics="pyrender")
     with pytest.raises(T2TwinError, match="cannot render a calibration"):
-        Digit(renderer="pyrender").with_unit(unit(0, centre=shipped))
+        Digit(renderer="pyrender").with_unit(unit(0, center=shipped))
     with pytest.raises(T2TwinError, match="expected one of baked, pyrender"):
         Digit(renderer="opengl")  # pyright: ignore[reportArgumentType]
     with pytest.raises(SystemExit) as stop:

@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from t2twin.sim.digit.white import quantiles, white
+from t2twin.sim.digit.camera.gaussian_noise import quantiles, standard_normal
 
 SHAPE = (320, 720)
 
 
 @pytest.fixture(scope="module")
 def drawn() -> np.ndarray:
-    return white(np.random.default_rng(0), SHAPE)
+    return standard_normal(np.random.default_rng(0), SHAPE)
 
 
 def test_it_is_normal(drawn):
-    several = [white(np.random.default_rng(seed), SHAPE) for seed in range(8)]
+    several = [standard_normal(np.random.default_rng(seed), SHAPE) for seed in range(8)]
     assert np.mean(several) == pytest.approx(0.0, abs=0.003)
     assert np.std(several) == pytest.approx(1.0, abs=0.003)
-    assert white(np.random.default_rng(0), (3, 5)).shape == (3, 5)
+    assert standard_normal(np.random.default_rng(0), (3, 5)).shape == (3, 5)
     shares = stats.norm.cdf(drawn)
     assert stats.kstest(shares.ravel(), "uniform").pvalue > 0.001
     assert np.abs(quantiles()).max() > 3.5
@@ -36,7 +36,7 @@ def test_no_place_knows_of_another(drawn):
 
 def test_frames_are_apart_and_come_again(drawn):
     rng = np.random.default_rng(0)
-    first, second = white(rng, SHAPE), white(rng, SHAPE)
+    first, second = standard_normal(rng, SHAPE), standard_normal(rng, SHAPE)
     np.testing.assert_array_equal(first, drawn)
     assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.01
     assert (first != second).mean() > 0.99

@@ -7,14 +7,15 @@ import pytest
 from msgspec import structs
 
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.field import SPACING_MM, field_counts, field_layout
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.dataset import touching
+from t2twin.sim.dataset import rejection_sampling
 from t2twin.sim.dataset.generate import generate
 from t2twin.sim.dataset.info import SPLITS
-from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
     LOG,
     read_info,
@@ -25,17 +26,17 @@ from t2twin.sim.dataset.store import (
 )
 from t2twin.sim.dataset.verify import verify
 from t2twin.sim.digit import rendered
-from t2twin.sim.press.records import PressCommand
 from t2twin.sim.sensors import CySkin
+from t2twin.sim.world import presses
 from t2twin.sim.world.plan import plan
 from t2twin.sim.world.presses import (
-    MOST_ATTEMPTS,
-    draw_force,
-    draw_press,
+    MAX_ATTEMPTS,
     name_at,
     planned_name,
+    sample_force,
+    sample_press,
 )
-from t2twin.sim.world.recipe import ForceRange, Place, load_recipe, shipped
+from t2twin.sim.world.recipe import ForceRange, Place, bundled_worlds, load_recipe
 
 MINE = """
 format = 1
@@ -87,7 +88,7 @@ def digests(folder):
 
 
 def test_what_ships_can_be_planned():
-    assert set(shipped()) == {
+    assert set(bundled_worlds()) == {
         "paper",
         "open",
         "open-8n",
@@ -206,12 +207,12 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     """The second shape and its first stand-in go to the base plate wherever they are pressed."""
     slivers = [f"random-3{number:09d}" for number in (1, 500_000_001)]
     stand_in = "random-3550000001"
-    ask = touching.why_again
+    ask = rejection_sampling.rejection_reason
 
-    def why(sample):
-        return "on the base plate" if sample.command.shape in slivers else ask(sample)
+    def why(touch):
+        return "on the base plate" if touch.command.shape in slivers else ask(touch)
 
-    monkeypatch.setattr(touching, "why_again", why)
+    monkeypatch.setattr(rejection_sampling, "rejection_reason", why)
     recipe, folder = load_recipe(recipe_file), tmp_path / "stood-in"
     part = structs.replace(recipe.parts[0], untouched_share=0.0, force_n=2.0)
     whole = structs.replace(recipe, parts=(part,))
@@ -221,10 +222,10 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     assert names[4:8] == [stand_in] * 4
     assert len(set(poses)) == 16 and not {*slivers} & {*names}
     (said,) = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
-    assert said["redrawn"]["on the base plate"] >= 2 * MOST_ATTEMPTS
+    assert said["rejected"]["on the base plate"] >= 2 * MAX_ATTEMPTS
     assert verify(folder) == []
-    with pytest.raises(T2TwinError, match="random-3000000001 could not be touched in 20 draws"):
-        monkeypatch.setattr(touching, "attempts_of", lambda part: MOST_ATTEMPTS)
+    with pytest.raises(T2TwinError, match="no attempt at a press touched random-3000000001"):
+        monkeypatch.setattr(presses, "max_attempts", lambda part: MAX_ATTEMPTS)
         generate(tmp_path / "none", world=whole, workers=1, cache=shape_cache)
 
 
@@ -244,12 +245,12 @@ def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):
     shutil.copytree(made, tmp_path / "moved")
     write_info(tmp_path / "moved", replace(info, world=other))
     faults = [str(fault) for fault in verify(tmp_path / "moved")]
-    assert any("is not what was planned for press" in fault for fault in faults)
+    assert any("is not the planned one of press" in fault for fault in faults)
 
 
 def test_draws_keep_to_their_distributions():
     part = load_recipe("open").parts[0]
-    drawn = [draw_press(part, "random-0", n, k, (0, 0), 0).command for n in range(500)
+    drawn = [sample_press(part, "random-0", n, k, (0, 0), 0).command for n in range(500)
              for k in range(4)]  # fmt: skip
     forces = np.array([command.force_n for command in drawn])
     assert 0.01 < (forces == 0).mean() < 0.035
@@ -261,7 +262,7 @@ def test_draws_keep_to_their_distributions():
     left_out = ForceRange(0.5, 12.0, ((2.7, 3.3), (5.4, 6.6)))
     rng = np.random.default_rng(0)
     for _ in range(2000):
-        force = draw_force(rng, left_out)
+        force = sample_force(rng, left_out)
         assert not 2.7 <= force <= 3.3 and not 5.4 <= force <= 6.6
 
 
@@ -284,13 +285,13 @@ def test_the_field_is_a_triangular_grid_that_holds_the_taxels(shapes):
 @pytest.mark.parametrize(
     ("changed", "said"),
     [
-        ('shapes = "random"', "count belongs to random shapes"),
-        ('shapes = "primitives"\npresses = 3', "presses belongs to a place that is no grid"),
-        ('shapes = "random"\ncount = 3', "the grid is the protocol's"),
+        ('shapes = "random"', "random shapes need count"),
+        ('shapes = "primitives"\npresses = 3', "a distribution of place needs presses"),
+        ('shapes = "random"\ncount = 3', "only primitives and tools"),
         ('shapes = "random"\ncount = 0\npresses = 2\nplace = {normal_mm=1.0}', "at least 1"),
         ('shapes = "random"\ncount = 2\npresses = 2\nplace = {}', "one of normal_mm"),
         ('shapes = "random"\ncont = 2', "cont"),
-        ('shapes = "tools"', "their split is test"),
+        ('shapes = "tools"', "the split of tools must be test"),
         ('shapes = "primitives"\nforce_n = 200.0', "at most 100"),
         ('shapes = "primitives"\nforce_n = { low = 5.0, high = 2.0 }', "low below its high"),
         ('shapes = "primitives"\nforce_n = []', "empty list"),

@@ -7,13 +7,13 @@ import pytest
 from spots import write_spots
 
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_info
-from t2twin.translate.evaluation.forces import MEAN_ARRAY_OF_FORCE
-from t2twin.translate.evaluation.records import read_evaluation
-from t2twin.translate.evaluation.worlds import TABLE, evaluate_worlds, worlds_markdown
+from t2twin.translate.evaluation.cross_dataset import TABLE, evaluate_worlds, worlds_markdown
+from t2twin.translate.evaluation.files import read_evaluation
+from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.runs.config import CONFIG, load_config
 
 FORCES_N = (0.0, 0.5, 2.0, 8.0)
@@ -54,7 +54,7 @@ def test_a_datasets_own_world_name_comes_first(
 def test_data_without_a_name_is_called_by_its_digits(elsewhere: Path) -> None:
     info = load_info(elsewhere)
     assert info.world is None and not read_info(elsewhere).is_protocol
-    assert info.world_shown == f"data set {info.sha256[:8]}"
+    assert info.world_shown == f"dataset {info.sha256[:8]}"
 
 
 def test_several_datasets_at_once_make_one_table(
@@ -95,10 +95,10 @@ def test_results_of_several_forces_say_so(
     given = ["evaluate", str(runs[1]), "--data", str(elsewhere), "--split", "both"]
     main([*given, "--out", str(tmp_path)])
     said = capsys.readouterr().out
-    assert "untouched, 4 pairs" in said and "8 N, 4 pairs" in said
+    assert "no contact, 4 pairs" in said and "8 N, 4 pairs" in said
     text = (tmp_path / "results.md").read_text()
     assert "resnet18 was trained on smoke, 32 pairs, 12 steps." in text
-    assert "|  | untouched, 4 pairs | 0.5 N, 4 pairs | 2 N, 4 pairs | 8 N, 4 pairs |" in text
+    assert "|  | no contact, 4 pairs | 0.5 N, 4 pairs | 2 N, 4 pairs | 8 N, 4 pairs |" in text
     assert json.loads((tmp_path / "findings.json").read_text())["gap"] == {}
 
 
@@ -128,7 +128,7 @@ def test_what_cannot_be_evaluated_is_refused_before_anything_is_written(
 ) -> None:
     twin = write_spots(tmp_path / "other" / "protocol", train=8, val=2, test=1)
     out = tmp_path / "out"
-    with pytest.raises(T2TwinError, match="each must have its own"):
+    with pytest.raises(T2TwinError, match="which must differ"):
         evaluate_worlds(runs, [data_dir, twin], "val", out)
     with pytest.raises(T2TwinError, match="has no test pairs"):
         evaluate_worlds(runs, [data_dir, elsewhere], "test", out)

@@ -1,6 +1,6 @@
 """How numbers are written in the documents."""
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 
 def formatted(number: float, form: str) -> str:

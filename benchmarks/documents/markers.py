@@ -24,8 +24,8 @@ from benchmarks.documents.formats import formatted
 from benchmarks.documents.tables import TABLES
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.values import value
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
 
 FIGURE = re.compile(r"<!--=(?P<path>[^<>]+) (?P<format>\S+?)-->(?P<text>[^<>\n]*)<!--/-->")
 TABLE = re.compile(r"(?m)^<!--table (?P<name>\S+?)-->\n(?P<text>.*?)^<!--/table-->$", re.DOTALL)
@@ -35,8 +35,9 @@ CODE = re.compile(r"(?ms)^```.*?^```|^ {4}\S.*?$")
 
 
 def documents(root: Path = ROOT) -> list[Path]:
-    """Every file in which figures are bound."""
-    return [root / "README.md", *sorted((root / "docs").glob("*.md"))]
+    """Every file in which figures and tables are bound."""
+    files = (root / "README.md", root / "CHANGELOG.md", *sorted((root / "docs").glob("*.md")))
+    return [file for file in files if file.is_file()]
 
 
 def write_documents(root: Path = ROOT) -> list[Path]:
@@ -45,7 +46,7 @@ def write_documents(root: Path = ROOT) -> list[Path]:
     for path, now in rewritten(root):
         if now != path.read_text():
             changed.append(path)
-            with whole_file(path) as temporary:
+            with atomic_write(path) as temporary:
                 temporary.write_text(now)
     return changed
 

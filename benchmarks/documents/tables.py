@@ -6,14 +6,15 @@ from typing import Any
 
 from benchmarks.declared import BENCHMARKS
 from benchmarks.documents.formats import formatted
+from benchmarks.documents.renames import renames
 from benchmarks.evidence.record import RESULTS
 from benchmarks.evidence.results import read_results
-from t2twin.translate.evaluation.forces import MEAN_ARRAY_OF_FORCE
-from t2twin.translate.evaluation.paper import PAPER
+from t2twin.translate.evaluation.metrics.baselines import PAPER
+from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 
 ROWS = {
     "mean-array": "mean array",
-    "nearest-neighbour": "nearest neighbour",
+    "nearest-neighbour": "nearest neighbor",
     "noise-floor": "noise floor",
     "touch2touch": "touch2touch",
     "resnet18": "ResNet18",
@@ -229,10 +230,10 @@ def real() -> str:
             "real frames",
             "simulated",
             "centroid, mm",
-            "one blob",
-            "force off",
-            "held",
-            "untouched",
+            "one region",
+            "force error",
+            "coverage",
+            "background",
         ]
     ]
     for name, run in content["runs"].items():
@@ -244,13 +245,13 @@ def real() -> str:
                 f"{scores['rmse_percent']:.2f}",
                 f"{run['simulated']['rmse_percent']:.2f}",
                 f"{scores['centroid_mm']:.1f}",
-                f"{scores['one_blob']} of {len(content['presses'])}",
-                f"{100 * scores['force_part']:.0f} %",
-                "" if (held := scores["held_percent"]) is None else f"{held:.0f} %",
-                f"{run['untouched_counts']:,.0f}",
+                f"{scores['single_region']} of {len(content['presses'])}",
+                f"{100 * scores['force_error']:.0f} %",
+                "" if (held := scores["interval_coverage_percent"]) is None else f"{held:.0f} %",
+                f"{run['background_counts']:,.0f}",
             ]
         )
-    for name, row in (("no counts at all", "nothing"), ("their mean array", "constant")):
+    for name, row in (("zero counts", "zero"), ("mean array", "mean_array")):
         error = content[f"{row}_rmse_percent"]
         lines.append([name, f"{error:.2f}", f"{error:.2f}", "", "", "", "", ""])
     return _markdown(lines)
@@ -309,7 +310,7 @@ LIGHTS = {
     "shipped": "the light that ships, its own background",
     "shipped_on_own_background": "the light that ships, the unit's background",
     "nearest": "the drawn unit whose LEDs explain the background best",
-    "nearest_bent": "the same, each colour bent to it",
+    "nearest_bent": "the same, each color bent to it",
     "mean_of_nearest": "the mean of the {averaged} best",
     "mean_of_all": "the mean of all drawn units: `--background` alone",
     "fitted": "fitted to the first presses",
@@ -478,6 +479,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "where": where,
     "benchmarks": benchmarks,
     "many-pairs": many_pairs,
+    "renames": renames,
 }
 """Tables by the names that documents call them by."""
 

@@ -13,7 +13,7 @@ from benchmarks.evidence.record import Benchmark
 from benchmarks.evidence.results import Results, read_results, write_results
 from benchmarks.evidence.small_case import SmallCase, rounded
 from benchmarks.evidence.sources import SourceTree
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 
 def confirm(benchmark: Benchmark, case: SmallCase, tree: SourceTree) -> str:

@@ -9,9 +9,9 @@ from typing import Any
 import msgspec
 
 from benchmarks.evidence.provenance import Provenance
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.typed_json import convert
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.core.records import convert
 
 MEASURED_ON = "measured_on"
 """The key of the provenance; all others are the content's."""
@@ -40,7 +40,7 @@ def read_results(path: Path) -> Results:
 def write_results(path: Path, results: Results) -> None:
     """Whole or not at all. JSON has no NaN and no infinity: they become null."""
     whole = {MEASURED_ON: msgspec.to_builtins(results.measured_on), **results.content}
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(_finite(whole), indent=1, allow_nan=False) + "\n")
 
 

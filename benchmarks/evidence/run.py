@@ -14,7 +14,7 @@ from benchmarks.evidence.results import Results, write_results
 from benchmarks.evidence.small_case import SmallCase, rounded
 from benchmarks.evidence.sources import SourceTree
 from benchmarks.evidence.values import values
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 KEEP_NOTHING = "--keep-nothing"
 

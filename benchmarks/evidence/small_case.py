@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import ROOT
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 PRESET, EPOCHS = "smoke", 2
 MODELS = ("touch2touch", "resnet18")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from benchmarks import ROOT
 from benchmarks.evidence.record import Benchmark
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 MEASURED = ("t2twin", "benchmarks")
 """Packages whose imports are followed."""
@@ -22,7 +22,7 @@ MACHINERY = ("benchmarks.evidence", "benchmarks.documents", "benchmarks.declared
 
 SHAPES = tuple(
     f"t2twin.primitives_cad.{name}"
-    for name in ("families", "solids", "surface", "tessellate", "tools")
+    for name in ("primitive_parameters", "solids", "height_map", "tools")
 )
 """Modules and packages that hold the shapes' parameters, or make solids and surfaces of them."""
 

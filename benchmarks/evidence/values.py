@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 EVERY = "*"
 

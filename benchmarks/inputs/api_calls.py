@@ -11,7 +11,6 @@ from PIL import Image
 import t2twin
 from benchmarks.inputs.api_values import FRAME, PICTURE, PRESSES, SMALL, TABLE
 from benchmarks.inputs.case import Base
-from t2twin.translate.predict import TrainedTranslator
 
 Call = Callable[[Any, Path, Base], object]
 """Calls the API with a value, in a box, with the good inputs of a base."""
@@ -41,23 +40,24 @@ def calibrate(**changed: Any) -> object:
 
 
 @cache
-def run_of(name: str | Path) -> TrainedTranslator:
+def run_of(name: str | Path) -> Any:
     return t2twin.load(name, engine="torch")
 
 
 @cache
-def field_run() -> TrainedTranslator:
+def field_run() -> Any:
     return run_of("field")
 
 
 @cache
-def turned_round(run_dir: Path) -> TrainedTranslator:
+def turned_round(run_dir: Path) -> Any:
     """A run from counts to pictures, of random weights."""
-    from t2twin.translate.build import build
+    from t2twin.translate.inference.predictor import ImagePredictor
+    from t2twin.translate.runs.build import build
 
     own = run_of(run_dir)
     config = replace(own.config, direction="cyskin-to-digit")
-    return replace(own, config=config, translator=build(config))
+    return ImagePredictor(own.run_dir, config, build(config))  # pyright: ignore[reportArgumentType]
 
 
 def elastomer(**changed: Any) -> object:
@@ -93,8 +93,8 @@ NUMBERS: Mapping[str, Call] = {
 
 WHOLE_NUMBERS: Mapping[str, Call] = {
     "press seed": partial(_press, "seed"),
-    "draw_fields number": lambda value, box, base: field_run().draw_fields(SMALL, value),
-    "draw_fields seed": lambda value, box, base: field_run().draw_fields(SMALL, 1, seed=value),
+    "sample_fields number": lambda value, box, base: field_run().sample_fields(SMALL, value),
+    "sample_fields seed": lambda value, box, base: field_run().sample_fields(SMALL, 1, seed=value),
     "make_dataset seed": lambda value, box, base: t2twin.make_dataset("out", "smoke", seed=value),
     "make_dataset workers": lambda value, box, base: t2twin.make_dataset(
         "out", "smoke", workers=value
@@ -172,8 +172,8 @@ OPTIONAL_PATHS: Mapping[str, Call] = {
     "make_dataset cache": lambda value, box, base: t2twin.make_dataset(
         "out", "smoke", cache=value
     ),
-    "train start": lambda value, box, base: t2twin.train(
-        "resnet18", base.data, "smoke", "out", start=value
+    "train init_from": lambda value, box, base: t2twin.train(
+        "resnet18", base.data, "smoke", "out", init_from=value
     ),
     "translate_images background": lambda value, box, base: t2twin.translate_images(
         [PICTURE], "out", background=value
@@ -204,7 +204,7 @@ OBJECTS: Mapping[str, Call] = {
     "export_onnx run": lambda value, box, base: t2twin.export_onnx(value, "x.onnx"),
     "import_pairs layout": lambda value, box, base: t2twin.import_pairs(TABLE, "out", value),
     "adapt tolerance": lambda value, box, base: t2twin.adapt("a", "b", 5.0, "out", tolerance=value),
-    "adapt say": lambda value, box, base: t2twin.adapt("a", "b", 5.0, "out", say=value),
+    "adapt report": lambda value, box, base: t2twin.adapt("a", "b", 5.0, "out", report=value),
 }
 
 WORDS: Mapping[str, Call] = {
@@ -227,7 +227,9 @@ WORDS: Mapping[str, Call] = {
 }
 
 ARRAYS: Mapping[str, Call] = {
-    "picture_of counts": lambda value, box, base: turned_round(base.touch2touch).picture_of(value),
+    "predict_image counts": lambda value, box, base: turned_round(base.touch2touch).predict_image(
+        value
+    ),
     "Layout x_mm": lambda value, box, base: layout(x_mm=value),
     "Layout pad_diameter_mm": lambda value, box, base: layout(pad_diameter_mm=value),
     "at_layout x_mm": lambda value, box, base: field_run().at_layout(value, value, "mine"),

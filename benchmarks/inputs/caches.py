@@ -11,10 +11,10 @@ from benchmarks.inputs import kept_files
 from benchmarks.inputs.case import Base, Case, Make, copied, replaced
 from benchmarks.inputs.images import PNG
 from benchmarks.inputs.runs import USERS
-from t2twin.primitives_cad.cache_home import VARIABLE
-from t2twin.primitives_cad.checksum import write_checked
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.core.cached_files import write_checked
+from t2twin.sim.contact import mujoco_pins
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.sim.press import bed
 
 DECODED = ("evaluate", "{resnet18}", "--data", "data", "--split", "val", "--out", "out")
 
@@ -86,7 +86,7 @@ def _counts(base: Base) -> np.ndarray:
 
 def _model(base: Base) -> np.ndarray:
     """The stiffness and the places of a bed of pins that is large enough to be kept."""
-    model = bed._model(bed.FEWEST_KEPT)
+    model = mujoco_pins._model(mujoco_pins.MIN_CACHED_PINS)
     return np.concatenate([model.jnt_stiffness.ravel(), model.geom_pos.ravel()])
 
 

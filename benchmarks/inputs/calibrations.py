@@ -11,7 +11,7 @@ from PIL import Image
 
 from benchmarks.inputs.case import Base, Case, LeavesFile, Make, holding
 from benchmarks.inputs.images import JPEG, PNG, bomb, encoded, frame
-from t2twin.sim.digit import deflections
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibration import DEFAULT_PATH
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
@@ -128,11 +128,11 @@ def ball_frames(box: Path, base: Base) -> None:
     """Pictures that a calibration can be fitted to: of the light that ships, with noise."""
     optics, rng = DigitOptics.load(), np.random.default_rng(0)
     (box / "presses").mkdir()
-    untouched = deflections.ball(0.0, 0.0, 1.0, BALL_MM / 2) * 0.0
+    untouched = probe_surfaces.ball(0.0, 0.0, 1.0, BALL_MM / 2) * 0.0
     _save(optics.render(untouched, rng, NOISE_GREY), box / "background.png")
     for number in range(8):
         x_mm, y_mm = 3.0 * np.cos(0.8 * number), 4.0 * np.sin(0.8 * number)
-        surface = deflections.ball(x_mm, y_mm, 1.0 + 0.05 * number, BALL_MM / 2)
+        surface = probe_surfaces.ball(x_mm, y_mm, 1.0 + 0.05 * number, BALL_MM / 2)
         _save(optics.render(surface, rng, NOISE_GREY), box / f"presses/{number}.png")
 
 
@@ -206,7 +206,7 @@ BAD_TABLES: tuple[tuple[str, bytes], ...] = (
     ("a force below 0", b"file,force_n\npress_0.png,-1\n"),
     ("a force without end", b"file,force_n\npress_0.png,inf\n"),
     ("a force of 1e9", b"file,force_n\npress_0.png,1e9\n"),
-    ("a depth in micrometres", b"file,depth_mm\npress_0.png,900\n"),
+    ("a depth in micrometers", b"file,depth_mm\npress_0.png,900\n"),
     ("a depth of 0", b"file,depth_mm\npress_0.png,0\n"),
     ("a ball of 40 mm", b"file,ball_diameter_mm\npress_0.png,40\n"),
     ("not UTF-8", b"file,force_n\npress_\xff.png,1\n"),

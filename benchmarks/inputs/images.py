@@ -40,10 +40,10 @@ def chunk(name: bytes, content: bytes, checksum: int | None = None) -> bytes:
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
-def header(width: int, height: int, depth: int = 8, colour: int = 2, *rest: int) -> bytes:
+def header(width: int, height: int, depth: int = 8, color: int = 2, *rest: int) -> bytes:
     """A PNG's header chunk; rest: compression, filter, interlace."""
     return chunk(
-        b"IHDR", struct.pack(">IIBBBBB", width, height, depth, colour, *(rest or (0, 0, 0)))
+        b"IHDR", struct.pack(">IIBBBBB", width, height, depth, color, *(rest or (0, 0, 0)))
     )
 
 
@@ -96,7 +96,7 @@ def _spoiled() -> Iterator[tuple[str, bytes, str]]:
     yield "no width", SIGNATURE + header(0, 320) + PNG[33:], ".png"
     yield "no height", SIGNATURE + header(240, 0) + PNG[33:], ".png"
     yield "a depth of 3 bits", SIGNATURE + header(240, 320, 3) + PNG[33:], ".png"
-    yield "a colour that is none", SIGNATURE + header(240, 320, 8, 5) + PNG[33:], ".png"
+    yield "a color that is none", SIGNATURE + header(240, 320, 8, 5) + PNG[33:], ".png"
     yield "a wrong checksum of the header", PNG[:29] + b"\0\0\0\0" + PNG[33:], ".png"
     data = bytearray(PNG)
     data[len(data) // 2] ^= 0xFF
@@ -110,7 +110,7 @@ def _spoiled() -> Iterator[tuple[str, bytes, str]]:
     bomb_text = chunk(b"zTXt", b"Comment\0\0" + text)
     yield "a comment of 200 MB", PNG[:33] + bomb_text + PNG[33:], ".png"
     yield (
-        "a colour profile of 200 MB",
+        "a color profile of 200 MB",
         PNG[:33] + chunk(b"iCCP", b"x\0\0" + text) + PNG[33:],
         ".png",
     )
@@ -132,7 +132,7 @@ def _odd() -> Iterator[tuple[str, bytes, str]]:
     yield "grey", encoded(image.convert("L")), ".png"
     yield "grey with transparency", encoded(image.convert("LA")), ".png"
     yield "colour with transparency", encoded(image.convert("RGBA")), ".png"
-    yield "256 colours", encoded(image.convert("P")), ".png"
+    yield "256 colors", encoded(image.convert("P")), ".png"
     yield "black and white", encoded(image.convert("1")), ".png"
     wide = np.asarray(image.convert("L")).astype(np.uint16) * 257
     yield "16 bits", encoded(Image.fromarray(wide)), ".png"

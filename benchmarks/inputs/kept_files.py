@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.inputs.case import Base, Case, Make, replaced
+from t2twin.core.cache_dir import VARIABLE
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.cache_home import VARIABLE
 
 Compute = Callable[[Path], np.ndarray]
 """Computes something that is kept; given a case's folder."""
@@ -24,7 +24,7 @@ BED_PINS = 1024
 """Pins of the smallest bed that is kept."""
 
 LOOP = """
-from t2twin.primitives_cad.jit import compiled
+from t2twin.core.jit import compiled
 
 @compiled("f8(f8)")
 def twice(x):
@@ -46,15 +46,15 @@ def _shape(box: Path) -> np.ndarray:
 
 
 def _array(box: Path) -> np.ndarray:
-    from t2twin.primitives_cad.kept_array import kept_array
+    from t2twin.core.cached_files import cached_array
 
-    return kept_array("arrays", "key", __file__, lambda: np.arange(5.0))
+    return cached_array("arrays", "key", __file__, lambda: np.arange(5.0))
 
 
 def _bed(box: Path) -> np.ndarray:
-    from t2twin.sim.press import bed
+    from t2twin.sim.contact import mujoco_pins
 
-    return np.array([bed._model(BED_PINS).ngeom])
+    return np.array([mujoco_pins._model(BED_PINS).ngeom])
 
 
 def _machine_code(box: Path) -> np.ndarray:

@@ -119,7 +119,7 @@ OPTIONS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("--turn-deg", "360"), "--turn-deg is '360'"), (("--turn-deg", "90.0"), "--turn-deg"),
     (("--layout", "none"), "layout"), (("--layout", ""), "layout"),
     (("--layout", "cyskin-63"), "ResNet18"), (("--background", "none.png"), "none.png"),
-    (("--background", "d"), "d"), (("--background", "d/newest.png"), "takes no background frame"),
+    (("--background", "d"), "d"), (("--background", "d/newest.png"), "needs a field run"),
     (("--background",), "--background has no value"), (("--bf16=yes",), "unexpected argument"),
     (("--untouched", "d/newest.png"), "there is no option '--untouched'"),
     (("--out", "out"), "there is no option '--out'"), (("extra",), "with --run RUN"),
@@ -133,7 +133,7 @@ def cases() -> Iterator[Case]:
     for name, content in NO_VIDEO:
         words = (*LIVE, name)
         yield Case(f"source {name}", words, holding(name, content), "cannot be read as a video")
-    yield Case("source: one image", (*LIVE, "x.png"), holding("x.png", PNG), "is a picture")
+    yield Case("source: one image", (*LIVE, "x.png"), holding("x.png", PNG), "is an image")
     yield Case("source: a pipe", (*LIVE, "f.avi"), _fifo, "no source")
     yield from _videos()
     for options, says in OPTIONS:

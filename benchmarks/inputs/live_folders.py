@@ -13,9 +13,9 @@ from PIL import Image
 
 from benchmarks.inputs.case import Base, Make
 from benchmarks.inputs.images import PNG, encoded, frame
-from t2twin.live.folder import Folder
+from t2twin.core.errors import T2TwinError
+from t2twin.live.folder import FolderSource
 from t2twin.live.frame import Frame
-from t2twin.primitives_cad.errors import T2TwinError
 
 STEP_S = 0.02
 """Pause between two writes of a folder's files, s (assumed: a camera of 50 Hz)."""
@@ -31,7 +31,7 @@ class Watched:
         self.path = box / "frames"
         self.path.mkdir()
         self.reports: list[str] = []
-        self.source = Folder(self.path, 0, self.reports.append, SHORT_PATIENCE_S)
+        self.source = FolderSource(self.path, 0, self.reports.append, SHORT_PATIENCE_S)
 
     def frames(self, write: Callable[[Path], None], last: int) -> list[Frame]:
         """Those that are read while `write` writes, until one of grey level `last`."""
@@ -205,7 +205,7 @@ def _gone(box: Path, base: Base) -> None:
     try:
         watched.frames(shutil.rmtree, 100)
     except T2TwinError as error:
-        require("is gone" in str(error), str(error))
+        require("no longer exists" in str(error), str(error))
     else:
         raise AssertionError("the folder went without a word")
 
@@ -218,7 +218,7 @@ def _in_vain(box: Path, base: Base) -> None:
     try:
         watched.source.read()
     except T2TwinError as error:
-        require("is gone" in str(error), str(error))
+        require("no longer exists" in str(error), str(error))
     else:
         raise AssertionError("the folder went without a word")
 

@@ -153,7 +153,7 @@ def _in_python() -> Iterator[Case]:
 
 
 def _write_json(place: str, box: Path, base: Base) -> None:
-    from t2twin.primitives_cad.writing import write_json
+    from t2twin.core.files import write_json
 
     write_json(Path(place), {"a": 1})
 

@@ -26,27 +26,29 @@ from benchmarks.inputs.api_values import FRAME, NO_IMAGE, PICTURE, SMALL
 from benchmarks.inputs.case import Base, Case
 
 MORE: Mapping[str, tuple[Call, object, str]] = {
-    "draw_fields of 10^9": (
-        lambda value, box, base: field_run().draw_fields(SMALL, value), 10**9, "expected a whole",
+    "sample_fields of 10^9": (
+        lambda value, box, base: field_run().sample_fields(SMALL, value), 10**9, "expected a whole",
     ),
-    "draw_fields of many images": (
-        lambda value, box, base: field_run().draw_fields([SMALL] * 3, value), 50_000, "in all",
+    "sample_fields of many images": (
+        lambda value, box, base: field_run().sample_fields([SMALL] * 3, value), 50_000, "in all",
     ),
     "estimate of no image": (
         lambda value, box, base: field_run().estimate(value), [], "at least one",
     ),
     "estimate of a run without a field": (
-        lambda value, box, base: run_of(base.resnet18).estimate(value), SMALL, "a field run does",
+        lambda value, box, base: run_of(base.resnet18).estimate(value), SMALL, "needs a field run",
     ),
     "a background frame for a run without a field": (
         lambda value, box, base: run_of(base.resnet18).predict(SMALL, value), SMALL, "field run",
     ),
-    "picture_of a run to counts": (
-        lambda value, box, base: run_of(base.resnet18).picture_of(value), np.zeros(20), "draws no",
+    "predict_image a run to counts": (
+        lambda value, box, base: run_of(base.resnet18).predict_image(value),
+        np.zeros(20),
+        "predict_image needs a cyskin-to-digit run",
     ),
-    "picture_of negative counts": (
-        lambda value, box, base: turned_round(base.touch2touch).picture_of(value),
-        -np.ones(20), "no number from 0",
+    "predict_image negative counts": (
+        lambda value, box, base: turned_round(base.touch2touch).predict_image(value),
+        -np.ones(20), "expected numbers from 0",
     ),
     "predict_pixels of another size": (
         lambda value, box, base: field_run().predict_pixels(value),
@@ -129,7 +131,7 @@ FINE: Mapping[str, Callable[[Base], object]] = {
     "a tuple of sizes": lambda base: field_run().predict((FRAME, SMALL, GREY)).shape == (3, 20),
     "an empty list": lambda base: field_run().predict([]).shape == (0, 20),
     "an empty batch": lambda base: run_of(base.resnet18).predict(FRAME[None][:0]).shape == (0, 20),
-    "fields of no image": lambda base: field_run().draw_fields([], 3).shape == (0, 3, 216),
+    "fields of no image": lambda base: field_run().sample_fields([], 3).shape == (0, 3, 216),
     "tactile images of none": lambda base: (
         run_of(base.resnet18).tactile_images([]).shape == (0, 396, 240)
     ),
@@ -146,14 +148,14 @@ FINE: Mapping[str, Callable[[Base], object]] = {
     ),
     "a level of NumPy": lambda base: field_run().estimate(FRAME).interval(np.float64(0.5)),
     "a number of fields of NumPy": lambda base: (
-        field_run().draw_fields(FRAME, COUNT).shape == (2, 216)
+        field_run().sample_fields(FRAME, COUNT).shape == (2, 216)
     ),
     "taxels in lists": lambda base: field_run().at_layout(**TAXELS).predict(FRAME).shape == (3,),
     "a Shape": lambda base: t2twin.load_shape(t2twin.load_shape("circle-1")).name == "circle-1",
     "a flat gel": lambda base: elastomer(
         dome_width_radius_mm=np.inf, dome_length_radius_mm=float("inf")
     ),
-    "counts in a list": lambda base: turned_round(base.touch2touch).picture_of(COUNTS).ndim == 2,
+    "counts in a list": lambda base: turned_round(base.touch2touch).predict_image(COUNTS).ndim == 2,
     "paths of both kinds": lambda base: (
         t2twin.translate_images((PICTURE, Path(PICTURE)), "out", base.resnet18).shape == (2, 20)
     ),
@@ -177,7 +179,7 @@ def _images() -> Iterator[Case]:
     users: Mapping[str, Call] = {
         "predict": lambda value, box, base: field_run().predict(value),
         "estimate": lambda value, box, base: field_run().estimate(value),
-        "draw_fields": lambda value, box, base: field_run().draw_fields(value, 2),
+        "sample_fields": lambda value, box, base: field_run().sample_fields(value, 2),
         "tactile_images": lambda value, box, base: run_of(base.touch2touch).tactile_images(value),
         "pixels_of": lambda value, box, base: run_of(base.resnet18).pixels_of(value),
     }

@@ -80,9 +80,9 @@ MORE: tuple[tuple[str, Change], ...] = (
     ("direction a number", ("direction", 3)),
     ("a direction that is none", ("direction", "sideways")),
     ("a ResNet18 the other way", ("direction", "cyskin-to-digit")),
-    ("shape weight null", ("preset.shape_weight", None)),
-    ("shape weight not a number", ("preset.shape_weight", float("nan"))),
-    ("shape weight negative", ("preset.shape_weight", -1)),
+    ("shape weight null", ("preset.iou_weight", None)),
+    ("shape weight not a number", ("preset.iou_weight", float("nan"))),
+    ("shape weight negative", ("preset.iou_weight", -1)),
 )
 
 TEXTS: tuple[tuple[str, str | bytes], ...] = (
@@ -214,7 +214,7 @@ def cases() -> Iterator[Case]:
             f"train into a run with another {change[0]}", USERS[4], _config(change), "another"
         )
     for user in (*USERS[:4], ("live", "--run", "run", "{data}"), ("studio", "--run", "run")):
-        yield Case(f"{user[0]} by a run the other way", user, _turned, "gives no counts")
+        yield Case(f"{user[0]} by a run the other way", user, _turned, "predicts DIGIT images")
     other_model = ("train", "touch2touch", *USERS[4][2:])
     yield Case("train into a run the other way", other_model, _turned, "another direction")
     yield Case("train into a dataset", (*USERS[4][:-1], "data"), _dataset, "holds no run")

@@ -132,7 +132,7 @@ def _of(key: str, **change: object) -> dict:
 
 
 def _own_data(uri: str) -> bytes:
-    """The block in metres as GLB, whose data stand in its description."""
+    """The block in meters as GLB, whose data stand in its description."""
     small = exported(block((0.006, 0.004, 0.003)), "glb")
     length = struct.unpack("<I", small[12:16])[0]
     data = small[28 + length :]
@@ -262,8 +262,8 @@ def _bad() -> Iterator[tuple[str, str, bytes]]:
     yield "STL, one triangle", "x.stl", binary(block().triangles[:1])
     yield "STL, all corners in one place", "x.stl", binary(np.ones((12, 3, 3)))
     yield "STL of 0.25 mm", "x.stl", exported(block((0.25, 0.25, 0.25)), "stl")
-    yield "STL in metres", "x.stl", exported(block((0.03, 0.02, 0.01)), "stl")
-    yield "STL of two metres", "x.stl", exported(block((2000.0, 10.0, 10.0)), "stl")
+    yield "STL in meters", "x.stl", exported(block((0.03, 0.02, 0.01)), "stl")
+    yield "STL of two meters", "x.stl", exported(block((2000.0, 10.0, 10.0)), "stl")
     yield "OBJ, a corner that is not there", "x.obj", OBJ + b"f 1 2 99\n"
     yield "OBJ, corner 0", "x.obj", OBJ + b"f 0 1 2\n"
     yield "OBJ, a corner of text", "x.obj", OBJ.replace(b"v ", b"v x ", 1)
@@ -289,10 +289,10 @@ def _good() -> Iterator[tuple[str, str, bytes, tuple[str, ...]]]:
     yield "OBJ", "x.obj", OBJ, ()
     yield "OBJ with another file's materials", "x.obj", b"mtllib ../../etc/passwd\n" + OBJ, ()
     yield "PLY", "x.ply", PLY, ()
-    yield "GLB in metres", "x.glb", exported(block((0.006, 0.004, 0.003)), "glb"), ()
+    yield "GLB in meters", "x.glb", exported(block((0.006, 0.004, 0.003)), "glb"), ()
     yield "3MF", "x.3mf", threemf(), ()
     yield (
-        "STL in metres, with a scale",
+        "STL in meters, with a scale",
         "x.stl",
         exported(block((0.006, 0.004, 0.003)), "stl"),
         ("--scale", "1000"),

@@ -12,7 +12,7 @@ from typing import Any
 from benchmarks import ROOT
 from benchmarks.inputs.case import Base, Case
 from benchmarks.studio_client import CAMERA
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 DRAG = {
     "type": "SceneNodeDragMessage",
@@ -29,7 +29,7 @@ DRAG = {
 }
 UPLOAD = {
     "type": "FileTransferStartUpload",
-    "source_component_uuid": {"$uuid": "A file of mine"},
+    "source_component_uuid": {"$uuid": "Upload a shape"},
     "transfer_uuid": "a",
     "filename": "a.stl",
     "mime_type": "",
@@ -38,7 +38,7 @@ UPLOAD = {
 }
 PART = {
     "type": "FileTransferPart",
-    "source_component_uuid": {"$uuid": "A file of mine"},
+    "source_component_uuid": {"$uuid": "Upload a shape"},
     "transfer_uuid": "never begun",
     "part_index": 0,
     "content": {"$hex": "00"},
@@ -99,8 +99,8 @@ VALUES = {
     "Seed": (-1, 1.5, 2**60, "1", None, float("nan")),
     "Number": (-1, 0.5, 1e300, "17", None),
     "mm per unit": (0.0, -1.0, float("nan"), float("inf"), "25.4"),
-    "A file of mine": ("a.stl", None, {"name": "a.stl", "content": ""}),
-    "This press as a zip file": (1, "true", None),
+    "Upload a shape": ("a.stl", None, {"name": "a.stl", "content": ""}),
+    "Download this press (zip)": (1, "true", None),
 }
 """Values that these controls cannot have."""
 
@@ -157,8 +157,8 @@ def _of_values(label: str, values: tuple[Any, ...]) -> Iterator[Case]:
 
 def _uploads() -> Iterator[Case]:
     for name, changes, says in (
-        ("to a slider", {"source_component_uuid": {"$uuid": "force, N"}}, "takes none"),
-        ("to nothing", {"source_component_uuid": "x"}, "takes none"),
+        ("to a slider", {"source_component_uuid": {"$uuid": "force, N"}}, "accepts no files"),
+        ("to nothing", {"source_component_uuid": "x"}, "accepts no files"),
         ("too many parts", {"part_count": 10**9}, "parts"),
         ("negative size", {"size_bytes": -1}, "size_bytes"),
         ("no parts", {"part_count": 0}, "parts"),

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from benchmarks.inputs.case import REFUSED, Base, Case
 from t2twin.cli import main
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
 PATIENCE_SECONDS = 120
 """Longest that a case may take, s; longer is a hang. Other processes may share the cores."""

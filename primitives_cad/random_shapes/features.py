@@ -1,7 +1,7 @@
-"""What a random shape is made of: its features, and how they are drawn.
+"""Samples the features of random shapes.
 
-Every distribution here is assumed. It is to hold whatever edges, faces, ends, ribs and tips the
-things that people touch are made of, from 0.5 mm to beyond both sensors, without any one of them.
+All distributions are assumed. They cover the edges, faces, ends, ribs and tips of everyday objects
+from 0.5 mm to beyond the size of both sensors, without modeling any particular object.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ Profile = Literal["flat", "rounded", "rod", "wedge"]
 Teeth = Literal["none", "pointed", "square"]
 
 NUMBERS, NUMBER_SHARES = (1, 2, 3, 4), (0.38, 0.34, 0.18, 0.1)
-"""How many features a shape has, and how often."""
+"""Numbers of features of a shape, and their probabilities."""
 
 KIND_SHARES = {
     "bar": 0.42,
@@ -26,7 +26,7 @@ KIND_SHARES = {
     "polygon": 0.07,
     "hollow-polygon": 0.05,
 }
-"""How often a feature is of each kind. An arc is a bar that is bent far round."""
+"""Probability of each kind of feature. An arc is a strongly bent bar."""
 
 PROFILE_SHARES: dict[str, dict[Profile, float]] = {
     "bar": {"flat": 0.36, "rounded": 0.3, "rod": 0.2, "wedge": 0.14},
@@ -38,8 +38,8 @@ PROFILE_SHARES: dict[str, dict[Profile, float]] = {
     "polygon": {"flat": 0.5, "rounded": 0.35, "wedge": 0.15},
     "hollow-polygon": {"flat": 0.6, "rounded": 0.4},
 }
-"""How often each kind is flat, rounded along its edges, round all over (a rod; a disc: a ball), or
-sharp (a roof; a disc: a cone; a polygon: a pyramid)."""
+"""Probability of each profile: flat, rounded edges, entirely round (a rod; of a disc: a ball), or
+sharp (a roof; of a disc: a cone; of a polygon: a pyramid)."""
 
 HALF_WIDTH_MM = (0.4, 8.0)
 LENGTH_MM = (3.0, 200.0)
@@ -50,62 +50,62 @@ POLYGON_RADIUS_MM = (0.8, 20.0)
 WALL_MM = (0.5, 5.0)
 BEND_RADIUS_MM = (12.0, 120.0)
 ARC_RADIUS_MM = (2.0, 30.0)
-"""Sizes, each drawn log-uniformly from its range, mm. Bars are as long as from end to end."""
+"""Ranges of sizes, mm, sampled log-uniformly. Lengths of bars are from end to end."""
 
 ARC_ANGLE_RAD = (0.6, 5.2)
-"""How far round an arc goes, rad, uniformly."""
+"""Angle of an arc, rad, uniform."""
 
 ROUNDING_SHARE = (0.15, 1.0)
-"""Radius of a rounded edge in parts of half the feature's width, uniformly."""
+"""Radius of a rounded edge over half the feature's width, uniform."""
 
 LARGEST_ROUNDING_MM = 4.0
 """Largest radius of a rounded edge, mm."""
 
 ROD_RADIUS_SHARE = (1.0, 3.0)
-"""Radius of a rod's or a ball's curve in parts of half its width, log-uniformly."""
+"""Radius of a rod's or a ball's curvature over half its width, log-uniform."""
 
 WEDGE_SLOPE = (0.15, 1.5)
-"""How steep the sides of a roof fall, mm a mm, log-uniformly."""
+"""Slope of the sides of a roof, mm per mm, log-uniform."""
 
 SIDES = (3, 4, 5, 6, 8)
 IRREGULARITY = 0.25
-"""Numbers of a polygon's sides, and the standard deviation of their distances from the middle, in
-parts of it; half of the polygons are regular."""
+"""Numbers of a polygon's sides, and the relative standard deviation of their distances from the
+center; half of the polygons are regular."""
 
 TEETH_SHARE, TEETH_PITCH_MM, TEETH_DEPTH_MM = 0.13, (0.7, 4.5), (0.2, 1.5)
-"""How many bars and half-planes are serrated, how far their teeth stand apart (log-uniformly, mm)
-and how deep they are cut (uniformly, mm)."""
+"""Share of serrated bars and half-planes, pitch of their teeth (log-uniform, mm) and depth of the
+cuts (uniform, mm)."""
 
 CUT_SHARE, HOLE_SHARE, HOLE_RADIUS_MM = 0.2, 0.15, (0.5, 6.0)
-"""How many shapes are cut by a plane, how many have a round hole, and its radius (log-uniformly,
-mm)."""
+"""Share of shapes cut by a plane, share with a round hole, and the hole's radius (log-uniform, mm).
+"""
 
-FIRST_OFF_MM, OTHERS_OFF_MM, CUT_OFF_MM = 1.5, 6.0, 3.0
-"""How far from the press axis the first feature, the others, and cuts and holes lie: standard
-deviation along x and y, mm."""
+FIRST_OFFSET_MM, OTHERS_OFFSET_MM, CUT_OFFSET_MM = 1.5, 6.0, 3.0
+"""Standard deviations along x and y of the distance from the press axis, mm: of the first feature,
+of the others, and of cuts and holes."""
 
-SAME_HEIGHT_SHARE, MOST_LOWER_MM = 0.4, 1.2
-"""How many of the features after the first are as high, and how much lower the others are at most
-(uniformly, mm)."""
+SAME_HEIGHT_SHARE, MAX_LOWER_MM = 0.4, 1.2
+"""Share of further features as high as the first, and by how much the others are lower at most
+(uniform, mm)."""
 
 PARALLEL_SHARE = 0.4
-"""How many of the features after the first stand parallel to it, as ribs and jaws do."""
+"""Share of further features parallel to the first, as ribs and jaws are."""
 
-TILT_SHARE, MOST_TILT_DEG = 0.35, 3.0
-"""How many shapes are tilted, and by how much at most (uniformly, degrees)."""
+TILT_SHARE, MAX_TILT_DEG = 0.35, 3.0
+"""Share of tilted shapes, and their largest tilt (uniform, degrees)."""
 
 
 @dataclass(frozen=True)
 class Feature:
     """One feature, in the shape frame.
 
-    x_mm, y_mm, turn_rad: where its own frame lies; a bar runs along its y, a half-plane goes on
-    along its x. half_width_mm: half a bar's or a ring's wall's width, a disc's radius, a polygon's
-    least distance from its middle to a side; inf for a half-plane. half_length_mm: half a bar's
-    length. radius_mm: of a ring's or a bent bar's middle line; 0 for a straight bar. sides: (n, 2)
-    directions (rad) and distances (mm) of a polygon's sides from its middle. wall_mm: a hollow
-    polygon's; 0 for a full one. curve: a rounded edge's or a rod's radius, mm, or a roof's slope.
-    lower_mm: how far its top lies below the shape's.
+    x_mm, y_mm, turn_rad: pose of the feature's frame. A bar extends along its y, a half-plane along
+    its x. half_width_mm: half the width of a bar or of a ring's wall, a disc's radius, the least
+    distance of a polygon's sides from its center; inf for a half-plane. half_length_mm: half a
+    bar's length. radius_mm: of the center line of a ring or a bent bar; 0 for a straight bar.
+    sides: (n, 2) directions (rad) and distances (mm) of a polygon's sides from its center.
+    wall_mm: of a hollow polygon; 0 for a full one. curve: radius of a rounded edge or a rod, mm, or
+    slope of a roof. lower_mm: depth of the feature's top below the shape's.
     """
 
     outline: Outline
@@ -127,10 +127,10 @@ class Feature:
 
 @dataclass(frozen=True)
 class Composition:
-    """A random shape's features, what is taken away from all of them, and its tilt.
+    """The features, cuts, holes and tilt of a random shape.
 
-    cuts: planes that keep what lies on their side, (direction rad, distance mm) each. holes: (x,
-    y, radius) each, mm. tilt: slope along x and y, mm a mm.
+    cuts: (direction rad, distance mm) of planes; the part beyond the distance is removed. holes:
+    (x, y, radius), mm. tilt: slope along x and y, mm per mm.
     """
 
     features: tuple[Feature, ...]
@@ -139,40 +139,40 @@ class Composition:
     tilt: tuple[float, float]
 
 
-def draw_composition(rng: np.random.Generator) -> Composition:
-    """A random shape's composition."""
+def sample_composition(rng: np.random.Generator) -> Composition:
+    """Sample the composition of a random shape."""
     count = int(rng.choice(NUMBERS, p=NUMBER_SHARES))
     features: list[Feature] = []
     for _ in range(count):
-        features.append(_draw_feature(rng, features[0] if features else None))
+        features.append(_sample_feature(rng, features[0] if features else None))
     cuts, holes = [], []
     if rng.random() < CUT_SHARE:
-        cuts.append((_turn(rng), float(rng.normal(0.0, CUT_OFF_MM))))
+        cuts.append((_turn(rng), float(rng.normal(0.0, CUT_OFFSET_MM))))
     if rng.random() < HOLE_SHARE:
-        x, y = rng.normal(0.0, CUT_OFF_MM, 2)
+        x, y = rng.normal(0.0, CUT_OFFSET_MM, 2)
         holes.append((float(x), float(y), _log_uniform(rng, HOLE_RADIUS_MM)))
     slope, direction = 0.0, _turn(rng)
     if rng.random() < TILT_SHARE:
-        slope = float(np.tan(np.radians(rng.uniform(0.0, MOST_TILT_DEG))))
+        slope = float(np.tan(np.radians(rng.uniform(0.0, MAX_TILT_DEG))))
     tilt = (slope * float(np.cos(direction)), slope * float(np.sin(direction)))
     return Composition(tuple(features), tuple(cuts), tuple(holes), tilt)
 
 
-def _draw_feature(rng: np.random.Generator, first: Feature | None) -> Feature:
+def _sample_feature(rng: np.random.Generator, first: Feature | None) -> Feature:
     kind = str(rng.choice(list(KIND_SHARES), p=list(KIND_SHARES.values())))
     shares = PROFILE_SHARES[kind]
     profile: Profile = rng.choice(list(shares), p=list(shares.values()))
-    off = FIRST_OFF_MM if first is None else OTHERS_OFF_MM
-    x, y = rng.normal(0.0, off, 2)
+    offset = FIRST_OFFSET_MM if first is None else OTHERS_OFFSET_MM
+    x, y = rng.normal(0.0, offset, 2)
     turn = _turn(rng)
     if first is not None and rng.random() < PARALLEL_SHARE:
         turn = first.turn_rad
     lower = 0.0
     if first is not None and rng.random() >= SAME_HEIGHT_SHARE:
-        lower = float(rng.uniform(0.0, MOST_LOWER_MM))
-    sizes = _draw_sizes(rng, kind)
-    x, y = _on_its_line(rng, sizes, float(x), float(y), turn)
-    curve = _draw_curve(rng, profile, float(sizes["half_width_mm"]), float(sizes["wall_mm"]))
+        lower = float(rng.uniform(0.0, MAX_LOWER_MM))
+    sizes = _sample_sizes(rng, kind)
+    x, y = _sample_position(rng, sizes, float(x), float(y), turn)
+    curve = _sample_curve(rng, profile, float(sizes["half_width_mm"]), float(sizes["wall_mm"]))
     teeth: Teeth = "none"
     if kind in ("bar", "bent-bar", "half-plane") and rng.random() < TEETH_SHARE:
         teeth = "pointed" if rng.random() < 0.6 else "square"
@@ -195,8 +195,8 @@ def _draw_feature(rng: np.random.Generator, first: Feature | None) -> Feature:
     )
 
 
-def _draw_sizes(rng: np.random.Generator, kind: str) -> dict:
-    """What a feature of this kind is as large as: fields of Feature."""
+def _sample_sizes(rng: np.random.Generator, kind: str) -> dict:
+    """Sample the sizes of a feature of a kind, as fields of Feature."""
     sizes = {"outline": kind, "half_length_mm": 0.0, "radius_mm": 0.0, "sides": (), "wall_mm": 0.0}
     if kind == "half-plane":
         return sizes | {"half_width_mm": float("inf")}
@@ -236,11 +236,13 @@ def _draw_sizes(rng: np.random.Generator, kind: str) -> dict:
     }
 
 
-def _on_its_line(
+def _sample_position(
     rng: np.random.Generator, sizes: dict, x: float, y: float, turn: float
 ) -> tuple[float, float]:
-    """Where a feature's frame lies so that some place along it, and not only its middle, is near
-    (x, y): a long bar may end anywhere, a ring is met at its wall."""
+    """Sample the position of a feature's frame such that some part of it is near (x, y).
+
+    A bar may end anywhere, and the wall of a ring may lie there instead of its center.
+    """
     along = float(rng.uniform(-0.9, 0.9))
     if sizes["outline"] == "ring" and rng.random() < 0.7:
         return x - sizes["radius_mm"] * np.cos(turn), y - sizes["radius_mm"] * np.sin(turn)
@@ -253,10 +255,10 @@ def _on_its_line(
     return x, y
 
 
-def _draw_curve(
+def _sample_curve(
     rng: np.random.Generator, profile: Profile, half_width: float, wall: float
 ) -> float:
-    """A rounded edge's or a rod's radius, mm, or a roof's slope."""
+    """Sample the radius of a rounded edge or a rod, mm, or the slope of a roof."""
     if wall:
         half_width = wall / 2
     if profile == "rounded":

@@ -1,7 +1,7 @@
-"""Hand tools for testing: each a solid in its own frame, and four keypoints to press it at.
+"""Hand tools of the test split: a solid in the tool's own frame, and four keypoints to press.
 
-Every tool lies along x and y, its flat side up (+z), lengths in mm. The tools' sizes are
-assumed, near those of common ones; Grella et al. 2023 name the five tools and no sizes.
+Every tool lies along x and y, its flat side up (+z), lengths in mm. Grella et al. 2023 name the
+five tools, but not their sizes, which are assumed to be common ones.
 """
 
 import importlib
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 CHORDAL_MM = {"pliers": 0.0025}
-"""Chordal error asked for tools that need another one than the usual, mm: along the pliers'
-rounded handles the mesher leaves eight times what it is asked, measured; this keeps it to 0.004."""
+"""Chordal errors requested for particular tools, mm: the mesher's error along the pliers' rounded
+handles is eight times the requested one (measured); this reduces it to 0.004."""
 
 
 def solid(tool: str) -> "cq.Shape":
@@ -27,16 +27,16 @@ def solid(tool: str) -> "cq.Shape":
 
 def mesh(tool: str) -> "trimesh.Trimesh":
     """A watertight mesh of a tool, mm, in the tool's own frame."""
-    from t2twin.primitives_cad import tessellate
+    from t2twin.primitives_cad import solids
 
-    return tessellate.tessellate(solid(tool), CHORDAL_MM.get(tool, tessellate.CHORDAL_MM))
+    return solids.tessellate(solid(tool), CHORDAL_MM.get(tool, solids.CHORDAL_MM))
 
 
 def keypoints(tool: str) -> tuple[Keypoint, ...]:
-    """The four places of a tool to press with, in the tool's own frame."""
+    """The four keypoints of a tool, in the tool's own frame."""
     return _module(tool).KEYPOINTS
 
 
 def _module(tool: str) -> ModuleType:
-    # Each tool imports cadquery, which takes seconds: only the one asked for is loaded.
+    # Each tool imports cadquery, which takes seconds, so only the requested one is loaded.
     return importlib.import_module(f"{__name__}.{tool.replace('-', '_')}")

@@ -13,14 +13,14 @@ ACROSS_FLATS_MM = 6.0
 LONG_ARM_MM = 96.0
 SHORT_ARM_MM = 38.0
 BEND_RADIUS_MM = 11.0
-"""Radius of the bend, to the middle of the bar, mm."""
+"""Radius of the bend, to the center line of the bar, mm."""
 END_CHAMFER_MM = 0.4
 
 CORNER_MM = ACROSS_FLATS_MM / sqrt(3.0)
-"""Distance of the hexagon's corners from its middle, mm."""
+"""Distance of the hexagon's corners from its center, mm."""
 FLAT_MM = ACROSS_FLATS_MM / 2.0
 BEND_MIDDLE_MM = BEND_RADIUS_MM * (1.0 - sqrt(0.5))
-"""x and y of the middle of the bend, mm."""
+"""x and y of the center of the bend, mm."""
 
 KEYPOINTS = (
     Keypoint("long-arm", (62.0, 0.0, FLAT_MM), (0.0, 0.0, 1.0)),

@@ -15,7 +15,7 @@ UPPER_ARM_MM, LOWER_ARM_MM = 62.0, 0.0
 """y of the frame's inner sides, mm."""
 OUTER_CORNER_MM, INNER_CORNER_MM = 20.0, 9.0
 RIM_MM, WEB_DEPTH_MM = 3.6, 0.5
-"""The frame's I section: width of the rims, and how much lower the web between them is, mm."""
+"""The frame's I section: width of the flanges, and depth of the web between them, mm."""
 
 ANVIL_RADIUS_MM, ANVIL_MM = 9.0, 54.0
 BOSS_RADIUS_MM = 9.5
@@ -25,8 +25,8 @@ THREAD_PITCH_MM = 3.0
 CREST_WIDTH_MM, ROOT_WIDTH_MM = 0.9, 1.9
 """Axial width of the thread at its crest and at the core, mm."""
 THREADS = ((-80.0, 20), (6.5, 9))
-"""y of the first crest and number of crests, below the boss and above it. Crests are rings, not
-a helix: the lead is under 5 degrees, and the kernel needs minutes to mesh a helix this fine."""
+"""y of the first crest and number of crests, below the boss and above it. Crests are rings, not a
+helix: the lead angle is under 5 degrees, and the kernel takes minutes to mesh such a fine helix."""
 
 PAD_RADIUS_MM, PAD_FROM_MM, PAD_TO_MM = 10.0, 34.0, 41.0
 HEAD_RADIUS_MM, HEAD_FROM_MM, HEAD_TO_MM = 8.0, -100.0, -82.0
@@ -34,9 +34,9 @@ BAR_RADIUS_MM, BAR_HALF_LENGTH_MM, BAR_AT_MM = 3.2, 36.0, -91.0
 BALL_RADIUS_MM = 5.2
 
 CREST_AT_MM = THREADS[0][0] + 10 * THREAD_PITCH_MM
-"""y of a crest midway between the boss and the head, whose sides are higher: 31 mm from either,
-so that no corner of a CySkin pressed there touches them (26.4 mm from its middle, which the
-protocol moves by up to 2.1 mm)."""
+"""y of a crest midway between the boss and the head, whose sides are higher: 31 mm from either, so
+that no corner of a CySkin pressed there touches them (26.4 mm from its center, which the protocol
+moves by up to 2.1 mm)."""
 
 KEYPOINTS = (
     Keypoint("screw", (0.0, CREST_AT_MM, CREST_RADIUS_MM), (0.0, 0.0, 1.0)),
@@ -137,7 +137,7 @@ def _handle() -> cq.Workplane:
 
 
 def _turned_part(profile: list[tuple[float, float]], chamfer_mm: float) -> cq.Workplane:
-    """A solid turned about y: (radius, y) pairs from the bottom to the top, mm."""
+    """A solid of revolution about y: (radius, y) pairs from the bottom to the top, mm."""
     outline = cq.Workplane().moveTo(0.0, profile[0][1])
     for place in profile:
         outline = outline.lineTo(*place)

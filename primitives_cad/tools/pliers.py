@@ -11,17 +11,17 @@ import cadquery as cq
 from t2twin.primitives_cad.shape import Keypoint
 
 OPENING_DEG = 4.0
-"""Turn of each half from closed."""
+"""Rotation of each half from closed."""
 
 THICKNESS_MM = 9.0
 JAW_TIP_MM = 48.0
-"""How far the jaws reach from the pivot, mm."""
+"""Length of the jaws from the pivot, mm."""
 JAW_TIP_WIDTH_MM = 5.2
 TEETH_FROM_MM, TEETH_TO_MM = 24.0, 46.0
 TOOTH_PITCH_MM = 2.0
 TOOTH_DEPTH_MM = 1.1
 GRIP_MIDDLE_MM = 16.0
-"""y of the middle of the round opening for pipes behind the flat teeth, mm."""
+"""y of the center of the round opening for pipes behind the flat teeth, mm."""
 GRIP_HALF_WIDTH_MM, GRIP_HALF_LENGTH_MM = 3.4, 5.6
 
 BOSS_RADIUS_MM = 11.5
@@ -34,11 +34,11 @@ SLEEVE_THICKNESS_MM = 12.0
 SLEEVE_ROUNDING_MM = 3.6
 STEEL_ROUNDING_MM = 1.0
 SLEEVE_AT_MM = (17.4, -74.0)
-"""Middle of the plastic sleeve's length, mm."""
+"""Center of the plastic sleeve, mm."""
 
 
 def _turned(x_mm: float, y_mm: float) -> tuple[float, float]:
-    """Where a place of a half's closed frame lies once the pliers are open."""
+    """Rotate a point from a half's closed frame to the open pliers."""
     turn = radians(OPENING_DEG)
     return (x_mm * cos(turn) - y_mm * sin(turn), x_mm * sin(turn) + y_mm * cos(turn))
 

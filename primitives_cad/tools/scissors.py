@@ -10,14 +10,14 @@ import cadquery as cq
 from t2twin.primitives_cad.shape import Keypoint
 
 OPENING_DEG = 13.0
-"""Turn of each half from closed."""
+"""Rotation of each half from closed."""
 
 BLADE_THICKNESS_MM = 2.4
 EDGE_AT = ((5.0, 3.0), (0.6, 80.0))
 """Cutting edge in the closed frame: from near the pivot to the tip, mm."""
 TIP_MM = (-0.6, 81.0)
 SPINE = ((-5.2, 50.0), (-8.0, 18.0))
-"""Where the blade's back passes, mm."""
+"""Points on the blade's back, mm."""
 BEVEL_WIDTH_MM = 2.2
 BEVEL_LAND_MM = 0.5
 """Thickness left at the cutting edge, mm."""
@@ -38,7 +38,7 @@ SLOT_TURN_DEG = 35.0
 
 
 def _turned(x_mm: float, y_mm: float) -> tuple[float, float]:
-    """Where a place of the upper half's closed frame lies once the scissors are open."""
+    """Rotate a point from the upper half's closed frame to the open scissors."""
     turn = radians(OPENING_DEG)
     return (x_mm * cos(turn) - y_mm * sin(turn), x_mm * sin(turn) + y_mm * cos(turn))
 
@@ -66,7 +66,7 @@ KEYPOINTS = (
 def solid() -> cq.Shape:
     """The scissors, one solid."""
     upper = _half(THUMB_HALF_LENGTH_MM)
-    # The other half is the same turned over about y, with the longer ring.
+    # The other half is the same, turned over about y, with the longer ring.
     lower = _half(FINGER_HALF_LENGTH_MM).rotate((0, 0, 0), (0, 1, 0), 180.0)
     return upper.union(lower).union(_screw()).val()  # pyright: ignore[reportReturnType]
 
@@ -89,13 +89,13 @@ def _half(ring_half_length_mm: float) -> cq.Workplane:
 
 
 def _bevel() -> cq.Workplane:
-    """What is ground off along the cutting edge, on the outer face."""
+    """The material ground off along the cutting edge, on the outer face."""
     (x0, y0), (x1, y1) = EDGE_AT
     length = hypot(x1 - x0, y1 - y0)
     along = cq.Vector((x1 - x0) / length, (y1 - y0) / length, 0.0)
     inwards = cq.Vector(-along.y, along.x, 0.0)
     start = cq.Plane(origin=(x0 - 20 * along.x, y0 - 20 * along.y, 0.0), xDir=inwards, normal=along)
-    # Of the plane's axes, x is into the blade; y is normal cross x, which is -z.
+    # The plane's x points into the blade; its y, normal cross x, is -z.
     top = 10.0
     slope = (BLADE_THICKNESS_MM - BEVEL_LAND_MM) / BEVEL_WIDTH_MM
     wedge = cq.Workplane(start).polyline(
@@ -138,9 +138,9 @@ def _handle(ring_half_length_mm: float) -> cq.Workplane:
 
 
 def _oval(at: cq.Workplane, half_width_mm: float, half_length_mm: float) -> cq.Workplane:
-    """Two half circles and what lies between them, along y, as thick as the handles.
+    """A stadium along y, as thick as the handles.
 
-    Arcs, since the kernel meshes the rounded edge of an ellipse thirty times finer.
+    Arcs, because the kernel meshes the rounded edge of an ellipse thirty times finer.
     """
     straight = at.rect(2.0 * half_width_mm, 2.0 * (half_length_mm - half_width_mm))
     oval = straight.extrude(HANDLE_THICKNESS_MM / 2.0, both=True)

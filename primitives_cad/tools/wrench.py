@@ -8,16 +8,16 @@ from t2twin.primitives_cad.shape import Keypoint
 
 ACROSS_FLATS_MM = 13.0
 HEAD_AT_MM = 142.0
-"""x of the middle of the open end, mm."""
+"""x of the center of the open end, mm."""
 
 RING_RADIUS_MM = 10.8
 RING_THICKNESS_MM = 8.4
 HEAD_RADIUS_MM = 14.5
 HEAD_THICKNESS_MM = 6.4
 JAW_LENGTH_MM = 10.0
-"""How far the jaws reach past the middle of the nut, mm."""
+"""Length of the jaws from the center of the nut, mm."""
 TILT_DEG = -15.0
-"""Turn of the open end's jaws from the shank: the usual 15 degrees."""
+"""Angle of the open end's jaws to the shank: the usual 15 degrees."""
 
 SHANK_WIDTH_MM = 11.5
 SHANK_THICKNESS_MM = 5.2
@@ -30,7 +30,7 @@ CORNER_MM = ACROSS_FLATS_MM / sqrt(3.0)
 
 
 def _at_head(along_mm: float, across_mm: float) -> tuple[float, float]:
-    """x, y of a place given along and across the tilted jaws from the middle of the nut."""
+    """x, y of a point given along and across the tilted jaws from the center of the nut."""
     turn = radians(TILT_DEG)
     return (
         HEAD_AT_MM + along_mm * cos(turn) - across_mm * sin(turn),
@@ -55,7 +55,7 @@ KEYPOINTS = (
 def solid() -> cq.Shape:
     """The wrench, one solid."""
     socket, mouth = _socket(), _mouth()
-    # Each part is opened before they are joined: cutting the joined ring is beyond the kernel.
+    # Each part is cut before the union: the kernel cannot cut the joined ring.
     shank = _shank().cut(socket).cut(mouth)
     ring, head = _ring_blank().cut(socket), _head_blank().cut(mouth)
     return shank.union(ring).union(head).val()  # pyright: ignore[reportReturnType]
@@ -85,7 +85,7 @@ def _to_head(part: cq.Workplane) -> cq.Workplane:
 
 def _shank() -> cq.Workplane:
     half = SHANK_WIDTH_MM / 2.0
-    # The shank flares into both heads so that no corner is left where they meet.
+    # The shank flares into both heads, without a corner where they meet.
     outline = (
         cq.Workplane()
         .moveTo(1.0, 8.6)

@@ -1,1 +1,1 @@
-"""The CySkin: where its taxels lie and what they count under a pressure."""
+"""The CySkin: taxel layouts, counts under a pressure, and tactile images."""

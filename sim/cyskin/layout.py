@@ -1,4 +1,4 @@
-"""Where the taxels lie: a layout is data, one JSON or CSV file."""
+"""Taxel layouts, which are JSON or CSV files."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -8,31 +8,30 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.reading import read_file
-from t2twin.sim.column_names import check_names
-from t2twin.sim.typed_json import read_json
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import read_file
+from t2twin.core.records import check_names, read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
 DEFAULT_LAYOUT = "cyskin-20"
 
 PAD_DIAMETER_MM = 4.0
-"""Diameter of a taxel's pad, mm (assumed), where a layout names none."""
+"""Default diameter of a taxel's pad, mm (assumed)."""
 
 LARGEST_PAD_MM = 50.0
 """Largest diameter of a pad, mm (assumed: more than the cover is wide)."""
 
 CLOSEST_MM = 0.1
-"""Taxels nearer than this are one place, mm."""
+"""Least distance between taxels, mm."""
 
-MOST_TAXELS = 2000
-"""Most taxels of a layout (assumed: more than any published array of the cover's size)."""
+MAX_TAXELS = 2000
+"""Limit on the taxels of a layout (assumed: more than any published array of this size)."""
 
 
 @dataclass(frozen=True)
 class _Taxel:
-    """One taxel of a layout's file."""
+    """One taxel in a layout file."""
 
     x_mm: float
     y_mm: float
@@ -41,17 +40,17 @@ class _Taxel:
 
 @dataclass(frozen=True)
 class _File:
-    """A layout's JSON file."""
+    """Content of a JSON layout file."""
 
     taxels: tuple[_Taxel, ...]
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Taxels in the sensor frame.
+    """Positions and pad diameters of taxels in the sensor frame.
 
-    x_mm, y_mm: (n,) centres. pad_diameter_mm: (n,). Raises T2TwinError for fewer than 3 or more
-    than MOST_TAXELS taxels, for values that are no finite numbers, and for taxels at one place.
+    x_mm, y_mm, pad_diameter_mm: (n,). Raises T2TwinError for fewer than 3 or more than MAX_TAXELS
+    taxels, for values that are not finite numbers, and for taxels closer than CLOSEST_MM.
     """
 
     name: str
@@ -60,17 +59,17 @@ class Layout:
     pad_diameter_mm: np.ndarray
 
     def __post_init__(self) -> None:
-        checks.text(self.name, "the layout's name")
+        arguments.text(self.name, "the layout's name")
         n = None
         for name in ("x_mm", "y_mm", "pad_diameter_mm"):
-            values = checks.vector(getattr(self, name), f"{name} of layout {self.name}", n)
+            values = arguments.vector(getattr(self, name), f"{name} of layout {self.name}", n)
             object.__setattr__(self, name, values)
             n = values.size
         assert n is not None
         if n < 3:
             raise T2TwinError(f"layout {self.name} has {n} taxels; it needs at least 3")
-        if n > MOST_TAXELS:
-            raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MOST_TAXELS} can be")
+        if n > MAX_TAXELS:
+            raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MAX_TAXELS} can be")
         if (self.pad_diameter_mm <= 0).any():
             raise T2TwinError(f"layout {self.name} has a pad size that is no positive number")
         apart = np.hypot(*(v[:, None] - v[None] for v in (self.x_mm, self.y_mm)))
@@ -88,12 +87,12 @@ class Layout:
 
 
 def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
-    """A layout by its name, or from a user's JSON or CSV file.
+    """A layout by its name, or from a JSON or CSV file.
 
     JSON: {"taxels": [{"x_mm": ..., "y_mm": ..., "pad_diameter_mm": ...}, ...]}; CSV: columns x_mm,
-    y_mm and, if wanted, pad_diameter_mm. Raises T2TwinError for anything else.
+    y_mm and optionally pad_diameter_mm. Raises T2TwinError for anything else.
     """
-    path = LAYOUTS / f"{checks.path(source, 'layout')}.json"
+    path = LAYOUTS / f"{arguments.path(source, 'layout')}.json"
     if not path.exists():
         path = Path(source)
     if not path.is_file():
@@ -102,7 +101,7 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
             f"no taxel layout {source}; known are {known}, or a path to .json or .csv"
         )
     if path.suffix.lower() == ".csv":
-        from t2twin.sim.typed_csv import read_rows  # imports pyarrow, which JSON does without
+        from t2twin.core.tables import read_rows  # imports pyarrow, which is slow
 
         rows = read_rows(path, _Taxel, "a layout")
     else:
@@ -117,8 +116,7 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
 
 
 def _check_keys(path: Path) -> None:
-    """Raises T2TwinError for keys of taxels that are near to one that is read: it would be taken
-    for one that is missing."""
+    """Raises T2TwinError for misspelled keys of taxels, which would be treated as missing."""
     taxels = msgspec.json.decode(read_file(path))["taxels"]
     given = sorted({key for taxel in taxels for key in taxel})
     known = [field.name for field in fields(_Taxel)]

@@ -1,11 +1,11 @@
-"""What a real array adds to the true counts, each imperfection with its own switch."""
+"""Readings of a real array, with noise, wandering baselines and other imperfections."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 
@@ -16,16 +16,16 @@ recordings)."""
 
 @dataclass(frozen=True)
 class Imperfections:
-    """How far the array is from ideal. Zero switches a term off.
+    """Deviations of an array from an ideal one. Zero disables a term.
 
-    white_counts: standard deviation of every reading's noise, counts. Real untouched readings: half
-        within 7 counts, which 8.6 gives together with the drift below.
-    drift_share, drift_counts: share of taxel baselines that have wandered, and the standard
-        deviation of those, counts. 0.15 and 620 put 95 % within 600, as measured.
-    hysteresis: largest share of a count still missing after loading (assumed).
-    crosstalk: share of each nearest neighbour's count that leaks in (assumed).
+    white_counts: standard deviation of the noise of each reading, counts. Half of the real readings
+        without contact lie within 7 counts, which 8.6 reproduces together with the drift below.
+    drift_share, drift_counts: share of taxels with a wandering baseline, and its standard
+        deviation, counts. With 0.15 and 620, 95 % lie within 600 counts, as measured.
+    hysteresis: largest share of a count that is missing after loading (assumed).
+    crosstalk: share of each nearest neighbor's count that is added (assumed).
     gain_spread: standard deviation of the taxels' gains around 1, fixed for an array (assumed).
-    dead: indices of taxels that read nothing.
+    dead: indices of taxels that read 0.
     """
 
     white_counts: float = 0.0
@@ -37,18 +37,18 @@ class Imperfections:
     dead: tuple[int, ...] = ()
 
     def check_dead(self, taxels: int) -> None:
-        """Raises T2TwinError where a dead taxel is none of so many."""
+        """Raises T2TwinError for a dead taxel that is not one of this number."""
         for index in self.dead:
             if not (isinstance(index, int) and 0 <= index < taxels):
                 raise T2TwinError(
-                    f"dead names taxel {index!r}; those of the layout are 0 to {taxels - 1}"
+                    f"dead contains taxel {index!r}; the layout has taxels 0 to {taxels - 1}"
                 )
 
 
 PRESETS = {
     "none": Imperfections(),
     "white": Imperfections(white_counts=8.6),
-    "untouched": Imperfections(white_counts=8.6, drift_share=0.15, drift_counts=620.0),
+    "baseline": Imperfections(white_counts=8.6, drift_share=0.15, drift_counts=620.0),
     "all": Imperfections(
         white_counts=8.6,
         drift_share=0.15,
@@ -62,7 +62,7 @@ PRESETS = {
 
 def imperfections(name: str, dead: tuple[int, ...] = ()) -> Imperfections:
     """A preset by name, with dead taxels added. Raises T2TwinError for an unknown name."""
-    if checks.text(name, "imperfections") not in PRESETS:
+    if arguments.text(name, "imperfections") not in PRESETS:
         raise T2TwinError(f"no imperfections called {name!r}; allowed are {', '.join(PRESETS)}")
     return replace(PRESETS[name], dead=dead)
 
@@ -74,14 +74,14 @@ def read(
     rng: np.random.Generator,
     array_seed: int = 0,
 ) -> np.ndarray:
-    """A sample of the array: READINGS readings averaged and rounded, (n,) uint16.
+    """One sample of the array: the rounded mean of READINGS readings, (n,) uint16.
 
-    true_counts: (n,) noiseless. array_seed: which array it is; its gain spread stays the same for
-    all its samples. A reading below 0 or above FULL_SCALE_COUNTS is held there.
+    true_counts: (n,) noiseless. array_seed: identifies the array, whose gains are the same in all
+    samples. Readings are clipped to 0 and FULL_SCALE_COUNTS.
     """
     n = layout.size
     gains = 1 + flaws.gain_spread * np.random.default_rng(array_seed).standard_normal(n)
-    signal = gains * (true_counts + flaws.crosstalk * (_neighbours(layout) @ true_counts))
+    signal = gains * (true_counts + flaws.crosstalk * (_neighbors(layout) @ true_counts))
     signal *= 1 - flaws.hysteresis * rng.random(n)
     signal[list(flaws.dead)] = 0.0
     wandered = rng.random(n) < flaws.drift_share
@@ -90,10 +90,10 @@ def read(
     return np.rint(np.clip(readings, 0, FULL_SCALE_COUNTS).mean(axis=0)).astype(np.uint16)
 
 
-def _neighbours(layout: Layout) -> np.ndarray:
-    """1 where two taxels are nearest neighbours: within 1.2 of the layout's least distance."""
-    apart = np.hypot(
+def _neighbors(layout: Layout) -> np.ndarray:
+    """(n, n), 1 for nearest neighbors: taxels within 1.2 times the layout's least distance."""
+    distance = np.hypot(
         layout.x_mm[:, None] - layout.x_mm[None], layout.y_mm[:, None] - layout.y_mm[None]
     )
-    apart[np.diag_indices(layout.size)] = np.inf
-    return (apart < 1.2 * apart.min()).astype(float)
+    distance[np.diag_indices(layout.size)] = np.inf
+    return (distance < 1.2 * distance.min()).astype(float)

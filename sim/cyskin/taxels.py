@@ -1,50 +1,49 @@
-"""From pressure on the cover to taxel counts.
+"""Computes taxel counts from the pressure on the cover.
 
-The cover spreads the pressure on its way down; a pad averages what arrives; the dielectric under
-it thins, the capacitance rises as area over gap, and the reading counts that rise.
+The cover spreads the pressure; a pad averages the stress at its base. The dielectric under the pad
+thins, and the count is proportional to the increase of the capacitance, area over gap.
 """
 
 from functools import lru_cache
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.kept_array import kept_array
+from t2twin.core.cached_files import cached_array
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.layer import base_stress
+from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.layout import Layout
-from t2twin.sim.press.elastomer import Elastomer
-from t2twin.sim.press.layer import base_stress
-from t2twin.sim.press.records import Contact
 
 DIELECTRIC_MODULUS_MPA = 0.5
 """Small-strain compressive modulus of the dielectric, MPa (assumed, range 0.2 to 1)."""
 
-DIELECTRIC_MOST_STRAIN = 0.5
-"""Strain at which the dielectric is pressed solid (assumed, range 0.3 to 0.7)."""
+DIELECTRIC_MAX_STRAIN = 0.5
+"""Largest strain of the dielectric (assumed, range 0.3 to 0.7)."""
 
 FULL_SCALE_COUNTS = 40_000
 """Count at which a taxel saturates (Grella et al. 2023)."""
 
 GAIN_COUNTS = 78_000.0
-"""Counts per doubling of the capacitance: set by benchmarks/gain.py, at scale paper, so that the
-99.5th percentile of the largest taxel over the training set reaches FULL_SCALE_COUNTS."""
+"""Counts per doubling of the capacitance: fitted by benchmarks/gain.py, at scale paper, so that the
+99.5th percentile of the largest taxel over the training set is FULL_SCALE_COUNTS."""
 
 
 def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
-    """Mean normal stress on each taxel's pad under the contact's elastomer, (n,), MPa.
+    """Mean normal stress on each taxel's pad under a contact, (n,), MPa.
 
-    Raises T2TwinError for a layout that reaches beyond the contact's grid.
+    Raises T2TwinError for a layout that extends beyond the contact's grid.
     """
     weights = pad_weights(contact.elastomer, contact.x_mm, contact.y_mm, layout)
-    # einsum and not a BLAS product, whose last bits depend on the number of threads.
+    # einsum, because the last bits of a BLAS product depend on the number of threads.
     return np.einsum("ij,j->i", weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64))
 
 
 def pad_weights(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout) -> np.ndarray:
-    """What a unit pressure on each cell of a cover's grid does to each pad's mean stress,
-    (n, rows * columns).
+    """Mean stress on each pad per unit pressure on each cell of a cover's grid, (n, rows *
+    columns).
 
-    x_mm, y_mm: the grid's axes. The last are kept. Raises T2TwinError for a layout that reaches
-    beyond the grid.
+    x_mm, y_mm: the grid's axes. Raises T2TwinError for a layout that extends beyond the grid.
     """
     return _weights(
         cover.thickness_mm,
@@ -60,11 +59,11 @@ def pad_weights(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: La
 def counts(pressure_mpa: np.ndarray, gain: float = GAIN_COUNTS) -> np.ndarray:
     """Noiseless counts before rounding, any shape, saturating at FULL_SCALE_COUNTS.
 
-    strain = m (1 - exp(-p / (M m))) for modulus M and greatest strain m; the parallel-plate
-    capacitance gains strain / (1 - strain) of itself (gap over area, Schmitz et al. 2011).
+    strain = m (1 - exp(-p / (M m))) for modulus M and largest strain m. The relative increase of
+    the parallel-plate capacitance is strain / (1 - strain) (Schmitz et al. 2011).
     """
-    most = DIELECTRIC_MOST_STRAIN
-    strain = -most * np.expm1(-np.maximum(pressure_mpa, 0.0) / (DIELECTRIC_MODULUS_MPA * most))
+    limit = DIELECTRIC_MAX_STRAIN
+    strain = -limit * np.expm1(-np.maximum(pressure_mpa, 0.0) / (DIELECTRIC_MODULUS_MPA * limit))
     return np.minimum(gain * strain / (1.0 - strain), FULL_SCALE_COUNTS)
 
 
@@ -83,7 +82,7 @@ def _weights(
     if (np.abs(taxel_x) > reach_x).any() or (np.abs(taxel_y) > reach_y).any():
         raise T2TwinError(
             f"the layout has taxels outside the cover, which reaches {reach_x:g} mm in x and "
-            f"{reach_y:g} mm in y from its middle"
+            f"{reach_y:g} mm in y from its center"
         )
     x, y = np.meshgrid(x_mm, y_mm)
     pitch = x_mm[1] - x_mm[0]
@@ -91,20 +90,17 @@ def _weights(
     weights = np.empty_like(distance)
     for diameter in set(diameter_mm):
         same = np.array(diameter_mm) == diameter
-        weights[same] = pitch**2 * _spread(distance[same], thickness_mm, poisson, diameter)
+        weights[same] = pitch**2 * _pad_response(distance[same], thickness_mm, poisson, diameter)
     return weights
 
 
-def _spread(
+def _pad_response(
     distance_mm: np.ndarray, thickness_mm: float, poisson: float, diameter_mm: float
 ) -> np.ndarray:
-    """Mean stress on a round pad from a unit point force at a distance, 1/mm^2.
-
-    Kept between processes.
-    """
+    """Mean stress on a round pad from a unit point force at a distance, 1/mm^2; cached on disk."""
     r = np.linspace(0.0, float(distance_mm.max()) + 0.1, 600)
     key = repr((thickness_mm, poisson, diameter_mm, float(r[-1])))
-    profile = kept_array(
+    profile = cached_array(
         "taxels", key, __file__, lambda: _hankel(r, thickness_mm, poisson, diameter_mm)
     )
     return np.interp(distance_mm, r, profile)
@@ -113,9 +109,9 @@ def _spread(
 def _hankel(
     r_mm: np.ndarray, thickness_mm: float, poisson: float, diameter_mm: float
 ) -> np.ndarray:
-    """`_spread` at distances (n,) by a Hankel transform, 1/mm^2.
+    """`_pad_response` at distances (n,), 1/mm^2, by a Hankel transform.
 
-    The integrand is the base's stress times the disc's transform 2 J1(k a) / (k a).
+    The integrand is the stress at the base times the transform of a disc, 2 J1(k a) / (k a).
     """
     from scipy import special
 

@@ -1,1 +1,1 @@
-"""The paired dataset: its protocol, its making, its files."""
+"""The paired dataset: makes, checks and imports it, and reads its files."""

@@ -1,13 +1,18 @@
-"""Columns of a dataset's shards, as Arrow and as Hugging Face's `datasets` read them."""
+"""Columns and rows of a dataset's shards."""
 
-from typing import Any
+import json
+from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
+from t2twin.sim.world.plan import file_stem
 from t2twin.sim.world.recipe import Recipe
 
+if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
+    from t2twin.sim.touch import Touch
+
 POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
-"""Columns that say where and how hard was pressed: those of a PressCommand."""
+"""Columns of the press: fields of PressCommand."""
 
 IMAGE_TYPE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
 
@@ -33,32 +38,32 @@ SCHEMA = pa.schema(
         ("cyskin_bottomed", pa.bool_()),
     ]
 )
-"""What every pair holds."""
+"""Columns of every dataset."""
 
-UNIT, FIELD, UNTOUCHED = "unit", "field", "untouched"
-"""What the pairs of most worlds hold besides: which DIGIT took the picture, the field's counts, and
-that DIGIT's picture untouched."""
+UNIT, FIELD, BACKGROUND = "unit", "field", "untouched"
+"""Further columns of most worlds: the number of the DIGIT unit in its part, the field's counts, and
+the unit's background frame."""
 
 _HUGGING_FACE = {
     IMAGE_TYPE: {"_type": "Image"},
     pa.list_(pa.uint16()): {"feature": {"dtype": "uint16", "_type": "Value"}, "_type": "Sequence"},
 }
-"""Versions 3 to 5 of `datasets` know "Sequence"; "List" is known from 4 on only."""
+"""Column types of Hugging Face's `datasets`. Versions 3 to 5 read "Sequence"; "List" needs 4."""
 
 
 def schema_of(recipe: Recipe | None) -> pa.Schema:
-    """The columns of a world's shards; without one those of every pair."""
+    """The columns of a world's shards, without a recipe those of every dataset."""
     schema = SCHEMA
     if recipe is not None and recipe.has_more:
         schema = schema.append(pa.field(UNIT, pa.int64()))
         if recipe.field:
             schema = schema.append(pa.field(FIELD, pa.list_(pa.uint16())))
         if recipe.untouched_frames:
-            schema = schema.append(pa.field(UNTOUCHED, IMAGE_TYPE))
-    return schema
+            schema = schema.append(pa.field(BACKGROUND, IMAGE_TYPE))
+    return schema.with_metadata({"huggingface": json.dumps(_hugging_face(schema))})
 
 
-def hugging_face(schema: pa.Schema) -> dict[str, Any]:
+def _hugging_face(schema: pa.Schema) -> dict[str, Any]:
     """Column types as Hugging Face's `datasets` reads them from a Parquet file's metadata."""
     special = {
         field.name: _HUGGING_FACE[field.type] for field in schema if field.type in _HUGGING_FACE
@@ -69,3 +74,37 @@ def hugging_face(schema: pa.Schema) -> dict[str, Any]:
         if field.name not in special
     }
     return {"info": {"features": special | plain}}
+
+
+def row(touch: "Touch", index: int, split: str, image: bytes) -> dict[str, Any]:
+    """The columns of SCHEMA of one press. image: PNG.
+
+    A press of 0 N has no contacts: depths and carried forces are 0, and it counts as settled.
+    """
+    command, contacts = touch.command, touch.contacts
+    columns: dict[str, Any] = {
+        "shape": command.shape,
+        "family": family_of(command.shape),
+        "split": split,
+        "index": index,
+        "x_mm": command.x_mm,
+        "y_mm": command.y_mm,
+        "yaw_rad": command.yaw_rad,
+        "force_n": command.force_n,
+        "image": {"bytes": image, "path": f"{file_stem(command.shape)}-{index}.png"},
+        "taxels": touch.counts,
+    }
+    for sensor in ("digit", "cyskin"):
+        contact = contacts.get(sensor)
+        columns |= {
+            f"{sensor}_depth_mm": 0.0 if contact is None else contact.depth_mm,
+            f"{sensor}_force_n": 0.0 if contact is None else contact.force_n,
+            f"{sensor}_settled": contact is None or contact.settled,
+            f"{sensor}_bottomed": contact is not None and contact.bottomed,
+        }
+    return columns
+
+
+def family_of(shape: str) -> str:
+    """The tool of `pliers/teeth`, the primitive family of `square-2`, `random` of `random-17`."""
+    return shape.split("/")[0] if "/" in shape else shape.rpartition("-")[0] or shape

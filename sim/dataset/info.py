@@ -1,4 +1,4 @@
-"""What a dataset's info.json says of it: a record, checked when it is made."""
+"""The record of a dataset's info.json, validated when it is constructed."""
 
 import zlib
 from dataclasses import dataclass
@@ -9,22 +9,22 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.cyskin.layout import MOST_TAXELS, PAD_DIAMETER_MM, Layout
+from t2twin.core.arguments import MAX_SEED
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.cyskin.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
 from t2twin.sim.cyskin.reading import Imperfections
-from t2twin.sim.seeds import MOST_SEED
 from t2twin.sim.world.recipe import PAPER, Recipe
 
 FORMAT = 1
-"""Version of the dataset's layout of folders and columns, and of info.json."""
+"""Version of the dataset's folders, columns and info.json."""
 
 SPLITS = ("train", "val", "test")
 
-MOST_COUNTS = 65_535
-"""The largest count that a shard's column of uint16 holds."""
+MAX_COUNTS = 65_535
+"""Largest count of a column of uint16."""
 
 PACKAGES = ("t2twin", "mujoco", "numpy", "scipy", "numba", "cadquery", "pillow", "pyarrow")
-"""Those whose versions may change a shard's bytes."""
+"""Packages whose versions may change a shard's bytes."""
 
 SHA256_DIGITS = 64
 
@@ -35,7 +35,7 @@ Positive = Annotated[float, Meta(gt=0)]
 
 @dataclass(frozen=True)
 class Shard:
-    """One shard: the sha256 of its bytes, hexadecimal, and how many pairs it holds."""
+    """One shard: the hexadecimal sha256 of its bytes, and its number of pairs."""
 
     sha256: str
     pairs: Count
@@ -47,10 +47,9 @@ class Shard:
 
 @dataclass(frozen=True)
 class ElastomerParameters:
-    """A sensor's elastomer as t2twin.sim.press.elastomer.Elastomer has it.
+    """A sensor's elastomer, with the fields of t2twin.sim.contact.elastomer.Elastomer.
 
-    A radius is None where the surface is flat: JSON has no infinity. pitch_mm: of the grid on
-    which contacts are solved.
+    A radius is None for a flat surface, since JSON has no infinity. pitch_mm: of the contact grid.
     """
 
     name: str
@@ -68,10 +67,10 @@ class ElastomerParameters:
 
 @dataclass(frozen=True)
 class DigitParameters(ElastomerParameters):
-    """The DIGIT that took the pictures.
+    """The DIGIT.
 
-    noise_grey: standard deviation of a picture's noise, grey levels. calibration_sha256: of the
-    file with its optics.
+    noise_grey: standard deviation of an image's noise, grey levels. calibration_sha256: of the
+    calibration file.
     """
 
     noise_grey: Annotated[float, Meta(ge=0)]
@@ -80,10 +79,10 @@ class DigitParameters(ElastomerParameters):
 
 @dataclass(frozen=True)
 class CySkinParameters(ElastomerParameters):
-    """The CySkin that counted.
+    """The CySkin.
 
     gain_counts: counts per doubling of a taxel's capacitance. pad_diameter_mm: of every taxel.
-    readings: how many were averaged into a sample. imperfections: what was added to them.
+    readings: number of averaged readings. imperfections: their errors.
     """
 
     gain_counts: Positive
@@ -94,7 +93,7 @@ class CySkinParameters(ElastomerParameters):
 
 @dataclass(frozen=True)
 class Parameters:
-    """What a dataset was simulated with. shapes: the indices of each shape's presses, by name."""
+    """Parameters of a simulation. shapes: indices of each shape's presses on the grid, by name."""
 
     digit: DigitParameters
     cyskin: CySkinParameters
@@ -103,21 +102,20 @@ class Parameters:
 
 @dataclass(frozen=True)
 class DatasetInfo:
-    """info.json; attributes are named as its keys.
+    """info.json; the attributes have the names of its keys.
 
-    complete: whether all shards are made. pairs: how many each split has in the end. layout: the
-    taxel layout's name, with each taxel's position, mm. full_scale_counts: where taxels saturate.
-    versions: of everything that may change a shard's bytes. shards: those that are made, by path
+    complete: whether all shards exist. pairs: their number in each split when complete. layout: the
+    taxel layout's name, with the taxels' positions, mm. full_scale_counts: counts at saturation.
+    versions: of everything that may change a shard's bytes. shards: the existing ones, by path
     below the dataset's folder.
 
-    The rest is None where the file lacks it. image_shape: rows, columns and channels of a picture.
-    scale, seed, parameters: of a simulated dataset. origin, pad_diameter_mm: of one that was
-    imported. shape_code: digest of the code and libraries that made the shapes' surfaces; older
-    simulated datasets have none. world: the recipe of a simulated one; older ones are all of the
-    protocol and have none. field_x_mm, field_y_mm: places of the field, where pairs hold one.
-    files: sha256 of the users' solids that it presses, by path.
+    The others are optional. image_shape: rows, columns and channels. scale, seed, parameters: of a
+    simulated dataset. origin, pad_diameter_mm: of an imported one. shape_code: digest of the code
+    and libraries of the shapes' surfaces; older datasets have none. world: the recipe of a
+    simulated dataset; older ones, all of the protocol, have none. field_x_mm, field_y_mm: places
+    of the field. files: sha256 of the users' solids, by path.
 
-    Raises ValueError where two of these do not fit each other.
+    Raises ValueError for fields that contradict each other.
     """
 
     format: int
@@ -126,12 +124,12 @@ class DatasetInfo:
     layout: str
     layout_x_mm: tuple[float, ...]
     layout_y_mm: tuple[float, ...]
-    full_scale_counts: Annotated[int, Meta(ge=1, le=MOST_COUNTS)]
+    full_scale_counts: Annotated[int, Meta(ge=1, le=MAX_COUNTS)]
     versions: dict[str, str]
     shards: dict[str, Shard]
     image_shape: tuple[Size, Size, Size] | None = None
     scale: str | None = None
-    seed: Annotated[int, Meta(ge=0, le=MOST_SEED)] | None = None
+    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] | None = None
     origin: str | None = None
     parameters: Parameters | None = None
     pad_diameter_mm: tuple[Positive, ...] | None = None
@@ -146,7 +144,7 @@ class DatasetInfo:
             raise ValueError(f"pairs must name the splits {', '.join(SPLITS)} and no others")
         check_layout(self.layout_x_mm, self.layout_y_mm)
         field = len(self.field_x_mm or ())
-        if field != len(self.field_y_mm or ()) or field > MOST_TAXELS:
+        if field != len(self.field_y_mm or ()) or field > MAX_TAXELS:
             raise ValueError("field_x_mm and field_y_mm must be one of each for each place")
         pads = self.parameters.cyskin.pad_diameter_mm if self.parameters else self.pad_diameter_mm
         if pads is not None and len(pads) != len(self.layout_x_mm):
@@ -156,43 +154,43 @@ class DatasetInfo:
         for path in self.shards:
             if not _is_shard_path(path):
                 raise ValueError(
-                    f"the shard {path!r} lies in no split's folder; allowed are paths like "
+                    f"the shard {path!r} is not in a split's folder; allowed are paths like "
                     f"{SPLITS[0]}/NAME.parquet"
                 )
         self._check_pairs()
 
     def _check_pairs(self) -> None:
-        for split, wanted in self.pairs.items():
-            there = sum(s.pairs for path, s in self.shards.items() if path.startswith(f"{split}/"))
-            if there > wanted or (self.complete and there < wanted):
-                raise ValueError(
-                    f"pairs says {wanted} of {split}, and the shards named have {there}"
-                )
+        for split, expected in self.pairs.items():
+            present = sum(
+                s.pairs for path, s in self.shards.items() if path.startswith(f"{split}/")
+            )
+            if present > expected or (self.complete and present < expected):
+                raise ValueError(f"pairs of {split} is {expected}, and its shards have {present}")
 
     @property
     def is_simulated(self) -> bool:
-        """Whether `t2twin simdata` made it; imported pairs have no scale."""
+        """Whether it is simulated; an imported dataset has neither scale nor world."""
         return self.scale is not None or self.world is not None
 
     @property
     def is_protocol(self) -> bool:
-        """Whether it was made by the protocol of Grella et al. 2023, whole or thinned.
+        """Whether it follows the protocol of Grella et al. 2023, at any scale.
 
-        Its training and validation hold versions of the paper's primitives, its test hand tools,
-        all pressed with one force. Only such a dataset is put beside the paper's figures.
+        Training and validation then contain versions of the paper's primitives, the test hand
+        tools, all pressed with one force. Only such results are compared with the paper's.
         """
         return self.is_simulated and (self.world is None or self.world.name == PAPER)
 
     @property
     def world_name(self) -> str | None:
-        """The name of what made it: the protocol's scale, or a world's; None of imported pairs."""
+        """The protocol's scale, or the world's name; None for an imported dataset."""
         if not self.is_simulated:
             return None
         return self.scale or (PAPER if self.world is None else self.world.name)
 
 
 def check_layout(x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> None:
-    """Raises ValueError where these are no layout's, or not one x and one y for each taxel."""
+    """Raises ValueError for an invalid layout."""
     if not x_mm or len(x_mm) != len(y_mm):
         raise ValueError(
             f"layout_x_mm has {len(x_mm)} and layout_y_mm {len(y_mm)} positions; each taxel needs "
@@ -205,12 +203,12 @@ def check_layout(x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> None:
 
 
 def is_sha256(digits: str) -> bool:
-    """Whether these are a sha256's hexadecimal digits, in lower case."""
+    """Whether this is a sha256 in lower-case hexadecimal digits."""
     return len(digits) == SHA256_DIGITS and set(digits) <= set("0123456789abcdef")
 
 
 def versions() -> dict[str, str]:
-    """Of everything that may change a shard's bytes, on this machine."""
+    """Versions on this machine of everything that may change a shard's bytes."""
     return {name: version(name) for name in PACKAGES} | {"zlib": zlib.ZLIB_RUNTIME_VERSION}
 
 

@@ -1,41 +1,31 @@
-"""Making one shard: its presses, seen and felt, row by row."""
+"""Makes one shard of a dataset, row by row."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from t2twin.core.images import encode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.cyskin.field import field_counts, field_layout
-from t2twin.sim.dataset.columns import schema_of
-from t2twin.sim.dataset.png import encode_png
-from t2twin.sim.dataset.rows import More, row
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, UNIT, row, schema_of
+from t2twin.sim.dataset.rejection_sampling import press_until_accepted
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
-from t2twin.sim.dataset.touching import draw_touch
-from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.units import draw_unit
-from t2twin.sim.sensors import Sample, SensorPair
-from t2twin.sim.world.plan import Batch
-from t2twin.sim.world.presses import (
-    FRAME_STREAM,
-    MOST_ATTEMPTS,
-    UNIT_STREAM,
-    Drawn,
-    grid_presses,
-)
-from t2twin.sim.world.recipe import Part, Recipe
+from t2twin.sim.digit.randomization.unit import sample_unit
+from t2twin.sim.sensors import SensorPair
+from t2twin.sim.world.plan import Batch, name_of
+from t2twin.sim.world.presses import FRAME_STREAM, MAX_ATTEMPTS, UNIT_STREAM, press_attempts
+from t2twin.sim.world.recipe import Recipe
 
 
 @dataclass(frozen=True)
-class Making:
-    """What all shards of a dataset are made with. cache: as for catalogue.load."""
+class ShardContext:
+    """Input of all shards of a dataset. cache: as for catalogue.load."""
 
     recipe: Recipe
     sensors: SensorPair
@@ -44,165 +34,93 @@ class Making:
 
 
 @dataclass(frozen=True)
-class Made:
-    """A shard that was made: its sha256, the time it took, and by which process.
+class ShardResult:
+    """A finished shard: its sha256, time and memory.
 
-    peak_memory: the most that the process has held up to now, bytes. redrawn: how many presses were
-    drawn again, as nothing touched, the base plate did, or they did not settle.
+    watch: processor time by stage. process: name of the process. peak_memory: of the process so
+    far, bytes. rejected: attempts at presses that were rejected, by reason.
     """
 
     sha256: str
     watch: Stopwatch
     process: str
     peak_memory: int
-    redrawn: dict[str, int] = field(default_factory=dict)
+    rejected: dict[str, int]
 
 
-def make_shard(batch: Batch, making: Making, progress: Callable[[], object]) -> Made:
-    """Press, look, feel and write. Calls progress after each pair.
+def make_shard(batch: Batch, context: ShardContext, progress: Callable[[], object]) -> ShardResult:
+    """Press, render, encode and write. progress: called after each pair.
 
-    Raises T2TwinError where a press of the grid did not settle, one that is drawn cannot be drawn
-    so that it touches, or the shard cannot be written.
+    Raises T2TwinError as press_until_accepted does, and where the shard cannot be written.
     """
-    shard = _Shard(batch, making, progress)
+    watch, rejected = Stopwatch(), Counter()
     start = time.process_time()
-    digest = write_shard(Path(making.folder) / batch.path, shard.rows(), schema_of(making.recipe))
-    # Rows are made while the shard is being written; what is left of its time is the writing.
-    watch = shard.watch
+    rows = _rows(batch, context, watch, rejected, progress)
+    schema = schema_of(context.recipe)
+    digest = write_shard(Path(context.folder) / batch.path, rows, schema)
+    # The rows are made while the shard is written; the rest of the time is the writing.
     watch.seconds["writing"] += time.process_time() - start - watch.total
-    return Made(digest, watch, process_name(), peak_memory(), shard.redrawn)
+    return ShardResult(digest, watch, process_name(), peak_memory(), dict(rejected))
 
 
-def family_of(shape: str) -> str:
-    """The tool of `pliers/teeth`, the primitive family of `square-2`, `random` of `random-17`."""
-    return shape.split("/")[0] if "/" in shape else shape.rpartition("-")[0] or shape
+def _rows(
+    batch: Batch,
+    context: ShardContext,
+    watch: Stopwatch,
+    rejected: Counter[str],
+    progress: Callable[[], object],
+) -> Iterator[dict[str, Any]]:
+    """The rows of a shard, shape by shape, press by press."""
+    recipe = context.recipe
+    part, seed = recipe.parts[batch.part], (recipe.seed, batch.part)
+    units = _units(batch, recipe, context.sensors, watch)
+    for source, number in zip(batch.shapes, batch.numbers, strict=True):
+        with watch.running("shape"):
+            shape = catalogue.load(source, context.cache)
+        first = 0
+        for index in batch.press_indices:
+            unit = next(units)
+            attempts = press_attempts(part, name_of(source), number, index, seed, first)
+            press = partial(unit.sensors.press, timed=watch.running)
+            touch, accepted = press_until_accepted(attempts, shape, press, rejected)
+            first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
+            columns = unit.columns
+            if recipe.field:
+                with watch.running("field"):
+                    columns = columns | {FIELD: touch.field}
+            with watch.running("encoding"):
+                image = encode_png(touch.image)
+            yield row(touch, index, batch.split, image) | columns
+            progress()
 
 
-class _Shard:
-    """One shard in the making."""
+@dataclass(frozen=True)
+class _Unit:
+    """A DIGIT unit of a part, next to the CySkin. columns: of the rows of its presses."""
 
-    def __init__(self, batch: Batch, making: Making, progress: Callable[[], object]) -> None:
-        self.batch, self.recipe, self.progress = batch, making.recipe, progress
-        self.sensors, self.cache = making.sensors, making.cache
-        self.part: Part = making.recipe.parts[batch.part]
-        self.watch = Stopwatch()
-        self.redrawn: dict[str, int] = {}
-        light = making.recipe.light
-        self._centre = (
-            Calibration.load(light.calibration)
-            if light.kind == "drawn" and light.calibration is not None
-            else None
-        )
-        self._lit: tuple[int, SensorPair] | None = None
-        self._untouched: tuple[int, bytes] | None = None
-        self._refused: dict[int, int] = {}
-        """Attempts that a shape's presses need not make again, as none touched."""
+    number: int
+    sensors: SensorPair
+    columns: dict[str, Any]
 
-    def rows(self) -> Iterator[dict[str, Any]]:
-        batch = self.batch
-        for source, number in zip(batch.shapes, batch.numbers, strict=True):
-            with self.watch.running("shape"):
-                shape = catalogue.load(source, self.cache)
-            if batch.indices is not None:
-                presses = grid_presses(self.part, source, batch.indices, self.recipe.seed)
-                for drawn in presses:
-                    yield self._row(shape, drawn, number, self._grid_sample(shape, drawn, number))
-                    self.progress()
-            else:
-                for press in range(batch.presses):
-                    yield self._drawn_row(shape, number, press)
-                    self.progress()
 
-    def _grid_sample(self, shape: Shape, drawn: Drawn, number: int) -> Sample:
-        sample = self._press(shape, drawn, number)
-        if not (sample.digit.settled and sample.cyskin.settled):
-            raise T2TwinError(
-                f"press {drawn.index} of {shape.name} did not settle; take a finer or coarser grid"
-            )
-        return sample
-
-    def _drawn_row(self, shape: Shape, number: int, press: int) -> dict[str, Any]:
-        """A press that is drawn, and again as long as it touches nothing that was meant."""
-        touch = draw_touch(
-            self.part,
-            shape,
-            number,
-            press,
-            (self.recipe.seed, self.batch.part),
-            partial(self._press, number=number),
-            self._again,
-            self._refused.get(number, 0),
-        )
-        self._refused[number] = touch.attempt - touch.attempt % MOST_ATTEMPTS
-        return self._row(touch.shape, touch.drawn, number, touch.sample)
-
-    def _again(self, why: str) -> None:
-        self.redrawn[why] = self.redrawn.get(why, 0) + 1
-
-    def _press(self, shape: Shape, drawn: Drawn, number: int) -> Sample:
-        sensors = self._sensors(drawn, number)
-        return sensors.press(shape, drawn.command, drawn.rng, self.watch.running)
-
-    def _sensors(self, drawn: Drawn, number: int) -> SensorPair:
-        """Those of a press: another DIGIT for each shape or press, where light is drawn."""
-        light = self.recipe.light
-        if light.kind == "fixed":
-            return self.sensors
-        number_of_unit = self._unit(drawn, number)
-        if self._lit is None or self._lit[0] != number_of_unit:
-            seed = (self.recipe.seed, UNIT_STREAM, self.batch.part, number_of_unit)
-            with self.watch.running("light"):
-                unit = draw_unit(np.random.default_rng(seed), light.draw, self._centre)
-                digit = self.sensors.digit.with_unit(unit)
-            self._lit = (number_of_unit, replace(self.sensors, digit=digit))
-        return self._lit[1]
-
-    def _unit(self, drawn: Drawn, number: int) -> int:
-        """Which of the part's DIGITs takes a press."""
-        light = self.recipe.light
-        if light.kind == "fixed":
-            return 0
-        return number if light.each == "shape" else number * self.batch.presses + drawn.index
-
-    def _row(
-        self, shape: Shape, drawn: Drawn, number: int, sample: Sample | None
-    ) -> dict[str, Any]:
-        family, split = family_of(shape.name), self.batch.split
-        sensors = self._sensors(drawn, number)
-        if sample is None:
-            with self.watch.running("picture"):
-                image = sensors.digit.untouched(drawn.rng)
-            counts = sensors.cyskin.untouched(drawn.rng)
-        else:
-            image, counts = sample.image, sample.counts
-        with self.watch.running("encoding"):
-            picture = encode_png(image)
-        more = self._more(sensors, drawn, number, sample)
-        return row(drawn.command, sample, counts, picture, drawn.index, family, split, more)
-
-    def _more(
-        self, sensors: SensorPair, drawn: Drawn, number: int, sample: Sample | None
-    ) -> More | None:
-        """What a pair of most worlds holds besides."""
-        recipe = self.recipe
-        if not recipe.has_more:
-            return None
-        unit, counts = self._unit(drawn, number), None
-        if recipe.field:
-            with self.watch.running("field"):
-                counts = (
-                    np.zeros(field_layout(sensors.cyskin.cover).size, np.uint16)
-                    if sample is None
-                    else field_counts(sample.cyskin)
-                )
-        untouched = self._untouched_frame(sensors, unit) if recipe.untouched_frames else None
-        return More(unit, counts, untouched)
-
-    def _untouched_frame(self, sensors: SensorPair, unit: int) -> bytes:
-        """The picture of a DIGIT untouched, one for all its presses, as PNG bytes."""
-        if self._untouched is None or self._untouched[0] != unit:
-            seed = (self.recipe.seed, FRAME_STREAM, self.batch.part, unit)
-            with self.watch.running("encoding"):
-                frame = encode_png(sensors.digit.untouched(np.random.default_rng(seed)))
-            self._untouched = (unit, frame)
-        return self._untouched[1]
+def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) -> Iterator[_Unit]:
+    """The unit of each press of a shard: the same for all, or one per shape or press."""
+    light, unit = recipe.light, None
+    center = None if light.calibration is None else sensors.digit.light
+    for shape in batch.numbers:
+        for index in batch.press_indices:
+            sampled = shape if light.each == "shape" else shape * batch.presses + index
+            number = 0 if light.kind == "fixed" else sampled
+            if unit is None or unit.number != number:
+                digit, columns = sensors.digit, {UNIT: number} if recipe.has_more else {}
+                if light.kind != "fixed":
+                    rng = np.random.default_rng((recipe.seed, UNIT_STREAM, batch.part, number))
+                    with watch.running("light"):
+                        digit = digit.with_unit(sample_unit(rng, light.draw, center))
+                if recipe.untouched_frames:
+                    rng = np.random.default_rng((recipe.seed, FRAME_STREAM, batch.part, number))
+                    with watch.running("encoding"):
+                        png = encode_png(digit.background_frame(rng))
+                    columns |= {BACKGROUND: {"bytes": png, "path": f"untouched-{number}.png"}}
+                unit = _Unit(number, replace(sensors, digit=digit), columns)
+            yield unit

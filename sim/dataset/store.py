@@ -1,12 +1,13 @@
-"""The paired dataset on disk: Parquet shards, info.json, and a dataset card.
+"""Reads and writes a paired dataset.
 
-    DIR/info.json                    what made it, its parameters, a sha256 per shard
+    DIR/info.json                    recipe, parameters, a sha256 per shard
     DIR/README.md                    the dataset card
-    DIR/log.jsonl                    how long each run of `t2twin simdata` took, and for what
-    DIR/cache/                       pictures that trainings have decoded; no part of the dataset
-    DIR/{train,val,test}/SHAPE.parquet, or part-PART-NUMBER.parquet of shapes without end
+    DIR/log.jsonl                    time and memory of each run of `t2twin simdata`
+    DIR/cache/                       decoded images of trainings; not part of the dataset
+    DIR/{train,val,test}/SHAPE.parquet, or part-PART-NUMBER.parquet of sampled presses
 
-A shard is written to a temporary name and renamed, so it is whole or absent.
+A shard is written to a temporary name and renamed, so it is complete or absent. Its columns and
+counts are checked when it is read.
 """
 
 import hashlib
@@ -24,49 +25,52 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, SCHEMA, UNTOUCHED, hugging_face, schema_of
-from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo
-from t2twin.sim.dataset.shard_table import check_table
-from t2twin.sim.typed_json import read_json
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.core.records import read_json
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, IMAGE_TYPE, schema_of
+from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
 
 INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
 
-ROWS_AT_ONCE = 128
-"""Rows written together, a row group: some 9 MB, what a shard in the making takes of memory."""
+BATCH_ROWS = 128
+"""Rows of a row group, some 9 MB: the memory of a shard that is being written."""
 
-MOST_DICTIONARY_BYTES = 32_000_000
-"""Room for the pictures of a row group's untouched DIGITs, one a row at most."""
+MAX_DICTIONARY_BYTES = 32_000_000
+"""Largest dictionary of background frames in a row group: at most one frame per row."""
+
+REQUIRED = ("shape", "family", "split", "index", "taxels")
+"""Columns with a value in every row; imported pairs may have no value in the others."""
 
 
-def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema = SCHEMA) -> str:
+def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema | None = None) -> str:
     """Write rows as one shard, as they come; returns its sha256.
 
-    Raises T2TwinError where it cannot be written; then there is no shard.
+    schema: from schema_of; None for the columns of every dataset. Raises T2TwinError where the
+    shard cannot be written; then there is none.
     """
-    schema = schema.with_metadata({"huggingface": json.dumps(hugging_face(schema))})
-    waiting = iter(rows)
+    columns = schema_of(None) if schema is None else schema
+    remaining = iter(rows)
     repeated, dictionary_bytes = ["shape", "family", "split"], None
-    if UNTOUCHED in schema.names:
-        # one picture serves all rows of a DIGIT: a dictionary holds it once a row group
-        repeated.append(f"{UNTOUCHED}.bytes")
-        dictionary_bytes = MOST_DICTIONARY_BYTES
+    if BACKGROUND in columns.names:
+        # all rows of a DIGIT unit have one background frame: a dictionary stores it once per group
+        repeated.append(f"{BACKGROUND}.bytes")
+        dictionary_bytes = MAX_DICTIONARY_BYTES
     with _durable(path) as file:
-        # Pictures are compressed already; a dictionary pays for the names only.
+        # Images are compressed already; dictionaries are useful for repeated values only.
         writer = pq.ParquetWriter(
             file,
-            schema,
+            columns,
             compression="zstd",
             use_dictionary=repeated,  # pyright: ignore[reportArgumentType]
             dictionary_pagesize_limit=dictionary_bytes,
         )
         try:
-            while group := list(islice(waiting, ROWS_AT_ONCE)):
-                writer.write_table(pa.Table.from_pylist(group, schema=schema))
+            while group := list(islice(remaining, BATCH_ROWS)):
+                writer.write_table(pa.Table.from_pylist(group, schema=columns))
             writer.close()
         except BaseException:
-            writer.is_open = False  # or it would end the file when collected, after it is gone
+            writer.is_open = False  # its destructor would write to the closed file
             raise
         file.flush()
         file.seek(0)
@@ -80,32 +84,31 @@ def sha256_of(path: Path) -> str:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is whole or absent, also after a power cut."""
+    """Write a file atomically; it is on the disk when this returns."""
     with _durable(path) as file:
         file.write(content)
 
 
 @contextmanager
 def _durable(path: Path) -> Iterator[BufferedRandom]:
-    """A file to write that is on the disk before it gets its name."""
-    with whole_file(path) as temporary, temporary.open("w+b") as file:
+    """A file to write, which is flushed to the disk before it is renamed to path."""
+    with atomic_write(path) as temporary, temporary.open("w+b") as file:
         yield file
         file.flush()
         os.fsync(file.fileno())
 
 
 def write_info(folder: Path, info: DatasetInfo) -> None:
-    """Write a dataset's info.json; what is None and may be left out is left out."""
+    """Write a dataset's info.json, without fields that are None."""
     content = {key: value for key, value in msgspec.to_builtins(info).items() if value is not None}
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
     write_whole(folder / INFO, f"{text}\n".encode())
 
 
 def read_info(folder: str | Path) -> DatasetInfo:
-    """A dataset's info.json. The only place where it is read.
+    """A dataset's info.json.
 
-    Raises T2TwinError where there is no dataset, it is of another format, or a field of its
-    info.json is missing or wrong.
+    Raises T2TwinError for a folder without a dataset, another format, and an invalid info.json.
     """
     path = Path(folder) / INFO
     if not path.is_file():
@@ -121,10 +124,10 @@ def split_shards(info: DatasetInfo, split: str) -> list[str]:
 
 
 def read_split(folder: str | Path, split: str, columns: list[str] | None = None) -> pa.Table:
-    """All rows of a split as one table, shards in the order of their names.
+    """All rows of a split, shards sorted by name. columns: default all.
 
-    Raises T2TwinError where the dataset is missing or unfinished, the split is unknown or empty, or
-    a shard cannot be read or is not as it was written (module shard_table).
+    Raises T2TwinError for a missing or unfinished dataset, an unknown or empty split, and a damaged
+    shard.
     """
     if split not in SPLITS:
         raise T2TwinError(f"no split {split!r}; allowed are {', '.join(SPLITS)}")
@@ -149,24 +152,76 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
         except ValueError as error:
             raise T2TwinError(
                 f"{Path(folder) / path} is damaged: {error}; `t2twin simdata --verify {folder}` "
-                "names all that is"
+                "lists all damage"
             ) from None
         tables.append(table)
     return pa.concat_tables(tables)
 
 
-def iter_images(folder: str | Path, shard: str, column: str = "image") -> Iterator[bytes]:
-    """A shard's pictures as PNG bytes, in the order of its rows; few are in memory at once.
+def check_table(
+    table: pa.Table, columns: list[str], schema: pa.Schema, shard: Shard, info: DatasetInfo
+) -> None:
+    """Raises ValueError with the reason for a damaged table of a shard.
 
-    column: UNTOUCHED for those of the DIGITs untouched. Raises T2TwinError where the shard cannot
-    be read.
+    columns: those that were read. schema: the dataset's. shard, info: of the shard and the dataset.
+    """
+    for name in columns:
+        if name not in table.column_names:
+            raise ValueError(f"it lacks the column {name}")
+        kind, expected = table.schema.field(name).type, schema.field(name).type
+        if kind != expected:
+            raise ValueError(f"its column {name} holds {kind} and must hold {expected}")
+        if name in REQUIRED and table[name].null_count:
+            raise ValueError(f"its column {name} has empty rows")
+        if pa.types.is_floating(kind) and not np.isfinite(table[name].drop_null()).all():
+            raise ValueError(f"its column {name} has values that are not finite")
+    if table.num_rows != shard.pairs:
+        raise ValueError(f"it has {table.num_rows} rows instead of {shard.pairs}")
+    for name, places in (("taxels", info.layout_x_mm), (FIELD, info.field_x_mm or ())):
+        if name in columns:
+            _check_counts(table[name], name, len(places), info.full_scale_counts)
+
+
+def _check_counts(column: pa.ChunkedArray, name: str, places: int, full_scale: int) -> None:
+    rows = column.combine_chunks()
+    lengths = set(rows.value_lengths().to_pylist())
+    if lengths - {places}:
+        label = name if name == "taxels" else f"places of its {name}"
+        raise ValueError(f"it has rows of {min(lengths - {places})} {label} instead of {places}")
+    counts = rows.flatten()
+    if counts.null_count:
+        raise ValueError(f"it has {name} without a count")
+    largest = counts.to_numpy().max(initial=0)
+    if largest > full_scale:
+        raise ValueError(f"it has a count of {largest}, over the full scale of {full_scale}")
+
+
+def taxels(table: pa.Table) -> np.ndarray:
+    """(n, taxels) float32: the taxel counts of a table of read_split."""
+    return _lists(table, "taxels").astype(np.float32)
+
+
+def field(table: pa.Table) -> np.ndarray:
+    """(n, places) uint16: the field's counts of a table of read_split."""
+    return _lists(table, FIELD)
+
+
+def _lists(table: pa.Table, name: str) -> np.ndarray:
+    column = table.column(name).combine_chunks()
+    return column.flatten().to_numpy().reshape(len(column), -1)
+
+
+def iter_images(folder: str | Path, shard: str, column: str = "image") -> Iterator[bytes]:
+    """A shard's images as PNG bytes, row by row, with little memory.
+
+    column: BACKGROUND for the background frames. Raises T2TwinError for a damaged shard.
     """
     with _opened(folder, shard) as file:
         if column not in file.schema_arrow.names or (
             file.schema_arrow.field(column).type != IMAGE_TYPE
         ):
             raise T2TwinError(f"{Path(folder) / shard} is damaged: it holds no column of pictures")
-        for batch in file.iter_batches(ROWS_AT_ONCE, columns=[column]):
+        for batch in file.iter_batches(BATCH_ROWS, columns=[column]):
             for image in batch.column(0).to_pylist():
                 yield image["bytes"] if image else b""
 
@@ -179,20 +234,5 @@ def _opened(folder: str | Path, shard: str) -> Iterator[pq.ParquetFile]:
             yield file
     except (pa.ArrowException, OSError) as error:
         raise T2TwinError(
-            f"{path} cannot be read; `t2twin simdata --verify {folder}` says what is damaged"
+            f"{path} cannot be read; `t2twin simdata --verify {folder}` lists all damage"
         ) from error
-
-
-def taxels(table: pa.Table) -> np.ndarray:
-    """The taxel counts of a table that read_split gave, (n, taxels) float32."""
-    return _lists(table, "taxels").astype(np.float32)
-
-
-def field(table: pa.Table) -> np.ndarray:
-    """The field's counts of a table that read_split gave, (n, places) uint16."""
-    return _lists(table, FIELD)
-
-
-def _lists(table: pa.Table, name: str) -> np.ndarray:
-    column = table.column(name).combine_chunks()
-    return column.flatten().to_numpy().reshape(len(column), -1)

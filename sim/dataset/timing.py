@@ -1,4 +1,4 @@
-"""Where the time of a pair goes, and how much memory a process took."""
+"""Processor time by stage, and memory, of the making of a dataset."""
 
 import os
 import platform
@@ -20,19 +20,19 @@ STAGES = (
     "writing",
     "shape",
 )
-"""What the making of a shard is made of: a shape is prepared once for its presses, the field and
-another light are made where a world has them."""
+"""Stages of a shard. "shape" is done once for all presses of a shape; "field" and "light" only
+where the recipe has a field or samples the light."""
 
 
 @dataclass
 class Stopwatch:
-    """Seconds of processor time by stage, added up over many pairs."""
+    """Processor time by stage, s, summed over many pairs."""
 
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
 
     @contextmanager
     def running(self, stage: str) -> Iterator[None]:
-        """Adds the processor time of the block to a stage."""
+        """Add the processor time of the block to a stage."""
         start = time.process_time()
         try:
             yield
@@ -49,10 +49,9 @@ class Stopwatch:
 
 
 def peak_memory() -> int:
-    """The most that this process has held, bytes.
+    """Peak memory of this process, bytes.
 
-    On Linux from the process's own status: getrusage counts what the process that started this one
-    held before.
+    On Linux from the process's status: getrusage includes the memory of the parent before exec.
     """
     status = Path("/proc/self/status")
     if status.is_file():
@@ -63,17 +62,17 @@ def peak_memory() -> int:
 
 
 def process_name() -> str:
-    """This process's, unlike any other's of a cluster."""
+    """A name of this process that is unique in a cluster."""
     return f"{platform.node()}:{os.getpid()}"
 
 
 @dataclass(frozen=True)
 class RunTiming:
-    """How one run of `t2twin simdata` went: a line of the dataset's log.jsonl.
+    """Time and memory of one run of `t2twin simdata`: a line of the dataset's log.jsonl.
 
-    ended: the time, UTC, ISO 8601. seconds: of the whole run. stage_seconds: processor time by
-    stage, of all pairs. peak_memory_bytes: the sum of all processes' peaks. redrawn: presses that
-    were drawn again, by why.
+    ended: the time, UTC, ISO 8601. seconds: of the whole run. stage_seconds: processor time of all
+    pairs by stage. peak_memory_bytes: the sum of all processes' peaks. rejected: attempts at
+    presses that were rejected, by reason.
     """
 
     ended: str
@@ -82,22 +81,25 @@ class RunTiming:
     seconds: float
     stage_seconds: dict[str, float]
     peak_memory_bytes: int
-    redrawn: dict[str, int] = field(default_factory=dict)
+    rejected: dict[str, int] = field(default_factory=dict)
 
 
-def in_words(run: RunTiming) -> str:
-    """What a run says at its end: pairs a second, the stages of a pair, and memory."""
+def summary(run: RunTiming) -> str:
+    """The text printed after a run: pairs per second, stages of a pair, memory."""
     stages = ", ".join(
         f"{stage} {1e3 * run.stage_seconds[stage] / run.pairs:.1f}"
         for stage in STAGES
         if stage != "shape" and run.stage_seconds[stage]
     )
     busy = sum(run.stage_seconds.values()) / (run.workers * run.seconds)
-    again = "".join(f"{times} presses drawn again: {why}\n" for why, times in run.redrawn.items())
+    rejected = "".join(
+        f"{count} presses rejected and sampled again: {reason}\n"
+        for reason, count in run.rejected.items()
+    )
     return (
         f"{run.pairs} pairs in {run.seconds:.0f} s with {run.workers} workers: "
         f"{run.pairs / run.seconds:.1f} pairs/s, workers busy {100 * busy:.0f} % of the time\n"
         f"processor time of a pair, ms: {stages}; and {run.stage_seconds['shape']:.1f} s to load "
-        f"the shapes\n{again}"
+        f"the shapes\n{rejected}"
         f"peak memory of all processes together: {run.peak_memory_bytes / 2**30:.2f} GiB"
     )

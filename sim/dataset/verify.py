@@ -1,4 +1,4 @@
-"""Whether a dataset is whole: every shard's bytes, rows, pairing and pictures."""
+"""Verifies a dataset: each shard's bytes, rows, presses and images."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -11,30 +11,31 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from t2twin.primitives_cad import catalogue, checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.machine import cores
-from t2twin.primitives_cad.progress import Progress
-from t2twin.primitives_cad.random_shapes.seeds import seed_of
-from t2twin.sim.dataset.columns import FIELD, POSE, UNTOUCHED, schema_of
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
+from t2twin.core.machine import cores
+from t2twin.core.progress import Progress
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.random_shapes import seed_of
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, POSE, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
-from t2twin.sim.dataset.png import decode_png
-from t2twin.sim.dataset.store import INFO, ROWS_AT_ONCE, read_info, sha256_of
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.dataset.store import BATCH_ROWS, INFO, read_info, sha256_of
 from t2twin.sim.world.plan import Batch, name_of, plan, shard_path
-from t2twin.sim.world.presses import attempts_of, draw_press, grid_presses, planned_name
+from t2twin.sim.world.presses import planned_name, press_attempts
 from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
 
 ARRAYS = ("image", "taxels")
-"""Columns of every pair that are more than one number or name."""
+"""Columns of every dataset that are not scalars."""
 
 POSE_TOLERANCE = 1e-9
-"""Largest difference of a pose from the protocol's, mm, rad and N: rounding alone."""
+"""Largest difference between planned and written poses, mm, rad and N: rounding only."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """What is wrong with a part of a dataset, in words; part: a file below its folder."""
+    """A fault of a dataset. part: a file below its folder. reason: a message."""
 
     part: str
     reason: str
@@ -44,29 +45,28 @@ class Fault:
 
 
 def verify(folder: str | Path) -> list[Fault]:
-    """Everything that is wrong with a dataset, nothing where it is whole.
+    """All faults of a dataset, none if it is complete and undamaged.
 
-    Checks each shard's sha256, columns and number of rows; that its presses are those of the
-    world's recipe, each once and at its pose (of a user's own pairs, that no index comes twice);
-    that pictures decode and counts lie between 0 and full scale. Raises T2TwinError where there is
-    no dataset.
+    Checks each shard's sha256, columns and number of rows; that it contains each press of the
+    recipe once, at its pose (for imported pairs, that no index is repeated); that images can be
+    decoded and counts are between 0 and full scale. Raises T2TwinError without a dataset.
     """
-    folder = checks.path(folder, "folder")
+    folder = arguments.path(folder, "folder")
     info = read_info(folder)
     planned = _plan(info)
     faults = list(_files(folder, info, set(planned)))
-    named = {fault.part for fault in faults}
-    shards = [path for path in sorted(info.shards) if path not in named]
+    faulty = {fault.part for fault in faults}
+    shards = [path for path in sorted(info.shards) if path not in faulty]
     with ThreadPoolExecutor(cores()) as pool:
         found = pool.map(lambda path: list(_shard(folder, path, info, planned)), shards)
-        for of_shard in Progress(found, total=len(shards), desc="verify", unit="shard"):
-            faults += of_shard
+        for shard_faults in Progress(found, total=len(shards), desc="verify", unit="shard"):
+            faults += shard_faults
     return sorted(faults, key=lambda fault: fault.part)
 
 
-def _files(folder: Path, info: DatasetInfo, wanted: set[str]) -> Iterator[Fault]:
-    """Shards that are missing, and those that nobody knows of."""
-    for path in sorted(wanted | set(info.shards)):
+def _files(folder: Path, info: DatasetInfo, planned: set[str]) -> Iterator[Fault]:
+    """Missing shards, and files that are not part of the dataset."""
+    for path in sorted(planned | set(info.shards)):
         if path not in info.shards:
             yield Fault(path, "it is not made yet")
         elif not (folder / path).is_file():
@@ -76,12 +76,15 @@ def _files(folder: Path, info: DatasetInfo, wanted: set[str]) -> Iterator[Fault]
     for split in SPLITS:
         for path in sorted((folder / split).glob("*.parquet")):
             name = f"{split}/{path.name}"
-            if not path.name.startswith(".") and name not in wanted | set(info.shards):
-                yield Fault(name, "no part of this dataset, but read with it; remove it")
+            if not path.name.startswith(".") and name not in planned | set(info.shards):
+                yield Fault(
+                    name,
+                    "it is not part of this dataset, but is read with it; remove it",
+                )
 
 
 def _plan(info: DatasetInfo) -> dict[str, Batch]:
-    """The shards that `t2twin simdata` was asked for, by path; none of a user's own pairs."""
+    """The planned shards of a simulated dataset by path; none of an imported one."""
     if info.parameters is None:
         return {}
     recipe, on_grid = recipe_of(info), info.parameters.shapes
@@ -117,11 +120,11 @@ def _content(
             return
         if file.metadata.num_rows != pairs:
             yield Fault(path, f"it has {file.metadata.num_rows} rows instead of {pairs}")
-        arrays = [name for name in (*ARRAYS, FIELD, UNTOUCHED) if name in schema.names]
+        arrays = [name for name in (*ARRAYS, FIELD, BACKGROUND) if name in schema.names]
         scalars = file.read([name for name in schema.names if name not in arrays])
         yield from (Fault(path, reason) for reason in _pairing(path, scalars, info, planned))
         row = 0
-        for batch in file.iter_batches(ROWS_AT_ONCE, columns=arrays):
+        for batch in file.iter_batches(BATCH_ROWS, columns=arrays):
             for values in batch.to_pylist():
                 for reason in _sample(values, info):
                     yield Fault(path, f"row {row}: {reason}")
@@ -131,7 +134,7 @@ def _content(
 def _pairing(
     path: str, rows: pa.Table, info: DatasetInfo, planned: dict[str, Batch]
 ) -> Iterator[str]:
-    """What is wrong with which presses a shard holds, and where they are."""
+    """Faults of a shard's presses and their poses."""
     split = path.split("/")[0]
     if set(rows["split"].to_pylist()) - {split}:
         yield "it holds rows of another split"
@@ -140,30 +143,30 @@ def _pairing(
     shapes = {shape for shape, _ in presses}
     has_own_shard = batch is None or batch.indices is not None
     if has_own_shard and (len(shapes) != 1 or shard_path(split, *shapes) != path):
-        yield "it holds another shape than its name says"
+        yield "its shape is not the one of its name"
         return
     if any(index is None for _, index in presses):
         yield "a press has no index"
         return
-    twice = [press for press, times in Counter(presses).items() if times > 1]
-    if twice:
-        yield f"press {twice[0][1]} of {twice[0][0]} comes more than once"
+    repeated = [press for press, count in Counter(presses).items() if count > 1]
+    if repeated:
+        yield f"press {repeated[0][1]} of {repeated[0][0]} is repeated"
     if batch is None:
         if planned:
             yield "its presses are not the protocol's"
         return
-    wanted = planned_presses(info, batch)
+    expected = planned_presses(info, batch)
     if recipe_of(info).parts[batch.part].shapes == RANDOM:
         presses = [(_planned(shape), index) for shape, index in presses]
-    if set(presses) != set(wanted):
-        yield "its presses are not those that were planned"
+    if set(presses) != set(expected):
+        yield "its presses are not the planned ones"
     for row, press in enumerate(presses):
-        if press in wanted:
-            yield from _pose(rows.slice(row, 1), row, press, wanted[press])
+        if press in expected:
+            yield from _pose(rows.slice(row, 1), row, press, expected[press])
 
 
 def _planned(shape: str) -> str:
-    """The random shape that was planned where this one was pressed; any other name as it is."""
+    """The planned random shape of a pressed one; other names unchanged."""
     try:
         return shape if seed_of(shape) is None else planned_name(shape)
     except T2TwinError:
@@ -171,52 +174,48 @@ def _planned(shape: str) -> str:
 
 
 def _pose(
-    row: pa.Table, number: int, press: tuple[str, int], wanted: Callable[[], Iterator[PressCommand]]
+    row: pa.Table,
+    number: int,
+    press: tuple[str, int],
+    attempts: Callable[[], Iterator[PressCommand]],
 ) -> Iterator[str]:
-    """Whether a row's shape and pose are those of a draw of its press: the first that touched."""
-    there = {name: row[name][0].as_py() for name in POSE}
-    worst = "shape"
-    for command in wanted():
+    """A fault if a row's shape and pose are those of no attempt at its press."""
+    written = {name: row[name][0].as_py() for name in POSE}
+    wrong = "shape"
+    for command in attempts():
         if command.shape != row["shape"][0].as_py():
             continue
-        off = {name: abs(there[name] - getattr(command, name)) for name in POSE}
-        if all(each <= POSE_TOLERANCE for each in off.values()):
+        errors = {name: abs(written[name] - getattr(command, name)) for name in POSE}
+        if all(error <= POSE_TOLERANCE for error in errors.values()):
             return
-        worst = next(name for name, each in off.items() if not each <= POSE_TOLERANCE)
-    yield f"row {number}: its {worst} is not what was planned for press {press[1]} of {press[0]}"
+        wrong = next(name for name, error in errors.items() if not error <= POSE_TOLERANCE)
+    yield f"row {number}: its {wrong} is not the planned one of press {press[1]} of {press[0]}"
 
 
 def recipe_of(info: DatasetInfo) -> Recipe:
-    """The recipe that a dataset says it was made by, or that of those which do not say."""
+    """The recipe of a dataset; the protocol for older ones without."""
     return info.world or load_recipe(PAPER)
 
 
 def planned_presses(
     info: DatasetInfo, batch: Batch
 ) -> dict[tuple[str, int], Callable[[], Iterator[PressCommand]]]:
-    """The presses of a shard by shape and index, each with the commands that it may have had."""
+    """The presses of a shard by shape and index, each with the commands of its attempts."""
     recipe = recipe_of(info)
     part, seed = recipe.parts[batch.part], (info.seed or 0, batch.part)
-    if batch.indices is not None:
-        presses = grid_presses(part, batch.shapes[0], batch.indices, info.seed or 0)
-        return {
-            (batch.shapes[0], drawn.index): partial(iter, (drawn.command,)) for drawn in presses
-        }
 
-    def attempts(name: str, number: int, press: int) -> Iterator[PressCommand]:
-        for attempt in range(attempts_of(part)):
-            yield draw_press(part, name, number, press, seed, attempt).command
+    def commands(name: str, number: int, index: int) -> Iterator[PressCommand]:
+        return (press.command for press in press_attempts(part, name, number, index, seed))
 
     return {
-        (name, press): partial(attempts, name, number, press)
-        for source, number in zip(batch.shapes, batch.numbers, strict=True)
-        for name in (name_of(source),)
-        for press in range(batch.presses)
+        (name, index): partial(commands, name, number, index)
+        for name, number in zip(map(name_of, batch.shapes), batch.numbers, strict=True)
+        for index in batch.press_indices
     }
 
 
 def _sample(row: dict[str, Any], info: DatasetInfo) -> Iterator[str]:
-    for column in ("image", UNTOUCHED):
+    for column in ("image", BACKGROUND):
         if column not in row:
             continue
         image = row[column]

@@ -1,1 +1,1 @@
-"""The DIGIT: light on the deflected gel, and the picture its camera takes of it."""
+"""The DIGIT: light on the deflected gel, and the camera's image of it."""

@@ -1,8 +1,8 @@
-"""Make the default calibration: fit the baked model's response to pyrender's reference.
+"""Makes the default calibration: fits the baked model's response to pyrender's images.
 
     python -m t2twin.sim.digit.bake
 
-Run it again whenever the LEDs, the camera or the gel's dome change; it takes about a minute.
+Run it again after changes of the LEDs, the camera or the gel's dome; it takes about a minute.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.sim.digit import deflections
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibration import (
     DEFAULT_PATH,
     PLACE_TERMS,
@@ -19,49 +19,49 @@ from t2twin.sim.digit.calibration import (
     led_columns,
     place_terms,
 )
-from t2twin.sim.digit.camera import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
-from t2twin.sim.digit.illumination import COSINE_TERMS
-from t2twin.sim.digit.leds import AMBIENT, DIGIT_LEDS, Led
-from t2twin.sim.digit.rays import Leds, Rays
-from t2twin.sim.digit.reference import GAMMA, ReferenceRenderer
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.leds import AMBIENT, DIGIT_LEDS, Led
+from t2twin.sim.digit.light.ray_casting import Leds, Rays
+from t2twin.sim.digit.pyrender_renderer import GAMMA, ReferenceRenderer
 
 DARK = 0.05
-"""Linear light added to a pixel's own when its error is weighed in grey levels: the ambient's."""
+"""Linear light added to a pixel's in the conversion of errors to grey levels: the ambient's."""
 RIDGE = 1e-4
-"""Weight of the response's size beside the squared errors: keeps idle terms at zero (assumed)."""
+"""Ridge of the fit: keeps undetermined terms at zero (assumed)."""
 FIT_POINTS = 4
 """Points per LED in the renders for the fit, which have no shadows."""
 BACKGROUND_POINTS = 16
 """Points per LED in the render of the background."""
 
 
-def fit_presses() -> list[np.ndarray]:
-    """Deflections that show every place and slope to the fit: balls, edges, and none."""
+def probe_deflections() -> list[np.ndarray]:
+    """Deflections that cover places and slopes: balls, edges, and the gel at rest."""
     x, y = optical_grid()
-    still = [np.zeros((y.size, x.size))]
+    rest = [np.zeros((y.size, x.size))]
     balls = [
-        deflections.ball(x_mm, y_mm, depth_mm, radius_mm)
+        probe_surfaces.ball(x_mm, y_mm, depth_mm, radius_mm)
         for x_mm in (-4.0, 0.0, 4.0)
         for y_mm, depth_mm, radius_mm in ((-6.0, 1.0, 2.35), (-1.5, 1.5, 3.0), (4.0, 0.8, 4.0))
     ]
     edges = [
-        deflections.block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
-        deflections.block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
-        deflections.ring(0.0, 0.0, 0.7, 2.0, 3.5),
+        probe_surfaces.block(-2.0, 3.0, 0.6, 6.0, 5.0, 0.4),
+        probe_surfaces.block(2.0, -3.0, 0.8, 9.0, 2.0, -0.7),
+        probe_surfaces.ring(0.0, 0.0, 0.7, 2.0, 3.5),
     ]
-    return still + balls + edges
+    return rest + balls + edges
 
 
 def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibration:
-    """Fit, write to out, and return the calibration. Raises T2TwinError where there is no GL."""
+    """Fit, write to out, and return the calibration. Raises T2TwinError if there is no OpenGL."""
     with ReferenceRenderer(leds, AMBIENT, led_points=BACKGROUND_POINTS) as renderer:
         x, y = optical_grid()
         background = renderer.render(np.zeros((y.size, x.size)))
     pure = tuple(
-        replace(led, colour=(float(k == 0), float(k == 1), float(k == 2)))
+        replace(led, color=(float(k == 0), float(k == 1), float(k == 2)))
         for k, led in enumerate(leds)
     )
-    surfaces = fit_presses()
+    surfaces = probe_deflections()
     with ReferenceRenderer(pure, (0.0, 0.0, 0.0), False, FIT_POINTS) as renderer:
         renders = [renderer.render_linear(surface) for surface in surfaces]
     blank = Calibration(
@@ -74,8 +74,8 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
         distance_mm=DIGIT_CAMERA.distance_mm,
     )
     table = fit_response(blank, surfaces, renders)
-    colours = np.array([led.colour for led in leds])
-    calibration = replace(blank, response=np.einsum("kij,kc->kcij", table, colours))
+    colors = np.array([led.color for led in leds])
+    calibration = replace(blank, response=np.einsum("kij,kc->kcij", table, colors))
     calibration.save(out)
     return calibration
 
@@ -83,9 +83,9 @@ def bake(leds: tuple[Led, ...] = DIGIT_LEDS, out: Path = DEFAULT_PATH) -> Calibr
 def fit_response(
     calibration: Calibration, surfaces: Sequence[np.ndarray], renders: Sequence[np.ndarray]
 ) -> np.ndarray:
-    """Least-squares response table from pictures of known deflections, free of shadows.
+    """Least-squares response from images of known deflections without shadows.
 
-    renders: (ROWS, COLUMNS, 3) each, linear light, a channel an LED. Errors are weighed by the
+    renders: (ROWS, COLUMNS, 3) each, linear light, one channel per LED. Errors are weighted by the
     slope of the grey-level curve. Returns (3 LEDs, PLACE_TERMS, COSINE_TERMS).
     """
     rays = Rays(calibration.camera, shadows=False)

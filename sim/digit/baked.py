@@ -1,56 +1,54 @@
-"""The baked optical model: the picture's light in closed form, in milliseconds.
+"""The baked optical model: the image's light in closed form, in milliseconds.
 
-For a point p of the gel with unit normal n (towards the camera), the light that LED k leaves
-in colour c is
+For a point p of the gel with unit normal n (towards the camera), the light of LED k in color c is
 
     L_kc = V_k m_k (REACH / d_k)^2 sum_ij R_kcij P_i(x, y) m_k^j,      m_k = max(n . l_k, 0)
 
-with l_k, d_k the direction and distance to the LED, P the polynomials of degree four in the
-place where the pixel's ray meets the untouched gel, R a fitted table (lambertian paint under an
-even LED would be one constant), and V_k the part of the LED's disc that the gel leaves in
-sight. V_k comes from a ray over the height map to the disc's middle: its least clearance,
-projected on to the disc, cuts the disc.
+with l_k, d_k the direction and distance to the LED, P the polynomials of degree four in the place
+where the pixel's ray meets the gel at rest, R the fitted response (a constant for a Lambertian
+surface and a uniform LED), and V_k the visible fraction of the LED's disc. V_k is computed from a
+ray over the height map to the disc's middle: its smallest clearance, projected on to the disc, cuts
+the disc.
 
-The picture is background + L(deformed) - L(rest), each where the pixel's ray meets that surface,
-so that an untouched gel gives the background exactly, and whatever a background holds besides
-the LEDs' light (scattered light, specks) stays where it is. Light is sampled at every second
-pixel, the optical grid's own pitch, and interpolated. Light and grey levels are linked by the
-calibration's gamma: grey = 255 light^(1 / gamma).
+The image is background + L(deformed) - L(rest), each where the pixel's ray meets that surface. So a
+gel at rest gives the background exactly, and features of the background besides the LEDs' light
+(scattered light, specks) stay in place. Light is sampled at every second pixel, the optical grid's
+pitch, and interpolated. grey = 255 light^(1 / gamma), with the calibration's gamma.
 
-What the camera sees is the gel's reflective coat, which rounds the gel's edges by its own
-thickness: both this model and the reference smooth the deflection by a Gaussian of 0.1 mm
-(assumed).
+The camera sees the gel's reflective coating, whose thickness rounds edges: this model and the
+reference smooth the deflection by a Gaussian of 0.1 mm (assumed).
 """
 
 from functools import cached_property
 
 import numpy as np
 
-from t2twin.sim.digit import illumination, picture, white
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.digit.calibration import Calibration, place_terms
-from t2twin.sim.digit.camera import COLUMNS, ROWS
-from t2twin.sim.digit.illumination import COSINE_TERMS
-from t2twin.sim.digit.rays import Leds, Rays, Region
-from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.digit.camera import gaussian_noise, response
+from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
+from t2twin.sim.digit.light import illumination
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.ray_casting import Leds, Rays, Region
 
-NO_KEYS: white.Keys = (np.uint32(0), np.uint32(0))
+NO_KEYS: gaussian_noise.Keys = (np.uint32(0), np.uint32(0))
 NO_NOISE = np.zeros((0, 0, 0), dtype=np.float32)
-"""Stand for no noise."""
+"""Values for no noise."""
 
 
 class BakedModel:
-    """Renders deflections of a gel with one calibration. shadows: whether LEDs cast them."""
+    """Renders deflections of a gel with one calibration. shadows: whether LEDs cast shadows."""
 
     def __init__(
         self, calibration: Calibration, shadows: bool = True, gel: Elastomer = DIGIT_GEL
     ) -> None:
         self.calibration = calibration
         self._leds = Leds(calibration.leds_mm, calibration.sizes_mm)
-        self._table = picture.encoding_table(calibration.gamma)
-        self._light = picture.light_of_greys(calibration.gamma)
+        self._table = response.encoding_table(calibration.gamma)
+        self._light = response.light_of_greys(calibration.gamma)
         self._shadows, self._gel = shadows, gel
 
-    # Computed at the first picture: many a press needs none, and the loops take long to compile.
+    # Computed at the first image: many presses need none, and compiling the loops takes long.
 
     @cached_property
     def _rays(self) -> Rays:
@@ -66,21 +64,21 @@ class BakedModel:
 
     @cached_property
     def background(self) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) uint8: this gel, untouched."""
+        """(ROWS, COLUMNS, 3) uint8: the background frame of this gel."""
         of_own_gel = np.ascontiguousarray(self.calibration.background)
         if self._gel == DIGIT_GEL:
             return of_own_gel
         own_rays = Rays(self.calibration.camera, DIGIT_GEL, self._shadows)
         if np.array_equal(self._rays.rest_mm, own_rays.rest_mm):
             return of_own_gel
-        # the background is of the DIGIT's own gel: the LEDs' light moves with the surface
+        # the calibration's background is of the DIGIT's gel: add the change of the LEDs' light
         own = self._light_at_rest(own_rays)
         change = self._rest_light - own
         return self._encoded(of_own_gel, change, (0, ROWS, 0, COLUMNS))
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
-        cosine, weight = (np.moveaxis(of, -1, 0) for of in rays.incidence(flat, self._leds))
+        cosine, weight = (np.moveaxis(values, -1, 0) for values in rays.incidence(flat, self._leds))
         light = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
         illumination.light(cosine, weight, self._gain, np.zeros_like(light), rays.everywhere, light)
         return light
@@ -88,17 +86,16 @@ class BakedModel:
     def render(
         self,
         surface_mm: np.ndarray,
-        keys: white.Keys = NO_KEYS,
+        keys: gaussian_noise.Keys = NO_KEYS,
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) uint8 picture.
+        """(ROWS, COLUMNS, 3) uint8 image.
 
         surface_mm: on optical_grid(), rows x columns, positive into the sensor.
-        noise_grey: standard deviation of white noise, grey levels, which keys make; none where it
-            is 0.
-        noise: (ROWS, COLUMNS, 3) float32 that is added instead, noise_grey times; or none.
-        Raises T2TwinError for another grid's shape or values that are not finite.
+        noise_grey: standard deviation of Gaussian white noise from keys, grey levels; 0 for none.
+        noise: (ROWS, COLUMNS, 3) float32, multiplied by noise_grey and added instead.
+        Raises T2TwinError for another shape or values that are not finite.
         """
         change, pixels = self._change(self._rays.coated(surface_mm))
         return self._encoded(self.background, change, pixels, keys, noise_grey, noise)
@@ -108,20 +105,20 @@ class BakedModel:
         background: np.ndarray,
         change: np.ndarray,
         pixels: Region,
-        keys: white.Keys = NO_KEYS,
+        keys: gaussian_noise.Keys = NO_KEYS,
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
-        """A background and a change of its light (RGB, S) in a region, as grey levels."""
+        """Grey levels of a background and a change of its light (RGB, S) in a region."""
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
-        picture.encode(
-            change, background, self._light, self._table, pixels, keys, white.quantiles(),
+        response.encode(
+            change, background, self._light, self._table, pixels, keys, gaussian_noise.quantiles(),
             np.float32(noise_grey), noise, out,
         )  # fmt: skip
         return out
 
     def _change(self, coated_mm: np.ndarray) -> tuple[np.ndarray, Region]:
-        """Change of the light (RGB, S) by a deflection, and the region of pixels that show it."""
+        """Change of the light (RGB, S) by a deflection, and its region of pixels."""
         cosine, weight, samples, pixels = self._rays.incidence_where_changed(coated_mm, self._leds)
         if pixels[1] <= pixels[0]:
             return self._rest_light, pixels
@@ -131,14 +128,13 @@ class BakedModel:
 
 
 def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:
-    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, as illumination.light
-    takes."""
+    """(gain_rows of S, LEDs, RGB, COSINE_TERMS, columns of S) float32, for illumination.light."""
     used = np.flatnonzero(np.any(response != 0, axis=(0, 1, 3)))
     degree = 0
     while used.size and used[-1] >= (degree + 1) * (degree + 2) // 2:
-        degree += 1  # high powers are slow to take, and many a response has none
-    kept = illumination.gain_rows(rays.places_mm[0].shape[0])
-    x_mm, y_mm = (places[kept] for places in rays.places_mm)
+        degree += 1  # high powers are slow to compute, and many responses have none
+    rows_of_gain = illumination.gain_rows(rays.places_mm[0].shape[0])
+    x_mm, y_mm = (places[rows_of_gain] for places in rays.places_mm)
     terms = place_terms(x_mm, y_mm, degree)
     rows, columns, count = terms.shape
     gain = np.empty((rows, 3, 3, COSINE_TERMS, columns), dtype=np.float32)

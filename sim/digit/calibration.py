@@ -1,4 +1,4 @@
-"""One unit's optics as data: what the baked model needs, in a file."""
+"""A DIGIT unit's calibration: the parameters of the baked model, and their file."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,46 +7,45 @@ from zipfile import is_zipfile
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.digit.camera import COLUMNS, MOST_OFF, ROWS, Camera
-from t2twin.sim.digit.illumination import COSINE_TERMS
-from t2twin.sim.digit.noise import Noise
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.sim.digit.camera.noise import Noise
+from t2twin.sim.digit.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
-"""The shipped calibration; written by t2twin.sim.digit.bake."""
+"""The default calibration, written by t2twin.sim.digit.bake."""
 PLACE_MM = 8.0
-"""Length by which x and y are divided in the response's polynomials, mm: half the picture."""
+"""Unit of length of the response's polynomials, mm: half the image."""
 PLACE_DEGREE = 4
 """Degree of the response's polynomials in the place."""
 PLACE_TERMS = (PLACE_DEGREE + 1) * (PLACE_DEGREE + 2) // 2
 
 FARTHEST_LED_MM = 500.0
-"""Farthest that an LED may be from the gel's apex along any axis, mm (assumed: those of a DIGIT are
-22 mm from its axis)."""
+"""Largest distance of an LED from the gel's apex along any axis, mm (assumed: a DIGIT's are 22 mm
+from its axis)."""
 LARGEST_LED_MM = 100.0
 """Largest radius of an LED's disc, mm (assumed: a DIGIT's is 1.8 mm)."""
-MOST_RESPONSE = 1e4
-"""Largest entry of the response (assumed: the shipped one's is 19; white is a light of 1)."""
+MAX_RESPONSE = 1e4
+"""Largest entry of the response (assumed: 19 in the default calibration, for a white of 1)."""
 GAMMAS = (0.5, 4.0)
-"""Exponents between light and grey levels that a calibration may have (assumed: a camera as it
-is has 1 to 2.4)."""
+"""Range of the exponent between light and grey levels (assumed: cameras have 1 to 2.4)."""
 YOUNG = "young_mpa"
-"""Key of the gel's modulus in the file, if it was fitted to forces."""
+"""Key of the gel's modulus in the file, present if it was fitted to forces."""
 YOUNGS_MPA = (0.01, 10.0)
-"""Moduli that it may be (assumed: soft silicones have 0.05 to 2 MPa)."""
+"""Range of the modulus (assumed: soft silicones have 0.05 to 2 MPa)."""
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
-"""Keys of the noise in the file, if it was measured."""
+"""Keys of the noise in the file, present if it was measured."""
 SCALES_PX_PER_MM = (5.0, 100.0)
 DISTANCES_MM = (5.0, 100.0)
-"""Picture scales and distances of the camera that a calibration may have (assumed: public ones of
-single DIGITs are 17.2 to 19.6 px/mm and 20.8 to 22 mm)."""
+"""Ranges of the image scale and the camera's distance (assumed: public calibrations of DIGITs have
+17.2 to 19.6 px/mm and 20.8 to 22 mm)."""
 
 
 def place_terms(x_mm: np.ndarray, y_mm: np.ndarray, degree: int = PLACE_DEGREE) -> np.ndarray:
-    """(..., PLACE_TERMS): monomials of x and y over PLACE_MM, by rising degree; fewer of a lower
-    degree."""
-    x, y = ([(of / PLACE_MM) ** n for n in range(degree + 1)] for of in (x_mm, y_mm))
+    """(..., terms): monomials of x and y in units of PLACE_MM, by rising degree; PLACE_TERMS of
+    them by default."""
+    x, y = ([(values / PLACE_MM) ** n for n in range(degree + 1)] for values in (x_mm, y_mm))
     return np.stack(
         [x[total - power] * y[power] for total in range(degree + 1) for power in range(total + 1)],
         axis=-1,
@@ -59,7 +58,7 @@ def place_degrees(degree: int = PLACE_DEGREE) -> np.ndarray:
 
 
 def led_columns(cosine: np.ndarray, weight: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(..., places * COSINE_TERMS): one LED's light per unit of each entry of its response table.
+    """(..., places * COSINE_TERMS): one LED's light per unit of each entry of its response.
 
     cosine, weight: (...) of that LED. places: (..., places) polynomials.
     """
@@ -69,17 +68,17 @@ def led_columns(cosine: np.ndarray, weight: np.ndarray, places: np.ndarray) -> n
 
 @dataclass(frozen=True)
 class Calibration:
-    """See t2twin.sim.digit.baked for the model that these belong to.
+    """Parameters of the baked model (t2twin.sim.digit.baked).
 
-    background: (ROWS, COLUMNS, 3) uint8, the untouched gel.
+    background: (ROWS, COLUMNS, 3) uint8, the background frame.
     leds_mm: (3, 3) places of the LEDs in the sensor frame. sizes_mm: (3,) radii of their discs.
     response: (3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
     gamma: exponent between light and grey levels.
-    scale_px_per_mm, distance_mm, shift_x_px, shift_y_px, tilt_x_deg, tilt_y_deg: the camera. A file
-    may leave out the last four, which are 0 then, and save leaves them out where all are 0.
-    noise: one frame's, where it was measured; in the file noise_mix and noise_taps.
-    young_mpa: the gel's modulus, where it was fitted to forces.
-    Raises T2TwinError for arrays of other shapes or values that cannot be.
+    scale_px_per_mm, distance_mm, shift_x_px, shift_y_px, tilt_x_deg, tilt_y_deg: the camera. The
+    last four are optional in the file and default to 0.
+    noise: of one frame, if it was measured; noise_mix and noise_taps in the file.
+    young_mpa: the gel's modulus, if it was fitted to forces.
+    Raises T2TwinError for arrays of other shapes and values out of range.
     """
 
     background: np.ndarray
@@ -119,11 +118,14 @@ class Calibration:
         for name, value, low, high in (
             ("leds_mm", np.abs(self.leds_mm).max(), 0.0, FARTHEST_LED_MM),
             ("sizes_mm", np.max(self.sizes_mm), 0.0, LARGEST_LED_MM),
-            ("response", np.abs(self.response).max(), 0.0, MOST_RESPONSE),
+            ("response", np.abs(self.response).max(), 0.0, MAX_RESPONSE),
             ("gamma", self.gamma, *GAMMAS),
             ("scale_px_per_mm", self.scale_px_per_mm, *SCALES_PX_PER_MM),
             ("distance_mm", self.distance_mm, *DISTANCES_MM),
-            *((name, getattr(self, name), -most, most) for name, most in MOST_OFF.items()),
+            *(
+                (name, getattr(self, name), -limit, limit)
+                for name, limit in MAX_MISALIGNMENT.items()
+            ),
             *(() if self.young_mpa is None else ((YOUNG, self.young_mpa, *YOUNGS_MPA),)),
         ):
             if not low <= value <= high:
@@ -144,15 +146,15 @@ class Calibration:
         )
 
     def save(self, path: Path) -> None:
-        """Write as .npz, whole or not at all. Raises T2TwinError where it cannot be written."""
-        with whole_file(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, **self._saved())
+        """Write as .npz, atomically. Raises T2TwinError where it cannot be written."""
+        with atomic_write(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, **self._file_content())
 
-    def _saved(self) -> dict[str, Any]:
-        """What the file holds, by its keys."""
+    def _file_content(self) -> dict[str, Any]:
+        """The arrays of the file, by key."""
         values = {key: getattr(self, name) for name, key in _KEYS.items()}
-        if not any(values[name] for name in MOST_OFF):
-            values = {key: value for key, value in values.items() if key not in MOST_OFF}
+        if not any(values[name] for name in MAX_MISALIGNMENT):
+            values = {key: value for key, value in values.items() if key not in MAX_MISALIGNMENT}
         if self.noise is not None:
             values |= {NOISE_MIX: self.noise.mix, NOISE_TAPS: self.noise.taps}
         if self.young_mpa is not None:
@@ -161,35 +163,35 @@ class Calibration:
 
     @classmethod
     def load(cls, path: Path | str = DEFAULT_PATH) -> "Calibration":
-        """Read what save wrote. Raises T2TwinError if it is not such a file."""
+        """Read a file of save. Raises T2TwinError for any other file."""
         if not Path(path).is_file():
             raise T2TwinError(f"{path} does not exist; `t2twin calibrate` writes a calibration")
         try:
-            return cls(**_parts(path))
-        except Exception as error:  # what a damaged file raises is of many kinds
+            return cls(**_read(path))
+        except Exception as error:  # NumPy raises many types for damaged files
             reason = str(error).rstrip(".")
             raise T2TwinError(
                 f"{path} is not a calibration ({reason}); `t2twin calibrate` writes one"
             ) from error
 
 
-def _parts(path: Path | str) -> dict[str, Any]:
-    """Values of the fields by name. Raises T2TwinError, or what NumPy raises of a damaged file."""
+def _read(path: Path | str) -> dict[str, Any]:
+    """Values of the fields by name. Raises T2TwinError, or any error of NumPy."""
     if not is_zipfile(path):
-        raise T2TwinError("it is no .npz file")
+        raise T2TwinError("it is not an .npz file")
     with np.load(path, allow_pickle=False) as file:
         for key in _KEYS.values():
-            if key not in file and key not in MOST_OFF:
+            if key not in file and key not in MAX_MISALIGNMENT:
                 raise T2TwinError(f"its {key} is missing")
         values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items() if key in file}
         if YOUNG in file:
             values[YOUNG] = file[YOUNG]
         noise = [file[key] for key in (NOISE_MIX, NOISE_TAPS) if key in file]
     if len(noise) == 1:
-        raise T2TwinError(f"of {NOISE_MIX} and {NOISE_TAPS} one is missing")
+        raise T2TwinError(f"one of {NOISE_MIX} and {NOISE_TAPS} is missing")
     if noise:
         values["noise"] = Noise(*noise)
-    for name in ("gamma", "scale_px_per_mm", "distance_mm", *MOST_OFF, YOUNG):
+    for name in ("gamma", "scale_px_per_mm", "distance_mm", *MAX_MISALIGNMENT, YOUNG):
         if name in values:
             values[name] = float(values[name])
     return values
@@ -198,5 +200,4 @@ def _parts(path: Path | str) -> dict[str, Any]:
 _KEYS = {
     name: name for name in Calibration.__dataclass_fields__ if name not in ("noise", YOUNG)
 } | {"leds_mm": "lamps_mm"}
-"""Key of each field in the file. The LEDs' places are called lamps_mm there, as in the first
-calibrations that were written."""
+"""Key of each field in the file; the LEDs' places have the key of the first calibrations."""

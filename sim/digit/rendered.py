@@ -1,18 +1,15 @@
-"""Pictures by pyrender itself, frame by frame, instead of by the baked model.
+"""Images of a DIGIT by pyrender, instead of by the baked model.
 
-The picture is background + L(deformed) - L(rest), as the baked model's, but L is what pyrender
-renders (t2twin.sim.digit.reference): every LED several points, each with its own shadow map. So an
-untouched gel gives the background exactly. Light and grey levels are linked by the calibration's
-gamma, the noise is the same.
+As in the baked model, the image is background + L(deformed) - L(rest), but pyrender renders L
+(t2twin.sim.digit.pyrender_renderer) with several points per LED, each with a shadow map. So a gel
+at rest gives the background exactly. Gamma and noise are the same.
 
-A drawn unit's LEDs are given to pyrender by their places, sizes and colours in the picture's
-middle (t2twin.sim.digit.unit_leds). What it cannot be given: how each LED's light differs over the
-picture and with the cosine of incidence from a shipped LED's lobe on lambertian paint, and leaks
-that take light away.
+pyrender gets a sampled unit's LEDs with their places, sizes and colors in the image's middle
+(t2twin.sim.digit.randomization.lighting). Each LED's light varies over the image and with the
+cosine of incidence as a default LED's does on a Lambertian surface. Negative leaks are omitted.
 
-The renderer is made where and when it is first used and kept for the next picture, one in a
-process, so that what is described here can be pickled. Its OpenGL belongs to one thread, which all
-pictures go through.
+A process has one renderer, which is created at the first image, so that RenderedOptics can be
+pickled. OpenGL belongs to one thread, which renders all images.
 """
 
 import os
@@ -21,31 +18,30 @@ from functools import cache
 
 import numpy as np
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit import picture
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import Camera, optical_grid
-from t2twin.sim.digit.leds import AMBIENT, Led
+from t2twin.sim.digit.camera import response
+from t2twin.sim.digit.camera.gaussian_noise import standard_normal
+from t2twin.sim.digit.camera.pinhole import Camera, optical_grid
+from t2twin.sim.digit.light.leds import AMBIENT, Led
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics, checked_noise
-from t2twin.sim.digit.reference import ReferenceRenderer
-from t2twin.sim.digit.white import white
-from t2twin.sim.press.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 
 FRAME_SECONDS = 1.1
-"""What a picture takes with software OpenGL on two idle cores, s (benchmarks/digit_render.py). Each
-uses all cores, so that more processes make hardly more of them."""
+"""Time of an image with software OpenGL on two idle cores, s (benchmarks/digit_render.py). It uses
+all cores, so more processes are hardly faster."""
 FIRST_SECONDS = 6.0
-"""What the first picture of a process takes, with the start of OpenGL and the untouched gel, s
-(measured)."""
+"""Time of the first image of a process, including the start of OpenGL, s (measured)."""
 LED_POINTS = 8
-"""Points an LED, each a pass: as many as ReferenceRenderer takes unless told."""
+"""Points per LED, each a render pass: the default of ReferenceRenderer."""
 
 
 class RenderedOptics:
-    """As DigitOptics, but pyrender makes each picture: about FRAME_SECONDS.
+    """As DigitOptics, but pyrender renders each image, in about FRAME_SECONDS.
 
-    leds: in the order and colours of the calibration's light. The calibration gives the camera, the
-    background and the gamma. Raises T2TwinError, at the first picture, where there is no OpenGL.
+    leds: in the order of the calibration's. calibration: for camera, background and gamma. Raises
+    T2TwinError at the first image if there is no OpenGL.
     """
 
     def __init__(
@@ -54,7 +50,7 @@ class RenderedOptics:
         self.calibration = calibration
         self.leds, self.gel = leds, gel
         self.background = DigitOptics(calibration, gel=gel).background
-        """(320, 240, 3) uint8: the untouched gel, without noise."""
+        """(320, 240, 3) uint8: the background frame, without noise."""
 
     def render(
         self,
@@ -62,20 +58,20 @@ class RenderedOptics:
         rng: np.random.Generator | None = None,
         noise_grey: float = NOISE_GREY,
     ) -> np.ndarray:
-        """(320, 240, 3) uint8 picture of the deflected gel: see DigitOptics.render."""
+        """(320, 240, 3) uint8: see DigitOptics.render."""
         noise_grey = checked_noise(noise_grey)
         surface_mm = np.asarray(surface_mm)
         x, y = optical_grid(self.gel)
         if surface_mm.shape != (y.size, x.size):
             raise T2TwinError(
                 f"surface_mm has shape {surface_mm.shape}; it must be {(y.size, x.size)}, "
-                "on t2twin.sim.digit.camera.optical_grid()"
+                "on t2twin.sim.digit.camera.pinhole.optical_grid()"
             )
         if not np.isfinite(surface_mm).all():
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
         grey = self._grey(surface_mm)
         if rng is not None and noise_grey > 0:
-            grey += noise_grey * white(rng, grey.shape)
+            grey += noise_grey * standard_normal(rng, grey.shape)
         return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
 
     def _grey(self, surface_mm: np.ndarray) -> np.ndarray:
@@ -85,13 +81,13 @@ class RenderedOptics:
         thread = _thread(os.getpid())
         change = thread.submit(_change, self.leds, self.calibration.camera, self.gel, surface_mm)
         gamma = self.calibration.gamma
-        light = picture.linear(self.background, gamma) + change.result()
+        light = response.linear(self.background, gamma) + change.result()
         return 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / gamma)
 
 
 @cache
 def _thread(process: int) -> ThreadPoolExecutor:
-    """The thread of this process that OpenGL belongs to; a fork has its own."""
+    """The thread of a process for OpenGL; the argument distinguishes forks."""
     return ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"pyrender-{process}")
 
 
@@ -99,23 +95,23 @@ def _change(
     leds: tuple[Led, ...], camera: Camera, gel: Elastomer, surface_mm: np.ndarray
 ) -> np.ndarray:
     """(ROWS, COLUMNS, RGB) change of the light by a deflection."""
-    renderer, untouched = _kept(os.getpid()).renderer(leds, camera, gel)
-    return renderer.render_linear(surface_mm) - untouched
+    renderer, rest_light = _cache(os.getpid()).renderer(leds, camera, gel)
+    return renderer.render_linear(surface_mm) - rest_light
 
 
-class _Kept:
-    """The last renderer, and its light of the untouched gel."""
+class _RendererCache:
+    """The last renderer, and its light of the gel at rest."""
 
     def __init__(self) -> None:
-        self._of: tuple = ()
+        self._parameters: tuple = ()
         self._renderer: ReferenceRenderer | None = None
-        self._untouched = np.zeros(0)
+        self._rest_light = np.zeros(0)
 
     def renderer(
         self, leds: tuple[Led, ...], camera: Camera, gel: Elastomer
     ) -> tuple[ReferenceRenderer, np.ndarray]:
-        if self._renderer is not None and self._of != (leds, camera, gel):
-            # before the next one is made: freeing it ends the display of both
+        if self._renderer is not None and self._parameters != (leds, camera, gel):
+            # before the next one is created: closing it ends the display of both
             self._renderer.close()
             self._renderer = None
         if self._renderer is None:
@@ -123,12 +119,12 @@ class _Kept:
                 leds, AMBIENT, led_points=LED_POINTS, camera=camera, gel=gel
             )
             x, y = optical_grid(gel)
-            self._untouched = self._renderer.render_linear(np.zeros((y.size, x.size)))
-            self._of = (leds, camera, gel)
-        return self._renderer, self._untouched
+            self._rest_light = self._renderer.render_linear(np.zeros((y.size, x.size)))
+            self._parameters = (leds, camera, gel)
+        return self._renderer, self._rest_light
 
 
 @cache
-def _kept(process: int) -> _Kept:
-    """What this process keeps; a fork has its own."""
-    return _Kept()
+def _cache(process: int) -> _RendererCache:
+    """The cache of a process; the argument distinguishes forks."""
+    return _RendererCache()

@@ -1,1 +1,1 @@
-"""Worlds: recipes that say what is pressed, where, how hard and in which light."""
+"""Worlds: recipes of shapes, positions, forces and light, and the presses they define."""

@@ -1,30 +1,30 @@
-"""The test objects are in no world but the test: a check of solids, not of names."""
+"""Checks that no training solid is a test object, by comparing solids, not names."""
 
 from functools import cache
 from pathlib import Path
 
+from t2twin.core.errors import T2TwinError
+from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.progress import Progress
 from t2twin.primitives_cad.same_solid import KnownSolids
 from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.sim.world.plan import solids_in
 from t2twin.sim.world.recipe import NAMED, Recipe
 
 SHARED = ("clamp/handle",)
-"""Keypoints whose surface a primitive has too, so that it is in the training set anyway: the ball
-at the end of the clamp's handle is hemisphere-4's."""
+"""Keypoints with the surface of a primitive of the training set: the ball at the end of the clamp's
+handle is hemisphere-4's."""
 
 
 def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
-    """Raises T2TwinError where a user's solid that is not only for the test is a test object.
+    """Raises T2TwinError if a user's solid in training or validation is a test object.
 
-    That is a whole tool, as the solid or one of its bodies, however it is turned, mirrored or
-    scaled; or a solid that presses with the surface of a tool at one of its keypoints, within the
-    reach of a press. cache_dir: as for catalogue.load. Random shapes are sampled without the
-    tools; benchmarks/random_presses.py compares them.
+    That is a whole tool, as the solid or one of its bodies, also rotated, mirrored or scaled; or a
+    solid whose pressing surface is that of a tool at a keypoint, within the reach of a press.
+    cache_dir: as for catalogue.load. Random shapes do not depend on the tools;
+    benchmarks/random_presses.py compares them.
     """
-    kept_in = None if cache_dir is None else str(cache_dir)
+    folder = None if cache_dir is None else str(cache_dir)
     for part in recipe.parts:
         if part.shapes in NAMED or (part.split == "test" and not part.val_share):
             continue
@@ -32,12 +32,12 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
             shape = catalogue.load(path, cache_dir)
             if tool := test_solids().same_as(shape.mesh):
                 is_test = f"is the tool {tool}"
-            elif place := test_surfaces(kept_in).same_as(shape.surface):
+            elif place := test_surfaces(folder).same_as(shape.surface):
                 is_test = f"presses with the same surface as {place}"
             else:
                 continue
             raise T2TwinError(
-                f"{path} {is_test}, which is for the test; leave it out, or give its part "
+                f"{path} {is_test}, which is a test object; remove it, or give its part "
                 'split = "test" and no val_share'
             )
 
@@ -50,7 +50,7 @@ def test_solids() -> KnownSolids:
 
 @cache
 def test_surfaces(cache_dir: str | None = None) -> KnownSurfaces:
-    """The surfaces of all tools at their keypoints, but for those that are SHARED."""
+    """The surfaces of all tools at their keypoints, except SHARED."""
     return KnownSurfaces(
         {
             name: catalogue.load(name, cache_dir).surface

@@ -1,8 +1,7 @@
-"""Which presses the protocol makes (Grella et al. 2023), and the smaller scales that thin it.
+"""Presses of the protocol (Grella et al. 2023), and the subsets of smaller scales.
 
-A press is known by its index in the shape's full list: grid point by grid point, row by row, and
-at each point the orientations. A scale is a choice of indices, so what is pressed at a smaller
-scale is pressed at the same pose at a larger one.
+The index of a press counts the shape's grid points row by row, and at each point the orientations.
+A scale is a set of indices, so each press of a smaller scale has the same pose at a larger one.
 """
 
 from dataclasses import dataclass
@@ -10,10 +9,10 @@ from itertools import product
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.contact.types import PressCommand
 
 FORCE_N = 8.0
 """Commanded force along the press axis, N (Grella et al. 2023)."""
@@ -22,15 +21,14 @@ LAST_YAW_RAD = 7 / 4 * np.pi
 """Orientations are equally spaced from 0 to this (Grella et al. 2023)."""
 
 GRID_OFFSET_MM = (0.3, 0.17)
-"""Where the middle of the grid lies from the shape's own middle, x and y in the shape's frame, mm
-(assumed: as well as a robot finds a part). Were it zero, turning would bring a fifth of the
-presses of a round shape back to where another one was: its middle, and points at angles that the
-orientations happen to make up."""
+"""Offset of the grid's middle from the shape's, x and y in the shape's frame, mm (assumed: accuracy
+of a robot). Without it, a fifth of the presses of a round shape would repeat others: at its middle,
+and at points whose angles differ by a difference of orientations."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """points x points places, spacing_mm of the shape apart, each at so many orientations."""
+    """points x points places at the shape's spacing_mm, each with a number of orientations."""
 
     points: int
     orientations: int
@@ -38,14 +36,13 @@ class Grid:
 
 PRIMITIVE_GRID = Grid(points=7, orientations=12)
 OBJECT_GRID = Grid(points=3, orientations=7)
-"""The objects' seven orientations are spaced as the primitives' twelve are (assumed)."""
+"""The objects' seven orientations have the same range as the primitives' twelve (assumed)."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How the full lists are thinned: the grid points kept (row, column), and how many
-    orientations at each. Those are evenly spaced, and start elsewhere from point to point, so
-    that all of them occur."""
+    """A subset of the presses: grid points (row, column), and the number of orientations at each,
+    which are equally spaced and start at another one from point to point, so that all occur."""
 
     name: str
     primitive_points: tuple[tuple[int, int], ...]
@@ -66,7 +63,7 @@ SCALES = {
 
 
 STRIDE = 5
-"""Orientations by which kept points differ: coprime to 12 and 7, so that neighbours differ well."""
+"""Shift of the orientations from point to point: coprime to 12 and 7, large between neighbors."""
 
 
 def grid_of(name: str) -> Grid:
@@ -87,8 +84,7 @@ def indices(name: str, scale: Scale) -> list[int]:
     points = scale.object_points if is_object else scale.primitive_points
     turns = scale.object_orientations if is_object else scale.primitive_orientations
     step = grid.orientations // turns
-    # A shape of its own place in the catalogue starts elsewhere, so that no orientation is
-    # tied to a place of the grid.
+    # Each shape starts at another orientation, so that orientation and place are independent.
     first = catalogue.NAMES.index(name)
     return sorted(
         (row * grid.points + column) * grid.orientations
@@ -99,19 +95,19 @@ def indices(name: str, scale: Scale) -> list[int]:
 
 
 def press_at(shape: Shape, index: int) -> PressCommand:
-    """The press of an index of a shape's full list."""
+    """The press of a shape with an index."""
     return press_of(shape.name, shape.spacing_mm, index)
 
 
 def press_of(
     name: str, spacing_mm: tuple[float, float], index: int, grid: Grid | None = None
 ) -> PressCommand:
-    """The press of an index, of a shape by name and the spacing of its grid along x and y.
+    """The press with an index, of a named shape with a spacing of its grid along x and y.
 
-    grid: a catalogue shape's own unless given.
+    grid: default the catalogue shape's.
 
-    The sensor goes to a grid point of the shape and turns about the press axis there; seen from
-    the sensor, the grid turns with the shape: (x, y) = Rz(yaw) (grid point).
+    The sensor moves to a grid point of the shape and rotates about the press axis there. In the
+    sensor's frame the grid rotates with the shape: (x, y) = Rz(yaw) (grid point).
     """
     grid = grid or grid_of(name)
     point, orientation = divmod(index, grid.orientations)

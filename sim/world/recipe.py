@@ -1,6 +1,6 @@
-"""A world's recipe: from which distributions shapes, places, turns, forces and light are drawn.
+"""A world's recipe: the distributions of shapes, positions, rotations, forces and light.
 
-One small TOML file, or the name of one that ships:
+It is a TOML file, or the name of a bundled one:
 
     format = 1
     name = "mine"
@@ -14,7 +14,7 @@ One small TOML file, or the name of one that ships:
     [light]
     kind = "drawn"
 
-Paths in it are taken from the folder in which the command runs, as the command's own are.
+Relative paths in it start from the working directory.
 """
 
 import tomllib
@@ -24,55 +24,58 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct, to_builtins
+from msgspec.structs import force_setattr
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.reading import read_file
+from t2twin.core import arguments
+from t2twin.core.arguments import MAX_SEED
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import read_file
+from t2twin.core.records import convert
+from t2twin.core.renames import new_name
+from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 from t2twin.sim.digit.optics import FRAMES
-from t2twin.sim.digit.unit_draw import UnitDraw
-from t2twin.sim.press.force import FORCE_RANGE_N
-from t2twin.sim.seeds import MOST_SEED
-from t2twin.sim.typed_json import convert
+from t2twin.sim.digit.randomization.ranges import UnitRanges
 
 RECIPES = Path(__file__).parent / "recipes"
 PAPER = "paper"
-"""The world that is the protocol of Grella et al. 2023."""
+"""The protocol of Grella et al. 2023."""
 
 RANDOM = "random"
 NAMED = (RANDOM, "primitives", "tools")
-"""What a part's shapes are called that are no folder's; the first are the random ones."""
+"""Values of a part's shapes other than a folder."""
 
 FORMAT = 1
 
 MAX_RECIPE_BYTES = 1_000_000
-"""Largest recipe that is read, bytes (assumed: some hundred times a long one)."""
+"""Largest recipe, bytes (assumed: some hundred times a long one)."""
 
 MIN_FORCE_SHARE = 0.1
-"""Least share of a range of forces that leave_out must leave, in the logarithm of the force
-(assumed: forces are sampled again until one is allowed)."""
+"""Smallest share of a range of forces that remains without leave_out, in the logarithm of the force
+(assumed: rejected forces are sampled again)."""
 
 MAX_FORCES = 100
-"""Most forces in a list, and most ranges that are left out (assumed)."""
+"""Largest number of forces in a list, and of ranges in leave_out (assumed)."""
 
-MOST_SHAPES, MOST_PRESSES = 1_000_000, 10_000
-"""Most random shapes of a part, and most presses of a shape (assumed: weeks of two cores)."""
+MAX_SHAPES, MAX_PRESSES = 1_000_000, 10_000
+"""Largest number of random shapes of a part, and of presses of a shape (assumed: weeks of two
+cores)."""
 
-MOST_FRAMES = 10_000
-"""Most frames averaged for a picture (assumed: minutes of a camera)."""
+MAX_FRAMES = 10_000
+"""Largest number of frames averaged for an image (assumed: minutes of a camera)."""
 
-FARTHEST_MM = 25.0
-"""Farthest that a press may be meant to lie from a shape's middle, mm (assumed: beyond it most
-would miss)."""
+MAX_DISTANCE_MM = 25.0
+"""Largest parameter of the distance between press and shape's middle, mm (assumed: most presses
+would miss beyond it)."""
 
 Share = Annotated[float, Meta(ge=0.0, le=0.9)]
 Force = Annotated[float, Meta(ge=FORCE_RANGE_N[0], le=FORCE_RANGE_N[1])]
-Reach = Annotated[float, Meta(ge=0.0, le=FARTHEST_MM)]
+Reach = Annotated[float, Meta(ge=0.0, le=MAX_DISTANCE_MM)]
 Split = Literal["train", "val", "test"]
 
 
 class Place(Struct, frozen=True, forbid_unknown_fields=True):
-    """Where presses lie about a shape's middle, one of the two: standard deviation of a normal
+    """Distribution of presses around a shape's middle: either the standard deviation of a normal
     distribution along x and y, or half the side of a square, mm."""
 
     normal_mm: Reach | None = None
@@ -84,7 +87,7 @@ class Place(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
-    """Forces from low to high, N, log-uniformly, but for the ranges that are left out."""
+    """Log-uniform forces from low to high, N, except those in the ranges of leave_out."""
 
     low: Force
     high: Force
@@ -95,39 +98,38 @@ class ForceRange(Struct, frozen=True, forbid_unknown_fields=True):
             raise T2TwinError("force_n must have its low below its high")
         for first, last in self.leave_out:
             if not self.low < first < last < self.high:
-                raise T2TwinError("what force_n leaves out must lie within it, low before high")
-        if self.share_left() < MIN_FORCE_SHARE:
+                raise T2TwinError("leave_out of force_n must lie within it, low before high")
+        if self.remaining_share() < MIN_FORCE_SHARE:
             raise T2TwinError(
-                f"force_n leaves {100 * self.share_left():.3g} % of its range; at least "
-                f"{100 * MIN_FORCE_SHARE:g} % must be left, in the logarithm of the force"
+                f"leave_out leaves {100 * self.remaining_share():.3g} % of force_n's range; at "
+                f"least {100 * MIN_FORCE_SHARE:g} % must remain, in the logarithm of the force"
             )
 
-    def share_left(self) -> float:
-        """The share of the range that is not left out, in the logarithm of the force."""
-        left_out, end = 0.0, self.low
+    def remaining_share(self) -> float:
+        """The share of the range outside leave_out, in the logarithm of the force."""
+        omitted, end = 0.0, self.low
         for first, last in sorted(self.leave_out):
             if last > end:
-                left_out += log(last / max(first, end))
+                omitted += log(last / max(first, end))
                 end = last
-        return 1.0 - left_out / log(self.high / self.low)
+        return 1.0 - omitted / log(self.high / self.low)
 
 
 class Part(Struct, frozen=True, forbid_unknown_fields=True):
-    """Some shapes, and how they are pressed.
+    """Shapes and their presses.
 
-    shapes: "random", "primitives", "tools", or a folder of solids' files. count: how many random
-    ones; all there are of the others. presses: how many of each shape, where place is no grid.
-    place: "grid", the protocol's with its orientations, or a distribution. scale: of the grid (see
-    protocol.SCALES). force_n: one, a list, or a range; on a grid of a list, every press with each;
-    else each press draws one. untouched_share: of the presses, in which nothing touches. split:
-    where the shapes go; of the primitives "by-version" as the protocol has it. val_share: of the
-    shapes, which go to validation instead, the last ones.
+    shapes: "random", "primitives", "tools", or a folder of files of solids. count: of random
+    shapes. presses: of each shape, unless place is the grid. place: "grid", the protocol's with its
+    orientations, or a distribution. scale: of the grid (see protocol.SCALES). force_n: a force, a
+    list, or a range; a grid with a list has each press with each force, other presses sample one.
+    untouched_share: of the presses, without contact. split: of the shapes; "by-version" is the
+    protocol's split of the primitives. val_share: of the shapes, the last ones, for validation.
     """
 
     shapes: str
     split: Literal["train", "val", "test", "by-version"] = "train"
-    count: Annotated[int, Meta(ge=1, le=MOST_SHAPES)] | None = None
-    presses: Annotated[int, Meta(ge=1, le=MOST_PRESSES)] | None = None
+    count: Annotated[int, Meta(ge=1, le=MAX_SHAPES)] | None = None
+    presses: Annotated[int, Meta(ge=1, le=MAX_PRESSES)] | None = None
     place: Literal["grid"] | Place = "grid"
     scale: Literal["smoke", "small", "paper"] = "paper"
     force_n: Force | Annotated[tuple[Force, ...], Meta(max_length=MAX_FORCES)] | ForceRange = 8.0
@@ -137,92 +139,94 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         named = f"the part of {self.shapes} shapes"
         if (self.shapes == RANDOM) != (self.count is not None):
-            raise T2TwinError(f"{named}: count belongs to random shapes, which need it")
+            raise T2TwinError(f"{named}: random shapes need count, other shapes must not have it")
         if (self.place == "grid") == (self.presses is not None):
-            raise T2TwinError(f"{named}: presses belongs to a place that is no grid")
+            raise T2TwinError(
+                f"{named}: a distribution of place needs presses, the grid must not have it"
+            )
         if self.place == "grid" and self.shapes not in ("primitives", "tools"):
-            raise T2TwinError(f"{named}: the grid is the protocol's, of primitives and tools")
+            raise T2TwinError(f"{named}: only primitives and tools have the protocol's grid")
         if self.place == "grid" and (self.untouched_share or self.val_share):
-            raise T2TwinError(f"{named}: a grid has no untouched_share and no val_share")
+            raise T2TwinError(f"{named}: the grid must not have untouched_share or val_share")
         if self.split == "by-version" and self.shapes != "primitives":
-            raise T2TwinError(f"{named}: only primitives are split by-version")
+            raise T2TwinError(f"{named}: only primitives can be split by-version")
         if self.split == "by-version" and self.val_share:
-            raise T2TwinError(f"{named}: by-version leaves no val_share")
+            raise T2TwinError(f"{named}: split by-version must not have val_share")
         if self.force_n == ():
             raise T2TwinError(f"{named}: force_n is an empty list")
         if self.shapes == "tools" and self.split != "test":
-            raise T2TwinError("the tools are the test's, for all worlds alike; their split is test")
+            raise T2TwinError("the split of tools must be test, in every world")
 
 
 class Light(Struct, frozen=True, forbid_unknown_fields=True):
     """The DIGIT's light.
 
-    kind: "fixed", one unit for all; "drawn", another unit for each shape or press.
-    calibration: a file of `t2twin calibrate`, the fixed unit or the middle of the draw; without it
-    the one that ships, or the shipped distribution. draw: the distribution's ranges. optics:
-    "baked", or "pyrender", seconds a picture. frames: how many are averaged for a picture, which
-    lowers their noise: 30 in the protocol, 1 for who translates single frames.
+    kind: "fixed", one unit for all; "drawn", a sampled unit for each shape or press. calibration: a
+    file of `t2twin calibrate`, the fixed unit or the center of the sampled ones; None for the
+    default calibration, or the default distribution. draw: ranges of the distribution. optics:
+    "baked", or "pyrender", which takes seconds per image. frames: number of frames averaged for an
+    image, which reduces the noise: 30 in the protocol, 1 for translation of single frames.
     """
 
     kind: Literal["fixed", "drawn"] = "fixed"
     calibration: str | None = None
     each: Literal["shape", "press"] = "shape"
     optics: Literal["baked", "pyrender"] = "baked"
-    draw: UnitDraw = UnitDraw()
-    frames: Annotated[int, Meta(ge=1, le=MOST_FRAMES)] = FRAMES
+    draw: UnitRanges = UnitRanges()
+    frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES)] = FRAMES
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     """A world.
 
-    name: what it is called in tables. seed: of everything that is drawn. layout, imperfections:
-    the CySkin's. field: whether each pair holds the field (t2twin.sim.cyskin.field).
-    untouched_frames: whether each pair holds a picture of its DIGIT untouched.
+    name: for tables. seed: of all samples. layout, imperfections: the CySkin's. field: whether
+    pairs contain the field (t2twin.sim.cyskin.field). untouched_frames: whether pairs contain the
+    background frame of their DIGIT unit.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=60)]
     parts: Annotated[tuple[Part, ...], Meta(min_length=1, max_length=50)]
     format: Literal[1] = FORMAT
-    seed: Annotated[int, Meta(ge=0, le=MOST_SEED)] = 0
+    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] = 0
     layout: str = DEFAULT_LAYOUT
-    imperfections: Literal["none", "white", "untouched", "all"] = "white"
+    imperfections: Literal["none", "white", "baseline", "all", "untouched"] = "white"
     light: Light = Light()
     field: bool = True
     untouched_frames: bool = True
 
     def __post_init__(self) -> None:
-        for number, part in enumerate(checks.instance(self.parts, "parts", tuple)):
-            checks.instance(part, f"parts[{number}]", Part)
+        for number, part in enumerate(arguments.instance(self.parts, "parts", tuple)):
+            arguments.instance(part, f"parts[{number}]", Part)
+        if renamed := new_name("value", self.imperfections):
+            force_setattr(self, "imperfections", renamed)
         own = [part.shapes for part in self.parts if part.place == "grid"]
         if len(own) != len(set(own)):
-            raise T2TwinError(
-                "two parts press the same shapes on the grid; each may be pressed so once"
-            )
+            raise T2TwinError("two parts press the same shapes on the grid; expected at most one")
 
     @property
     def has_more(self) -> bool:
-        """Whether its pairs hold more than the protocol's do."""
+        """Whether its pairs have more columns than the protocol's."""
         return self.field or self.untouched_frames
 
 
-def shipped() -> tuple[str, ...]:
-    """Names of the worlds that ship."""
+def bundled_worlds() -> tuple[str, ...]:
+    """Names of the bundled recipes."""
     return tuple(sorted(path.stem for path in RECIPES.glob("*.toml")))
 
 
 def load_recipe(source: str | Path) -> Recipe:
-    """A recipe by its name, or from a user's TOML file.
+    """A bundled recipe by its name, or a recipe from a TOML file.
 
-    Raises T2TwinError for an unknown name, a file that cannot be read, and a field that is
-    missing, unknown or wrong.
+    Raises T2TwinError for an unknown name, an unreadable file, and a missing, unknown or invalid
+    field.
     """
-    path = RECIPES / f"{checks.path(source, 'world')}.toml"
-    if str(source) not in shipped():
+    path = RECIPES / f"{arguments.path(source, 'world')}.toml"
+    if str(source) not in bundled_worlds():
         path = Path(source)
         if path.suffix != ".toml":
             raise T2TwinError(
-                f"there is no world {str(source)!r}; those that ship are {', '.join(shipped())}, "
-                "and a .toml file is also allowed"
+                f"there is no world {str(source)!r}; allowed are {', '.join(bundled_worlds())} "
+                "and .toml files"
             )
     text = read_file(path, MAX_RECIPE_BYTES)
     try:
@@ -230,27 +234,27 @@ def load_recipe(source: str | Path) -> Recipe:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise T2TwinError(f"{path} is not TOML ({error})") from error
     recipe = convert(content, Recipe, path)
-    _check_draw(content.get("light", {}).get("draw", {}), path)
+    _check_ranges(content.get("light", {}).get("draw", {}), path)
     return recipe
 
 
 def checked(recipe: Recipe) -> Recipe:
-    """A recipe that was made in Python, whose fields have the right types and bounds.
+    """Validates a recipe that was constructed in Python.
 
     Raises T2TwinError as `load_recipe` does.
     """
     try:
         content = to_builtins(recipe)
-    except TypeError:  # a value that JSON does not have
-        raise T2TwinError("the recipe holds values that are no numbers, text or lists") from None
+    except TypeError:  # a value that JSON cannot represent
+        raise T2TwinError("the recipe has values other than numbers, text and lists") from None
     return convert(content, Recipe, "the recipe")
 
 
-def _check_draw(given: dict[str, Any], path: Path) -> None:
-    """A dataclass takes any key without a word; one that is misspelt shall not pass."""
-    known = [field.name for field in fields(UnitDraw)]
-    for name in given:
-        if name not in known:
+def _check_ranges(content: dict[str, Any], path: Path) -> None:
+    """Raises T2TwinError for unknown keys, which the decoder of a dataclass ignores."""
+    names = [field.name for field in fields(UnitRanges)]
+    for name in content:
+        if name not in names:
             raise T2TwinError(
-                f"{path}: light.draw has no {name}; it may have {', '.join(sorted(known))}"
+                f"{path}: light.draw has no {name}; allowed are {', '.join(sorted(names))}"
             )

@@ -1,1 +1,1 @@
-"""From a DIGIT and a ball to a translator of that DIGIT's own frames."""
+"""Adaptation of a translator to one DIGIT, from its background frame and presses of a ball."""

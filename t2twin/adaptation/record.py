@@ -1,4 +1,4 @@
-"""What an adaptation came to, as adapted.json holds it."""
+"""Results of an adaptation, written to adapted.json."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -7,101 +7,107 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from t2twin.adaptation.fitted import Fitted
-from t2twin.adaptation.judged import Felt, Judged, Judgement, counts_of
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.digit.calibrate.certainty import Certainty
-from t2twin.translate.predict import TrainedTranslator
+from t2twin.adaptation.fitted_calibration import FittedCalibration
+from t2twin.adaptation.real_frame_evaluation import (
+    FrameResult,
+    PressComparison,
+    SimulatedReference,
+    predict_counts,
+)
+from t2twin.core.files import atomic_write
+from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
+from t2twin.translate.inference.predictor import CountsPredictor
 
 RECORD = "adapted.json"
 
 
 @dataclass(frozen=True)
-class Scores:
-    """Of a translator over the held-out presses, against the twin's CySkin.
+class AdaptationScores:
+    """Scores of a translator over the held-out presses, relative to the simulated CySkin.
 
-    rmse_percent: root of the mean square over all of them, of full scale. centroid_mm: the median.
-    one_blob: how many are felt at one place. force_part: median of the absolute error.
-    held_percent: share of all counts that intervals of 90 % hold, None of a run that says none.
+    rmse_percent: over all presses, percent of full scale. centroid_mm: median. single_region:
+    presses with exactly one predicted contact region. force_error: median absolute relative error.
+    interval_coverage_percent: counts within their 90 % intervals, None without intervals.
     """
 
     rmse_percent: float
     centroid_mm: float
-    one_blob: int
-    force_part: float
-    held_percent: float | None
+    single_region: int
+    force_error: float
+    interval_coverage_percent: float | None
 
     @classmethod
-    def of(cls, each: Sequence[Judgement]) -> "Scores":
+    def of(cls, results: Sequence[FrameResult]) -> "AdaptationScores":
+        covered = [result.coverage for result in results if result.coverage is not None]
         return cls(
-            rmse_percent=float(np.sqrt(np.mean([one.rmse_percent**2 for one in each]))),
-            centroid_mm=float(np.median([one.centroid_mm for one in each])),
-            one_blob=sum(one.blobs == 1 for one in each),
-            force_part=float(np.median([abs(one.force_part) for one in each])),
-            held_percent=_percent([one.held for one in each]),
+            rmse_percent=float(np.sqrt(np.mean([result.rmse_percent**2 for result in results]))),
+            centroid_mm=float(np.median([result.centroid_mm for result in results])),
+            single_region=sum(result.regions == 1 for result in results),
+            force_error=float(np.median([abs(result.force_error) for result in results])),
+            interval_coverage_percent=100.0 * float(np.mean(covered)) if covered else None,
         )
 
 
-def _percent(held: Sequence[float | None]) -> float | None:
-    known = [share for share in held if share is not None]
-    return 100.0 * float(np.mean(known)) if known else None
-
-
 @dataclass(frozen=True)
-class Adapted:
-    """model: what was trained. presses: how many were held out. optics_psnr_db, optics_ssim: of
-    the light on them. real, simulated: of their frames, and of the twin's pictures of the same
-    presses. nothing, constant: of no counts at all, and of the presses' own mean array.
-    untouched_counts: the largest of any taxel on the real background. minutes: by step. certainty:
-    how sure the presses' depths and forces are."""
+class AdaptationResult:
+    """Content of adapted.json.
+
+    model: the trained model. presses: number of held-out presses. optics_psnr_db, optics_ssim: of
+    the calibrated optics on them. real, simulated: scores on the real and the simulated frames.
+    zero_rmse_percent, mean_array_rmse_percent: baselines, no counts and the mean array of the
+    presses. background_counts: largest predicted count on the real background frame. minutes: by
+    step. uncertainty: ranges of the presses' depths and forces.
+    """
 
     model: str
     presses: int
     optics_psnr_db: float
     optics_ssim: float
-    real: Scores
-    simulated: Scores
-    nothing_rmse_percent: float
-    constant_rmse_percent: float
-    untouched_counts: float
+    real: AdaptationScores
+    simulated: AdaptationScores
+    zero_rmse_percent: float
+    mean_array_rmse_percent: float
+    background_counts: float
     minutes: dict[str, float]
-    certainty: Certainty
+    uncertainty: CalibrationUncertainty
 
 
 def record_of(
-    run: TrainedTranslator,
-    judged: Sequence[Judged],
+    run: CountsPredictor,
+    comparisons: Sequence[PressComparison],
     background: np.ndarray,
-    fitted: Fitted,
+    fitted: FittedCalibration,
     minutes: dict[str, float],
-) -> Adapted:
-    """background: (320, 240, 3) uint8, the real unit untouched."""
-    nothing, constant = trivial_percent([one.felt for one in judged], run)
-    return Adapted(
+) -> AdaptationResult:
+    """Summarizes an adaptation. background: (320, 240, 3) uint8, of the real unit."""
+    zero, mean_array = baseline_rmse_percent([one.reference for one in comparisons], run)
+    return AdaptationResult(
         model=run.config.model,
-        presses=len(judged),
+        presses=len(comparisons),
         optics_psnr_db=fitted.psnr_db,
         optics_ssim=fitted.ssim,
-        real=Scores.of([one.real for one in judged]),
-        simulated=Scores.of([one.simulated for one in judged]),
-        nothing_rmse_percent=nothing,
-        constant_rmse_percent=constant,
-        untouched_counts=float(np.max(counts_of(run, background, background))),
+        real=AdaptationScores.of([one.real for one in comparisons]),
+        simulated=AdaptationScores.of([one.simulated for one in comparisons]),
+        zero_rmse_percent=zero,
+        mean_array_rmse_percent=mean_array,
+        background_counts=float(np.max(predict_counts(run, background, background))),
         minutes=minutes,
-        certainty=fitted.certainty,
+        uncertainty=fitted.uncertainty,
     )
 
 
-def trivial_percent(felt: Sequence[Felt], run: TrainedTranslator) -> tuple[float, float]:
-    """RMSE, percent of full scale, of no counts at all and of the presses' own mean array."""
-    truth = np.array([one.counts for one in felt])
-    nothing, constant = (
-        100.0 * float(np.sqrt(np.mean(off**2))) / run.config.data.full_scale_counts
-        for off in (truth, truth - truth.mean(axis=0))
+def baseline_rmse_percent(
+    references: Sequence[SimulatedReference], run: CountsPredictor
+) -> tuple[float, float]:
+    """RMSE, percent of full scale, of zero counts and of the mean array of the presses."""
+    truth = np.array([reference.counts for reference in references])
+    zero, mean_array = (
+        100.0 * float(np.sqrt(np.mean(residual**2))) / run.config.data.full_scale_counts
+        for residual in (truth, truth - truth.mean(axis=0))
     )
-    return nothing, constant
+    return zero, mean_array
 
 
-def write_record(folder: Path, adapted: Adapted) -> None:
-    with whole_file(folder / RECORD) as temporary:
-        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(asdict(adapted)), indent=1))
+def write_record(folder: Path, result: AdaptationResult) -> None:
+    with atomic_write(folder / RECORD) as temporary:
+        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(asdict(result)), indent=1))

@@ -1,4 +1,4 @@
-"""The console command `t2twin`: one file a subcommand, imported only when it is called for."""
+"""The console command `t2twin`, with its subcommands."""
 
 import os
 import signal
@@ -10,37 +10,34 @@ import tyro
 from t2twin.cli import (
     adapt,
     calibrate,
+    dataset,
     doctor,
     evaluate,
     export,
-    import_pairs,
     live,
     press,
-    primitives,
     report,
     shapes,
-    simdata,
     studio,
-    temper,
     train,
     translate,
 )
 from t2twin.cli.parser_errors import one_sentence
-from t2twin.primitives_cad.compile_ahead import before_compiling
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import FULL
-from t2twin.stopping import Stopped, say_stopped
+from t2twin.core.compile_ahead import before_compiling
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import NO_SPACE
+from t2twin.core.signals import Stopped, report_stop
 
 COMMANDS = {
     "shapes": shapes.shapes,
-    "primitives": primitives.primitives,
+    "primitives": shapes.primitives,
     "calibrate": calibrate.calibrate,
     "adapt": adapt.adapt,
     "press": press.press,
-    "simdata": simdata.simdata,
-    "import-pairs": import_pairs.import_pairs,
+    "simdata": dataset.simdata,
+    "import-pairs": dataset.import_pairs,
     "train": train.train,
-    "temper": temper.temper,
+    "calibrate-uncertainty": train.calibrate_uncertainty,
     "evaluate": evaluate.evaluate,
     "translate": translate.translate,
     "live": live.live,
@@ -52,27 +49,27 @@ COMMANDS = {
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run a subcommand; exit with 2 and one sentence where what was given cannot be used."""
+    """Run a subcommand; print one sentence and exit with status 2 after an error of the user."""
     given = sys.argv[1:] if arguments is None else arguments
-    before_compiling(_say_compiling)
+    before_compiling(_report_compiling)
     try:
         _run(given)
         if sys.stdout is not None:
-            sys.stdout.flush()  # what cannot be written is found here, not at Python's end
+            sys.stdout.flush()  # reports write errors here instead of at the exit of Python
     except T2TwinError as error:
-        sys.exit(_said(str(error)))
+        sys.exit(_print_error(str(error)))
     except BrokenPipeError:
         _drop_output()
     except OSError as error:
         _drop_output()
-        sys.exit(_said(_of_file(error)))
+        sys.exit(_print_error(_file_error(error)))
     except KeyboardInterrupt:
-        sys.exit(say_stopped(signal.SIGINT))
+        sys.exit(report_stop(signal.SIGINT))
     except Stopped as stop:
-        sys.exit(say_stopped(stop.number))
+        sys.exit(report_stop(stop.number))
 
 
-def _say_compiling() -> None:
+def _report_compiling() -> None:
     print(
         "t2twin: compiling numerical loops for their first use on this machine (up to 20 s)",
         file=sys.stderr,
@@ -88,14 +85,14 @@ def _run(given: list[str]) -> None:
         tyro.extras.subcommand_cli_from_dict(
             COMMANDS,
             prog="t2twin",
-            description="From what a DIGIT camera saw to what a CySkin array would have felt.",
+            description="Predict the counts of a CySkin array from the images of a DIGIT sensor.",
             args=given,
             config=(tyro.conf.FlagCreatePairsOff,),
         )
 
 
 def _drop_output() -> None:
-    """Where standard output takes no more, drop what is buffered: Python would try again."""
+    """Discards the buffer of a broken standard output, which Python would write again."""
     try:
         sys.stdout.flush()
     except (OSError, ValueError, AttributeError):
@@ -109,14 +106,15 @@ def _version() -> str:
     return f"t2twin {version('t2twin')}"
 
 
-def _of_file(error: OSError) -> str:
-    what = (error.strerror or str(error)).lower()
-    if error.errno in FULL:
-        return f"there is no room left to write ({what}); make room and start again"
-    return f"{error.filename or 'a file'} cannot be used: {what}"
+def _file_error(error: OSError) -> str:
+    reason = (error.strerror or str(error)).lower()
+    if error.errno in NO_SPACE:
+        return f"no space is left on the device ({reason}); free space and start again"
+    return f"{error.filename or 'a file'} cannot be used: {reason}"
 
 
-def _said(message: str) -> int:
-    one_line = " ".join(message.split())  # a library's reason may have more
+def _print_error(message: str) -> int:
+    """Prints a message in one line; returns the exit status."""
+    one_line = " ".join(message.split())  # messages of libraries may have several lines
     print(f"t2twin: {one_line}", file=sys.stderr)
     return 2

@@ -1,5 +1,6 @@
 """t2twin calibrate"""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,109 +10,116 @@ if TYPE_CHECKING:
     import numpy as np
 
     from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
-    from t2twin.sim.digit.camera import Camera
+    from t2twin.sim.digit.camera.pinhole import Camera
 
 FILES = ("calibration_strip.png", "calibration.json", "calibration.npz")
-"""What is written into --out where there are presses."""
+"""Files written to --out with presses."""
 
 
-def calibrate(
-    background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
-    presses: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
-    ball_diameter_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
-    held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
-    scale_px_per_mm: float = 19.2,
-    ball_tolerance_mm: float = 0.1,
-    scale_tolerance_px_per_mm: float = 2.0,
-    depth_tolerance_mm: float = 0.03,
-    force_tolerance_n: float = 0.05,
-    young_tolerance_mpa: float = 0.1,
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/calibration"),
-) -> None:
-    """Fit the DIGIT's light to your own sensor, from its background and presses of one ball.
-
-    From the background alone, without presses, a light is guessed that is far from a fitted one.
+@dataclass(frozen=True)
+class CalibrateOptions:
+    """Options of `t2twin calibrate`.
 
     Args:
-        background: A frame of the untouched sensor, 240 wide, 320 high or larger, or on its side.
-        presses: Folder of frames of the ball pressed in at different places and depths, which
-            need not be known. What is known stands in a table in it, forces.csv: a column file, and
-            any of force_n, depth_mm (from the first touch) and ball_diameter_mm.
+        background: A background frame of the sensor, 240 wide, 320 high or larger, or rotated.
+        presses: Folder of frames of the ball at different places and depths, which need not be
+            known. Measurements are read from a table in it, forces.csv: a column file, and any of
+            force_n, depth_mm (from first contact) and ball_diameter_mm.
         ball_diameter_mm: The ball's diameter, mm.
-        held_out: How many presses, the last by name, are kept out of the fit to score it; a third
-            unless given.
-        scale_px_per_mm: Picture scale in the middle of the gel, 17.2 to 19.6 from one unit to
-            another; found, where displacements are known.
-        ball_tolerance_mm: How far the diameters may be off, mm.
-        scale_tolerance_px_per_mm: How far the scale may be off, where no displacements are known.
-        depth_tolerance_mm: How far known displacements may be off, mm.
-        force_tolerance_n: How far known forces may be off, N.
-        young_tolerance_mpa: How far the gel's modulus, 0.5 MPa as assumed, may be off, where no
-            forces are known.
-        out: Folder for calibration.npz and, where there are presses, calibration.json and
+        held_out: Number of presses, the last by name, that are scored and not fitted; default: a
+            third.
+        scale_px_per_mm: Image scale in the middle of the gel, 17.2 to 19.6 between units; fitted if
+            displacements are measured.
+        ball_tolerance_mm: Largest error of the diameters, mm.
+        scale_tolerance_px_per_mm: Largest error of the scale, without measured displacements.
+        depth_tolerance_mm: Largest error of measured displacements, mm.
+        force_tolerance_n: Largest error of measured forces, N.
+        young_tolerance_mpa: Largest error of the gel's default modulus, 0.5 MPa, without measured
+            forces.
+        out: Folder for calibration.npz and, with presses, calibration.json and
             calibration_strip.png.
     """
-    from t2twin.primitives_cad.errors import T2TwinError
-    from t2twin.primitives_cad.folder_lock import locked
-    from t2twin.primitives_cad.writing import check_replaceable
-    from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
-    from t2twin.sim.digit.calibrate.known import Tolerance
-    from t2twin.sim.digit.camera import Camera
 
-    camera = Camera(scale_px_per_mm)
-    if presses is None:
-        if ball_diameter_mm is not None or held_out is not None:
+    background: Annotated[Path, tyro.conf.arg(metavar="PNG")]
+    presses: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    ball_diameter_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
+    held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
+    scale_px_per_mm: float = 19.2
+    ball_tolerance_mm: float = 0.1
+    scale_tolerance_px_per_mm: float = 2.0
+    depth_tolerance_mm: float = 0.03
+    force_tolerance_n: float = 0.05
+    young_tolerance_mpa: float = 0.1
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/calibration")
+
+
+def calibrate(options: Annotated[CalibrateOptions, tyro.conf.arg(name="")]) -> None:
+    """Fit the DIGIT's light to your sensor, from its background and presses of one ball.
+
+    From the background alone, without presses, the light is a rough guess.
+    """
+    from t2twin.core.errors import T2TwinError
+    from t2twin.core.files import check_replaceable, locked
+    from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
+    from t2twin.sim.digit.calibrate.measurements import Tolerance
+    from t2twin.sim.digit.camera.pinhole import Camera
+
+    camera, out = Camera(options.scale_px_per_mm), options.out
+    if options.presses is None:
+        if options.ball_diameter_mm is not None or options.held_out is not None:
             raise T2TwinError(
                 "--presses is missing, the folder of frames of the ball; the background alone "
                 "takes neither --ball-diameter-mm nor --held-out"
             )
-        _guess(background, camera, out)
+        _guess(options.background, camera, out)
         return
-    if ball_diameter_mm is None:
+    if options.ball_diameter_mm is None:
         raise T2TwinError("--ball-diameter-mm is missing: that of the ball of --presses")
     tolerance = Tolerance(
-        ball_tolerance_mm,
-        scale_tolerance_px_per_mm,
-        depth_tolerance_mm,
-        force_tolerance_n,
-        young_tolerance_mpa,
+        options.ball_tolerance_mm,
+        options.scale_tolerance_px_per_mm,
+        options.depth_tolerance_mm,
+        options.force_tolerance_n,
+        options.young_tolerance_mpa,
     )
     with locked(out):
-        for name in FILES:  # a fit takes minutes
+        for name in FILES:  # before a fit, which takes minutes
             check_replaceable(out / name)
-        report = fit(background, presses, ball_diameter_mm, held_out, camera, print, tolerance)
+        report = fit(
+            options.background, options.presses, options.ball_diameter_mm, options.held_out,
+            camera, print, tolerance,
+        )  # fmt: skip
         _write(report, out)
-    print(f"written to {out}: calibration.npz, for press and simdata as --calibration,")
-    print("calibration.json, all that is printed here, and calibration_strip.png, the held-out")
-    print("presses: real above, simulated below")
+    print(f"written to {out}: calibration.npz, for press and simdata as --calibration;")
+    print("calibration.json, the printed results; calibration_strip.png, the held-out presses:")
+    print("real above, simulated below")
 
 
 def _guess(background: Path, camera: "Camera", out: Path) -> None:
-    from t2twin.primitives_cad.folder_lock import locked
-    from t2twin.sim.digit.calibrate.untouched import guess_light
+    from t2twin.core.files import locked
+    from t2twin.sim.digit.calibrate.background_light import guess_light
 
     with locked(out):
         guess_light(background, camera, print).save(out / "calibration.npz")
-    print(f"written to {out}: calibration.npz, for press and simdata as --calibration. It is the")
-    print("mean light of drawn DIGITs on your background, a guess: presses of a ball make it a fit")
+    print(f"written to {out}: calibration.npz, for press and simdata as --calibration. It has your")
+    print("background and the mean light of sampled DIGIT units; a fit needs presses of a ball")
 
 
 def _write(report: "CalibrationReport", out: Path) -> None:
-    """Writes the files, and prints what they hold."""
+    """Write the files and print the results."""
     import numpy as np
     from PIL import Image
 
-    from t2twin.primitives_cad.writing import whole_file
-    from t2twin.sim.digit.calibrate.record import write_record
-    from t2twin.sim.digit.calibrate.words import lines_of
+    from t2twin.core.files import atomic_write
+    from t2twin.sim.digit.calibrate.record import uncertainty_lines, write_record
 
     strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
-    with whole_file(out / "calibration_strip.png") as temporary:
+    with atomic_write(out / "calibration_strip.png") as temporary:
         Image.fromarray(strip).save(temporary)
     write_record(out / "calibration.json", report)
     report.calibration.save(out / "calibration.npz")
-    sure = [] if report.certainty is None else lines_of(report.certainty)
-    for line in (*_in_words(report), *sure):
+    lines = [] if report.uncertainty is None else uncertainty_lines(report.uncertainty)
+    for line in (*_score_lines(report), *lines):
         print(line)
 
 
@@ -122,21 +130,19 @@ def _strip(report: "CalibrationReport") -> "tuple[np.ndarray, np.ndarray]":
     noise, rng = report.calibration.noise, np.random.default_rng(0)
     if noise is None:
         return report.real, report.simulated
-    noisy = [picture + noise.draw(rng) for picture in report.simulated]
+    noisy = [picture + noise.sample(rng) for picture in report.simulated]
     return report.real, np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def _in_words(report: "CalibrationReport") -> list[str]:
-    count = len(report.held_out)
+def _score_lines(report: "CalibrationReport") -> list[str]:
     lines = []
     if report.repeated:
-        lines.append(f"left out as copies of others: {', '.join(report.repeated)}")
+        lines.append(f"excluded duplicates: {', '.join(report.repeated)}")
     lines += [
         f"fitted to {report.trained[0]} to {report.trained[-1]}, {len(report.trained)} presses",
-        f"scored on {report.held_out[0]} to {report.held_out[-1]}, {count} presses that the fit "
-        "did not see; the place and depth",
-        "of each is found from its own frame, everything else is as fitted; what is written was",
-        "then fitted to all of them",
+        f"scored on {report.held_out[0]} to {report.held_out[-1]}, {len(report.held_out)} held-out "
+        "presses;",
+        "the pose of each is fitted to its own frame; the written calibration is fitted to all",
         "",
         f"{'press':34s} {'x mm':>6s} {'y mm':>6s} {'deep mm':>7s} {'L1':>6s} {'SSIM':>6s} "
         f"{'PSNR dB':>8s}",
@@ -153,7 +159,7 @@ def _in_words(report: "CalibrationReport") -> list[str]:
         "cut and paste": report.scores.cut_and_paste,
         "do nothing": report.scores.do_nothing,
         "noise floor: one press, two frames": report.scores.repeats_floor,
-        "noise floor: two frames, away": report.scores.untouched_floor,
+        "noise floor: background": report.scores.background_floor,
     }
     for name, score in rows.items():
         if score is None:

@@ -1,4 +1,4 @@
-"""t2twin doctor: each check in one line, whether it works, and what to do if not."""
+"""t2twin doctor: checks this machine, one line for each check."""
 
 import os
 import platform
@@ -22,16 +22,16 @@ PACKAGES = (
     "safetensors",
 )
 MEMORY_GIB = 4
-"""Memory that any command may need, GiB."""
+"""Memory that every command fits into, GiB."""
 
 DISK_GIB = 4
-"""Free disk that the paper's dataset and its runs need, GiB."""
+"""Free disk space for the dataset of scale paper and its runs, GiB."""
 
-PUSHES = 200
-"""Steps after which a pin on its spring stands still (assumed; a press takes a few)."""
+STEPS = 200
+"""Steps after which a pin on its spring is at rest (assumed; a press takes a few)."""
 
 SPRING_ERROR_MM = 1e-2
-"""Error of that pin's depth that is still right, mm."""
+"""Tolerated error of that pin's depth, mm."""
 
 
 def doctor() -> None:
@@ -40,7 +40,7 @@ def doctor() -> None:
 
 
 def run_checks() -> bool:
-    """Print a line a check; True where all of them passed."""
+    """Print one line for each check; returns whether all passed."""
     checks: list[tuple[str, Callable[[], str]]] = [
         ("python", _python),
         ("packages", _packages),
@@ -55,7 +55,7 @@ def run_checks() -> bool:
     for name, check in checks:
         try:
             print(f"ok    {name:10} {check()}")
-        except Exception as error:  # whatever is broken here, the other checks are still made
+        except Exception as error:  # the other checks run in any case
             passed = False
             print(f"FAIL  {name:10} {error}")
     return passed
@@ -80,13 +80,13 @@ def _packages() -> str:
 def _contact() -> str:
     import numpy as np
 
-    from t2twin.sim.press.bed import borrowed_bed
+    from t2twin.sim.contact.mujoco_pins import borrowed_pins
 
     depth_mm = 0.0
-    with borrowed_bed(1) as bed:
-        bed.lay(np.zeros(1), 1.0)
-        for _ in range(PUSHES):
-            depth_mm = bed.push(1.0, np.zeros(1), np.ones(1))[0]
+    with borrowed_pins(1) as model:
+        model.set_state(np.zeros(1), 1.0)
+        for _ in range(STEPS):
+            depth_mm = model.step(1.0, np.zeros(1), np.ones(1))[0]
     if abs(depth_mm - 1.0) > SPRING_ERROR_MM:
         raise RuntimeError(f"a unit spring gave {depth_mm:g} mm under a unit force instead of 1 mm")
     return "a MuJoCo spring under a unit force gives a unit of depth"
@@ -95,19 +95,19 @@ def _contact() -> str:
 def _rendering() -> str:
     import numpy as np
 
-    from t2twin.sim.digit.camera import optical_grid
-    from t2twin.sim.digit.reference import ReferenceRenderer
+    from t2twin.sim.digit.camera.pinhole import optical_grid
+    from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 
     x, y = optical_grid()
     with ReferenceRenderer() as renderer:
-        picture = renderer.render(np.zeros((y.size, x.size)))
-    if picture.max() == 0:
-        raise RuntimeError("pyrender drew a black picture; the OpenGL driver is not usable")
-    return "pyrender drew an untouched gel without a display (EGL)"
+        image = renderer.render(np.zeros((y.size, x.size)))
+    if image.max() == 0:
+        raise RuntimeError("pyrender rendered a black image; the OpenGL driver is not usable")
+    return "pyrender renders the gel without a display (EGL)"
 
 
 def _processor() -> str:
-    from t2twin.primitives_cad.machine import cores
+    from t2twin.core.machine import cores
 
     return f"{cores()} cores"
 
@@ -124,14 +124,14 @@ def _memory() -> str:
 def _disk() -> str:
     gib = shutil.disk_usage(".").free / 2**30
     if gib < DISK_GIB:
-        raise RuntimeError(f"{gib:.1f} GiB free here; the paper's scale needs {DISK_GIB} GiB")
+        raise RuntimeError(f"{gib:.1f} GiB free here; scale paper needs {DISK_GIB} GiB")
     return f"{gib:.0f} GiB free here"
 
 
 def _cache() -> str:
-    from t2twin.primitives_cad.cache_home import VARIABLE, cache_home
+    from t2twin.core.cache_dir import VARIABLE, cache_dir
 
-    home = cache_home()
-    if home is None:
-        return f"none, as no folder for one can be written; {VARIABLE} names another"
-    return f"{home} keeps shapes and compiled code between calls"
+    folder = cache_dir()
+    if folder is None:
+        return f"none: no folder is writable; set {VARIABLE} to a writable one"
+    return f"{folder} (shapes, compiled code)"

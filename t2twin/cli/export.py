@@ -12,22 +12,21 @@ def export(
     layout: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
     force: bool = False,
 ) -> None:
-    """Write a trained run as an ONNX file: pixels in, counts and tactile images out.
+    """Export a trained run as an ONNX file, from pixels to counts and tactile images.
 
     Args:
-        run: Folder of a trained run, or the name of a pretrained run; the pretrained field unless
-            given. A name stands for the pretrained run; a folder called field is ./field.
-        out: File to write; unless given, MODEL.onnx in RUN, or in the working directory of a
-            pretrained run.
-        layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch or field run
-            at; the run's own unless given.
-        force: Replace the file where it exists.
+        run: Folder of a trained run, or name of a pretrained run. Default: the pretrained field. A
+            folder called field is ./field.
+        out: Output file. Default: MODEL.onnx in RUN, for a pretrained run in the working directory.
+        layout: Taxel layout (name, or JSON or CSV file) that a touch2touch or field run is read at.
+            Default: the run's own.
+        force: Replace an existing file.
     """
-    from t2twin.primitives_cad.writing import check_new_file
-    from t2twin.translate.distributed import use_all_cores
-    from t2twin.translate.export import export_onnx
-    from t2twin.translate.predict import load_run
-    from t2twin.translate.runs.shipped import DEFAULT_RUN, HOME
+    from t2twin.core.files import check_new_file
+    from t2twin.translate.inference.load import load_run
+    from t2twin.translate.inference.onnx_export import export_onnx
+    from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.runs.pretrained import DEFAULT_RUN, HOME
 
     if out is not None:
         check_new_file(out, force)
@@ -37,6 +36,6 @@ def export(
         folder = Path() if loaded.run_dir.parent == HOME else loaded.run_dir
         out = folder / f"{loaded.config.model}.onnx"
         check_new_file(out, force)
-    apart = export_onnx(loaded, out)
-    print(f"counts within {apart:.3f} of PyTorch's on random images")
+    difference = export_onnx(loaded, out)
+    print(f"counts differ by at most {difference:.3f} from PyTorch's on random images")
     print(f"written to {out}")

@@ -16,41 +16,39 @@ def live(
     frames: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
 ) -> None:
-    """Translate frames as they arrive: a line of JSON with the counts for each, on standard output.
+    """Translate frames as they arrive; print a line of JSON with the counts for each.
 
-    Frames that come while one is being translated are dropped, all but the newest. Rate and latency
-    are printed on standard error.
+    Frames that arrive during a translation are dropped, except the latest. Rate and latency are
+    printed on standard error.
 
     Args:
-        source: A camera's number, a video file, or a folder that PNG or JPEG files arrive in.
-        run: Folder of a trained run, or the name of a pretrained run; the pretrained field unless
-            given. A name stands for the pretrained run; a folder called field is ./field.
-        layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch or field run at; the
-            run's own unless given.
-        turn_deg: How far frames are turned clockwise to stand upright (rows along the DIGIT's
-            length): 270 for a DIGIT read as a camera.
-        bf16: Compute in bfloat16 where the processor has it: faster, and up to some hundred counts
-            off what float32 gives.
-        frames: Lines after which it ends; never, or with the video, unless given.
-        background: Image of the same sensor with nothing touching it, which a field run compares
-            with the frames; turned as they are, and of any size. The mean background frame of its
-            training unless given.
+        source: Camera number, video file, or folder in which PNG or JPEG files appear.
+        run: Folder of a trained run, or name of a pretrained run; the pretrained field run unless
+            given. A name refers to the pretrained run; write a folder named field as ./field.
+        layout: Taxel layout (name, or JSON or CSV file) of the predictions of a touch2touch or
+            field run; the run's own unless given.
+        turn_deg: Clockwise rotation that makes frames upright (rows along the length of the DIGIT):
+            270 for a DIGIT opened as a camera.
+        bf16: Compute in bfloat16 if the processor supports it: faster, but counts may differ from
+            float32 by a few hundred.
+        frames: Number of frames after which the command ends; unlimited unless given.
+        background: Background frame of the same sensor for a field run, of any size, rotated like
+            the frames; the mean background frame of the training unless given.
     """
+    from t2twin.core.errors import T2TwinError
     from t2twin.live.follow import follow
     from t2twin.live.sources import open_background, open_source
-    from t2twin.primitives_cad.errors import T2TwinError
-    from t2twin.translate.direction import check_gives_counts
-    from t2twin.translate.distributed import use_all_cores
-    from t2twin.translate.engine import load
-    from t2twin.translate.runs.shipped import DEFAULT_RUN
+    from t2twin.translate.inference.load import load
+    from t2twin.translate.inference.predictor import CountsPredictor, require
+    from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
     if frames is not None and frames < 1:
-        raise T2TwinError(f"--frames is {frames}; it must be 1 or more")
+        raise T2TwinError(f"--frames is {frames}; expected 1 or more")
     use_all_cores()
     loaded = load(DEFAULT_RUN if run is None else run, layout, bf16)
-    check_gives_counts(loaded.run_dir, loaded.config.direction)
     follow(
-        loaded,
+        require(loaded, CountsPredictor, "live"),
         open_source(source, turn_deg, _report),
         lambda line: print(line, flush=True),
         _report,
@@ -59,5 +57,5 @@ def live(
     )
 
 
-def _report(sentence: str) -> None:
-    print(f"t2twin: {sentence}", file=sys.stderr, flush=True)
+def _report(message: str) -> None:
+    print(f"t2twin: {message}", file=sys.stderr, flush=True)

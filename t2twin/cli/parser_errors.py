@@ -1,62 +1,61 @@
-"""What the command line's parser refuses, in one sentence each instead of tyro's frames.
+"""Errors of the command line's parser as one sentence instead of tyro's boxes.
 
-tyro reports refusals to a hook (tyro._errors.on_parse_error). The hook is not part of its stable
-interface, which is why pyproject.toml names one version of tyro.
+tyro reports errors to a hook (tyro._errors.on_parse_error), which is not part of its stable
+interface. Therefore pyproject.toml pins the version of tyro.
 """
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from typing import Any
 
 from tyro import _errors
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.core.renames import message
 
 EXPECTED = {"FLOAT": "a number", "INT": "a whole number", "STR": "a name"}
-"""What an option takes, by the metavar of its help text; the other metavars say it themselves."""
-
-RENAMED = {("translate", "--untouched"): "--background"}
-"""Options by command and earlier name."""
+"""Expected values by the metavar of an option; other metavars are self-explanatory."""
 
 TAKES_RUN = ("export", "live", "translate")
-"""Commands whose earlier form had the run as first argument."""
+"""Commands whose earlier version had the run as first argument."""
 
 SHELLS = ("bash", "zsh", "tcsh", "fish")
-"""What tyro writes completions for."""
+"""Shells with completions of tyro."""
 
 Commands = Mapping[str, Callable[..., None]]
 
 
 @contextmanager
 def one_sentence(commands: Commands, given: Sequence[str]) -> Iterator[None]:
-    """Within the block, a command line that tyro refuses raises T2TwinError.
+    """Within the block, an invalid command line raises T2TwinError.
 
-    commands: functions by the name of their subcommand. given: the command line's words.
+    commands: functions by the name of their subcommand. given: arguments of the command line.
     """
-    refusal = Refusal(commands, given)
-    refusal.check_completion()
-    with _errors.on_parse_error(refusal.refuse):
+    error = ParserError(commands, given)
+    error.check_completion()
+    with _errors.on_parse_error(error.raise_for):
         yield
 
 
-class Refusal:
-    """The sentence for a refused command line; arguments as for `one_sentence`."""
+class ParserError:
+    """Message for an invalid command line; arguments as for `one_sentence`."""
 
     def __init__(self, commands: Commands, given: Sequence[str]) -> None:
         self._commands, self._given = commands, given
         self._command = given[0] if given and given[0] in commands else None
 
-    def refuse(self, event: _errors.ParseErrorEvent) -> None:
-        """Raises T2TwinError for an event of tyro; an unknown one is left to tyro."""
+    def raise_for(self, event: _errors.ParseErrorEvent) -> None:
+        """Raises T2TwinError for a known event of tyro."""
         reason = self._reason(event)
         if reason is not None:
             program = "t2twin" if self._command is None else f"t2twin {self._command}"
             raise T2TwinError(f"{reason}; see {program} --help")
 
     def check_completion(self) -> None:
-        """Raises T2TwinError for a completion of an unknown shell, which tyro only asserts."""
+        """Raises T2TwinError for a completion of an unknown shell, for which tyro has no error."""
         words = [word.replace("_", "-") for word in self._given[:1]]
         if words and words[0] in ("--tyro-print-completion", "--tyro-write-completion"):
             shell = self._given[1] if len(self._given) > 1 else ""
@@ -75,7 +74,7 @@ class Refusal:
             name = _name(event.argument)
             return f"{name} is {event.value!r}; expected {_expected(event.argument)}"
         if isinstance(event, _errors.BadValue):
-            # An unknown option in an argument's place is the reason why that is missing.
+            # An argument is missing if an unknown option is in its place.
             name, positional = _name(event.argument), event.argument.is_positional()
             unknown = self._unknown_option() if positional else None
             if unknown is not None:
@@ -92,18 +91,19 @@ class Refusal:
         name = token.partition("=")[0]
         if self._command is None:
             kind, names = "option" if token.startswith("-") else "command", tuple(self._commands)
-        elif (self._command, name) in RENAMED:
-            return f"{name} is now {RENAMED[self._command, name]}"
         elif token.startswith("-"):
             kind, names = "option", self._options()
         else:
-            return self._surplus(token)
+            return self._unexpected(token)
+        renamed = message(kind, f"{self._command} {name}") or message(kind, name)
+        if renamed is not None:
+            return renamed
         near = get_close_matches(name.lower(), names, 1)
         return f"there is no {kind} {name!r}" + (f" (did you mean {near[0]}?)" if near else "")
 
-    def _surplus(self, token: str) -> str:
+    def _unexpected(self, token: str) -> str:
         if self._command in TAKES_RUN:
-            return f"unexpected argument {token!r}; a run is given with --run RUN"
+            return f"unexpected argument {token!r}; give a run with --run RUN"
         return f"unexpected argument {token!r}"
 
     def _missing(self, event: _errors.MissingArgs) -> str:
@@ -111,11 +111,15 @@ class Refusal:
         return f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} missing"
 
     def _options(self) -> tuple[str, ...]:
+        names: list[str] = []
         parameters = inspect.signature(self._commands[self._command or ""]).parameters
-        return tuple("--" + name.replace("_", "-") for name in parameters)
+        for name, parameter in parameters.items():
+            options = getattr(parameter.annotation, "__origin__", None)  # of Annotated
+            names += [field.name for field in fields(options)] if is_dataclass(options) else [name]
+        return tuple("--" + name.replace("_", "-") for name in names)
 
     def _unknown_option(self) -> str | None:
-        """The first word that looks like an option and is none."""
+        """The first unknown option."""
         known = ("--help", *(() if self._command is None else self._options()))
         for word in self._given:
             name = word.partition("=")[0].replace("_", "-")
@@ -124,7 +128,7 @@ class Refusal:
         return None
 
     def _value(self, option: str) -> str:
-        """The last value that was given to an option."""
+        """The last value of an option."""
         value = ""
         for word, after in zip(self._given, (*self._given[1:], ""), strict=True):
             name, equals, attached = word.partition("=")
@@ -134,7 +138,7 @@ class Refusal:
 
 
 def _name(argument: Any) -> str:
-    """An option's name, or a positional argument's metavar, as in the help text."""
+    """Name of an option, or metavar of a positional argument, as in the help text."""
     lowered = argument.lowered
     return str(lowered.metavar) if argument.is_positional() else lowered.name_or_flags[-1]
 
@@ -142,7 +146,7 @@ def _name(argument: Any) -> str:
 def _expected(argument: Any) -> str:
     lowered = argument.lowered
     if lowered.choices:
-        # tyro takes None for an option that may be left out, and forgets the order of the others.
+        # Choices of an optional option include None and are unordered.
         optional = "None" in lowered.choices
         named = [name for name in lowered.choices if name != "None"]
         return _one_of(sorted(named) if optional else named)

@@ -12,34 +12,33 @@ def report(
     runs: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="RUN")] = (),
     evaluation: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
 ) -> None:
-    """Draw one self-contained HTML page: of a dataset alone, or of runs evaluated on it.
+    """Write a self-contained HTML page about a dataset, or about runs evaluated on it.
 
     Args:
         out: Folder to write into.
         data: Folder of the dataset.
-        runs: Folders of trained runs: results, learning curves, errors, on a dataset of `simdata`
-            or on imported pairs. Without any, the dataset itself is drawn: shapes, pictures,
-            forces, saturation, near-duplicates, outliers.
-        evaluation: Folder that `evaluate --split both` has made of the same runs on the same
-            dataset; the folder `evaluate` beside --out unless given. The runs are evaluated anew
-            where neither is of them.
+        runs: Folders of trained runs. The page shows their results, learning curves and errors, on
+            a simulated dataset or on imported pairs. Without runs it shows the dataset: shapes,
+            images, forces, saturation, near-duplicates, outliers.
+        evaluation: Folder of `evaluate --split both` with the same runs and dataset; the folder
+            evaluate next to --out unless given. If neither matches, the runs are evaluated.
     """
-    from t2twin.primitives_cad.errors import T2TwinError
+    from t2twin.core.errors import T2TwinError
 
     if runs:
-        from t2twin.report.page import draw_report
-        from t2twin.report.report_data import read_report_data
-        from t2twin.translate.distributed import use_all_cores
+        from t2twin.report.data import read_report_data
+        from t2twin.report.run_report import draw_report
+        from t2twin.translate.models.distributed import use_all_cores
 
         use_all_cores()
         report_data = read_report_data(out, data, list(runs), evaluation)
         folders = " and ".join(str(folder) for folder in report_data.folders.values())
-        print(f"drawing the evaluation in {folders}")
+        print(f"using the evaluation in {folders}")
         page = draw_report(out, report_data)
     elif evaluation is not None:
-        raise T2TwinError("--evaluation is of trained runs; name them with --runs")
+        raise T2TwinError("--evaluation requires trained runs; give them with --runs")
     else:
-        from t2twin.report.data_page import write_data_report
+        from t2twin.report.dataset_report import write_data_report
 
         page = write_data_report(out, data)
     print(f"open {page}")

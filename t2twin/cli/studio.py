@@ -19,40 +19,40 @@ def studio(
         tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="ORIGIN")
     ] = (),
 ) -> None:
-    """Press, look and translate in a browser, until Ctrl-C.
+    """Press shapes and translate images in a browser, until Ctrl-C.
 
     Args:
-        run: Folders of trained runs to translate with, besides the pretrained one; those below
-            runs/ unless given.
-        source: Frames to look at and to translate: a camera's number, a video file, or a folder.
-        host: Address to listen at; this machine alone unless given. 0.0.0.0 lets everyone in who
-            can reach this machine.
-        port: Port to listen at.
-        background: Image of the DIGIT of those frames with nothing touching it, which field runs
-            compare them with; the mean of those of the training unless given.
-        allow_origin: Origin of pages elsewhere that may use the studio, such as
-            https://lab.example for that of a proxy. Can be given several times.
+        run: Folders of trained runs, in addition to the pretrained run; runs in the folder runs/
+            unless given.
+        source: Frames to translate: camera number, video file or folder.
+        host: Address to listen on; reachable from this machine only unless given. 0.0.0.0 allows
+            everyone who can reach this machine.
+        port: Port to listen on.
+        background: Background frame of the same DIGIT for field runs; the mean background frame of
+            their training unless given.
+        allow_origin: Additional origin whose pages may use the studio, such as https://lab.example
+            of a proxy. Can be repeated.
     """
     from importlib.util import find_spec
 
-    from t2twin.primitives_cad.errors import T2TwinError
-    from t2twin.stopping import Stopped, say_stopped
+    from t2twin.core.errors import T2TwinError
+    from t2twin.core.signals import Stopped, report_stop
 
     if find_spec("viser") is None:
         raise T2TwinError(
-            "the studio needs viser, which is not installed; `pip install 't2twin[studio]'` brings "
-            "it"
+            "the studio requires viser, which is not installed; install it with "
+            "`pip install 't2twin[studio]'`"
         )
-    from t2twin.studio.server import OPEN_TO_OTHERS, is_own
+    from t2twin.studio.server import EXPOSED_WARNING, is_loopback
     from t2twin.studio.server import studio as serve
 
     try:
         with serve(run, host, port, source, background, allow_origin) as served:
-            if not is_own(host):
-                print(OPEN_TO_OTHERS, file=sys.stderr, flush=True)
+            if not is_loopback(host):
+                print(EXPOSED_WARNING, file=sys.stderr, flush=True)
             print(f"open {served.address} (Ctrl-C ends it)", flush=True)
             while True:
                 time.sleep(3600)
     except Stopped as stop:
-        # Its files are gone; threads that still press something are not waited for.
-        os._exit(say_stopped(stop.number))
+        # Does not wait for threads that are still pressing; the files are removed.
+        os._exit(report_stop(stop.number))

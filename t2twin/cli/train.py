@@ -1,4 +1,7 @@
-"""t2twin train"""
+"""t2twin train
+
+t2twin calibrate-uncertainty
+"""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,31 +18,55 @@ def train(
     epochs: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     minutes: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
     steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
-    start: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
+    init_from: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
     direction: Literal["digit-to-cyskin", "cyskin-to-digit"] = "digit-to-cyskin",
-    shape_weight: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
+    iou_weight: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
 ) -> None:
-    """Train a translator, or go on with a training that was stopped.
+    """Train a translator, or resume a stopped training.
 
     Args:
-        model: touch2touch, resnet18 or field, which needs pairs that hold the field.
+        model: touch2touch, resnet18, or field, which needs a dataset with field.
         data: Folder of the dataset.
-        preset: cpu (two cores), paper (as published; wants a GPU) or smoke (seconds).
-        out: Folder of the run; runs/MODEL unless given, or runs/MODEL-cyskin-to-digit.
+        preset: cpu (two cores), paper (as published; for a GPU) or smoke (seconds).
+        out: Folder of the run. Default: runs/MODEL, or runs/MODEL-cyskin-to-digit.
         seed: Seed of weights, order, dropout and augmentation.
-        epochs: Most epochs; the preset's unless given.
-        minutes: Most minutes; the epochs are planned to fit.
-        steps: Most steps, in whole epochs; the preset's unless given.
-        start: Another run of the same model, whose weights this one begins with.
-        direction: digit-to-cyskin, or, of touch2touch, the other way: DIGIT pictures from counts.
-        shape_weight: Weight of the loss of the tactile image's shape beside L1's 100; the preset's,
-            none, unless given; touch2touch only.
+        epochs: Maximum epochs. Default: the preset's.
+        minutes: Maximum minutes; the epochs are planned to fit.
+        steps: Maximum steps, rounded to whole epochs. Default: the preset's.
+        init_from: Run of the same model, whose weights are the initial weights.
+        direction: digit-to-cyskin, or for touch2touch cyskin-to-digit: DIGIT images from counts.
+        iou_weight: Weight of the soft IoU loss of the tactile image; that of L1 is 100. touch2touch
+            only. Default: the preset's, 0.
     """
-    from t2twin.translate.train import train as run
+    from t2twin.translate.training.train import train as run
 
-    way = "" if direction == "digit-to-cyskin" else f"-{direction}"
-    folder = out or Path("runs") / f"{model}{way}"
+    suffix = "" if direction == "digit-to-cyskin" else f"-{direction}"
+    folder = out or Path("runs") / f"{model}{suffix}"
     run(
         model, data, preset, folder, seed=seed, epochs=epochs, minutes=minutes, steps=steps,
-        start=start, direction=direction, shape_weight=shape_weight,
+        init_from=init_from, direction=direction, iou_weight=iou_weight,
     )  # fmt: skip
+
+
+def calibrate_uncertainty(
+    run: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="RUN")]],
+    data: Annotated[
+        tuple[Path, ...], tyro.conf.arg(metavar="DIR", help_behavior_hint="(one or more)")
+    ],
+) -> None:
+    """Recalibrate the predicted uncertainty of a field run on validation presses of several worlds.
+
+    Args:
+        run: Folder of a trained field run; the calibration is written into its best weights.
+        data: Folders of datasets with field, including the run's own. Each contributes the same
+            number of validation presses.
+    """
+    from t2twin.core.errors import T2TwinError
+    from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.training.recalibrate import recalibrate
+
+    if not data:
+        raise T2TwinError("there is no dataset to calibrate on; give folders with --data")
+    use_all_cores()
+    presses = recalibrate(run, data)
+    print(f"standard deviations calibrated on {presses:,} presses; written to {run}")

@@ -3,12 +3,15 @@
 import sys
 from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-SHOWN = 5
-"""Images whose counts are printed; all of them are in the files."""
+if TYPE_CHECKING:
+    from t2twin.translate.inference.outputs import TranslationResult
+
+MAX_PRINTED = 5
+"""Images whose counts are printed; the output files contain all."""
 
 
 def translate(
@@ -26,61 +29,75 @@ def translate(
     bf16: bool = False,
     background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
 ) -> None:
-    """Translate DIGIT images into CySkin counts; writes counts.csv, counts.json and pictures.
+    """Translate DIGIT images to CySkin counts; writes counts.csv, counts.json and PNG files.
 
-    A field run also writes counts_std.csv, the standard deviation of each count, and says the force
-    where it was trained on several; its pictures fade to white where it is not sure.
+    A field run also writes counts_std.csv, the standard deviation of each count, and the force, if
+    it was trained on several. Its PNG files fade to white with increasing uncertainty.
 
     Args:
-        images: PNG or JPEG files of any size, grey or color, upright as the DIGIT gives them, or
-            folders of such files.
-        run: Folder of a trained run, or the name of a pretrained run; the pretrained field unless
-            given. A name stands for the pretrained run; a folder called field is ./field.
-        out: Folder to write into.
-        layout: Taxel layout (name, or JSON or CSV file) to read a touch2touch or field run
-            at; the run's own unless given.
-        pictures: Leave the pictures of the tactile images out and write the counts only, which is
-            faster.
-        bf16: Compute in bfloat16 where the processor has it: faster, and up to some hundred counts
-            off what float32 gives.
-        background: Image of the same DIGIT with nothing touching it, which a field run compares
-            with the images; the mean background frame of its training unless given.
+        images: PNG or JPEG files of any size, grey or color, upright, or folders of such files.
+        run: Folder of a trained run, or name of a pretrained run. Default: the pretrained field. A
+            folder called field is ./field.
+        out: Output folder.
+        layout: Taxel layout (name, or JSON or CSV file) that a touch2touch or field run is read at.
+            Default: the run's own.
+        pictures: Write no PNG files of the tactile images, which is faster.
+        bf16: Compute in bfloat16 if the processor supports it: faster, counts differ by up to some
+            hundreds.
+        background: Image of the same DIGIT without contact, for a field run. Default: the mean
+            background frame of its training.
     """
-    import numpy as np
-
-    from t2twin.translate.batch import find_images, translate_files
-    from t2twin.translate.distributed import use_all_cores
-    from t2twin.translate.runs.shipped import DEFAULT_RUN
+    from t2twin.translate.inference.batch import find_images, translate_files
+    from t2twin.translate.models.distributed import use_all_cores
+    from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
     run = DEFAULT_RUN if run is None else run
     _check_no_run(images)
     use_all_cores()
     files = find_images(images)
-    translated = translate_files(run, files, out, layout, pictures, bf16, background)
-    counts = translated.counts
-    for image, row in zip(files[:SHOWN], np.rint(counts[:SHOWN]).astype(int), strict=True):
-        print(f"{image}: " + " ".join(str(count) for count in row))
-    if len(counts) > SHOWN:
-        print(f"and {len(counts) - SHOWN:,} more")
+    result = translate_files(run, files, out, layout, pictures, bf16, background)
+    _print(result, files)
     print(f"written to {out}")
-    strange = [(file, looks) for file, looks in zip(files, translated.looks, strict=True) if looks]
-    if strange:
-        how = Counter(looks for _, looks in strange).most_common()
+    _warn(result, files, run)
+
+
+def _print(result: "TranslationResult", files: list[Path]) -> None:
+    """Prints the counts of the first images."""
+    import numpy as np
+
+    rows = np.rint(result.counts[:MAX_PRINTED]).astype(int)
+    for image, row in zip(files[:MAX_PRINTED], rows, strict=True):
+        print(f"{image}: " + " ".join(str(count) for count in row))
+    if len(files) > MAX_PRINTED:
+        print(f"and {len(files) - MAX_PRINTED:,} more")
+
+
+def _warn(result: "TranslationResult", files: list[Path], run: str) -> None:
+    """Prints a warning to stderr if images are out of distribution."""
+    from t2twin.translate.uncertainty.ood import OODClass
+
+    found = [
+        (file, ood_class)
+        for file, ood_class in zip(files, result.ood_classes, strict=True)
+        if ood_class != OODClass.IN_DISTRIBUTION
+    ]
+    if found:
+        classes = Counter(ood_class for _, ood_class in found).most_common()
         print(
-            f"t2twin: {len(strange)} of {len(files)} pictures are unlike all that {run} was "
-            f"trained on, such as {strange[0][0]} "
-            f"({', '.join(f'{count} {looks}' for looks, count in how)}); do not believe their "
-            "counts, which are right of upright frames of the same sensor in the same light only",
+            f"t2twin: {len(found)} of {len(files)} images are unlike all training images of {run}, "
+            f"such as {found[0][0]} ({', '.join(f'{count} {name}' for name, count in classes)}); "
+            "their counts are not reliable: expected upright frames of the same sensor in the "
+            "same light",
             file=sys.stderr,
         )
 
 
 def _check_no_run(images: tuple[Path, ...]) -> None:
-    """Raises T2TwinError where a run stands among the images, as its first argument once did."""
-    from t2twin.primitives_cad.errors import T2TwinError
+    """Raises T2TwinError for a run among the images; in version 0.1 it was the first argument."""
+    from t2twin.core.errors import T2TwinError
     from t2twin.translate.runs.config import CONFIG
-    from t2twin.translate.runs.shipped import shipped_runs
+    from t2twin.translate.runs.pretrained import pretrained_runs
 
     for path in images:
-        if (path / CONFIG).is_file() or (str(path) in shipped_runs() and not path.exists()):
+        if (path / CONFIG).is_file() or (str(path) in pretrained_runs() and not path.exists()):
             raise T2TwinError(f"{path} is a run, not an image; give it as --run {path}")

@@ -1,1 +1,1 @@
-"""Live: frames as they arrive, from a camera, a video file or a folder, to counts."""
+"""Live translation of the frames of a camera, a video file or a folder."""

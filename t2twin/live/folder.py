@@ -1,4 +1,4 @@
-"""A folder that image files arrive in, or in which one file is written again and again."""
+"""A folder in which image files appear, or in which one file is rewritten."""
 
 import os
 import stat
@@ -9,73 +9,73 @@ from typing import NamedTuple
 
 import numpy as np
 
-from t2twin.live.frame import Frame, turned
-from t2twin.live.skipped import Report, Skipped
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
+from t2twin.live.frame import Frame, Report, SkippedFrames, rotated
 
 POLL_S = 0.002
-"""How often a folder is looked into, s: an eighth of a 60 Hz camera's period."""
+"""Polling period of a folder, s: an eighth of the period of a 60 Hz camera."""
 
-PATIENCE_S = 1.0
-"""How long a file may stay unreadable after its last change, s, before it is skipped (assumed)."""
-
+READ_TIMEOUT_S = 1.0
+"""Time after its last change for which an unreadable file is retried, s (assumed)."""
 
 RECENT = 64
-"""Files, the last read, that every look checks for a new content (assumed); the others are checked
-now and then, as a look at tens of thousands takes longer than a frame."""
+"""Number of recently read files that every poll checks for changes (assumed). All files are checked
+less often, because checking tens of thousands of them takes longer than a frame."""
 
-FULL_LOOK_EVERY_S = 0.5
-"""Least time between two looks at all files, s (assumed)."""
+FULL_SCAN_EVERY_S = 0.5
+"""Minimum time between two checks of all files, s (assumed)."""
 
-FULL_LOOK_SHARE = 0.05
-"""Most of the time that looks at all files may take (assumed)."""
+FULL_SCAN_SHARE = 0.05
+"""Maximum share of the time that checks of all files take (assumed)."""
 
 
 class Version(NamedTuple):
-    """What tells one content of a file from the next."""
+    """Identifies one content of a file."""
 
     modified_ns: int
     bytes: int
     inode: int
 
 
-class Folder:
-    """A folder of PNG and JPEG files: first the newest that is there, then those that arrive.
+class FolderSource:
+    """PNG and JPEG files of a folder: the latest existing file first, then new files.
 
-    A file that is written again is a new frame. One that is not whole is waited for, one that stays
-    so for patience_s after its last change is skipped and reported. Subfolders, hidden files, pipes
-    and devices are left out. Raises T2TwinError where the folder cannot be listed.
+    A rewritten file is a new frame. An incomplete file is retried; if it remains unreadable for
+    read_timeout_s after its last change, it is skipped and reported. Subfolders, hidden files,
+    pipes and devices are ignored. Raises T2TwinError if the folder cannot be listed.
     """
 
     def __init__(
-        self, path: Path, turn_deg: int, report: Report, patience_s: float = PATIENCE_S
+        self, path: Path, turn_deg: int, report: Report, read_timeout_s: float = READ_TIMEOUT_S
     ) -> None:
-        self._path, self._turn_deg, self._patience_s = path, turn_deg, patience_s
+        self._path, self._turn_deg, self._read_timeout_s = path, turn_deg, read_timeout_s
         self._count = 0
-        self._skipped = Skipped(report)
-        self._done: dict[str, Version] = {}  # files whose present content needs no more reading
-        self._unreadable: dict[str, tuple[Version, float]] = {}  # and since when, monotonic, s
-        self._full_look_due_s = 0.0  # monotonic
+        self._skipped = SkippedFrames(report)
+        self._done: dict[str, Version] = {}  # processed contents, the latest read last
+        self._unreadable: dict[str, tuple[Version, float]] = {}  # with the time of the first try
+        self._full_scan_due_s = 0.0  # monotonic
         self._closed = False
         older = sorted(self._listed().items(), key=_age)[:-1]
         self._done.update(older)
 
     def read(self) -> Frame | None:
-        """Waits for the next frame; None once it is closed. Raises T2TwinError where the folder is
-        gone."""
+        """Waits for the next frame; None after `close`.
+
+        Raises T2TwinError if the folder no longer exists.
+        """
         while not self._closed:
-            frame = self._newest()
+            frame = self._latest()
             if frame is not None:
                 return frame
             time.sleep(POLL_S)
         return None
 
     def close(self) -> None:
-        """Ends the waiting of `read`."""
+        """Ends `read`."""
         self._closed = True
 
-    def _newest(self) -> Frame | None:
-        """The newest readable frame that was not read yet. Older ones are left out from then on."""
+    def _latest(self) -> Frame | None:
+        """The latest readable frame that was not read yet. Older frames are dropped."""
         listed = self._listed()
         for known in (self._done, self._unreadable):
             for name in known.keys() - listed.keys():
@@ -89,27 +89,27 @@ class Folder:
             if image is None:
                 continue
             for older, its_version in new[: position + 1]:
-                self._done.pop(older, None)  # the last read is the last in the dictionary
+                self._done.pop(older, None)  # keeps the order of reading
                 self._done[older] = its_version
             self._count += position + 1
-            return Frame(turned(image, self._turn_deg), self._count - 1, name, arrived_s)
+            return Frame(rotated(image, self._turn_deg), self._count - 1, name, arrived_s)
         return None
 
     def _image(self, name: str, version: Version) -> np.ndarray | None:
-        """A file's image, None where it is not whole or was changed meanwhile."""
+        """The image of a file; None if it is incomplete or was rewritten during reading."""
         from t2twin.translate.data.images import open_image  # imports torch
 
         path, now_s = self._path / name, time.monotonic()
         known, since_s = self._unreadable.get(name, (version, now_s))
-        waited = known == version and now_s - since_s >= self._patience_s
-        if known == version and name in self._unreadable and not waited:
-            return None  # it was tried already
+        timed_out = known == version and now_s - since_s >= self._read_timeout_s
+        if known == version and name in self._unreadable and not timed_out:
+            return None  # this content was tried already
         try:
             image = np.asarray(open_image(path))
         except T2TwinError as error:
             if not path.exists():
                 return None
-            if waited:
+            if timed_out:
                 self._done[name] = version
                 self._count += 1
                 self._skipped.add(str(error))
@@ -122,9 +122,9 @@ class Folder:
         return None if rewritten else image
 
     def _listed(self) -> dict[str, Version]:
-        """The folder's image files. Raises T2TwinError where it cannot be listed."""
+        """Versions of the image files. Raises T2TwinError if the folder cannot be listed."""
         began_s = time.monotonic()
-        full = began_s >= self._full_look_due_s
+        full = began_s >= self._full_scan_due_s
         recent = set(islice(reversed(self._done), RECENT))
         listed = {}
         for name in self._names():
@@ -134,18 +134,18 @@ class Folder:
                 listed[name] = version
         if full:
             now_s = time.monotonic()
-            pause_s = max(FULL_LOOK_EVERY_S, (now_s - began_s) / FULL_LOOK_SHARE)
-            self._full_look_due_s = now_s + pause_s
+            pause_s = max(FULL_SCAN_EVERY_S, (now_s - began_s) / FULL_SCAN_SHARE)
+            self._full_scan_due_s = now_s + pause_s
         return listed
 
     def _names(self) -> list[str]:
-        from t2twin.translate.batch import SUFFIXES  # imports torch, as above
+        from t2twin.translate.inference.batch import SUFFIXES  # imports torch, as above
 
         try:
             with os.scandir(self._path) as entries:
                 names = [entry.name for entry in entries]
         except (FileNotFoundError, NotADirectoryError):
-            raise T2TwinError(f"the folder {self._path} is gone") from None
+            raise T2TwinError(f"the folder {self._path} no longer exists") from None
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise T2TwinError(f"the folder {self._path} cannot be listed ({reason})") from error
@@ -153,17 +153,17 @@ class Folder:
 
 
 def _age(item: tuple[str, Version]) -> tuple[int, str]:
-    """Sorts files, the newest last."""
+    """Sort key of files, the latest last."""
     name, version = item
     return version.modified_ns, name
 
 
 def _version(path: Path) -> Version | None:
-    """None for what is no regular file, and for one that is gone."""
+    """The version of a regular file; None for anything else and for a missing file."""
     try:
-        about = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    if not stat.S_ISREG(about.st_mode):
+    if not stat.S_ISREG(status.st_mode):
         return None
-    return Version(about.st_mtime_ns, about.st_size, about.st_ino)
+    return Version(status.st_mtime_ns, status.st_size, status.st_ino)

@@ -1,4 +1,4 @@
-"""Translates frames as they arrive into lines of JSON."""
+"""Translates frames as they arrive and writes one line of JSON for each."""
 
 import json
 import time
@@ -9,124 +9,122 @@ from typing import Any
 
 import numpy as np
 
-from t2twin.live.newest import Newest
-from t2twin.live.sources import Frame, Source
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.translate.predict import TrainedTranslator
+from t2twin.live.frame import Frame, Report
+from t2twin.live.latest_frame import LatestFrame
+from t2twin.live.sources import Source
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.outputs import ood_entry
+from t2twin.translate.inference.predictor import CountsPredictor, require
 
-SAY_EVERY_S = 5.0
-"""How often rate and latency are said, s."""
+REPORT_EVERY_S = 5.0
+"""Period of the reports of rate and latency, s."""
 
-MOST_LATENCIES = 100_000
-"""Latencies that are kept for the last word, half an hour's; bounds memory."""
+MAX_LATENCIES = 100_000
+"""Number of latencies kept for the final report, half an hour at 60 Hz; limits memory."""
 
 
 @dataclass
-class Pace:
-    """How well the counts keep up. done, came: frames translated, and those that there were.
-    latencies_ms: from a frame's arrival to its line, of the last ones."""
+class Throughput:
+    """Numbers of translated and received frames, and latencies from a frame's arrival to its
+    line."""
 
     began_s: float = field(default_factory=time.perf_counter)
-    done: int = 0
-    came: int = 0
-    latencies_ms: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_LATENCIES))
+    translated: int = 0
+    received: int = 0
+    latencies_ms: deque[float] = field(default_factory=lambda: deque(maxlen=MAX_LATENCIES))
 
     def __str__(self) -> str:
         seconds = max(time.perf_counter() - self.began_s, 1e-9)
-        words = f"{self.done / seconds:.1f} of {self.came / seconds:.1f} frames/s"
+        text = f"{self.translated / seconds:.1f} of {self.received / seconds:.1f} frames/s"
         if self.latencies_ms:
-            middle, most = np.percentile(self.latencies_ms, [50, 95])
-            words += f", latency {middle:.1f} ms (95 % within {most:.1f} ms)"
-        return f"{words}, {self.came - self.done} of {self.came} dropped"
+            median, high = np.percentile(self.latencies_ms, [50, 95])
+            text += f", median latency {median:.1f} ms (95th percentile {high:.1f} ms)"
+        return f"{text}, {self.received - self.translated} of {self.received} dropped"
 
 
 def follow(
-    run: TrainedTranslator,
+    run: CountsPredictor,
     source: Source,
     write: Callable[[str], None],
-    say: Callable[[str], None],
-    most_frames: int | None = None,
+    report: Report,
+    max_frames: int | None = None,
     background: np.ndarray | None = None,
-) -> Pace:
-    """Translates the newest frame again and again, until the source ends.
+) -> Throughput:
+    """Translates the latest frame repeatedly, until the source ends.
 
-    write: takes each frame's line, JSON: `frame` (its number in the source, from 0), `file` (in a
-    folder), `time_s` (when it arrived, seconds since 1970), `latency_ms` (from then to the line),
-    `counts` (whole numbers, one for each taxel), `like_training` (false where the counts mean
-    little); of a field run also `counts_std` (standard deviations, counts) and, where it was
-    trained on several forces, `force_n` and `force_std_n` (N). say: takes messages for the user.
-    most_frames: lines after which it ends. background: a frame of the same sensor with nothing
-    touching it, (h, w, 3) or (h, w) uint8, of any size, for a field run.
-    Raises T2TwinError where the source fails, and for a background frame of another run.
+    write: receives one line of JSON per frame: `frame` (number in the source, from 0), `file` (in a
+    folder), `time_s` (arrival, seconds since 1970), `latency_ms` (from arrival to the line),
+    `counts` (integers, one per taxel), `in_distribution` (if false, also `ood_class`); of a field
+    run also `counts_std` (standard deviations, counts) and, if it was
+    trained on several forces, `force_n` and `force_std_n` (N). report: receives messages for the
+    user. max_frames: number of lines after which it ends. background: background frame of the
+    sensor for a field run, (h, w, 3) or (h, w) uint8, of any size.
+    Raises T2TwinError if the source fails, and for a background frame with another model.
     """
     frame_of_unit = None if background is None else _background(run, background)
     blank = np.zeros((run.config.preset.size,) * 2, np.uint8)
-    _predict(run, run.pixels_of(blank, frame_of_unit))  # the first prediction is slow
-    newest = Newest(source)
+    _predict(run, run.pixels_of(blank, frame_of_unit))  # warm-up: the first prediction is slow
+    latest = LatestFrame(source)
     try:
-        return _follow(run, newest, write, say, most_frames, frame_of_unit)
+        return _follow(run, latest, write, report, max_frames, frame_of_unit)
     finally:
-        newest.close()
+        latest.close()
 
 
 def _follow(
-    run: TrainedTranslator,
-    newest: Newest,
+    run: CountsPredictor,
+    latest: LatestFrame,
     write: Callable[[str], None],
-    say: Callable[[str], None],
-    most_frames: int | None,
+    report: Report,
+    max_frames: int | None,
     background: np.ndarray | None,
-) -> Pace:
-    """background: at the run's size, as _background returns it. The rest as for `follow`."""
-    pace = Pace()
-    said_s, warned, waiting = pace.began_s, False, False
+) -> Throughput:
+    """background: at the run's size, from `_background`. Other arguments: as for `follow`."""
+    throughput = Throughput()
+    reported_s, warned, waiting = throughput.began_s, False, False
     last = -1
-    while most_frames is None or pace.done < most_frames:
-        ended = newest.ended  # asked first: a last frame may come with the end
-        frame = newest.take(last, SAY_EVERY_S)
+    while max_frames is None or throughput.translated < max_frames:
+        ended = latest.ended  # read before the frame: a last frame may arrive with the end
+        frame = latest.take(last, REPORT_EVERY_S)
         if frame is None:
             if ended:
                 break
-            if not waiting and not newest.ended:
+            if not waiting and not latest.ended:
                 waiting = True
-                say(f"no new frame for {SAY_EVERY_S:g} s; waiting for the next one")
+                report(f"no new frame for {REPORT_EVERY_S:g} s; waiting for the next one")
             continue
         last, waiting = frame.number, False
         pixels = run.pixels_of(frame.image, background)
         predicted = _predict(run, pixels)
-        familiar = bool(run.is_familiar(pixels)[0])
+        (ood_class,) = run.classify(pixels)
+        entry = predicted | ood_entry(ood_class)
         now_s = time.perf_counter()
         latency_ms = 1e3 * (now_s - frame.arrived_s)
-        write(json.dumps(_line(frame, predicted, familiar, latency_ms)))
-        pace.done, pace.came = pace.done + 1, newest.read
-        pace.latencies_ms.append(latency_ms)
-        if not familiar and not warned:
+        write(json.dumps(_line(frame, entry, latency_ms)))
+        throughput.translated, throughput.received = throughput.translated + 1, latest.read
+        throughput.latencies_ms.append(latency_ms)
+        if not entry["in_distribution"] and not warned:
             warned = True
-            say(
-                f"a frame is unlike all that {run.run_dir} was trained on; counts are right of "
-                "upright frames of the same sensor in the same light only"
+            report(
+                f"a frame is unlike the training images of {run.run_dir}; predictions are only "
+                "valid for upright frames of the same sensor in the same light"
             )
-        if now_s - said_s >= SAY_EVERY_S:
-            said_s = now_s
-            say(str(pace))
-    pace.came = newest.read
-    say(str(pace))
-    return pace
+        if now_s - reported_s >= REPORT_EVERY_S:
+            reported_s = now_s
+            report(str(throughput))
+    throughput.received = latest.read
+    report(str(throughput))
+    return throughput
 
 
-def _background(run: TrainedTranslator, frame: np.ndarray) -> np.ndarray:
-    """A background frame at the run's size, (S, S, 3) uint8, so that it is resized only once."""
-    if not run.translator.learns_field:
-        raise T2TwinError(
-            f"{run.run_dir} is a {run.config.model} run, which takes no background frame; a field "
-            "run does"
-        )
-    return run.pixels_of(frame)[0]
+def _background(run: CountsPredictor, frame: np.ndarray) -> np.ndarray:
+    """The background frame at the run's size, (S, S, 3) uint8, so that it is resized only once."""
+    return require(run, FieldPredictor, "a background frame").pixels_of(frame)[0]
 
 
-def _predict(run: TrainedTranslator, pixels: np.ndarray) -> dict[str, Any]:
-    """What a line says of one frame, as JSON has it. pixels: (1, S, S, c) uint8."""
-    if not run.translator.learns_field:
+def _predict(run: CountsPredictor, pixels: np.ndarray) -> dict[str, Any]:
+    """Predicted values of a line. pixels: (1, S, S, c) uint8."""
+    if not isinstance(run, FieldPredictor):
         return {"counts": _whole(run.predict_pixels(pixels)[0])}
     estimate = run.estimate_pixels(pixels).first()
     predicted = {"counts": _whole(estimate.counts), "counts_std": _whole(estimate.counts_std)}
@@ -139,9 +137,7 @@ def _whole(values: np.ndarray) -> list[int]:
     return np.rint(values).astype(int).tolist()
 
 
-def _line(
-    frame: Frame, predicted: dict[str, Any], familiar: bool, latency_ms: float
-) -> dict[str, Any]:
+def _line(frame: Frame, predicted: dict[str, Any], latency_ms: float) -> dict[str, Any]:
     file = {} if frame.name is None else {"file": frame.name}
     return {
         "frame": frame.number,
@@ -149,5 +145,4 @@ def _line(
         "time_s": round(time.time() - latency_ms / 1e3, 6),
         "latency_ms": round(latency_ms, 3),
         **predicted,
-        "like_training": familiar,
     }

@@ -1,5 +1,5 @@
-"""The report of a dataset, its trainings and its evaluation: one page that needs no other file."""
+"""HTML reports of a dataset, and of runs with their evaluation."""
 
-from t2twin.primitives_cad.cache_home import matplotlib_home
+from t2twin.core.cache_dir import configure_matplotlib_dir
 
-matplotlib_home()
+configure_matplotlib_dir()

@@ -1,74 +1,76 @@
-"""The evaluations that the report draws: those that are there already, else made now.
+"""Finds the evaluation that a report shows, or runs it.
 
-`t2twin evaluate` leaves one a split. It is drawn where it is of these very weights, in this order
-of runs, on this very dataset; digests tell, so that folders may be moved and copied.
+An existing evaluation is used if it evaluates the same weights, in the same order, on the same
+dataset. Digests are compared, so folders may be moved and copied.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import sha256_of
-from t2twin.translate.evaluation.evaluate import evaluate, run_names
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.files import read_evaluation
 from t2twin.translate.evaluation.predictions import Predictions, read_predictions
-from t2twin.translate.evaluation.records import Evaluation, read_evaluation
-from t2twin.translate.predict import TrainedTranslator
+from t2twin.translate.evaluation.prepare import run_names
+from t2twin.translate.evaluation.records import Evaluation
+from t2twin.translate.inference.predictor import CountsPredictor
 from t2twin.translate.runs.config import BEST
 
-BESIDE = "evaluate"
-"""Folder beside the report's, in which `make evaluate` leaves val and test."""
+SIBLING_FOLDER = "evaluate"
+"""Folder next to the report's folder, into which `make evaluate` writes val and test."""
 
 
 @dataclass(frozen=True)
 class SplitResults:
-    """One split as `evaluate` left it in a folder."""
+    """Evaluation of one split, and the folder that contains it."""
 
     folder: Path
     evaluation: Evaluation
     predictions: Predictions
 
 
-def results_of(
-    runs: Sequence[TrainedTranslator],
+def find_or_evaluate(
+    runs: Sequence[CountsPredictor],
     data: Path,
     info_sha256: str,
     split: str,
     out: Path,
     given: Path | None = None,
 ) -> SplitResults:
-    """What `evaluate` says of some runs on one split.
+    """Evaluation of runs on one split.
 
-    data: the dataset's folder, info_sha256: of its info.json. out: the report's folder. given: a
-    folder of `t2twin evaluate --split both`, which is looked into first; then the one beside `out`,
-    then out/evaluate-SPLIT. Where none fits, the runs are evaluated into the last.
+    data: folder of the dataset. info_sha256: of its info.json. out: folder of the report. given: a
+    folder of `t2twin evaluate --split both`. Searches given, the sibling folder of `out`, and
+    out/evaluate-SPLIT; if none matches, evaluates the runs into the last.
 
     Raises T2TwinError as `evaluate` does.
     """
     own = out / f"evaluate-{split}"
-    places = [out.parent / BESIDE / split, own]
+    folders = [out.parent / SIBLING_FOLDER / split, own]
     if given is not None:
-        places.insert(0, given / split)
-    for folder in places:
+        folders.insert(0, given / split)
+    for folder in folders:
         results = _read(folder)
-        if results is not None and _is_of(results, runs, info_sha256, split):
+        if results is not None and _matches(results, runs, info_sha256, split):
             return results
     evaluation = evaluate([run.run_dir for run in runs], data, split, own)
     return SplitResults(own, evaluation, read_predictions(own))
 
 
 def _read(folder: Path) -> SplitResults | None:
-    """None where there is no evaluation, or none that this version can read."""
+    """None if there is no evaluation that this version can read."""
     try:
         return SplitResults(folder, read_evaluation(folder), read_predictions(folder))
     except T2TwinError:
         return None
 
 
-def _is_of(
-    results: SplitResults, runs: Sequence[TrainedTranslator], info_sha256: str, split: str
+def _matches(
+    results: SplitResults, runs: Sequence[CountsPredictor], info_sha256: str, split: str
 ) -> bool:
-    """Whether these are results of these weights, in this order, on this dataset's split."""
+    """Whether results are of these weights, in this order, on this split of this dataset."""
     evaluation, predictions = results.evaluation, results.predictions
     return (
         evaluation.split == split

@@ -1,2 +1,5 @@
-"""The studio: press, look and translate in a browser. Its core knows no browser: `press_state`,
-`session`, `translators`; `scene`, `controls`, `cards` and `page` are what one client sees."""
+"""The studio: presses shapes and translates images in a browser.
+
+press_state, session and translators are independent of the browser; page combines what one client
+sees, from the folders controls (inputs) and view (outputs). transport connects clients.
+"""

@@ -1,99 +1,92 @@
-"""What one client sees and does: its controls, its scene, its pictures, its own press."""
+"""The page of one client: its controls, scene, cards and press."""
 
-import shutil
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from threading import Event, Lock, Thread
 from typing import Any
 
 import viser
-from viser import _messages
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.cyskin.taxels import pad_weights
-from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.press.elastomer import CYSKIN_COVER
-from t2twin.studio.cards import Scales, again_html, pictures_html, scales_of, welcome_html
-from t2twin.studio.controls import LEAST_SLIDER_N, MOST_SLIDER_N, QUIET, Controls
-from t2twin.studio.drop import take_dropped
-from t2twin.studio.notices import Notices
+from t2twin.studio.controls.files import FileTasks
+from t2twin.studio.controls.press import MAX_SLIDER_N, MIN_SLIDER_N, Controls
+from t2twin.studio.controls.translate_tab import TranslateTab
+from t2twin.studio.controls.view_options import ViewOptions
 from t2twin.studio.press_state import PressState, is_file
-from t2twin.studio.ready import Shared
-from t2twin.studio.scene import Dragged, Scene
-from t2twin.studio.session import Look, Session
-from t2twin.studio.take_away import zipped
-from t2twin.studio.translate_tab import TranslateTab
-from t2twin.studio.uploads import forget, kept_file
-from t2twin.studio.view import View
-from t2twin.studio.worker import NewestFirst
-from t2twin.twin import load_shape
+from t2twin.studio.session import PressResult, Session
+from t2twin.studio.view.cards import Scales, press_html, reproduce_html, scales_of, welcome_html
+from t2twin.studio.view.notices import Notices
+from t2twin.studio.view.scene import Drag, Scene
+from t2twin.studio.warmup import SharedState
+from t2twin.studio.worker import LatestOnlyWorker
 
-DEGREES_A_MM, NEWTONS_A_MM = 4.0, 0.25
-"""What a drag to the right with Shift turns, and one downwards with Ctrl presses (assumed)."""
+DEGREES_PER_MM, NEWTONS_PER_MM = 4.0, 0.25
+"""Rotation of a drag to the right with Shift, and force of a drag downwards with Ctrl (assumed)."""
 
-FIRST_START = "The first start on a machine takes some seconds more: what is made then is kept."
-"""What is said until the first press is done."""
+FIRST_START = "The first start on a machine takes longer; later starts reuse its results."
+"""Notice until the first press is complete."""
 
-TURNS = 20
-"""Turns of viser's loop within which it sends what is flushed: three times those that it needs."""
+LOOP_ITERATIONS = 20
+"""Iterations of viser's event loop after which flushed messages are sent: three times the required
+number."""
 
-SENT_S = 1.0
-"""How long they are waited for, s: they take a millisecond unless the studio is being closed."""
+SEND_TIMEOUT_S = 1.0
+"""Maximum wait for these iterations, s; they take about a millisecond."""
 
-CONTROLS_PX, PICTURES_PX = 320, 420
+CONTROLS_PX, CARDS_PX = 320, 420
 """Widths of the panels, px."""
 
 
 class Page:
-    """One client's page. Whatever it changes asks the worker for a new look; the worker always
-    takes the newest state. controls: its panel. look: what it shows, None at first."""
+    """The page of one client.
+
+    A change requests a press from the worker, which always uses the latest state. controls: the
+    panel. result: the shown press, None before the first.
+    """
 
     def __init__(
         self,
         client: viser.ClientHandle,
-        shared: Shared,
+        shared: SharedState,
         state: PressState,
         link: Callable[[PressState], str],
     ) -> None:
         self._client, self._shared, self._link = client, shared, link
-        self._own_folder = shared.folder / str(client.client_id)
-        self._lock, self._slow = Lock(), Lock()
-        self._state, self._dragged_from, self._force_from = state, state, state.force_n
+        self._lock = Lock()
+        self._state, self._drag_start, self._drag_force_n = state, state, state.force_n
         self._runs: tuple[str, ...] = ()
         self._session: Session | None = None
         self._loading: Thread | None = None
-        self.look: Look | None = None
+        self.result: PressResult | None = None
         self._notices = Notices(client)
+        folder = shared.folder / str(client.client_id)
+        self._files = FileTasks(client, self._notices, folder, lambda: self.result)
         self._loop = client.gui._event_loop
         self._scene = Scene(client, self._drag)
         self._build()
-        self._worker = NewestFirst(self._show_newest, self._settle)
-        self.runs_changed()
-        self._worker.ask()
+        self._worker = LatestOnlyWorker(self._show_latest, self._hide_old_surfaces)
+        self.update_runs()
+        self._worker.request()
 
     def close(self) -> None:
-        """The client is gone, and its files with it."""
-        self._worker.end()
+        """Stops the page of a disconnected client and removes its files."""
+        self._worker.stop()
         self._tab.close()
-        self._shared.uploads.leave(self._client)
-        shutil.rmtree(self._own_folder, ignore_errors=True)
+        self._shared.uploads.remove_client(self._client)
+        self._files.remove()
 
     def join(self, timeout_s: float) -> None:
-        """Waits until the press that was begun before `close` is done."""
+        """Waits for the press that began before `close`."""
         self._worker.join(timeout_s)
 
     def wait(self, timeout_s: float) -> bool:
-        """Until the page shows its newest state, files and translators and all; False where that
-        took longer."""
+        """Waits until the page shows its latest state, including files and translators.
+
+        Returns False after the timeout.
+        """
         until_s = time.monotonic() + timeout_s
-        done = self._slow.acquire(timeout=timeout_s)
-        if done:
-            self._slow.release()
+        done = self._files.wait(timeout_s)
         done = self._worker.wait(max(until_s - time.monotonic(), 0.0)) and done
         if self._loading is not None:
             self._loading.join(max(until_s - time.monotonic(), 0.0))
@@ -101,257 +94,163 @@ class Page:
 
     @property
     def state(self) -> PressState:
-        """What is to be shown; `look` follows."""
+        """The requested press; `result` follows."""
         return self._state
 
     @property
     def folder(self) -> Path:
-        """For this client's files alone; made with the first of them."""
-        self._own_folder.mkdir(exist_ok=True)
-        return self._own_folder
+        """Folder of the client's files."""
+        return self._files.folder
 
     def change(self, changes: dict[str, Any]) -> PressState:
-        """Takes fields of PressState with new values, and shows what comes of them."""
+        """Changes fields of the state and requests its press."""
         with self._lock:
-            self._state = state = self._state.changed(changes)
-        self._worker.ask()
+            self._state = state = self._state.with_changes(changes)
+        self._worker.request()
         return state
 
-    def runs_changed(self) -> None:
-        """Offers the runs that are known by now."""
-        names, chosen = self._shared.translators.names, self._shared.translators.chosen
+    def update_runs(self) -> None:
+        """Adds a checkbox for each new run."""
+        names, default = self._shared.translators.names, self._shared.translators.default_names
         with self._lock:
             new = [name for name in names if name not in self._run_boxes]
             with self._runs_folder:
                 for name in new:
-                    box = self._client.gui.add_checkbox(name, name in chosen)
-                    box.on_update(self._new_runs)
+                    box = self._client.gui.add_checkbox(name, name in default)
+                    box.on_update(self._runs_changed)
                     self._run_boxes[name] = box
             self._runs_folder.visible = bool(names)
         if new:
-            self._take_runs(chosen)
+            self._use_runs(default)
         else:
-            self._worker.ask()  # that there are none is said, too
+            self._worker.request()  # the page also states that there are no runs
 
-    async def _new_runs(self, event: viser.GuiEvent) -> None:
+    async def _runs_changed(self, event: viser.GuiEvent) -> None:
         runs = tuple(name for name, box in self._run_boxes.items() if box.value)
-        self._notices.guarded(lambda: self._take_runs(runs))
+        self._notices.guard(lambda: self._use_runs(runs))
 
-    def _take_runs(self, runs: tuple[str, ...]) -> None:
+    def _use_runs(self, runs: tuple[str, ...]) -> None:
         self._runs = runs
-        self._tab.use(runs)
-        self._worker.ask()
+        self._tab.use_runs(runs)
+        self._worker.request()
 
     def _build(self) -> None:
         gui = self._client.gui
-        self._shared.uploads.enter(self._client, self._notices.wrong)
+        self._shared.uploads.add_client(self._client, self._notices.show_error)
         gui.set_panel_label("t2twin studio")
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
         gui.add_html(welcome_html())
-        self.controls = Controls(self._client, self._state, self.change, self._notices.guarded)
-        self._view = View(self._client, self._scene.arrange, lambda: self._worker.ask())
+        self.controls = Controls(self._client, self._state, self.change, self._notices.guard)
+        self._view = ViewOptions(self._client, self._scene.arrange, lambda: self._worker.request())
         self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
         self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
-        self._add_take_away()
-        pictures = gui.add_panel()
-        with pictures.add_tab("Pictures", viser.Icon.PHOTO):
-            self._pictures = gui.add_html("")
-        with pictures.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
+        with gui.add_folder("Export", expand_by_default=False):
+            self._files.add_export_button()
+            self._reproduce = gui.add_html("")
+        cards = gui.add_panel()
+        with cards.add_tab("Images", viser.Icon.PHOTO):
+            self._cards = gui.add_html("")
+        with cards.add_tab("Translate", viser.Icon.ARROWS_EXCHANGE):
             self._tab = TranslateTab(
                 self._client,
                 self._shared.translators,
                 self._notices,
-                self._shared.frames,
+                self._shared.frame_source,
                 self._shared.background,
-                lambda: self.look,
+                lambda: self.result,
             )
-        self._heed_files()
-        pictures.dock_right()
-        pictures.set_width(PICTURES_PX)
-        pictures.expand()
+        self._files.connect(self.controls, self._tab)
+        cards.dock_right()
+        cards.set_width(CARDS_PX)
+        cards.expand()
 
-    def _heed_files(self) -> None:
-        """Takes what comes by the buttons, or is dropped on the page."""
-        controls = self.controls
-        takers: dict[str, tuple[viser.GuiUploadButtonHandle, Callable[[Path], object]]] = {
-            "shape": (controls.upload_shape, partial(self._take_file, "shape", load_shape)),
-            "layout": (
-                controls.upload_layout,
-                partial(self._take_file, "layout", self._fitting_layout),
-            ),
-            "calibration": (
-                controls.upload_light,
-                partial(self._take_file, "calibration", Calibration.load),
-            ),
-            "frame": (self._tab.upload, self._tab.show_file),
-            "background": (self._tab.upload_background, self._tab.take_background),
-        }
-        for kind, (button, then) in takers.items():
-            self._on_upload(button, kind, then)
-        take_dropped(self._client, {kind: button for kind, (button, _) in takers.items()})
-
-    def _add_take_away(self) -> None:
-        gui = self._client.gui
-        with gui.add_folder("Take it away", expand_by_default=False):
-            take = gui.add_button(
-                "This press as a zip file", icon=viser.Icon.DOWNLOAD, color=QUIET,
-                hint="The folder that t2twin press writes: pictures, counts, contacts, scenes",
-            )  # fmt: skip
-            self._again = gui.add_html("")
-
-        @take.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            self._one_at_a_time(self._take_away)
-
-    def _one_at_a_time(self, do: Callable[[], object]) -> None:
-        """Does something slow in a thread of its own, unless such is being done: what a client
-        sends meanwhile must not pile up."""
-        if not self._slow.acquire(blocking=False):
-            self._notices.wrong(T2TwinError("the one before is still being worked on; wait for it"))
-            return
-
-        def work() -> None:
-            try:
-                self._notices.guarded(do)
-            finally:
-                self._slow.release()
-
-        Thread(target=work, daemon=True).start()
-
-    def _take_away(self) -> None:
-        look = self.look
-        if look is None or self._is_sending():
-            return
-        with TemporaryDirectory(dir=self.folder) as folder:
-            name, content = zipped(look, Path(folder))
-        self._client.send_file_download(name, content, save_immediately=True)
-
-    def _is_sending(self) -> bool:
-        """Whether a file is still on its way to the client."""
-        unsent = self._client._websock_connection.get_message_buffer().message_from_id
-        return any(isinstance(each, _messages.FileTransferPart) for each in list(unsent.values()))
-
-    def _take_file(self, kind: str, read: Callable[[Path], object], path: Path) -> None:
-        """Presses with a file, if it can be read; else the press stays what it is."""
-        with self._notices.busy(f"Reading {path.name}", "This can take a while."):
-            read(path)
-        changes: dict[str, Any] = {kind: str(path)}
-        self.controls.take(changes | ({"scale": None} if kind == "shape" else {}))
-        forget(kind, self.folder, all_but=path)
-
-    def _fitting_layout(self, path: Path) -> None:
-        """Raises T2TwinError for a file that is no layout, or one that reaches beyond the cover."""
-        layout, look = load_layout(path), self.look
-        if look is not None:
-            pad_weights(CYSKIN_COVER, look.touch.cyskin.x_mm, look.touch.cyskin.y_mm, layout)
-
-    def _on_upload(
-        self,
-        button: viser.GuiUploadButtonHandle,
-        kind: str,
-        then: Callable[[Path], object],
-    ) -> None:
-        def take(file: viser.UploadedFile) -> None:
-            path = kept_file(kind, file.name, file.content, self.folder)
-            try:
-                then(path)
-            except T2TwinError as error:
-                shutil.rmtree(path.parent, ignore_errors=True)
-                raise T2TwinError(str(error).replace(str(path), path.name)) from None
-
-        @button.on_upload
-        async def _(event: viser.GuiEvent) -> None:
-            file = button.value
-            button._impl.value = viser.UploadedFile("", b"")  # or it would stay in memory
-            self._one_at_a_time(lambda: take(file))
-
-    def _drag(self, dragged: Dragged) -> None:
-        if dragged.begins:
-            self._dragged_from = self._state
-            look = self.look  # knows the force that gives a depth
-            self._force_from = self._state.force_n
-            if look is not None and look.state == self._state:
-                self._force_from = look.touch.command.force_n
-        start, (along_x, along_y, along_z) = self._dragged_from, dragged.by_mm
-        if dragged.keys is None:
+    def _drag(self, drag: Drag) -> None:
+        if drag.is_start:
+            self._drag_start = self._state
+            self._drag_force_n = self._state.force_n
+            result = self.result  # contains the force of a given depth
+            if result is not None and result.state == self._state:
+                self._drag_force_n = result.touch.command.force_n
+        start, (along_x, along_y, along_z) = self._drag_start, drag.by_mm
+        if drag.keys is None:
             changes = {"x_mm": start.x_mm + along_x, "y_mm": start.y_mm + along_y}
-        elif dragged.keys == "shift":
-            changes = {"yaw_deg": start.yaw_deg + DEGREES_A_MM * along_x}
+        elif drag.keys == "shift":
+            changes = {"yaw_deg": start.yaw_deg + DEGREES_PER_MM * along_x}
         else:
-            force = self._force_from - NEWTONS_A_MM * along_z
-            changes = {"force_n": min(max(force, LEAST_SLIDER_N), MOST_SLIDER_N)}
-        # Tenths, as the sliders have them: what is dragged by hand needs no more.
-        self.controls.take({name: round(float(value), 1) for name, value in changes.items()})
+            force = self._drag_force_n - NEWTONS_PER_MM * along_z
+            changes = {"force_n": min(max(force, MIN_SLIDER_N), MAX_SLIDER_N)}
+        # Rounded to tenths, the resolution of the sliders.
+        self.controls.apply({name: round(float(value), 1) for name, value in changes.items()})
 
-    def _settle(self) -> None:
-        self._notices.guarded(self._scene.settle)
+    def _hide_old_surfaces(self) -> None:
+        self._notices.guard(self._scene.hide_old_surfaces)
 
-    def _show_newest(self) -> None:
-        self._notices.guarded(self._make_look)
+    def _show_latest(self) -> None:
+        self._notices.guard(self._press_and_show)
 
-    def _make_look(self) -> None:
-        session = self._ready_session()
+    def _press_and_show(self) -> None:
+        session = self._get_session()
         state, runs = self._state, self._runs
         loaded = self._shared.translators.are_loaded(runs)
-        look = session.look(state, runs if loaded else ())
-        scales = scales_of(look)
-        self._put_cards(look, scales, runs_come=not loaded)
-        self.look = look
-        most_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
-        self._scene.draw(look, self._view.shown_as, most_kpa, scales.counts)
-        self._shared.is_seen.set()
+        result = session.press(state, runs if loaded else ())
+        scales = scales_of(result)
+        self._send_cards(result, scales, loading=not loaded)
+        self.result = result
+        max_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
+        self._scene.draw(result, self._view.shape_style, max_kpa, scales.counts)
+        self._shared.page_shown.set()
         if not loaded:
             self._load(runs)
 
-    def _ready_session(self) -> Session:
-        """This client's session, when the studio can press."""
+    def _get_session(self) -> Session:
+        """The client's session; waits for the first press of the studio."""
         if self._session is None:
-            if not self._shared.can_press.is_set():
-                with self._notices.busy("Getting ready", FIRST_START):
-                    self._shared.can_press.wait()
+            if not self._shared.press_ready.is_set():
+                with self._notices.progress("Getting ready", FIRST_START):
+                    self._shared.press_ready.wait()
             self._session = Session(self._shared.translators, self._shared.sensors)
         return self._session
 
     def _load(self, runs: tuple[str, ...]) -> None:
-        """In a thread of its own, so that the page follows its slider meanwhile."""
+        """Loads runs in a thread of its own, so that the page still follows its sliders."""
         if self._loading is not None and self._loading.is_alive():
-            return  # it asks for a new look in the end, and that for these
+            return  # requests another press at its end, which loads these
 
         def load() -> None:
-            if self._notices.guarded(lambda: self._shared.translators.load(runs)):
-                self._worker.ask()
+            if self._notices.guard(lambda: self._shared.translators.load(runs)):
+                self._worker.request()
 
         self._loading = Thread(target=load, daemon=True)
         self._loading.start()
 
-    def _put_cards(self, look: Look, scales: Scales, runs_come: bool) -> None:
-        """Sends what stands beside the scene, on its own: a browser shows at once what is no part
-        of the scene, and the rest when it has drawn the scene, which takes long without a GPU."""
-        state, translators = look.state, self._shared.translators
-        runs_come = runs_come or not translators.are_known
-        pictures = pictures_html(look, scales, bool(translators.names), runs_come)
+    def _send_cards(self, result: PressResult, scales: Scales, loading: bool) -> None:
+        """Sends the cards before the scene: a browser applies all changes of one message together,
+        and rendering the scene takes long without a GPU."""
+        state, translators = result.state, self._shared.translators
+        loading = loading or not translators.is_searched
+        cards = press_html(result, scales, bool(translators.names), loading)
         files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
         with self._client.atomic():
-            self._notices.well()
-            self.controls.show_found(look)
-            self._pictures.content = pictures
-            self._again.content = again_html(
+            self._notices.clear()
+            self.controls.show_solved_values(result)
+            self._cards.content = cards
+            self._reproduce.content = reproduce_html(
                 state.command_line(), None if files else self._link(state)
             )
         self._client.flush()
-        self._await_sent()
+        self._wait_until_sent()
 
-    def _await_sent(self) -> None:
-        """Until viser's loop has sent what is flushed, so that it goes without what comes next."""
+    def _wait_until_sent(self) -> None:
+        """Waits until viser's event loop has sent the flushed messages."""
         sent = Event()
 
-        def turn(left: int) -> None:
+        def iterate(left: int) -> None:
             if left:
-                self._loop.call_soon(turn, left - 1)
+                self._loop.call_soon(iterate, left - 1)
             else:
                 sent.set()
 
-        with suppress(RuntimeError):  # the loop is closed, and the studio with it
-            self._loop.call_soon_threadsafe(turn, TURNS)
-            sent.wait(SENT_S)
+        with suppress(RuntimeError):  # the loop is closed with the studio
+            self._loop.call_soon_threadsafe(iterate, LOOP_ITERATIONS)
+            sent.wait(SEND_TIMEOUT_S)

@@ -1,5 +1,5 @@
-"""What one client presses just now, and the three ways to say it: a command line, a link, a
-press of the protocol."""
+"""The press of one client, and its conversion from and to a command line, a link and a press of the
+protocol."""
 
 import shlex
 from dataclasses import dataclass, fields, replace
@@ -9,31 +9,31 @@ from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
+from t2twin.core.arguments import check_seed
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.random_shapes.seeds import seed_of
+from t2twin.primitives_cad.random_shapes import seed_of
+from t2twin.sim.contact.types import check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, LAYOUTS
 from t2twin.sim.cyskin.reading import PRESETS
-from t2twin.sim.press.force import check_force
-from t2twin.sim.seeds import check_seed
 from t2twin.sim.world.protocol import FORCE_N, indices, press_of, scale_of
 
 FIRST_SHAPE = "square-2"
-"""What a new page shows."""
+"""Shape of a new page."""
 
-MOST_QUERY = 2000
-"""Longest query of a link that is read, characters (assumed: ten times what one has)."""
+MAX_QUERY = 2000
+"""Maximum length of a link's query, characters (assumed: ten times the usual length)."""
 
 
 @dataclass(frozen=True)
 class PressState:
-    """One press as asked for.
+    """A requested press.
 
     shape: a name of the catalogue, `random-17`, or a file. x_mm, y_mm, yaw_deg, force_n: as for
-    `t2twin press`. depth_mm: as there, in place of the force, which then stays at its default.
-    layout: a name or a file. calibration: a file, None for the light that ships. imperfections:
-    what the CySkin adds where there is a seed. seed: of the camera's noise and the imperfections;
-    None for neither. scale: mm in one of a file's units, None for what it says.
+    `t2twin press`. depth_mm: replaces the force, which then remains at its default. layout: a name
+    or a file. calibration: a file, None for the default. imperfections: of the CySkin, applied with
+    a seed. seed: of camera noise and imperfections, None for neither. scale: millimeters per unit
+    of a file, None for the unit stated in the file.
     """
 
     shape: str = FIRST_SHAPE
@@ -48,8 +48,8 @@ class PressState:
     seed: int | None = None
     scale: float | None = None
 
-    def changed(self, changes: dict[str, Any]) -> "PressState":
-        """The press with other fields. Of force and depth the one that is named counts."""
+    def with_changes(self, changes: dict[str, Any]) -> "PressState":
+        """The press with changed fields. A changed force replaces the depth, and vice versa."""
         if changes.get("depth_mm") is not None:
             changes = changes | {"force_n": FORCE_N}
         elif "force_n" in changes:
@@ -57,12 +57,12 @@ class PressState:
         return replace(self, **changes)
 
     def command_line(self) -> str:
-        """The line that makes this press again; a file goes by its name."""
+        """The command line of this press; a file is represented by its name."""
         words = ["t2twin", "press", file_name(self.shape)]
         for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "scale", "seed"):
             value = getattr(self, name)
             if value != getattr(_DEFAULT, name):
-                words += [f"--{name.replace('_', '-')}", _number(value)]
+                words += [f"--{name.replace('_', '-')}", _shortest(value)]
         if self.layout != _DEFAULT.layout:
             words += ["--layout", file_name(self.layout)]
         if self.calibration is not None:
@@ -72,18 +72,19 @@ class PressState:
         return shlex.join(words)
 
     def query(self) -> str:
-        """The part of a link behind its question mark.
+        """The query of a link to this press.
 
-        Raises T2TwinError where a file of the user's is pressed or laid under: a link holds none.
+        Raises T2TwinError for a press with a user's file, which a link cannot contain.
         """
         for source in (self.shape, self.layout, self.calibration):
             if source is not None and is_file(source):
                 raise T2TwinError(
-                    f"a link cannot hold the file {file_name(source)}; take the press away instead"
+                    f"a link cannot contain the file {file_name(source)}; download the press "
+                    "instead"
                 )
         values = {each.name: getattr(self, each.name) for each in fields(self)}
         changed = {
-            name: value if isinstance(value, str) else _number(value)
+            name: value if isinstance(value, str) else _shortest(value)
             for name, value in values.items()
             if value is not None and (name == "shape" or value != getattr(_DEFAULT, name))
         }
@@ -91,12 +92,12 @@ class PressState:
 
 
 def read_query(query: str) -> PressState:
-    """The press of a link; what it does not name is as on a new page.
+    """The press of a link's query; missing fields have their defaults.
 
-    Raises T2TwinError for values that a page could not have made, files among them.
+    Raises T2TwinError for invalid values and for files.
     """
-    if len(query) > MOST_QUERY:
-        raise T2TwinError(f"the link is longer than the {MOST_QUERY:,} characters that one can be")
+    if len(query) > MAX_QUERY:
+        raise T2TwinError(f"the link is longer than {MAX_QUERY:,} characters")
     given = dict(parse_qsl(query))
     values: dict[str, Any] = {}
     for name in ("shape", "layout", "imperfections"):
@@ -104,44 +105,46 @@ def read_query(query: str) -> PressState:
             values[name] = given[name]
     for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm"):
         if name in given:
-            values[name] = _finite(name, given[name])
+            values[name] = _read_number(name, given[name])
     if "seed" in given:
-        values["seed"] = _seed(given["seed"])
-    state = _DEFAULT.changed(values)
-    check_named(state)
+        values["seed"] = _read_seed(given["seed"])
+    state = _DEFAULT.with_changes(values)
+    check_names(state)
     check_force(state.force_n)
     return state
 
 
-def check_named(state: PressState) -> None:
-    """Raises T2TwinError unless shape, layout and imperfections are names that all know, no files:
-    what comes over a wire names no file of this machine."""
+def check_names(state: PressState) -> None:
+    """Raises T2TwinError unless shape, layout and imperfections are known names.
+
+    A link must not refer to files of this machine.
+    """
     if state.shape not in catalogue.NAMES and seed_of(state.shape) is None:
         raise T2TwinError(
             f"there is no shape {state.shape!r}; `t2twin shapes` lists all but the random ones"
         )
     if state.layout not in layout_names():
         raise T2TwinError(
-            f"no taxel layout {state.layout!r}; known are {', '.join(layout_names())}"
+            f"no taxel layout {state.layout!r}; expected one of {', '.join(layout_names())}"
         )
     if state.imperfections not in PRESETS:
         raise T2TwinError(
-            f"no imperfections called {state.imperfections!r}; allowed are {', '.join(PRESETS)}"
+            f"no imperfections {state.imperfections!r}; expected one of {', '.join(PRESETS)}"
         )
 
 
 def protocol_press(state: PressState, scale: str, number: int) -> PressState:
-    """The same shape at the place of a press of the protocol, counted from 0 within a scale.
+    """The state with position, yaw and force of a press of the protocol.
 
-    Raises T2TwinError for a shape that is not the protocol's, an unknown scale and a number that
-    the scale does not have.
+    number: of the press at the scale, from 0. Raises T2TwinError for a shape outside the protocol,
+    an unknown scale and a number out of range.
     """
     count = protocol_presses(state.shape, scale)
     if not count:
-        raise T2TwinError(f"{file_name(state.shape)} is no shape of the protocol")
+        raise T2TwinError(f"{file_name(state.shape)} is not a shape of the protocol")
     if not 0 <= number < count:
         raise T2TwinError(
-            f"scale {scale} has no press {number} of {state.shape}; they are 0 to {count - 1}"
+            f"scale {scale} has no press {number} of {state.shape}; expected 0 to {count - 1}"
         )
     index = indices(state.shape, scale_of(scale))[number]
     command = press_of(state.shape, catalogue.spacing_mm(state.shape), index)
@@ -156,43 +159,43 @@ def protocol_press(state: PressState, scale: str, number: int) -> PressState:
 
 
 def protocol_presses(shape: str, scale: str) -> int:
-    """How many presses a scale has of a shape; 0 of one that is not the protocol's."""
+    """Number of presses of a shape at a scale; 0 for a shape outside the protocol."""
     return len(indices(shape, scale_of(scale))) if shape in catalogue.NAMES else 0
 
 
 def layout_names() -> tuple[str, ...]:
-    """Layouts that ship."""
+    """Names of the bundled layouts."""
     return tuple(sorted(path.stem for path in LAYOUTS.glob("*.json")))
 
 
 def is_file(source: str) -> bool:
-    """Whether a shape, a layout or a calibration is a file, and no name."""
+    """Whether a shape, a layout or a calibration is a file instead of a name."""
     return Path(source).name != source and source not in catalogue.NAMES
 
 
 def file_name(source: str) -> str:
-    """What a shape, a layout or a calibration is called: a file goes by its name."""
+    """Displayed name of a shape, a layout or a calibration: of a file, its name."""
     return Path(source).name if is_file(source) else source
 
 
-def _number(value: float) -> str:
-    """As short as it can be without becoming another number."""
+def _shortest(value: float) -> str:
+    """The shortest exact representation of a number."""
     return repr(int(value)) if value == int(value) else repr(float(value))
 
 
-def _finite(name: str, text: str) -> float:
+def _read_number(name: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = float("nan")
     if not np.isfinite(value):
-        raise T2TwinError(f"{name} is {text[:20]!r}; it must be a finite number")
+        raise T2TwinError(f"{name} is {text[:20]!r}; expected a finite number")
     return value
 
 
-def _seed(text: str) -> int:
+def _read_seed(text: str) -> int:
     if not (text.isascii() and text.isdigit()):
-        raise T2TwinError(f"seed is {text[:20]!r}; it must be a whole number, 0 and more")
+        raise T2TwinError(f"seed is {text[:20]!r}; expected a whole number, 0 or more")
     check_seed(int(text))
     return int(text)
 

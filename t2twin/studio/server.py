@@ -1,7 +1,7 @@
-"""The studio's server: a page for each client, until it is stopped.
+"""Server of the studio: one page for each client.
 
-It listens before the twin is imported, which takes seconds, so that a browser can load the page
-meanwhile.
+It listens before the twin is imported, which takes seconds, so that the browser can load the page
+in the meantime.
 """
 
 import ctypes
@@ -21,51 +21,53 @@ from uuid import uuid4
 
 import viser
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import sweep, temporary_folder
-from t2twin.studio.connection import Connection, guarded_server
-from t2twin.studio.frames import Frames, read_frame
-from t2twin.studio.gate import Gate
-from t2twin.studio.messages import (
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import remove_leftovers, temporary_folder
+from t2twin.studio.frame_source import FrameSource, read_frame
+from t2twin.studio.translators import Translators
+from t2twin.studio.transport.connection import Connection, guarded_server
+from t2twin.studio.transport.messages import (
     FileTransferPart,
     FileTransferStartUpload,
     GuiUpdateMessage,
     check_update,
 )
-from t2twin.studio.notices import Notices
-from t2twin.studio.ready import Shared, get_ready
-from t2twin.studio.translators import Translators
+from t2twin.studio.transport.origin_check import OriginCheck
+from t2twin.studio.view.notices import Notices
+from t2twin.studio.warmup import SharedState, warm_up
 
 if TYPE_CHECKING:
     from t2twin.studio.page import Page
     from t2twin.studio.press_state import PressState
 
 HOST, PORT = "127.0.0.1", 8080
-"""Where the page is unless asked otherwise: on this machine alone."""
+"""Default address, reachable from this machine only."""
 
-MOST_PORT = 65_535
-"""The largest number of a port (RFC 9293)."""
+MAX_PORT = 65_535
+"""Largest port number (RFC 9293)."""
 
 LAST_PRESS_S = 60.0
-"""How long the last press of a page is waited for before its memory is given back, s."""
+"""Maximum wait for the last press of a page before its memory is released, s."""
 
 FOLDER = "t2twin-studio"
-"""What the names of the folders for clients' files begin with, among the temporary ones."""
+"""Prefix of the temporary folders with clients' files."""
 
-OPEN_TO_OTHERS = (
-    "t2twin: everyone who can reach this machine can open the page, press what they like and have "
-    "it compute; --host 127.0.0.1 keeps it to yourself"
+EXPOSED_WARNING = (
+    "t2twin: everyone who can reach this machine can open the page and use its processors; "
+    "--host 127.0.0.1 restricts it to this machine"
 )
-"""What is said where the page is not for this machine alone."""
+"""Warning for a page that other machines can reach."""
 
 
 class Studio:
-    """A running studio; `studio` makes one. pages: the clients', by their numbers."""
+    """A running studio, created by `studio`. pages: by client number."""
 
-    def __init__(self, host: str, port: int, shared: Shared, gate: Gate) -> None:
+    def __init__(
+        self, host: str, port: int, shared: SharedState, origin_check: OriginCheck
+    ) -> None:
         self._shared = shared
         self.pages: dict[int, Page] = {}
-        with redirect_stdout(io.StringIO()), guarded_server(gate):  # viser's own greeting
+        with redirect_stdout(io.StringIO()), guarded_server(origin_check):  # hides viser's message
             self._server = _Server(host, port, verbose=False)
         name = f"[{host}]" if ":" in host else host
         self.address = f"http://{name}:{self._server.get_port()}"
@@ -73,19 +75,19 @@ class Studio:
         self._server.on_client_disconnect(self._gone)
 
     def link(self, state: "PressState") -> str:
-        """A link that opens the page on a press. Raises T2TwinError for a press with a file."""
+        """A link to a press. Raises T2TwinError for a press with a user's file."""
         return _link(self.address, state)
 
-    def runs_found(self) -> None:
-        """Tells all pages."""
+    def update_runs(self) -> None:
+        """Adds new runs to all pages."""
         for page in list(self.pages.values()):
-            page.runs_changed()
+            page.update_runs()
 
     def close(self) -> None:
-        """No more pages; those that are open say that they have lost it."""
+        """Closes all pages and stops the server."""
         for page in list(self.pages.values()):
             page.close()
-        with redirect_stdout(io.StringIO()):  # viser's farewell
+        with redirect_stdout(io.StringIO()):  # hides viser's message
             self._server.stop()
 
     def _connected(self, client: viser.ClientHandle) -> None:
@@ -94,9 +96,9 @@ class Studio:
 
         connection = self._connection(client)
         if connection is None:
-            return  # it is gone already
+            return  # already disconnected
         buffer = client._websock_connection.get_message_buffer()
-        buffer._warned_push_after_done = True  # a press ends after its page
+        buffer._warned_push_after_done = True  # a press may end after its page is closed
         connection.unsent = lambda: len(buffer.message_from_id)
         connection.check = partial(self._check, client)
         request = connection.request
@@ -110,9 +112,9 @@ class Studio:
             error = refused
         page = Page(client, self._shared, state, lambda state: _link(address, state))
         self.pages[client.client_id] = page
-        page.runs_changed()  # where they were found while the page was made
+        page.update_runs()  # runs found during the creation of the page
         if error is not None:
-            Notices(client).wrong(error)
+            Notices(client).show_error(error)
         if client.client_id not in self._server.get_clients():
             self._gone(client)
 
@@ -125,23 +127,23 @@ class Studio:
             _release_memory()
 
     def _connection(self, client: viser.ClientHandle) -> Connection | None:
-        """A client's connection, which viser does not hand on; None where it is closed."""
+        """A client's connection from viser's internal state; None if it is closed."""
         connection = self._server._websock_server._live_connections.get(client.client_id)
         return connection if isinstance(connection, Connection) else None
 
     def _check(self, client: viser.ClientHandle, message: object) -> bool:
-        """Whether viser is to have a message. Raises T2TwinError for one that no page sends."""
+        """Whether a message is passed to viser. Raises T2TwinError for one that no page sends."""
         if isinstance(message, GuiUpdateMessage):
             check_update(client.gui, message)
         elif isinstance(message, FileTransferStartUpload):
-            return self._shared.uploads.begins(client, message)
+            return self._shared.uploads.accepts_start(client, message)
         elif isinstance(message, FileTransferPart):
-            return self._shared.uploads.goes_on(client, message)
+            return self._shared.uploads.accepts_part(client, message)
         return True
 
 
 class _Server(viser.ViserServer):
-    """viser's, which never opens a way into this machine from elsewhere."""
+    """viser's server without its public tunnel to this machine."""
 
     def request_share_url(self, verbose: bool = True) -> str | None:
         return None
@@ -156,78 +158,77 @@ def studio(
     background: Path | None = None,
     allow_origins: Sequence[str] = (),
 ) -> Iterator[Studio]:
-    """A studio that serves its page within the block.
+    """Serves the studio within the block.
 
-    runs: folders of trained runs; without any, those below `runs` are found. source: frames to look
-    at, as for `t2twin live`. background: an image of the same DIGIT with nothing touching it, which
-    field runs compare frames with. allow_origins: pages elsewhere that may connect, such as that of
-    a proxy. Raises T2TwinError for a folder that is no run, a source that gives no frames, a file
-    that is no image, a host and port that cannot be listened at, and for what is no origin.
+    runs: folders of trained runs; if empty, runs in the folder `runs` are found. source: frames to
+    translate, as for `t2twin live`. background: background frame of the same DIGIT, for field runs.
+    allow_origins: additional origins whose pages may connect, such as that of a proxy. Raises
+    T2TwinError for an invalid run, source, image or origin, and for an unusable host and port.
     """
-    _check_free(host, port)
-    gate = Gate(host, allow_origins)
+    _check_address(host, port)
+    origin_check = OriginCheck(host, allow_origins)
     translators = Translators()
     if runs:
         translators.search(runs)
-    frames = None if source is None else Frames(source)
+    frames = None if source is None else FrameSource(source)
     frame = None if background is None else read_frame(background)
     place = Path(tempfile.gettempdir())
-    sweep(place, f".{FOLDER}-*.part")
+    remove_leftovers(place, f".{FOLDER}-*.part")
     with temporary_folder(place, f"{FOLDER}-{uuid4().hex}") as folder:
         folder.chmod(0o700)
-        shared = Shared(translators, folder, frames, frame)
-        served = Studio(host, port, shared, gate)
-        threading.Thread(target=_get_ready, args=(shared, served, not runs), daemon=True).start()
+        shared = SharedState(translators, folder, frames, frame)
+        served = Studio(host, port, shared, origin_check)
+        threading.Thread(target=_warm_up, args=(shared, served, not runs), daemon=True).start()
         yield served
-        served.close()  # not where it is ended by a signal: that would take seconds
+        served.close()  # skipped after a signal, because it takes seconds
 
 
 def _release_memory() -> None:
-    """Gives back what a page held: it is full of cycles, and malloc keeps what is freed (measured:
-    50 MB a page)."""
+    """Releases the memory of a closed page: it contains reference cycles, and malloc retains freed
+    memory (measured: 50 MB a page)."""
     gc.collect()
-    with suppress(OSError, AttributeError):  # another C library than glibc
+    with suppress(OSError, AttributeError):  # C libraries other than glibc
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def is_own(host: str) -> bool:
-    """Whether only this machine can reach an address. Raises T2TwinError where it is none."""
+def is_loopback(host: str) -> bool:
+    """Whether only this machine can reach an address. Raises T2TwinError for an invalid address."""
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:
         raise T2TwinError(
-            f"{host[:40]!r} cannot be listened at; give an address of this machine, as 127.0.0.1 "
-            "or 0.0.0.0"
+            f"cannot listen on {host[:40]!r}; expected an address of this machine, such as "
+            "127.0.0.1 or 0.0.0.0"
         ) from None
 
 
-def _check_free(host: str, port: int) -> None:
-    """Raises T2TwinError where host and port cannot be listened at; viser would try for ever."""
-    is_own(host)
-    if not 0 <= port <= MOST_PORT:
-        raise T2TwinError(f"port {port} cannot be listened at; allowed are 0 to {MOST_PORT}")
+def _check_address(host: str, port: int) -> None:
+    """Raises T2TwinError for an unusable host and port, which viser would retry forever."""
+    is_loopback(host)
+    if not 0 <= port <= MAX_PORT:
+        raise T2TwinError(f"cannot listen on port {port}; expected 0 to {MAX_PORT}")
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        with socket.socket(family, socket.SOCK_STREAM) as tried:
-            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            tried.bind((host, port))
+        with socket.socket(family, socket.SOCK_STREAM) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((host, port))
     except OSError as error:
         raise T2TwinError(
-            f"{host}, port {port} cannot be listened at ({(error.strerror or 'refused').lower()}); "
-            "name another with --host and --port"
+            f"cannot listen on {host}, port {port} ({(error.strerror or 'refused').lower()}); "
+            "choose others with --host and --port"
         ) from error
 
 
-def _get_ready(shared: Shared, served: Studio, search: bool) -> None:
-    get_ready(shared, search)
-    served.runs_found()
+def _warm_up(shared: SharedState, served: Studio, search: bool) -> None:
+    warm_up(shared, search)
+    served.update_runs()
 
 
 def _link(address: str, state: "PressState") -> str:
-    """A link that opens the page on a press.
+    """A link that opens the page with a press.
 
-    viser's page connects to the socket that its address names under `websocket`, and hands the
-    query of that on; a query of the page itself it leaves out.
+    viser's page connects to the WebSocket of the query parameter `websocket` and sends the query of
+    that URL to the server. It does not send the other parameters of the page.
     """
     parts = urlsplit(address)
     scheme = "wss" if parts.scheme == "https" else "ws"

@@ -1,7 +1,6 @@
-"""The studio's core: a press as asked for becomes what both sensors and the translators say of it.
+"""The studio's core: presses both sensors and translates the image, for one client.
 
-It knows no browser; one client has one session. Shape letters: R rows and C columns of a tactile
-image, N taxels.
+It has no part of the web page. Shape letters: R rows and C columns of a tactile image.
 """
 
 import time
@@ -12,32 +11,32 @@ from threading import Lock
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
+from t2twin.sim.touch import Touch
 from t2twin.studio.press_state import PressState
 from t2twin.studio.translators import Translation, Translators
-from t2twin.translate.phi import Phi
-from t2twin.twin import Touch, load_shape, press_command
+from t2twin.twin import load_shape, press_command
 
 TRANSLATING = "translate"
-"""What the translators' time goes by, beside the stages of t2twin.sim.sensors.SensorPair.press."""
+"""Step of the translators, next to the stages of t2twin.sim.sensors.SensorPair.press."""
 
 STEPS = ("press digit", "picture", "press cyskin", "taxels", "tactile image", TRANSLATING)
-"""Steps of a look, in their order."""
+"""Steps of a press, in their order."""
 
-
-_making = Lock()
-"""Held while a shape of the catalogue is made, so that two sessions do not make the same one."""
+_catalogue_lock = Lock()
+"""Held while a shape of the catalogue is loaded, so that two sessions do not build the same one."""
 
 
 @dataclass(frozen=True)
-class Look:
-    """What there is to see of one press.
+class PressResult:
+    """The results of one press.
 
-    tactile_image: (R, C) float32, counts, phi of what the CySkin counted; None for a layout that
-    has none, and then `no_image` says why. steps_ms: milliseconds of each of STEPS.
+    tactile_image: (R, C) float32, counts; None for a layout without one, for the reason `no_image`.
+    steps_ms: milliseconds of each of STEPS.
     """
 
     state: PressState
@@ -53,9 +52,9 @@ class Look:
 
 
 class Session:
-    """One client's shape and sensors, kept from press to press; only what changes is made anew.
+    """One client's shape and sensors; a press rebuilds only those that changed.
 
-    sensors: both as they come, which sessions may share. Not for several threads at once.
+    sensors: the default ones, which sessions may share. Not thread-safe.
     """
 
     def __init__(self, translators: Translators, sensors: SensorPair | None = None) -> None:
@@ -67,17 +66,17 @@ class Session:
         self._phi: tuple[CySkin, Phi | T2TwinError] | None = None
 
     def shape(self, state: PressState) -> Shape:
-        """The shape of a press. Raises T2TwinError where there is none."""
+        """The shape of a press. Raises T2TwinError as load_shape does."""
         source = (state.shape, state.scale)
         if self._shape is None or self._shape[0] != source:
-            with _making if state.shape in catalogue.NAMES else nullcontext():
+            with _catalogue_lock if state.shape in catalogue.NAMES else nullcontext():
                 self._shape = (source, load_shape(*source))
         return self._shape[1]
 
-    def look(self, state: PressState, runs: tuple[str, ...] = ()) -> Look:
-        """Presses, takes the picture and translates it by the runs of these names.
+    def press(self, state: PressState, runs: tuple[str, ...] = ()) -> PressResult:
+        """Press, and translate the image with the runs of these names.
 
-        Raises T2TwinError for what cannot be pressed, with the sentence of `t2twin press`.
+        Raises T2TwinError with the messages of `t2twin press`.
         """
         steps: dict[str, float] = dict.fromkeys(STEPS, 0.0)
         shape, sensors = self.shape(state), self._sensors_for(state)
@@ -93,25 +92,15 @@ class Session:
             yield
             steps[step] += 1e3 * (time.perf_counter() - started)
 
-        sample = sensors.press(shape, command, rng, timed)
-        touch = Touch(
-            shape,
-            command,
-            sample.image,
-            sample.counts,
-            sample.digit,
-            sample.cyskin,
-            sensors.cyskin.layout,
-            sensors.digit.calibration,
-        )
+        touch = sensors.press(shape, command, rng, timed)
         with timed("tactile image"):
             phi = self._phi_of(sensors.cyskin)
             tactile = None if isinstance(phi, T2TwinError) else phi(touch.counts)
         with timed(TRANSLATING):
             background = self._background_of(sensors.digit) if runs else None
-            translations = self.translators.of_touch(touch, runs, background)
+            translations = self.translators.translate_touch(touch, runs, background)
         no_image = str(phi) if isinstance(phi, T2TwinError) else ""
-        return Look(state, touch, tactile, no_image, translations, steps)
+        return PressResult(state, touch, tactile, no_image, translations, steps)
 
     def _sensors_for(self, state: PressState) -> SensorPair:
         digit, cyskin, before = self._sensors.digit, self._sensors.cyskin, self._made_for
@@ -123,13 +112,13 @@ class Session:
         return self._sensors
 
     def _background_of(self, digit: Digit) -> np.ndarray:
-        """The frame of a DIGIT with nothing touching it; kept while the DIGIT stays."""
+        """The background frame of a DIGIT, cached for the last DIGIT."""
         if self._background is None or self._background[0] is not digit:
-            self._background = (digit, digit.untouched())
+            self._background = (digit, digit.background_frame())
         return self._background[1]
 
     def _phi_of(self, cyskin: CySkin) -> Phi | T2TwinError:
-        """phi of an array, or why it has none; kept while the array stays."""
+        """phi of an array, or the reason why it has none, cached for the last array."""
         if self._phi is None or self._phi[0] is not cyskin:
             try:
                 self._phi = (cyskin, Phi(cyskin.layout.x_mm, cyskin.layout.y_mm))

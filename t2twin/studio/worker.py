@@ -1,62 +1,61 @@
-"""Work of which only the newest matters: while one piece is being done, later ones replace each
-other."""
+"""A worker that always processes the latest state: requests that arrive meanwhile are merged."""
 
 from collections.abc import Callable
 from threading import Condition, Thread
 
 
-class NewestFirst:
-    """Does `work` in a thread of its own, again whenever it was asked for since it last began.
+class LatestOnlyWorker:
+    """Calls `work` in a thread of its own, once for all requests since the last call began.
 
-    work: done once for any number of calls of `ask` that come meanwhile. then: done where nothing
-    was asked for within `quiet_s` seconds after it. What either raises ends the thread.
+    when_idle: called if no request arrives within idle_s seconds after `work`. An exception of
+    either ends the thread.
     """
 
     def __init__(
-        self, work: Callable[[], object], then: Callable[[], object], quiet_s: float = 0.1
+        self, work: Callable[[], object], when_idle: Callable[[], object], idle_s: float = 0.1
     ) -> None:
-        self._work, self._then, self._quiet_s = work, then, quiet_s
-        self._asked, self._ended, self._busy = False, False, False
+        self._work, self._when_idle, self._idle_s = work, when_idle, idle_s
+        self._requested, self._stopped, self._busy = False, False, False
         self._changed = Condition()
-        # A daemon: the process must not wait for a press when it is stopped.
+        # A daemon thread: the process does not wait for a press when it stops.
         self._thread = Thread(target=self._run, daemon=True)
         self._thread.start()
 
-    def ask(self) -> None:
-        """From here on there is something new."""
+    def request(self) -> None:
+        """Requests a call of `work`."""
         with self._changed:
-            self._asked = True
+            self._requested = True
             self._changed.notify_all()
 
-    def end(self) -> None:
-        """No more work is begun."""
+    def stop(self) -> None:
+        """Starts no further work."""
         with self._changed:
-            self._ended = True
+            self._stopped = True
             self._changed.notify_all()
 
     def join(self, timeout_s: float) -> None:
-        """Waits until the work that was begun before `end` is done."""
+        """Waits for the work that began before `stop`."""
         self._thread.join(timeout_s)
 
     def wait(self, timeout_s: float) -> bool:
-        """Until there is nothing to do; False where that took longer."""
+        """Waits until no work is pending; False after the timeout."""
         with self._changed:
-            return self._changed.wait_for(lambda: not (self._asked or self._busy), timeout_s)
+            return self._changed.wait_for(lambda: not (self._requested or self._busy), timeout_s)
 
     def _run(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._asked or self._ended)
-                if self._ended:
+                self._changed.wait_for(lambda: self._requested or self._stopped)
+                if self._stopped:
                     return
-                self._asked, self._busy = False, True
+                self._requested, self._busy = False, True
             self._work()
             with self._changed:
-                quiet = not self._changed.wait_for(
-                    lambda: self._asked or self._ended, self._quiet_s
+                is_idle = not self._changed.wait_for(
+                    lambda: self._requested or self._stopped, self._idle_s
                 )
-            if quiet:
-                self._then()
+            if is_idle:
+                self._when_idle()
             with self._changed:
                 self._busy = False
                 self._changed.notify_all()

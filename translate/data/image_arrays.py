@@ -1,4 +1,4 @@
-"""DIGIT images as callers of the Python API pass them: what is an image, and what only looks so.
+"""Checks of image arrays that callers of the Python API pass.
 
 Shape letters: B images, h rows, w columns.
 """
@@ -10,8 +10,8 @@ import numpy as np
 import torch
 from PIL import Image
 
-from t2twin.primitives_cad.checks import shown
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.arguments import describe
+from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.images import to_pixels
 
 Images = np.ndarray | Sequence[np.ndarray]
@@ -25,12 +25,12 @@ EXPECTED = f"{ONE}, a batch of shape (B, h, w, 3) or (B, h, w, 1), or a list of 
 
 
 def image_list(images: object, name: str = "images") -> tuple[list[np.ndarray], bool]:
-    """The images in what a caller passed, and whether it was one image rather than several.
+    """A list of the images in an argument, and whether the argument was a single image.
 
     images: one image, (h, w) or (h, w, 3); a batch, (B, h, w, 3) or (B, h, w, 1); or a list or
     tuple of images, whose sizes may differ. All are NumPy arrays of uint8, channels red, green,
     blue. A batch and a list may be empty. name: of the argument, for messages.
-    Raises T2TwinError for anything else.
+    Raises T2TwinError for other values.
     """
     if isinstance(images, list | tuple):
         return [one_image(image, f"{name}[{n}]", ONE) for n, image in enumerate(images)], False
@@ -43,9 +43,9 @@ def image_list(images: object, name: str = "images") -> tuple[list[np.ndarray], 
 
 
 def one_image(image: object, name: str, expected: str = EXPECTED) -> np.ndarray:
-    """The array of one image, (h, w) or (h, w, 3) uint8. Raises T2TwinError for anything else.
+    """The array of one image, (h, w) or (h, w, 3) uint8. Raises T2TwinError for other values.
 
-    expected: what the message says is allowed.
+    expected: the allowed values, for the message.
     """
     array = _array(image, name, expected)
     is_image = array.ndim == 2 or (array.ndim == 3 and array.shape[2] == COLORS)
@@ -55,7 +55,7 @@ def one_image(image: object, name: str, expected: str = EXPECTED) -> np.ndarray:
 
 
 def resized(frames: Sequence[np.ndarray], size: int, grey: bool) -> np.ndarray:
-    """(B, size, size, 1 or 3) uint8 of images that `image_list` checked."""
+    """(B, size, size, 1 or 3) uint8, from the images of `image_list`."""
     pixels = [np.empty((0, size, size, 1 if grey else COLORS), np.uint8)]
     pixels += [to_pixels(Image.fromarray(frame), size, grey)[None] for frame in frames]
     return np.concatenate(pixels)
@@ -85,7 +85,9 @@ def _array(value: object, name: str, expected: str) -> np.ndarray:
         hint = "; numpy.asarray(image.convert('RGB')) converts a PIL image"
     elif isinstance(value, str | PathLike):
         hint = "; numpy.asarray(PIL.Image.open(path).convert('RGB')) reads a file"
-    raise T2TwinError(f"{name} is {shown(value)}; expected {expected}, NumPy arrays of uint8{hint}")
+    raise T2TwinError(
+        f"{name} is {describe(value)}; expected {expected}, NumPy arrays of uint8{hint}"
+    )
 
 
 def _wrong_shape(array: np.ndarray, name: str, expected: str) -> T2TwinError:

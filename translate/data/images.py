@@ -1,4 +1,4 @@
-"""DIGIT images as the networks take them: read, resized, grey or RGB, scaled."""
+"""DIGIT images: reading, resizing, augmentation and normalization."""
 
 from pathlib import Path
 
@@ -6,34 +6,37 @@ import numpy as np
 import torch
 from PIL import Image
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit.white import white
-from t2twin.sim.pictures import check_picture, open_picture
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import check_image_header, decode_image
+from t2twin.sim.digit.camera.gaussian_noise import standard_normal
 
 RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
 RGB_STD = np.array([0.229, 0.224, 0.225], dtype=np.float32)
-"""Mean and standard deviation of ImageNet's channels: ResNet18's usual normalisation."""
+"""Mean and standard deviation of ImageNet's channels, the usual normalization of ResNet18."""
+
+WHITE_GREY = 255.0
+"""Full scale of an image, grey levels."""
 
 
 def open_image(path: Path) -> Image.Image:
-    """An image file as grey ("L") or RGB, 8 bits, upright.
+    """Reads an image file as grey ("L") or RGB, 8 bits, upright.
 
-    Takes grey, colour, palette and 16-bit images, with or without transparency, which is dropped.
-    Raises T2TwinError where the file is missing, is no whole PNG or JPEG, or is far too large.
+    Reads grey, color, palette and 16-bit images; transparency is dropped. Raises T2TwinError for a
+    file that is missing, not a complete PNG or JPEG, or far too large.
     """
     try:
-        image = open_picture(path)
+        image = decode_image(path)
     except T2TwinError as error:
         raise _unreadable(path, error) from None
-    if image.mode.startswith("I"):  # 16 bits a pixel, which PIL would clip, not scale, to 8
+    if image.mode.startswith("I"):  # 16 bits per pixel, which PIL would clip to 8 bits
         return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
     return image.convert("L" if image.mode in ("1", "L", "LA") else "RGB")
 
 
 def check_image(path: Path) -> None:
-    """Most of the same, from the file's header alone. Raises as `open_image` does."""
+    """Checks the header of an image file. Raises T2TwinError as `open_image` does."""
     try:
-        check_picture(path)
+        check_image_header(path)
     except T2TwinError as error:
         raise _unreadable(path, error) from None
 
@@ -43,7 +46,7 @@ def _unreadable(path: Path, reason: Exception) -> T2TwinError:
 
 
 def to_pixels(image: Image.Image, size: int, grey: bool) -> np.ndarray:
-    """Resized with antialiasing to size x size. Returns (size, size, 1 or 3) uint8."""
+    """Resizes an image with antialiasing. Returns (size, size, 1 or 3) uint8."""
     image = image.convert("L" if grey else "RGB")
     pixels = np.asarray(image.resize((size, size), Image.Resampling.BILINEAR))
     return pixels[:, :, None] if grey else pixels
@@ -56,32 +59,32 @@ def augment(
     contrast: float,
     noise: float,
 ) -> np.ndarray:
-    """Jitters a batch as a camera and its lights would: gain, offset, pixel noise.
+    """Applies random gain, offset and pixel noise to a batch, as a camera and its lights vary.
 
-    pixels: (B, S, S, c) float32 in [0, 1]. The rest as in Preset. An untouched frame after the
-    picture, c = 6, has its gain and offset and no noise. Returns the same shape, clipped.
+    pixels: (B, S, S, c) float32 in [0, 1]. Other arguments: see Preset. With c = 6, the background
+    frame has the gain and offset of its image, without noise. Returns the same shape, clipped.
     """
     each = (pixels.shape[0], 1, 1, 1)
     gain = 1.0 + contrast * rng.standard_normal(each, dtype=np.float32)
     offset = brightness * rng.standard_normal(each, dtype=np.float32)
     jittered = (pixels - 0.5) * gain + (0.5 + offset)
     if noise > 0:
-        picture = jittered[..., : len(RGB_MEAN)]
-        picture += np.float32(noise) * white(rng, picture.shape)
+        image = jittered[..., : len(RGB_MEAN)]
+        image += np.float32(noise) * standard_normal(rng, image.shape)
     return jittered.clip(0.0, 1.0)
 
 
 def to_input(pixels: np.ndarray) -> torch.Tensor:
-    """What the networks take. pixels: (B, S, S, c) float32 in [0, 1]: grey, RGB, or RGB with
-    the DIGIT's untouched frame after the picture (c = 6).
+    """The input of the networks.
 
-    Returns (B, c, S, S) float32, channels last in memory: grey in [-1, 1], RGB normalised.
+    pixels: (B, S, S, c) float32 in [0, 1]: grey, RGB, or RGB followed by the background frame
+    (c = 6). Returns (B, c, S, S) float32, channels last in memory: grey in [-1, 1], RGB normalized.
     """
     if pixels.shape[-1] == 1:
         scaled = 2.0 * pixels - 1.0
     else:
         images, side, columns, channels = pixels.shape
-        rows = pixels.reshape(images, side, columns * channels)  # NumPy is slow on last axes of 3
+        rows = pixels.reshape(images, side, columns * channels)  # NumPy is slow on a last axis of 3
         times = rows.shape[-1] // len(RGB_MEAN)
         scaled = (rows - np.tile(RGB_MEAN, times)) / np.tile(RGB_STD, times)
     return torch.from_numpy(scaled.reshape(pixels.shape)).permute(0, 3, 1, 2)

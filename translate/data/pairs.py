@@ -1,9 +1,10 @@
-"""One split of a data set, ready to train on: images decoded once into a cache, counts in memory.
+"""The pairs of one dataset split: images in a cache of decoded files, counts in memory.
 
-The cache lies in the data set's folder (`cache/`), one uint8 .npy a split, size and colour, named
-by the first digits of info.json's SHA-256: another data set in the same folder gets another cache.
+The cache is the folder `cache` of the dataset, with one uint8 .npy file per split, size and color.
+File names contain the first digits of the SHA-256 of info.json, so that another dataset in the same
+folder has other files.
 
-Shape letters: P pairs, S image side, c channels, N taxels.
+Shape letters: P pairs, B batch, S image side, c channels, N taxels, F places of the field.
 """
 
 import os
@@ -15,16 +16,17 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+import torch
 from numpy.lib import format as npy
 from PIL import Image
 
-from t2twin.primitives_cad.checksum import add_checksum, is_intact
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.progress import Progress
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.cached_files import add_checksum, is_intact
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.core.images import decode_png
+from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
 from t2twin.sim.dataset.columns import FIELD, POSE
-from t2twin.sim.dataset.png import decode_png
 from t2twin.sim.dataset.store import (
     INFO,
     field,
@@ -35,69 +37,73 @@ from t2twin.sim.dataset.store import (
     split_shards,
     taxels,
 )
+from t2twin.translate.data.background_frames import (
+    PairBackgrounds,
+    has_backgrounds,
+    load_backgrounds,
+)
 from t2twin.translate.data.images import to_pixels
-from t2twin.translate.data.untouched import Untouched, has_untouched, load_untouched
 
 CACHE = "cache"
-IMAGES_AT_ONCE = 256
-"""Images decoded together; bounds the memory that building a cache takes, some 60 MB."""
+BATCH_SIZE = 256
+"""Images decoded together; bounds memory to 60 MB."""
 
 
 @dataclass(frozen=True)
 class ImageFile:
-    """Images in an .npy file, read as they are asked for.
+    """Images in an .npy file, read on access.
 
-    places: of those images of the file that these are, None for all.
+    places: indices of a subset of the images in the file, or None for all.
     """
 
     path: Path
     places: np.ndarray | None = None
 
     def __len__(self) -> int:
-        there = np.load(self.path, mmap_mode="r") if self.places is None else self.places
-        return there.shape[0]
+        images = np.load(self.path, mmap_mode="r") if self.places is None else self.places
+        return images.shape[0]
 
     def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
-        """(b, S, S, c) uint8. The map is closed again, so what was read does not stay resident."""
+        """(b, S, S, c) uint8. The memory map is closed again, so that its pages are freed."""
         own = index if self.places is None else self.places[index]
         return np.array(np.load(self.path, mmap_mode="r")[own])
 
 
 class BackgroundFrames(Protocol):
-    """Background frames, chosen by the numbers of pairs."""
+    """Background frames, indexed by pairs."""
 
     def __getitem__(self, index: np.ndarray | slice) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)
-class Pictures:
-    """DIGIT images, each with its DIGIT's background frame after it where there are frames.
+class InputImages:
+    """DIGIT images, each followed by its background frame if there are frames.
 
-    untouched: gives the frames of chosen pairs, (b, S, S, 3) uint8, or one for all, (S, S, 3).
+    backgrounds: returns the frames of pairs, (b, S, S, 3) uint8, or one for all, (S, S, 3).
     """
 
     images: ImageFile
-    untouched: BackgroundFrames | None = None
+    backgrounds: BackgroundFrames | None = None
 
     def __len__(self) -> int:
         return len(self.images)
 
     def __getitem__(self, index: np.ndarray | slice) -> np.ndarray:
-        """(b, S, S, c) uint8, c being 6 with the frames."""
-        pictures = self.images[index]
-        if self.untouched is None:
-            return pictures
-        frames = np.broadcast_to(self.untouched[index], pictures.shape)
-        return np.concatenate([pictures, frames], axis=-1)
+        """(b, S, S, c) uint8; c = 6 with background frames."""
+        images = self.images[index]
+        if self.backgrounds is None:
+            return images
+        frames = np.broadcast_to(self.backgrounds[index], images.shape)
+        return np.concatenate([images, frames], axis=-1)
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """One split of a data set.
+    """The pairs of one split.
 
     images: the P DIGIT images, (S, S, c) each. counts: (P, N) float32.
     shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
-    field: (P, F) uint16, counts, and untouched, the DIGITs' frames, where they were asked for.
+    field: (P, F) uint16, counts, and backgrounds, if they were loaded.
     """
 
     images: ImageFile
@@ -109,37 +115,36 @@ class Pairs:
     yaw_rad: np.ndarray
     force_n: np.ndarray
     field: np.ndarray | None = None
-    untouched: Untouched | None = None
+    backgrounds: PairBackgrounds | None = None
 
     def __len__(self) -> int:
         return self.counts.shape[0]
 
     @property
-    def pictures(self) -> Pictures:
-        """What a translator looks at."""
-        return Pictures(self.images, self.untouched)
+    def inputs(self) -> InputImages:
+        """The inputs of a translator from images to counts."""
+        return InputImages(self.images, self.backgrounds)
 
-    def some(self, places: np.ndarray) -> "Pairs":
-        """Those at these places, (b,), of a split whose images are whole."""
-        apart = ("images", "field", "untouched")
-        rest = {f.name: getattr(self, f.name)[places] for f in fields(self) if f.name not in apart}
+    def subset(self, places: np.ndarray) -> "Pairs":
+        """The pairs with these indices, (b,), of a split with all of its images."""
+        special = ("images", "field", "backgrounds")
+        names = [f.name for f in fields(self) if f.name not in special]
         return Pairs(
             images=ImageFile(self.images.path, places),
             field=None if self.field is None else self.field[places],
-            untouched=None if self.untouched is None else self.untouched.some(places),
-            **rest,
+            backgrounds=None if self.backgrounds is None else self.backgrounds.subset(places),
+            **{name: getattr(self, name)[places] for name in names},
         )
 
 
 @dataclass(frozen=True)
 class DataInfo:
-    """What info.json says of a data set, and its SHA-256.
+    """Properties of a dataset, from its info.json, and the SHA-256 of that file.
 
-    layout: the taxel layout's name. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
-    taxels saturate. world: what made the pairs (module origin), None of imported ones and where a
-    run of an older version does not know. train_pairs: how many there are to train on. field_x_mm,
-    field_y_mm: (F,) places of the field, None where the pairs hold none. pad_diameter_mm: (N,) of
-    the taxels, None where it is not known.
+    layout: name of the taxel layout. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
+    taxels saturate. world: name of the world, None for imported pairs and in runs of older
+    versions. train_pairs: number of training pairs. field_x_mm, field_y_mm: (F,) places of the
+    field, None without field. pad_diameter_mm: (N,) of the taxels, None if unknown.
     """
 
     sha256: str
@@ -155,19 +160,19 @@ class DataInfo:
 
     @property
     def taxels(self) -> Layout:
-        """The layout itself, its pads of the usual size where that is not known."""
+        """The layout, with default pad diameters if they are unknown."""
         pads = self.pad_diameter_mm
-        usual = np.full(self.x_mm.size, PAD_DIAMETER_MM)
-        return Layout(self.layout, self.x_mm, self.y_mm, usual if pads is None else pads)
+        default = np.full(self.x_mm.size, PAD_DIAMETER_MM)
+        return Layout(self.layout, self.x_mm, self.y_mm, default if pads is None else pads)
 
     @property
     def world_shown(self) -> str:
-        """The world's name, or the first digits of the data set's where it has none."""
-        return self.world or f"data set {self.sha256[:8]}"
+        """Name of the world, or first digits of the dataset's SHA-256."""
+        return self.world or f"dataset {self.sha256[:8]}"
 
 
 def load_info(data_dir: Path) -> DataInfo:
-    """Reads DIR/info.json. Raises T2TwinError where it is missing or wrong."""
+    """Reads DIR/info.json. Raises T2TwinError if it is missing or invalid."""
     info = read_info(data_dir)
     pads = info.parameters.cyskin.pad_diameter_mm if info.parameters else info.pad_diameter_mm
     return DataInfo(
@@ -178,14 +183,14 @@ def load_info(data_dir: Path) -> DataInfo:
         full_scale_counts=float(info.full_scale_counts),
         world=info.world_name,
         train_pairs=info.pairs["train"],
-        field_x_mm=known(info.field_x_mm),
-        field_y_mm=known(info.field_y_mm),
-        pad_diameter_mm=known(pads),
+        field_x_mm=optional_array(info.field_x_mm),
+        field_y_mm=optional_array(info.field_y_mm),
+        pad_diameter_mm=optional_array(pads),
     )
 
 
-def known(values: tuple[float, ...] | None) -> np.ndarray | None:
-    """An array, or None of None."""
+def optional_array(values: tuple[float, ...] | None) -> np.ndarray | None:
+    """An array, or None for None."""
     return None if values is None else np.array(values)
 
 
@@ -197,27 +202,27 @@ def load_pairs(
     cache_dir: Path | None = None,
     with_field: bool = False,
 ) -> Pairs:
-    """One split with its images at size x size, grey or RGB.
+    """Loads one split with images at size x size, grey or RGB.
 
-    cache_dir: where decoded images are kept, by default the data set's `cache`. with_field: also
-    the field's counts, and the DIGITs' untouched frames where the pairs hold them.
-    Raises T2TwinError for an unknown, missing or unfinished split, and for pairs without a field
-    where it is asked for.
+    cache_dir: folder of the decoded images, by default `cache` of the dataset. with_field: also
+    load the field, and the background frames if the pairs contain them.
+    Raises T2TwinError for an unknown, missing or unfinished split, and with with_field for pairs
+    without field.
     """
     info, stored = load_info(data_dir), read_info(data_dir)
     if with_field and info.field_x_mm is None:
         raise T2TwinError(
-            f"the pairs in {data_dir} hold no field; make a world that has it, such as "
+            f"the pairs in {data_dir} have no field; make a world with field, such as "
             "`t2twin simdata --world union`"
         )
-    more = [FIELD] if with_field else []
-    table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels", *more])
+    optional = [FIELD] if with_field else []
+    table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels", *optional])
     counts = taxels(table)
-    colour, name = "grey" if grey else "rgb", info.sha256[:12]
+    color, name = "grey" if grey else "rgb", info.sha256[:12]
     folder = cache_dir or data_dir / CACHE
-    cache = folder / f"{split}-{size}-{colour}-{name}.npy"
+    cache = folder / f"{split}-{size}-{color}-{name}.npy"
     shape = (table.num_rows, size, size, 1 if grey else 3)
-    if not _is_whole(cache, shape):
+    if not _is_valid(cache, shape):
         shards = split_shards(stored, split)
         images = chain.from_iterable(iter_images(data_dir, shard) for shard in shards)
         _write_cache(cache, images, shape, stored.image_shape)
@@ -227,25 +232,25 @@ def load_pairs(
         shapes=np.array(table["shape"].to_pylist()),
         families=np.array(table["family"].to_pylist()),
         field=field(table) if with_field else None,
-        untouched=load_untouched(data_dir, split, size, folder, name)
-        if with_field and has_untouched(stored)
+        backgrounds=load_backgrounds(data_dir, split, size, folder, name)
+        if with_field and has_backgrounds(stored)
         else None,
         **{name: table[name].to_numpy() for name in POSE},
     )
 
 
 def usable_cache(data_dir: Path, out_dir: Path) -> Path:
-    """The data set's cache folder, or one in out_dir where the data set is read-only."""
+    """The cache folder of the dataset, or of out_dir if the dataset is read-only."""
     return (data_dir if os.access(data_dir, os.W_OK) else out_dir) / CACHE
 
 
-def _is_whole(path: Path, shape: tuple[int, int, int, int]) -> bool:
-    """Whether images of this shape are there; what is damaged is decoded anew."""
+def _is_valid(path: Path, shape: tuple[int, int, int, int]) -> bool:
+    """Whether the file has images of this shape; damaged files are decoded again."""
     if not is_intact(path):
         return False
     try:
         images = np.load(path, mmap_mode="r")
-    except Exception:  # what a damaged head raises is of many kinds
+    except Exception:  # a damaged header raises errors of many types
         return False
     return images.shape == shape and images.dtype == np.uint8
 
@@ -256,10 +261,10 @@ def _write_cache(
     shape: tuple[int, int, int, int],
     stored: tuple[int, int, int] | None,
 ) -> None:
-    """Decodes every image once, batch after batch, in parallel threads, to an .npy file.
+    """Decodes all images in parallel threads into an .npy file.
 
-    images: PNG bytes of so many rows, in the order of read_split. stored: the shape that all of
-    them have, where info.json says it.
+    images: PNG bytes in the order of read_split. stored: the shape of all images, if info.json
+    contains it.
     """
     rows, size, _, channels = shape
     header = {
@@ -268,7 +273,7 @@ def _write_cache(
         "shape": shape,
     }
     with (
-        whole_file(path) as temporary,
+        atomic_write(path) as temporary,
         temporary.open("w+b") as file,
         ThreadPoolExecutor() as pool,
         Progress(
@@ -276,7 +281,7 @@ def _write_cache(
         ) as bar,
     ):
         npy.write_array_header_1_0(file, header)
-        while encoded := list(islice(images, IMAGES_AT_ONCE)):
+        while encoded := list(islice(images, BATCH_SIZE)):
             for pixels in pool.map(lambda png: _decode(png, stored, size, channels == 1), encoded):
                 file.write(pixels.tobytes())
             bar.update(len(encoded))
@@ -287,7 +292,21 @@ def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bo
     pixels = decode_png(png)
     if pixels.shape != (stored or pixels.shape):
         raise T2TwinError(
-            f"a stored picture is {pixels.shape} and info.json says {stored}; `t2twin simdata "
-            "--verify` names its shard"
+            f"a stored image has shape {pixels.shape}, info.json has {stored}; `t2twin simdata "
+            "--verify` names the shard"
         )
     return to_pixels(Image.fromarray(pixels), size, grey)
+
+
+@dataclass(frozen=True)
+class Examples:
+    """A batch of B pairs for one training step.
+
+    images: as `images.to_input` returns them, (B, c, S, S). counts: (B, N) float32. field: (B, F)
+    float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
+    """
+
+    images: torch.Tensor
+    counts: torch.Tensor
+    field: torch.Tensor | None = None
+    force_n: torch.Tensor | None = None

@@ -1,1 +1,5 @@
-"""How far translators are from the truth, and what bounds them."""
+"""Evaluation of trained runs on datasets."""
+
+from t2twin.translate.library_settings import configure_libraries
+
+configure_libraries()

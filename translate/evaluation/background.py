@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info, sha256_of
 from t2twin.sim.digit.calibration import DEFAULT_PATH
 from t2twin.sim.digit.optics import DigitOptics
+from t2twin.translate.data.background_frames import has_backgrounds
 from t2twin.translate.data.images import open_image, to_pixels
-from t2twin.translate.data.untouched import has_untouched
 
 OF_PAIRS, OF_CALIBRATION = "each pair's own", "that of the default calibration"
-"""Where frames come from that no file holds."""
+"""Sources of frames that are not files."""
 
 
 @dataclass(frozen=True)
@@ -34,31 +34,30 @@ class FixedBackground:
 
 @dataclass(frozen=True)
 class Background:
-    """Where a dataset's background frames come from.
+    """Background frames of a dataset.
 
-    source: in words. image: one frame for all pairs, or None where each pair holds its own.
+    source: in words. image: one frame for all pairs, or None if each pair has its own.
     """
 
     source: str
     image: Image.Image | None
 
     def at_size(self, size: int) -> FixedBackground | None:
-        """The frame at size x size, or None where each pair holds its own."""
+        """The frame at size x size, or None if each pair has its own."""
         if self.image is None:
             return None
         return FixedBackground(to_pixels(self.image, size, grey=False))
 
 
 def background_of(data_dir: Path, file: Path | None = None) -> Background | None:
-    """The background frames of a dataset, None where none are known.
+    """The background frames of a dataset, None if none are known.
 
-    They are the pairs' own where the pairs hold them. Otherwise the frame comes from `file`, an
-    image of the DIGIT with nothing touching it, or from the default calibration where all images
-    were made with it.
-    Raises T2TwinError for a file that is no image, and for one beside pairs that hold their own.
+    They are those of the pairs, if the pairs have them; otherwise `file`, an image of the DIGIT
+    without contact, or the frame of the default calibration, if all images were made with it.
+    Raises T2TwinError for a file that is not an image, and for one with pairs that have their own.
     """
     info = read_info(data_dir)
-    if has_untouched(info):
+    if has_backgrounds(info):
         if file is not None:
             raise T2TwinError(
                 f"the pairs in {data_dir} hold their own background frames; --background is for "

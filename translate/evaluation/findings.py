@@ -1,7 +1,7 @@
-"""Does the paper's finding hold here? Each part of it answered by an interval.
+"""The findings of the paper, tested on an evaluation; intervals decide.
 
-Grella et al. 2023 found that ResNet18 has the lower error, that touch2touch keeps the shape of the
-contact better, and that both lose from the validation split to the novel objects.
+Grella et al. 2023 found that ResNet18 has the lower error, that touch2touch preserves the shape of
+the contact better, and that both are worse on novel objects than on the validation split.
 """
 
 from collections.abc import Mapping
@@ -10,12 +10,14 @@ from typing import get_args
 
 import numpy as np
 
-from t2twin.translate.evaluation.baselines import MEAN_ARRAY
-from t2twin.translate.evaluation.bootstrap import SEED, draws, interval
-from t2twin.translate.evaluation.metrics import GroupedFigures
+from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.translate.evaluation.metrics.array_errors import GroupedFigures
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY
+from t2twin.translate.evaluation.metrics.bootstrap import SEED, interval, resample_weights
 from t2twin.translate.evaluation.records import (
     Answer,
     Difference,
+    Evaluation,
     FigureName,
     Finding,
     ModelRow,
@@ -28,8 +30,7 @@ DIFFERENCES: dict[str, tuple[FigureName, str]] = {
     "better-shape-ssim": ("ssim", "Does touch2touch keep the shape better, by SSIM?"),
     "better-shape-iou": ("contact_iou", "Does touch2touch keep the shape better, by contact IoU?"),
 }
-"""Findings about touch2touch less ResNet18, with the figure that each is read from: a difference
-above zero says yes."""
+"""Findings about touch2touch minus ResNet18, with their figures; a positive difference is a yes."""
 
 GAP = "gap"
 GAP_QUESTION = "Is {} worse on the novel objects than on validation?"
@@ -38,28 +39,28 @@ GAP_QUESTION = "Is {} worse on the novel objects than on validation?"
 def paired(
     models: Mapping[str, ModelRow], resampled: Mapping[str, GroupedFigures]
 ) -> dict[str, Difference]:
-    """touch2touch less ResNet18 in every overall figure that both have; empty without both.
+    """touch2touch minus ResNet18 in each overall figure that both have; empty without both.
 
-    models: the rows by name. resampled: each row's figures in the same resamples.
-    Returns the differences by figure.
+    models: rows by name. resampled: figures of each row in the same resamples. Returns the
+    differences by figure.
     """
     if not {TOUCH2TOUCH, RESNET18} <= models.keys():
         return {}
     differences = {}
     for figure in get_args(FigureName):
         one, two = (models[name].overall.value(figure) for name in (TOUCH2TOUCH, RESNET18))
-        drawn = (getattr(resampled[name], figure) for name in (TOUCH2TOUCH, RESNET18))
+        samples = (getattr(resampled[name], figure) for name in (TOUCH2TOUCH, RESNET18))
         if one is not None and two is not None:
-            differences[figure] = Difference(one - two, interval(np.subtract(*drawn)))
+            differences[figure] = Difference(one - two, interval(np.subtract(*samples)))
     return differences
 
 
 def findings(
     models: Mapping[str, ModelRow], differences: Mapping[str, Difference]
 ) -> dict[str, Finding]:
-    """The findings that one split can speak of, by name; empty without both models.
+    """The findings within one split, by name; empty without both models.
 
-    models: the rows by name. differences: what `paired` says of them.
+    models: rows by name. differences: of `paired`.
     """
     answers = {}
     for name, (figure, question) in DIFFERENCES.items():
@@ -72,12 +73,21 @@ def findings(
     return answers
 
 
-def gap(val: Mapping[str, ModelRow], test: Mapping[str, ModelRow]) -> dict[str, Finding]:
-    """How much worse each run is on the objects: findings by "gap-MODEL".
+def gap_between(evaluations: Mapping[str, Evaluation], dataset: DatasetInfo) -> dict[str, Finding]:
+    """`gap` of the evaluations of validation and test, by split.
 
-    val, test: the rows of the two splits, whose shapes are resampled apart. The errors in percent
-    of the mean array's stand beside, for the splits are not equally hard for one that learns
-    nothing.
+    Empty without both splits, and for a dataset that does not follow the paper's protocol.
+    """
+    if set(evaluations) != {"val", "test"} or not dataset.is_protocol:
+        return {}
+    return gap(evaluations["val"].models, evaluations["test"].models)
+
+
+def gap(val: Mapping[str, ModelRow], test: Mapping[str, ModelRow]) -> dict[str, Finding]:
+    """Difference of each run's error between novel objects and validation, by "gap-MODEL".
+
+    val, test: rows of the two splits, whose shapes are resampled independently. Errors in percent
+    of the mean array's account for the different difficulty of the splits.
     """
     answers = {}
     for name, on_test in test.items():
@@ -96,12 +106,12 @@ def gap(val: Mapping[str, ModelRow], test: Mapping[str, ModelRow]) -> dict[str, 
 
 
 def _rmse_counts(model: ModelRow, seed: int) -> np.ndarray:
-    """The RMSE in every resample of the shapes, (B,) counts, from the figures of each shape."""
+    """RMSE in each resample of the shapes, (B,), counts, from the figures of the shapes."""
     shapes = list(model.by_shape.values())
     pairs = np.array([shape.pairs for shape in shapes], dtype=float)
     squares = pairs * np.square([shape.rmse_counts for shape in shapes])
-    drawn = draws(len(shapes), seed)
-    return np.sqrt((drawn @ squares) / (drawn @ pairs))
+    weights = resample_weights(len(shapes), seed)
+    return np.sqrt((weights @ squares) / (weights @ pairs))
 
 
 def _finding(

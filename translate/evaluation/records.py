@@ -1,26 +1,14 @@
-"""What an evaluation found, as records: metrics.json and findings.json, read and written here.
+"""Results of an evaluation as records, whose attributes are the keys of metrics.json.
 
-    DIR/metrics.json      what `evaluate` found on one split: an Evaluation
-    DIR/findings.json     the findings of both splits, and the gap between the two
-
-Attributes are named as the files' keys. RMSE is the root of the mean squared error of the counts,
-over pairs and taxels: the square root of the loss that Grella et al. 2023 call L3.
+RMSE is the root of the mean squared error of the counts over pairs and taxels: the square root of
+the loss that Grella et al. 2023 call L3.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal, NamedTuple
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import write_json
-from t2twin.sim.typed_json import read_json
-from t2twin.translate.evaluation.as_json import as_json
-
-METRICS = "metrics.json"
-FINDINGS = "findings.json"
-FORMAT = 4
-"""Version of what metrics.json holds."""
+FORMAT = 5
+"""Version of metrics.json."""
 
 FigureName = Literal[
     "rmse_counts",
@@ -39,7 +27,7 @@ MeanOf = Literal["training", "split"]
 
 
 class Interval(NamedTuple):
-    """From low to high; a list of the two in the file."""
+    """An interval; a list of two numbers in the file."""
 
     low: float
     high: float
@@ -47,14 +35,14 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures over a number of pairs; None where no pair has the figure.
+    """Figures over a number of pairs; None if no pair has the figure.
 
-    rmse_counts: the RMSE; rmse_percent: its part of full scale. ssim: structural similarity of the
-    predicted tactile image with the true one, over the image; ssim_contact: over the true contact.
-    contact_iou: intersection over union of the two contacts. centroid_error_mm: distance between
-    the two images' centroids. total_error_percent: mean error of the summed counts, of their mean.
-    rmse_under_counts, rmse_near_counts, rmse_beyond_counts: the RMSE of the taxels under the
-    DIGIT's view, within a pitch of it, and beyond.
+    rmse_counts: RMSE; rmse_percent: in percent of full scale. ssim: structural similarity of
+    predicted and true tactile images, over the image; ssim_contact: over the true contact.
+    contact_iou: intersection over union of the two contacts. centroid_error_mm: distance of the
+    images' centroids. total_error_percent: mean absolute error of the summed counts, relative to
+    their mean. rmse_under_counts, rmse_near_counts, rmse_beyond_counts: RMSE of the taxels under
+    the DIGIT's view, within one pitch of it, and beyond.
     """
 
     pairs: int
@@ -76,7 +64,7 @@ class Figures:
 
 @dataclass(frozen=True)
 class Intervals:
-    """The interval of each of the overall figures; None where there is none."""
+    """The interval of each overall figure, or None."""
 
     rmse_counts: Interval | None
     rmse_percent: Interval | None
@@ -96,14 +84,14 @@ class Intervals:
 
 @dataclass(frozen=True)
 class ForceFigures:
-    """Figures over the pairs of about one force; module forces says how they are put together.
+    """Figures over the pairs of one force bin; see module metrics.forces.
 
-    low_n, high_n: edges of the forces, N, the same where it is one force; both 0 of presses that
-    touch nothing. mean_n: mean force, N. rmse_counts, with its interval over shapes; rmse_percent:
-    its part of full scale. of_mean_array: the RMSE in parts of what the mean array of that force
-    comes to; mean_of: whether that is the mean of the training presses or, of too few, of the
-    split's own. Both None where nothing is touched: there phantom_counts is the mean of the summed
-    predicted counts, else None.
+    low_n, high_n: edges of the bin, N, equal for a single force; both 0 for presses without
+    contact. mean_n: mean force, N. rmse_counts, with its interval over shapes; rmse_percent: in
+    percent of full scale. of_mean_array: RMSE relative to that of the mean array of the bin;
+    mean_of: whether that is the mean of training presses or, if these are too few, of the split's.
+    Both are None without contact; phantom_counts is the mean of the summed predicted counts
+    without contact, None otherwise.
     """
 
     low_n: float
@@ -119,47 +107,46 @@ class ForceFigures:
 
 
 @dataclass(frozen=True)
-class Certainty:
-    """How sure a run is, and how right it is in that (module certainty).
+class UncertaintyMetrics:
+    """Calibration and sharpness of a run's predicted uncertainty; see module metrics.reliability.
 
-    levels: shares of the counts that its intervals are said to hold; held: those that they do.
-    kept: shares of the presses, the surest; kept_rmse_counts: the RMSE over them. said_rmse_counts:
-    what the RMSE over all would be if its standard deviations were right.
-    force_median_error_percent, force_held_percent: of the presses that touch, in parts of the true
-    force, and how many the 90 % interval holds; None of a run that tells no force.
+    levels: nominal coverages of intervals; coverage: the observed ones. retained: shares of the
+    presses, the most certain ones; retained_rmse_counts: RMSE over them. predicted_rmse_counts:
+    RMSE according to the predicted standard deviations.
+    force_median_error_percent, force_coverage_percent: for presses with contact, error relative to
+    the true force, and coverage of the 90 % intervals; None for runs without force.
     """
 
     levels: tuple[float, ...]
-    held: tuple[float, ...]
-    kept: tuple[float, ...]
-    kept_rmse_counts: tuple[float, ...]
-    said_rmse_counts: float
+    coverage: tuple[float, ...]
+    retained: tuple[float, ...]
+    retained_rmse_counts: tuple[float, ...]
+    predicted_rmse_counts: float
     force_median_error_percent: float | None
-    force_held_percent: float | None
+    force_coverage_percent: float | None
 
-    def held_at(self, level: float) -> float:
-        """What the intervals of one of the levels hold."""
-        return self.held[self.levels.index(level)]
+    def coverage_at(self, level: float) -> float:
+        """Observed coverage of the intervals of one of the levels."""
+        return self.coverage[self.levels.index(level)]
 
-    def falls_by(self, kept: float) -> float:
-        """The part by which the RMSE is lower where one of the shares is kept."""
-        whole = self.kept_rmse_counts[self.kept.index(1.0)]
-        return 1.0 - self.kept_rmse_counts[self.kept.index(kept)] / whole if whole else 0.0
+    def sparsification_gain(self, retained: float) -> float:
+        """Relative decrease of the RMSE with one of the shares retained."""
+        whole = self.retained_rmse_counts[self.retained.index(1.0)]
+        part = self.retained_rmse_counts[self.retained.index(retained)]
+        return 1.0 - part / whole if whole else 0.0
 
 
 @dataclass(frozen=True)
 class ModelRow:
     """One row of the results: a trained run, a trivial predictor, or a floor.
 
-    by_shape, by_family: figures by the names of shapes and of families; by_shape is empty where
-    there are more than rows.MOST_SHAPES. interval: of the overall figures. by_force: by rising
-    force; empty where no force is known, and in files of older versions. The rest is None where the
-    row is no run. run: its folder as it was given. weights_sha256: of its best.safetensors.
-    same_data: whether it was trained on the dataset that it is evaluated on. trained_layout: the
-    taxel layout that it was trained on. trained_data: the SHA-256 of that dataset's info.json;
-    trained_world: what made it, trained_pairs: how many pairs it has to train on, trained_steps:
-    how many steps were taken, each None where it is not known. certainty: of a run that says how
-    sure it is.
+    by_shape, by_family: figures by names of shapes and families; by_shape is empty with more than
+    scoring.MAX_SHAPES shapes. interval: of the overall figures. by_force: in ascending order; empty
+    if no force is known. The rest is None for rows that are not runs. run: its folder as given.
+    weights_sha256: of its best.safetensors. same_data: whether it was trained on the dataset of the
+    evaluation. trained_layout, trained_data, trained_world, trained_pairs, trained_steps: the
+    layout of its training dataset, SHA-256 of info.json, world and number of pairs, and the number
+    of steps; None if unknown. uncertainty: of runs that predict it.
     """
 
     overall: Figures
@@ -175,12 +162,12 @@ class ModelRow:
     trained_pairs: int | None = None
     trained_steps: int | None = None
     by_force: tuple[ForceFigures, ...] = ()
-    certainty: Certainty | None = None
+    uncertainty: UncertaintyMetrics | None = None
 
 
 @dataclass(frozen=True)
 class TaxelCounts:
-    """How many taxels lie under the DIGIT's view, within a pitch of it, and beyond."""
+    """Numbers of taxels under the DIGIT's view, within one pitch of it, and beyond."""
 
     under: int
     near: int
@@ -188,8 +175,8 @@ class TaxelCounts:
 
 
 @dataclass(frozen=True)
-class View:
-    """The rectangle that the DIGIT sees, the layout's pitch, and the taxels about it."""
+class ViewSummary:
+    """The DIGIT's field of view, the layout's pitch, and the numbers of taxels."""
 
     width_mm: float
     height_mm: float
@@ -199,7 +186,7 @@ class View:
 
 @dataclass(frozen=True)
 class Bootstrap:
-    """How the intervals are made: what is resampled, and how many of it there are."""
+    """Settings of the bootstrap intervals: resampled unit, and numbers."""
 
     over: str
     shapes: int
@@ -210,7 +197,7 @@ class Bootstrap:
 
 @dataclass(frozen=True)
 class Difference:
-    """One model's figure less another's."""
+    """Difference of a figure between two models."""
 
     difference: float
     interval: Interval | None
@@ -218,10 +205,10 @@ class Difference:
 
 @dataclass(frozen=True)
 class Finding:
-    """A question of the paper's, answered: undecided where the interval holds zero.
+    """A finding of the paper as a question with an answer; undecided if the interval contains zero.
 
-    figure: what it is read from. figures: the two values of which the difference is taken, by
-    model or by split. model, percent_of_mean_array (by split): of the gap between splits alone.
+    figure: that decides it. figures: the two values of the difference, by model or by split. model,
+    percent_of_mean_array (by split): only for the gap between splits.
     """
 
     question: str
@@ -235,10 +222,11 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class AlikePairs:
-    """Pairs of presses that look alike: median distance of the pictures, difference of the counts.
+class NeighborPairs:
+    """Pairs of presses with similar images.
 
-    rmse_counts: the root of half the mean squared difference. Both None of no pairs.
+    distance_grey: median distance of the images. rmse_counts: root of half the mean squared
+    difference of the counts. Both are None without pairs.
     """
 
     pairs: int
@@ -248,24 +236,24 @@ class AlikePairs:
 
 @dataclass(frozen=True)
 class ShapeFloor:
-    """What one shape's look-alikes say."""
+    """The estimate for one shape."""
 
-    nearest: AlikePairs
+    nearest: NeighborPairs
     extrapolated_rmse_counts: float | None
 
 
 @dataclass(frozen=True)
-class LookAlikeFloor:
-    """What the look-alikes in one place say; module lookalikes says how.
+class IrreducibleErrorFloor:
+    """The estimate from one set of neighbors; see module metrics.irreducible_error.
 
-    nearest: each press and its nearest. close: those of them within the noise. curve: groups of
-    all neighbours by distance. extrapolated_rmse_counts, with its interval over shapes: the
-    difference read at the noise's distance; parts: the same of each group of taxels.
+    nearest: each press and its nearest neighbor. close: those within the noise. curve: groups of
+    all neighbors by distance. extrapolated_rmse_counts, with its interval over shapes: the
+    difference at the noise's distance; parts: the same for each group of taxels.
     """
 
-    nearest: AlikePairs
-    close: AlikePairs
-    curve: tuple[AlikePairs, ...]
+    nearest: NeighborPairs
+    close: NeighborPairs
+    curve: tuple[NeighborPairs, ...]
     extrapolated_rmse_counts: float | None
     interval: Interval | None
     parts: dict[str, float | None]
@@ -273,42 +261,42 @@ class LookAlikeFloor:
 
 
 @dataclass(frozen=True)
-class LookAlikes:
-    """Presses that look alike, among other shapes of the split and among training pairs.
+class IrreducibleError:
+    """Estimate of the irreducible error from nearest neighbors in the split and in training.
 
-    noise_grey: distance of two pictures of one press. close_grey: below it two pictures count as
-    nearly the same. split, training: None where there are no neighbours.
+    noise_grey: distance of two images of one press. close_grey: largest distance of close images.
+    split: from other shapes of the split; training: from training pairs; None without neighbors.
     """
 
     noise_grey: float
     close_grey: float
-    split: LookAlikeFloor | None
-    training: LookAlikeFloor | None
+    split: IrreducibleErrorFloor | None
+    training: IrreducibleErrorFloor | None
 
 
 @dataclass(frozen=True)
 class PaperRow:
-    """A row of the paper's table, measured on hardware."""
+    """A row of the paper's table, measured on real sensors."""
 
     rmse_counts: float
     rmse_percent: float
     ssim: float | None = None
 
     def value(self, name: FigureName) -> float | None:
-        """A figure by its name, None where the paper does not give it."""
+        """A figure by its name, None if the paper does not report it."""
         return getattr(self, name, None)
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What `evaluate` found on one split.
+    """Result of `evaluate` on one split.
 
-    pairs: how many. contact_level: a pixel is in contact above this part of its image's maximum.
-    info_sha256: of the dataset's info.json. layout: its taxel layout's name. models: the rows by
-    name. paired: touch2touch less ResNet18, by figure. lookalikes: None for the training split,
-    and for a dataset that does not name its pictures' noise. paper, findings: by name. world: what
-    made the dataset (data.origin), None of imported pairs. background: the source of the DIGIT's
-    background frames that field runs were given, None where there was none.
+    pairs: number of pairs. contact_level: a pixel above this fraction of its image's maximum is in
+    contact. info_sha256: of the dataset's info.json. layout: name of its taxel layout. models: rows
+    by name. paired: touch2touch minus ResNet18, by figure. irreducible_error: None for the training
+    split and for datasets with unknown image noise. paper, findings: by name. world: of the
+    dataset, None for imported pairs. background: source of the background frames of field runs,
+    None without.
     """
 
     format: int
@@ -318,11 +306,11 @@ class Evaluation:
     contact_level: float
     info_sha256: str
     layout: str
-    view: View
+    view: ViewSummary
     models: dict[str, ModelRow]
     bootstrap: Bootstrap
     paired: dict[str, Difference]
-    lookalikes: LookAlikes | None
+    irreducible_error: IrreducibleError | None
     paper: dict[str, PaperRow]
     findings: dict[str, Finding]
     world: str | None = None
@@ -330,43 +318,15 @@ class Evaluation:
 
     @property
     def has_forces(self) -> bool:
-        """Whether its pairs are of several forces."""
+        """Whether its pairs have several forces."""
         return any(len(row.by_force) > 1 for row in self.models.values())
 
     @property
     def world_shown(self) -> str:
-        """The world's name, or the first digits of the dataset's where it has none."""
-        return self.world or f"data set {self.info_sha256[:8]}"
+        """Name of the world, or first digits of the dataset's SHA-256."""
+        return self.world or f"dataset {self.info_sha256[:8]}"
 
     @property
     def runs(self) -> dict[str, ModelRow]:
-        """The rows that are trained runs, in the order in which they were given."""
+        """The rows of trained runs, in the order of the arguments."""
         return {name: row for name, row in self.models.items() if row.run is not None}
-
-
-def read_evaluation(folder: Path) -> Evaluation:
-    """The evaluation of one split in a folder.
-
-    Raises T2TwinError where there is none, where another version of t2twin wrote it, and where
-    metrics.json is damaged.
-    """
-    path = folder / METRICS
-    if not path.is_file():
-        raise T2TwinError(f"{folder} holds no evaluation (no {METRICS}); make one with `evaluate`")
-    return read_json(path, Evaluation, FORMAT)
-
-
-def write_evaluation(folder: Path, evaluation: Evaluation) -> None:
-    """Writes folder/metrics.json, whole or not at all."""
-    write_json(folder / METRICS, as_json(evaluation))
-
-
-def write_findings(
-    folder: Path, evaluations: Mapping[str, Evaluation], gap: Mapping[str, Finding]
-) -> None:
-    """Writes folder/findings.json: each split's findings by name, and "gap" between the two.
-
-    evaluations: by split.
-    """
-    findings = {split: evaluation.findings for split, evaluation in evaluations.items()}
-    write_json(folder / FINDINGS, as_json(findings | {"gap": gap}))

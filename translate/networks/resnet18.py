@@ -1,21 +1,21 @@
-"""ResNet18 (He et al. 2016), its parameters named as torchvision names them.
+"""ResNet18 (He et al. 2016), with torchvision's parameter names.
 
-So weights saved from torchvision's resnet18 load with `load_state_dict`.
+Weights of torchvision's resnet18 load with `load_state_dict`.
 """
 
 import torch
 from torch import nn
 
-from t2twin.primitives_cad.errors import T2TwinError
+from t2twin.core.errors import T2TwinError
 
-LEAST_FILTERS = 16
-"""Least base width. Below it oneDNN (PyTorch 2.13, AVX-512) writes past its buffer in the backward
-pass of the strided 1 x 1 convolutions, where its threads do not share a batch evenly (measured with
-a guard page behind every tensor)."""
+MIN_FILTERS = 16
+"""Minimum base width. Below it, oneDNN (PyTorch 2.13, AVX-512) writes outside its buffer in the
+backward pass of strided 1 x 1 convolutions, if its threads divide a batch unevenly (measured with a
+guard page after every tensor)."""
 
 
 class BasicBlock(nn.Module):
-    """Two 3 x 3 convolutions and the way around them."""
+    """Two 3 x 3 convolutions with a skip connection."""
 
     def __init__(self, channels: int, width: int, stride: int):
         super().__init__()
@@ -30,24 +30,23 @@ class BasicBlock(nn.Module):
         )
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        around = x if self.downsample is None else self.downsample(x)
+        skip = x if self.downsample is None else self.downsample(x)
         x = self.bn1(self.conv1(x)).relu_()
-        return self.bn2(self.conv2(x)).add_(around).relu_()
+        return self.bn2(self.conv2(x)).add_(skip).relu_()
 
 
 class ResNet18(nn.Module):
-    """ResNet18 with `outputs` numbers at the end, or without an end where it is 0.
+    """ResNet18 with `outputs` output values; 0 leaves out the pooling and the last layer.
 
     filters: base width, 64 in the published network, which has 11,689,512 parameters at 1000
-    outputs. channels: of the images. Raises T2TwinError for fewer than LEAST_FILTERS.
+    outputs. channels: of the images. Raises T2TwinError for fewer than MIN_FILTERS.
     """
 
     def __init__(self, outputs: int, filters: int = 64, channels: int = 3):
         super().__init__()
-        if filters < LEAST_FILTERS:
+        if filters < MIN_FILTERS:
             raise T2TwinError(
-                f"a ResNet18 of base width {filters} cannot be trained safely; it must be at least "
-                f"{LEAST_FILTERS}"
+                f"the base width of a ResNet18 is {filters}; expected at least {MIN_FILTERS}"
             )
         self.conv1 = nn.Conv2d(channels, filters, 7, 2, 3, bias=False)
         self.bn1 = nn.BatchNorm2d(filters)
@@ -68,7 +67,7 @@ class ResNet18(nn.Module):
         return self.fc(self.avgpool(self.maps(images)[-1]).flatten(1))
 
     def maps(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """What the last three stages see, an eighth, a sixteenth and a thirty-second of S wide."""
+        """Outputs of the last three stages, with sides S / 8, S / 16 and S / 32."""
         x = self.maxpool(self.bn1(self.conv1(images)).relu_())
         fine = self.layer2(self.layer1(x))
         coarse = self.layer3(fine)

@@ -1,7 +1,7 @@
-"""A training's state in one safetensors file: networks, optimisers, and the epochs so far.
+"""Weights of a network, and the state of a training: networks, optimizers and log.
 
-Random numbers need no place in it: every epoch draws from its own generators, seeded by
-(seed, epoch).
+Both are safetensors files. The state contains no random numbers: each epoch has its own generators,
+seeded by (seed, epoch).
 """
 
 from pathlib import Path
@@ -11,25 +11,27 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import load_file, save_file
 from torch import nn
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.translate.models.base import Translator
 from t2twin.translate.runs.log import EpochRecord, decode_history, encode_history
-from t2twin.translate.translator import Translator
 
 HISTORY = "history"
 
-MEAN = "mean"
-"""Name of the running mean of a network in the state."""
+AVERAGE = "mean"
+"""Name of the weight average in the state."""
 
 
 def save_weights(path: Path, network: nn.Module) -> None:
-    """One network's weights, by their own names."""
+    """Writes the weights of one network."""
     _save(path, network.state_dict())
 
 
 def load_weights(path: Path, network: nn.Module) -> None:
-    """Raises T2TwinError where the file is missing, holds another network, or numbers that are
-    not finite."""
+    """Reads the weights of one network.
+
+    Raises T2TwinError if the file is missing, is of another network or has non-finite numbers.
+    """
     if not path.is_file():
         raise T2TwinError(f"{path} is not there; the run has not finished its first epoch")
     try:
@@ -37,11 +39,11 @@ def load_weights(path: Path, network: nn.Module) -> None:
         _check_finite(path, weights)
         network.load_state_dict(weights)
     except (SafetensorError, RuntimeError):
-        raise T2TwinError(f"{path} does not hold the weights that its config.json names") from None
+        raise T2TwinError(f"{path} does not fit the networks of its config.json") from None
 
 
 def save_state(path: Path, translator: Translator, history: list[EpochRecord]) -> None:
-    """Everything that the next epoch starts from. history: one record an epoch."""
+    """Writes the state after an epoch. history: one record per epoch."""
     tensors: dict[str, torch.Tensor] = {}
     for name, network in _networks(translator).items():
         for key, tensor in network.state_dict().items():
@@ -54,10 +56,9 @@ def save_state(path: Path, translator: Translator, history: list[EpochRecord]) -
 
 
 def load_state(path: Path, translator: Translator) -> list[EpochRecord]:
-    """Puts a saved state back and returns the history.
+    """Restores a saved state. Returns its history.
 
-    Raises T2TwinError for a damaged file, for a state of other networks, and for numbers that are
-    not finite.
+    Raises T2TwinError for a damaged file, a state of other networks and non-finite numbers.
     """
     history = load_history(path)
     try:
@@ -66,7 +67,7 @@ def load_state(path: Path, translator: Translator) -> list[EpochRecord]:
         raise _other_state(path) from None
     _check_finite(path, state)
     try:
-        _put_back(state, translator)
+        _restore(state, translator)
     except (RuntimeError, KeyError, ValueError):
         raise _other_state(path) from None
     return history
@@ -74,7 +75,7 @@ def load_state(path: Path, translator: Translator) -> list[EpochRecord]:
 
 def _other_state(path: Path) -> T2TwinError:
     return T2TwinError(
-        f"{path} is no saved state of these networks; remove its folder to train again"
+        f"{path} is not a saved state of these networks; remove its folder to train again"
     )
 
 
@@ -82,12 +83,12 @@ def _check_finite(path: Path, tensors: dict[str, torch.Tensor]) -> None:
     for name, tensor in tensors.items():
         if not torch.isfinite(tensor).all():
             raise T2TwinError(
-                f"{path} holds numbers that are not finite, in {name}: the training diverged or "
-                "the file is damaged; train again"
+                f"{path} has non-finite numbers in {name}: the training diverged or the file is "
+                "damaged; train again"
             )
 
 
-def _put_back(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
+def _restore(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
     for name, network in _networks(translator).items():
         start = f"network/{name}/"
         network.load_state_dict(
@@ -105,24 +106,24 @@ def _put_back(tensors: dict[str, torch.Tensor], translator: Translator) -> None:
         for parameter, state in optimizer.state.items():
             for field, tensor in state.items():
                 if tensor.shape == parameter.shape:
-                    # The fused Adam walks both in memory, so both must lie alike there.
+                    # The fused Adam needs equal memory layouts of both.
                     state[field] = torch.empty_like(parameter).copy_(tensor)
 
 
 def _networks(translator: Translator) -> dict[str, nn.Module]:
-    """All that is trained, and the running mean."""
-    running = translator.running
-    return translator.networks | ({} if running is None else {MEAN: running})
+    """All trained networks, and the weight average."""
+    average = translator.average
+    return translator.networks | ({} if average is None else {AVERAGE: average})
 
 
 def load_history(path: Path) -> list[EpochRecord]:
-    """The epochs of a saved state. Raises T2TwinError for a damaged file."""
+    """The history of a saved state. Raises T2TwinError for a damaged file."""
     try:
         with safe_open(path, "pt") as file:
             text = file.metadata()[HISTORY]
     except (SafetensorError, KeyError, TypeError):
         raise T2TwinError(
-            f"{path} is no saved state of a training; remove its folder to train again"
+            f"{path} is not a saved state of a training; remove its folder to train again"
         ) from None
     return decode_history(text, str(path))
 
@@ -130,11 +131,11 @@ def load_history(path: Path) -> list[EpochRecord]:
 def _save(
     path: Path, tensors: dict[str, torch.Tensor], metadata: dict[str, str] | None = None
 ) -> None:
-    # safetensors stores rows in order; channels-last weights are not.
+    # safetensors needs contiguous tensors; channels-last weights are not.
     in_order = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    with whole_file(path) as temporary:
+    with atomic_write(path) as temporary:
         try:
             save_file(in_order, temporary, metadata)
-        except SafetensorError as error:  # it says in words what an OSError says by its number
+        except SafetensorError as error:  # its text names the cause, such as a full disk
             raise T2TwinError(f"{path} cannot be written ({error})") from error
-        temporary.chmod(0o644)  # safetensors lets only the owner read
+        temporary.chmod(0o644)  # safetensors restricts it to the owner

@@ -1,11 +1,11 @@
-"""What a run's folder says of it: config.json, enough to build its networks again.
+"""The configuration of a run, config.json, from which its networks are built.
 
-RUN/config.json        model, preset, seed, data set and layout, epochs, versions
-RUN/log.jsonl          one line an epoch
+RUN/config.json        model, preset, seed, dataset and layout, epochs, versions
+RUN/log.jsonl          one line per epoch
 RUN/tensorboard/       the same for TensorBoard
-RUN/last.safetensors   state after the last epoch, to go on from
+RUN/last.safetensors   state after the last epoch, from which a training resumes
 RUN/best.safetensors   weights of the epoch with the lowest validation RMSE
-RUN/README.md          the model card, once the training is done
+RUN/README.md          the model card, after the end of the training
 """
 
 from dataclasses import asdict, dataclass, fields
@@ -16,26 +16,33 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import write_json
+from t2twin.core.arguments import MAX_SEED
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import write_json
+from t2twin.core.records import convert, read_json
+from t2twin.core.renames import translated
 from t2twin.sim.cyskin.layout import LARGEST_PAD_MM
-from t2twin.sim.dataset.info import MOST_COUNTS, check_layout, is_sha256
-from t2twin.sim.seeds import MOST_SEED
-from t2twin.sim.typed_json import convert, read_json
-from t2twin.translate.data.pairs import DataInfo, known
-from t2twin.translate.direction import DIGIT_TO_CYSKIN, check_direction
-from t2twin.translate.familiar import CELLS, Familiar
-from t2twin.translate.presets import MODELS, Preset
+from t2twin.sim.dataset.info import MAX_COUNTS, check_layout, is_sha256
+from t2twin.translate.data.images import WHITE_GREY
+from t2twin.translate.data.pairs import DataInfo, optional_array
+from t2twin.translate.models.presets import (
+    CYSKIN_TO_DIGIT,
+    DIGIT_TO_CYSKIN,
+    MODELS,
+    Preset,
+    check_direction,
+)
+from t2twin.translate.uncertainty.ood import CELLS, OODDetector
 
 FORMAT = 1
-"""Version of config.json; a file that names none is of this one."""
+"""Version of config.json; a file without a version has this one."""
 
-MOST = {"size": 2048, "filters": 1024, "batch": 65_536, "epochs": 1_000_000}
-"""Settings of a preset that are 1 or more, and the most that they may be (assumed: far beyond what
-any machine trains in a month), so that a damaged file cannot ask for all memory."""
+MAX_SETTINGS = {"size": 2048, "filters": 1024, "batch": 65_536, "epochs": 1_000_000}
+"""Settings of a preset that are 1 or more, and their maxima (assumed: more than a machine trains in
+a month), so that a damaged file cannot allocate all memory."""
 
-MOST_STEPS = 100_000_000
-"""The most steps of a training (assumed: as above)."""
+MAX_STEPS = 100_000_000
+"""Maximum steps of a training (assumed, as above)."""
 
 ZERO_OR_MORE = (
     "patience",
@@ -43,7 +50,7 @@ ZERO_OR_MORE = (
     "beta1",
     "beta2",
     "l1_weight",
-    "shape_weight",
+    "iou_weight",
     "discriminator_share",
     "averaged_part",
     "weight_decay",
@@ -51,7 +58,7 @@ ZERO_OR_MORE = (
     "contrast",
     "noise",
 )
-"""Settings of a preset that are 0 or more; the learning rate is above 0."""
+"""Settings of a preset that are 0 or more."""
 
 CONFIG = "config.json"
 LOG = "log.jsonl"
@@ -62,13 +69,13 @@ BEST = "best.safetensors"
 
 @dataclass(frozen=True)
 class RunConfig:
-    """What a run was asked to do.
+    """Configuration of a run.
 
-    epochs, minutes, steps: as asked for, None where the preset decides. planned_epochs: how many
-    that came to; with a limit in minutes it depends on the machine, so it is decided once.
-    processes: how many share each batch. Runs of older versions do not know what follows.
-    pictures: what those look like that it was trained on. epoch_steps: steps of an epoch. start:
-    SHA-256 of the weights that it began with, None of fresh ones. direction: which way it goes.
+    epochs, minutes, steps: limits given by the user, or None. planned_epochs: the resulting number;
+    with a limit in minutes it depends on the machine and is set once. processes: number of
+    processes that share a batch. Runs of older versions lack the following. ood_detector:
+    statistics of the training images. epoch_steps: steps per epoch. init_from: SHA-256 of the
+    initial weights, None for random ones. direction: see module presets.
     """
 
     model: str
@@ -80,17 +87,27 @@ class RunConfig:
     planned_epochs: int
     bf16: bool
     processes: int
-    pictures: Familiar | None = None
+    ood_detector: OODDetector | None = None
     steps: int | None = None
     epoch_steps: int | None = None
-    start: str | None = None
+    init_from: str | None = None
     direction: str = DIGIT_TO_CYSKIN
     format: int = FORMAT
 
     @property
     def budget(self) -> int:
-        """Most steps, asked for or the preset's; 0 for any number, as where epochs are given."""
+        """Maximum steps, the user's or the preset's; 0 for no limit, as with given epochs."""
         return 0 if self.epochs is not None else self.steps or self.preset.steps
+
+    @property
+    def predicts_images(self) -> bool:
+        """Whether the run predicts DIGIT images from counts, rather than counts from images."""
+        return self.direction == CYSKIN_TO_DIGIT
+
+    @property
+    def full_scale(self) -> float:
+        """Full scale of the predictions, counts or grey levels."""
+        return WHITE_GREY if self.predicts_images else self.data.full_scale_counts
 
     def save(self, run_dir: Path) -> None:
         """Writes RUN/config.json."""
@@ -108,7 +125,7 @@ class RunConfig:
                 "steps": self.steps,
                 "planned_epochs": self.planned_epochs,
                 "epoch_steps": self.epoch_steps,
-                "start_sha256": self.start,
+                "init_from_sha256": self.init_from,
                 "bf16": self.bf16,
                 "processes": self.processes,
                 "data": {
@@ -123,13 +140,7 @@ class RunConfig:
                     "field_y_mm": _list(data.field_y_mm),
                     "pad_diameter_mm": _list(data.pad_diameter_mm),
                 },
-                "pictures": None
-                if self.pictures is None
-                else {
-                    "mean_grey": self.pictures.mean.round(3).tolist(),
-                    "spread_grey": self.pictures.spread.round(3).tolist(),
-                    "farthest": self.pictures.farthest,
-                },
+                "ood_detector": None if self.ood_detector is None else _as_json(self.ood_detector),
                 "versions": {name: version(name) for name in ("torch", "numpy")},
             },
         )
@@ -137,13 +148,13 @@ class RunConfig:
 
 @dataclass(frozen=True)
 class _DataPart:
-    """What config.json says of the data set; see DataInfo."""
+    """The dataset in config.json; see DataInfo."""
 
     info_sha256: str
     layout: str
     layout_x_mm: tuple[float, ...]
     layout_y_mm: tuple[float, ...]
-    full_scale_counts: Annotated[float, Meta(ge=1, le=MOST_COUNTS)]
+    full_scale_counts: Annotated[float, Meta(ge=1, le=MAX_COUNTS)]
     world: str | None = None
     train_pairs: Annotated[int, Meta(ge=0)] | None = None
     field_x_mm: tuple[float, ...] | None = None
@@ -161,42 +172,44 @@ class _DataPart:
 
 
 @dataclass(frozen=True)
-class _PicturesPart:
-    """What config.json says of the training pictures; see Familiar."""
+class _OODPart:
+    """The statistics of the training images in config.json; see OODDetector."""
 
     mean_grey: tuple[Annotated[float, Meta(ge=0, le=255)], ...]
-    spread_grey: tuple[Annotated[float, Meta(gt=0, le=255)], ...]
-    farthest: Annotated[float, Meta(ge=0)]
+    std_grey: tuple[Annotated[float, Meta(gt=0, le=255)], ...]
+    max_distance: Annotated[float, Meta(ge=0)]
 
-    def familiar(self, channels: int, source: Path) -> Familiar:
-        wanted = CELLS * CELLS * channels
-        if not len(self.mean_grey) == len(self.spread_grey) == wanted:
-            raise T2TwinError(f"{source}: pictures must have {wanted} means and as many spreads")
-        return Familiar(np.array(self.mean_grey), np.array(self.spread_grey), self.farthest)
+    def detector(self, channels: int, source: Path) -> OODDetector:
+        values = CELLS * CELLS * channels
+        if not len(self.mean_grey) == len(self.std_grey) == values:
+            raise T2TwinError(
+                f"{source}: ood_detector must have {values} values in mean_grey and in std_grey"
+            )
+        return OODDetector(np.array(self.mean_grey), np.array(self.std_grey), self.max_distance)
 
 
 @dataclass(frozen=True)
 class _ConfigFile:
-    """config.json as it is written; see RunConfig."""
+    """The content of config.json; see RunConfig."""
 
     model: str
     preset: dict[str, Any]
-    seed: Annotated[int, Meta(ge=0, le=MOST_SEED)]
+    seed: Annotated[int, Meta(ge=0, le=MAX_SEED)]
     epochs: Annotated[int, Meta(ge=1)] | None
     minutes: Annotated[float, Meta(gt=0)] | None
-    planned_epochs: Annotated[int, Meta(ge=1, le=MOST["epochs"])]
+    planned_epochs: Annotated[int, Meta(ge=1, le=MAX_SETTINGS["epochs"])]
     bf16: bool
-    processes: Annotated[int, Meta(ge=1, le=MOST["batch"])]
+    processes: Annotated[int, Meta(ge=1, le=MAX_SETTINGS["batch"])]
     data: _DataPart
-    pictures: _PicturesPart | None = None
-    steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
-    epoch_steps: Annotated[int, Meta(ge=1, le=MOST_STEPS)] | None = None
-    start_sha256: str | None = None
+    ood_detector: _OODPart | None = None
+    steps: Annotated[int, Meta(ge=1, le=MAX_STEPS)] | None = None
+    epoch_steps: Annotated[int, Meta(ge=1, le=MAX_STEPS)] | None = None
+    init_from_sha256: str | None = None
     direction: str = DIGIT_TO_CYSKIN
 
     def __post_init__(self) -> None:
-        if self.start_sha256 is not None and not is_sha256(self.start_sha256):
-            raise ValueError("start_sha256 must be 64 hexadecimal digits")
+        if self.init_from_sha256 is not None and not is_sha256(self.init_from_sha256):
+            raise ValueError("init_from_sha256 must be 64 hexadecimal digits")
         if self.model not in MODELS:
             raise ValueError(f"model is {self.model!r}; it must be one of {', '.join(MODELS)}")
         try:
@@ -206,16 +219,17 @@ class _ConfigFile:
 
 
 def load_config(run_dir: Path) -> RunConfig:
-    """A run's config.json. The only place where it is read.
+    """Reads a run's config.json, of this version or of 0.2.
 
-    Raises T2TwinError where the folder holds no run, its config is of another format, or a field is
-    missing or wrong.
+    Raises T2TwinError if the folder is not a run, if its config has another format, and for missing
+    or invalid fields.
     """
     path = run_dir / CONFIG
     if not path.is_file():
-        raise T2TwinError(f"{run_dir} holds no config.json; give a folder that `train` has made")
-    there = read_json(path, _ConfigFile, FORMAT)
-    preset, pictures = _preset(there.preset, path), there.pictures
+        raise T2TwinError(f"{run_dir} has no config.json; give a folder that `train` has made")
+    content = translated("json", read_json(path, dict[str, Any], FORMAT))
+    there = convert(content, _ConfigFile, path)
+    preset, ood = _preset(there.preset, path), there.ood_detector
     channels = 1 if preset.grey else 3
     return RunConfig(
         model=there.model,
@@ -229,21 +243,29 @@ def load_config(run_dir: Path) -> RunConfig:
             full_scale_counts=there.data.full_scale_counts,
             world=there.data.world,
             train_pairs=there.data.train_pairs,
-            field_x_mm=known(there.data.field_x_mm),
-            field_y_mm=known(there.data.field_y_mm),
-            pad_diameter_mm=known(there.data.pad_diameter_mm),
+            field_x_mm=optional_array(there.data.field_x_mm),
+            field_y_mm=optional_array(there.data.field_y_mm),
+            pad_diameter_mm=optional_array(there.data.pad_diameter_mm),
         ),
         epochs=there.epochs,
         minutes=there.minutes,
         planned_epochs=there.planned_epochs,
         bf16=there.bf16,
         processes=there.processes,
-        pictures=None if pictures is None else pictures.familiar(channels, path),
+        ood_detector=None if ood is None else ood.detector(channels, path),
         steps=there.steps,
         epoch_steps=there.epoch_steps,
-        start=there.start_sha256,
+        init_from=there.init_from_sha256,
         direction=there.direction,
     )
+
+
+def _as_json(detector: OODDetector) -> dict[str, Any]:
+    return {
+        "mean_grey": detector.mean.round(3).tolist(),
+        "std_grey": detector.std.round(3).tolist(),
+        "max_distance": detector.max_distance,
+    }
 
 
 def _list(values: np.ndarray | None) -> list[float] | None:
@@ -251,12 +273,12 @@ def _list(values: np.ndarray | None) -> list[float] | None:
 
 
 def _preset(content: dict[str, Any], path: Path) -> Preset:
-    """A preset of config.json; a key that Preset does not have is refused, not left out."""
+    """The preset in config.json. Raises T2TwinError for unknown keys and values out of range."""
     unknown = sorted(set(content) - {field.name for field in fields(Preset)})
     if unknown:
         raise T2TwinError(f"{path}: preset.{unknown[0]} is no setting of this version")
     preset = convert(content, Preset, f"{path}, preset")
-    for name, most in MOST.items():
+    for name, most in MAX_SETTINGS.items():
         if not 1 <= getattr(preset, name) <= most:
             raise T2TwinError(f"{path}, preset: {name} must be from 1 to {most}")
     for name in ZERO_OR_MORE:

@@ -1,6 +1,6 @@
-"""What a training says of its epochs: log.jsonl, one record a line, read and written here.
+"""The log of a training: log.jsonl, one record per epoch and line.
 
-The same records are kept in last.safetensors, as one JSON list, for the training to go on from.
+last.safetensors contains the same records as one JSON list, from which a training resumes.
 """
 
 import json
@@ -12,27 +12,27 @@ from typing import Annotated, Any
 
 from msgspec import Meta
 
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.primitives_cad.writing import whole_file
-from t2twin.sim.typed_json import convert, decode_json
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.core.records import convert, decode_json
 from t2twin.translate.runs.config import LOG
 
 LOSS = "train_"
-"""What a loss's key begins with in log.jsonl."""
+"""Prefix of the keys of losses in log.jsonl."""
 
 
 GREY = "val_rmse_grey"
-"""The key of a run that draws pictures, which has none for counts."""
+"""Key of a run that predicts images, in place of "val_rmse_counts"."""
 
 
 @dataclass(frozen=True)
 class EpochRecord:
     """One epoch.
 
-    epoch: its number, from 1. train: each of the model's losses, averaged over the epoch's steps.
-    val_rmse_counts, val_rmse_percent: the RMSE on the validation split, in counts and in percent of
-    full scale. seconds: that the epoch took. val_rmse_grey: in place of the counts, which are then
-    None, of a run that draws DIGIT pictures: the RMSE of their pixels, grey levels.
+    epoch: its number, from 1. train: the model's losses, averaged over the steps of the epoch.
+    val_rmse_counts, val_rmse_percent: RMSE on the validation split, counts and percent of full
+    scale. seconds: duration. val_rmse_grey: for a run that predicts DIGIT images, the RMSE of their
+    pixels, grey levels; val_rmse_counts is None then.
     """
 
     epoch: Annotated[int, Meta(ge=1)]
@@ -49,20 +49,20 @@ class EpochRecord:
 
 
 def best_epoch(history: Sequence[EpochRecord]) -> EpochRecord:
-    """The one with the lowest validation RMSE, the first of equals. history: not empty."""
+    """The epoch with the lowest validation RMSE, the first of equals. history: not empty."""
     return min(history, key=lambda record: record.val_rmse_percent)
 
 
 def read_log(run_dir: Path) -> list[EpochRecord]:
-    """A run's log.jsonl, at least one epoch.
+    """Reads a run's log.jsonl, which has at least one epoch.
 
-    Raises T2TwinError where it is missing or empty, and where a line is no epoch's record, or
-    not of the epoch after that of the line before.
+    Raises T2TwinError if it is missing or empty, if a line is not the record of an epoch, and if
+    the epochs are not consecutive.
     """
     path = run_dir / LOG
     if not path.is_file():
         raise T2TwinError(
-            f"{run_dir} holds no {LOG}: its first epoch is not finished; `t2twin train` finishes it"
+            f"{run_dir} has no {LOG}: its first epoch is not finished; `t2twin train` finishes it"
         )
     try:
         lines = path.read_text().splitlines()
@@ -79,30 +79,29 @@ def read_log(run_dir: Path) -> list[EpochRecord]:
 
 
 def write_log(run_dir: Path, history: Sequence[EpochRecord]) -> None:
-    """Writes RUN/log.jsonl, over an earlier one."""
-    with whole_file(run_dir / LOG) as temporary:
+    """Writes RUN/log.jsonl; replaces an earlier one."""
+    with atomic_write(run_dir / LOG) as temporary:
         temporary.write_text("".join(json.dumps(to_json(record)) + "\n" for record in history))
 
 
 def encode_history(history: Sequence[EpochRecord]) -> str:
-    """The records as one JSON list, for a saved state."""
+    """The records as a JSON list, for a saved state."""
     return json.dumps([to_json(record) for record in history])
 
 
 def decode_history(text: str, source: object) -> list[EpochRecord]:
-    """The records of encode_history. source: where the text is from, for messages.
+    """Inverse of encode_history. source: name of the text in messages.
 
-    Raises T2TwinError for any other text.
+    Raises T2TwinError for other text.
     """
     contents = decode_json(text, list[dict[str, Any]], source)
     return _history(contents, [f"{source}, epoch {n}" for n in range(1, len(contents) + 1)])
 
 
 def to_json(record: EpochRecord) -> dict[str, float]:
-    """A record as log.jsonl has it, each loss under a key of its own: train_NAME. What is None is
-    left out.
+    """A record as in log.jsonl, with keys train_NAME for losses and without None.
 
-    Raises T2TwinError for a value that is infinite or no number, which JSON does not have.
+    Raises T2TwinError for values that are not finite, which JSON cannot represent.
     """
     content = {
         "epoch": record.epoch,
@@ -132,6 +131,6 @@ def _history(contents: list[dict[str, Any]], sources: list[str]) -> list[EpochRe
         if history[-1].epoch != len(history):
             raise T2TwinError(
                 f"{source}: epoch is {history[-1].epoch}; it must be {len(history)}, as epochs "
-                "follow each other"
+                "are consecutive"
             )
     return history

@@ -1,1 +1,1 @@
-"""Calibrating the DIGIT's optics to a user's own sensor."""
+"""Calibration of the DIGIT's optics to a user's sensor."""

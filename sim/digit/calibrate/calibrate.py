@@ -1,4 +1,4 @@
-"""Calibrating the DIGIT's optics to a user's own sensor: fit on some presses, scored on others."""
+"""Calibrates the DIGIT's optics to a user's sensor: fits some presses, scores on others."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,45 +6,56 @@ from pathlib import Path
 
 import numpy as np
 
-from t2twin.primitives_cad import checks
-from t2twin.primitives_cad.errors import T2TwinError
-from t2twin.sim.digit.calibrate.certainty import Certainty, certainty_of, check_tolerance
-from t2twin.sim.digit.calibrate.frames import clean_background, read_frames, touched_patch
-from t2twin.sim.digit.calibrate.known import FORCES, Known, Tolerance, read_known
-from t2twin.sim.digit.calibrate.noise import measured_noise
-from t2twin.sim.digit.calibrate.scale import Presses, fitted
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch, read_frames
+from t2twin.sim.digit.calibrate.measurements import (
+    FORCES,
+    Measurements,
+    Tolerance,
+    read_measurements,
+)
+from t2twin.sim.digit.calibrate.noise import measure_noise
+from t2twin.sim.digit.calibrate.scale import Fit, Presses, fit_presses
 from t2twin.sim.digit.calibrate.scores import (
+    CalibrationScores,
     Score,
-    Scores,
+    background_floor,
     crop_scores,
     cut_and_paste,
     mean_score,
     repeats_floor,
-    untouched_floor,
+)
+from t2twin.sim.digit.calibrate.uncertainty import (
+    CalibrationUncertainty,
+    check_tolerance,
+    estimate_uncertainty,
 )
 from t2twin.sim.digit.calibration import Calibration
-from t2twin.sim.digit.camera import Camera
+from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import DigitOptics
 
-LEAST_TRAINING = 6
-"""Fewest presses that a fit takes: each LED's light needs several places to vary over."""
+MIN_TRAINING = 6
+"""Smallest number of presses to fit to: each LED's light varies over the gel."""
 HELD_OUT_SHARE = 3
-"""One in so many presses, the last ones, is held out unless the user says how many."""
+"""By default one in so many presses is held out, the last ones."""
 DEFAULT_TOLERANCE = Tolerance()
+
+Report = Callable[[str], object]
+"""Called with progress messages."""
 
 
 @dataclass(frozen=True)
 class CalibrationReport:
-    """A fitted calibration and how good it is. Arrays are over the held-out presses, but for
-    training_poses.
+    """A fitted calibration and its evaluation. All arrays but training_poses are over the held-out
+    presses.
 
-    calibration: fitted to all presses, with the noise of their frames. scored_by: fitted without
-    the held-out ones, which simulated and the scores are of.
-    trained, held_out: names of the frames that were fitted to and scored on. repeated: of those
-    that were left out as copies. training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each seen in
-    its own frame. surfaces_mm: (n, grid) the deflections that the poses stand for, on
-    optical_grid(). real, simulated: (n, ROWS, COLUMNS, 3) uint8. scores: means. each: the
-    calibration's score press by press. certainty: how sure the presses' depths and forces are.
+    calibration: fitted to all presses, with their noise. scored_by: fitted without the held-out
+    presses; `simulated` and the scores are of this one.
+    trained, held_out: names of the frames. repeated: names of duplicates, which are excluded.
+    training_poses, poses: (n, 3) x_mm, y_mm, depth_mm, each fitted to its own frame. surfaces_mm:
+    (n, grid) deflections at the poses, on optical_grid(). real, simulated: (n, ROWS, COLUMNS, 3)
+    uint8. scores: means. each: the score of each press. uncertainty: bounds of depths and forces.
     """
 
     calibration: Calibration
@@ -57,33 +68,42 @@ class CalibrationReport:
     surfaces_mm: np.ndarray
     real: np.ndarray
     simulated: np.ndarray
-    scores: Scores
+    scores: CalibrationScores
     each: list[Score]
-    certainty: Certainty | None
+    uncertainty: CalibrationUncertainty | None
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a calibration is fitted to, checked.
+    """The validated inputs of a calibration.
 
-    untouched: (ROWS, COLUMNS, 3) uint8, the background. frames: (n, ROWS, COLUMNS, 3) uint8, the
-    presses, and names, their files'. known: what else is known of each. patches: (n, 2) row and
-    column of each contact, px. train, test: indices of the presses to fit to and of those held out.
+    background: (ROWS, COLUMNS, 3) uint8. frames: (n, ROWS, COLUMNS, 3) uint8, the presses, and
+    names, their files. patches: (n, 2) row and column of each contact, px. train, test: indices of
+    the presses to fit to and of those held out.
     """
 
-    untouched: np.ndarray
+    background: np.ndarray
     frames: np.ndarray
     names: list[str]
-    known: Known
+    measurements: Measurements
     patches: np.ndarray
     train: list[int]
     test: list[int]
 
+    def presses(self, indices: list[int], clean: np.ndarray | None = None) -> Presses:
+        """Some presses. clean: the cleaned background; None to clean it with their frames."""
+        frames = self.frames[indices]
+        clean = clean_background(self.background, frames) if clean is None else clean
+        return Presses(clean, frames, self.patches[indices], self.measurements.subset(indices))
+
+    def names_of(self, indices: list[int]) -> list[str]:
+        return [self.names[index] for index in indices]
+
 
 @dataclass(frozen=True)
-class _Placed:
-    """Frames (n, ROWS, COLUMNS, 3) uint8, where they are touched (n, 2) rows and columns, px, and
-    their poses (n, 3)."""
+class _Posed:
+    """Frames (n, ROWS, COLUMNS, 3) uint8, their contacts (n, 2), row and column, px, and their
+    poses (n, 3)."""
 
     frames: np.ndarray
     patches: np.ndarray
@@ -98,23 +118,20 @@ def read_inputs(
     camera: Camera,
     tolerance: Tolerance | None,
 ) -> Inputs:
-    """Reads all that a calibration is fitted to; see `calibrate`.
-
-    Raises T2TwinError for frames or numbers that cannot be used.
-    """
-    untouched, frames, names = read_frames(background, presses)
-    known = read_known(presses, names, ball_diameter_mm)
+    """Read the inputs of `calibrate`. Raises T2TwinError for invalid frames or numbers."""
+    background_frame, frames, names = read_frames(background, presses)
+    measurements = read_measurements(presses, names, ball_diameter_mm)
     if tolerance is not None:
-        check_tolerance(known, camera, tolerance)
+        check_tolerance(measurements, camera, tolerance)
     first_held_out = _first_held_out(len(frames), held_out, presses)
-    patches = _patches(frames, untouched, names)
-    train, test = _different(frames, first_held_out, presses)
-    if known.has_depths and not known.of(train).has_depths:
+    patches = _patches(frames, background_frame, names)
+    train, test = _without_duplicates(frames, first_held_out, presses)
+    if measurements.has_depths and not measurements.subset(train).has_depths:
         raise T2TwinError(
-            f"{presses / FORCES} gives displacements of presses that are held out only; give some "
-            "of earlier ones"
+            f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
+            "presses"
         )
-    return Inputs(untouched, frames, names, known, patches, train, test)
+    return Inputs(background_frame, frames, names, measurements, patches, train, test)
 
 
 def calibrate(
@@ -123,151 +140,158 @@ def calibrate(
     ball_diameter_mm: float,
     held_out: int | None = None,
     camera: Camera | None = None,
-    say: Callable[[str], object] = lambda line: None,
+    report: Report = lambda line: None,
     tolerance: Tolerance | None = DEFAULT_TOLERANCE,
 ) -> CalibrationReport:
-    """Fit to the presses, in the order of their names, but for the last held_out of them.
+    """Fit the presses, score on the last held_out of them by name, then fit all of them.
 
-    background: a frame of the untouched sensor. presses: a folder of frames of a ball pressed
-    in, 240 wide, 320 high, PNG or JPEG, and, if some of it is known, `forces.csv` (see
-    t2twin.sim.digit.calibrate.known). camera: its scale and distance; known displacements settle
-    the scale, those of the fitted presses for the scores. say: told how far it is. tolerance: of
-    what is stated; None leaves the ranges that follow from it out, which take most of the time, and
-    with them the gel's modulus.
-    Frames that are equal to an earlier one, byte for byte, are left out. The held-out presses
-    have no part in anything that is scored but their own poses; then a last fit takes them all.
-    Raises T2TwinError for frames or numbers that cannot be used, and for a fit that explains
-    nothing.
+    background: a background frame. presses: folder of frames of a ball, 240 wide, 320 high, PNG or
+    JPEG, and optionally `forces.csv` (see measurements). camera: its scale and distance; measured
+    displacements replace the scale. report: called with progress messages. tolerance: of the
+    inputs; None skips the uncertainty, which takes most of the time, and the gel's modulus.
+    Frames that equal an earlier one are excluded.
+    Raises T2TwinError for invalid frames or numbers, and for a fit no better than the background.
     """
-    background, presses = checks.path(background, "background"), checks.path(presses, "presses")
-    camera = Camera() if camera is None else checks.instance(camera, "camera", Camera)
+    camera = Camera() if camera is None else arguments.instance(camera, "camera", Camera)
     if held_out is not None:
-        checks.whole_number(held_out, "held_out")
+        arguments.whole_number(held_out, "held_out")
     if tolerance is not None:
-        checks.instance(tolerance, "tolerance", Tolerance)
-    checks.function(say, "say")
-    given = read_inputs(background, presses, ball_diameter_mm, held_out, camera, tolerance)
-    untouched, frames, names, patches = given.untouched, given.frames, given.names, given.patches
-    train, test = given.train, given.test
+        arguments.instance(tolerance, "tolerance", Tolerance)
+    arguments.function(report, "report")
+    inputs = read_inputs(
+        arguments.path(background, "background"), arguments.path(presses, "presses"),
+        ball_diameter_mm, held_out, camera, tolerance,
+    )  # fmt: skip
+    report(f"fitting to {len(inputs.train)} presses")
+    training = inputs.presses(inputs.train)
+    fit = fit_presses(training, camera)
+    evaluated = _evaluate(inputs, training, fit)
+    calibration, uncertainty = _fit_all(inputs, fit, tolerance, report)
+    return replace(evaluated, calibration=calibration, uncertainty=uncertainty)
 
-    def chosen(presses: list[int], clean: np.ndarray) -> Presses:
-        return Presses(clean, frames[presses], patches[presses], given.known.of(presses))
 
-    say(f"fitting to {len(train)} presses")
-    clean = clean_background(untouched, frames[train])
-    fit = fitted(chosen(train, clean), camera)
-    unseen = chosen(test, clean).model(fit.model.camera)
-    poses = np.array([unseen.pose(fit.state, index) for index in range(len(test))])
-    scored_by = fit.model.calibration(fit.state)
-    optics = DigitOptics(scored_by)
+def _evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
+    """The report of a fit without the held-out presses, which are only located."""
+    train, test = inputs.train, inputs.test
+    held_out = inputs.presses(test, training.background)
+    model = held_out.model(fit.model.camera)
+    poses = np.array([model.pose(fit.state, index) for index in range(len(test))])
     surfaces_mm = np.array(
-        [unseen.surface(fit.state, index, pose) for index, pose in enumerate(poses)]
+        [model.surface(fit.state, index, pose) for index, pose in enumerate(poses)]
     )
+    calibration = fit.model.calibration(fit.state)
+    optics = DigitOptics(calibration)
     simulated = np.array([optics.render(surface_mm) for surface_mm in surfaces_mm])
-    trained = _Placed(frames[train], patches[train], fit.state.poses)
-    scored = _Placed(frames[test], patches[test], poses)
-    scores = _scores(untouched, trained, scored, simulated, fit.model.camera)
+    fitted = _Posed(training.frames, training.patches, fit.state.poses)
+    scored = _Posed(held_out.frames, held_out.patches, poses)
+    scores = _scores(inputs.background, fitted, scored, simulated, fit.model.camera)
     _check_explains(scores)
-    everything = [*train, *test]
-    say(f"fitting once more, to all {len(everything)}")
-    clean = clean_background(untouched, frames[everything])
-    all_presses = chosen(everything, clean)
-    last = fitted(all_presses, fit.model.camera, fit.state)
-    all_names = [names[i] for i in everything]
-    certainty = (
-        None if tolerance is None else certainty_of(all_presses, all_names, last, tolerance, say)
-    )
-    young = None if certainty is None else certainty.young_mpa
-    calibration = replace(
-        last.model.calibration(last.state),
-        noise=measured_noise(clean, frames[everything], untouched),
-        young_mpa=None if young is None else young.at,
-    )
     return CalibrationReport(
         calibration=calibration,
-        scored_by=scored_by,
-        trained=[names[i] for i in train],
+        scored_by=calibration,
+        trained=inputs.names_of(train),
         training_poses=fit.state.poses,
-        held_out=[names[i] for i in test],
-        repeated=[name for i, name in enumerate(names) if i not in (*train, *test)],
+        held_out=inputs.names_of(test),
+        repeated=[name for i, name in enumerate(inputs.names) if i not in (*train, *test)],
         poses=poses,
         surfaces_mm=surfaces_mm,
         real=scored.frames,
         simulated=simulated,
         scores=scores,
         each=crop_scores(scored.frames, simulated, scored.patches),
-        certainty=certainty,
+        uncertainty=None,
     )
 
 
-def _check_explains(scores: Scores) -> None:
-    """A fit to frames that show no ball is worth nothing, however it came out."""
+def _fit_all(
+    inputs: Inputs, first: Fit, tolerance: Tolerance | None, report: Report
+) -> tuple[Calibration, CalibrationUncertainty | None]:
+    """The calibration from all presses, with noise and modulus, and its uncertainty."""
+    indices = [*inputs.train, *inputs.test]
+    report(f"fitting again, to all {len(indices)}")
+    presses = inputs.presses(indices)
+    fit = fit_presses(presses, first.model.camera, first.state)
+    uncertainty = None
+    if tolerance is not None:
+        names = inputs.names_of(indices)
+        uncertainty = estimate_uncertainty(presses, names, fit, tolerance, report)
+    young = None if uncertainty is None else uncertainty.young_mpa
+    calibration = replace(
+        fit.model.calibration(fit.state),
+        noise=measure_noise(presses.background, presses.frames, inputs.background),
+        young_mpa=None if young is None else young.value,
+    )
+    return calibration, uncertainty
+
+
+def _check_explains(scores: CalibrationScores) -> None:
+    """Raises T2TwinError if the fit is no better than the background, as without a ball."""
     fitted, still = scores.calibrated.psnr_db, scores.do_nothing.psnr_db
     if fitted <= still:
         raise T2TwinError(
-            f"the fit explains nothing of the held-out presses: they are {fitted:.1f} dB from it "
-            f"and {still:.1f} dB from the untouched background; frames of one ball, pressed into "
-            "this very sensor, are needed"
+            f"the fit does not explain the held-out presses: its PSNR is {fitted:.1f} dB, and "
+            f"{still:.1f} dB for the background; use frames of one ball, pressed into the sensor "
+            "of the background"
         )
 
 
 def _first_held_out(frames: int, held_out: int | None, presses: Path) -> int:
-    """Index of the first frame that is held out. Raises T2TwinError where too few are left."""
+    """Index of the first held-out frame. Raises T2TwinError if too few frames are left to fit."""
     count = frames // HELD_OUT_SHARE if held_out is None else held_out
-    if count < 1 or frames - count < LEAST_TRAINING:
+    if count < 1 or frames - count < MIN_TRAINING:
         raise T2TwinError(
             f"{presses} holds {frames} presses and {count} of them are held out; at least "
-            f"{LEAST_TRAINING} must be left to fit to, and at least 1 held out"
+            f"{MIN_TRAINING} must be left to fit to, and at least 1 held out"
         )
     return frames - count
 
 
-def _different(
+def _without_duplicates(
     frames: np.ndarray, first_held_out: int, presses: Path
 ) -> tuple[list[int], list[int]]:
-    """Indices of the frames to fit to and of those held out, each frame's copies left out.
+    """Indices of the frames to fit to and of those held out, without duplicates.
 
-    Raises T2TwinError where too few are left.
+    Raises T2TwinError if too few are left.
     """
     first: dict[bytes, int] = {}
     for index, frame in enumerate(frames):
         first.setdefault(frame.tobytes(), index)
     train = [i for i in first.values() if i < first_held_out]
     test = [i for i in first.values() if i >= first_held_out]
-    if len(train) < LEAST_TRAINING or not test:
+    if len(train) < MIN_TRAINING or not test:
         raise T2TwinError(
             f"{len(frames) - len(first)} presses of {presses} are copies of others; at least "
-            f"{LEAST_TRAINING} different ones must be left to fit to, and at least 1 held out"
+            f"{MIN_TRAINING} different ones must be left to fit to, and at least 1 held out"
         )
     return train, test
 
 
 def _patches(frames: np.ndarray, background: np.ndarray, names: list[str]) -> np.ndarray:
-    """(n, 2) where each frame is touched. Raises T2TwinError naming those that are not."""
-    patches = [touched_patch(frame, background) for frame in frames]
+    """(n, 2) the contact of each frame. Raises T2TwinError with the names of frames without."""
+    patches = [contact_patch(frame, background) for frame in frames]
     empty = [name for name, patch in zip(names, patches, strict=True) if patch is None]
     if empty:
         raise T2TwinError(
-            f"no contact is visible in {', '.join(empty)}: nothing there differs from the "
-            "background; take such frames out"
+            f"no contact is visible in {', '.join(empty)}, which do not differ from the "
+            "background; remove these frames"
         )
     return np.array(patches)
 
 
 def _scores(
-    untouched: np.ndarray,
-    trained: _Placed,
-    held_out: _Placed,
+    background: np.ndarray,
+    trained: _Posed,
+    held_out: _Posed,
     simulated: np.ndarray,
     camera: Camera,
-) -> Scores:
-    """Of the simulated held-out frames, and the rows that judge them."""
+) -> CalibrationScores:
+    """Scores of the simulated held-out frames, baselines and noise floors."""
     real, places = held_out.frames, held_out.patches
     pasted = cut_and_paste(
-        untouched, trained.frames, _pixels(trained.poses, camera), _pixels(held_out.poses, camera)
+        background, trained.frames, _pixels(trained.poses, camera), _pixels(held_out.poses, camera)
     )
-    still = np.broadcast_to(untouched, real.shape)
-    return Scores(
+    still = np.broadcast_to(background, real.shape)
+    return CalibrationScores(
         calibrated=mean_score(crop_scores(real, simulated, places)),
         cut_and_paste=mean_score(crop_scores(real, pasted, places)),
         do_nothing=mean_score(crop_scores(real, still, places)),
@@ -276,7 +300,7 @@ def _scores(
             np.concatenate([trained.poses, held_out.poses]),
             np.concatenate([trained.patches, places]),
         ),
-        untouched_floor=untouched_floor(real, places),
+        background_floor=background_floor(real, places),
     )
 
 

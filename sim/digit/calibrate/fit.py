@@ -1,13 +1,9 @@
-"""Fitting the baked model to frames of ball presses at unknown places and depths.
+"""Fits the baked model to frames of ball presses at unknown positions and depths.
 
-Unknown are every press's place and depth, the LEDs' places and sizes, how the gel leaves the
-ball, and the response of each LED in each colour. The response enters linearly, the rest does
-not. All are fitted together by Levenberg and Marquardt's method (Marquardt 1963) to the grey
-levels around the contacts, and the response is solved for again after every step. How many terms
-the response has is chosen between two such fits, by leaving presses out (response.chosen).
-
-Samples are blocks of 2 x 2 pixels, (ROWS / 2, COLUMNS / 2); a press's pose is (x_mm, y_mm,
-depth_mm).
+The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry (module samples), and
+the response of each LED in each color, which is linear. All are fitted jointly to the grey levels
+around the contacts by the method of Levenberg and Marquardt (Marquardt 1963); the response is
+solved for after each step. Between two such fits ridge.select_terms selects the response's terms.
 """
 
 from dataclasses import dataclass
@@ -15,48 +11,56 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from t2twin.sim.digit import deflections
-from t2twin.sim.digit.calibrate.geometry import NUDGE, SPREAD, START, leds_of
-from t2twin.sim.digit.calibrate.response import (
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.ridge import (
     FIRST_TERMS,
     LEDS,
-    MOST_TERMS,
+    MAX_TERMS,
     Sums,
     Terms,
-    chosen,
-    solved,
+    select_terms,
+    solve_ridge,
 )
-from t2twin.sim.digit.calibrate.samples import Square, inner, samples_of, square_about
+from t2twin.sim.digit.calibrate.samples import (
+    NUDGE,
+    SPREAD,
+    START,
+    Square,
+    inner,
+    leds_of,
+    samples_of,
+    square_about,
+)
 from t2twin.sim.digit.calibration import PLACE_TERMS, Calibration, led_columns, place_terms
-from t2twin.sim.digit.camera import COLUMNS, ROWS, Camera
-from t2twin.sim.digit.illumination import COSINE_TERMS
-from t2twin.sim.digit.picture import linear
-from t2twin.sim.digit.rays import Leds, Rays
+from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera
+from t2twin.sim.digit.camera.response import linear
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.ray_casting import Leds, Rays
 
 GAMMA = 1.0
-"""Exponent between light and grey levels of a real unit: shading goes with its grey levels
-better than with their power 2.2 (measured by leaving out training presses)."""
-STEPS = 8
-"""Most steps of the joint fit."""
-GAIN = 2e-3
-"""It stops when a step lowers the error by less than this part (assumed)."""
+"""Exponent between light and grey levels of a real unit: shading is nearer to linear in its grey
+levels than in their power 2.2 (measured by cross-validation)."""
+MAX_STEPS = 8
+"""Largest number of steps of the joint fit."""
+MIN_GAIN = 2e-3
+"""The fit ends when a step lowers the error by less than this fraction (assumed)."""
 SHALLOWEST_MM, DEEPEST = 0.1, 0.93
-"""Bounds of a press's depth: mm, and as a part of the ball's radius."""
+"""Bounds of a press's depth: mm, and in parts of the ball's radius."""
 
-Shape = tuple[float, float, float]
-"""Radius of a ball, mm, and how the gel leaves it: hold and skirt of deflections.ball."""
+Profile = tuple[float, float, float]
+"""Radius of a ball, mm, and the gel's profile around it: hold and skirt of probe_surfaces.ball."""
 
 _POSE_NUDGE = np.array([0.02, 0.02, 0.02])  # mm
 _POSE_REACH = np.array([0.3, 0.3, 0.3])  # longest step of a pose, mm
 _PRIOR = 2e-5
-"""Weight of the priors: a parameter one spread away from its start costs as much as this mean
-square error over one press, in (grey / 255)^2 (assumed)."""
+"""Weight of the priors: one standard deviation of a parameter costs as much as this mean square
+error over one press, in (grey / 255)^2 (assumed)."""
 
 
 @dataclass(frozen=True)
 class State:
-    """geometry: as in geometry.GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms).
-    error: mean square, with the priors."""
+    """geometry: (12,) as in samples.GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms).
+    error: mean square error with the priors."""
 
     geometry: np.ndarray
     poses: np.ndarray
@@ -66,11 +70,10 @@ class State:
 
 
 class BallFit:
-    """Frames of balls, and the model that is fitted to them.
+    """The model of some frames of balls.
 
     background: (ROWS, COLUMNS, 3) uint8, cleaned. frames: (n, ROWS, COLUMNS, 3) uint8.
-    patches: (n, 2) rows and columns, px, where the frames are touched. radii_mm: (n,) of the ball
-    in each.
+    patches: (n, 2) row and column of each contact, px. radii_mm: (n,) of the balls.
     """
 
     def __init__(
@@ -89,40 +92,40 @@ class BallFit:
         self._squares = [square_about(patch) for patch in patches]
         self._start_poses = np.array(
             [
-                self._pose_at(patch, radius_mm)
+                self._initial_pose(patch, radius_mm)
                 for patch, radius_mm in zip(patches, radii_mm, strict=True)
             ]
         )
 
     def fit(self, start: State | None = None) -> State:
-        """Everything, from frames alone; LEDs and terms are another fit's at first, if given."""
+        """Fit all parameters. start: state of another fit, for the initial LEDs and the terms."""
         if start is None:
             state = self._solved(START, self._start_poses, FIRST_TERMS)
             state = self._refined(self.with_poses(state))
-            terms = chosen(self._sums(state.geometry, state.poses, MOST_TERMS))
+            terms = select_terms(self._sums(state.geometry, state.poses, MAX_TERMS))
             return self._refined(self._solved(state.geometry, state.poses, terms))
         poses = np.array([self.pose(start, index) for index in range(len(self._changes))])
         return self._refined(self._solved(start.geometry, poses, start.terms))
 
     def _refined(self, state: State) -> State:
-        """The joint fit from a state on."""
+        """The joint fit, from an initial state."""
         damping = 1e-2
-        for _ in range(STEPS):
+        for _ in range(MAX_STEPS):
             before = state.error
             state, damping = self._step(state, damping)
-            if before - state.error < GAIN * before:
+            if before - state.error < MIN_GAIN * before:
                 break
         return state
 
     def with_poses(self, state: State) -> State:
-        """The state with every press's pose fitted again, the model held."""
+        """The state with refitted poses and the same model."""
         poses = np.array([self.pose(state, index, pose) for index, pose in enumerate(state.poses)])
         return self._solved(state.geometry, poses, state.terms)
 
     def pose(self, state: State, index: int, start: np.ndarray | None = None) -> np.ndarray:
-        """The pose of one frame under a model, from that frame alone: (x_mm, y_mm, depth_mm).
+        """(x_mm, y_mm, depth_mm) of one frame, the model fixed.
 
-        Without a start it is looked for from several depths.
+        start: the initial pose; None for several initial depths.
         """
         middle, radius_mm = self._start_poses[index], self.radii_mm[index]
         starts = (
@@ -132,13 +135,13 @@ class BallFit:
         )
         low = np.array([middle[0] - 1.5, middle[1] - 1.5, SHALLOWEST_MM])
         high = np.array([middle[0] + 1.5, middle[1] + 1.5, DEEPEST * radius_mm])
-        leds, shape = leds_of(state.geometry), self._shape(state.geometry, index)
+        leds, profile = leds_of(state.geometry), self._profile(state.geometry, index)
         square = self._squares[index]
         gain = self._gain(state, square)
-        wanted = self._light(leds, None, shape, square, gain) + self._wanted(index)
+        target = self._light(leds, None, profile, square, gain) + self._target(index)
 
         def residual(pose: np.ndarray) -> np.ndarray:
-            return (self._light(leds, pose, shape, square, gain) - wanted).ravel()
+            return (self._light(leds, pose, profile, square, gain) - target).ravel()
 
         fits = [
             least_squares(
@@ -150,7 +153,7 @@ class BallFit:
         return min(fits, key=lambda fit: fit.cost).x
 
     def calibration(self, state: State) -> Calibration:
-        """The model as a file's content."""
+        """The fitted calibration, without noise and modulus."""
         leds = leds_of(state.geometry)
         response = np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS))
         table = state.response.reshape(3, LEDS, state.terms.places, COSINE_TERMS)
@@ -166,36 +169,36 @@ class BallFit:
         )
 
     def surface(self, state: State, index: int, pose: np.ndarray) -> np.ndarray:
-        """The deflection, mm, that a pose of one frame's ball stands for, on optical_grid()."""
-        return self._surface(pose, self._shape(state.geometry, index))
+        """The deflection by one frame's ball at a pose, mm, on optical_grid()."""
+        return self._surface(pose, self._profile(state.geometry, index))
 
-    def _shape(self, geometry: np.ndarray, index: int) -> Shape:
+    def _profile(self, geometry: np.ndarray, index: int) -> Profile:
         return self.radii_mm[index], geometry[10], geometry[11]
 
-    def _surface(self, pose: np.ndarray, shape: Shape) -> np.ndarray:
-        radius_mm, hold, skirt = shape
+    def _surface(self, pose: np.ndarray, profile: Profile) -> np.ndarray:
+        radius_mm, hold, skirt = profile
         depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
         hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
-        return deflections.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
+        return probe_surfaces.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
 
-    def _pose_at(self, patch: np.ndarray, radius_mm: float) -> np.ndarray:
-        """Where a patch's middle is: the first guess of a pose."""
+    def _initial_pose(self, patch: np.ndarray, radius_mm: float) -> np.ndarray:
+        """The pose at a contact's middle, at a medium depth."""
         x_mm = (patch[1] - (COLUMNS - 1) / 2) / self.camera.scale_px_per_mm
         y_mm = (patch[0] - (ROWS - 1) / 2) / self.camera.scale_px_per_mm
         return np.array([x_mm, y_mm, 0.45 * radius_mm])
 
-    def _wanted(self, index: int) -> np.ndarray:
+    def _target(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""
         return self._changes[index][self._squares[index]].reshape(-1, 3)
 
     def _incidence(
-        self, leds: Leds, pose: np.ndarray | None, shape: Shape, square: Square
+        self, leds: Leds, pose: np.ndarray | None, profile: Profile, square: Square
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Cosines and weights (samples, LEDs); no pose: at rest."""
+        """Cosines and weights (samples, LEDs). pose: None for the gel at rest."""
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
-            surface = self._surface(pose, shape)
+            surface = self._surface(pose, profile)
         rows, columns = part = inner(square)
         region = (rows.start, rows.stop, columns.start, columns.stop)
         cosine, weight = self._rays.incidence(self._rays.coated(surface), leds, region)
@@ -205,70 +208,71 @@ class BallFit:
         self,
         leds: Leds,
         pose: np.ndarray | None,
-        shape: Shape,
+        profile: Profile,
         square: Square,
         terms: Terms,
     ) -> np.ndarray:
-        """(samples, entries) light per unit of each of the response's entries; no pose: at rest."""
-        cosine, weight = self._incidence(leds, pose, shape, square)
-        places = self._placed(square, terms)
+        """(samples, entries) light per unit of each of the response's entries."""
+        cosine, weight = self._incidence(leds, pose, profile, square)
+        places = self._place_terms(square, terms)
         entries = [led_columns(cosine[:, k], weight[:, k], places) for k in range(LEDS)]
         return np.concatenate(entries, axis=-1)
 
-    def _placed(self, square: Square, terms: Terms) -> np.ndarray:
+    def _place_terms(self, square: Square, terms: Terms) -> np.ndarray:
         """(samples, places) polynomials of the place."""
         places = self._places[inner(square)]
         return places.reshape(-1, places.shape[-1])[:, : terms.places]
 
     def _changed(
-        self, leds: Leds, pose: np.ndarray, shape: Shape, square: Square, terms: Terms
+        self, leds: Leds, pose: np.ndarray, profile: Profile, square: Square, terms: Terms
     ) -> np.ndarray:
-        """(samples, entries) the columns of a pose less those at rest."""
-        at_rest = self._columns(leds, None, shape, square, terms)
-        return self._columns(leds, pose, shape, square, terms) - at_rest
+        """(samples, entries) the columns of a pose minus those at rest."""
+        at_rest = self._columns(leds, None, profile, square, terms)
+        return self._columns(leds, pose, profile, square, terms) - at_rest
 
     def _gain(self, state: State, square: Square) -> np.ndarray:
-        """(samples, LEDs, COSINE_TERMS, RGB): the response in every place, for _light."""
+        """(samples, LEDs, COSINE_TERMS, RGB): the response at each sample's place, for _light."""
         terms = state.terms
         table = state.response.reshape(3, LEDS, terms.places, COSINE_TERMS)
-        return np.einsum("sp,ckpj->skjc", self._placed(square, terms), table, optimize=True)
+        return np.einsum("sp,ckpj->skjc", self._place_terms(square, terms), table, optimize=True)
 
     def _light(
         self,
         leds: Leds,
         pose: np.ndarray | None,
-        shape: Shape,
+        profile: Profile,
         square: Square,
         gain: np.ndarray,
     ) -> np.ndarray:
-        """(samples, RGB) light of a pose, or at rest: columns times response, without columns."""
-        cosine, weight = self._incidence(leds, pose, shape, square)
+        """(samples, RGB) light of a pose: _columns times the response, computed without them."""
+        cosine, weight = self._incidence(leds, pose, profile, square)
         powers = weight[..., None] * cosine[..., None] ** np.arange(COSINE_TERMS)
         return np.einsum("skj,skjc->sc", powers, gain, optimize=True)
 
     def _sums(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> list[Sums]:
-        """What the response's fit needs of each press."""
+        """Of each press, for the fit of the response."""
         leds = leds_of(geometry)
         sums = []
         for index, (pose, square) in enumerate(zip(poses, self._squares, strict=True)):
-            changed = self._changed(leds, pose, self._shape(geometry, index), square, terms)
-            sums.append(Sums.of(changed.astype(float), self._wanted(index)))
+            profile = self._profile(geometry, index)
+            changed = self._changed(leds, pose, profile, square, terms)
+            sums.append(Sums.of(changed.astype(float), self._target(index)))
         return sums
 
     def _solved(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> State:
-        """The best response of these terms for a geometry and poses."""
+        """The state with the best response of these terms."""
         sums = self._sums(geometry, poses, terms)
         squares = np.sum([press.squares for press in sums], axis=0)
         products = np.sum([press.products for press in sums], axis=0)
-        response = solved(squares, products, terms)
+        response = solve_ridge(squares, products, terms)
         everything = np.arange(terms.entries)
         error = float(np.mean([press.error(response, everything) for press in sums]))
-        off = (geometry - START) / SPREAD
-        error += _PRIOR / len(poses) * float(off @ off)
+        deviation = (geometry - START) / SPREAD
+        error += _PRIOR / len(poses) * float(deviation @ deviation)
         return State(geometry, poses, terms, response, error)
 
     def _step(self, state: State, damping: float) -> tuple[State, float]:
-        """One step of the joint fit: the state, the same one if none is better, and the damping."""
+        """One step of the joint fit: the better state, or the same one, and the next damping."""
         matrix, gradient = self._normal_equations(state)
         linear_part = state.response.size
         for _ in range(4):
@@ -287,7 +291,7 @@ class BallFit:
         return state, damping
 
     def _normal_equations(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """Gauss and Newton's matrix and gradient over (response, poses, geometry)."""
+        """Matrix and gradient of the Gauss-Newton step over (response, poses, geometry)."""
         count, entries = len(state.poses), state.response.shape[1]
         size = 3 * entries + 3 * count + len(START)
         matrix, gradient = np.zeros((size, size)), np.zeros(size)
@@ -295,7 +299,7 @@ class BallFit:
         of_geometry = np.arange(size - len(START), size)
         samples = 0
         for index in range(count):
-            columns, residual, derivatives = self._linearised(state, index, nudged)
+            columns, residual, derivatives = self._linearized(state, index, nudged)
             samples = residual.size
             at = np.concatenate([3 * entries + 3 * index + np.arange(3), of_geometry])
             gram = columns.T @ columns
@@ -319,28 +323,28 @@ class BallFit:
         gradient[of_geometry] += prior * (state.geometry - START)
         return matrix, gradient
 
-    def _linearised(
+    def _linearized(
         self, state: State, index: int, nudged: list[tuple[Leds, np.ndarray]]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """One press about a state: columns (samples, entries), residual (samples, RGB), and the
-        derivatives (3 of its pose and those of the geometry, samples, RGB) of what is shown.
+        """Linearization of one press: columns (samples, entries), residual (samples, RGB), and
+        derivatives of the light (3 + 12, samples, RGB) by its pose and the geometry.
 
-        nudged: the geometry with each of its parameters in turn moved by its NUDGE.
+        nudged: the geometry with one parameter after the other increased by its NUDGE.
         """
-        leds, shape = leds_of(state.geometry), self._shape(state.geometry, index)
+        leds, profile = leds_of(state.geometry), self._profile(state.geometry, index)
         pose, square = state.poses[index], self._squares[index]
-        columns = self._changed(leds, pose, shape, square, state.terms).astype(float)
+        columns = self._changed(leds, pose, profile, square, state.terms).astype(float)
         shown = columns @ state.response.T
         gain = self._gain(state, square)
-        lit = self._light(leds, pose, shape, square, gain)
+        lit = self._light(leds, pose, profile, square, gain)
         derivatives = []
         for axis in range(3):
             other = pose + _POSE_NUDGE * (np.arange(3) == axis)
-            beside = self._light(leds, other, shape, square, gain)
-            derivatives.append((beside - lit) / _POSE_NUDGE[axis])
+            moved = self._light(leds, other, profile, square, gain)
+            derivatives.append((moved - lit) / _POSE_NUDGE[axis])
         for (other, geometry), nudge in zip(nudged, NUDGE, strict=True):
-            shape = self._shape(geometry, index)
-            beside = self._light(other, pose, shape, square, gain)
-            beside = beside - self._light(other, None, shape, square, gain)
-            derivatives.append((beside - shown) / nudge)
-        return columns, shown - self._wanted(index), np.array(derivatives)
+            profile = self._profile(geometry, index)
+            moved = self._light(other, pose, profile, square, gain)
+            moved = moved - self._light(other, None, profile, square, gain)
+            derivatives.append((moved - shown) / nudge)
+        return columns, shown - self._target(index), np.array(derivatives)

@@ -1,5 +1,4 @@
-"""The forces that the twin needs for the depths found in frames, and the gel's modulus from those
-that a scale showed."""
+"""The twin's forces at the depths found in frames, and the gel's modulus from measured forces."""
 
 import tempfile
 from functools import partial
@@ -7,26 +6,31 @@ from pathlib import Path
 
 import numpy as np
 
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
-from t2twin.primitives_cad.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.press.depth import force_at_depth
-from t2twin.sim.press.elastomer import DIGIT_GEL
-from t2twin.sim.press.engine import DIGIT_PITCH_MM, solve_contact
-from t2twin.sim.press.records import PressCommand
+from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
+from t2twin.sim.contact.depth import force_at_depth
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.types import PressCommand
 
 
 class BallForces:
-    """Presses balls into the DIGIT's gel, each ball prepared once."""
+    """Presses balls into the DIGIT's gel; prepares each ball once."""
 
     def __init__(self) -> None:
         self._balls: dict[float, Shape] = {}
 
     def of(self, poses: np.ndarray, diameters_mm: np.ndarray) -> np.ndarray:
-        """(n,) N, of the gel as it is assumed; NaN where no force that may be commanded goes so
-        deep. poses: (n, 3) x_mm, y_mm, depth_mm."""
+        """(n,) N, in the default gel; NaN where no allowed force reaches the depth.
+
+        poses: (n, 3) x_mm, y_mm, depth_mm.
+        """
         return np.array(
-            [self._force_n(pose, float(of)) for pose, of in zip(poses, diameters_mm, strict=True)]
+            [
+                self._force_n(pose, float(diameter_mm))
+                for pose, diameter_mm in zip(poses, diameters_mm, strict=True)
+            ]
         )
 
     def _force_n(self, pose: np.ndarray, diameter_mm: float) -> float:
@@ -45,15 +49,16 @@ class BallForces:
         return self._balls[diameter_mm]
 
 
-def fitted_young_mpa(known_n: np.ndarray, assumed_n: np.ndarray) -> float:
-    """The gel's modulus, MPa, by least squares of forces (n,), of which NaN are left out.
+def fit_young_mpa(measured_n: np.ndarray, default_n: np.ndarray) -> float:
+    """The gel's modulus, MPa, by least squares over the presses with both forces.
 
-    known_n: measured. assumed_n: the twin's at the same depths, of DIGIT_GEL. A contact without
-    friction at a given depth carries a force that goes with the modulus: the layer's stiffening
-    depends on its strain alone. Raises T2TwinError where none can be compared.
+    measured_n: (n,), NaN where not measured. default_n: (n,) the twin's at the same depths, in
+    DIGIT_GEL. At a given depth the force of a frictionless contact is proportional to the modulus,
+    since the layer's stiffening depends on its strain alone. Raises T2TwinError where no press has
+    both.
     """
-    both = np.isfinite(known_n) & np.isfinite(assumed_n)
+    both = np.isfinite(measured_n) & np.isfinite(default_n)
     if not both.any():
-        raise T2TwinError("no press of a known force can be pressed so deep in the twin")
-    known, assumed = known_n[both], assumed_n[both]
-    return float(DIGIT_GEL.young_mpa * (known @ assumed) / (assumed @ assumed))
+        raise T2TwinError("no press with a measured force can be pressed that deep in the twin")
+    measured, default = measured_n[both], default_n[both]
+    return float(DIGIT_GEL.young_mpa * (measured @ default) / (default @ default))

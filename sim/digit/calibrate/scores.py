@@ -1,4 +1,4 @@
-"""Scores of a calibration on presses that the fit did not see, beside the rows that judge them."""
+"""Scores of a calibration on held-out presses, with baselines and noise floors."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,8 @@ from skimage.metrics import structural_similarity
 
 from t2twin.sim.digit.calibrate.frames import CROP_PX, crop
 
-SAME_PLACE_MM = 0.05
-"""Places and depths nearer than this make two frames repeats of one press, mm: a pixel."""
+SAME_POSE_MM = 0.05
+"""Largest difference of position and depth between two frames of one press, mm: a pixel."""
 
 
 @dataclass(frozen=True)
@@ -21,35 +21,35 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Scores:
-    """Mean scores against the held-out frames, on their contact crops.
+class CalibrationScores:
+    """Mean scores on the contact crops of the held-out frames.
 
     calibrated: of the simulated frames. cut_and_paste: of the training presses' mean change, moved
-    to the held-out places. do_nothing: of the untouched background. repeats_floor: of two real
-    frames of one press, untouched_floor: of two away from their contacts; None where there are no
-    two.
+    to the held-out positions. do_nothing: of the background frame. repeats_floor: between two real
+    frames of one press. background_floor: between two real frames away from their contacts. The
+    floors are None where no two such frames exist.
     """
 
     calibrated: Score
     cut_and_paste: Score
     do_nothing: Score
     repeats_floor: Score | None
-    untouched_floor: Score | None
+    background_floor: Score | None
 
 
-def score(wanted: np.ndarray, given: np.ndarray) -> Score:
-    """Of two uint8 pictures of one shape (rows, columns, 3)."""
-    difference = wanted.astype(float) - given
+def score(real: np.ndarray, other: np.ndarray) -> Score:
+    """The score of two uint8 images of one shape (rows, columns, 3)."""
+    difference = real.astype(float) - other
     error = max(float(np.mean(difference**2)), 1e-12)
     return Score(
         l1=float(np.abs(difference).mean()),
-        ssim=float(np.mean(structural_similarity(wanted, given, channel_axis=2, data_range=255))),
+        ssim=float(np.mean(structural_similarity(real, other, channel_axis=2, data_range=255))),
         psnr_db=float(10.0 * np.log10(255.0**2 / error)),
     )
 
 
 def mean_score(scores: list[Score]) -> Score:
-    """Each figure's mean."""
+    """The mean of each metric."""
     return Score(
         l1=float(np.mean([score.l1 for score in scores])),
         ssim=float(np.mean([score.ssim for score in scores])),
@@ -57,18 +57,18 @@ def mean_score(scores: list[Score]) -> Score:
     )
 
 
-def crop_scores(wanted: np.ndarray, given: np.ndarray, places: np.ndarray) -> list[Score]:
-    """Scores of frames (n, ...) on the contact crop around their places (n, 2), row and column."""
+def crop_scores(real: np.ndarray, other: np.ndarray, places: np.ndarray) -> list[Score]:
+    """Scores of frames (n, ...) on the crops around places (n, 2), row and column."""
     return [
         score(crop(a, place), crop(b, place))
-        for a, b, place in zip(wanted, given, places, strict=True)
+        for a, b, place in zip(real, other, places, strict=True)
     ]
 
 
 def cut_and_paste(
     background: np.ndarray, training: np.ndarray, from_px: np.ndarray, to_px: np.ndarray
 ) -> np.ndarray:
-    """(m, ...) uint8: the mean change of the training presses, moved to other places.
+    """(m, ...) uint8: the background with the training presses' mean change, moved to other places.
 
     from_px, to_px: (n, 2), (m, 2) rows and columns of the presses. Moves are whole pixels.
     """
@@ -88,18 +88,18 @@ def cut_and_paste(
 
 
 def repeats_floor(frames: np.ndarray, poses: np.ndarray, places: np.ndarray) -> Score | None:
-    """Two frames of one press against each other, on the contact crop; None if there are none."""
+    """Between two frames of one press, on the contact crop; None if there are none."""
     scores = [
         score(crop(frames[i], places[i]), crop(frames[j], places[i]))
         for i in range(len(frames))
         for j in range(i)
-        if np.abs(poses[i] - poses[j]).max() < SAME_PLACE_MM
+        if np.abs(poses[i] - poses[j]).max() < SAME_POSE_MM
     ]
     return mean_score(scores) if scores else None
 
 
-def untouched_floor(frames: np.ndarray, places: np.ndarray) -> Score | None:
-    """Neighbouring frames against each other, on the crop farthest from both contacts."""
+def background_floor(frames: np.ndarray, places: np.ndarray) -> Score | None:
+    """Between consecutive frames, on the crop farthest from both contacts."""
     if len(frames) < 2:
         return None
     half = CROP_PX // 2

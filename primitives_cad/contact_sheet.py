@@ -1,0 +1,191 @@
+"""The contact sheet: an image of every primitive and tool.
+
+Renders height maps seen along the view direction, without a graphics library or a display.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from PIL import Image, ImageDraw, ImageFont
+from scipy import ndimage
+
+from t2twin.core.files import atomic_write
+from t2twin.core.progress import Progress
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape import NOTHING_MM
+
+COLUMNS = 8
+TILE_PX = (330, 300)
+TOOL_PX = (528, 720)
+"""Width and height of a primitive's and of a tool's tile, pixels."""
+OVERSAMPLING = 3
+"""Tiles are rendered this many times larger and averaged, for smooth outlines."""
+MARGIN = 0.88
+"""Largest share of a tile's width or height that a shape fills."""
+LABEL_PX, KEYPOINT_PX = 22, 17
+"""Heights of the text, pixels."""
+
+PRIMITIVE_VIEW = (28.0, 48.0)
+TOOL_VIEWS = {
+    "pliers": (-8.0, 62.0),
+    "clamp": (-18.0, 58.0),
+    "scissors": (-6.0, 66.0),
+    "allen-key": (76.0, 56.0),
+    "wrench": (66.0, 60.0),
+}
+"""Rotation about the vertical and elevation of the view, degrees."""
+
+PAPER = np.array([247, 247, 245])
+STEEL = np.array([168, 178, 192])
+RESIN = np.array([196, 178, 148])
+MARK = (208, 32, 40)
+INK = (40, 40, 44)
+"""Colors of the page, tools, primitives, keypoints and text, 8 bit RGB."""
+
+KEY_LIGHT = np.array([-0.45, 0.55, 0.70])
+FILL_LIGHT = np.array([0.70, -0.10, 0.70])
+"""Directions to the key and the fill light: to the right, up, towards the viewer."""
+AMBIENT, KEY, FILL, GLOSS = 0.26, 0.62, 0.22, 0.30
+"""Intensities of the ambient light, of the two lights and of the gloss."""
+GLOSS_POWER = 24
+"""Exponent of the gloss in the cosine between the normal and halfway to the light (Blinn 1977)."""
+CREASE_MM, CREASE_STRENGTH, CREASE_STEP = 1.6, 0.30, 3
+"""Width of the shading of creases, mm, its strength per mm of depth, and the step of the coarser
+grid on which it is computed, pixels."""
+
+
+def draw_sheet(path: str | Path) -> Path:
+    """Write the contact sheet of the 32 primitives and 5 tools as PNG; returns its path."""
+    rows = len(catalogue.PRIMITIVES) // COLUMNS
+    width = COLUMNS * TILE_PX[0]
+    page = Image.new("RGB", (width, rows * TILE_PX[1] + TOOL_PX[1]), tuple(PAPER.tolist()))
+    pen = ImageDraw.Draw(page)
+    names = (*catalogue.PRIMITIVES, *catalogue.TOOLS)
+    for name in Progress(names, desc="contact sheet", unit="shape"):
+        if name in catalogue.PRIMITIVES:
+            index = catalogue.PRIMITIVES.index(name)
+            # One column for each family, one row for each version.
+            corner = (index // rows * TILE_PX[0], index % rows * TILE_PX[1])
+            mesh = catalogue.load(name).mesh
+            tile, _ = draw(mesh, PRIMITIVE_VIEW, TILE_PX, RESIN)
+            page.paste(Image.fromarray(tile), corner)
+            _label(pen, name, (corner[0] + TILE_PX[0] / 2, corner[1] + TILE_PX[1] - LABEL_PX))
+        else:
+            column = catalogue.TOOLS.index(name)
+            corner = (column * width // len(catalogue.TOOLS), rows * TILE_PX[1])
+            points = catalogue.keypoints(name)
+            tile, places = draw(
+                catalogue.tool_mesh(name),
+                TOOL_VIEWS[name],
+                TOOL_PX,
+                STEEL,
+                [point.point_mm for point in points],
+            )
+            page.paste(Image.fromarray(tile), corner)
+            _label(pen, name, (corner[0] + TOOL_PX[0] / 2, corner[1] + TOOL_PX[1] - LABEL_PX))
+            for point, (x, y) in zip(points, places, strict=True):
+                _mark(pen, point.name, corner, x, y)
+    with atomic_write(Path(path)) as temporary:
+        page.save(temporary, format="PNG")
+    return Path(path)
+
+
+def draw(
+    mesh: trimesh.Trimesh,
+    view_deg: tuple[float, float],
+    size_px: tuple[int, int],
+    color: np.ndarray,
+    points_mm: Sequence[Sequence[float]] = (),
+) -> tuple[np.ndarray, np.ndarray]:
+    """Orthographic image of a mesh that fills it, (height, width, 3) uint8.
+
+    view_deg: rotation of the mesh about z, and elevation of the view. points_mm: (n, 3) in the
+    mesh's frame. Also returns their positions in the image, (n, 2) columns and rows, pixels.
+    """
+    from t2twin.primitives_cad.height_map import rasterize_triangles
+
+    turn, height = np.radians(view_deg[0]), np.radians(90.0 - view_deg[1])
+    about_z = np.array(
+        [[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]]
+    )
+    about_x = np.array(
+        [
+            [1.0, 0.0, 0.0],
+            [0.0, np.cos(height), np.sin(height)],
+            [0.0, -np.sin(height), np.cos(height)],
+        ]
+    )
+    seen = about_x @ about_z
+    triangles = mesh.triangles @ seen.T
+    flat = triangles[:, :, :2].reshape(-1, 2)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    middle = (low + high) / 2.0
+    pitch = float(((high - low) / (np.array(size_px) * OVERSAMPLING * MARGIN)).max())
+    triangles = triangles - (*middle, triangles[:, :, 2].max())
+    half_columns, half_rows = (side * OVERSAMPLING // 2 for side in size_px)
+    depth = rasterize_triangles(triangles, pitch, half_rows, half_columns)[1:-1, 1:-1][::-1]
+    picture = _shade(depth, pitch, color)
+    picture = picture[: size_px[1] * OVERSAMPLING, : size_px[0] * OVERSAMPLING]
+    blocks = picture.reshape(size_px[1], OVERSAMPLING, size_px[0], OVERSAMPLING, 3)
+    coarse = blocks.mean(axis=(1, 3))
+    places = (np.reshape(points_mm, (-1, 3)) @ seen.T)[:, :2] - middle
+    places = places * (1.0, -1.0) / (pitch * OVERSAMPLING) + np.array(size_px) / 2.0
+    return np.clip(coarse, 0.0, 255.0).astype(np.uint8), places
+
+
+def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
+    """(rows, columns, 3) colors of a depth image, mm, rows downwards."""
+    solid = depth != NOTHING_MM
+    floor = float(depth[solid].min())
+    filled = np.where(solid, depth, floor)
+    # The smaller one-sided difference keeps edges sharp.
+    slope_x, slope_y = (
+        _smaller(
+            np.diff(filled, axis=axis, prepend=floor), np.diff(filled, axis=axis, append=floor)
+        )
+        for axis in (1, 0)
+    )
+    normal = np.stack([-slope_x / pitch, slope_y / pitch, np.ones_like(depth)], axis=-1)
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+    key = np.clip(normal @ (KEY_LIGHT / np.linalg.norm(KEY_LIGHT)), 0.0, None)
+    fill = np.clip(normal @ (FILL_LIGHT / np.linalg.norm(FILL_LIGHT)), 0.0, None)
+    halfway = KEY_LIGHT / np.linalg.norm(KEY_LIGHT) + (0.0, 0.0, 1.0)
+    gloss = np.clip(normal @ (halfway / np.linalg.norm(halfway)), 0.0, None) ** GLOSS_POWER
+    # The shading is smooth: a coarser grid suffices, and is many times faster.
+    around = ndimage.gaussian_filter(
+        filled[::CREASE_STEP, ::CREASE_STEP], CREASE_MM / pitch / CREASE_STEP
+    )
+    around = around.repeat(CREASE_STEP, 0).repeat(CREASE_STEP, 1)[: len(filled), : filled.shape[1]]
+    crease = np.clip(1.0 - CREASE_STRENGTH * np.clip(around - filled, 0.0, None), 0.45, 1.0)
+    light = (AMBIENT + KEY * key + FILL * fill) * crease
+    shaded = light[..., None] * color + (GLOSS * gloss * crease)[..., None] * 255.0
+    return np.where(solid[..., None], shaded, PAPER)
+
+
+def _smaller(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.where(np.abs(first) < np.abs(second), first, second)
+
+
+def _label(pen: ImageDraw.ImageDraw, text: str, at: tuple[float, float]) -> None:
+    pen.text(at, text, fill=INK, font=ImageFont.load_default(LABEL_PX), anchor="mm")
+
+
+def _mark(pen: ImageDraw.ImageDraw, name: str, corner: tuple[int, int], x: float, y: float) -> None:
+    """Draw a dot at a keypoint and its name, outwards where there is space."""
+    font = ImageFont.load_default(KEYPOINT_PX)
+    at_x, at_y = corner[0] + x, corner[1] + y
+    pen.ellipse((at_x - 5, at_y - 5, at_x + 5, at_y + 5), fill=MARK, outline=(255, 255, 255))
+    width = font.getlength(name) + 24
+    left = x > TOOL_PX[0] - width or width < x < TOOL_PX[0] / 2
+    place = (at_x - 10 if left else at_x + 10, at_y)
+    pen.text(
+        place,
+        name,
+        fill=MARK,
+        font=font,
+        anchor="rm" if left else "lm",
+        stroke_width=3,
+        stroke_fill=(255, 255, 255),
+    )

@@ -1,0 +1,150 @@
+"""Height maps of meshes: the highest point of a mesh over each grid point."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.core.jit import compiled
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
+
+if TYPE_CHECKING:
+    import trimesh
+
+PITCH_MM = 0.05
+"""Finest pitch of a height map, mm (assumed: about one pixel of a DIGIT)."""
+
+REACH_MM = 32.0
+"""Half the side of a height map, mm (assumed: half the diagonal of a 28 x 46 mm cover, 27 mm, and
+the largest offset of a press on a tool's or a file's shape, 4.5 mm)."""
+
+MAX_CELLS = 1_500_000
+"""Limit on the cells of a map whose pitch is not given (assumed)."""
+
+FACE_MM = 0.02
+"""Height range of a flat face, mm (assumed: finer than a print's layer)."""
+
+FACE_SHARE = 0.2
+"""Least share of a base plate in the surface, seen from above (assumed)."""
+
+FEATURES_MM = 0.1
+"""Least height of features on a base plate, mm (assumed)."""
+
+EDGE_MM = 1.0e-6
+"""Tolerance at a triangle's outline, mm, so that both edges of a symmetric shape are included
+(assumed: far below any length of a shape)."""
+
+
+def height_map(
+    mesh: "trimesh.Trimesh", pitch_mm: float | None = None, reach_mm: float = REACH_MM
+) -> HeightMap:
+    """The height map of a mesh; see `aligned`."""
+    return aligned(mesh, pitch_mm, reach_mm)[1]
+
+
+def aligned(
+    mesh: "trimesh.Trimesh", pitch_mm: float | None = None, reach_mm: float = REACH_MM
+) -> tuple["trimesh.Trimesh", HeightMap]:
+    """A mesh (mm) moved along z so that its highest point within reach is at 0, and its height map.
+
+    pitch_mm: None for PITCH_MM, doubled until the map has at most MAX_CELLS.
+    reach_mm: half the side of the map, which is centered on the press axis.
+    The grid has a point on the axis, is symmetric about it, and ends in a rim of NOTHING_MM.
+    Raises T2TwinError where the mesh has no surface within reach.
+    """
+    if not reach_mm > 0.0 or (pitch_mm is not None and not 0.0 < pitch_mm < reach_mm):
+        raise T2TwinError(
+            f"a height map of pitch {pitch_mm} and reach {reach_mm} mm cannot be made; "
+            "both must be positive, the pitch the smaller"
+        )
+    # A mesh may be a read-only view of a cache; the compiled loop needs writable float64.
+    triangles = np.array(mesh.triangles, dtype=np.float64, order="C")
+    flat = triangles[:, :, :2]
+    near = (flat.min(axis=1) <= reach_mm).all(axis=1) & (flat.max(axis=1) >= -reach_mm).all(axis=1)
+    triangles = np.ascontiguousarray(triangles[near])
+    if not len(triangles):
+        raise T2TwinError(f"the shape has no surface within {reach_mm:g} mm of the press axis")
+    half_x, half_y = np.minimum(np.abs(triangles[:, :, :2]).max(axis=(0, 1)), reach_mm)
+    pitch = pitch_mm if pitch_mm is not None else _pitch_for(half_x, half_y)
+    columns, rows = (int(np.floor(half / pitch + EDGE_MM)) for half in (half_x, half_y))
+    heights = rasterize_triangles(triangles, pitch, rows, columns)
+    top = float(heights.max())
+    if top == NOTHING_MM:
+        raise T2TwinError(f"the shape has no surface within {reach_mm:g} mm of the press axis")
+    heights[heights != NOTHING_MM] -= top
+    lowered = mesh.copy()
+    lowered.apply_translation((0.0, 0.0, -top))
+    return lowered, HeightMap(
+        heights_mm=heights.astype(np.float32),
+        x_mm=np.arange(-columns - 1, columns + 2) * pitch,
+        y_mm=np.arange(-rows - 1, rows + 2) * pitch,
+    )
+
+
+def base_mm(surface: HeightMap) -> float | None:
+    """Height of the base plate's top, mm, or None where there is none.
+
+    The base plate is the lowest face of the pressing surface if it is flat, large and not the only
+    one.
+    """
+    heights = surface.heights_mm[surface.heights_mm > NOTHING_MM / 2]
+    lowest = float(heights.min())
+    share = float((heights <= lowest + FACE_MM).mean())
+    return lowest if share >= FACE_SHARE and lowest < -FEATURES_MM else None
+
+
+def rasterize_triangles(
+    triangles: np.ndarray, pitch_mm: float, rows: int, columns: int
+) -> np.ndarray:
+    """Highest z of triangles over a grid, (2 rows + 3, 2 columns + 3), mm.
+
+    triangles: (n, 3, 3) float64. The grid is centered on the axis; its outermost points, and those
+    without a triangle, are NOTHING_MM. Heights are exact, not interpolated.
+    """
+    heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM)
+    _raster(np.ascontiguousarray(triangles), pitch_mm, rows, columns, heights)
+    return heights
+
+
+def _pitch_for(half_x: float, half_y: float) -> float:
+    pitch = PITCH_MM
+    while (2 * half_x / pitch + 3) * (2 * half_y / pitch + 3) > MAX_CELLS:
+        pitch *= 2.0
+    return pitch
+
+
+@compiled("void(float64[:,:,::1], float64, int64, int64, float64[:,::1])")
+def _raster(triangles, pitch, rows, columns, heights):  # pragma: no cover - compiled
+    """Raise heights, (2 rows + 3, 2 columns + 3), to (n, 3, 3) triangles."""
+    for index in range(triangles.shape[0]):
+        ax, ay, az = triangles[index, 0]
+        bx, by, bz = triangles[index, 1]
+        cx, cy, cz = triangles[index, 2]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue  # seen edge-on: its neighbors include its outline
+        turn = 1.0 if area > 0.0 else -1.0
+        ab = np.hypot(bx - ax, by - ay)
+        bc = np.hypot(cx - bx, cy - by)
+        ca = np.hypot(ax - cx, ay - cy)
+        if ab < EDGE_MM or bc < EDGE_MM or ca < EDGE_MM:
+            continue
+        low, high = min(az, bz, cz), max(az, bz, cz)
+        first_row = max(int(np.ceil((min(ay, by, cy) - EDGE_MM) / pitch)), -rows)
+        last_row = min(int(np.floor((max(ay, by, cy) + EDGE_MM) / pitch)), rows)
+        first_column = max(int(np.ceil((min(ax, bx, cx) - EDGE_MM) / pitch)), -columns)
+        last_column = min(int(np.floor((max(ax, bx, cx) + EDGE_MM) / pitch)), columns)
+        for row in range(first_row, last_row + 1):
+            y = row * pitch
+            for column in range(first_column, last_column + 1):
+                x = column * pitch
+                # Barycentric weights: twice the areas of the point with each side.
+                of_c = turn * ((bx - ax) * (y - ay) - (by - ay) * (x - ax))
+                of_a = turn * ((cx - bx) * (y - by) - (cy - by) * (x - bx))
+                of_b = turn * ((ax - cx) * (y - cy) - (ay - cy) * (x - cx))
+                if of_c < -EDGE_MM * ab or of_a < -EDGE_MM * bc or of_b < -EDGE_MM * ca:
+                    continue
+                z = (of_a * az + of_b * bz + of_c * cz) / (of_a + of_b + of_c)
+                z = min(max(z, low), high)
+                if z > heights[row + rows + 1, column + columns + 1]:
+                    heights[row + rows + 1, column + columns + 1] = z

@@ -1,0 +1,270 @@
+"""Fixed-point iteration for the pressure on the pins of one press.
+
+Each step fits the pins' springs to the layer: their rest points take the part of the layer's
+response that the springs leave out, w(p) - D p. Which springs are in contact, and how they share
+the force, is then solved exactly. The steps are preconditioned and mixed by Anderson acceleration.
+After convergence MuJoCo (`t2twin.sim.contact.mujoco_pins`) solves the same springs as a contact
+problem; where its result differs, the iteration goes on from there.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import neo_hookean_mm
+from t2twin.sim.contact.grid import Window, relative_window, window_shape
+from t2twin.sim.contact.layer import Layer
+from t2twin.sim.contact.mujoco_pins import POOL_SIZES, borrowed_pins
+from t2twin.sim.contact.pins import Pins, spread
+from t2twin.sim.contact.solver_loops import (
+    Anderson,
+    fit_springs,
+    mean_deflection,
+    precondition,
+    redistribute_force,
+    spring_depth,
+)
+from t2twin.sim.contact.types import PinState
+
+SPRING_SHARE = 0.8
+"""A pin's compliance over the layer's largest. 0.6 to 1 converge equally fast."""
+
+REACHES_MM, GAINS = (0.125, 0.25, 0.5), (2.0, 2.0, 1.0)
+"""Distances, mm, over which a pin's step is compared with its neighbors', and the gains on the
+differences (`t2twin.sim.contact.solver_loops.precondition`). They nearly halve the number of steps
+of the last stage. Reaches below one fine cell are left out. Gains twice as large overshoot."""
+
+MIN_STEPS = 2
+"""Least number of steps: the first does not include pins that were added before it."""
+
+MAX_STEPS = 40
+"""Limit on full steps; of a thousand contacts six need more than 25."""
+
+DAMPED_STEPS = ((0.3, 60), (0.1, 400))
+"""Step sizes that are tried in turn after full steps fail, and the limit on the number of each: two
+in three presses that oscillate converge three times as fast with the larger one."""
+
+MIN_SLOPE, STIFFER_MIN_SLOPE = 0.02, 0.002
+"""Least share of a pin's compliance that stiffening leaves, which keeps the springs finite. The
+second is for presses that do not converge with the first: where the layer is pressed almost
+through, springs so much softer than the layer overshoot back and forth."""
+
+PENETRATION_MM = 1e-3
+"""Height of the shape above an inactive pin that is tolerated, mm: the change in a converged
+step."""
+
+GUESSES = 3
+"""Rounds in which the springs and their expected contact are adapted to each other."""
+
+
+@dataclass(frozen=True)
+class InitialGuess:
+    """Start of an iteration. pressure_mpa: (rows, columns) of the window's fine cells."""
+
+    pressure_mpa: np.ndarray
+    depth_mm: float
+
+
+class FixedPoint:
+    """State of one press during the iteration.
+
+    pins, force_n: the press. start: None starts from independent springs. verify: whether MuJoCo
+    verifies the converged state; a rough first stage does without.
+
+    Attributes: pressure_mpa, (n,) on the covered part of each pin's block; depth_mm, the shape's;
+    active, (n,) bool, the pins that take part: those at the contact and their neighbors;
+    compiling_s, time spent on compiling MuJoCo models.
+    """
+
+    def __init__(
+        self, pins: Pins, force_n: float, start: InitialGuess | None, verify: bool
+    ) -> None:
+        self.pins = pins
+        self.force_n = force_n
+        self.compiling_s = 0.0
+        self._verify = verify
+        self._min_slope = MIN_SLOPE
+        if start is not None:
+            self.pressure_mpa = pins.gather(start.pressure_mpa)
+            self.depth_mm = start.depth_mm
+            self.active = pins.with_neighbors(self.pressure_mpa > 0)
+            if self.active.any():  # else the finer pins do not cover the cells that were loaded
+                self._set_compliance()
+                return
+        self.active = np.ones(pins.gap_mm.size, bool)
+        for _ in range(GUESSES):
+            self._set_compliance()
+            self.depth_mm = spring_depth(self.force, pins.gap_mm, pins.covered)
+            self.active = pins.with_neighbors(pins.gap_mm < self.depth_mm)
+        pressed = np.maximum(self.depth_mm - pins.gap_mm, 0.0)
+        self.pressure_mpa = np.where(self.active, pressed, 0.0) / self.compliance
+        self._set_compliance()
+
+    def _set_compliance(self) -> None:
+        """Set the springs' compliance D, mm/MPa, for the active pins."""
+        self.compliance = spring_compliance(self.pins.layer, self.pins.window_of(self.active))
+
+    @property
+    def force(self) -> float:
+        """The commanded force in units of the spring of one fine cell x mm."""
+        return self.force_n * self.compliance / self.pins.cell_mm2
+
+    def fine_pressure_mpa(self) -> np.ndarray:
+        """Mean pressure on each fine cell of the window, (rows, columns)."""
+        return self.pins.spread(self.pressure_mpa)
+
+    def solve(self, tolerance: float) -> bool:
+        """Iterate until the pressure changes by less than a tolerance, a share of the force.
+
+        Where full steps oscillate, as in places that are pressed almost through, goes on with
+        damped steps and then with stiffer springs. Returns whether the iteration converged.
+        """
+        if self._solve(tolerance, 1.0, MAX_STEPS):
+            return True
+        if any(self._solve(tolerance, step, limit) for step, limit in DAMPED_STEPS):
+            return True
+        self._min_slope = STIFFER_MIN_SLOPE
+        return self._solve(tolerance, 1.0, MAX_STEPS)
+
+    def _solve(self, tolerance: float, step: float, steps_left: int) -> bool:
+        """Iterate, adding inactive pins that the shape penetrates, until there are none."""
+        while True:
+            converged, steps = self._iterate(steps_left, tolerance, step)
+            steps_left -= steps
+            penetrated = self._penetrated()
+            if not penetrated.any():
+                return converged
+            if steps_left <= 0:
+                return False
+            self.active |= self.pins.with_neighbors(penetrated)
+            self.pressure_mpa[~self.active] = 0.0
+            self._set_compliance()
+
+    def _iterate(self, max_steps: int, tolerance: float, step: float) -> tuple[bool, int]:
+        """Iterate on the active pins; returns whether it converged, and the number of steps.
+
+        step: size of the steps, 1 for full ones, which are accelerated.
+        """
+        pins, active = self.pins, self.active
+        blocks = tuple(of[active] for of in pins.blocks)
+        gap, area, edge = pins.gap_mm[active], pins.covered[active], pins.edge_mm_per_mpa[active]
+        surface, slope, local, rest = np.empty((4, gap.size))
+        fine = np.empty(window_shape(pins.window), np.float32)
+        acceleration = Anderson(gap.size)
+        reaches = np.rint(np.array(REACHES_MM) / pins.layer.pitch_mm).astype(int)
+        around = reaches[reaches > 0], np.array(GAINS)[reaches > 0]
+        sums = np.zeros((fine.shape[0] + 1, fine.shape[1] + 1, 2))
+        current = self.pressure_mpa[active]
+        steps = 0
+        while True:
+            steps += 1
+            spread(current, *blocks, pins.cover, fine)
+            self._responses = pins.layer.responses(fine)
+            self._deflection(blocks, area, surface, slope)
+            self.depth_mm = fit_springs(
+                self.force, self.compliance, self._min_slope,
+                gap, edge, area, surface, slope, current, local, rest,
+            )  # fmt: skip
+            deflection, pressure = self.depth_mm - gap, np.empty(gap.size)
+            change = redistribute_force(deflection, rest, local, area, current, pressure)
+            if steps < MIN_STEPS:
+                change = np.inf
+            last = change < tolerance or steps == max_steps
+            if last and self._verify and not self._penetrated().any():
+                deflection = self._verify_with_mujoco(gap, rest, area * self.compliance / local)
+                change = redistribute_force(deflection, rest, local, area, current, pressure)
+            if change < tolerance or steps == max_steps:
+                break
+            if step < 1.0:
+                current = current + step * (pressure - current)
+            else:
+                precondition(pressure, current, *blocks, *around, sums)
+                current = np.maximum(acceleration.next(current, pressure), 0.0)
+        self.pressure_mpa[active] = pressure
+        self._rest, self._pressed, self._local = rest, deflection, local
+        return change < tolerance, steps
+
+    def _deflection(
+        self,
+        blocks: tuple[np.ndarray, ...],
+        covered: np.ndarray,
+        surface: np.ndarray,
+        slope: np.ndarray,
+    ) -> None:
+        """Write the surface's mean deflection at some pins, (n,), mm, and the law's slope."""
+        pins = self.pins
+        mean_deflection(
+            self._responses, pins.weights, pins.thickness_mm, pins.stiffens,
+            *blocks, pins.cover, covered, surface, slope,
+        )  # fmt: skip
+
+    def _verify_with_mujoco(
+        self, gap: np.ndarray, rest: np.ndarray, stiffness: np.ndarray
+    ) -> np.ndarray:
+        """The pins' deflections by MuJoCo's contact solver, (n,), mm; sets depth_mm.
+
+        Raises T2TwinError for more pins than the largest model has.
+        """
+        if gap.size > POOL_SIZES[-1]:
+            raise T2TwinError(
+                f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
+            )
+        started = time.perf_counter()
+        with borrowed_pins(gap.size) as model:
+            self.compiling_s += time.perf_counter() - started
+            model.set_state(gap, self.depth_mm)
+            self.depth_mm, deflection = model.step(self.force, rest, stiffness)
+        return deflection
+
+    def _penetrated(self) -> np.ndarray:
+        """(n,) bool: the inactive pins at which the shape stands above the surface."""
+        pins, penetrated = self.pins, ~self.active
+        surface, slope = np.empty((2, int(penetrated.sum())))
+        blocks = tuple(of[penetrated] for of in pins.blocks)
+        self._deflection(blocks, pins.covered[penetrated], surface, slope)
+        penetrated[penetrated] = self.depth_mm - pins.gap_mm[penetrated] > surface + PENETRATION_MM
+        return penetrated
+
+    def pin_state(self) -> PinState:
+        """The active pins after the last step."""
+        pins, active = self.pins, self.active
+        x, y = pins.centers_mm()
+        height = pins.mean_over_cover(pins.layer.rest_mm[pins.window])
+        stiffness = pins.covered[active] * pins.cell_mm2 / self._local
+        return PinState(
+            x[active],
+            y[active],
+            height[active],
+            pins.gap_mm[active],
+            self._pressed,
+            self._rest,
+            stiffness,
+            pins.sides[active] * pins.layer.pitch_mm,
+        )
+
+    def fine_surface_mm(self, window: Window) -> np.ndarray:
+        """Mean deflection of each fine cell of a window that contains the pins' window, mm."""
+        layer = self.pins.layer
+        pressure = np.zeros(window_shape(window))
+        pressure[relative_window(self.pins.window, window)] = self.fine_pressure_mpa()
+        return apply_law(layer, layer.deflection_mm(pressure, window), window)
+
+
+def apply_law(layer: Layer, linear_mm: np.ndarray, window: Window) -> np.ndarray:
+    """Deflection by the elastomer's law from the linear layer's, (rows, columns), mm."""
+    if layer.elastomer.law == "linear":
+        return linear_mm
+    return neo_hookean_mm(linear_mm, layer.thickness_mm[window])
+
+
+def spring_compliance(layer: Layer, loaded: Window) -> float:
+    """The springs' compliance for a loaded window of a layer's grid, mm/MPa."""
+    return SPRING_SHARE * layer.compliance_bound_mm_per_mpa(window_shape(loaded))
+
+
+def winkler_depth_mm(gap_mm: np.ndarray, force: float) -> float:
+    """Depth at which independent unit springs under the gaps carry a force (springs x mm)."""
+    gaps = np.ascontiguousarray(gap_mm, np.float64).ravel()
+    return spring_depth(force, gaps, np.ones(gaps.size))

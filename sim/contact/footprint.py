@@ -1,0 +1,342 @@
+"""Footprint of a shape on a grid: its mean height over each cell, and the share it covers."""
+
+import weakref
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import ndimage
+
+from t2twin.core.jit import compiled
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
+from t2twin.sim.contact.grid import block_max, block_sums
+from t2twin.sim.contact.types import PressCommand
+
+SAMPLES = 5
+"""Points a side at which a cell is sampled."""
+
+CENTER_AND_CORNERS = np.array([12, 0, 4, 20, 24])
+"""Indices of a cell's center and corner samples, which are numbered row by row."""
+
+STEEPEST = 1.5
+"""Height difference within a cell, in cells, above which it contains a wall and not a slope."""
+
+CENTER_WEIGHT = 1 - 1 / (12 * 0.4**2)
+"""Weight of a cell's center in its mean height, the corners sharing the rest: exact for quadratic
+heights, as the corner samples lie 0.4 cells off the center both ways."""
+
+MIN_COVER = 0.1
+"""Cells covered by less than this share count as free."""
+
+BLOCK = 8
+"""Points a side of the height map's blocks whose flatness is precomputed."""
+
+NOT_FLAT = np.float32(np.inf)
+"""Marks a block that is not flat together with all blocks around it."""
+
+
+def to_shape_frame(
+    command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the sensor frame in the shape frame (see t2twin.primitives_cad.shape)."""
+    cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
+    dx, dy = x_mm - command.x_mm, y_mm - command.y_mm
+    return cos * dx + sin * dy, sin * dx - cos * dy
+
+
+def heights_at(
+    surface: HeightMap, command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray
+) -> np.ndarray:
+    """Heights of a pressed shape over the points of two axes, (y, x) float32, mm, bilinear."""
+    heights = np.empty((y_mm.size, x_mm.size), np.float32)
+    _heights(*_lookup(surface, command), x_mm, y_mm, heights)
+    return heights
+
+
+def raise_to_shape(
+    surface_mm: np.ndarray,
+    shape_surface: HeightMap,
+    command: PressCommand,
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    apex_mm: np.ndarray,
+    near: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> None:
+    """Raise a surface, (y, x) float32, mm, in place to a pressed shape wherever that is higher.
+
+    apex_mm: (y, x) float32, level of the shape's height 0. near: mask of the coarser cells in which
+    the shape is sampled, and the mask's row (y,) and column (x,) of each point.
+    """
+    _raise(*_lookup(shape_surface, command), x_mm, y_mm, apex_mm, *near, surface_mm)
+
+
+@dataclass(frozen=True)
+class Footprint:
+    """A shape over the cells of a grid, all (ny, nx).
+
+    heights_mm: mean height of the part over each cell, mm, NOTHING_MM where there is none.
+    shares: covered share of the cell, 0 to 1.
+    peaks_mm: highest point over the cell, mm.
+    """
+
+    heights_mm: np.ndarray
+    shares: np.ndarray
+    peaks_mm: np.ndarray
+
+    def coarsened(self, per_side: int) -> "Footprint":
+        """The footprint on cells of per_side x per_side of these."""
+        if per_side == 1:
+            return self
+        peaks = block_max(self.peaks_mm, per_side)
+        covered = block_sums(self.shares, per_side)
+        heights = np.where(self.shares > 0, self.heights_mm, 0.0)
+        mean = block_sums(self.shares * heights, per_side) / np.maximum(covered, MIN_COVER)
+        return Footprint(np.where(covered > 0, mean, NOTHING_MM), covered / per_side**2, peaks)
+
+
+def footprint(
+    surface: HeightMap,
+    command: PressCommand,
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    active: np.ndarray | None = None,
+) -> Footprint:
+    """The footprint on cells with centers x_mm (nx,), y_mm (ny,), mm, equally spaced.
+
+    active: bool on coarser cells that each contain a whole number of these; the others are
+        treated as free. None includes all.
+    """
+    heights, shares, peaks = np.empty((3, y_mm.size, x_mm.size))
+    included = np.ones((1, 1), bool) if active is None else np.ascontiguousarray(active)
+    lookup = _lookup(surface, command)
+    _footprint(*lookup, _flat_blocks(surface), x_mm, y_mm, included, heights, shares, peaks)
+    return Footprint(heights, shares, peaks)
+
+
+_flat: dict[int, tuple[weakref.ref, np.ndarray]] = {}
+"""Results of `_flat_blocks` for living surfaces, by identity."""
+
+
+def _flat_blocks(surface: HeightMap) -> np.ndarray:
+    """Height of each block of BLOCK x BLOCK points, mm; NOT_FLAT where a neighbor differs.
+
+    Computed once a surface: a base plate and a punch's face are most of a map.
+    """
+    known = _flat.get(id(surface))
+    if known is not None and known[0]() is surface:
+        return known[1]
+    heights = np.asarray(surface.heights_mm, np.float32)
+    rows, columns = (np.arange(0, side, BLOCK) for side in heights.shape)
+    low, high = (
+        extreme.reduceat(extreme.reduceat(heights, rows, axis=0), columns, axis=1)
+        for extreme in (np.minimum, np.maximum)
+    )
+    low, high = ndimage.minimum_filter(low, 3), ndimage.maximum_filter(high, 3)
+    blocks = np.where(low == high, low, NOT_FLAT).astype(np.float32)
+    place = id(surface)
+    _flat[place] = weakref.ref(surface, lambda _: _flat.pop(place, None)), blocks
+    return blocks
+
+
+def _lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
+    """Arguments of the compiled loops, of the types _LOOKUP.
+
+    The heights, column and row of the shape's origin, the press position, and cos and sin of the
+    yaw in cells per mm.
+    """
+    per_mm = 1.0 / surface.pitch_mm
+    return (
+        np.ascontiguousarray(surface.heights_mm, dtype=np.float32),
+        -float(surface.x_mm[0]) * per_mm,
+        -float(surface.y_mm[0]) * per_mm,
+        float(command.x_mm),
+        float(command.y_mm),
+        float(np.cos(command.yaw_rad)) * per_mm,
+        float(np.sin(command.yaw_rad)) * per_mm,
+    )
+
+
+_LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"
+"""Types of what `_lookup` returns."""
+
+
+@compiled(inline="always")
+def _column_and_row(column, row, press_x, press_y, cos, sin, x, y):
+    """Column and row of a point of the sensor frame on the height map."""
+    dx, dy = x - press_x, y - press_y
+    return column + (cos * dx + sin * dy), row + (sin * dx - cos * dy)
+
+
+@compiled("f4(f4[:, ::1], f8, f8)", nogil=True)
+def _height(heights, column, row):
+    if not (0.0 <= column < heights.shape[1] - 1 and 0.0 <= row < heights.shape[0] - 1):
+        return np.float32(NOTHING_MM)
+    # Unsigned indices save the check for negative ones.
+    j, i, one = np.uintp(column), np.uintp(row), np.uintp(1)
+    across, down = np.float32(column - j), np.float32(row - i)
+    upper, lower = heights[i], heights[i + one]
+    left = upper[j] + down * (lower[j] - upper[j])
+    right = upper[j + one] + down * (lower[j + one] - upper[j + one])
+    return left + across * (right - left)
+
+
+@compiled("void(f4[:, ::1], f8[::1], f8[::1], i8, f4[::1])", nogil=True)
+def _heights_along(heights, columns, rows, count, found):
+    """`_height` at `count` places. Twice as fast as a loop that also computes the places."""
+    points, width, one = heights.ravel(), np.uint32(heights.shape[1]), np.uint32(1)
+    last_column, last_row = heights.shape[1] - 1, heights.shape[0] - 1
+    for n in range(count):
+        column, row = columns[n], rows[n]
+        if not (0.0 <= column < last_column and 0.0 <= row < last_row):
+            found[n] = NOTHING_MM
+            continue
+        j, i = np.int32(column), np.int32(row)
+        across, down = np.float32(column - j), np.float32(row - i)
+        upper = np.uint32(np.uint32(i) * width + np.uint32(j))
+        lower = np.uint32(upper + width)
+        left = points[upper] + down * (points[lower] - points[upper])
+        upper, lower = np.uint32(upper + one), np.uint32(lower + one)
+        right = points[upper] + down * (points[lower] - points[upper])
+        found[n] = left + across * (right - left)
+
+
+@compiled(f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1])", nogil=True)
+def _heights(heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, out):
+    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
+    for i in range(y_mm.size):
+        for j in range(x_mm.size):
+            columns[j], rows[j] = _column_and_row(
+                at_column, at_row, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
+            )
+        _heights_along(heights, columns, rows, x_mm.size, out[i])
+
+
+@compiled(
+    f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1], b1[:, ::1], i8[::1], i8[::1], f4[:, ::1])",
+    nogil=True,
+)
+def _raise(
+    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, apex, near, near_rows,
+    near_columns, out,
+):  # fmt: skip
+    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
+    chosen, found = np.empty(x_mm.size, np.int64), np.empty(x_mm.size, np.float32)
+    for i in range(y_mm.size):
+        wanted, count = near[near_rows[i]], 0
+        for j in range(x_mm.size):
+            chosen[count] = j
+            count += wanted[near_columns[j]]
+        for n in range(count):
+            columns[n], rows[n] = _column_and_row(
+                at_column, at_row, press_x, press_y, cos, sin, x_mm[chosen[n]], y_mm[i]
+            )
+        _heights_along(heights, columns, rows, count, found)
+        for n in range(count):
+            j = chosen[n]
+            out[i, j] = max(out[i, j], apex[i, j] + found[n])
+
+
+@compiled(inline="always")
+def _sample_offsets(cos, sin, cell):
+    """Columns and rows of a cell's samples relative to its center, on the height map."""
+    apart, first = cell / SAMPLES, -(SAMPLES - 1) / 2
+    columns, rows = np.empty(SAMPLES * SAMPLES), np.empty(SAMPLES * SAMPLES)
+    for a in range(SAMPLES):
+        for b in range(SAMPLES):
+            x, y = (first + b) * apart, (first + a) * apart
+            columns[SAMPLES * a + b] = cos * x + sin * y
+            rows[SAMPLES * a + b] = sin * x - cos * y
+    return columns, rows
+
+
+@compiled(inline="always")
+def _walled_cell(heights, column, row, aside, ahead, samples, high, cell):
+    """Mean height, share and peak of the part of a cell above its walls, from all samples."""
+    for k in range(samples.size):
+        samples[k] = _height(heights, column + aside[k], row + ahead[k])
+        high = max(high, samples[k])
+    lowest = high - STEEPEST * cell
+    covered, total = 0, 0.0
+    for k in range(samples.size):
+        if samples[k] >= lowest and samples[k] > NOTHING_MM / 2:
+            covered += 1
+            total += samples[k]
+    if covered >= MIN_COVER * samples.size:
+        return total / covered, covered / samples.size, high
+    return NOTHING_MM, 0.0, NOTHING_MM
+
+
+@compiled(inline="always")
+def _smooth_cell(few, n, cell):
+    """Whether a cell contains no wall, its mean height, lowest and highest sample."""
+    center = few[0, n]
+    low, high, total = center, center, np.float32(0.0)
+    for k in range(1, CENTER_AND_CORNERS.size):
+        height = few[k, n]
+        low, high, total = min(low, height), max(high, height), total + height
+    mean = CENTER_WEIGHT * center + (1 - CENTER_WEIGHT) * total / 4
+    return high - low <= STEEPEST * cell, mean, low, high
+
+
+@compiled(
+    f"void({_LOOKUP}, f4[:, ::1], f8[::1], f8[::1], b1[:, ::1], f8[:, ::1], f8[:, ::1],"
+    " f8[:, ::1])",
+    nogil=True,
+)
+def _footprint(
+    heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, included,
+    mean, share, peak,
+):  # fmt: skip
+    """Writes mean, share and peak, all (ny, nx), of a Footprint."""
+    cell = x_mm[1] - x_mm[0]
+    aside, ahead = _sample_offsets(cos, sin, cell)
+    samples = np.empty(SAMPLES * SAMPLES)
+    # The sampled cells of a row, and their heights at the center and the corners.
+    chosen = np.empty(x_mm.size, np.int64)
+    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
+    along, below = np.empty(x_mm.size), np.empty(x_mm.size)
+    few = np.empty((CENTER_AND_CORNERS.size, x_mm.size), np.float32)
+    mean[:] = NOTHING_MM
+    share[:] = 0.0
+    peak[:] = NOTHING_MM
+    # A cell's side in cells of the map: farther outside the map no sample of a cell is on it.
+    reach = cell * np.hypot(cos, sin)
+    max_column, max_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
+    # A cell's samples lie within its middle four fifths, whichever way it is turned.
+    within_block = 0.4 * np.sqrt(2.0) * reach + 1.0 < BLOCK
+    inner_column, inner_row = heights.shape[1] - 1 - reach, heights.shape[0] - 1 - reach
+    down, across = y_mm.size // included.shape[0], x_mm.size // included.shape[1]
+    for i in range(y_mm.size):
+        count = 0
+        for j in range(x_mm.size):
+            if not included[i // down, j // across]:
+                continue
+            column, row = _column_and_row(
+                at_column, at_row, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
+            )
+            if not (-reach < column < max_column and -reach < row < max_row):
+                continue
+            if within_block and reach < column < inner_column and reach < row < inner_row:
+                height = flat[int(row) // BLOCK, int(column) // BLOCK]
+                if height != NOT_FLAT:
+                    mean[i, j] = peak[i, j] = height
+                    share[i, j] = 1.0 if height > NOTHING_MM / 2 else 0.0
+                    continue
+            chosen[count], columns[count], rows[count] = j, column, row
+            count += 1
+        for k in range(CENTER_AND_CORNERS.size):
+            for n in range(count):
+                along[n] = columns[n] + aside[CENTER_AND_CORNERS[k]]
+                below[n] = rows[n] + ahead[CENTER_AND_CORNERS[k]]
+            _heights_along(heights, along, below, count, few[k])
+        for n in range(count):
+            j = chosen[n]
+            smooth, height, low, high = _smooth_cell(few, n, cell)
+            if not smooth:
+                mean[i, j], share[i, j], peak[i, j] = _walled_cell(
+                    heights, columns[n], rows[n], aside, ahead, samples, np.float64(high), cell
+                )
+                continue
+            peak[i, j] = high
+            if low > NOTHING_MM / 2:
+                mean[i, j], share[i, j] = height, 1.0

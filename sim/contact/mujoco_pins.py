@@ -1,0 +1,169 @@
+"""The MuJoCo model of a press: pins on springs, and a rigid shape on a slide.
+
+Each pin is a ball on a vertical slide joint with a spring. The shape is one body on a vertical
+slide joint, pushed with the commanded force; it has one ball above each pin, at the shape's height
+there. A pin can touch only the ball above it, without friction. Contact forces are therefore
+vertical, and the model is exact for normal contact with any outline or slope.
+
+Units inside the model: mm, s, and the force that compresses an unstiffened pin's spring by 1 mm, so
+that springs are about 1 and one compiled model serves every elastomer and pitch. The `discrete`
+integrator is implicit in position: with masses far below stiffness x step^2 one step reaches the
+static equilibrium of springs and contact.
+"""
+
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from threading import Lock
+
+import mujoco
+import numpy as np
+
+from t2twin.core.cache_dir import cache_dir
+from t2twin.core.cached_files import read_checked, short_digest, write_checked
+from t2twin.core.errors import T2TwinError
+
+BALL_MM = 1.0
+"""Radius of the balls, mm: more than the penetration in any step. Neighboring balls may overlap, as
+each touches only its partner."""
+
+TOUCH_MM = 1e-3
+"""Overlap of every pin with its partner at the start of a step, mm, so that no contact is missed.
+The equilibrium does not depend on where the pins start."""
+
+PIN_MASS = 1e-5
+"""Mass of a pin over its stiffness x step^2: small, so that it is at rest after one step."""
+
+SHAPE_MASS = 10.0
+"""Mass of the shape over one pin's stiffness x step^2: on more than a few pins it reaches the
+equilibrium in one or two steps, and its contact stays stiff."""
+
+POOL_SIZES = (128, 192, 256, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 6144, 8192)
+"""Numbers of pins for which a model is compiled; a press uses the smallest that fits."""
+
+MIN_CACHED_PINS = 1024
+"""Compiled models with at least this number of pins are cached on disk."""
+
+PARKED_MM = 1.0e4
+"""Height of the shape's ball above an unused pin, mm."""
+
+
+def mjcf(pins: int) -> str:
+    """The model as MJCF text: the shape first, so that the solver's factorization stays sparse."""
+    balls = "".join(
+        f'<geom name="over{i}" pos="{0.01 * (i + 1):g} 0 {PARKED_MM:g}"/>' for i in range(pins)
+    )
+    bodies = "".join(
+        f'<body name="pin{i}" pos="{0.01 * (i + 1):g} 0 {-BALL_MM:g}"><joint class="pin"/>'
+        f'<geom name="tip{i}"/></body>'
+        for i in range(pins)
+    )
+    pairs = "".join(f'<pair geom1="over{i}" geom2="tip{i}"/>' for i in range(pins))
+    return f"""<mujoco model="press">
+  <option timestep="1" integrator="discrete" solver="Newton" gravity="0 0 0" tolerance="1e-10">
+    <flag refsafe="disable" island="disable" sensor="disable" actuation="disable"/>
+  </option>
+  <size memory="{max(16, pins // 16)}M"/>
+  <default>
+    <geom type="sphere" size="{BALL_MM:g}" mass="{PIN_MASS:g}" contype="0" conaffinity="0"/>
+    <pair condim="1" solref="0.001 1" solimp="0.9999 0.9999 0.001 0.5 2"/>
+    <default class="pin"><joint type="slide" axis="0 0 1" stiffness="1"/></default>
+  </default>
+  <worldbody>
+    <body name="shape"><inertial pos="0 0 0" mass="{SHAPE_MASS:g}" diaginertia="1 1 1"/>
+      <joint name="down" type="slide" axis="0 0 1"/>{balls}</body>
+    {bodies}
+  </worldbody>
+  <contact>{pairs}</contact>
+</mujoco>"""
+
+
+def _model(pins: int) -> mujoco.MjModel:
+    """The compiled model. Large ones are cached on disk: compiling 8,192 pins takes four seconds,
+    loading them 0.05 s."""
+    text, folder = mjcf(pins), cache_dir() if pins >= MIN_CACHED_PINS else None
+    if folder is None:
+        return mujoco.MjModel.from_xml_string(text)
+    path = folder / "mujoco" / f"{pins}-{short_digest(f'{mujoco.__version__} {text}'.encode())}.mjb"
+    content = read_checked(path)
+    if content is not None:
+        return mujoco.MjModel.from_binary_path(path.name, {path.name: content})
+    model = mujoco.MjModel.from_xml_string(text)
+    with suppress(T2TwinError):  # a full disk: it is compiled the next time too
+        content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+        mujoco.mj_saveModel(model, None, content)
+        write_checked(path, content.tobytes())
+        for older in set(path.parent.glob(f"{pins}-*.mjb")) - {path}:
+            older.unlink(missing_ok=True)
+    return model
+
+
+class MujocoPins:
+    """A compiled model of a fixed number of pins, whose state is set for each press."""
+
+    def __init__(self, pins: int) -> None:
+        self.pins = pins
+        self.model = _model(pins)
+        self.data = mujoco.MjData(self.model)
+        self._gap_mm = np.zeros(0)
+
+    def set_state(self, gap_mm: np.ndarray, depth_mm: float) -> None:
+        """Place n <= pins pins and the shape above them.
+
+        gap_mm: (n,) distance of each pin from the shape at first touch. depth_mm: the shape's.
+        """
+        model, data, n = self.model, self.data, gap_mm.size
+        model.geom_pos[n : self.pins, 2] = PARKED_MM
+        model.geom_pos[:n, 2] = gap_mm + BALL_MM
+        mujoco.mj_resetData(model, data)
+        model.qpos_spring[:] = 0.0
+        data.qpos[0] = -depth_mm
+        model.jnt_stiffness[n + 1 :] = 1.0
+        self._gap_mm = gap_mm
+
+    def step(
+        self, force: float, spring_rest_mm: np.ndarray, stiffness: np.ndarray
+    ) -> tuple[float, np.ndarray]:
+        """One step to the equilibrium under a force, in units of a pin's spring x mm.
+
+        spring_rest_mm: (n,) deflections at which the springs carry nothing, mm.
+        stiffness: (n,) of the springs, in units of a pin's spring.
+        Returns the shape's depth, mm, and the pins' deflections (n,), mm.
+        """
+        n = spring_rest_mm.size
+        self.model.jnt_stiffness[1 : n + 1] = stiffness
+        self.model.qpos_spring[1 : n + 1] = -spring_rest_mm
+        self.data.qfrc_applied[0] = -force
+        self.data.qpos[1 : n + 1] = self.data.qpos[0] + self._gap_mm + TOUCH_MM
+        self.data.qvel[:] = 0.0
+        mujoco.mj_step(self.model, self.data)
+        return -float(self.data.qpos[0]), -self.data.qpos[1 : n + 1].copy()
+
+
+_log = mujoco.MjLogConfig.get()
+_log.logto_file = False  # else a warning writes MUJOCO_LOG.TXT to the working directory
+_log.logto_console = False  # the solver handles a step that diverges
+_log.set()
+
+_idle: dict[int, list[MujocoPins]] = {}
+"""Pool of compiled models by number of pins: compiling takes longer than a press."""
+
+_idle_lock = Lock()
+
+
+@contextmanager
+def borrowed_pins(pins: int) -> Iterator[MujocoPins]:
+    """A compiled model with at least this number of pins, used by no other thread in the block."""
+    size = next(size for size in POOL_SIZES if size >= pins)
+    with _idle_lock:
+        pool = _idle.setdefault(size, [])
+        model = pool.pop() if pool else None
+    if model is None:
+        model = MujocoPins(size)
+    try:
+        yield model
+    finally:
+        with _idle_lock:
+            pool.append(model)

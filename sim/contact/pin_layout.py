@@ -1,0 +1,216 @@
+"""Where a press needs pins, and how fine: from a survey of the whole pad to the pins of each stage.
+
+The survey compares the shape with the pad on coarse cells and estimates the contact. Pins are then
+laid out under the estimated contact, finer at the shape's edges and where its surface is uneven.
+"""
+
+import time
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import NOTHING_MM, Shape
+from t2twin.sim.contact.fixed_point import (
+    GUESSES,
+    apply_law,
+    spring_compliance,
+    winkler_depth_mm,
+)
+from t2twin.sim.contact.footprint import footprint
+from t2twin.sim.contact.grid import (
+    block_means,
+    center_values,
+    dilated,
+    refined,
+    window_around,
+)
+from t2twin.sim.contact.layer import WHOLE, Layer, cached_layer
+from t2twin.sim.contact.mujoco_pins import POOL_SIZES
+from t2twin.sim.contact.pins import Pins, place_pins
+from t2twin.sim.contact.types import PressCommand
+
+SURVEY_MM = 0.5
+"""Largest cell of the survey and of a pin, mm."""
+
+FINER = (1, 2, 4)
+"""Allowed numbers of pins along a survey cell: the smallest where the shape is even, the largest at
+its edges and where it is uneven."""
+
+MIN_PINS = 200
+"""Number of pins that the expected contact covers at least, if FINER allows it."""
+
+EDGE_FACTOR = 2
+"""Factor on the number of pins along a survey cell at the shape's edges."""
+
+UNEVEN = 0.1
+"""Height of a cell's highest point above its mean, over the expected depth, above which the cell
+gets the smallest pins."""
+
+STAGES = ((0.25, 2e-2), (0.125, 5e-3))
+"""The rough and the last stage: coarsest grid of the layer, mm, and the relative change of the
+pressure in a step below which the stage has converged."""
+
+MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
+"""Tolerated penetration of the shape's highest points outside the pins: in mm, or as a share of the
+depth where that is less."""
+
+MARGIN_CELLS = 1
+"""Survey cells around the expected contact that get pins too."""
+
+
+class OffPadError(T2TwinError):
+    """No part of the shape lies over the pad."""
+
+
+class Survey:
+    """The whole pad and the shape above it, on cells of at most SURVEY_MM.
+
+    per_side: cells of the contact's grid along one survey cell. footprint: the shape over the
+    cells. gap_mm: (rows, columns) distance of surface and shape at first touch, mm, >= 0.
+    peak_gap_mm: the same for the shape's highest point over each cell instead of its mean.
+    preparing_s: time spent on cached layers.
+    Raises OffPadError for a shape that does not lie over the pad.
+    """
+
+    def __init__(self, shape: Shape, command: PressCommand, layer: Layer) -> None:
+        self.shape, self.command, self.layer = shape, command, layer
+        self.per_side = 2 if 2 * layer.pitch_mm <= SURVEY_MM + 1e-9 else 1
+        x = layer.x_mm.reshape(-1, self.per_side).mean(axis=1)
+        y = layer.y_mm.reshape(-1, self.per_side).mean(axis=1)
+        self.footprint = footprint(shape.surface, command, x, y)
+        surface = -block_means(layer.rest_mm, self.per_side)
+        distance = surface - self.footprint.heights_mm
+        nearest = float(distance.min())
+        if nearest > -NOTHING_MM / 2:
+            half_x, half_y = layer.elastomer.width_mm / 2, layer.elastomer.length_mm / 2
+            raise OffPadError(
+                f"{shape.name} at x {command.x_mm:g} mm, y {command.y_mm:g} mm does not lie over "
+                f"the {layer.elastomer.name} pad, which reaches {half_x:g} mm in x and {half_y:g} "
+                "mm in y from its center"
+            )
+        self.gap_mm = distance - nearest
+        peak_distance = surface - self.footprint.peaks_mm
+        self.peak_gap_mm = peak_distance - peak_distance.min()
+        self.preparing_s = 0.0
+
+    def surface_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
+        """The surface's deflection under a pressure, both on the contact's grid, (ny, nx), mm."""
+        layer = self.layer
+        return center_values(apply_law(layer, layer.deflection_mm(pressure_mpa), WHOLE), 1)
+
+    def missed(self, active: np.ndarray, depth_mm: float, pressure_mpa: np.ndarray) -> np.ndarray:
+        """(rows, columns) bool: the cells without pins where the shape penetrates the surface.
+
+        active: (rows, columns) bool, the cells that have pins. pressure_mpa: (ny, nx).
+        """
+        penetration_mm = depth_mm - self.peak_gap_mm
+        penetration_mm -= min(MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE * depth_mm)
+        missed = penetration_mm > 0
+        missed[active] = False
+        if missed.any():
+            missed &= penetration_mm > block_means(self.surface_mm(pressure_mpa), self.per_side)
+        return missed
+
+    def fine_layer(self, per_side: int) -> Layer:
+        """The layer on the contact's cells divided into per_side x per_side."""
+        started = time.perf_counter()
+        layer = cached_layer(self.layer.elastomer, self.layer.pitch_mm, per_side)
+        self.preparing_s += time.perf_counter() - started
+        return layer
+
+    def expected_contact(self, force_n: float) -> tuple[np.ndarray, float]:
+        """Contact area, (rows, columns) bool, and depth, mm, of independent springs that are as
+        compliant as the layer."""
+        depth, touching = 0.0, np.ones(self.gap_mm.shape, bool)
+        for _ in range(GUESSES):
+            loaded = refined(window_around(touching), self.per_side)
+            compliance = spring_compliance(self.layer, loaded)
+            force = force_n * compliance / (self.per_side * self.layer.pitch_mm) ** 2
+            depth = winkler_depth_mm(self.gap_mm, force)
+            touching = self.gap_mm < depth
+        return touching, depth
+
+
+class PinLayout:
+    """The pins of both stages, under an expected contact and MARGIN_CELLS around it.
+
+    expected: (rows, columns) bool on the survey's cells. depth_mm: the expected depth.
+    Attributes: active, the survey's cells that have pins; window, the window that contains them.
+    """
+
+    def __init__(self, survey: Survey, expected: np.ndarray, depth_mm: float) -> None:
+        self.survey = survey
+        self.active = dilated(expected, MARGIN_CELLS)
+        self.window = window_around(self.active)
+        self._even = _pins_per_cell(float(survey.footprint.shares[expected].sum()))
+        self._finest = self._per_side(FINER[-1], STAGES[-1][0])
+        fine = survey.fine_layer(self._finest)
+        rows, columns = refined(self.window, survey.per_side * self._finest)
+        self._footprint = footprint(
+            survey.shape.surface,
+            survey.command,
+            fine.x_mm[columns],
+            fine.y_mm[rows],
+            self.active[self.window],
+        )
+        self._first_touch_mm = float(
+            (-fine.rest_mm[rows, columns] - self._footprint.peaks_mm).min()
+        )
+        self._along = self._pins_along(depth_mm)
+
+    def stage(self, last: bool) -> tuple[Pins, float]:
+        """The pins of the rough or the last stage, and the tolerance of its convergence."""
+        layer_mm, tolerance = STAGES[last]
+        along = self._along
+        if not last:
+            along = np.where(along > 0, np.maximum(along // 2, 1), 0)
+        per_side = self._per_side(int(along.max()), layer_mm)
+        per_cell = self.survey.per_side * per_side
+        return place_pins(
+            self.survey.fine_layer(per_side),
+            refined(self.window, per_cell),
+            per_cell,
+            along,
+            self._footprint.coarsened(self._finest // per_side),
+            self._first_touch_mm,
+        ), tolerance
+
+    def _per_side(self, pins: int, layer_mm: float) -> int:
+        """Fine cells along one of the contact's: no fewer than pins along a survey cell."""
+        survey = self.survey
+        return max(1, round(pins / survey.per_side), round(survey.layer.pitch_mm / layer_mm))
+
+    def _pins_along(self, depth_mm: float) -> np.ndarray:
+        """(rows, columns) number of pins along each of the window's survey cells, 0 for none."""
+        cells = self._footprint.coarsened(self.survey.per_side * self._finest)
+        covered = self.active[self.window] & (cells.shares > 0)
+        uneven = cells.peaks_mm - cells.heights_mm > UNEVEN * depth_mm
+        wanted = np.where(self._at_edges(cells.shares), EDGE_FACTOR * self._even, self._even)
+        wanted[uneven] = FINER[-1]
+        allowed = len(FINER)
+        while True:
+            choices = np.searchsorted(FINER[: allowed - 1], wanted)
+            along = np.take(FINER[:allowed], choices) * covered
+            if (along**2).sum() <= POOL_SIZES[-1] or allowed == 1:
+                return along
+            allowed -= 1  # too many pins: a rim was expected, and a face behind it touches too
+
+    def _at_edges(self, shares: np.ndarray) -> np.ndarray:
+        """(rows, columns) bool: the window's cells at an edge of the shape.
+
+        They are the partly covered ones and the neighbors of cells that are covered by less than
+        half; the pad's rim counts as an edge.
+        """
+        free = np.zeros([side + 2 for side in shares.shape], bool)
+        free[1:-1, 1:-1] = self.active[self.window] & (shares < 0.5)
+        lengths = self.survey.gap_mm.shape
+        for axis, (side, length) in enumerate(zip(self.window, lengths, strict=True)):
+            ends = np.moveaxis(free, axis, 0)
+            ends[0], ends[-1] = side.start == 0, side.stop == length
+        return dilated(free, 1)[1:-1, 1:-1] | (shares < 1.0)
+
+
+def _pins_per_cell(cells_in_contact: float) -> int:
+    """Pins along a survey cell with which the contact covers at least MIN_PINS."""
+    enough = (finer for finer in FINER if cells_in_contact * finer**2 >= MIN_PINS)
+    return next(enough, FINER[-1])

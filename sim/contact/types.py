@@ -1,0 +1,118 @@
+"""Input and output of a press: the command, the pins, the contact.
+
+Frames are those of t2twin.primitives_cad.shape. Every grid is rows x columns: the row index rises
+with y, the column index with x.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.elastomer import Elastomer
+
+FORCE_RANGE_N = (0.01, 100.0)
+"""Smallest and largest force that can be commanded, N."""
+
+
+@dataclass(frozen=True)
+class PressCommand:
+    """One commanded press: the shape's pose on the sensor, and the force.
+
+    x_mm, y_mm: position of the shape's origin in the sensor frame, mm. yaw_rad: rotation about the
+    sensor's z. force_n: force along the press axis, N.
+    Raises T2TwinError for values that are not numbers, and for a pose that is not finite.
+    """
+
+    shape: str
+    x_mm: float
+    y_mm: float
+    yaw_rad: float
+    force_n: float
+
+    def __post_init__(self) -> None:
+        arguments.text(self.shape, "shape")
+        for name in ("x_mm", "y_mm", "yaw_rad"):
+            arguments.number(getattr(self, name), name)
+        arguments.real(self.force_n, "force_n")  # `solve_contact` checks its range
+
+
+@dataclass(frozen=True)
+class PinState:
+    """The active pins of a solved press, all (n,), as `t2twin.sim.scene` shows them.
+
+    x_mm, y_mm, rest_mm: positions of the pins, and heights of their undeformed tops.
+    deflection_mm: deflections. gap_mm: distances from the shape at first touch. spring_rest_mm,
+    stiffness_n_per_mm: rest deflections and stiffnesses of the springs. side_mm: sides of the
+    blocks of the pad that the pins represent.
+    """
+
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    rest_mm: np.ndarray
+    gap_mm: np.ndarray
+    deflection_mm: np.ndarray
+    spring_rest_mm: np.ndarray
+    stiffness_n_per_mm: np.ndarray
+    side_mm: np.ndarray
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The contact of one shape with one elastomer.
+
+    shape, command, elastomer: the press.
+    pressure_kpa: (ny, nx) normal pressure, >= 0.
+    x_mm: (nx,), y_mm: (ny,) the grid's axes in the sensor frame, mm, rising, equally spaced.
+    contact_area_mm2: area of the shape in contact.
+    depth_mm: travel of the shape from its first touch.
+    shape_depth_mm: depth of the shape's highest point below the apex of the undeformed surface
+        (equal to depth_mm on a flat layer).
+    force_n: integral of the pressure, N.
+    settled: whether the solver converged.
+    bottomed: whether the shape's base plate is in contact.
+    pins: the pins that carry the force.
+    milliseconds: computing time without surface_mm.
+    compute_surface: returns surface_mm. Called at its first use, as the CySkin needs only the
+        pressure.
+    """
+
+    shape: Shape
+    command: PressCommand
+    elastomer: Elastomer
+    pressure_kpa: np.ndarray
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    contact_area_mm2: float
+    depth_mm: float
+    shape_depth_mm: float
+    force_n: float
+    settled: bool
+    bottomed: bool
+    pins: PinState
+    milliseconds: float
+    compute_surface: Callable[[], np.ndarray] = field(repr=False, compare=False)
+
+    @cached_property
+    def surface_mm(self) -> np.ndarray:
+        """(ny, nx) float32 deflection of the surface into the sensor, mm; negative where it bulges
+        out."""
+        return self.compute_surface()
+
+    @property
+    def pitch_mm(self) -> float:
+        return float(self.x_mm[1] - self.x_mm[0])
+
+
+def check_force(force_n: float) -> None:
+    """Raises T2TwinError for a force outside FORCE_RANGE_N."""
+    low, high = FORCE_RANGE_N
+    force_n = arguments.real(force_n, "force_n")
+    if not low <= force_n <= high:
+        raise T2TwinError(
+            f"a force of {force_n:g} N cannot be pressed; allowed are {low:g} to {high:g} N"
+        )

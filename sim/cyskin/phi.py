@@ -1,0 +1,267 @@
+"""phi maps the counts of an array to a one-channel tactile image, phi^-1 maps it back.
+
+I = phi(Y) = A Y: barycentric interpolation over the Delaunay triangles of the taxel positions
+(Grella et al. 2023) at the pixel centers, zero outside the taxels' convex hull. A is computed once
+for a layout and an image size. phi^-1 is A's left inverse (A^T A)^-1 A^T: it returns exactly the Y
+of an image phi(Y), and the least-squares estimate for any other image, such as a generator's.
+
+Shape letters: B images in a batch, R rows, C columns, N taxels.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+from scipy import sparse
+
+from t2twin.core.cached_files import cached_array, short_digest
+from t2twin.core.errors import T2TwinError
+
+if TYPE_CHECKING:
+    import torch
+
+TACTILE_SHAPE = (396, 240)
+"""Rows and columns of a tactile image (Grella et al. 2023)."""
+
+PX_PER_MM = 8.8
+"""Scale of the tactile image, px/mm (assumed: 45 mm of the skin's length over 396 rows)."""
+
+SAME_PLACE_MM = 1e-3
+"""Distance within which two taxels coincide, mm (assumed: far below any printed board's)."""
+
+LARGEST_CONDITION = 1e8
+"""Largest condition number of A^T A for phi^-1 (assumed: leaves an accuracy of 1e-8)."""
+
+ROUNDING = 100 * float(np.finfo(float).eps)
+"""Tolerance at the edges of triangles, in barycentric coordinates (SciPy's default)."""
+
+WEIGHTS = np.dtype([("place", "i4"), ("corners", "i4", 3), ("weights", "f8", 3)])
+"""Index of a place inside a triangle, indices of the triangle's corners, barycentric weights."""
+
+
+class Phi:
+    """phi and phi^-1 for one taxel layout and one image size.
+
+    x_mm, y_mm: (N,) taxel positions, mm, sensor frame (x along columns, y along rows), the
+        image's center at the origin.
+    shape: rows and columns of the image. px_per_mm: its scale; pixels are square.
+
+    Attributes: `matrix`, A as a sparse (R*C, N) array; `hull`, (R, C) bool, whether a pixel center
+    lies inside the taxels' convex hull; `centers_mm`, the x of the columns and the y of the rows.
+
+    Raises T2TwinError for fewer than three taxels, taxels that coincide, taxels on one line, a
+    taxel outside the image, and taxels too close to be distinguished in the image.
+    """
+
+    def __init__(
+        self,
+        x_mm: np.ndarray,
+        y_mm: np.ndarray,
+        shape: tuple[int, int] = TACTILE_SHAPE,
+        px_per_mm: float = PX_PER_MM,
+    ) -> None:
+        x_mm, y_mm = np.asarray(x_mm, dtype=float), np.asarray(y_mm, dtype=float)
+        half_mm = np.array([shape[1], shape[0]]) / px_per_mm / 2
+        points = _checked_positions(x_mm, y_mm, half_mm)
+        columns_mm = (np.arange(shape[1]) + 0.5) / px_per_mm - half_mm[0]
+        rows_mm = (np.arange(shape[0]) + 0.5) / px_per_mm - half_mm[1]
+        centers = np.stack(np.meshgrid(columns_mm, rows_mm), axis=-1).reshape(-1, 2)
+        matrix = barycentric(points, centers)
+        matrix.data.clip(0.0, 1.0, out=matrix.data)  # rounding leaves some outside [0, 1]
+        self._set(matrix, _full_inverse(matrix, shape), shape, (columns_mm, rows_mm))
+
+    @classmethod
+    def _of_matrix(
+        cls,
+        matrix: sparse.csr_array,
+        inverse: np.ndarray,
+        shape: tuple[int, int],
+        centers_mm: tuple[np.ndarray, np.ndarray],
+    ) -> Phi:
+        """phi of a given A, (R*C, N), and the transpose of a left inverse, (R*C, N)."""
+        phi = cls.__new__(cls)
+        phi._set(matrix, inverse, shape, centers_mm)
+        return phi
+
+    def _set(
+        self,
+        matrix: sparse.csr_array,
+        inverse: np.ndarray,
+        shape: tuple[int, int],
+        centers_mm: tuple[np.ndarray, np.ndarray],
+    ) -> None:
+        self.matrix = matrix
+        self.shape = shape
+        self.centers_mm = centers_mm
+        self.hull = (matrix.sum(axis=1) > 0).reshape(shape)
+        # A has three entries a row, yet a dense product is about three times faster than a sparse
+        # one, because it writes the batch image by image.
+        self._forward = np.ascontiguousarray(matrix.toarray().T, dtype=np.float32)  # (N, R*C)
+        self._backward = inverse  # (R*C, N), in double precision because of cancellation
+
+    @property
+    def taxels(self) -> int:
+        """N, the number of taxels."""
+        return self._forward.shape[0]
+
+    def __call__(self, counts: np.ndarray) -> np.ndarray:
+        """Tactile images of arrays. counts: (N,) or (B, N). Returns (R, C) or (B, R, C) float32."""
+        counts = np.asarray(counts, dtype=np.float32)
+        if counts.shape[-1] != self.taxels:
+            raise T2TwinError(
+                f"phi was built for {self.taxels} taxels and was given {counts.shape[-1]}"
+            )
+        return (counts @ self._forward).reshape(*counts.shape[:-1], *self.shape)
+
+    def inverse(self, images: np.ndarray) -> np.ndarray:
+        """Arrays of tactile images. images: (R, C) or (B, R, C). Returns (N,) or (B, N) float32."""
+        images = np.asarray(images, dtype=float)
+        if images.shape[-2:] != self.shape:
+            raise T2TwinError(
+                f"phi^-1 was built for images of {self.shape[0]} x {self.shape[1]} pixels and was "
+                f"given {' x '.join(map(str, images.shape[-2:]))}"
+            )
+        counts = images.reshape(*images.shape[:-2], -1) @ self._backward
+        return counts.astype(np.float32)
+
+    def resized(self, shape: tuple[int, int]) -> Phi:
+        """The same phi followed by an area resize to `shape`, as one matrix with its own inverse.
+
+        Resizing is linear: `resized(s).inverse` is exact for every resized image of phi.
+        """
+        rows = _area_weights(self.shape[0], shape[0])
+        columns = _area_weights(self.shape[1], shape[1])
+        resize = sparse.kron(rows, columns, format="csr")
+        matrix = sparse.csr_array(resize @ self.matrix)
+        centers_mm = (columns @ self.centers_mm[0], rows @ self.centers_mm[1])
+        return Phi._of_matrix(matrix, _full_inverse(matrix, shape), shape, centers_mm)
+
+    def with_inverse_from(self, pixels: np.ndarray) -> Phi:
+        """The same phi, with a phi^-1 that uses only some pixels.
+
+        pixels: their indices, row by row, from 0 to R*C - 1. Raises T2TwinError where these pixels
+        do not determine the counts.
+        """
+        inverse = np.zeros_like(self._backward)
+        inverse[pixels] = _left_inverse(
+            self.matrix[pixels],
+            "the taxels lie too close together, or too near the rim, to be distinguished in the "
+            f"pixels used of an image of {self.shape[0]} x {self.shape[1]}",
+        )
+        return Phi._of_matrix(self.matrix, inverse, self.shape, self.centers_mm)
+
+    def to_torch(self, counts: torch.Tensor) -> torch.Tensor:
+        """phi on tensors, differentiable. counts: (B, N). Returns (B, 1, R, C), same device."""
+        import torch
+
+        forward = torch.from_numpy(self._forward).to(counts.device, counts.dtype)
+        return (counts @ forward).view(-1, 1, *self.shape)
+
+    def from_torch(self, images: torch.Tensor) -> torch.Tensor:
+        """phi^-1 on tensors, differentiable. images: (B, 1, R, C). Returns (B, N), same device."""
+        import torch
+
+        backward = torch.from_numpy(self._backward).to(images.device, images.dtype)
+        return images.reshape(images.shape[0], -1) @ backward
+
+
+def barycentric(
+    points: np.ndarray, at: np.ndarray, tolerance: float = ROUNDING
+) -> sparse.csr_array:
+    """Barycentric weights over the Delaunay triangles of points, (P, N).
+
+    points: (N, 2). at: (P, 2), places in the same unit. tolerance: at the edges of triangles, in
+    barycentric coordinates. Each place has three weights with sum 1, or zeros outside the points'
+    convex hull. The weights are cached on disk. Raises T2TwinError where the points span no
+    triangle.
+    """
+    digest = short_digest(points.tobytes() + at.tobytes())
+    key = repr((digest, points.shape, at.shape, tolerance, scipy.__version__))
+    found = cached_array("phi", key, __file__, lambda: _find_weights(points, at, tolerance))
+    rows, columns = np.repeat(found["place"].astype(int), 3), found["corners"].ravel()
+    entries = (found["weights"].ravel(), (rows, columns))
+    return sparse.csr_array(entries, shape=(at.shape[0], points.shape[0]))
+
+
+def _find_weights(points: np.ndarray, at: np.ndarray, tolerance: float) -> np.ndarray:
+    """The WEIGHTS of the places inside the convex hull; arguments as for `barycentric`."""
+    from scipy.spatial import Delaunay, QhullError  # slow to import
+
+    try:
+        triangles = Delaunay(points)
+    except QhullError:
+        raise T2TwinError(
+            "the taxels span no triangles; phi needs three that are not on one line"
+        ) from None
+    triangle = triangles.find_simplex(at, tol=tolerance)
+    inside = np.flatnonzero(triangle >= 0)
+    corners = triangles.simplices[triangle[inside]]  # (inside, 3)
+    transform = triangles.transform[triangle[inside]]  # (inside, 3, 2): a 2 x 2 and an offset
+    weights = np.einsum("pij,pj->pi", transform[:, :2], at[inside] - transform[:, 2])
+    found = np.empty(inside.size, WEIGHTS)
+    found["place"], found["corners"] = inside, corners
+    found["weights"] = np.column_stack([weights, 1.0 - weights.sum(axis=1)])
+    return found
+
+
+def _checked_positions(x_mm: np.ndarray, y_mm: np.ndarray, half_mm: np.ndarray) -> np.ndarray:
+    """The positions as (N, 2). Raises T2TwinError for a layout that phi cannot interpolate."""
+    if x_mm.ndim != 1 or x_mm.shape != y_mm.shape:
+        raise T2TwinError(
+            f"taxel positions have shapes {x_mm.shape} and {y_mm.shape}; x_mm and y_mm must be "
+            "two lists of one length"
+        )
+    if x_mm.size < 3:
+        raise T2TwinError(f"phi needs at least 3 taxels, the layout has {x_mm.size}")
+    points = np.column_stack([x_mm, y_mm])
+    if not np.isfinite(points).all():
+        raise T2TwinError("a taxel position is not a finite number; positions are given in mm")
+    distance = np.hypot(*(values[:, None] - values for values in (x_mm, y_mm)))
+    close = np.argwhere(np.triu(distance <= SAME_PLACE_MM, 1))
+    if len(close):
+        a, b = close[0]
+        raise T2TwinError(
+            f"taxels {a} and {b} are both at x {points[a, 0]:g} mm, y {points[a, 1]:g} mm; every "
+            "taxel must have its own place"
+        )
+    if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1] < SAME_PLACE_MM:
+        raise T2TwinError("the taxels lie on one line; phi needs three that span a triangle")
+    outside = np.flatnonzero((np.abs(points) > half_mm).any(axis=1))
+    if outside.size:
+        n = int(outside[0])
+        raise T2TwinError(
+            f"taxel {n} at x {points[n, 0]:g} mm, y {points[n, 1]:g} mm is outside the tactile "
+            f"image, which reaches {half_mm[0]:.2f} mm in x and {half_mm[1]:.2f} mm in y either "
+            "side of its center"
+        )
+    return points
+
+
+def _full_inverse(matrix: sparse.csr_array, shape: tuple[int, int]) -> np.ndarray:
+    """`_left_inverse` with all pixels of an image of this shape."""
+    return _left_inverse(
+        matrix,
+        f"the taxels lie too close together to be distinguished in an image of {shape[0]} x "
+        f"{shape[1]} pixels; they must be at least a pixel apart",
+    )
+
+
+def _left_inverse(matrix: sparse.csr_array, refusal: str) -> np.ndarray:
+    """A (A^T A)^-1, (pixels, N), the transpose of the left inverse of A, (pixels, N).
+
+    refusal: message where the pixels do not determine the counts.
+    """
+    normal = (matrix.T @ matrix).toarray()
+    if np.linalg.cond(normal) > LARGEST_CONDITION:
+        raise T2TwinError(refusal)
+    return matrix @ np.linalg.inv(normal)
+
+
+def _area_weights(size: int, new: int) -> sparse.csr_array:
+    """(new, size) weights of an area resize: the overlaps of new and old pixels."""
+    edges = np.linspace(0.0, size, new + 1)
+    pixel = np.arange(size)
+    overlap = np.minimum(edges[1:, None], pixel + 1.0) - np.maximum(edges[:-1, None], pixel)
+    return sparse.csr_array(overlap.clip(0.0) * (new / size))

@@ -1,0 +1,59 @@
+"""Rejection sampling of presses: attempts are rejected until one touches the shape and settles."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.pin_layout import OffPadError
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.touch import Touch
+from t2twin.sim.world.presses import PressSample
+
+Press = Callable[[Shape, PressCommand, np.random.Generator], Touch]
+"""t2twin.sim.sensors.SensorPair.press."""
+
+
+def press_until_accepted(
+    attempts: Iterable[PressSample], shape: Shape, press: Press, rejected: Counter[str]
+) -> tuple[Touch, int]:
+    """The first accepted attempt at a press, and its number.
+
+    attempts: from presses.press_attempts. shape: the planned one. rejected: counts the rejected
+    attempts by reason. A press on the grid is not sampled: it may bottom out, and must settle.
+    Raises T2TwinError where no attempt is accepted.
+    """
+    planned = shape.name
+    for sample in attempts:
+        if sample.command.shape != shape.name:
+            shape = catalogue.load(sample.command.shape)
+        if sample.attempt is None:
+            touch = press(shape, sample.command, sample.rng)
+            if not all(contact.settled for contact in touch.contacts.values()):
+                raise T2TwinError(
+                    f"press {sample.index} of {planned} did not settle; use another grid"
+                )
+            return touch, 0
+        try:
+            touch = press(shape, sample.command, sample.rng)
+        except OffPadError:
+            reason = "off the pad"
+        else:
+            reason = rejection_reason(touch)
+            if reason is None:
+                return touch, sample.attempt
+        rejected[reason] += 1
+    raise T2TwinError(
+        f"no attempt at a press touched {planned}; use places nearer to the middle of the shapes"
+    )
+
+
+def rejection_reason(touch: Touch) -> str | None:
+    """Why a sampled press is rejected, None for an accepted one, such as a press of 0 N."""
+    contacts = touch.contacts.values()
+    if any(contact.bottomed for contact in contacts):
+        return "on the base plate"
+    return None if all(contact.settled for contact in contacts) else "not settled"

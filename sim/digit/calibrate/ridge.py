@@ -1,0 +1,123 @@
+"""Ridge regression of the response, with its degree and ridge chosen by cross-validation.
+
+The response is linear in its entries, (LED, place, power) in this order: polynomials of the place
+times powers of the cosine of incidence. High degrees need many presses.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2twin.sim.digit.calibration import PLACE_DEGREE, place_degrees
+from t2twin.sim.digit.light.illumination import COSINE_TERMS
+
+LEDS = 3
+GROWTH = 2.0
+"""Factor of the ridge from one degree to the next (2 to 8 are equal on a real unit)."""
+DEGREES = (2, 3, PLACE_DEGREE)
+RIDGES = (1e-4, 3e-4, 1e-3, 3e-3)
+"""Candidate degrees in the place and weights of the ridge."""
+TIE_DB = 0.15
+"""Difference in validation error that counts as a tie, dB (assumed): poses and LEDs were fitted to
+the left-out presses too, which favors weak ridges."""
+GROUPS = 4
+"""Folds of the cross-validation: every fourth press is left out in turn (assumed)."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """degree: the highest in the place. ridge: weight of a term of degree zero, in parts of the
+    columns' mean square; GROWTH times as much for each further degree."""
+
+    degree: int
+    ridge: float
+
+    @property
+    def place_degrees(self) -> np.ndarray:
+        """(places,) degree of each polynomial."""
+        return place_degrees(self.degree)
+
+    @property
+    def places(self) -> int:
+        return len(self.place_degrees)
+
+    @property
+    def entries(self) -> int:
+        return LEDS * self.places * COSINE_TERMS
+
+    def penalty(self, squares: np.ndarray) -> np.ndarray:
+        """(entries, entries) diagonal matrix, added to the columns' squares."""
+        weights = np.tile(np.repeat(GROWTH**self.place_degrees, COSINE_TERMS), LEDS)
+        return np.diag(self.ridge * np.trace(squares) / len(squares) * weights)
+
+    def among(self, all_terms: "Terms") -> np.ndarray:
+        """(entries,) indices of its entries among those of terms of a higher degree."""
+        is_own = np.arange(all_terms.places) < self.places
+        return np.flatnonzero(np.tile(np.repeat(is_own, COSINE_TERMS), LEDS))
+
+
+FIRST_TERMS = Terms(DEGREES[0], RIDGES[0])
+"""Terms of the first fit of poses and LEDs."""
+MAX_TERMS = Terms(DEGREES[-1], RIDGES[0])
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Sums over a press's samples for least squares: squares (entries, entries) and products
+    (entries, RGB) of the columns, and the sum of squares of the target."""
+
+    squares: np.ndarray
+    products: np.ndarray
+    target_square: float
+    samples: int
+
+    @classmethod
+    def of(cls, columns: np.ndarray, target: np.ndarray) -> "Sums":
+        """columns: (samples, entries). target: (samples, RGB) change of the light."""
+        return cls(
+            columns.T @ columns,
+            columns.T @ target,
+            float(np.sum(target**2)),
+            target.size,
+        )
+
+    def error(self, response: np.ndarray, entries: np.ndarray) -> float:
+        """Mean square error of a response (RGB, n), for n indices of entries."""
+        squares, products = self.squares[np.ix_(entries, entries)], self.products[entries]
+        fitted = np.sum((response @ squares) * response) - 2.0 * np.sum(response.T * products)
+        return max(float(fitted + self.target_square), 0.0) / self.samples
+
+
+def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.ndarray:
+    """(RGB, entries): the response with the least penalized error."""
+    return np.linalg.solve(squares + terms.penalty(squares), products).T
+
+
+def select_terms(presses: Sequence[Sums]) -> Terms:
+    """The terms with the least cross-validation error.
+
+    Among those within TIE_DB of the least error: the strongest ridge, and of it the best degree.
+    presses: with the entries of MAX_TERMS.
+    """
+    candidates = [Terms(degree, ridge) for ridge in reversed(RIDGES) for degree in DEGREES]
+    errors = [cross_validation_error(presses, terms) for terms in candidates]
+    near = [(terms, error) for terms, error in zip(candidates, errors, strict=True)
+            if error <= min(errors) + TIE_DB]  # fmt: skip
+    strongest = near[0][0].ridge
+    return min((error, terms.degree, terms) for terms, error in near if terms.ridge == strongest)[2]
+
+
+def cross_validation_error(presses: Sequence[Sums], terms: Terms) -> float:
+    """Mean over the left-out presses of the mean square error in dB."""
+    entries = terms.among(MAX_TERMS)
+    inner = np.ix_(entries, entries)
+    errors = []
+    for group in range(min(GROUPS, len(presses))):
+        left_out = presses[group::GROUPS]
+        fitted = [press for at, press in enumerate(presses) if at % GROUPS != group]
+        squares = sum(press.squares[inner] for press in fitted)
+        products = sum(press.products[entries] for press in fitted)
+        response = solve_ridge(np.asarray(squares), np.asarray(products), terms)
+        errors += [press.error(response, entries) for press in left_out]
+    return float(np.mean(10.0 * np.log10(np.maximum(errors, 1e-12))))

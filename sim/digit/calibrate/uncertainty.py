@@ -1,0 +1,174 @@
+"""Bounds of the presses' depths and forces, from the tolerances of the inputs.
+
+Frames fit almost as well with a smaller ball, or at a smaller scale, pressed deeper. So all presses
+are fitted twice more: with all inputs at the end of their tolerances where presses come out
+deepest, and at the end where they come out shallowest.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.types import FORCE_RANGE_N
+from t2twin.sim.digit.calibrate.forces import BallForces, fit_young_mpa
+from t2twin.sim.digit.calibrate.measurements import Measurements, Tolerance, check_ball
+from t2twin.sim.digit.calibrate.scale import SCALES_PX_PER_MM, Fit, Presses, fit_presses
+from t2twin.sim.digit.camera.pinhole import Camera
+
+SHALLOWEST, DEEPEST = 1.0, -1.0
+"""Signs of the errors of ball diameter and scale that give such depths."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """A value, and the bounds of the true value if all errors are within the tolerances."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class PressBounds:
+    """Bounds of one press, from the fit to all presses.
+
+    force_n: the twin's at the depth, in a gel of the fitted modulus, or of the default one without
+    measured forces; None where no allowed force reaches the depth.
+    """
+
+    name: str
+    ball_diameter_mm: float
+    depth_mm: Bounds
+    force_n: Bounds | None
+
+
+@dataclass(frozen=True)
+class CalibrationUncertainty:
+    """Bounds of all presses, the scale and the modulus.
+
+    presses: in the order of their names. scale_px_per_mm: the given scale, or the fitted one if
+    displacements are measured. young_mpa: the gel's modulus, if forces are measured.
+    depth_measurements, force_measurements: how many presses have one. depth_residual_mm,
+    force_residual_n: root mean square error of the fit on them; None where there are none.
+    """
+
+    tolerance: Tolerance
+    presses: tuple[PressBounds, ...]
+    scale_px_per_mm: Bounds
+    depth_measurements: int
+    depth_residual_mm: float | None
+    young_mpa: Bounds | None
+    force_measurements: int
+    force_residual_n: float | None
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """Result of one fit. depths_mm, forces_n: (n,), the latter NaN where there is none."""
+
+    depths_mm: np.ndarray
+    forces_n: np.ndarray
+    scale_px_per_mm: float
+    young_mpa: float
+
+
+def check_tolerance(measurements: Measurements, camera: Camera, tolerance: Tolerance) -> None:
+    """Raises T2TwinError if a ball, scale or modulus within its tolerance would be out of range."""
+    for diameter_mm in measurements.diameters_mm:
+        check_ball(float(diameter_mm) - tolerance.ball_mm)
+        check_ball(float(diameter_mm) + tolerance.ball_mm)
+    scale, error = camera.scale_px_per_mm, tolerance.scale_px_per_mm
+    if error and not SCALES_PX_PER_MM[0] <= scale - error <= scale + error <= SCALES_PX_PER_MM[1]:
+        raise T2TwinError(
+            f"a scale of {scale:g} px/mm, {error:g} either way, reaches beyond "
+            f"{SCALES_PX_PER_MM[0]:g} to {SCALES_PX_PER_MM[1]:g} px/mm"
+        )
+    if not tolerance.young_mpa < DIGIT_GEL.young_mpa:
+        raise T2TwinError(
+            f"the tolerance of the modulus is {tolerance.young_mpa:g} MPa; it must be less than "
+            f"the default modulus, {DIGIT_GEL.young_mpa:g} MPa"
+        )
+
+
+def estimate_uncertainty(
+    presses: Presses,
+    names: list[str],
+    fit: Fit,
+    tolerance: Tolerance,
+    report: Callable[[str], object],
+) -> CalibrationUncertainty:
+    """Bounds around a fit to all presses, (n,) names. report: called with progress messages."""
+    forces, measurements = BallForces(), presses.measurements
+    nominal = _estimate(measurements, fit, forces, DIGIT_GEL.young_mpa)
+    estimates = [nominal]
+    for sign, word in ((DEEPEST, "deepest"), (SHALLOWEST, "shallowest")):
+        report(f"fitting within the tolerances, {word}")
+        shifted, camera = _shifted(presses, fit.model.camera, tolerance, sign)
+        young_mpa = DIGIT_GEL.young_mpa - sign * tolerance.young_mpa
+        shifted_fit = fit_presses(shifted, camera, fit.state)
+        estimates.append(_estimate(shifted.measurements, shifted_fit, forces, young_mpa))
+    return CalibrationUncertainty(
+        tolerance=tolerance,
+        presses=tuple(
+            PressBounds(
+                name,
+                float(measurements.diameters_mm[i]),
+                _bounds([each.depths_mm[i] for each in estimates]),
+                _force_bounds([each.forces_n[i] for each in estimates]),
+            )
+            for i, name in enumerate(names)
+        ),
+        scale_px_per_mm=_bounds([each.scale_px_per_mm for each in estimates]),
+        depth_measurements=int(np.isfinite(measurements.depths_mm).sum()),
+        depth_residual_mm=_residual(nominal.depths_mm, measurements.depths_mm),
+        young_mpa=(
+            _bounds([each.young_mpa for each in estimates]) if measurements.has_forces else None
+        ),
+        force_measurements=int(np.isfinite(measurements.forces_n).sum()),
+        force_residual_n=_residual(nominal.forces_n, measurements.forces_n),
+    )
+
+
+def _shifted(
+    presses: Presses, camera: Camera, tolerance: Tolerance, sign: float
+) -> tuple[Presses, Camera]:
+    """The presses and camera with every input at one end of its tolerance."""
+    given = presses.measurements
+    measurements = Measurements(
+        diameters_mm=given.diameters_mm + sign * tolerance.ball_mm,
+        depths_mm=np.maximum(given.depths_mm - sign * tolerance.depth_mm, tolerance.depth_mm),
+        forces_n=np.maximum(given.forces_n + sign * tolerance.force_n, FORCE_RANGE_N[0]),
+    )
+    if not given.has_depths:
+        scale = camera.scale_px_per_mm + sign * tolerance.scale_px_per_mm
+        camera = replace(camera, scale_px_per_mm=scale)
+    return replace(presses, measurements=measurements), camera
+
+
+def _estimate(
+    measurements: Measurements, fit: Fit, forces: BallForces, young_mpa: float
+) -> _Estimate:
+    """young_mpa: used where no force is measured."""
+    forces_n = forces.of(fit.state.poses, measurements.diameters_mm)
+    if measurements.has_forces:
+        young_mpa = fit_young_mpa(measurements.forces_n, forces_n)
+    forces_n = forces_n * young_mpa / DIGIT_GEL.young_mpa
+    return _Estimate(fit.depths_mm, forces_n, fit.model.camera.scale_px_per_mm, young_mpa)
+
+
+def _bounds(values: list[float]) -> Bounds:
+    """The first of these values, their minimum and their maximum."""
+    return Bounds(float(values[0]), float(min(values)), float(max(values)))
+
+
+def _force_bounds(values: list[float]) -> Bounds | None:
+    return _bounds(values) if np.isfinite(values).all() else None
+
+
+def _residual(fitted: np.ndarray, measured: np.ndarray) -> float | None:
+    """Root mean square difference where both are finite; None where they never are."""
+    residual = (fitted - measured)[np.isfinite(fitted - measured)]
+    return float(np.sqrt(np.mean(residual**2))) if residual.size else None

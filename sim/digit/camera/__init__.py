@@ -1,0 +1,1 @@
+"""The DIGIT's camera: projection, response, noise."""

@@ -1,0 +1,152 @@
+"""The DIGIT's camera, a pinhole behind the gel, and the grid of the gel's deflection.
+
+Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the picture, y down, z out of the
+sensor), with z = 0 at the apex of the gel at rest. The camera is at z = -distance_mm on the axis
+and points along +z. The center of pixel (row, column) is at these integer coordinates.
+
+Units differ in the camera's placement. A shift moves the whole image by pixels. A tilt rotates the
+gel about its apex: it adds a plane to the surface at rest, while the camera and the LEDs stay. So
+the pixels' rays remain those of a grid and the image's middle stays in place. A rotated camera
+would also shift the image and change the LEDs' directions.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+
+ROWS = 320
+"""Rows of the picture (maker's own Python interface)."""
+COLUMNS = 240
+"""Columns of the picture (same)."""
+GRID_PITCH_MM = 0.1
+"""Pitch of the optical grid, mm: two pixels (assumed; half of it changes the picture little)."""
+PARALLAX_STEPS = 6
+"""Fixed-point steps of the intersection of ray and gel. Each multiplies the error by the slopes of
+surface and ray (at most 0.4); the remaining error is below 0.01 mm."""
+MAX_MISALIGNMENT = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
+"""Largest shift, px, and tilt, degrees (assumed: a shift of 5 mm, a clearly visible tilt)."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole on the sensor's axis.
+
+    scale_px_per_mm: picture scale at the gel's apex; public calibrations of single units give
+        17.2 to 19.6.
+    distance_mm: from the pinhole to the gel's apex; public calibrations give 20.8 to 22.
+    Both are measured. The vertical field of view in TACTO's configuration, about 60 degrees, does
+    not agree with them: 320 rows at 19.2 px/mm, 21.4 mm away, are 42.6 degrees.
+    shift_x_px, shift_y_px: position of the axis in the image, right and down from its middle.
+    tilt_x_deg, tilt_y_deg: rotation of the gel about the x and the y axis; positive values move the
+        gel's lower and right part away from the camera.
+    Raises T2TwinError for values out of range.
+    """
+
+    scale_px_per_mm: float = 19.2
+    distance_mm: float = 21.4
+    shift_x_px: float = 0.0
+    shift_y_px: float = 0.0
+    tilt_x_deg: float = 0.0
+    tilt_y_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            arguments.real(getattr(self, field.name), field.name)
+        if not 1.0 <= self.scale_px_per_mm <= 200.0:
+            raise T2TwinError(
+                f"scale_px_per_mm is {self.scale_px_per_mm:g}; it must lie between 1 and 200"
+            )
+        if not 5.0 <= self.distance_mm <= 200.0:
+            raise T2TwinError(f"distance_mm is {self.distance_mm:g}; it must lie between 5 and 200")
+        for name, most in MAX_MISALIGNMENT.items():
+            value = getattr(self, name)
+            if not abs(value) <= most:
+                raise T2TwinError(
+                    f"{name} is {value:g}; it must lie between {-most:g} and {most:g}"
+                )
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length, px."""
+        return self.scale_px_per_mm * self.distance_mm
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """Row and column of the sensor's axis in the image, px."""
+        return (ROWS - 1) / 2 + self.shift_y_px, (COLUMNS - 1) / 2 + self.shift_x_px
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the gel has no tilt."""
+        return self.tilt_x_deg == 0.0 and self.tilt_y_deg == 0.0
+
+    def tilt_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """The tilt's contribution to the gel's z, mm; x_mm and y_mm are broadcast."""
+        along_x, along_y = np.tan(np.radians([self.tilt_y_deg, self.tilt_x_deg]))
+        return along_x * x_mm + along_y * y_mm
+
+    def project(
+        self, x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(rows, columns), px, of points in the sensor frame, mm, of any shape."""
+        per_mm = self.focal_px / (self.distance_mm + z_mm)
+        row, column = self.middle
+        return row + per_mm * y_mm, column + per_mm * x_mm
+
+    def rays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Slopes of the pixels' rays, dx/dz (COLUMNS,) and dy/dz (ROWS,)."""
+        return (
+            (np.arange(COLUMNS) - self.middle[1]) / self.focal_px,
+            (np.arange(ROWS) - self.middle[0]) / self.focal_px,
+        )
+
+    def seen_half_extent_mm(self) -> tuple[float, float]:
+        """(half width, half height), mm, of the image at the height of the apex, without shift."""
+        return COLUMNS / 2 / self.scale_px_per_mm, ROWS / 2 / self.scale_px_per_mm
+
+    def is_seen(
+        self, x_mm: np.ndarray, y_mm: np.ndarray, margin_mm: float, highest_mm: float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Whether the image can contain places along x and along y, bool of their shapes.
+
+        margin_mm: added at the edges. highest_mm: z of the point farthest from the camera.
+        """
+        widened = 1.0 + max(highest_mm, 0.0) / self.distance_mm
+        half_width, half_height = (half * widened for half in self.seen_half_extent_mm())
+        across, down = (
+            shift / self.scale_px_per_mm * widened for shift in (self.shift_x_px, self.shift_y_px)
+        )
+        return (
+            np.abs(x_mm + across) < half_width + margin_mm,
+            np.abs(y_mm + down) < half_height + margin_mm,
+        )
+
+    def gel_points(self, gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Where each pixel's ray meets the gel at rest: x, y, z in mm, each (ROWS, COLUMNS)."""
+        across, down = np.meshgrid(*self.rays())
+        z = np.zeros((ROWS, COLUMNS))
+        for _ in range(PARALLAX_STEPS):
+            x, y = across * (self.distance_mm + z), down * (self.distance_mm + z)
+            z = gel.rest_surface_mm(x, y) + self.tilt_mm(x, y)
+        return across * (self.distance_mm + z), down * (self.distance_mm + z), z
+
+
+DIGIT_CAMERA = Camera()
+
+
+def optical_grid(gel: Elastomer = DIGIT_GEL) -> tuple[np.ndarray, np.ndarray]:
+    """Axes of the optics' grid of the gel's deflection.
+
+    Returns x_mm (nx,) and y_mm (ny,), cell centers, rising, GRID_PITCH_MM apart, symmetric
+    about 0 and covering the gel: 184 and 250 for the DIGIT's.
+    """
+    return _centers(gel.width_mm), _centers(gel.length_mm)
+
+
+def _centers(length_mm: float) -> np.ndarray:
+    count = round(length_mm / GRID_PITCH_MM)
+    return (np.arange(count) - (count - 1) / 2) * GRID_PITCH_MM

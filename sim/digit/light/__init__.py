@@ -1,0 +1,1 @@
+"""The light on the DIGIT's gel: LEDs, illumination, shadows, rays, coating."""

@@ -1,0 +1,1 @@
+"""Domain randomization: samples DIGIT units."""

@@ -1,0 +1,169 @@
+"""The result of a press, and the folder that it is saved to.
+
+press.json                       the command, what each contact came to, versions
+digit.png, contact_digit.npz     the DIGIT's image, its surface and pressure
+cyskin.json, contact_cyskin.npz  the CySkin's counts, its surface and pressure
+tactile_image.png                the counts as an image, 16 bits a pixel
+tactile_picture.png              the same in colors, with the taxels
+scene_digit.xml, scene_cyskin.xml    each contact as a MuJoCo scene
+"""
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import locked, move_into, temporary_folder
+from t2twin.primitives_cad.mesh_io.stl import binary_stl
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim import scene
+from t2twin.sim.contact.elastomer import elastomer_json
+from t2twin.sim.contact.types import Contact, PressCommand
+from t2twin.sim.cyskin.field import field_counts, field_layout
+from t2twin.sim.cyskin.layout import Layout
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.cyskin.tactile_image import colored_tactile_image
+from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.digit.optics import Renderer
+
+VERSIONS = ("t2twin", "mujoco", "numpy")
+"""Packages whose versions press.json contains."""
+
+MaybeNone = Any
+"""None, which type checkers need not exclude: most touches are of both sensors (as in typeshed)."""
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One press of one shape into the DIGIT, the CySkin or both.
+
+    command: the shape's position, rotation and force. image: (320, 240, 3) uint8, the DIGIT's, RGB.
+    counts: (n,) uint16, one for each taxel of the layout. digit, cyskin: the contacts, with
+    depth_mm, force_n, surface_mm, pressure_kpa and more. layout: the CySkin's taxels. calibration:
+    file of the DIGIT's light, None for the default calibration. optics: what rendered the image.
+
+    The fields of a sensor that was not pressed are None. A press of 0 N, which datasets contain,
+    has an image and counts but no contacts.
+    """
+
+    shape: Shape
+    command: PressCommand
+    image: np.ndarray | MaybeNone
+    counts: np.ndarray | MaybeNone
+    digit: Contact | MaybeNone
+    cyskin: Contact | MaybeNone
+    layout: Layout | MaybeNone
+    calibration: str | None = None
+    optics: Renderer = "baked"
+
+    @cached_property
+    def contacts(self) -> dict[str, Contact]:
+        """The contacts there are, by sensor: "digit", then "cyskin"."""
+        contacts = {"digit": self.digit, "cyskin": self.cyskin}
+        return {sensor: contact for sensor, contact in contacts.items() if contact is not None}
+
+    @cached_property
+    def tactile_image(self) -> np.ndarray:
+        """(396, 240) float32, counts: barycentric interpolation between the taxels.
+
+        Raises T2TwinError if the CySkin was not pressed, and for a layout that phi refuses, such as
+        one with all taxels on a line.
+        """
+        if self.layout is None:
+            raise T2TwinError("the CySkin was not pressed, so there is no tactile image")
+        return Phi(self.layout.x_mm, self.layout.y_mm)(self.counts.astype(np.float32))
+
+    @cached_property
+    def field(self) -> np.ndarray:
+        """(n,) uint16: noiseless counts at the field's places (t2twin.sim.cyskin.field)."""
+        if self.cyskin is None:
+            return np.zeros(field_layout().size, np.uint16)
+        return field_counts(self.cyskin)
+
+    def save(self, folder: str | Path) -> None:
+        """Write all files of the folder, or none.
+
+        Raises T2TwinError where the folder cannot be written.
+        """
+        folder = arguments.path(folder, "folder")
+        with locked(folder), temporary_folder(folder, "press") as temporary:
+            content = json.dumps(_press_json(self), indent=1)
+            (temporary / "press.json").write_text(f"{content}\n")
+            mesh_file = scene.mesh_name(self.shape)
+            if mesh_file is not None:
+                (temporary / mesh_file).write_bytes(binary_stl(*self.shape.triangles))
+            for sensor, contact in self.contacts.items():
+                _write_contact(temporary, sensor, contact, mesh_file)
+            if self.image is not None:
+                Image.fromarray(self.image).save(temporary / "digit.png")
+            if self.layout is not None:
+                _write_cyskin(temporary, self.layout, self.counts, self.tactile_image)
+            move_into(folder, sorted(temporary.iterdir()))
+
+
+def scene_path(folder: Path, sensor: str) -> Path:
+    """The scene of a sensor, "digit" or "cyskin", in the folder of a saved touch."""
+    return folder / f"scene_{sensor}.xml"
+
+
+def _write_contact(folder: Path, sensor: str, contact: Contact, mesh_file: str | None) -> None:
+    np.savez_compressed(
+        folder / f"contact_{sensor}.npz",
+        surface_mm=contact.surface_mm,
+        pressure_kpa=contact.pressure_kpa,
+        x_mm=contact.x_mm,
+        y_mm=contact.y_mm,
+    )
+    scene_path(folder, sensor).write_text(scene.scene(contact, mesh_file))
+
+
+def _write_cyskin(folder: Path, layout: Layout, counts: np.ndarray, image: np.ndarray) -> None:
+    content = {
+        "layout": layout.name,
+        "counts": counts.tolist(),
+        "x_mm": layout.x_mm.tolist(),
+        "y_mm": layout.y_mm.tolist(),
+        "full_scale_counts": FULL_SCALE_COUNTS,
+    }
+    (folder / "cyskin.json").write_text(json.dumps(content, indent=1) + "\n")
+    # 16 bits a pixel, so that the counts can be read back from the image.
+    Image.fromarray(np.rint(image).astype(np.uint16)).save(folder / "tactile_image.png")
+    # The color scale ends at the image's maximum: a light press would be black at full scale.
+    brightest = max(float(image.max()), 1.0)
+    picture = colored_tactile_image(image, layout.x_mm, layout.y_mm, brightest)
+    picture.save(folder / "tactile_picture.png")
+
+
+def _press_json(touch: Touch) -> dict[str, Any]:
+    setup: dict[str, dict[str, str]] = {
+        "digit": {"calibration": touch.calibration or "default", "optics": touch.optics},
+        "cyskin": {} if touch.layout is None else {"layout": touch.layout.name},
+    }
+    command = touch.command
+    return {
+        "shape": command.shape,
+        "x_mm": command.x_mm,
+        "y_mm": command.y_mm,
+        "yaw_rad": command.yaw_rad,
+        "commanded_force_n": command.force_n,
+        "versions": {name: version(name) for name in VERSIONS},
+    } | {
+        sensor: {
+            "force_n": contact.force_n,
+            "depth_mm": contact.depth_mm,
+            "settled": contact.settled,
+            "bottomed": contact.bottomed,
+            "contact_area_mm2": contact.contact_area_mm2,
+            "milliseconds": contact.milliseconds,
+            "elastomer": elastomer_json(contact.elastomer),
+        }
+        | setup[sensor]
+        for sensor, contact in touch.contacts.items()
+    }

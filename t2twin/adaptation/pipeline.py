@@ -1,0 +1,279 @@
+"""Adapts a translator to one DIGIT, from about ten minutes of presses of a ball.
+
+The four steps are also separate commands: calibration of the optics; a dataset of random shapes and
+primitives, pressed with 0.5 to 12 N, 5 % background frames, with one light per shape sampled around
+the calibration and the unit's own frame noise; training; and an evaluation on the presses that the
+calibration was not fitted to. A finished step is not repeated.
+"""
+
+import hashlib
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from t2twin.adaptation.fitted_calibration import (
+    CALIBRATION,
+    FittedCalibration,
+    read_fitted,
+    write_fitted,
+)
+from t2twin.adaptation.real_frame_evaluation import (
+    SimulatedReference,
+    evaluate_frames,
+    simulate_reference,
+)
+from t2twin.adaptation.record import AdaptationResult, record_of, write_record
+from t2twin.adaptation.report import write_adapt_page
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write, is_empty, locked
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.ball import write_ball
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.pool import check_workers
+from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE, Inputs, calibrate, read_inputs
+from t2twin.sim.digit.calibrate.measurements import Tolerance
+from t2twin.sim.digit.camera.pinhole import Camera
+from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.sensors import Digit, SensorPair
+from t2twin.translate.inference.load import load_run
+from t2twin.translate.models.presets import find_preset
+from t2twin.translate.runs.pretrained import HOME, pretrained_runs
+from t2twin.translate.training.train import train
+from t2twin.translate.training.warm_start import run_of_model
+
+STEPS = ("light", "data", "training", "check")
+BALL, WORLD, DATA = "ball.step", "world.toml", "data"
+MIN_MINUTES, MAX_MINUTES = 1.0, 6000.0
+
+SHAPES_PER_MINUTE = 80
+"""Random shapes of the dataset per minute of the adaptation; pressing them, four times each, takes
+two fifths of the time on two cores (measured)."""
+
+PRIMITIVE_PRESSES_PER_MINUTE = 1.5
+"""Presses of each primitive per minute of the adaptation (assumed)."""
+
+TRAINING_SHARE = 0.5
+"""Share of the minutes that the training takes (assumed)."""
+
+WORLD_TEXT = """# Recipe of the dataset that {model} is adapted on, in the light of one unit.
+format = 1
+name = "adapted"
+
+[[parts]]
+shapes = "random"
+count = {shapes}
+presses = 4
+place = {{ normal_mm = 2.5 }}
+force_n = {{ low = 0.5, high = 12.0 }}
+untouched_share = 0.05
+val_share = 0.04
+
+[[parts]]
+shapes = "primitives"
+presses = {presses}
+place = {{ normal_mm = 2.5 }}
+force_n = {{ low = 0.5, high = 12.0 }}
+
+[light]
+kind = "drawn"
+calibration = {calibration}
+frames = 1
+"""
+
+
+@dataclass(frozen=True)
+class AdaptConfig:
+    """Options of an adaptation; see `adapt`."""
+
+    background: Path
+    presses: Path
+    ball_diameter_mm: float
+    out: Path
+    held_out: int | None
+    minutes: float
+    camera: Camera
+    model: str
+    init_from: Path | None
+    workers: int | None
+    tolerance: Tolerance
+
+    def __post_init__(self) -> None:
+        find_preset(self.model, "cpu")
+        for name, value in (("held_out", self.held_out), ("workers", self.workers)):
+            if value is not None:
+                arguments.whole_number(value, name, low=1)
+        if not MIN_MINUTES <= self.minutes <= MAX_MINUTES:
+            raise T2TwinError(
+                f"minutes is {self.minutes:g}; it must be from {MIN_MINUTES:g} to {MAX_MINUTES:g}"
+            )
+        check_workers(self.workers)
+
+    def read_inputs(self) -> Inputs:
+        """Reads frames and numbers of the calibration; raises T2TwinError if they are unusable."""
+        return read_inputs(
+            self.background, self.presses, self.ball_diameter_mm, self.held_out, self.camera,
+            self.tolerance,
+        )  # fmt: skip
+
+    def digest(self, inputs: Inputs) -> str:
+        """SHA-256 of the frames and numbers of the calibration."""
+        digest = hashlib.sha256(inputs.background.tobytes() + inputs.frames.tobytes())
+        numbers = (
+            inputs.names, self.ball_diameter_mm, self.held_out, self.camera, self.tolerance,
+        )  # fmt: skip
+        digest.update(repr(numbers).encode())
+        measured = inputs.measurements
+        for values in (measured.diameters_mm, measured.depths_mm, measured.forces_n):
+            digest.update(values.tobytes())
+        return digest.hexdigest()
+
+
+def adapt(
+    background: str | Path,
+    presses: str | Path,
+    ball_diameter_mm: float,
+    out: str | Path,
+    held_out: int | None = None,
+    minutes: float = 60.0,
+    camera: Camera | None = None,
+    model: str = "field",
+    init_from: str | Path | None = None,
+    workers: int | None = None,
+    report: Callable[[str], object] = print,
+    tolerance: Tolerance = DEFAULT_TOLERANCE,
+) -> AdaptationResult:
+    """Adapts a translator to one DIGIT, or resumes an interrupted adaptation.
+
+    Writes calibration.npz, world.toml, data/, a run named after the model, adapted.json and
+    index.html to the folder out.
+
+    background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. minutes:
+    approximate duration of all steps on two cores, 1 to 6000. model: trained with the preset cpu.
+    init_from: run whose weights initialize the training; by default the pretrained run of the
+    model, if there is one. workers: processes that press; by default one per core. report: receives
+    progress messages. Raises T2TwinError, before anything is written, for invalid arguments and for
+    a folder with other content.
+    """
+    config = AdaptConfig(
+        arguments.path(background, "background"),
+        arguments.path(presses, "presses"),
+        ball_diameter_mm,
+        arguments.path(out, "out"), held_out, arguments.real(minutes, "minutes"),
+        Camera() if camera is None else arguments.instance(camera, "camera", Camera),
+        model, _initial_run(init_from, model), workers,
+        arguments.instance(tolerance, "tolerance", Tolerance),
+    )  # fmt: skip
+    arguments.function(report, "report")
+    inputs = config.read_inputs()
+    digest = config.digest(inputs)
+    fitted = _existing_fit(config, digest)
+    timer = _StepTimer(report)
+    with locked(config.out):
+        with timer.step("light"):
+            fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
+            _write_world(config)
+        with timer.step("data"):
+            generate(config.out / DATA, world=config.out / WORLD, workers=workers)
+        with timer.step("training"):
+            run_dir, share = config.out / model, TRAINING_SHARE * config.minutes
+            train(
+                model, config.out / DATA, "cpu", run_dir, minutes=share, init_from=config.init_from
+            )
+    with timer.step("check"):  # without the lock, which write_page takes
+        run, background_frame = load_run(run_dir), inputs.background
+        comparisons = evaluate_frames(run, _references(config, inputs, fitted), background_frame)
+        result = record_of(run, comparisons, background_frame, fitted, timer.minutes)
+        write_adapt_page(config.out, run, comparisons, result)
+    write_record(config.out, result)
+    return result
+
+
+def _initial_run(init_from: str | Path | None, model: str) -> Path | None:
+    """Folder of the run that initializes the training.
+
+    Raises T2TwinError for a run that is missing or of another model.
+    """
+    if init_from is None:
+        return HOME / model if model in pretrained_runs() else None
+    return run_of_model(init_from, model)[0]
+
+
+def _existing_fit(config: AdaptConfig, digest: str) -> FittedCalibration | None:
+    """The calibration of an interrupted adaptation.
+
+    Raises T2TwinError if its inputs differ or the folder has other content.
+    """
+    if not config.out.is_dir() or is_empty(config.out):
+        return None
+    fitted = read_fitted(config.out)
+    if fitted is None and not (config.out / BALL).is_file():
+        raise T2TwinError(
+            f"{config.out} is not empty and contains no adaptation; choose another folder"
+        )
+    if fitted is not None and fitted.inputs_digest != digest:
+        raise T2TwinError(
+            f"{config.out} contains an adaptation to other frames or numbers; choose another folder"
+        )
+    return fitted
+
+
+def _fit(config: AdaptConfig, digest: str, report: Callable[[str], object]) -> FittedCalibration:
+    calibration = calibrate(
+        config.background, config.presses, config.ball_diameter_mm, config.held_out, config.camera,
+        report, config.tolerance,
+    )  # fmt: skip
+    write_ball(config.out / BALL, config.ball_diameter_mm)
+    return write_fitted(config.out, calibration, digest, config.ball_diameter_mm)
+
+
+def _write_world(config: AdaptConfig) -> None:
+    """Writes the recipe, unless an interrupted adaptation has written it."""
+    if (config.out / WORLD).is_file():
+        return
+    path = str((config.out / CALIBRATION).absolute())
+    text = WORLD_TEXT.format(
+        model=config.model,
+        shapes=max(round(SHAPES_PER_MINUTE * config.minutes), 25),
+        presses=max(round(PRIMITIVE_PRESSES_PER_MINUTE * config.minutes), 2),
+        calibration='"' + path.replace("\\", "\\\\").replace('"', '\\"') + '"',
+    )
+    with atomic_write(config.out / WORLD) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def _references(
+    config: AdaptConfig, inputs: Inputs, fitted: FittedCalibration
+) -> list[SimulatedReference]:
+    """Simulated presses of the held-out frames."""
+    balls = [_ball(config, diameter_mm) for diameter_mm in fitted.diameters_mm]
+    sensors = SensorPair(Digit(calibration=str(config.out / CALIBRATION), noise_grey=NOISE_GREY))
+    names = [press.name for press in fitted.held_out]
+    frames = inputs.frames[[inputs.names.index(name) for name in names]]
+    return simulate_reference(names, fitted.poses, frames, balls, sensors)
+
+
+def _ball(config: AdaptConfig, diameter_mm: float) -> Shape:
+    """Ball of a diameter; diameters other than the configured one have their own file."""
+    is_configured = diameter_mm == config.ball_diameter_mm
+    path = config.out / (BALL if is_configured else f"ball-{diameter_mm:g}.step")
+    return catalogue.load(path) if path.is_file() else write_ball(path, diameter_mm)
+
+
+class _StepTimer:
+    """Measures the minutes of each step and reports them."""
+
+    def __init__(self, report: Callable[[str], object]) -> None:
+        self.minutes: dict[str, float] = {}
+        self._report = report
+
+    @contextmanager
+    def step(self, name: str) -> Iterator[None]:
+        self._report(f"{name}: step {STEPS.index(name) + 1} of {len(STEPS)}")
+        start = time.monotonic()
+        yield
+        self.minutes[name] = (time.monotonic() - start) / 60.0
+        self._report(f"{name}: {self.minutes[name]:.1f} minutes")

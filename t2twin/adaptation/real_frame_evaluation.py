@@ -1,0 +1,186 @@
+"""Evaluation of a translator on real frames, with simulated presses as reference.
+
+The true counts of the real presses are unknown. The reference is the simulated CySkin, pressed at
+the position and depth that the calibration found in each frame.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from skimage.measure import label
+
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.depth import force_at_depth
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.sensors import SensorPair
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import CountsPredictor
+
+REGION_SHARE = 0.2
+"""Contact threshold of a tactile image, as a share of its maximum (assumed)."""
+
+MIN_CONTACT_COUNTS = 400.0
+"""Smallest count of a contact: one percent of full scale."""
+
+
+@dataclass(frozen=True)
+class SimulatedReference:
+    """A real frame and the simulated press that corresponds to it.
+
+    pose: x_mm, y_mm, depth_mm, found in the frame. force_n: simulated force at this depth. frame,
+    simulated: (320, 240, 3) uint8, the real and the simulated image, the latter with the noise of
+    one frame. counts: (N,) of the simulated CySkin.
+    """
+
+    name: str
+    pose: tuple[float, float, float]
+    force_n: float
+    frame: np.ndarray
+    simulated: np.ndarray
+    counts: np.ndarray
+
+
+@dataclass(frozen=True)
+class FrameResult:
+    """Prediction and errors of one frame, relative to the simulated CySkin.
+
+    rmse_percent: of full scale. centroid_mm: distance between predicted and reference centroid.
+    regions: connected contact regions of the predicted tactile image. force_error: relative error
+    of the predicted force; of a run without a predicted force, relative error of the summed counts.
+    coverage: share of the taxels whose 90 % interval covers the reference, None without intervals.
+    """
+
+    counts: np.ndarray
+    rmse_percent: float
+    centroid_mm: float
+    regions: int
+    force_error: float
+    coverage: float | None = None
+
+
+@dataclass(frozen=True)
+class PressComparison:
+    """Results of the real and the simulated frame of one press."""
+
+    reference: SimulatedReference
+    real: FrameResult
+    simulated: FrameResult
+
+
+def simulate_reference(
+    names: Sequence[str],
+    poses: np.ndarray,
+    frames: np.ndarray,
+    balls: Sequence[Shape],
+    sensors: SensorPair,
+    seed: int = 0,
+) -> list[SimulatedReference]:
+    """Simulates the press of each frame.
+
+    poses: (n, 3) x_mm, y_mm, depth_mm. frames: (n, 320, 240, 3). balls: pressed shapes, one a
+    frame. Raises T2TwinError for a depth that no force reaches.
+    """
+    return [
+        _simulate(name, pose, frame, ball, sensors, np.random.default_rng((seed, number)))
+        for number, (name, pose, frame, ball) in enumerate(
+            zip(names, poses, frames, balls, strict=True)
+        )
+    ]
+
+
+def _simulate(
+    name: str,
+    pose: np.ndarray,
+    frame: np.ndarray,
+    ball: Shape,
+    sensors: SensorPair,
+    rng: np.random.Generator,
+) -> SimulatedReference:
+    x_mm, y_mm, depth_mm = (float(value) for value in pose)
+    command = PressCommand(ball.name, x_mm, y_mm, 0.0, 1.0)
+    force_n = force_at_depth(lambda at: sensors.digit.press(ball, at), command, depth_mm)
+    command = PressCommand(ball.name, x_mm, y_mm, 0.0, force_n)
+    sample = sensors.press(ball, command)
+    noisy, counts = sensors.digit.image(sample.digit, rng), sample.counts.astype(float)
+    return SimulatedReference(name, (x_mm, y_mm, depth_mm), force_n, frame, noisy, counts)
+
+
+def evaluate_frames(
+    run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray
+) -> list[PressComparison]:
+    """Evaluates a run on the real and the simulated frame of every press.
+
+    background: (320, 240, 3) uint8, background frame of the unit, an input of field runs.
+    """
+    return [
+        PressComparison(
+            reference,
+            *(
+                evaluate_frame(run, frame, reference.counts, reference.force_n, background)
+                for frame in (reference.frame, reference.simulated)
+            ),
+        )
+        for reference in references
+    ]
+
+
+def evaluate_frame(
+    run: CountsPredictor,
+    image: np.ndarray,
+    truth: np.ndarray,
+    force_n: float,
+    background: np.ndarray,
+) -> FrameResult:
+    """Evaluates a run on one frame, (320, 240, 3) uint8.
+
+    truth: (N,) reference counts in the run's layout. force_n: reference force. background: as for
+    `evaluate_frames`.
+    """
+    layout = run.config.data
+    counts, predicted_n, coverage = _predict(run, image, truth, background)
+    places = np.stack([layout.x_mm, layout.y_mm], axis=1)
+    rmse = float(np.sqrt(np.mean((counts - truth) ** 2)))
+    ratio = counts.sum() / truth.sum() if predicted_n is None else predicted_n / force_n
+    return FrameResult(
+        counts=counts,
+        rmse_percent=100.0 * rmse / layout.full_scale_counts,
+        centroid_mm=float(np.linalg.norm(_centroid(counts, places) - _centroid(truth, places))),
+        regions=_regions(Phi(layout.x_mm, layout.y_mm)(counts)),
+        force_error=float(ratio) - 1.0,
+        coverage=coverage,
+    )
+
+
+def predict_counts(run: CountsPredictor, image: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """Predicted counts, (N,); a field run also receives the background frame."""
+    own = background if isinstance(run, FieldPredictor) else None
+    return np.asarray(run.predict(image, own), dtype=float)
+
+
+def _predict(
+    run: CountsPredictor, image: np.ndarray, truth: np.ndarray, background: np.ndarray
+) -> tuple[np.ndarray, float | None, float | None]:
+    """Counts, force in newtons, and the share of the truth that the intervals cover."""
+    if not isinstance(run, FieldPredictor):
+        return predict_counts(run, image, background), None, None
+    estimate = run.estimate(image, background)
+    low, high = estimate.interval(REPORTED_LEVEL)
+    coverage = float(((low <= truth) & (truth <= high)).mean())
+    force_n = None if estimate.force_n is None else float(estimate.force_n)
+    return estimate.counts.astype(float), force_n, coverage
+
+
+def _centroid(counts: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(2,) mm: count-weighted centroid of the contact; center of the array without contact."""
+    weight = np.where(counts > MIN_CONTACT_COUNTS, counts, 0.0)
+    return weight @ places / weight.sum() if weight.any() else places.mean(axis=0)
+
+
+def _regions(image: np.ndarray) -> int:
+    """Number of connected contact regions of a tactile image, (R, C)."""
+    contact = image > max(REGION_SHARE * float(image.max()), MIN_CONTACT_COUNTS)
+    return int(cast(np.ndarray, label(contact)).max())

@@ -1,0 +1,160 @@
+"""t2twin simdata and t2twin import-pairs"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+if TYPE_CHECKING:
+    from t2twin.sim.dataset.info import DatasetInfo
+
+
+@dataclass(frozen=True)
+class SimdataOptions:
+    """Options of `t2twin simdata`.
+
+    Args:
+        scale: Of the protocol: smoke (about 100 pairs), small (about 1,000) or paper (20,076).
+        out: Folder to write; default data/SCALE or data/WORLD.
+        workers: Number of processes; default: the number of cores.
+        world: Instead of a scale, the name of a bundled recipe (paper, open, open-8n, union,
+            unseen-forces, forces, shipped, shipped-2), or a TOML file with shapes, places, forces
+            and light.
+        seed: Random seed; default 0, or the recipe's. The same seed gives the same bytes.
+        layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm; default cyskin-20.
+            Not with --world.
+        imperfections: The CySkin's errors: none, white (the default), baseline or all. Not with
+            --world.
+        calibration: The DIGIT's optics, as written by t2twin calibrate; default: the default
+            calibration. Not with --world.
+        optics: What renders the images: baked, in milliseconds (the default), or pyrender, in
+            seconds. Not with --world.
+        primitives: Folder of prepared shapes; default: in the user's cache.
+        scheduler: Address of a Dask scheduler whose workers make the shards, such as
+            tcp://10.0.0.1:8786. They must have the folders under the same paths.
+        verify: Check this dataset instead, list what is damaged, and exit with 1 if anything is.
+    """
+
+    scale: Annotated[str | None, tyro.conf.arg(metavar="SCALE")] = None
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
+    world: Annotated[str | None, tyro.conf.arg(metavar="WORLD")] = None
+    seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
+    layout: Annotated[str | None, tyro.conf.arg(metavar="LAYOUT")] = None
+    imperfections: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    calibration: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None
+    optics: Annotated[Literal["baked", "pyrender"] | None, tyro.conf.arg(metavar="NAME")] = None
+    primitives: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    verify: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+
+
+def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
+    """Make a paired dataset or continue one; or check one with --verify."""
+    if options.verify is not None:
+        sys.exit(_verify(options.verify))
+    _check_options(options)
+
+    import t2twin
+    from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
+
+    sensors = None
+    if options.scale is not None:
+        sensors = t2twin.Twin(
+            options.calibration,
+            DEFAULT_LAYOUT if options.layout is None else options.layout,
+            "white" if options.imperfections is None else options.imperfections,
+            optics=options.optics or "baked",
+        ).sensors
+    folder = options.out or Path("data") / (options.scale or Path(options.world or "").stem)
+    info = t2twin.make_dataset(
+        folder,
+        options.scale,
+        seed=options.seed,
+        workers=options.workers,
+        sensors=sensors,
+        cache=options.primitives,
+        scheduler=options.scheduler,
+        world=options.world,
+    )
+    print(f"{_pairs(info)} pairs in {folder}, {_size(folder, info)}")
+
+
+def _check_options(options: SimdataOptions) -> None:
+    """Raises T2TwinError unless one of --scale and --world is given, and for options that exclude
+    each other."""
+    from t2twin.core.errors import T2TwinError
+
+    if options.scale is None and options.world is None:
+        raise T2TwinError(
+            "--scale is missing: smoke, small or paper (or --world WORLD, or --verify DIR)"
+        )
+    if options.world is not None:
+        for name in ("scale", "layout", "imperfections", "calibration", "optics"):
+            if getattr(options, name) is not None:
+                raise T2TwinError(f"--{name} does not go with --world, whose recipe contains it")
+    if options.scheduler is not None and options.workers is not None:
+        raise T2TwinError(
+            "--workers does not go with --scheduler; Dask has its own number of workers"
+        )
+
+
+def _verify(folder: Path) -> int:
+    """Check a dataset; returns the exit status."""
+    import t2twin
+    from t2twin.sim.dataset.store import read_info
+
+    faults = t2twin.verify_dataset(folder)
+    for fault in faults:
+        print(fault)
+    info = read_info(folder)
+    if faults:
+        repair = "; the same `t2twin simdata` remakes only these" if info.is_simulated else ""
+        print(f"{folder} is broken in {len({fault.part for fault in faults})} files{repair}")
+        return 1
+    print(f"{folder} is whole: {_pairs(info)} pairs, {_size(folder, info)}")
+    return 0
+
+
+def import_pairs(
+    source: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="PAIRS")]],
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+    layout: str = "cyskin-20",
+    full_scale: int = 40_000,
+    seed: int = 0,
+) -> None:
+    """Convert and check your own pairs.
+
+    A CSV file next to its images has a column image (file of the image) and taxel_0, taxel_1 ...
+    in the layout's order, separated by commas, semicolons or tabs; Parquet has image (the same, or
+    the image itself) and taxels (a list). Columns split (train, val, test), shape, family, x_mm,
+    y_mm, yaw_rad and force_n are optional; without split, the pairs are split randomly into 80, 10
+    and 10 %.
+
+    Args:
+        source: A .csv or .parquet file, or a folder with one.
+        out: Folder of the dataset to write.
+        layout: Your taxels: a name, or a JSON or CSV file with x_mm and y_mm.
+        full_scale: Count at which your taxels saturate.
+        seed: Seed of the random split.
+    """
+    import t2twin
+
+    pairs = t2twin.import_pairs(source, out, t2twin.load_layout(layout), full_scale, seed).pairs
+    print(
+        f"{pairs['train']} training, {pairs['val']} validation and {pairs['test']} test pairs "
+        f"in {out}"
+    )
+
+
+def _pairs(info: "DatasetInfo") -> str:
+    pairs = info.pairs
+    return f"{pairs['train']} training, {pairs['val']} validation and {pairs['test']} test"
+
+
+def _size(folder: Path, info: "DatasetInfo") -> str:
+    size = sum((folder / path).stat().st_size for path in info.shards)
+    pairs = sum(info.pairs.values())
+    return f"{size / 2**20:.0f} MiB ({size / pairs / 1e3:.1f} kB a pair)"

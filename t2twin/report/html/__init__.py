@@ -1,0 +1,1 @@
+"""Building blocks of the pages: markup, style, labels and figures."""

@@ -1,0 +1,158 @@
+"""matplotlib figures as bytes, in one style, and panels that several figures share.
+
+Shape letters: R rows, C columns, N taxels.
+"""
+
+import io
+import warnings
+from collections.abc import Callable
+from typing import Literal
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.ticker import FixedLocator, LogFormatter, NullLocator
+
+from t2twin.sim.cyskin.phi import TACTILE_SHAPE, Phi
+
+STYLE = {
+    "axes.edgecolor": "#666666",
+    "axes.grid": False,
+    "axes.labelcolor": "#222222",
+    "axes.linewidth": 0.6,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlesize": 8.5,
+    "font.size": 8.5,
+    "image.interpolation": "nearest",
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+    "lines.linewidth": 1.4,
+    "text.parse_math": False,  # names of shapes may contain dollar signs
+    "svg.hashsalt": "t2twin",  # makes the bytes of a figure reproducible
+    "xtick.color": "#444444",
+    "xtick.major.width": 0.6,
+    "ytick.color": "#444444",
+    "ytick.major.width": 0.6,
+}
+DPI = 144
+"""Resolution of PNG images; charts are SVG."""
+
+COUNTS_MAP = "viridis"
+DIFFERENCE_MAP = "RdBu_r"
+"""Color maps of counts, perceptually uniform, and of differences, white at zero."""
+
+RING_MM = 0.7
+"""Radius of the ring that marks a taxel, mm."""
+
+
+def figure(
+    kind: Literal["svg", "png"],
+    width_in: float,
+    height_in: float,
+    draw: Callable[[Figure], None],
+) -> bytes:
+    """File content of a figure. draw: fills the empty figure.
+
+    A character that the font lacks is drawn as a box.
+    """
+    with rc_context(STYLE), warnings.catch_warnings():  # pyright: ignore[reportArgumentType]
+        warnings.filterwarnings("ignore", "Glyph .* missing from font")
+        # On a busy machine the placement of a legend may exceed the limit for this warning.
+        warnings.filterwarnings("ignore", "Creating legend with loc")
+        page = Figure(figsize=(width_in, height_in), layout="constrained")
+        draw(page)
+        _plain_powers(page)
+        buffer = io.BytesIO()
+        metadata = {"Date": None} if kind == "svg" else {}
+        page.savefig(buffer, format=kind, dpi=DPI, metadata=metadata)
+    return buffer.getvalue()
+
+
+def _plain_powers(page: Figure) -> None:
+    """Labels logarithmic axes with numbers, because STYLE disables formulas."""
+    for axis in (axis for axes in page.axes for axis in (axes.xaxis, axes.yaxis)):
+        if axis.get_scale() == "log":
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(LogFormatter())
+
+
+def digit_width(image: np.ndarray) -> float:
+    """Width of a DIGIT image, (R, C, 3), relative to a tactile image of the same height."""
+    rows, columns = image.shape[:2]
+    return columns / rows * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]
+
+
+def draw_digit_image(axes: Axes, image: np.ndarray) -> None:
+    """Draws a DIGIT image, (R, C, 3) uint8, without axes."""
+    axes.imshow(image)
+    axes.set_axis_off()
+
+
+def draw_tactile_image(
+    axes: Axes,
+    image: np.ndarray,
+    phi: Phi,
+    limits: tuple[float, float],
+    color_map: str = COUNTS_MAP,
+) -> AxesImage:
+    """Draws a tactile image or a difference of two, (R, C) counts, on axes in mm.
+
+    limits: counts at both ends of the color scale.
+    """
+    axes.set(xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set(visible=True, linewidth=0.4, color="#aaaaaa")
+    return axes.imshow(image, cmap=color_map, vmin=limits[0], vmax=limits[1], extent=extent_mm(phi))
+
+
+def draw_taxels(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
+    """Draws a ring at each taxel. x_mm, y_mm: (N,)."""
+    from matplotlib.collections import EllipseCollection
+
+    size = np.full(x_mm.size, 2 * RING_MM)
+    axes.add_collection(
+        EllipseCollection(
+            size,
+            size,
+            np.zeros(x_mm.size),
+            units="xy",
+            offsets=np.column_stack([x_mm, y_mm]),
+            offset_transform=axes.transData,
+            facecolors="none",
+            edgecolors=color,
+            linewidths=0.5,
+        )
+    )
+
+
+def color_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:
+    """Adds a color bar in counts next to an image. width: relative to that of the image."""
+    bar = page.colorbar(drawn, ax=axes, fraction=width, pad=0.06, aspect=28, format="{x:,.0f}")
+    bar.ax.spines["outline"].set_linewidth(0.4)
+    bar.ax.tick_params(labelsize=7, length=2)
+    bar.set_label(title, fontsize=7)
+
+
+def extent_mm(phi: Phi) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of a tactile image, mm; y points down."""
+    columns, rows = phi.centers_mm
+    half = (columns[1] - columns[0]) / 2
+    return columns[0] - half, columns[-1] + half, rows[-1] + half, rows[0] - half
+
+
+FORCE_MARGIN = 1.15
+"""Margin of a force axis at both ends, a factor."""
+
+
+def force_axis(axes: Axes, low_n: float, high_n: float) -> None:
+    """Makes x a logarithmic axis with ticks at powers of two. low_n, high_n: range, above 0 N."""
+    axes.set_xscale("log")
+    axes.set_xlim(low_n / FORCE_MARGIN, high_n * FORCE_MARGIN)
+    marks = 2.0 ** np.arange(
+        np.ceil(np.log2(low_n / FORCE_MARGIN)), np.log2(high_n * FORCE_MARGIN) + 1e-9
+    )
+    axes.xaxis.set_major_locator(FixedLocator(marks.tolist() or [low_n]))
+    axes.xaxis.set_minor_locator(NullLocator())

@@ -1,0 +1,76 @@
+"""Displayed names and colors."""
+
+import numpy as np
+
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+from t2twin.translate.evaluation.metrics.floors import LAYOUT_FLOOR, NOISE_FLOOR
+from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
+
+NAMES = {
+    MEAN_ARRAY: "mean array",
+    MEAN_ARRAY_OF_FORCE: "mean array of the force",
+    NEAREST_NEIGHBOR: "nearest neighbor",
+    NOISE_FLOOR: "noise floor",
+    LAYOUT_FLOOR: "layout floor",
+    "resnet18": "ResNet18",
+    "touch2touch": "touch2touch",
+    "field": "field",
+}
+BASELINE_COLORS = {
+    MEAN_ARRAY: "#222222",
+    MEAN_ARRAY_OF_FORCE: "#888888",
+    NEAREST_NEIGHBOR: "#009e73",
+}
+RUN_COLORS = ("#0072b2", "#d55e00", "#cc79a7", "#e69f00", "#56b4e9")
+SENSOR_COLORS = {"digit": "#0072b2", "cyskin": "#e69f00"}
+"""Colors for all kinds of color vision (Okabe and Ito 2008)."""
+
+SPLIT_COLORS = {"train": "#999999", "val": "#0072b2", "test": "#d55e00"}
+SPLIT_NAMES = {"train": "training", "val": "validation", "test": "test"}
+SENSOR_NAMES = {"digit": "DIGIT", "cyskin": "CySkin"}
+
+MAX_LISTED_FORCES = 6
+"""Maximum number of forces that are listed individually."""
+
+MAX_NAME, NAME_END = 20, 6
+"""Maximum length of a displayed shape name, and length of its preserved end (assumed: half of a
+phone's width)."""
+
+
+def name_of(model: str) -> str:
+    """Displayed name of a model: `resnet18 (seed-1)` becomes "ResNet18 (seed-1)"."""
+    kind, space, rest = model.partition(" ")
+    return NAMES.get(kind, kind) + space + printable(rest)
+
+
+def shape_name(shape: str) -> str:
+    """Displayed name of a shape: one line; a long name is shortened in the middle."""
+    name = printable(shape)
+    if len(name) <= MAX_NAME:
+        return name
+    return f"{name[: MAX_NAME - NAME_END - 1]}…{name[-NAME_END:]}"
+
+
+def forces_text(forces_n: np.ndarray) -> str:
+    """Forces as text: "8 N", "1, 2 and 8 N" or "0.52 to 11.9 N".
+
+    forces_n: (k,) ascending, unique; 0 is not listed.
+    """
+    touching = [f"{force:.3g}" for force in forces_n if force > 0]
+    if not touching:
+        return "none"
+    if len(touching) > MAX_LISTED_FORCES:
+        return f"{touching[0]} to {touching[-1]} N"
+    last = touching.pop()
+    return f"{', '.join(touching)} and {last} N" if touching else f"{last} N"
+
+
+def printable(text: str) -> str:
+    """Text with spaces in place of non-printable characters."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
+
+
+def colors(models: list[str]) -> dict[str, str]:
+    """Colors of models and baselines."""
+    runs = [model for model in models if model not in BASELINE_COLORS]
+    return BASELINE_COLORS | {run: RUN_COLORS[i % len(RUN_COLORS)] for i, run in enumerate(runs)}

@@ -1,0 +1,1 @@
+"""Controls of a page: the press, files, frames to translate, and view options."""

@@ -1,0 +1,179 @@
+"""Tab that translates frames of the user by all selected runs."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import viser
+
+from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.studio.controls.press import BUTTON_COLOR, markdown_safe
+from t2twin.studio.frame_source import FrameSource, NamedFrame, read_frame
+from t2twin.studio.session import PressResult
+from t2twin.studio.translators import Translators
+from t2twin.studio.view.cards import frame_html
+from t2twin.studio.view.notices import Notices
+from t2twin.studio.worker import LatestOnlyWorker
+
+MAX_SHOWN_HZ = 15.0
+"""Maximum rate at which a page receives frames of a live source (assumed)."""
+
+NO_BACKGROUND = "Background frame: **none**; field runs use the mean of their training"
+"""Text without a background frame."""
+
+
+class TranslateTab:
+    """Created inside the container of the tab.
+
+    frame_source, background: of the studio, if it has them. get_result: returns the shown press.
+    """
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        translators: Translators,
+        notices: Notices,
+        frame_source: FrameSource | None,
+        background: NamedFrame | None,
+        get_result: Callable[[], PressResult | None],
+    ) -> None:
+        self._translators, self._notices, self._get_result = translators, notices, get_result
+        self._runs: tuple[str, ...] = ()
+        self._background = background
+        self._get_frame: Callable[[], NamedFrame | None] = lambda: None
+        self._live: Event | None = None  # set to stop following the source
+        self._worker = LatestOnlyWorker(lambda: notices.guard(self._translate), lambda: None)
+        gui = client.gui
+        gui.add_markdown(
+            "Predicts CySkin counts from an upright frame of a DIGIT (rows along its length)."
+        )
+        self.upload = gui.add_upload_button(
+            "Upload a frame", icon=viser.Icon.UPLOAD, color=BUTTON_COLOR,
+            hint="PNG or JPEG of any size",
+        )  # fmt: skip
+        current = gui.add_button(
+            "Current image, with noise", icon=viser.Icon.PHOTO, color=BUTTON_COLOR
+        )
+
+        @current.on_click
+        async def _(event: viser.GuiEvent) -> None:
+            notices.guard(self._show_current)
+
+        self._add_background(gui)
+        if frame_source is not None:
+            self._add_source(gui, frame_source)
+        self._shown = gui.add_html("")
+
+    def close(self) -> None:
+        """Stops the work for a disconnected client."""
+        if self._live is not None:
+            self._live.set()
+        self._worker.stop()
+
+    def use_runs(self, runs: tuple[str, ...]) -> None:
+        """Translates by these runs, including the frame that is shown."""
+        self._runs = runs
+        self._worker.request()
+
+    def show_file(self, path: Path) -> None:
+        """Translates a stored file and removes it. Raises T2TwinError if it is not an image."""
+        frame = _read_and_remove(path)
+        self._show(lambda: frame)
+
+    def use_background(self, path: Path) -> None:
+        """Uses a stored file as the background frame of field runs and removes it.
+
+        Raises T2TwinError if it is not an image.
+        """
+        self._set_background(_read_and_remove(path))
+
+    def _add_background(self, gui: viser.GuiApi) -> None:
+        self._background_name = gui.add_markdown("")
+        self.upload_background = gui.add_upload_button(
+            "Upload a background frame", icon=viser.Icon.UPLOAD, color=BUTTON_COLOR,
+            hint="Frame of the same DIGIT without contact, PNG or JPEG",
+        )  # fmt: skip
+        self._no_background = gui.add_button(
+            "Remove the background frame", icon=viser.Icon.X, color=BUTTON_COLOR
+        )
+
+        @self._no_background.on_click
+        async def _(event: viser.GuiEvent) -> None:
+            self._notices.guard(lambda: self._set_background(None))
+
+        self._set_background(self._background)
+
+    def _set_background(self, frame: NamedFrame | None) -> None:
+        self._background = frame
+        self._no_background.visible = frame is not None
+        self._background_name.content = (
+            NO_BACKGROUND if frame is None else f"Background frame: **{markdown_safe(frame[1])}**"
+        )
+        self._worker.request()
+
+    def _add_source(self, gui: viser.GuiApi, source: FrameSource) -> None:
+        files = source.files()
+        if len(files) > 1:
+            slider = gui.add_slider(
+                "Frame", 0, len(files) - 1, 1, 0, hint="Number of the file, sorted by name"
+            )
+
+            @slider.on_update
+            async def _(event: viser.GuiEvent) -> None:
+                if 0 <= slider.value < len(files):
+                    self._show(lambda: read_frame(files[slider.value]))
+
+        live = gui.add_checkbox(
+            f"Live: {source.name}", False, hint="Translate frames as they arrive"
+        )
+
+        @live.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            if self._live is not None:
+                self._live.set()
+            self._live = Event() if live.value else None
+            if self._live is not None:
+                Thread(target=self._follow, args=(source, self._live), daemon=True).start()
+
+    def _follow(self, source: FrameSource, ended: Event) -> None:
+        self._notices.guard(lambda: self._show_live(source, ended))
+
+    def _show_live(self, source: FrameSource, ended: Event) -> None:
+        latest, last = source.latest(), -1
+        while not ended.is_set():
+            frame = latest.take(last, timeout_s=1.0)
+            if frame is None and latest.ended:
+                return
+            if frame is not None:
+                last, named = frame.number, (frame.image, f"frame {frame.number}")
+                self._show(lambda named=named: named)
+                ended.wait(1.0 / MAX_SHOWN_HZ)
+
+    def _show_current(self) -> None:
+        result = self._get_result()
+        if result is None:
+            return
+        noise = np.random.default_rng().normal(0.0, NOISE_GREY, result.touch.image.shape)
+        noisy = np.clip(np.rint(result.touch.image + noise), 0, 255).astype(np.uint8)
+        self._show(lambda: (noisy, f"{result.touch.shape.name}, one frame with noise"))
+
+    def _show(self, get_frame: Callable[[], NamedFrame | None]) -> None:
+        self._get_frame = get_frame
+        self._worker.request()
+
+    def _translate(self) -> None:
+        frame = self._get_frame()
+        if frame is not None:
+            background = None if self._background is None else self._background[0]
+            translations = self._translators.translate_image(frame[0], self._runs, background)
+            self._shown.content = frame_html(frame, self._background, translations)
+
+
+def _read_and_remove(path: Path) -> NamedFrame:
+    """Reads an uploaded image and removes its folder."""
+    try:
+        return read_frame(path)
+    finally:
+        shutil.rmtree(path.parent, ignore_errors=True)

@@ -1,0 +1,1 @@
+"""Connections to clients: origins, messages, uploads and the log."""

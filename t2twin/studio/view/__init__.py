@@ -1,0 +1,1 @@
+"""Output of a page: the scene, the cards and notices."""

@@ -1,0 +1,212 @@
+"""The scene of one client: both sensors next to each other with the pressed shape, mm.
+
+The sensor frame is that of t2twin.primitives_cad.shape, shifted along x for each sensor.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import trimesh
+import viser
+
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
+from t2twin.sim.contact.types import Contact
+from t2twin.studio.session import PressResult
+from t2twin.studio.view.solids import (
+    ShapeStyle,
+    as_glb,
+    cut_open,
+    elastomer_part,
+    near_mesh,
+    shape_pose,
+    taxels_part,
+    without_plate,
+)
+
+Sensors = Literal["both", "DIGIT", "CySkin"]
+"""Visible sensors."""
+
+SENSOR_SPACING_MM = 40.0
+"""Distance between the sensor centers, mm, which leaves space for the shapes."""
+
+STEEL, GLASS_OPACITY = (150, 160, 175), 0.35
+"""Color of the shape, and its opacity as glass."""
+
+LABELS = {"digit": "DIGIT: a gel with a camera below", "cyskin": "CySkin: a cover over taxels"}
+
+LABEL_MM = 3.0
+"""Distance of a label from its elastomer, mm."""
+
+SEEN_FROM_MM, LOOKING_AT_MM = np.array([2.0, -55.0, 54.0]), np.array([2.0, -4.0, -2.0])
+"""Position and target of a new client's camera with both sensors visible, mm."""
+
+ONE_SENSOR = 0.62
+"""Relative distance of the camera with one visible sensor."""
+
+NARROW, HIDDEN_MM = 0.62, 64.0
+"""Aspect ratio below which the camera is moved away, and shift of its target, mm: on a phone the
+controls hide the lower half of the scene."""
+
+NEAR_PLANE_MM = 1.0
+"""Near plane of the camera, mm, large enough for the precision of the depth buffer."""
+
+LIFT_MM = 0.03
+"""Height by which the drawn shape is raised, mm, which avoids flicker with the surface below."""
+
+MIN_SLOPE = 0.05
+"""Slope of a ray below which its intersection with a height is undefined."""
+
+
+@dataclass(frozen=True)
+class Drag:
+    """One step of a drag of the shape.
+
+    by_mm: displacement since the start, (3,), at the height of the start unless a key is pressed.
+    keys: None, "shift" or "cmd/ctrl". is_start: whether this is the first step.
+    """
+
+    by_mm: np.ndarray
+    keys: str | None
+    is_start: bool
+
+
+class Scene:
+    """The scene of one client. on_drag: called for every step of a drag of the shape.
+
+    A browser needs a moment to load a new surface, so each sensor alternates between two nodes, and
+    `hide_old_surfaces` hides the previous one. Not thread-safe.
+    """
+
+    def __init__(self, client: viser.ClientHandle, on_drag: Callable[[Drag], None]) -> None:
+        self._client, self._on_drag = client, on_drag
+        self._places = {
+            name: client.scene.add_frame(f"/{name}", show_axes=False)
+            for name in ("digit", "cyskin")
+        }
+        for name, elastomer in (("digit", DIGIT_GEL), ("cyskin", CYSKIN_COVER)):
+            client.scene.add_label(
+                f"/{name}/label",
+                LABELS[name],
+                position=(0.0, -elastomer.length_mm / 2 - LABEL_MM, -elastomer.thickness_mm),
+                anchor="top-center",
+            )
+        self._surfaces: dict[str, list[viser.GlbHandle]] = {"digit": [], "cyskin": []}
+        self._shapes: dict[str, viser.MeshHandle] = {}
+        self._drawn: tuple[Shape, ShapeStyle, float] | None = None
+        self._mesh: tuple[Shape, trimesh.Trimesh] | None = None
+        self._grabbed = np.zeros(3)
+        client.scene.configure_default_lights(enabled=True, cast_shadow=False)
+
+    def arrange(self, sensors: Sensors) -> None:
+        """Shows the selected sensors and moves the camera to them."""
+        both = sensors == "both"
+        for name, side in (("digit", -0.5), ("cyskin", 0.5)):
+            self._places[name].visible = both or sensors.lower() == name
+            self._places[name].position = (side * SENSOR_SPACING_MM if both else 0.0, 0.0, 0.0)
+        camera = self._client.camera
+        far = (1.0 if both else ONE_SENSOR) * max(1.0, NARROW / camera.aspect)
+        looking_at = LOOKING_AT_MM - (0.0, HIDDEN_MM if camera.aspect < NARROW else 0.0, 0.0)
+        with self._client.atomic():
+            camera.near = NEAR_PLANE_MM
+            camera.position = looking_at + far * (SEEN_FROM_MM - LOOKING_AT_MM)
+            camera.look_at = looking_at
+
+    def draw(
+        self,
+        result: PressResult,
+        shape_style: ShapeStyle,
+        max_kpa: dict[str, float],
+        max_counts: float,
+    ) -> None:
+        """Draws a result. max_kpa, max_counts: upper ends of the color scales."""
+        contacts = {"digit": result.touch.digit, "cyskin": result.touch.cyskin}
+        parts = {name: [elastomer_part(contacts[name], max_kpa[name])] for name in contacts}
+        parts["cyskin"].append(
+            taxels_part(result.touch.cyskin, result.touch.layout, result.touch.counts, max_counts)
+        )
+        surfaces = {name: as_glb(parts[name]) for name in contacts}
+        with self._client.atomic():  # short, because the client receives no messages meanwhile
+            self._draw_shape(
+                result.touch.shape, shape_style, result.touch.command.yaw_rad, contacts
+            )
+            for name in contacts:
+                self._draw_surface(name, surfaces[name])
+        self._client.flush()
+
+    def hide_old_surfaces(self) -> None:
+        """Hides the previous surfaces; call it when the browser has loaded the new ones."""
+        for surfaces in self._surfaces.values():
+            for surface in surfaces[:-1]:
+                surface.visible = False
+
+    def _draw_surface(self, name: str, glb: bytes) -> None:
+        surfaces = self._surfaces[name]
+        if len(surfaces) < 2:
+            node = f"/{name}/surface-{len(surfaces)}"
+            surfaces.append(self._client.scene.add_glb(node, glb, cast_shadow=False))
+            return
+        surfaces.reverse()
+        surfaces[-1].glb_data = glb
+        surfaces[-1].visible = True
+
+    def _draw_shape(
+        self, shape: Shape, shape_style: ShapeStyle, yaw_rad: float, contacts: dict[str, Contact]
+    ) -> None:
+        # The cutting plane is fixed in the sensor frame, so the cut shape depends on the yaw.
+        drawn = (shape, shape_style, yaw_rad if shape_style == "cut open" else 0.0)
+        if self._drawn is None or self._drawn[0] is not shape or self._drawn[1:] != drawn[1:]:
+            self._put_shape(*drawn)
+            self._drawn = drawn
+        for name, contact in contacts.items():
+            turn, place = shape_pose(contact)
+            self._shapes[name].wxyz = turn
+            self._shapes[name].position = place + np.array([0.0, 0.0, LIFT_MM])
+
+    def _put_shape(self, shape: Shape, shape_style: ShapeStyle, yaw_rad: float) -> None:
+        if self._mesh is None or self._mesh[0] is not shape:
+            self._mesh = (shape, near_mesh(shape))
+        mesh = self._mesh[1]
+        if shape_style == "cut open":
+            mesh = cut_open(mesh, yaw_rad)
+        elif shape_style == "glass":
+            mesh = without_plate(mesh, shape)
+        for name in self._places:
+            if name in self._shapes:
+                self._shapes[name].remove()
+            handle = self._client.scene.add_mesh_simple(
+                f"/{name}/shape",
+                np.asarray(mesh.vertices),
+                np.asarray(mesh.faces),
+                color=STEEL,
+                opacity=GLASS_OPACITY if shape_style == "glass" else None,
+                flat_shading=True,
+                side="double",
+                cast_shadow=False,
+                receive_shadow=False,
+                visible=shape_style != "hidden",
+            )
+            self._shapes[name] = handle
+            for keys in (None, "shift", "cmd/ctrl"):
+                handle.on_drag("left", modifier=keys)(self._dragged)
+
+    async def _dragged(self, event: viser.SceneNodeDragEvent[viser.MeshHandle]) -> None:
+        """Forwards drags; viser's event loop preserves their order."""
+        is_start = event.phase == "start"
+        if is_start:
+            self._grabbed = np.array(event.start_position)
+        end = np.array(event.end_position)
+        if event.modifier is None:
+            end = _at_height(self._client.camera.position, end, float(self._grabbed[2]))
+        self._on_drag(Drag(end - self._grabbed, event.modifier, is_start))
+
+
+def _at_height(camera: np.ndarray, point: np.ndarray, height_mm: float) -> np.ndarray:
+    """Intersection of the camera's ray through a point with a height, (3,); the point itself for a
+    nearly horizontal ray."""
+    fall = point[2] - camera[2]
+    if abs(fall) < MIN_SLOPE * np.linalg.norm(point - camera):
+        return point
+    return camera + (height_mm - camera[2]) / fall * (point - camera)

@@ -1,0 +1,163 @@
+"""Where what is kept between calls lies, and that nothing depends on its being there."""
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from t2twin.core import cache_dir
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.shape import Shape
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def homeless(tmp_path, monkeypatch):
+    """No home that can be written: its place is taken by a file. The temporary folder is empty."""
+    (tmp_path / "home").write_text("in the way")
+    (tmp_path / "temporary").mkdir()
+    for name in (VARIABLE, "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "MPLCONFIGDIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    return tmp_path / "temporary"
+
+
+def load_file(folder: Path) -> Shape:
+    """A shape of a file, which is prepared where it is not kept."""
+    trimesh.creation.box().export(folder / "box.stl")
+    return catalogue.load(folder / "box.stl")
+
+
+def own(temporary):
+    return temporary / f"t2twin-{os.getuid()}"
+
+
+def test_a_user_s_cache_is_where_the_system_has_it(tmp_path, monkeypatch):
+    monkeypatch.delenv(VARIABLE)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
+    assert cache_dir.cache_dir() == tmp_path / "caches/t2twin"
+
+
+def test_the_variable_names_another_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "here/it/is"))
+    assert cache_dir.cache_dir() == tmp_path / "here/it/is"
+    load_file(tmp_path)
+    assert [path.suffix for path in (tmp_path / "here/it/is/shapes").iterdir()] == [".shape"]
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "file"))
+    with pytest.raises(T2TwinError, match=r"T2TWIN_CACHE is .+ which cannot be written"):
+        cache_dir.cache_dir()
+
+
+@pytest.mark.parametrize("home", ["file", "unset"])
+def test_without_a_home_it_is_a_private_folder_among_the_temporary(homeless, monkeypatch, home):
+    if home == "unset":
+        monkeypatch.delenv("HOME")
+        monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # a user whom nobody knows
+    assert cache_dir.cache_dir() == own(homeless)
+    assert own(homeless).stat().st_mode & 0o777 == 0o700
+    assert cache_dir.cache_dir() == own(homeless)
+
+
+@pytest.mark.parametrize("wrong", ["open to others", "a link", "a file", "another user's"])
+def test_what_others_could_have_laid_there_is_not_used(homeless, monkeypatch, wrong):
+    if wrong == "a link":
+        (homeless / "theirs").mkdir(mode=0o700)
+        own(homeless).symlink_to(homeless / "theirs")
+    elif wrong == "a file":
+        own(homeless).touch()
+    else:
+        own(homeless).mkdir(mode=0o700)
+        own(homeless).chmod(0o770 if wrong == "open to others" else 0o700)
+    if wrong == "another user's":
+        us = os.getuid()
+        monkeypatch.setattr(os, "getuid", lambda: us + 1)
+        own(homeless).mkdir(mode=0o700)
+    assert cache_dir.cache_dir() is None
+
+
+def test_without_any_folder_shapes_are_made_and_not_kept(homeless, tmp_path, monkeypatch):
+    own(homeless).touch()
+    monkeypatch.chdir(tmp_path)
+    load_file(tmp_path)
+    before = sorted(tmp_path.rglob("*"))
+    assert load_file(tmp_path).mesh.is_watertight
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_matplotlib_gets_a_folder_only_where_its_own_is_none(homeless, tmp_path, monkeypatch):
+    cache_dir.configure_matplotlib_dir()
+    assert os.environ["MPLCONFIGDIR"] == str(own(homeless) / "matplotlib")
+    monkeypatch.delenv("MPLCONFIGDIR")
+    monkeypatch.setenv("HOME", str(tmp_path / "another"))
+    cache_dir.configure_matplotlib_dir()
+    assert "MPLCONFIGDIR" not in os.environ
+
+
+def test_a_lent_home_is_the_cache_home_and_stays_it(homeless):
+    cache_dir.use_cache_dir_as_home()
+    assert os.environ["HOME"] == str(own(homeless))
+    assert cache_dir.cache_dir() == own(homeless)
+
+
+LOOP = """
+from t2twin.core.jit import compiled
+from part import part
+
+@compiled("f8(f8)")
+def loop(x):
+    return part(x)
+
+print(loop(1.0), sum(loop.stats.cache_hits.values()))
+"""
+PART = """
+from t2twin.core.jit import compiled
+
+@compiled(inline="always")
+def part(x):
+    return x + {}
+"""
+
+
+def run_loop(folder: Path, **environment: str) -> str:
+    keep = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "loop.py"],
+        cwd=folder,
+        env=keep | {"PYTHONPATH": str(ROOT)} | environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    return done.stdout.strip()
+
+
+@pytest.mark.exhaustive
+def test_compiled_loops_are_kept_until_a_part_of_them_changes(tmp_path):
+    (tmp_path / "loop.py").write_text(LOOP)
+    (tmp_path / "part.py").write_text(PART.format(1.0))
+    home = tmp_path / "home"
+    assert run_loop(tmp_path, T2TWIN_CACHE=str(home)) == "2.0 0"
+    assert run_loop(tmp_path, T2TWIN_CACHE=str(home)) == "2.0 1"
+    (tmp_path / "part.py").write_text(PART.format(2.0))
+    assert run_loop(tmp_path, T2TWIN_CACHE=str(home)) == "3.0 0"
+    (kept,) = (home / "numba").glob("*/*")  # what the older source gave is gone
+    assert kept.is_dir()
+
+
+def test_numba_s_own_variable_is_respected_and_no_folder_is_no_harm(tmp_path):
+    (tmp_path / "loop.py").write_text(LOOP)
+    (tmp_path / "part.py").write_text(PART.format(1.0))
+    given = {"NUMBA_CACHE_DIR": str(tmp_path / "given"), "T2TWIN_CACHE": str(tmp_path / "home")}
+    assert run_loop(tmp_path, **given) == "2.0 0"
+    assert (tmp_path / "given").is_dir() and not (tmp_path / "home").exists()
+    (tmp_path / "file").touch()
+    assert run_loop(tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "file")) == "2.0 0"

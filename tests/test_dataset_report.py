@@ -1,0 +1,109 @@
+"""The report of a dataset alone: what it holds, near-duplicates, outliers."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from pages import read_page
+
+from t2twin.cli import main
+from t2twin.core.images import decode_png, encode_png
+from t2twin.report import dataset_report
+from t2twin.report.dataset import duplicates, outliers, pairs, summary
+from t2twin.report.dataset.scan import nearest_others, scan
+from t2twin.report.dataset.tables import read_dataset
+from t2twin.report.html.page import PAGE
+from t2twin.sim.dataset.info import Shard
+from t2twin.sim.dataset.store import read_info, write_info, write_shard
+
+
+@pytest.fixture(scope="module")
+def data_dir(small_dataset: Path) -> Path:
+    return small_dataset
+
+
+def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -> None:
+    main(["report", "--data", str(data_dir), "--out", str(tmp_path)])
+    read, text = read_page(tmp_path / PAGE)
+    sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
+    assert sections == ["summary", "about", *dataset_report.LINKS]
+    images = [tag for tag, _ in read.tags if tag == "img"]
+    assert len(images) == 1 + 1 + 1 + pairs.PAIRS + 2 + 1 + 1 + 1
+    assert "12 pairs of 4 shapes" in text and "2 pairs of 2 shapes" in text
+    assert "none of 20 " in text  # without contact
+    assert sum(len(table) for table in read_dataset(data_dir).tables.values()) == 20
+
+
+def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
+    dataset = read_dataset(data_dir)
+    scanned = scan(dataset, duplicates.noise_grey(dataset))
+    said = summary.paragraphs(dataset, scanned)
+    assert len(said) <= 4 and "the 20 counts, each from 0 to 40,000" in said[0]
+    assert said[1] == (
+        "There are 20 pairs of 8 shapes: 12 for training, 6 for validation, 2 for test."
+    )
+    assert said[2].startswith("Near-duplicates: none of the pairs differ")
+    twins = replace(scanned, alike_counts=np.where(np.arange(20) < 5, 0.0, np.inf))
+    assert "Near-duplicates: 25 % of the pairs" in summary.paragraphs(dataset, twins)[2]
+    assert "simulated" in said[3]
+
+
+def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path) -> None:
+    """One press taken twice, with another noise, among presses that differ."""
+    folder = tmp_path / "data"
+    shutil.copytree(data_dir, folder)
+    before = read_dataset(folder)
+    noise = duplicates.noise_grey(before)
+    assert not duplicates.near_duplicates(before, scan(before, noise)).any()
+    path = folder / "train/square-1.parquet"
+    rows = pq.ParquetFile(path).read().to_pylist()
+    rng = np.random.default_rng(0)
+    shaken = rng.normal(0.0, noise, (320, 240, 3))
+    again = np.clip(np.rint(decode_png(rows[1]["image"]["bytes"]) + shaken), 0, 255)
+    picture = {"bytes": encode_png(again.astype(np.uint8)), "path": ""}
+    felt = np.array(rows[0]["taxels"])
+    more = [
+        *rows,
+        rows[1] | {"image": picture, "index": 587},
+        # looks like another press, but feels otherwise
+        rows[0] | {"index": 588, "taxels": (felt + 200).tolist()},
+    ]
+    info, digest = read_info(folder), write_shard(path, more)
+    shards = info.shards | {"train/square-1.parquet": Shard(digest, len(more))}
+    pairs = info.pairs | {"train": info.pairs["train"] + 2}
+    write_info(folder, replace(info, shards=shards, pairs=pairs))
+    dataset = read_dataset(folder)
+    scanned = scan(dataset, noise)
+    twins = np.flatnonzero(duplicates.near_duplicates(dataset, scanned))
+    assert [dataset.column("index")[place] for place in twins] == [rows[1]["index"], 587]
+    assert scanned.alike_counts[twins].max() == 0
+    alike = np.flatnonzero(np.isfinite(scanned.alike_counts))
+    assert {rows[0]["index"], 588} <= {int(dataset.column("index")[place]) for place in alike}
+
+
+def test_what_is_far_from_its_shape_is_an_outlier() -> None:
+    values = np.array([1.0, 1.1, 0.9, 1.05, 9.0, 5.0, 5.0, 5.0, 5.2])
+    groups = np.array(["a"] * 5 + ["b"] * 4)
+    far = outliers.deviations(values, groups)
+    assert far.argmax() == 4 and far[4] > 50
+    assert far[5:8].max() == 0 and far[8] == pytest.approx(0.2 / (0.02 * 5.0))
+
+
+def test_nearest_others_are_those_of_plain_arithmetic() -> None:
+    rng = np.random.default_rng(0)
+    coarse = rng.normal(0, 5, (300, 60)).astype(np.float32)
+    counts = rng.uniform(0, 40_000, (300, 20))
+    apart, felt = (
+        np.sqrt(np.square(of[:, None] - of[None]).mean(axis=2)) for of in (coarse, counts)
+    )
+    apart[np.diag_indices(300)] = np.inf
+    noise = float(np.quantile(apart, 0.01))
+    nearest, alike = nearest_others(coarse, counts, noise)
+    np.testing.assert_allclose(nearest, apart.min(axis=1), rtol=1e-3)
+    expected = np.where(apart < noise, felt, np.inf).min(axis=1)
+    assert 0 < np.isfinite(expected).sum() < 300
+    np.testing.assert_allclose(alike, expected, rtol=1e-3)
+    assert np.isinf(nearest_others(coarse[:1], counts[:1], noise)).all()

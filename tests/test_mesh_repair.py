@@ -1,0 +1,310 @@
+"""Meshes that are mended and said to be, and files that are refused in one sentence."""
+
+import os
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+from solid_files import box, glb_of, model, obj_text, part, taken_apart, threemf_of, y_up
+from waiting import no_hang
+
+from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.mesh_io import read
+
+
+def without(mesh, *triangles):
+    """The mesh with some triangles lost."""
+    kept = mesh.copy()
+    kept.update_faces(np.setdiff1d(np.arange(len(mesh.faces)), triangles))
+    return kept
+
+
+def neighbors(mesh):
+    """The triangles beside each triangle."""
+    beside = [[] for _ in mesh.faces]
+    for a, b in mesh.face_adjacency:
+        beside[a].append(b)
+        beside[b].append(a)
+    return beside
+
+
+def ball():
+    return trimesh.creation.icosphere(subdivisions=3, radius=6.0)
+
+
+@pytest.mark.parametrize(
+    "lost, said", [((7,), "1 small hole, the widest"), ((7, 700), "2 small holes, the widest")]
+)
+def test_small_holes_are_closed_and_said(lost, said, tmp_path):
+    without(ball(), *lost).export(tmp_path / "ball.stl")
+    for _ in range(2):  # made, then kept
+        shape = catalogue.load(tmp_path / "ball.stl", tmp_path / "kept")
+        (note,) = shape.notes
+        assert said in note and f"with {len(lost)} triangle" in note and "ball.stl" in note
+        assert shape.mesh.is_watertight and shape.mesh.is_winding_consistent
+        assert len(shape.mesh.faces) == len(ball().faces)
+        assert shape.mesh.volume == pytest.approx(ball().volume, rel=1e-5)
+
+
+def test_a_hole_of_many_corners_is_spanned_flat(tmp_path):
+    whole = ball()
+    top = int(whole.vertices[:, 2].argmax())
+    around = [face for face in whole.vertex_faces[top] if face >= 0]
+    without(whole, *around).export(tmp_path / "ball.stl")
+    mesh, notes = read.read_solid(tmp_path / "ball.stl")
+    assert mesh.is_watertight and notes[0].endswith(f"with {len(around) - 2} triangles")
+    assert mesh.volume == pytest.approx(whole.volume, rel=0.005)
+    assert np.ptp(mesh.vertices[:, 2]) < np.ptp(whole.vertices[:, 2]) - 0.05
+
+
+@pytest.mark.parametrize("middle", [3, 100, 777])
+def test_holes_that_touch_at_corners_are_closed(middle, tmp_path):
+    """The three triangles beside one that stays."""
+    without(ball(), *neighbors(ball())[middle]).export(tmp_path / "ball.stl")
+    mesh, (note,) = read.read_solid(tmp_path / "ball.stl")
+    assert mesh.is_watertight and "3 small holes" in note
+    assert mesh.volume == pytest.approx(ball().volume, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_many_lost_triangles_are_found(seed, tmp_path):
+    lost = np.random.default_rng(seed).choice(len(ball().faces), 10, replace=False)
+    without(ball(), *lost).export(tmp_path / "ball.stl")
+    mesh, (note,) = read.read_solid(tmp_path / "ball.stl")
+    assert mesh.is_watertight and mesh.is_winding_consistent
+    assert "small holes" in note and "with 10 triangles" in note
+    assert mesh.volume == pytest.approx(ball().volume, rel=1e-3)
+
+
+def test_the_command_says_what_was_mended(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    without(ball(), 7).export("ball.stl")
+    main(["press", "ball.stl", "--sensor", "cyskin", "--scale", "0.5", "--out", "out"])
+    said = capsys.readouterr()
+    assert said.err.startswith("t2twin: ball.stl had 1 small hole") and said.err.count("\n") == 1
+    assert "8.00 N" in said.out
+    assert np.ptp(trimesh.load_mesh("out/shape.stl").vertices, axis=0) == pytest.approx(
+        6.0, rel=0.01
+    )
+
+
+def test_bodies_that_share_a_face_are_one_solid(tmp_path):
+    """Four triangles meet at an edge there, and nothing is open."""
+    stacked = [box((4, 4, 2), at=(0, 0, 0)), box((4, 4, 2), at=(0, 0, 2))]
+    trimesh.util.concatenate(stacked).export(tmp_path / "stacked.stl")
+    beside = [box((4, 4, 2), at=(0, 0, 0)), box((4, 4, 3), at=(4, 4, 0.5))]
+    trimesh.util.concatenate(beside).export(tmp_path / "beside.stl")
+    for name, volume in (("stacked.stl", 64.0), ("beside.stl", 80.0)):
+        shape = catalogue.load(tmp_path / name, tmp_path / "kept")
+        assert shape.mesh.volume == pytest.approx(volume) and shape.notes == ()
+    assert shape.surface.sample(np.array([2.0, -2.0]), np.array([2.0, -2.0])) == pytest.approx(
+        [0, -1]
+    )
+
+
+def test_overlapping_and_inverted_bodies_have_the_right_surface(tmp_path):
+    low, high = box((6, 6, 2), at=(0, 0, 1)), box((2, 2, 4), at=(1, 0, 2))
+    inverted = high.copy()
+    inverted.invert()
+    for name, other in (("overlapping", high), ("inverted", inverted)):
+        trimesh.util.concatenate([low, other]).export(tmp_path / f"{name}.stl")
+        shape = catalogue.load(tmp_path / f"{name}.stl", tmp_path / "kept")
+        assert shape.surface.sample(np.array([1.0, -2.0]), np.zeros(2)) == pytest.approx(
+            [0.0, -2.0]
+        )
+
+
+def stl(triangles, announced=None):
+    """A binary STL file of triangles (n, 3, 3) that announces a number of them."""
+    records = b"".join(
+        struct.pack("<12fH", 0, 0, 0, *np.ravel(triangle), 0) for triangle in triangles
+    )
+    number = len(triangles) if announced is None else announced
+    return bytes(80) + struct.pack("<I", number) + records
+
+
+def bad_corner(value):
+    triangles = np.array(box().triangles)
+    triangles[3, 1, 2] = value
+    return triangles
+
+
+def ply_text(face, number=8):
+    corners = "\n".join(" ".join(map(str, corner)) for corner in box().vertices)
+    faces = "\n".join(f"3 {a} {b} {c}" for a, b, c in box().faces[1:])
+    return (
+        f"ply\nformat ascii 1.0\nelement vertex {number}\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 12\nproperty list uchar int vertex_indices\nend_header\n"
+        f"{corners}\n{face}\n{faces}\n"
+    )
+
+
+def glb_with(path, change):
+    about, binary = taken_apart(y_up(box(unit_mm=1000.0)))
+    change(about)
+    glb_of(path, about, binary)
+
+
+def fan(path):
+    """Three triangles at one edge, and no others open."""
+    tents = [box((4, 4, 4), at=(0, 0, 0)).triangles, [[[-2, -2, -2], [2, -2, -2], [0, 0, 0]]]]
+    path.write_bytes(stl(np.concatenate(tents)))
+
+
+def mobius(path):
+    """A solid with an inner wall: at the wall's rim three triangles meet."""
+    wall = [[[-2, -2, -2], [2, 2, -2], [2, 2, 2]], [[-2, -2, -2], [2, 2, 2], [-2, -2, 2]]]
+    corners = np.array(
+        [(x, y, z) for z in (-2, 2) for x, y in ((-2, -2), (2, -2), (2, 2), (-2, 2))]
+    )
+    faces = [(0, 2, 1), (0, 3, 2), (4, 5, 6), (4, 6, 7)]
+    for i in range(4):
+        j = (i + 1) % 4
+        faces += [(i, j, j + 4), (i, j + 4, i + 4)]
+    path.write_bytes(stl(np.concatenate([corners[np.array(faces)], wall])))
+
+
+def doubled_components(levels=40):
+    """Parts of two of the next part each: 2 to the power of levels of the last."""
+    pairs = "".join(
+        f'<object id="{n}"><components><component objectid="{n + 1}"/>'
+        f'<component objectid="{n + 1}"/></components></object>'
+        for n in range(levels)
+    )
+    return model(pairs + part(levels, box()), '<item objectid="0"/>')
+
+
+def text(content):
+    return lambda path: path.write_text(content)
+
+
+def raw(content):
+    return lambda path: path.write_bytes(content)
+
+
+SHEET = np.array([[[0, 0, 0], [5, 0, 0], [0, 5, 1]], [[0, 0, 0], [0, 5, 1], [5, 0, 0]]])
+DOCTYPE = '<!DOCTYPE m [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>'
+CORNER = "\nvertex 1 2 3"
+PIPE = "a pipe or a device"
+
+REFUSED = {
+    "folder.stl": (lambda path: path.mkdir(), "is a folder"),
+    "pipe.stl": (os.mkfifo, PIPE),
+    "device.glb": (lambda path: path.symlink_to("/dev/zero"), PIPE),
+    "gone.obj": (lambda path: path.symlink_to("nowhere"), "there is no file"),
+    "loop.stl": (lambda path: path.symlink_to(path), "cannot be read"),
+    **{f"empty{suffix}": (raw(b""), "is empty") for suffix in read.SUFFIXES},
+    **{
+        f"noise{suffix}": (raw(bytes(range(256)) * 9), f"cannot be read as {suffix[1:].upper()}")
+        for suffix in read.SUFFIXES
+    },
+    **{
+        f"short{suffix}": (raw(b"\xff\x00"), f"cannot be read as {suffix[1:].upper()}")
+        for suffix in read.SUFFIXES
+    },
+    # STL
+    "cut.stl": (raw(stl(box().triangles)[:-70]), "announces 12 triangles and has room for 10"),
+    "many.stl": (raw(stl(box().triangles, 2**32 - 1)), "announces 4,294,967,295 triangles"),
+    "none.stl": (raw(stl([])), "no triangles"),
+    "words.stl": (text("solid nothing\nendsolid\n"), "no triangles"),
+    "unended.stl": (text("solid a\nfacet normal 0 0 1\nvertex 1 1 1\n"), "cut short"),
+    "pairs.stl": (text(f"solid a\nfacet{2 * CORNER}\nendsolid"), "three corners"),
+    "halves.stl": (text(f"solid a\nfacet{2 * CORNER}\nvertex 1 2\nendsolid"), "three corners"),
+    "letters.stl": (text(f"solid a\nfacet{2 * CORNER}\nvertex 1 x 1\nendsolid"), "not numbers"),
+    "nan.stl": (raw(stl(bad_corner(np.nan))), "not numbers"),
+    "inf.stl": (raw(stl(bad_corner(-np.inf))), "not numbers"),
+    "large.stl": (raw(stl(bad_corner(3e38))), "farther out"),
+    "open.stl": (lambda path: without(box(), 0, 1).export(path), "is open"),
+    "soup.stl": (raw(stl(np.random.default_rng(0).normal(size=(3000, 3, 3)))), "is open"),
+    "fan.stl": (fan, "is open"),
+    "wall.stl": (mobius, "more than two of its triangles meet|is open"),
+    "sheet.stl": (raw(stl(SHEET)), "no volume|is open"),
+    "flat.stl": (raw(stl(SHEET * (1, 1, 0))), "is flat"),
+    "point.stl": (raw(stl(np.ones((4, 3, 3)))), "is flat"),
+    "small.stl": (lambda path: box((0.25, 0.25, 0.25)).export(path), "0.25 x 0.25 mm seen from"),
+    "thin.stl": (lambda path: box((0.125, 9, 9)).export(path), "0.125 x 9 mm seen from above"),
+    "tall.stl": (lambda path: box((9, 9, 2000)).export(path), "2000 mm high"),
+    # OBJ
+    "far.obj": (text(obj_text(box(), [(1, 2, 99)])), "corners that it lacks"),
+    "nought.obj": (text(obj_text(box(), [(0, 1, 2)])), "corners that it lacks"),
+    "back.obj": (text(obj_text(box(), [(-9, -1, -2)])), "corners that it lacks"),
+    "vast.obj": (text(obj_text(box(), [(1, 2, 10**30)])), "corners that it lacks"),
+    "letters.obj": (text("v 1 2 x\n"), "not three numbers"),
+    "two.obj": (text("v 1 2\n"), "not three numbers"),
+    "halves.obj": (text("v 1 2 3\nf 1.5 1 1\n"), "not whole numbers"),
+    "nan.obj": (text(obj_text(box()) + "v nan 0 0\n"), "not numbers"),
+    "points.obj": (text("v 1 2 3\n"), "no triangles"),
+    "lines.obj": (text("v 1 2 3\nv 2 3 4\nf 1 2\n"), "fewer than three"),
+    # PLY
+    "far.ply": (text(ply_text("3 0 1 99")), "corners that it lacks"),
+    "back.ply": (text(ply_text("3 0 1 -2")), "corners that it lacks"),
+    "few.ply": (text(ply_text("3 0 1 2", 10**12)), "no triangles"),
+    "letters.ply": (text(ply_text("3 0 1 x")), "damaged"),
+    "cut.ply": (raw(box().export(file_type="ply")[:-5]), "damaged"),
+    # GLB
+    "cut.glb": (raw(y_up(box()).export(file_type="glb")[:-50]), "damaged"),
+    "deep.glb": (lambda path: glb_of(path, b"[" * 200_000), "damaged"),
+    "list.glb": (lambda path: glb_of(path, []), "damaged"),
+    "elsewhere.glb": (
+        lambda path: glb_with(path, lambda it: it["buffers"][0].update(uri="/etc/hostname")),
+        "another file",
+    ),
+    "address.glb": (
+        lambda path: glb_with(path, lambda it: it["buffers"][0].update(uri="http://127.0.0.1:9/a")),
+        "another file",
+    ),
+    "packed.glb": (
+        lambda path: glb_with(path, lambda it: it["accessors"][0].pop("bufferView")),
+        "compressed",
+    ),
+    "vast.glb": (
+        lambda path: glb_with(path, lambda it: it["accessors"][0].update(count=10**12)),
+        "damaged",
+    ),
+    "nowhere.glb": (lambda path: glb_with(path, lambda it: it.update(nodes=[])), "damaged"),
+    # 3MF
+    "store.3mf": (lambda path: threemf_of(path.with_name("a"), ""), "there is no file"),
+    "cut.3mf": (lambda path: threemf_of(path, model(part(1, box()), "")[:-9]), "not whole XML"),
+    "words.3mf": (lambda path: threemf_of(path, "words"), "not whole XML"),
+    "unit.3mf": (lambda path: threemf_of(path, model("", "", "parsec")), "parsec"),
+    "entities.3mf": (lambda path: threemf_of(path, DOCTYPE + model("", "")), "document type"),
+    "unbuilt.3mf": (lambda path: threemf_of(path, model(part(1, box()), "")), "no triangles"),
+    "missing.3mf": (lambda path: threemf_of(path, model("", '<item objectid="7"/>')), "part 7"),
+    "growing.3mf": (lambda path: threemf_of(path, doubled_components()), "allowed places"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_pressed_is_refused_in_one_sentence(name, tmp_path, capfd):
+    make, words = REFUSED[name]
+    path = tmp_path / name
+    make(path)
+    capfd.readouterr()
+    with no_hang(), pytest.raises(T2TwinError, match=words) as caught:
+        catalogue.load(path, tmp_path / "kept")
+    assert str(caught.value).startswith(str(path)) or "there is no file" in str(caught.value)
+    assert "\n" not in str(caught.value)
+    said = capfd.readouterr()
+    assert said.out == said.err == ""
+    assert not (tmp_path / "kept").exists()
+
+
+def test_a_file_without_permission_is_said_to_be_so(tmp_path, monkeypatch):
+    box().export(tmp_path / "block.stl")
+
+    def refuse(path, mode):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(type(tmp_path), "open", refuse)
+    with pytest.raises(T2TwinError, match=r"block.stl cannot be read \(Permission denied\)"):
+        catalogue.load(tmp_path / "block.stl", tmp_path / "kept")
+
+
+def test_an_unknown_suffix_lists_what_is_allowed(tmp_path):
+    (tmp_path / "part.iges").write_text("S 1")
+    with pytest.raises(T2TwinError) as caught:
+        catalogue.load(tmp_path / "part.iges", tmp_path / "kept")
+    assert ".stl, .obj, .ply, .3mf, .glb, .step, .stp" in str(caught.value)

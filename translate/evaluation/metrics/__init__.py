@@ -1,0 +1,1 @@
+"""Metrics of predictions, baselines and error floors."""

@@ -1,0 +1,218 @@
+"""Errors of predicted counts and of their tactile images.
+
+RMSE is the root of the mean squared error of the counts, over pairs and taxels. Its square, as a
+fraction of full scale, is the loss that Grella et al. 2023 call L3.
+
+Shape letters: P pairs, N taxels, K groups of pairs.
+"""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from t2twin.core.machine import cores
+from t2twin.core.progress import Progress
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.translate.evaluation.metrics.floors import GROUPS
+from t2twin.translate.evaluation.metrics.ssim import image_scores
+from t2twin.translate.evaluation.records import Figures
+
+CONTACT_LEVEL = 0.1
+"""Fraction of its image's maximum above which a pixel is in contact (assumed)."""
+
+BATCH_SIZE = 64
+"""Pairs whose tactile images are computed together; bounds memory to 50 MB."""
+
+
+@dataclass(frozen=True)
+class Sum:
+    """Sum of a quantity over groups of pairs, and number of pairs that have it; (K,) each."""
+
+    total: np.ndarray
+    pairs: np.ndarray
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean; NaN if no pair has the quantity."""
+        nothing = np.full(self.total.shape, np.nan)
+        return np.divide(self.total, self.pairs, out=nothing, where=self.pairs > 0)
+
+
+@dataclass(frozen=True)
+class GroupedFigures:
+    """The figures of records.Figures for K groups of pairs: (K,) each, NaN for none."""
+
+    rmse_counts: np.ndarray
+    rmse_percent: np.ndarray
+    ssim: np.ndarray
+    ssim_contact: np.ndarray
+    contact_iou: np.ndarray
+    centroid_error_mm: np.ndarray
+    total_error_percent: np.ndarray
+    rmse_under_counts: np.ndarray
+    rmse_near_counts: np.ndarray
+    rmse_beyond_counts: np.ndarray
+
+
+@dataclass(frozen=True)
+class PairFigures:
+    """Figures of each pair, (P,) each.
+
+    squared_error: mean over the taxels, counts^2; squared_error_of: the same over groups of taxels,
+    by the names in floors.GROUPS, NaN for empty groups. ssim: of phi(predicted) and phi(true), over
+    the image. ssim_contact: over the true contact. contact_iou: intersection over union of the two
+    contacts. centroid_error_mm: between the images' centroids. total_error: absolute difference of
+    the summed counts. total: the true sum. Figures of the contact are NaN without contact.
+    """
+
+    squared_error: np.ndarray
+    ssim: np.ndarray
+    ssim_contact: np.ndarray
+    contact_iou: np.ndarray
+    centroid_error_mm: np.ndarray
+    total_error: np.ndarray
+    total: np.ndarray
+    squared_error_of: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    def summary(self, full_scale: float, which: np.ndarray | None = None) -> Figures:
+        """Figures over the pairs `which`, (P,) bool, by default all. full_scale: counts."""
+        chosen = np.ones(self.total.size, bool) if which is None else which
+        return self._summaries(full_scale, chosen.astype(int), 2)[1]
+
+    def by_name(self, full_scale: float, names: np.ndarray) -> dict[str, Figures]:
+        """Figures over the pairs of each name. full_scale: counts. names: (P,), as of shapes."""
+        unique, place = np.unique(names, return_inverse=True)
+        figures = self._summaries(full_scale, place, unique.size)
+        return dict(zip(map(str, unique), figures, strict=True))
+
+    def _summaries(self, full_scale: float, place: np.ndarray, groups: int) -> list[Figures]:
+        """place, groups: as for `sums`."""
+        grouped = figures_of(self.sums(place, groups), full_scale)
+        pairs = np.bincount(place, minlength=groups)
+        summaries = []
+        for group in range(groups):
+            values = {f.name: float(getattr(grouped, f.name)[group]) for f in fields(grouped)}
+            known = {name: None if np.isnan(value) else value for name, value in values.items()}
+            summaries.append(Figures(pairs=int(pairs[group]), **known))  # pyright: ignore[reportArgumentType]
+        return summaries
+
+    def sums(self, place: np.ndarray, groups: int) -> dict[str, Sum]:
+        """Sums by group, (K,) each, by attribute; figures of any union of groups follow from them.
+
+        place: (P,) the group of each pair, 0 to groups - 1.
+        """
+        columns = {
+            "squared_error": self.squared_error,
+            "ssim": self.ssim,
+            "ssim_contact": self.ssim_contact,
+            "contact_iou": self.contact_iou,
+            "centroid_error_mm": self.centroid_error_mm,
+            "total_error": self.total_error,
+            "total": self.total,
+        }
+        nothing = np.full(self.total.shape, np.nan)
+        for group in GROUPS:
+            columns[_squared_error(group)] = self.squared_error_of.get(group, nothing)
+        sums = {}
+        for name, values in columns.items():
+            known = ~np.isnan(values)
+            sums[name] = Sum(
+                np.bincount(place[known], values[known], groups),
+                np.bincount(place[known], minlength=groups).astype(float),
+            )
+        return sums
+
+
+def figures_of(sums: Mapping[str, Sum], full_scale: float) -> GroupedFigures:
+    """Figures from PairFigures.sums. full_scale: counts."""
+    rmse = np.sqrt(sums["squared_error"].mean)
+    error, total = sums["total_error"].total, sums["total"].total
+    nothing = np.full(total.shape, np.nan)
+    under, near, beyond = (np.sqrt(sums[_squared_error(group)].mean) for group in GROUPS)
+    return GroupedFigures(
+        rmse_counts=rmse,
+        rmse_percent=100.0 * rmse / full_scale,
+        ssim=sums["ssim"].mean,
+        ssim_contact=sums["ssim_contact"].mean,
+        contact_iou=sums["contact_iou"].mean,
+        centroid_error_mm=sums["centroid_error_mm"].mean,
+        total_error_percent=np.divide(100.0 * error, total, out=nothing, where=total > 0),
+        rmse_under_counts=under,
+        rmse_near_counts=near,
+        rmse_beyond_counts=beyond,
+    )
+
+
+def compare(
+    predicted: np.ndarray,
+    true: np.ndarray,
+    phi: Phi,
+    full_scale: float,
+    progress: str | None = None,
+    taxel_groups: Mapping[str, np.ndarray] | None = None,
+) -> PairFigures:
+    """Figures of each pair. predicted, true: (P, N), counts; full_scale: SSIM's data range.
+
+    progress: title of a progress bar, or None. taxel_groups: (N,) bool by the names in
+    floors.GROUPS, for errors by group.
+    """
+    predicted, true = predicted.astype(float), true.astype(float)
+    squares = np.square(predicted - true)
+    scores = _scores_of_images(predicted, true, phi, full_scale, progress)
+    return PairFigures(
+        squared_error=squares.mean(axis=1),
+        squared_error_of={
+            name: squares[:, mask].mean(axis=1) if mask.any() else np.full(len(true), np.nan)
+            for name, mask in (taxel_groups or {}).items()
+        },
+        ssim=scores[:, 0],
+        ssim_contact=scores[:, 1],
+        contact_iou=scores[:, 2],
+        centroid_error_mm=_centroid_error_mm(predicted, true, phi),
+        total_error=np.abs(predicted.sum(axis=1) - true.sum(axis=1)),
+        total=true.sum(axis=1),
+    )
+
+
+def _squared_error(group: str) -> str:
+    return f"squared_error_{group}"
+
+
+def _scores_of_images(
+    predicted: np.ndarray, true: np.ndarray, phi: Phi, full_scale: float, progress: str | None
+) -> np.ndarray:
+    """ImageScores of the tactile images of all pairs, (P, 3)."""
+    scores = np.empty((len(true), 3))
+    with (
+        ThreadPoolExecutor(cores()) as pool,
+        Progress(total=len(true), desc=progress, unit="pair", disable=progress is None) as bar,
+    ):
+        for start in range(0, len(true), BATCH_SIZE):
+            part = slice(start, start + BATCH_SIZE)
+            of_part = pool.map(
+                lambda a, b: image_scores(a, b, full_scale, CONTACT_LEVEL),
+                phi(predicted[part]),
+                phi(true[part]),
+            )
+            for row, of_pair in enumerate(of_part, start):
+                scores[row] = of_pair
+            bar.update(len(true[part]))
+    return scores
+
+
+def _centroid_error_mm(predicted: np.ndarray, true: np.ndarray, phi: Phi) -> np.ndarray:
+    """(P,) distance, mm; the centroid of an empty prediction is the center of the image.
+
+    phi is linear, so the moments of the images are products of the counts with those of phi.
+    """
+    columns_mm, rows_mm = phi.centers_mm
+    x_mm, y_mm = np.meshgrid(columns_mm, rows_mm)
+    weights = np.column_stack([np.ones(x_mm.size), x_mm.ravel(), y_mm.ravel()])
+    moments = phi.matrix.T @ weights  # (N, 3)
+    of_predicted, of_true = predicted @ moments, true @ moments
+    empty = of_true[:, 0] <= 0
+    a = of_predicted[:, 1:] / np.where(of_predicted[:, :1] > 0, of_predicted[:, :1], np.inf)
+    b = of_true[:, 1:] / np.where(empty[:, None], np.inf, of_true[:, :1])
+    return np.where(empty, np.nan, np.linalg.norm(a - b, axis=1))

@@ -1,0 +1,119 @@
+"""Makes a pretrained run of a trained run and its evaluations.
+
+    t2twin evaluate RUN --data data/paper data/forces --split both --out EVALUATION
+    python -m t2twin.translate.evaluation.publish_pretrained RUN EVALUATION/paper EVALUATION/forces
+
+Files that only training needs are left out. Trained weights are stored in half precision, three
+decimal digits; buffers keep their precision. The card contains the figures of the evaluations.
+"""
+
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import torch
+from safetensors.torch import load_file, save_file
+
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.translate.evaluation.files import read_evaluation
+from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
+from t2twin.translate.evaluation.records import Evaluation, ModelRow
+from t2twin.translate.runs.card import CARD, LIMITS
+from t2twin.translate.runs.config import BEST, CONFIG, LOG, load_config
+from t2twin.translate.runs.pretrained import HOME
+
+MIN_NUMBERS = 1000
+"""Minimum size of a tensor that is stored in half precision (assumed: smaller ones hold less than a
+hundredth of all numbers)."""
+
+FULL_PRECISION = ("correlation", "mean_frame", "running_mean", "running_var")
+"""Ends of the names of buffers, which keep their precision."""
+
+SPLITS = {"val": "new versions of primitives", "test": "hand tools"}
+"""Shapes in the splits of the protocol."""
+
+HEAD = """## Measured
+
+RMSE in percent of full scale, contact IoU, coverage of 90 % intervals, decrease of the RMSE without
+the least certain fifth of the presses (sparsification gain), and median error of the force. None of
+these presses was used for training.
+
+| presses | pairs | RMSE % | contact IoU | coverage % | gain % | force error % |
+|---|---|---|---|---|---|---|
+"""
+
+
+def publish_pretrained(run_dir: Path, evaluations: Sequence[Path] = (), home: Path = HOME) -> Path:
+    """Writes a finished run to home/MODEL, and replaces an earlier one. Returns that folder.
+
+    evaluations: folders of `t2twin evaluate` with this run, for the card. Raises T2TwinError if
+    run_dir is not a finished run, and for folders without an evaluation of it.
+    """
+    config = load_config(run_dir)
+    for name in (BEST, CARD, LOG):
+        if not (run_dir / name).is_file():
+            raise T2TwinError(f"{run_dir / name} is not there; the run has not finished")
+    card = (run_dir / CARD).read_text(encoding="utf-8")
+    rows = [row for folder in evaluations for row in _rows(folder, config.data.sha256)]
+    folder = home / config.model
+    folder.mkdir(parents=True, exist_ok=True)
+    weights = {name: _halved(name, tensor) for name, tensor in load_file(run_dir / BEST).items()}
+    with atomic_write(folder / BEST) as temporary:
+        save_file(weights, temporary)
+        temporary.chmod(0o644)  # safetensors restricts it to the owner
+    for name in (CONFIG, LOG):
+        shutil.copyfile(run_dir / name, folder / name)
+    with atomic_write(folder / CARD) as temporary:
+        temporary.write_text(_with_figures(card, rows), encoding="utf-8")
+    return folder
+
+
+def _halved(name: str, tensor: torch.Tensor) -> torch.Tensor:
+    is_weight = tensor.dim() >= 2 and not name.endswith(FULL_PRECISION)
+    return tensor.half() if is_weight and tensor.numel() >= MIN_NUMBERS else tensor
+
+
+def _with_figures(card: str, rows: Sequence[str]) -> str:
+    """The card with a table before the section on limits."""
+    if not rows:
+        return card
+    before, limits, after = card.partition(LIMITS)
+    return before + HEAD + "\n".join(rows) + "\n\n" + limits + after
+
+
+def _rows(folder: Path, sha256: str) -> Iterator[str]:
+    """One row of the table per split of an evaluation. sha256: of the training data."""
+    splits = [split for split in SPLITS if (folder / split).is_dir()]
+    if not splits:
+        raise T2TwinError(f"{folder} holds no evaluation; give folders of `t2twin evaluate`")
+    for split in splits:
+        evaluation = read_evaluation(folder / split)
+        row = _row_of(evaluation, sha256, folder)
+        found, overall = row.uncertainty, row.overall
+        coverage = gain = force = ""
+        if found is not None:
+            coverage = f"{100 * found.coverage_at(REPORTED_LEVEL):.1f}"
+            gain = f"{100 * found.sparsification_gain(REPORTED_SHARE):.0f}"
+            error = found.force_median_error_percent
+            force = "" if error is None else f"{error:.1f}"
+        iou = "" if overall.contact_iou is None else f"{overall.contact_iou:.3f}"
+        yield (
+            f"| {evaluation.world or folder.name}, {SPLITS[split]} | {overall.pairs:,} | "
+            f"{overall.rmse_percent:.2f} | {iou} | {coverage} | {gain} | {force} |"
+        )
+
+
+def _row_of(evaluation: Evaluation, sha256: str, folder: Path) -> ModelRow:
+    for row in evaluation.runs.values():
+        if row.trained_data == sha256:
+            return row
+    raise T2TwinError(f"{folder} has no evaluation of this run; evaluate it first")
+
+
+if __name__ == "__main__":
+    try:
+        print(publish_pretrained(Path(sys.argv[1]), [Path(folder) for folder in sys.argv[2:]]))
+    except T2TwinError as error:
+        sys.exit(str(error))

@@ -1,0 +1,106 @@
+"""Loads trained runs as predictors, in PyTorch or ONNX Runtime."""
+
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal
+
+from t2twin.core import arguments
+from t2twin.core.cache_dir import cache_dir
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.onnx_runtime import OnnxEngine
+from t2twin.translate.inference.predictor import (
+    CountsPredictor,
+    ImagePredictor,
+    TrainedTranslator,
+    not_predicted,
+    require,
+)
+from t2twin.translate.networks.fold_batchnorm import fold_batchnorm
+from t2twin.translate.runs.build import build, has_bf16
+from t2twin.translate.runs.checkpoint import load_weights
+from t2twin.translate.runs.config import BEST, RunConfig, load_config
+from t2twin.translate.runs.pretrained import DEFAULT_RUN, resolve_run
+
+ENGINES = ("onnx", "torch")
+
+
+def load(
+    run: str | Path = DEFAULT_RUN,
+    layout: str | Path | None = None,
+    bf16: bool = False,
+    engine: Literal["onnx", "torch"] | None = None,
+) -> Any:
+    """A run with its best weights: a CountsPredictor, a FieldPredictor or an ImagePredictor.
+
+    The class depends on the run, so that the annotation is Any.
+
+    run: its folder, or the name of a pretrained run. layout: name or file of a taxel layout that a
+    touch2touch or field run is read at, by default its own. bf16: compute in bfloat16 if the run's
+    preset and the processor support it, which is faster and changes counts by up to some hundreds.
+    engine: computes counts: "onnx" (ONNX Runtime) or "torch". The default is ONNX Runtime if the
+    extra t2twin[onnx] is installed, the run computes in float32 on the CPU, and the cache is
+    writable; counts differ by less than one. torch's threads and random numbers do not change.
+    Raises T2TwinError for a folder that is not a run, a layout that it cannot be read at, an
+    unknown engine, and "onnx" if it is not available.
+    """
+    if engine is not None and arguments.text(engine, "engine") not in ENGINES:
+        raise T2TwinError(f"there is no engine {engine!r}; {' and '.join(ENGINES)} are allowed")
+    predictor = _load(run, layout, bf16)
+    if engine == "torch":
+        return predictor
+    obstacle = _onnx_obstacle(predictor, bf16)
+    if obstacle is None and isinstance(predictor, CountsPredictor):
+        return replace(predictor, engine=OnnxEngine(predictor))
+    if engine == "onnx":
+        raise T2TwinError(f"{run} cannot be used with ONNX Runtime: {obstacle}")
+    return predictor
+
+
+def load_run(
+    run: str | Path, layout: str | Path | None = None, bf16: bool = False
+) -> CountsPredictor:
+    """As `load`, in PyTorch; raises T2TwinError for a run that does not predict counts."""
+    return require(_load(run, layout, bf16), CountsPredictor, "a prediction of counts")
+
+
+def _load(run: str | Path, layout: str | Path | None, bf16: bool) -> TrainedTranslator:
+    """As `load`, in PyTorch."""
+    run_dir, bf16 = resolve_run(run), arguments.flag(bf16, "bf16")
+    config = load_config(run_dir)
+    translator = build(replace(config, bf16=bf16 and config.preset.bf16 and has_bf16()))
+    load_weights(run_dir / BEST, translator.predictor)
+    fold_batchnorm(translator.predictor)
+    predictor: TrainedTranslator = _class_of(config)(run_dir, config, translator)
+    if layout is None:
+        return predictor
+    counts = require(predictor, CountsPredictor, "a layout")
+    places = load_layout(layout)
+    return counts.at_layout(places.x_mm, places.y_mm, places.name, places.pad_diameter_mm)
+
+
+def _onnx_obstacle(run: TrainedTranslator, bf16: bool) -> str | None:
+    """Why a run cannot use ONNX Runtime, or None."""
+    if not all(map(find_spec, ("onnx", "onnxruntime"))):
+        return "it needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
+    if not isinstance(run, CountsPredictor):
+        return f"it predicts {run.PREDICTS}, and ONNX Runtime is used for counts only"
+    if run.translator.device.type != "cpu" or bf16:
+        return "ONNX Runtime is used in float32 on the CPU only"
+    return None if cache_dir() is not None else "there is no writable folder for its file"
+
+
+def check_predicts_counts(run_dir: Path, config: RunConfig, purpose: str) -> None:
+    """Raises T2TwinError, naming the purpose, for a run that does not predict counts."""
+    kind = _class_of(config)
+    if not issubclass(kind, CountsPredictor):
+        raise not_predicted(run_dir, config, kind, purpose, CountsPredictor.RUNS)
+
+
+def _class_of(config: RunConfig) -> Any:
+    """The class of a run's predictor."""
+    if config.predicts_images:
+        return ImagePredictor
+    return FieldPredictor if config.model == "field" else CountsPredictor

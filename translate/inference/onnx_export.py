@@ -1,0 +1,184 @@
+"""Exports a trained run as an ONNX file, for computers without PyTorch.
+
+The graph contains the normalization, the network with folded batch norms, phi^-1 for touch2touch,
+and the clipping to full scale.
+
+    input    images          (B, c, S, S) float32 in [0, 1]: grey (c = 1), or red, green, blue
+    outputs  counts          (B, N) float32, within zero and full scale
+             tactile_images  (B, R, C) float32, counts, R x C = 396 x 240
+
+A field run also has
+
+    input    background      (1, 3, S, S), background frame of the same DIGIT; by default the mean
+                             frame of the run's world
+    outputs  counts_std      (B, N) float32, counts, standard deviations
+             field, field_std    (B, F) float32, counts, at the places of the field
+             force_n, force_std_n    (B,) float32, N, of a run trained on several forces
+
+B is free. The metadata of the file contain the model, its preset, and the layout with its positions
+and full scale. Shape letters: c channels, S image side of the run, N taxels, F places of the field,
+R rows and C columns.
+"""
+
+import json
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.predictor import (
+    COUNTS,
+    CountsPredictor,
+    TrainedTranslator,
+    require,
+)
+from t2twin.translate.models.field import FromPixels
+
+INPUT, BACKGROUND = "images", "background"
+TACTILE_IMAGES = "tactile_images"
+OUTPUTS = (
+    COUNTS, TACTILE_IMAGES, "counts_std", "field", "field_std", "force_n", "force_std_n"
+)  # fmt: skip
+"""Outputs in order; a run has the first of them."""
+
+OPSET = 17
+"""Version of the ONNX operators, not the latest, so that older runtimes can read the file."""
+
+PARITY_IMAGES = 5
+"""Random images on which the file is compared with the run."""
+
+PARITY_COUNTS = 1.0
+"""Largest accepted difference, counts; for standard deviations above 1,000 counts, thousandths of
+them."""
+
+
+def export_onnx(run: TrainedTranslator, path: str | Path) -> float:
+    """Writes a run at its layout as an ONNX file, and compares the two on random images.
+
+    Returns the largest difference of counts between ONNX Runtime and the run. Raises T2TwinError
+    for a run without counts, if onnx or onnxruntime is not installed, and for a difference above
+    PARITY_COUNTS.
+    """
+    run, path = arguments.instance(run, "run", TrainedTranslator), arguments.path(path, "path")
+    counts_run = require(run, CountsPredictor, "an ONNX file")
+    try:
+        import onnx  # noqa: F401
+        import onnxruntime  # noqa: F401
+    except ImportError:
+        raise T2TwinError(
+            "the export needs onnx and onnxruntime; install them with: pip install 't2twin[onnx]'"
+        ) from None
+    counts_run = counts_run.in_float32()
+    pixels = _random_pixels(counts_run)
+    with atomic_write(path) as temporary:
+        _write(counts_run, pixels, temporary)
+        difference = _difference(counts_run, pixels, temporary)
+        if difference > PARITY_COUNTS:
+            raise T2TwinError(
+                f"the ONNX file's counts differ from the run's by {difference:.1f}, more than "
+                f"{PARITY_COUNTS:g}; it was not written"
+            )
+    return difference
+
+
+def _write(run: CountsPredictor, pixels: np.ndarray, path: Path) -> None:
+    """Traces the run on pixels, (B, S, S, c) uint8, and writes the file."""
+    import onnx
+
+    module = run.translator.as_module().eval()
+    frame = [module.mean_frame] if isinstance(module, FromPixels) else []
+    images = _to_tensor(pixels)
+    with torch.inference_mode():
+        outputs = OUTPUTS[: len(module(images, *frame))]
+    with warnings.catch_warnings():
+        # The tracing exporter is deprecated, but its successor needs onnxscript as well.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        warnings.filterwarnings("ignore", "torch.from_numpy results are registered")
+        torch.onnx.export(
+            module,
+            (images, *frame),
+            str(path),
+            input_names=[INPUT, BACKGROUND][: 1 + len(frame)],
+            output_names=list(outputs),
+            dynamic_axes={name: {0: "batch"} for name in (INPUT, *outputs)},
+            opset_version=OPSET,
+            dynamo=False,
+        )
+    model = onnx.load(path)
+    for each in frame:  # an input that is also an initializer has it as its default
+        model.graph.initializer.append(onnx.numpy_helper.from_array(each.numpy(), BACKGROUND))
+    model.doc_string = _about(run, outputs)
+    onnx.helper.set_model_props(model, _metadata(run))
+    onnx.checker.check_model(model, full_check=True)
+    onnx.save(model, path)
+
+
+def _difference(run: CountsPredictor, pixels: np.ndarray, path: Path) -> float:
+    """Largest difference between the outputs of the file and of the run, see PARITY_COUNTS."""
+    session, images = open_onnx(path), _to_tensor(pixels).numpy()
+    (counts,) = session.run([COUNTS], {INPUT: images})
+    difference = float(np.abs(counts - run.predict_pixels(pixels)).max())
+    if isinstance(run, FieldPredictor):
+        (stds,) = session.run(["counts_std"], {INPUT: images})
+        own = run.estimate_pixels(pixels).counts_std
+        # Standard deviations are exponentials: rounding errors are relative.
+        relative = np.abs(stds - own) / np.maximum(1.0, own / 1e3)
+        difference = max(difference, float(relative.max()))
+    return difference
+
+
+def _to_tensor(pixels: np.ndarray) -> torch.Tensor:
+    """(B, c, S, S) float32 in [0, 1]."""
+    return torch.from_numpy(pixels.astype(np.float32) / 255.0).permute(0, 3, 1, 2).contiguous()
+
+
+def open_onnx(model: Path | bytes, threads: int = 0) -> Any:
+    """An ONNX Runtime session of a file or its content, on the CPU. threads: 0 for its default."""
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3  # errors only; inputs with a default cause a warning
+    options.intra_op_num_threads = threads
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+
+
+def _random_pixels(run: CountsPredictor) -> np.ndarray:
+    """(PARITY_IMAGES, S, S, c) uint8."""
+    preset = run.config.preset
+    shape = (PARITY_IMAGES, preset.size, preset.size, 1 if preset.grey else 3)
+    return np.random.default_rng(0).integers(0, 256, shape, dtype=np.uint8)
+
+
+def _about(run: CountsPredictor, outputs: tuple[str, ...]) -> str:
+    preset, info = run.config.preset, run.config.data
+    color = "grey, 1 channel" if preset.grey else "red, green, blue, 3 channels"
+    return (
+        f"{run.config.model} of t2twin: DIGIT images to the counts of {info.x_mm.size} taxels. "
+        f"Input {INPUT}: {preset.size} x {preset.size} pixels, {color}, float32 in [0, 1], "
+        f"upright, resized bilinearly with antialiasing. Outputs {', '.join(outputs)}: float32, "
+        f"counts from 0 to {info.full_scale_counts:g}, forces in newtons."
+    )
+
+
+def _metadata(run: CountsPredictor) -> dict[str, str]:
+    """All values are text; lists are JSON."""
+    preset, info = run.config.preset, run.config.data
+    return {
+        "made_by": f"t2twin {version('t2twin')}",
+        "model": run.config.model,
+        "preset": preset.name,
+        "size": str(preset.size),
+        "color": "grey" if preset.grey else "rgb",
+        "layout": info.layout,
+        "layout_x_mm": json.dumps(info.x_mm.tolist()),
+        "layout_y_mm": json.dumps(info.y_mm.tolist()),
+        "full_scale_counts": f"{info.full_scale_counts:g}",
+        "info_sha256": info.sha256,
+    }

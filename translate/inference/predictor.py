@@ -1,0 +1,284 @@
+"""Trained runs as predictors: of counts, of a field with uncertainty, or of DIGIT images.
+
+`load.load` returns the class that fits the run. Attributes that only another class has raise a
+T2TwinError that names the kind of run that has them.
+
+Shape letters: B images, R rows, C columns, N taxels, S image side of the run.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
+
+import numpy as np
+import torch
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.progress import Progress
+from t2twin.translate.data.image_arrays import Images, check_pixels, image_list, resized
+from t2twin.translate.data.images import to_input
+from t2twin.translate.data.pairs import ImageFile, InputImages
+from t2twin.translate.models.base import CountsTranslator, LayoutReader, Translator
+from t2twin.translate.models.layouts import checked_counts, same_layout, same_pads
+from t2twin.translate.models.reverse import CySkinToDigit
+from t2twin.translate.runs.config import RunConfig
+from t2twin.translate.uncertainty.ood import OODClass, compare_with_background
+
+BATCH_SIZE = 64
+"""Images in one batch; bounds memory."""
+
+COUNTS = "counts"
+"""Name of the counts in the outputs of an engine."""
+
+
+class Engine(Protocol):
+    """Computes predictions of counts in place of PyTorch."""
+
+    def for_run(self, run: "CountsPredictor") -> Self:
+        """The engine of another run, such as the same run at another layout."""
+        ...
+
+    def __call__(self, pixels: np.ndarray) -> dict[str, np.ndarray] | None:
+        """Outputs by the names of the ONNX export; None if it cannot compute them for these pixels.
+
+        pixels: as for `CountsPredictor.predict_pixels`.
+        """
+        ...
+
+
+class NotPredicted(T2TwinError, AttributeError):
+    """The run has no such prediction. Also an AttributeError, so that hasattr returns False."""
+
+
+@dataclass(frozen=True)
+class TrainedTranslator:
+    """A trained run with its best weights; `load` returns one of its subclasses."""
+
+    run_dir: Path
+    config: RunConfig
+    translator: Translator
+
+    PREDICTS: ClassVar[str] = ""
+    """The predictions of the class, in words."""
+
+    RUNS: ClassVar[str] = ""
+    """The runs of the class, in words."""
+
+    _classes: ClassVar[list[type["TrainedTranslator"]]] = []
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        TrainedTranslator._classes.append(cls)
+
+    if not TYPE_CHECKING:  # type checkers report attributes that a class does not have
+
+        def __getattr__(self, name: str) -> Any:
+            for kind in TrainedTranslator._classes:
+                if name in vars(kind) and not name.startswith("_"):
+                    raise not_predicted(self.run_dir, self.config, type(self), name, kind.RUNS)
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+
+@dataclass(frozen=True)
+class CountsPredictor(TrainedTranslator):
+    """A run that predicts counts from DIGIT images.
+
+    engine: computes the counts in place of PyTorch, if set.
+    """
+
+    translator: CountsTranslator
+    engine: Engine | None = None
+
+    PREDICTS: ClassVar[str] = "counts"
+    RUNS: ClassVar[str] = "digit-to-cyskin run"
+
+    def predict(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
+        """Counts of one DIGIT image or of several.
+
+        images: one image, (h, w, 3) or (h, w); a batch, (B, h, w, 3) or (B, h, w, 1); or a list or
+        tuple of images, whose sizes may differ. All are NumPy arrays of uint8 of any h and w,
+        channels red, green, blue. A batch and a list may be empty. background: the background frame
+        of the same DIGIT, one image, for a field run; by default the mean frame of its world.
+        Returns (N,) float32 for one image, (B, N) for several, between zero and full scale. Raises
+        T2TwinError for other images, and for a background frame with another run.
+        """
+        frames, is_one = image_list(images)
+        counts = self.predict_pixels(self._pixels(frames, background))
+        return counts[0] if is_one else counts
+
+    def predict_pixels(
+        self, pixels: np.ndarray | InputImages | ImageFile, progress: str | None = None
+    ) -> np.ndarray:
+        """(B, N) counts of images at the size and color of the run, as `pixels_of` returns them.
+
+        pixels: (B, S, S, c) uint8; c = 6 for a field run with background frames. progress: title of
+        a progress bar, or None.
+        """
+        self._check_pixels(pixels)
+        counts = [np.empty((0, self.config.data.x_mm.size), np.float32)]
+        for part in parts_of(len(pixels), progress):
+            batch = pixels[part]
+            outputs = None if self.engine is None else self.engine(batch)
+            if outputs is not None:
+                counts.append(outputs[COUNTS])
+            else:
+                inputs = to_input(batch.astype(np.float32) / 255.0)
+                counts.append(self.translator.predict(inputs).cpu().numpy())
+        return np.concatenate(counts)
+
+    def tactile_images(self, images: Images) -> np.ndarray:
+        """Tactile images of DIGIT images: (R, C) or (B, R, C) float32, counts.
+
+        For touch2touch the predicted images, resized; for ResNet18 phi of the counts; for field the
+        interpolated field. images: as for `predict`, with the same errors.
+        """
+        frames, is_one = image_list(images)
+        tactile = self.counts_and_tactile_images(self._pixels(frames))[1]
+        return tactile[0] if is_one else tactile
+
+    def counts_and_tactile_images(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Counts, (B, N), and tactile images, (B, R, C), float32, counts.
+
+        pixels: as for `predict_pixels`.
+        """
+        self._check_pixels(pixels)
+        inputs = to_input(pixels.astype(np.float32) / 255.0)
+        counts, tactile = self.translator.counts_and_tactile_images(inputs)
+        return counts.cpu().numpy(), tactile.cpu().numpy()
+
+    def in_distribution(self, pixels: np.ndarray) -> np.ndarray:
+        """(B,) bool: whether images are in distribution. pixels: as for `predict_pixels`."""
+        return np.array([each == OODClass.IN_DISTRIBUTION for each in self.classify(pixels)], bool)
+
+    def classify(self, pixels: np.ndarray) -> list[OODClass]:
+        """(B,) classes of images, as for `predict_pixels`, by out-of-distribution detection.
+
+        Images are compared with the training images of the run, if it has their statistics, and
+        with their background frames, if they have them.
+        """
+        self._check_pixels(pixels)
+        detector, images = self.config.ood_detector, pixels[..., :3]
+        inside = OODClass.IN_DISTRIBUTION
+        classes = [inside] * len(pixels) if detector is None else detector.classify(images)
+        if pixels.shape[-1] <= images.shape[-1]:
+            return classes
+        compared = compare_with_background(images, pixels[..., 3:])
+        return [b if a == inside else a for a, b in zip(classes, compared, strict=True)]
+
+    @property
+    def reads_any_layout(self) -> bool:
+        """Whether the network predicts an image or a field, from which any layout can be read."""
+        return isinstance(self.translator, LayoutReader)
+
+    def at_layout(
+        self,
+        x_mm: np.ndarray,
+        y_mm: np.ndarray,
+        name: str,
+        pad_diameter_mm: np.ndarray | None = None,
+    ) -> Self:
+        """The same run with the counts of another taxel layout.
+
+        x_mm, y_mm: (N,) taxel positions, mm, sensor frame. name: of the layout. pad_diameter_mm:
+        (N,), by default 4; it matters for a field run. For its own layout, returns the same object.
+        touch2touch reads the predicted image with the new layout's phi^-1, field reads the field
+        with the new pads (sim.cyskin.field_reading).
+        Raises T2TwinError for a ResNet18 run; for touch2touch if phi cannot interpolate the layout,
+        taxels lie outside the trained layout's hull or are too close for the generator's pixels;
+        for field if taxels lie outside the cover.
+        """
+        trained = self.config.data
+        x_mm, y_mm = arguments.vector(x_mm, "x_mm"), arguments.vector(y_mm, "y_mm")
+        data = replace(trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm)
+        if same_layout(trained, x_mm, y_mm) and (
+            not self.translator.learns_field or same_pads(trained.taxels, data.taxels)
+        ):
+            return self
+        if not isinstance(self.translator, LayoutReader):
+            raise T2TwinError(
+                f"{self.run_dir} is a ResNet18, which predicts only the {trained.x_mm.size} taxels "
+                f"of {trained.layout} that it was trained on; another layout needs a touch2touch "
+                "or a field run"
+            )
+        translator = self.translator.read_at(data.taxels)
+        config = replace(self.config, data=data)
+        other = replace(self, config=config, translator=translator, engine=None)
+        return other if self.engine is None else replace(other, engine=self.engine.for_run(other))
+
+    def in_float32(self) -> Self:
+        """The same run in PyTorch and float32."""
+        return replace(self, translator=self.translator.in_float32(), engine=None)
+
+    def pixels_of(self, images: Images, background: np.ndarray | None = None) -> np.ndarray:
+        """The input of `predict_pixels`. Arguments and errors: as for `predict`."""
+        return self._pixels(image_list(images)[0], background)
+
+    def _pixels(
+        self, frames: Sequence[np.ndarray], background: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(B, S, S, c) uint8. frames: checked images. background: not checked."""
+        if background is None:
+            return resized(frames, self.config.preset.size, self.config.preset.grey)
+        kind = type(self)
+        raise not_predicted(self.run_dir, self.config, kind, "a background frame", "field run")
+
+    def _check_pixels(self, pixels: np.ndarray | InputImages | ImageFile) -> None:
+        """Raises T2TwinError for arrays that `pixels_of` cannot return."""
+        if not isinstance(pixels, InputImages | ImageFile):
+            colors = (3, 6) if self.translator.learns_field else (3,)
+            preset = self.config.preset
+            check_pixels(pixels, preset.size, (1,) if preset.grey else colors)
+
+
+@dataclass(frozen=True)
+class ImagePredictor(TrainedTranslator):
+    """A run that predicts DIGIT images from counts."""
+
+    translator: CySkinToDigit
+
+    PREDICTS: ClassVar[str] = "DIGIT images"
+    RUNS: ClassVar[str] = "cyskin-to-digit run"
+
+    def predict_image(self, counts: np.ndarray) -> np.ndarray:
+        """DIGIT images of counts.
+
+        counts: (N,) or (B, N), from zero to full scale, in the order of the run's layout.
+        Returns (S, S) or (B, S, S) uint8, grey; the DIGIT's own images are 320 by 240. Raises
+        T2TwinError for invalid counts.
+        """
+        counts = checked_counts(counts, self.config.data)
+        size = self.config.preset.size
+        images = [np.empty((0, size, size), np.uint8)]
+        rows = torch.from_numpy(np.atleast_2d(counts))
+        for part in parts_of(len(rows), None):
+            predicted = self.translator.predict_images(rows[part])
+            images.append(predicted.round().clamp(0.0, 255.0).to(torch.uint8).cpu().numpy())
+        found = np.concatenate(images)
+        return found[0] if counts.ndim == 1 else found
+
+
+Predictor = TypeVar("Predictor", bound=TrainedTranslator)
+
+
+def require(run: TrainedTranslator, kind: type[Predictor], purpose: str) -> Predictor:
+    """The run as a predictor of a kind. Raises T2TwinError for another kind, naming the purpose."""
+    if not isinstance(run, kind):
+        raise not_predicted(run.run_dir, run.config, type(run), purpose, kind.RUNS)
+    return run
+
+
+def not_predicted(
+    run_dir: Path, config: RunConfig, kind: type[TrainedTranslator], purpose: str, needed: str
+) -> NotPredicted:
+    """The error for a run of a kind, used for a purpose that needs runs of another kind."""
+    name = config.direction if config.predicts_images else config.model
+    return NotPredicted(
+        f"{run_dir} is a {name} run, which predicts {kind.PREDICTS}; {purpose} needs a {needed}"
+    )
+
+
+def parts_of(size: int, progress: str | None) -> list[slice] | Progress:
+    parts = [slice(start, start + BATCH_SIZE) for start in range(0, size, BATCH_SIZE)]
+    return parts if progress is None else Progress(parts, desc=progress, unit="batch")

@@ -1,0 +1,106 @@
+"""Base classes of the translators: what training needs, and what prediction of counts needs.
+
+Shape letters: B batch, c channels and S side of the input images, N taxels, R rows and C columns of
+a tactile image.
+"""
+
+from abc import ABC, abstractmethod
+from copy import copy
+from typing import Protocol, Self, runtime_checkable
+
+import numpy as np
+import torch
+from torch import nn
+from torch.optim.swa_utils import AveragedModel
+
+from t2twin.sim.cyskin.layout import Layout
+from t2twin.translate.data.images import to_input
+from t2twin.translate.data.pairs import Examples, Pairs
+
+
+class Translator(ABC):
+    """The networks of one model with their optimizers, as training and checkpoints need them.
+
+    networks: all trained networks by name, the predicting one first. optimizers: by the names of
+    their networks. average: the weight average of the first network, if the preset has one.
+    predictor: the network used for prediction, `average.module` or the first network. device:
+    where the networks are; inputs are moved there. bf16: whether networks compute in bfloat16.
+    learns_field: whether training needs pairs with the field.
+    """
+
+    networks: dict[str, nn.Module]
+    optimizers: dict[str, torch.optim.Optimizer]
+    average: AveragedModel | None
+    predictor: nn.Module
+    device: torch.device
+    bf16: bool
+    learns_field = False
+
+    @abstractmethod
+    def step(self, examples: Examples) -> dict[str, float]:
+        """Takes one optimizer step on a batch of pairs. Returns the losses by name."""
+
+    @abstractmethod
+    def errors(self, pixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """Predictions minus targets, (B, n), in the unit of the target: counts or grey levels.
+
+        pixels: (B, S, S, c) uint8. counts: (B, N). The predictor is in evaluation mode afterwards.
+        """
+
+    def prepare(self, pairs: Pairs) -> None:
+        """Sets buffers from the training pairs before the first step; by default none."""
+        return
+
+    def calibrate(self, *sets: Pairs) -> None:
+        """Fits the uncertainty of the predictor to held-out pairs; by default there is none."""
+        return
+
+    def in_float32(self) -> Self:
+        """The same networks, computing in float32."""
+        other = copy(self)
+        other.bf16 = False
+        return other
+
+    def precision(self) -> torch.autocast:
+        """Context in which the networks compute."""
+        return torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16)
+
+
+class CountsTranslator(Translator):
+    """A translator from DIGIT images to counts.
+
+    Input images are as `data.images.to_input` returns them, (B, c, S, S) float32; counts are (B, N)
+    float32, within zero and full scale.
+    """
+
+    @abstractmethod
+    def predict(self, images: torch.Tensor) -> torch.Tensor:
+        """Counts. The predictor is in evaluation mode afterwards."""
+
+    @abstractmethod
+    def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Counts as `predict` returns them, and tactile images, (B, R, C) float32, counts."""
+
+    @abstractmethod
+    def as_module(self) -> nn.Module:
+        """The whole prediction as one module in float32 on the CPU, ready for tracing.
+
+        It maps (B, c, S, S) pixels in [0, 1], grey or RGB, to counts and tactile images, (B, R, C),
+        counts. Its networks are copies.
+        """
+
+    def errors(self, pixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        return self.predict(to_input(pixels.astype(np.float32) / 255.0)).cpu().numpy() - counts
+
+
+@runtime_checkable
+class LayoutReader(Protocol):
+    """A translator whose spatial output, image or field, can be read at any taxel layout."""
+
+    def read_at(self, layout: Layout) -> CountsTranslator:
+        """The same networks with counts of another layout.
+
+        Raises T2TwinError for a layout that phi cannot interpolate, and for one that the spatial
+        output does not cover or does not resolve.
+        """
+        ...

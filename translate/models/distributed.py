@@ -1,0 +1,124 @@
+"""Several processes in one training, started by torchrun; with one process nothing here acts.
+
+Each process has the same weights and computes its part of each batch. Gradients are averaged after
+each backward pass, which serves two networks in one step without a wrapper. They are averaged with
+gloo, which supports CPUs and GPUs, and several processes on one GPU, which nccl does not.
+
+Also the threads and the memory of one process.
+"""
+
+import ctypes
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import torch
+import torch.distributed as dist
+from torch import nn
+
+from t2twin.core.machine import cores
+
+TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
+"""Parameters of glibc's mallopt(3)."""
+
+
+def process_count() -> int:
+    """Number of processes of the training."""
+    return int(os.environ.get("WORLD_SIZE", "1"))
+
+
+@contextmanager
+def processes() -> Iterator[int]:
+    """Joins the processes of torchrun, if any, on a GPU each if there are GPUs. Yields the rank."""
+    if process_count() == 1:
+        yield 0
+        return
+    own = device()
+    if own.type == "cuda":
+        torch.cuda.set_device(own)
+    dist.init_process_group("gloo")
+    try:
+        yield dist.get_rank()
+        dist.barrier()  # wait until the others have received everything
+    finally:
+        dist.destroy_process_group()
+
+
+def device() -> torch.device:
+    """The device of this process: a GPU if there is one, under torchrun one per process."""
+    gpus = torch.cuda.device_count() if torch.cuda.is_available() else 0
+    return device_for(int(os.environ.get("LOCAL_RANK", "0")), gpus)
+
+
+def device_for(local_rank: int, gpus: int) -> torch.device:
+    """The device of a process; more processes than GPUs share the GPUs.
+
+    local_rank: number of the process on its machine, from 0. gpus: number of GPUs of the machine.
+    """
+    return torch.device("cuda", local_rank % gpus) if gpus else torch.device("cpu")
+
+
+def use_all_cores() -> None:
+    """Sets torch's threads to the available cores, divided by the processes of this machine.
+
+    OMP_NUM_THREADS has precedence, except under torchrun, which sets it itself.
+    """
+    local = int(os.environ.get("LOCAL_WORLD_SIZE", "1"))
+    if local == 1 and "OMP_NUM_THREADS" in os.environ:
+        torch.set_num_threads(int(os.environ["OMP_NUM_THREADS"]))
+        return
+    torch.set_num_threads(max(1, cores() // local))
+
+
+def keep_memory() -> None:
+    """Makes glibc keep up to 1 GB of freed memory for the next step; no effect elsewhere.
+
+    Memory returned to the system is cleared page by page on reuse, which takes a tenth of a step.
+    """
+    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
+        for setting in (MMAP_THRESHOLD, TRIM_THRESHOLD):
+            libc.mallopt(setting, 2**30)
+
+
+def average_gradients(network: nn.Module) -> None:
+    """Replaces each gradient by its mean over the processes."""
+    if dist.is_initialized():
+        _average([p.grad for p in network.parameters() if p.grad is not None])
+
+
+def average_statistics(network: nn.Module) -> None:
+    """Replaces batch norm's running statistics by their mean over the processes."""
+    if dist.is_initialized():
+        _average([b for b in network.buffers() if b.is_floating_point()])
+
+
+def total(value: float) -> float:
+    """Sum over the processes."""
+    return _reduced(value, dist.ReduceOp.SUM) if dist.is_initialized() else value
+
+
+def largest(value: float) -> float:
+    """Maximum over the processes, so that all of them take the same decision."""
+    return _reduced(value, dist.ReduceOp.MAX) if dist.is_initialized() else value
+
+
+def wait() -> None:
+    """Waits for all processes."""
+    if dist.is_initialized():
+        dist.barrier()
+
+
+def _reduced(value: float, how: dist.ReduceOp.RedOpType) -> float:
+    tensor = torch.tensor(value, dtype=torch.float64)
+    dist.all_reduce(tensor, how)
+    return float(tensor)
+
+
+def _average(tensors: list[torch.Tensor]) -> None:
+    """Averages tensors in place, in one message, which is faster than one per tensor."""
+    flat = torch.cat([tensor.detach().reshape(-1) for tensor in tensors])
+    dist.all_reduce(flat)
+    flat /= dist.get_world_size()
+    for tensor, mean in zip(tensors, flat.split([t.numel() for t in tensors]), strict=True):
+        tensor.detach().copy_(mean.view_as(tensor))

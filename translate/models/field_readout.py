@@ -1,0 +1,98 @@
+"""Converts network outputs to calibrated predictions: counts, field and force.
+
+Shape letters: B images, N taxels, F places of the field.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import nn
+
+from t2twin.translate.networks.field_net import KNOTS, FieldNet, FieldOutputs
+from t2twin.translate.uncertainty.calibration import interpolate_scale, standard_deviation
+
+FORCE_OFFSET_N = 0.1
+"""Added to a force before its logarithm is taken, N (assumed: the force is zero without contact,
+and at least half a newton otherwise)."""
+
+MIN_FORCE_SCALE = 1e-3
+"""Standard deviation of the training forces' logarithms above which the network predicts the force
+(assumed)."""
+
+
+class FieldPrediction(NamedTuple):
+    """Predictions for B images.
+
+    counts, counts_std: (B, N), counts. field, field_std: (B, F), counts. force_n, force_std_n:
+    (B,), N, or None if the run was trained on presses of one force.
+    """
+
+    counts: torch.Tensor
+    counts_std: torch.Tensor
+    field: torch.Tensor
+    field_std: torch.Tensor
+    force_n: torch.Tensor | None
+    force_std_n: torch.Tensor | None
+
+
+class FieldReadout(nn.Module):
+    """Reads the counts of a layout from the outputs of a calibrated network.
+
+    reading: (N, F), maps the field to the counts. full_scale: counts.
+    """
+
+    reading: torch.Tensor
+    factor: torch.Tensor
+    place_knots: torch.Tensor
+    press_knots: torch.Tensor
+    force_knots: torch.Tensor
+    force_scale: torch.Tensor
+
+    def __init__(self, network: FieldNet, reading: np.ndarray, full_scale: float) -> None:
+        super().__init__()
+        self.full_scale = full_scale
+        self.predicts_force = predicts_force(network)
+        factor = torch.linalg.cholesky(network.correlation.cpu().double()).float()
+        self.register_buffer("reading", torch.from_numpy(reading).float())
+        self.register_buffer("factor", factor)
+        for name in (*KNOTS, "force_scale"):
+            self.register_buffer(name, getattr(network, name).detach().clone())
+        self.to(network.correlation.device)
+
+    def forward(self, outputs: FieldOutputs) -> FieldPrediction:
+        """Counts and field are clipped to zero and full scale."""
+        field = (outputs.mean * self.full_scale).clamp(0.0, self.full_scale)
+        std = standard_deviation(outputs.log_spread, self.place_knots, self.press_knots)
+        field_std = self.full_scale * std
+        counts = (field @ self.reading.T).clamp(0.0, self.full_scale)
+        # A taxel averages several places, whose errors are correlated.
+        parts = (field_std[:, None, :] * self.reading) @ self.factor
+        counts_std = parts.square().sum(dim=2).sqrt()
+        if not self.predicts_force:
+            return FieldPrediction(counts, counts_std, field, field_std, None, None)
+        shifted = torch.exp(outputs.force * self.force_scale[1] + self.force_scale[0])
+        spread = outputs.force_log_spread.exp() * interpolate_scale(
+            outputs.force_log_spread, self.force_knots
+        )
+        spread = spread * self.force_scale[1]
+        force = (shifted - FORCE_OFFSET_N).clamp(min=0.0)
+        return FieldPrediction(counts, counts_std, field, field_std, force, shifted * spread)
+
+    def sample(self, prediction: FieldPrediction, number: int, seed: int) -> torch.Tensor:
+        """(B, number, F) fields sampled from the predicted distributions, counts."""
+        generator = torch.Generator().manual_seed(seed)
+        shape = (prediction.field.shape[0], number, prediction.field.shape[1])
+        normal = torch.randn(shape, generator=generator).to(prediction.field.device)
+        deviation = prediction.field_std[:, None] * (normal @ self.factor.T)
+        return (prediction.field[:, None] + deviation).clamp(0.0, self.full_scale)
+
+
+def log_force(force_n: torch.Tensor) -> torch.Tensor:
+    """The shifted logarithm of forces, the target of training. Any shape, N."""
+    return torch.log(force_n + FORCE_OFFSET_N)
+
+
+def predicts_force(network: FieldNet) -> bool:
+    """Whether the network was trained on presses of several forces."""
+    return float(network.force_scale[1]) > MIN_FORCE_SCALE

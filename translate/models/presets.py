@@ -1,0 +1,245 @@
+"""Models, directions and presets of the translators.
+
+Each model has three presets: the paper's, one for a CPU and one for tests. Values without comment
+are those of Grella et al. 2023 or pix2pix (Isola et al. 2017), or "assumed" or "measured".
+
+A run has a direction: from the DIGIT to the CySkin, as in the paper, or the reverse.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+
+Model = Literal["touch2touch", "resnet18", "field"]
+MODELS: tuple[Model, ...] = ("touch2touch", "resnet18", "field")
+
+PAPER_MODELS: tuple[Model, ...] = ("touch2touch", "resnet18")
+"""The models of Grella et al. 2023, which need no field in the dataset."""
+
+Direction = Literal["digit-to-cyskin", "cyskin-to-digit"]
+
+DIGIT_TO_CYSKIN: Direction = "digit-to-cyskin"
+CYSKIN_TO_DIGIT: Direction = "cyskin-to-digit"
+DIRECTIONS = (DIGIT_TO_CYSKIN, CYSKIN_TO_DIGIT)
+
+REVERSIBLE = "touch2touch"
+"""The model with both directions: its inputs and targets are both images."""
+
+
+@dataclass(frozen=True)
+class Preset:
+    """All settings of a training except its data and seed.
+
+    size: side of the square images, pixels. grey: whether DIGIT images are converted to grey.
+    filters: base width of the networks. batch: pairs per step, over all processes.
+    learning_rate, beta1, beta2: Adam's. weight_decay: AdamW's (Loshchilov and Hutter 2019), as a
+        fraction of the learning rate per step; 0 is Adam. schedule: "fixed", or "cosine" to zero
+        over the epochs.
+    l1_weight: weight of the L1 loss relative to the adversarial loss; touch2touch only.
+    iou_weight: the same of the soft IoU loss, 0 for none; touch2touch from DIGIT to CySkin only.
+    discriminator_share: learning rate of the discriminator relative to the generator's.
+    epochs: maximum epochs. steps: maximum steps, rounded to whole epochs; 0 for no limit. An epoch
+        is all pairs, or a part of a large dataset (training.trainer.steps_of_epoch).
+    patience: epochs without a lower validation RMSE before training stops.
+    averaged_part: share of the steps so far in the weight average used for prediction
+        (optimizer.weight_average); 0 for the last weights.
+    bf16: compute in bfloat16 if the processor supports it.
+    brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: offset and
+        noise as fractions of full scale, relative gain. There is no geometric augmentation, which
+        would break the pairing.
+    """
+
+    name: str
+    size: int
+    grey: bool
+    filters: int
+    batch: int
+    learning_rate: float
+    beta1: float
+    epochs: int
+    patience: int
+    steps: int = 0
+    beta2: float = 0.999
+    schedule: Literal["fixed", "cosine"] = "fixed"
+    l1_weight: float = 0.0
+    iou_weight: float = 0.0
+    discriminator_share: float = 1.0
+    weight_decay: float = 0.0
+    averaged_part: float = 0.0
+    bf16: bool = False
+    brightness: float = 0.0
+    contrast: float = 0.0
+    noise: float = 0.0
+
+
+PRESETS: dict[Model, dict[str, Preset]] = {
+    "touch2touch": {
+        "paper": Preset(
+            name="paper",
+            size=256,  # Grella et al. 2023
+            grey=True,  # Grella et al. 2023
+            filters=64,  # Isola et al. 2017
+            batch=32,  # Grella et al. 2023
+            learning_rate=2e-4,  # Isola et al. 2017
+            beta1=0.5,  # Isola et al. 2017
+            l1_weight=100.0,  # Isola et al. 2017
+            epochs=200,  # Isola et al. 2017, most of their datasets
+            patience=20,  # assumed
+        ),
+        "cpu": Preset(
+            name="cpu",
+            size=64,  # assumed
+            grey=True,
+            filters=16,  # a third of the time of 32 (measured)
+            batch=32,  # Grella et al. 2023
+            learning_rate=1e-3,  # better than 4e-4 after equal epochs (measured)
+            beta1=0.5,
+            l1_weight=100.0,
+            discriminator_share=0.05,  # with 0.2, L1 and L3 increase within 24 epochs (measured)
+            schedule="cosine",
+            weight_decay=0.05,  # validation at scale small 2.5 %, with 0.5 3.0 % (measured)
+            averaged_part=0.1,  # 0.25 is too slow for decaying weights (measured)
+            epochs=40,
+            steps=10_500,  # 24 epochs of the paper's dataset, 52 minutes of one core (measured)
+            patience=15,
+            bf16=True,
+            brightness=0.02,
+            contrast=0.05,
+            noise=0.01,
+        ),
+        "smoke": Preset(
+            name="smoke",
+            size=32,
+            grey=True,
+            filters=8,
+            batch=8,
+            learning_rate=1e-3,
+            beta1=0.5,
+            l1_weight=100.0,
+            epochs=10,
+            patience=10,
+        ),
+    },
+    "resnet18": {
+        "paper": Preset(
+            name="paper",
+            size=256,  # assumed: the same as touch2touch's; the paper gives none
+            grey=False,
+            filters=64,  # He et al. 2016
+            batch=8,  # Grella et al. 2023
+            learning_rate=1e-3,  # Grella et al. 2023, fixed
+            beta1=0.9,  # assumed: Adam's default; the paper names no optimizer
+            epochs=200,  # assumed
+            patience=20,  # assumed
+        ),
+        "cpu": Preset(
+            name="cpu",
+            size=96,  # assumed
+            grey=False,
+            filters=32,  # a quarter of the time of 64, equally good (measured)
+            batch=32,  # epochs a third faster than with 16 (measured)
+            learning_rate=1e-3,
+            beta1=0.9,
+            schedule="cosine",
+            weight_decay=0.5,  # 2.1 % on the probes, without 2.3 % (measured)
+            averaged_part=0.1,
+            epochs=40,
+            steps=5300,  # 12 epochs of the paper's dataset, 35 minutes of one core (measured)
+            patience=15,
+            bf16=True,
+            brightness=0.02,
+            contrast=0.05,
+            noise=0.01,
+        ),
+        "smoke": Preset(
+            name="smoke",
+            size=64,  # with 32 the last stage has one pixel, too few for batch norm
+            grey=False,
+            filters=16,
+            batch=8,
+            learning_rate=2e-3,
+            beta1=0.9,
+            epochs=10,
+            patience=10,
+        ),
+    },
+    "field": {
+        "paper": Preset(
+            name="paper",
+            size=256,
+            grey=False,
+            filters=64,  # He et al. 2016
+            batch=32,  # assumed
+            learning_rate=1e-3,
+            beta1=0.9,
+            schedule="cosine",
+            weight_decay=0.5,
+            averaged_part=0.1,
+            epochs=200,
+            patience=20,
+            bf16=True,
+            brightness=0.02,
+            contrast=0.05,
+            noise=0.01,
+        ),
+        "cpu": Preset(
+            name="cpu",
+            size=96,
+            grey=False,
+            filters=32,
+            batch=32,
+            learning_rate=1e-3,
+            beta1=0.9,
+            schedule="cosine",
+            weight_decay=0.5,
+            averaged_part=0.1,
+            epochs=40,
+            steps=15_900,
+            patience=15,
+            bf16=True,
+            brightness=0.02,
+            contrast=0.05,
+            noise=0.01,
+        ),
+        "smoke": Preset(
+            name="smoke",
+            size=64,
+            grey=False,
+            filters=16,
+            batch=8,
+            learning_rate=2e-3,
+            beta1=0.9,
+            epochs=10,
+            patience=10,
+        ),
+    },
+}
+
+
+def find_preset(model: str, preset: str | Preset) -> Preset:
+    """The preset of a model by its name. Raises T2TwinError with the valid names."""
+    arguments.text(model, "model")
+    if model not in PRESETS:
+        raise T2TwinError(f"there is no model {model!r}; it must be one of {', '.join(MODELS)}")
+    if isinstance(preset, Preset):
+        return preset
+    arguments.text(preset, "preset")
+    if preset not in PRESETS[model]:
+        names = ", ".join(PRESETS[model])
+        raise T2TwinError(f"{model} has no preset {preset!r}; it must be one of {names}")
+    return PRESETS[model][preset]
+
+
+def check_direction(direction: str, model: str) -> None:
+    """Raises T2TwinError for an unknown direction, and for one that the model does not have."""
+    if arguments.text(direction, "direction") not in DIRECTIONS:
+        raise T2TwinError(
+            f"the direction is {direction!r}; it must be one of {', '.join(DIRECTIONS)}"
+        )
+    if direction == CYSKIN_TO_DIGIT and model != REVERSIBLE:
+        raise T2TwinError(
+            f"{model} has no direction {direction}; {REVERSIBLE} has both, the other models have "
+            f"{DIGIT_TO_CYSKIN} only"
+        )

@@ -1,0 +1,95 @@
+"""ResNet18 from the DIGIT image to the counts, trained on L3 (Grella et al. 2023).
+
+Shape letters: B batch, S image side, N taxels, R rows and C columns of a tactile image.
+"""
+
+from copy import deepcopy
+from functools import cached_property
+
+import torch
+from torch import nn
+from torch.nn import functional
+
+from t2twin.sim.cyskin.phi import Phi
+from t2twin.translate.data.images import RGB_MEAN, RGB_STD
+from t2twin.translate.data.pairs import DataInfo, Examples
+from t2twin.translate.models.base import CountsTranslator
+from t2twin.translate.models.distributed import average_gradients
+from t2twin.translate.models.optimizer import adamw, weight_average
+from t2twin.translate.models.presets import Preset
+from t2twin.translate.networks.resnet18 import ResNet18
+
+
+class ResNet18Translator(CountsTranslator):
+    """One network, which predicts the counts of the layout that it was trained on."""
+
+    def __init__(self, preset: Preset, info: DataInfo, device: torch.device, bf16: bool) -> None:
+        self.info = info
+        self.full_scale = info.full_scale_counts
+        self.device = device
+        self.bf16 = bf16
+        self.network = ResNet18(info.x_mm.size, preset.filters)
+        self.network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+        self.networks = {"resnet18": self.network}
+        self.optimizers = {"resnet18": adamw(self.network, preset)}
+        self.average = weight_average(self.network, preset.averaged_part)
+        self.predictor: nn.Module = self.average.module if self.average else self.network
+
+    def step(self, examples: Examples) -> dict[str, float]:
+        """One step on L3, the mean squared error of the counts as a fraction of full scale.
+
+        images: (B, 3, S, S) normalized. Returns the loss by name.
+        """
+        optimizer = self.optimizers["resnet18"]
+        optimizer.zero_grad()
+        with self.precision():
+            predicted = self.network(examples.images.to(self.device))
+        targets = examples.counts.to(self.device) / self.full_scale
+        loss = functional.mse_loss(predicted.float(), targets)
+        loss.backward()
+        average_gradients(self.network)
+        optimizer.step()
+        if self.average is not None:
+            self.average.update_parameters(self.network)
+        return {"l3": float(loss.detach())}
+
+    def predict(self, images: torch.Tensor) -> torch.Tensor:
+        """See CountsTranslator. images: (B, 3, S, S)."""
+        self.predictor.eval()
+        with torch.inference_mode(), self.precision():
+            predicted = self.predictor(images.to(self.device))
+        return (predicted.float() * self.full_scale).clamp(0.0, self.full_scale)
+
+    @cached_property
+    def phi(self) -> Phi:
+        """phi of its layout at the full size of a tactile image."""
+        return Phi(self.info.x_mm, self.info.y_mm)
+
+    def counts_and_tactile_images(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """See CountsTranslator. The tactile images are phi of the counts."""
+        counts = self.predict(images)
+        return counts, torch.from_numpy(self.phi(counts.cpu().numpy()))
+
+    def as_module(self) -> nn.Module:
+        """See CountsTranslator."""
+        return _FromPixels(self.predictor, self.phi, self.full_scale)
+
+
+class _FromPixels(nn.Module):
+    """From RGB pixels in [0, 1] to counts and tactile images, in float32 on the CPU."""
+
+    mean: torch.Tensor
+    std: torch.Tensor
+
+    def __init__(self, network: nn.Module, phi: Phi, full_scale: float) -> None:
+        super().__init__()
+        self.network = deepcopy(network).cpu()
+        self.phi = phi
+        self.full_scale = full_scale
+        self.register_buffer("mean", torch.from_numpy(RGB_MEAN).view(3, 1, 1))
+        self.register_buffer("std", torch.from_numpy(RGB_STD).view(3, 1, 1))
+
+    def forward(self, pixels: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        counts = self.network((pixels - self.mean) / self.std) * self.full_scale
+        counts = counts.clamp(0.0, self.full_scale)
+        return counts, self.phi.to_torch(counts)[:, 0]

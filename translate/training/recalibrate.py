@@ -1,0 +1,63 @@
+"""Recalibrates the predicted uncertainty of a field run on validation presses of several worlds.
+
+Training calibrates on the validation presses of its own world, which may have one family of shapes
+only, such as primitives. Intervals of other presses then have too low a coverage. Here each world
+has the same number of validation presses. Test presses are not used.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import locked
+from t2twin.translate.data.pairs import Pairs, load_info, load_pairs, usable_cache
+from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.runs.build import build
+from t2twin.translate.runs.card import write_card
+from t2twin.translate.runs.checkpoint import load_weights, save_weights
+from t2twin.translate.runs.config import BEST, load_config
+
+SEED = 0
+"""Seed of the selection of presses from larger validation splits."""
+
+
+def recalibrate(run_dir: str | Path, data_dirs: Sequence[str | Path]) -> int:
+    """Fits the calibration of a field run again; writes its best weights and its card.
+
+    data_dirs: datasets with field, of any world, including the run's own. Each contributes as many
+    validation presses as the smallest has. Returns the total number of presses.
+    Raises T2TwinError for a run of another model, a dataset without field or validation pairs, and
+    if the run's own dataset is missing.
+    """
+    run_dir, folders = Path(run_dir), [Path(folder) for folder in data_dirs]
+    config = load_config(run_dir)
+    own = [folder for folder in folders if load_info(folder).sha256 == config.data.sha256]
+    if not own:
+        raise T2TwinError(
+            f"the dataset that {run_dir} was trained on is missing; give it with the others"
+        )
+    translator = build(config)
+    if not isinstance(translator, FieldTranslator):
+        raise T2TwinError(
+            f"{run_dir} is a {config.model} run, which predicts no uncertainty; expected a field "
+            "run"
+        )
+    with locked(run_dir):
+        load_weights(run_dir / BEST, translator.predictor)
+        sets = [
+            load_pairs(each, "val", config.preset.size, False, usable_cache(each, run_dir), True)
+            for each in folders
+        ]
+        samples = _equal_samples(sets)
+        translator.calibrate(*samples)
+        save_weights(run_dir / BEST, translator.predictor)
+        write_card(run_dir, own[0])
+    return sum(map(len, samples))
+
+
+def _equal_samples(sets: Sequence[Pairs]) -> list[Pairs]:
+    number = min(len(pairs) for pairs in sets)
+    rng = np.random.default_rng(SEED)
+    return [pairs.subset(np.sort(rng.choice(len(pairs), number, replace=False))) for pairs in sets]

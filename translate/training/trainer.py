@@ -1,0 +1,295 @@
+"""The training loop of all translators."""
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from t2twin.core.errors import T2TwinError
+from t2twin.core.progress import Progress
+from t2twin.translate.data.images import augment, to_input
+from t2twin.translate.data.pairs import Examples, Pairs
+from t2twin.translate.models import distributed
+from t2twin.translate.models.base import Translator
+from t2twin.translate.models.presets import Preset
+from t2twin.translate.runs.build import build
+from t2twin.translate.runs.checkpoint import load_state, save_state, save_weights
+from t2twin.translate.runs.config import BEST, LAST, TENSORBOARD, RunConfig
+from t2twin.translate.runs.log import EpochRecord, best_epoch, to_json, write_log
+from t2twin.translate.training.early_stopping import TrainingResult, stop_reason, training_result
+from t2twin.translate.training.warm_start import WarmStart, apply_warm_start
+from t2twin.translate.uncertainty.ood import fit_ood_detector
+
+VALIDATION_BATCH = 64
+"""Pairs in one batch of validation; bounds memory."""
+
+MIN_EPOCHS = 12
+"""Minimum number of epochs that a preset's steps are divided into (assumed: those of ResNet18 on
+the paper's dataset). With a large dataset an epoch is a part of the data, because the learning
+rate's schedule and the choice of the best weights depend on epochs."""
+
+MIN_STEPS = 100
+"""Minimum number of steps of a shortened epoch (assumed: with fewer, validation takes longer)."""
+
+TIMED_STEPS = 3
+"""Steps of the time estimate, after one that is not counted."""
+
+
+class Trainer:
+    """The training of one run, in one of its processes."""
+
+    def __init__(
+        self,
+        config: RunConfig,
+        out_dir: Path,
+        pairs: Pairs,
+        validation: Pairs,
+        rank: int,
+        warm_start: WarmStart | None = None,
+    ) -> None:
+        self.config = config
+        self.out_dir = out_dir
+        self.pairs = pairs
+        self.validation = validation
+        self.rank = rank
+        self.warm_start = warm_start
+        most = min(config.preset.batch, len(pairs))
+        self.batch = most - most % config.processes
+        self.batches = len(pairs) // self.batch  # no smaller last batch: bad for batch norm
+        self.steps = steps_of_epoch(self.batches, config.budget)
+        self.history: list[EpochRecord] = []
+
+    def run(self) -> TrainingResult:
+        """Trains until the run is finished; starts from the saved state if there is one."""
+        resumed = (self.out_dir / LAST).is_file()
+        if resumed:  # in older runs an epoch is all of the data
+            self.steps = self.config.epoch_steps or self.batches
+        epoch_seconds = self._measure()
+        if not resumed:
+            planned = self._planned_epochs(epoch_seconds)
+            self.config = replace(
+                self.config,
+                planned_epochs=planned,
+                epoch_steps=self.steps,
+                ood_detector=fit_ood_detector(self.pairs.images),
+            )
+        self.translator = build(self.config)
+        if resumed:
+            self.history = load_state(self.out_dir / LAST, self.translator)
+        else:
+            if self.warm_start is not None:
+                apply_warm_start(self.warm_start, self.translator)
+            self.translator.prepare(self.pairs)
+            if self.rank == 0:
+                self.config.save(self.out_dir)
+        self._announce(epoch_seconds)
+        self._train()
+        reason = stop_reason(self.config, self.history)
+        assert reason is not None
+        result = training_result(self.out_dir, self.history, reason)
+        if self.rank == 0:
+            print(f"{self.out_dir}: {result.summary}.")
+        return result
+
+    def _planned_epochs(self, epoch_seconds: float) -> int:
+        """The user's number of epochs or the preset's; with a limit in minutes, those that fit."""
+        config, planned = self.config, self.config.planned_epochs
+        if config.steps is not None:
+            planned = round(config.steps / self.steps)
+        elif config.epochs is None and config.preset.steps:
+            planned = min(planned, round(config.preset.steps / self.steps))
+        if config.minutes is not None:
+            planned = min(planned, int(config.minutes * 60 / epoch_seconds))
+        return max(1, planned)
+
+    def _train(self) -> None:
+        done = len(self.history)
+        total = self.config.planned_epochs * self.steps
+        log = _Log(self.out_dir, self.history) if self.rank == 0 else None
+        with Progress(
+            total=total, initial=done * self.steps, desc=self.config.model, unit="step",
+            disable=self.rank > 0, mininterval=0.5,
+        ) as bar:  # fmt: skip
+            while stop_reason(self.config, self.history) is None:
+                record = self._epoch(len(self.history), bar)
+                self.history.append(record)
+                best = best_epoch(self.history) is record
+                bar.set_postfix_str(f"val {record.val_rmse_percent:.2f} %")
+                if log is not None:
+                    # The best weights first: if killed in between, the epoch is repeated.
+                    if best:
+                        self.translator.calibrate(self.validation)
+                        save_weights(self.out_dir / BEST, self.translator.predictor)
+                    save_state(self.out_dir / LAST, self.translator, self.history)
+                    log.write(self.history)
+                distributed.wait()
+        if log is not None:
+            log.close()
+
+    def _epoch(self, epoch: int, bar: Progress) -> EpochRecord:
+        """Trains for one epoch and validates. Returns the record of the epoch."""
+        started = time.perf_counter()
+        config, translator = self.config, self.translator
+        share = _learning_rate_share(config, epoch)
+        for optimizer in translator.optimizers.values():
+            for group in optimizer.param_groups:
+                group["lr"] = share * optimizer.defaults["lr"]
+        batches = self._batches(epoch)
+        rng = np.random.default_rng([config.seed, epoch, 1 + self.rank])
+        torch.manual_seed(int(rng.integers(2**63)))  # dropout
+        for network in translator.networks.values():
+            network.train()
+        sums: dict[str, float] = {}
+        for batch in batches:
+            losses = self._step(translator, batch[self.rank :: config.processes], rng)
+            for name, loss in losses.items():
+                sums[name] = sums.get(name, 0.0) + loss / self.steps
+            bar.update()
+        if not all(math.isfinite(loss) for loss in sums.values()):
+            raise T2TwinError(
+                f"the loss is not finite in epoch {epoch + 1}; train again with a preset of a "
+                "lower learning rate"
+            )
+        for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
+            distributed.average_statistics(network)
+        rmse = self._validate()
+        return EpochRecord(
+            epoch=epoch + 1,
+            learning_rate=share * config.preset.learning_rate,
+            train=sums,
+            val_rmse_counts=None if config.predicts_images else rmse,
+            val_rmse_percent=100.0 * rmse / config.full_scale,
+            seconds=distributed.largest(time.perf_counter() - started),
+            val_rmse_grey=rmse if config.predicts_images else None,
+        )
+
+    def _batches(self, epoch: int) -> Iterator[np.ndarray]:
+        """Indices of the pairs of each step of an epoch, (b,).
+
+        One pass uses each pair once, in an order that depends on (seed, pass), and may extend over
+        several epochs. An epoch with as many steps as the data has batches is one pass.
+        """
+        current, order = -1, np.empty(0, int)
+        for step in range(epoch * self.steps, (epoch + 1) * self.steps):
+            data_pass, place = divmod(step, self.batches)
+            if data_pass != current:
+                rng = np.random.default_rng([self.config.seed, data_pass])
+                current, order = data_pass, rng.permutation(len(self.pairs))
+            yield order[place * self.batch : (place + 1) * self.batch]
+
+    def _step(
+        self,
+        translator: Translator,
+        batch: np.ndarray,
+        rng: np.random.Generator,
+    ) -> dict[str, float]:
+        """One step on the pairs with these indices."""
+        # Augmentation is for inputs; targets stay as they are.
+        jitter = None if self.config.predicts_images else rng
+        return translator.step(load_examples(self.pairs, batch, self.config.preset, jitter))
+
+    def _validate(self) -> float:
+        """RMSE on the validation split, counts or grey levels; the processes share the pairs."""
+        mine = np.arange(len(self.validation))[self.rank :: self.config.processes]
+        squares, values = 0.0, 0
+        for start in range(0, mine.size, VALIDATION_BATCH):
+            errors = self._errors(self.translator, mine[start : start + VALIDATION_BATCH])
+            squares += float(np.square(errors).sum(dtype=float))
+            values += errors.size
+        return math.sqrt(distributed.total(squares) / distributed.total(values))
+
+    def _errors(self, translator: Translator, index: np.ndarray) -> np.ndarray:
+        """(b, n) prediction errors of the validation pairs with these indices."""
+        return translator.errors(self.validation.inputs[index], self.validation.counts[index])
+
+    def _measure(self) -> float:
+        """Estimated seconds per epoch, from a few steps of other networks."""
+        translator = build(self.config)
+        rng = np.random.default_rng(self.config.seed)
+        mine = np.arange(self.batch)[self.rank :: self.config.processes]
+        self._step(translator, mine, rng)
+        started = time.perf_counter()
+        for _ in range(TIMED_STEPS):
+            self._step(translator, mine, rng)
+        step_seconds = (time.perf_counter() - started) / TIMED_STEPS
+        few = np.arange(min(VALIDATION_BATCH, len(self.validation)))
+        started = time.perf_counter()
+        self._errors(translator, few)
+        image_seconds = (time.perf_counter() - started) / len(few)
+        validate_seconds = image_seconds * len(self.validation) / self.config.processes
+        return distributed.largest(self.steps * step_seconds + validate_seconds)
+
+    def _announce(self, epoch_seconds: float) -> None:
+        if self.rank > 0:
+            return
+        config, done = self.config, len(self.history)
+        left = config.planned_epochs - done
+        resumes = f" resumes after epoch {done};" if done else ""
+        precision = "bf16" if config.bf16 else "fp32"
+        direction = f" {config.direction}" if config.predicts_images else ""
+        print(
+            f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
+            f"{len(self.pairs)} pairs, "
+            f"validated on {len(self.validation)}, {config.planned_epochs} epochs of {self.steps} "
+            f"steps, {precision} on {self.translator.device.type}, {config.processes} process(es) "
+            f"of {torch.get_num_threads()} thread(s). At most {left * epoch_seconds / 60:.1f} "
+            f"minutes; it stops after {config.preset.patience} epochs without a better validation.",
+            flush=True,
+        )
+
+
+def load_examples(
+    pairs: Pairs, batch: np.ndarray, preset: Preset, rng: np.random.Generator | None
+) -> Examples:
+    """The pairs with these indices; with rng, their images are augmented as the preset defines."""
+    batch, field = np.sort(batch), pairs.field  # the order on disk
+    pixels = pairs.inputs[batch].astype(np.float32) / 255.0
+    if rng is not None and (preset.brightness or preset.contrast or preset.noise):
+        pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
+    return Examples(
+        to_input(pixels),
+        torch.from_numpy(pairs.counts[batch]),
+        None if field is None else torch.from_numpy(field[batch].astype(np.float32)),
+        torch.from_numpy(pairs.force_n[batch].astype(np.float32)),
+    )
+
+
+def steps_of_epoch(batches: int, budget: int) -> int:
+    """Steps per epoch: all batches of the data, or fewer with a large dataset.
+
+    batches: of the data. budget: maximum steps of the training, 0 for no limit, divided into at
+    least MIN_EPOCHS epochs.
+    """
+    return min(batches, max(budget // MIN_EPOCHS, MIN_STEPS)) if budget else batches
+
+
+class _Log:
+    """log.jsonl and TensorBoard; entries of an interrupted epoch are overwritten."""
+
+    def __init__(self, out_dir: Path, history: list[EpochRecord]) -> None:
+        from torch.utils.tensorboard import SummaryWriter
+
+        self.out_dir = out_dir
+        self.board = SummaryWriter(str(out_dir / TENSORBOARD), purge_step=len(history) + 1)
+
+    def write(self, history: list[EpochRecord]) -> None:
+        write_log(self.out_dir, history)
+        for name, value in to_json(history[-1]).items():
+            if name != "epoch":
+                self.board.add_scalar(name, value, history[-1].epoch)
+        self.board.flush()
+
+    def close(self) -> None:
+        self.board.close()
+
+
+def _learning_rate_share(config: RunConfig, epoch: int) -> float:
+    """Factor of the learning rate in an epoch (from 0): 1, or a half cosine that reaches zero after
+    the last epoch."""
+    if config.preset.schedule == "fixed":
+        return 1.0
+    return 0.5 * (1.0 + math.cos(math.pi * epoch / config.planned_epochs))

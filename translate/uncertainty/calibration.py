@@ -1,0 +1,166 @@
+"""Calibration of predicted standard deviations on held-out presses.
+
+The network predicts a raw spread per place, which ranks errors well but has the wrong magnitude.
+The spread is multiplied by a factor that depends on the spread itself: a piecewise linear function
+in logarithms, given by knots. Each knot's factor makes 90 % intervals cover 90 % of the errors in
+its bin (temperature scaling by bins, Guo et al. 2017). The result is monotone, as in isotonic
+calibration. A second factor depends on the mean standard deviation of the press. The force has its
+own knots.
+
+The correlation of the standardized errors between places is one matrix for all images.
+
+Shape letters: P presses, F places of the field, K knots.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+from scipy.optimize import isotonic_regression
+
+LEVEL = 0.9
+"""Coverage that the calibrated intervals reach."""
+
+HALF_WIDTH = 1.6448536
+"""Half the width of that interval of a Gaussian, standard deviations."""
+
+PLACE_SHARES = (*(0.1,) * 8, 0.05, 0.05, 0.025, 0.025, 0.02, 0.01, 0.01, 0.005, 0.005)
+"""Share of all places in the bin of each knot, in ascending order of spread; the largest spreads
+need the finest bins (assumed)."""
+
+PRESS_SHARES = FORCE_SHARES = (0.125,) * 8
+"""Share of all presses in the bin of each knot of press and force (assumed)."""
+
+MIN_ERRORS = 100
+"""Minimum number of errors in a bin (assumed: a 90 % quantile of fewer is unreliable)."""
+
+MIN_KNOT_DISTANCE = 1e-3
+"""Smallest distance of two knots' logarithms (assumed), so that slopes stay finite."""
+
+MIN_FACTOR = 0.05
+"""Lower bound of a factor (assumed), for bins with tiny errors."""
+
+ROUNDS = 4
+"""Alternating fits of the factors of place and press (assumed: little changes afterwards)."""
+
+SHRINKAGE = 0.02
+"""Shrinkage of the correlation towards the identity (assumed), so that its Cholesky factor exists
+with fewer presses than places."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors and predicted spreads on one world's presses.
+
+    field: (P, F), errors as a fraction of full scale. spread: (P, F), raw spreads of the network.
+    force: (P,), errors of the force's logarithm. force_spread: (P,), raw spreads of these.
+    """
+
+    field: torch.Tensor
+    spread: torch.Tensor
+    force: torch.Tensor
+    force_spread: torch.Tensor
+
+
+@dataclass(frozen=True)
+class UncertaintyCalibration:
+    """place, press, force: (2, K) knots: ascending logarithms of spreads, and of their factors.
+    correlation: (F, F), of the standardized field errors."""
+
+    place: torch.Tensor
+    press: torch.Tensor
+    force: torch.Tensor
+    correlation: torch.Tensor
+
+
+def fit_calibration(worlds: Sequence[Errors]) -> UncertaintyCalibration:
+    """Fits the calibration to one or more worlds; every press has the same weight."""
+    field, spread, force, force_spread = (
+        torch.cat([getattr(world, name) for world in worlds]).double()
+        for name in ("field", "spread", "force", "force_spread")
+    )
+    place = press = identity_knots(len(PLACE_SHARES)).double()
+    press_factor = torch.ones(len(field), 1, dtype=torch.float64)
+    for _ in range(ROUNDS):
+        place = _fit_knots(spread, field / press_factor, PLACE_SHARES, MIN_ERRORS)
+        std = spread * interpolate_scale(spread.log(), place)
+        level = std.mean(dim=1, keepdim=True)
+        least = MIN_ERRORS * field.shape[1]
+        press = _fit_knots(level.expand_as(std), level * field / std, PRESS_SHARES, least)
+        press_factor = interpolate_scale(level.log(), press)
+    standardized = field / standard_deviation(spread.log(), place, press)
+    moment = standardized.T @ standardized / len(standardized)
+    inverse_std = moment.diagonal().clamp(min=1e-12).rsqrt()
+    correlation = (1.0 - SHRINKAGE) * inverse_std[:, None] * moment * inverse_std
+    correlation.fill_diagonal_(1.0)
+    force_knots = _fit_knots(force_spread, force, FORCE_SHARES, MIN_ERRORS)
+    return UncertaintyCalibration(
+        place.float(), press.float(), force_knots.float(), correlation.float()
+    )
+
+
+def standard_deviation(
+    log_spread: torch.Tensor, place: torch.Tensor, press: torch.Tensor
+) -> torch.Tensor:
+    """(B, F) standard deviations, fraction of full scale.
+
+    log_spread: (B, F), logarithms of the raw spreads. place, press: (2, K) knots.
+    """
+    std = log_spread.exp() * interpolate_scale(log_spread, place)
+    return std * interpolate_scale(std.mean(dim=1, keepdim=True).log(), press)
+
+
+def interpolate_scale(log_spread: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
+    """Factors of raw spreads: linear between the knots in logarithms, constant outside.
+
+    log_spread: any shape. knots: (2, K). Returns the shape of log_spread.
+    """
+    at, factor = knots[0], knots[1]
+    slope = (factor[1:] - factor[:-1]) / (at[1:] - at[:-1])
+    distance = torch.minimum(torch.maximum(log_spread[..., None], at[:-1]), at[1:]) - at[:-1]
+    return torch.exp(factor[0] + (distance * slope).sum(dim=-1))
+
+
+def identity_knots(number: int) -> torch.Tensor:
+    """(2, number) knots whose factor is 1 everywhere."""
+    return torch.stack([torch.arange(float(number)), torch.zeros(number)])
+
+
+def _fit_knots(
+    spread: torch.Tensor, errors: torch.Tensor, shares: Sequence[float], least: int
+) -> torch.Tensor:
+    """(2, K) knots of errors and their raw spreads, two tensors of one shape.
+
+    K is the number of shares; if there are few errors, the last knots repeat the last bin's factor.
+    least: minimum number of errors in a bin.
+    """
+    log_spread, order = spread.flatten().log().sort()
+    errors = errors.flatten().abs()[order]
+    at, log_std, weight = [], [], []
+    for part in _bins(len(errors), shares, least):
+        ratio = (errors[part] / log_spread[part].exp()).sort().values
+        factor = ratio[min(int(LEVEL * len(ratio)), len(ratio) - 1)] / HALF_WIDTH
+        at.append(float(log_spread[part].mean()))
+        log_std.append(at[-1] + float(factor.clamp(min=MIN_FACTOR).log()))
+        weight.append(len(ratio))
+    monotone = isotonic_regression(log_std, weights=weight).x
+    knots = identity_knots(len(shares)).double()
+    last = len(at) - 1
+    for k in range(len(shares)):
+        knots[0, k] = at[min(k, last)] + max(0, k - last)
+        knots[1, k] = monotone[min(k, last)] - at[min(k, last)]
+        if 0 < k <= last:
+            knots[0, k] = max(float(knots[0, k]), float(knots[0, k - 1]) + MIN_KNOT_DISTANCE)
+    return knots
+
+
+def _bins(number: int, shares: Sequence[float], least: int) -> list[slice]:
+    """Divides `number` ordered errors; a bin with fewer than `least` is merged with the next."""
+    ends = [round(number * float(share)) for share in np.cumsum(shares)]
+    starts = [0]
+    for end in ends[:-1]:
+        if end - starts[-1] >= least and number - end >= least:
+            starts.append(end)
+    return [slice(*part) for part in pairwise([*starts, number])]

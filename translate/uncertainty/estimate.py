@@ -1,0 +1,70 @@
+"""Predictions with uncertainty: counts, field and force, each with its standard deviation.
+
+Shape letters: B images, N taxels, F places of the field.
+"""
+
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The prediction for one image, or for B images with B before every shape.
+
+    counts, counts_std: (N,) float32, counts and their standard deviations. field, field_std: (F,)
+    float32, the same at the places of the field. force_n, force_std_n: () float32, N, or None if
+    the run was trained on presses of one force. full_scale_counts: where taxels saturate.
+    """
+
+    counts: np.ndarray
+    counts_std: np.ndarray
+    field: np.ndarray
+    field_std: np.ndarray
+    force_n: np.ndarray | None
+    force_std_n: np.ndarray | None
+    full_scale_counts: float
+
+    def interval(self, level: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper ends of the central intervals of the counts, clipped to full scale.
+
+        level: probability, between 0 and 1; T2TwinError otherwise. Returns two arrays of the shape
+        of counts.
+        """
+        half = half_width(level) * self.counts_std
+        low, high = self.counts - half, self.counts + half
+        return low.clip(0.0, self.full_scale_counts), high.clip(0.0, self.full_scale_counts)
+
+    def first(self) -> "Estimate":
+        """The estimate of the first image alone."""
+        values: dict[str, Any] = {
+            name: None if value is None else value[0]
+            for name, value in vars(self).items()
+            if name != "full_scale_counts"
+        }
+        return Estimate(**values, full_scale_counts=self.full_scale_counts)
+
+
+def half_width(level: float) -> float:
+    """Half the width of a Gaussian's central interval, standard deviations.
+
+    Raises T2TwinError unless level lies between 0 and 1.
+    """
+    level = arguments.real(level, "level")
+    if not 0.0 < level < 1.0:
+        raise T2TwinError(f"level is {level:g}; it must lie between 0 and 1")
+    return NormalDist().inv_cdf(0.5 + level / 2)
+
+
+def concatenate(parts: list[Estimate]) -> Estimate:
+    """Concatenates one or more estimates of several images."""
+    values: dict[str, Any] = {}
+    for name in ("counts", "counts_std", "field", "field_std", "force_n", "force_std_n"):
+        of_parts = [getattr(part, name) for part in parts]
+        values[name] = None if of_parts[0] is None else np.concatenate(of_parts)
+    return Estimate(**values, full_scale_counts=parts[0].full_scale_counts)
