@@ -10,6 +10,10 @@ PORT ?= 8080
 # Translators that ship, to stand beside those trained here.
 SHIPPED ?=
 
+# Libraries are installed without bytecode, which the first import writes; where this is forbidden,
+# each process compiles them again.
+export PYTHONDONTWRITEBYTECODE :=
+
 BIN := .venv/bin
 # A world's dataset and runs go by the name of its recipe.
 NAME = $(or $(basename $(notdir $(WORLD))),$(SCALE))
