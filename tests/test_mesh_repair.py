@@ -84,7 +84,8 @@ def test_the_command_says_what_was_mended(tmp_path, capsys, monkeypatch):
     without(ball(), 7).export("ball.stl")
     main(["press", "ball.stl", "--sensor", "cyskin", "--scale", "0.5", "--out", "out"])
     said = capsys.readouterr()
-    assert said.err.startswith("t2twin: ball.stl had 1 small hole") and said.err.count("\n") == 1
+    notes = [line for line in said.err.splitlines() if "compiling numerical loops" not in line]
+    assert len(notes) == 1 and notes[0].startswith("t2twin: ball.stl had 1 small hole")
     assert "8.00 N" in said.out
     assert np.ptp(trimesh.load_mesh("out/shape.stl").vertices, axis=0) == pytest.approx(
         6.0, rel=0.01
