@@ -19,8 +19,8 @@ class PressOptions:
 
     Args:
         shape: A catalogue name (square-2, pliers/jaw-tip; t2twin shapes lists all), a random shape
-            (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file, its
-            pressing side up (+z; +y in GLB).
+            (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file. The
+            pressing side of a file's shape is up (+z; +y in GLB).
         sensor: Sensor to press.
         x_mm: Position of the shape's middle, to the right in the image, mm.
         y_mm: The same, down in the image, mm.

@@ -88,9 +88,9 @@ def translate_files(
     which is faster. bf16: as for `load_run`. background: image file of the background frame of the
     same DIGIT, for a field run; by default the mean frame of its world.
     PNG files of an earlier translation in the folder are removed.
-    Raises T2TwinError, without output, for no image, a file that is missing or not an image, a
-    folder that is not a run, a layout that the run cannot be read at, a background frame with
-    another run, and a PNG file that would replace an input.
+    Raises T2TwinError, without output, for no image, a file that is missing or not an image, and a
+    folder that is not a run. It also does for a layout that the run cannot be read at, a background
+    frame with another run, and a PNG file that would replace an input.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
     frame = None if background is None else arguments.path(background, "background")

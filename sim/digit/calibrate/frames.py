@@ -21,8 +21,8 @@ CROP_PX = 100
 BLOB_BLUR_PX = 4.0
 """Blur of the difference to the background before the contact is detected, px (assumed)."""
 VISIBLE_GREY = 40.0
-"""Smallest blurred difference of a contact, summed over the colors, grey levels: drift of the light
-is below a third of it, a ball 0.2 mm deep several times above (assumed from real frames)."""
+"""Smallest blurred difference of a contact, summed over the colors, grey levels (assumed from real
+frames). Drift of the light is below a third of it, a ball 0.2 mm deep several times above."""
 BLOB_SHARE = 0.35
 """Fraction of the largest difference from which a pixel belongs to the contact (assumed)."""
 CONTACT_GREY = 10.0

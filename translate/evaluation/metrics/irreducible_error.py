@@ -175,12 +175,12 @@ def floor_of(
 
     near: the presses' k nearest of the others. noise_grey: the distance due to noise. The record's
 
-    - curve has BINS groups of all k neighbors by distance;
-    - extrapolated_rmse_counts is the root of the mean over presses of an extrapolation by shape: a
-      line of half the squared difference over the squared distance, fitted to FITTED_SHARE of its
-      pairs with a slope of at least 0, at the distance due to noise; 0 for a negative mean, None if
-      no shape has two distances;
-    - interval is over resampled shapes;
+    - curve has BINS groups of all k neighbors by distance.
+    - extrapolated_rmse_counts is the root of the mean over presses of an extrapolation by shape. A
+      line of half the squared difference over the squared distance is fitted to FITTED_SHARE of the
+      shape's pairs, with a slope of at least 0. It is evaluated at the distance due to noise. The
+      value is 0 for a negative mean, and None if no shape has two distances.
+    - interval is over resampled shapes.
     - parts are the extrapolations of groups of taxels.
     """
     known = np.isfinite(near.distance_grey[:, 0])
