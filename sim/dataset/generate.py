@@ -204,7 +204,7 @@ def _start(folder: Path, wanted: DatasetInfo) -> DatasetInfo:
         _sweep(folder)
         return present
     if not is_empty(folder):
-        raise T2TwinError(f"{folder} is not empty and holds no dataset; choose another folder")
+        raise T2TwinError(f"{folder} is not empty and contains no dataset; choose another folder")
     _sweep(folder)
     write_info(folder, wanted)
     return wanted
@@ -249,7 +249,7 @@ def _make_shards(
             minutes = _estimated_seconds(todo, context.recipe, workers) / 60
             bar.write(f"{pairs} pairs to make with {workers} workers: about {minutes:.1f} minutes")
             if context.recipe.light.optics == "pyrender":
-                bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each picture")
+                bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
             results = pool.run(context, todo, workers, bar.update)
         else:
             from t2twin.sim.dataset import cluster

@@ -223,9 +223,9 @@ def _sample(row: dict[str, Any], info: DatasetInfo) -> Iterator[str]:
         try:
             shape = decode_png(image["bytes"] if image else b"").shape
             if shape != (info.image_shape or shape):
-                yield f"its picture is {list(shape)} instead of {list(info.image_shape or ())}"
+                yield f"its image is {list(shape)} instead of {list(info.image_shape or ())}"
         except T2TwinError:
-            yield "its picture cannot be decoded"
+            yield "its image cannot be decoded"
     for column, what, size in (
         ("taxels", "taxels", len(info.layout_x_mm)),
         (FIELD, "places of the field", len(info.field_x_mm or ())),

@@ -119,7 +119,7 @@ def pyrender_duration() -> str:
     """The time that pyrender takes, as a message."""
     from t2twin.sim.digit.rendered import FIRST_SECONDS
 
-    return f"pyrender takes about {FIRST_SECONDS:.0f} s for the picture, longer on a busy machine"
+    return f"pyrender takes about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
 
 
 def contact_summary(sensor: str, contact: "Contact") -> str:

@@ -60,7 +60,7 @@ def background_of(data_dir: Path, file: Path | None = None) -> Background | None
     if has_backgrounds(info):
         if file is not None:
             raise T2TwinError(
-                f"the pairs in {data_dir} hold their own background frames; --background is for "
+                f"the pairs in {data_dir} contain their own background frames; --background is for "
                 "datasets without them"
             )
         return Background(OF_PAIRS, None)

@@ -123,7 +123,7 @@ def _check_folder(out_dir: Path) -> None:
     names = {path.name for path in out_dir.iterdir()} if out_dir.is_dir() else set()
     if CONFIG in names or names <= {LOCK, CACHE} or is_empty(out_dir):
         return
-    raise T2TwinError(f"{out_dir} is not empty and holds no run; choose another folder")
+    raise T2TwinError(f"{out_dir} is not empty and contains no run; choose another folder")
 
 
 def _load_in_turn(
