@@ -49,7 +49,9 @@ class Spectra(NamedTuple):
     base_shear: np.ndarray
 
 
-def spectra(wavenumber: np.ndarray, thickness_mm: float, young_mpa: float, poisson: float) -> Spectra:
+def spectra(
+    wavenumber: np.ndarray, thickness_mm: float, young_mpa: float, poisson: float
+) -> Spectra:
     """All coefficients at wavenumber k, rad/mm, of any shape; see the module."""
     shear_mpa = young_mpa / 2 / (1 + poisson)
     k = np.asarray(wavenumber, float)

@@ -28,7 +28,8 @@ MAX_STEPS = 500
 """Limit on the steps of the minimization (assumed: twenty times as many as presses need)."""
 
 STEPS_BACK = 6
-"""Values of the energy over whose maximum a step may not rise (Grippo, Lampariello, Lucidi 1986)."""
+"""Values of the energy above whose maximum a step may not end (Grippo, Lampariello and Lucidi
+1986)."""
 
 MAX_TRANSFORMS = 20
 """Windows whose transforms are kept (assumed: those of a few paths)."""
@@ -150,10 +151,11 @@ def solve_traction(
     energy = _energy(q, displacement, wanted)
     energies = [energy]
     length = 1.0 / _typical_compliance(layer, inside)
-    for step in range(MAX_STEPS):
-        residual = _residual(q, gradient, limit, length) / scale
-        if residual <= TOLERANCE:
+    steps = 0
+    while (residual := _residual(q, gradient, limit, length) / scale) > TOLERANCE:
+        if steps == MAX_STEPS:
             break
+        steps += 1
         direction = project(q - length * gradient, limit) - q
         moved = layer.displacement_mm(direction)
         slope, curvature = _dot(gradient, direction), _dot(direction, moved)
@@ -167,7 +169,7 @@ def solve_traction(
         energy += fraction * slope + fraction**2 * curvature / 2
         energies.append(energy)
         length = _dot(direction, direction) / max(curvature, 1e-30)
-    return Traction(q.astype(float), displacement.astype(float), residual, step)
+    return Traction(q.astype(float), displacement.astype(float), residual, steps)
 
 
 def project(traction: np.ndarray, limit: np.ndarray) -> np.ndarray:
