@@ -19,6 +19,8 @@ from t2twin.sim.contact.contact_solver import (
     surface_on,
 )
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.layer import cached_layer
+from t2twin.sim.contact.pin_layout import Survey
 from t2twin.sim.contact.tangential.sliding import COVER_FRICTION, GEL_FRICTION, advance
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin import reading, taxels
@@ -216,6 +218,11 @@ class SensorPair:
             calibration=digit.calibration,
             optics=digit.renderer,
         )
+
+    def check_over_pads(self, touch: Touch, command: PressCommand) -> None:
+        """Raises OffPadError if the shape of a touch does not lie over its pads at another pose."""
+        for contact in touch.contacts.values():
+            Survey(touch.shape, command, cached_layer(contact.elastomer, contact.pitch_mm))
 
     def advance(self, touch: Touch, command: PressCommand, friction: float | None) -> Touch:
         """Move the shape of a touch by a small step, with friction; without image and counts.

@@ -137,6 +137,8 @@ class Twin:
         if seed is not None:
             check_seed(seed)
         rng = None if seed is None else np.random.default_rng(seed)
+        end = replace(start, x_mm=start.x_mm + dx_mm, y_mm=start.y_mm + dy_mm)
+        self.sensors.check_over_pads(touch, end)
         parts = max(
             1, ceil(max(np.hypot(dx_mm, dy_mm) / MAX_STEP_MM, abs(dyaw_deg) / MAX_STEP_DEG) / steps)
         )

@@ -26,8 +26,9 @@ COUPLING_TOLERANCE = 5e-3
 """Change of the traction in a round, over friction times the force, below which a step has
 converged: that of the normal contact's pressure."""
 
-MAX_ROUNDS = 8
-"""Limit on the rounds of a step."""
+FULL_ROUNDS, MAX_ROUNDS = 3, 10
+"""Rounds after which the normal contact sees the mean of the last sheared surfaces, and the limit
+on the rounds of a step. At a sharp edge two solutions may alternate, which the mean prevents."""
 
 GEL_FRICTION = 0.8
 """Coefficient of friction of the DIGIT's gel (assumed, range 0.4 to 1.5)."""
@@ -65,10 +66,11 @@ def advance(
     )
     start = contact.motion or _still(contact, friction)
     follows = start.displacement_mm + _rigid(contact, start, dx_mm, dy_mm, dyaw_rad)
-    shear, sheared, rounds, converged = start.shear_mpa, start.sheared_mm, 0, False
+    shear, sheared, seen, rounds, converged = start.shear_mpa, start.sheared_mm, 0.0, 0, False
     while not converged and rounds < MAX_ROUNDS:
         rounds += 1
-        shift = SurfaceShift(contact.x_mm, contact.y_mm, sheared) if shear.any() else None
+        seen = sheared if rounds <= FULL_ROUNDS else (seen + sheared) / 2
+        shift = SurfaceShift(contact.x_mm, contact.y_mm, seen) if shear.any() else None
         normal = solve_contact(contact.shape, moved, contact.elastomer, contact.pitch_mm, shift)
         pressure, layer = 1e-3 * normal.pressure_kpa.astype(float), _layer(normal)
         inside = (slice(None), *window_around(dilated(pressure > 0, 1)))
@@ -90,7 +92,7 @@ def advance(
 def _still(contact: Contact, friction: float) -> Motion:
     """The start of a motion: no traction, and the surface displaced by the pressure alone."""
     shape = contact.pressure_kpa.shape
-    spread = _layer(contact).spread_mm(1e-3 * contact.pressure_kpa)
+    spread = _layer(contact).spread_mm(1e-3 * contact.pressure_kpa.astype(float))
     return Motion(friction, np.zeros((2, *shape)), np.zeros((3, *shape)), spread, np.zeros(shape))
 
 
