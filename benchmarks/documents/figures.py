@@ -26,7 +26,6 @@ from t2twin.core.errors import T2TwinError
 RESULTS = ROOT / "benchmarks" / "results"
 
 FIGURE = re.compile(r"\{(?P<terms>[^{}:]+)(?::(?P<format>[^{}]*))?\}")
-NUMBER = re.compile(r"[\d.e]+")
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -42,16 +41,13 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __call__(self) -> str:
         """The table in Markdown, and the dates on which its figures were measured."""
         figures = Figures()
-        heads = [
-            f"{group}: {head}".removeprefix(": ") for group in self.groups for head in self.columns
-        ]
-        lines = [["", *heads]]
+        pairs = [(name, head) for name in self.groups for head in self.columns]
+        lines = [["", *(f"{name}: {head}".removeprefix(": ") for name, head in pairs)]]
         for label, row in self._rows(figures).items():
-            cells = [
-                figures.cell(column, self.at, row, group)
-                for group in self.groups.values()
-                for column in self.columns.values()
-            ]
+            cells = (
+                figures.cell(self.columns[head], self.at, row, self.groups[name])
+                for name, head in pairs
+            )
             lines.append([label, *cells])
         return f"{markdown([*lines, *self.end])}\n\n{figures.dates()}"
 
@@ -59,7 +55,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if not isinstance(self.rows, str):
             return self.rows
         found = figures.value(self.at + self.rows)
-        keys = list(found) if isinstance(found, dict) else map(str, range(len(found)))
+        keys = found if isinstance(found, dict) else map(str, range(len(found)))
         return {figures.cell(self.label, self.at, key): key for key in keys}
 
 
@@ -116,7 +112,7 @@ class Figures:
             if term in "*/":
                 sign = term
                 continue
-            value = float(term) if NUMBER.fullmatch(term) else self.value(at + term)
+            value = float(term) if re.fullmatch(r"[\d.e]+", term) else self.value(at + term)
             if value is None:
                 raise _NullError
             if result is not None:
@@ -134,9 +130,8 @@ def _walk(content: Any, path: str) -> Any:
     if not path or content is None:
         return content
     if isinstance(content, list):
-        key, _, rest = path.partition(".")
-        return _walk(content[int(key)], rest)
-    keys = [key for key in content if path == key or path.startswith(f"{key}.")]
+        content = {str(number): each for number, each in enumerate(content)}
+    keys = [key for key in content if f"{path}.".startswith(f"{key}.")]
     key = max(keys, key=len, default="")
     return _walk(content[key], path[len(key) + 1 :])
 
