@@ -102,6 +102,15 @@ def test_relative_links_and_images_exist(page):
         assert not fragment or fragment in anchors(target), link
 
 
+def test_documents_that_code_and_changelog_name_exist():
+    folders = ("t2twin/core", "t2twin/cli", "primitives_cad", "sim", "translate", "benchmarks")
+    sources = [path for folder in folders for path in (sentences.ROOT / folder).rglob("*.py")]
+    text = "".join(p.read_text("utf-8") for p in (*sources, sentences.ROOT / "CHANGELOG.md"))
+    named = set(re.findall(r"docs/[\w/-]+\.(?:md|png)", text))
+    assert len(named) > 5
+    assert not [name for name in named if not (sentences.ROOT / name).exists()]
+
+
 def test_every_picture_is_shown():
     shown = {link.rpartition("/")[2] for page in PAGES for link in links(page)}
     pictures = {path.name for path in (sentences.ROOT / "docs" / "pictures").iterdir()}

@@ -1,8 +1,8 @@
 """Tables of figures of benchmarks/results, which tables.toml defines by name.
 
 columns: the heading of each column, and the template of its cells. `{val.rmse:.1f}` is a figure:
-    its path in the results and its format. `{a.b / 60 * c:.0f}` multiplies and divides figures. A
-    cell is empty if its path leads to null, or leads nowhere and the template begins with `?`.
+    its path and format. `{a.b / 60 * c:.0f}` multiplies and divides figures. A cell is empty if its
+    path leads to null, or leads nowhere and the template begins with `?`.
 rows: the label of each row, and what ROW in the templates stands for; or the path of a dict or
     list, each key of which is a row.
 label: template of the rows' labels if rows is a path.
