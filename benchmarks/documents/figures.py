@@ -1,11 +1,10 @@
-"""Tables of figures of benchmarks/results, which tables.toml defines by name.
+"""Tables of figures of benchmarks/results, which tables.toml defines.
 
 columns: the heading of each column, and the template of its cells. `{val.rmse:.1f}` is a figure:
     its path and format. `{a.b / 60 * c:.0f}` multiplies and divides figures. A cell is empty if its
     path leads to null, or leads nowhere and the template begins with `?`.
-rows: the label of each row, and what ROW in the templates stands for; or the path of a dict or
-    list, each key of which is a row.
-label: template of the rows' labels if rows is a path.
+rows: the label of each row, and what ROW in the templates stands for; or the path of a dict, each
+    key of which is a row.
 groups: labels, and what GROUP stands for; each group has all columns.
 at: what all paths begin with. A whole path begins with the name of a results file.
 end: the cells of further rows.
@@ -33,7 +32,6 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     columns: dict[str, str]
     rows: dict[str, str] | str
-    label: str = "`ROW`"
     groups: dict[str, str] = msgspec.field(default_factory=lambda: {"": ""})
     at: str = ""
     end: list[list[str]] = []
@@ -54,9 +52,7 @@ class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def _rows(self, figures: "Figures") -> Mapping[str, str]:
         if not isinstance(self.rows, str):
             return self.rows
-        found = figures.value(self.at + self.rows)
-        keys = found if isinstance(found, dict) else map(str, range(len(found)))
-        return {figures.cell(self.label, self.at, key): key for key in keys}
+        return {f"`{key}`": key for key in figures.value(self.at + self.rows)}
 
 
 class Figures:
