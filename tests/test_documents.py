@@ -295,7 +295,9 @@ def examples(products, small_dataset, trained):
         box.export(folder / "my.stl")
         box.apply_scale(1 / 25.4)
         box.export(folder / "my.obj")
-        shutil.copytree(small_dataset, folder / "data" / "small")
+        shutil.copytree(
+            small_dataset, folder / "data" / "small", ignore=shutil.ignore_patterns("cache")
+        )
         for model in ("touch2touch", "resnet18"):
             run = trained(model, small_dataset, 1)
             shutil.copytree(run, folder / "runs" / "small" / model)
