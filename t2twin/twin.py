@@ -1,8 +1,8 @@
 """The public interface of the simulation: press a shape into both sensors."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
-from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +15,19 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.sim.contact.depth import force_at_depth
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.contact.tangential.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
 from t2twin.sim.digit.optics import Renderer
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
+from t2twin.sim.slide import (
+    check_friction,
+    path_commands,
+    slide_to,
+    straight_path,
+    touches_along,
+)
 from t2twin.sim.touch import Touch
 from t2twin.sim.world.protocol import FORCE_N
-
-MAX_STEP_MM, MAX_STEP_DEG = 0.2, 2.0
-"""Largest motion between two solutions of a slide, mm and degrees. With half of it the tangential
-force of a ball on the gel changes by less than 1 %."""
-
-MAX_MOTION, MAX_SLIDE_STEPS = 360.0, 10_000
-"""Limits on the motion of one slide, mm and degrees, and on its number of touches (assumed)."""
 
 
 class Twin:
@@ -91,11 +90,9 @@ class Twin:
         imperfections; None for neither.
         Raises T2TwinError for an invalid shape, number or position.
         """
-        if seed is not None:
-            check_seed(seed)
+        rng = generator(seed)
         solid = load_shape(shape, scale)
         command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, self.sensors.digit)
-        rng = None if seed is None else np.random.default_rng(seed)
         return self.sensors.press(solid, command, rng)
 
     def slide(
@@ -122,40 +119,44 @@ class Twin:
         Raises T2TwinError for invalid numbers, for a touch without contact, and where the shape
         leaves a pad.
         """
-        dx_mm, dy_mm, dyaw_deg = (
-            arguments.number(value, name, -MAX_MOTION, MAX_MOTION)
-            for value, name in ((dx_mm, "dx_mm"), (dy_mm, "dy_mm"), (dyaw_deg, "dyaw_deg"))
-        )
-        steps = arguments.whole_number(steps, "steps", 1, MAX_SLIDE_STEPS)
-        if friction is not None:
-            friction = arguments.number(friction, "friction", 0.0, MAX_FRICTION)
+        friction = check_friction(friction)
         if not arguments.instance(touch, "touch", Touch).contacts:
             raise T2TwinError("the touch has no contact; press with a force above 0 N first")
         start = touch.command
         force = start.force_n if force_n is None else arguments.real(force_n, "force_n")
         check_force(force)
-        if seed is not None:
-            check_seed(seed)
-        rng = None if seed is None else np.random.default_rng(seed)
-        end = replace(start, x_mm=start.x_mm + dx_mm, y_mm=start.y_mm + dy_mm)
-        self.sensors.check_over_pads(touch, end)
-        parts = max(
-            1, ceil(max(np.hypot(dx_mm, dy_mm) / MAX_STEP_MM, abs(dyaw_deg) / MAX_STEP_DEG) / steps)
-        )
+        rng = generator(seed)
+        rows = straight_path(start, dx_mm, dy_mm, dyaw_deg, steps, force)
+        commands = path_commands(start.shape, rows)[1:]
+        self.sensors.check_over_pads(touch, commands[-1])
         touches = []
-        for part in range(1, steps * parts + 1):
-            share = part / (steps * parts)
-            command = replace(
-                start,
-                x_mm=start.x_mm + share * dx_mm,
-                y_mm=start.y_mm + share * dy_mm,
-                yaw_rad=start.yaw_rad + share * float(np.deg2rad(dyaw_deg)),
-                force_n=start.force_n + share * (force - start.force_n),
-            )
-            touch = self.sensors.advance(touch, command, friction)
-            if part % parts == 0:
-                touches.append(self.sensors.with_readings(touch, rng))
+        for command in commands:
+            touch = slide_to(self.sensors, touch, command, friction)
+            touch = self.sensors.with_readings(touch, rng)
+            touches.append(touch)
         return touches
+
+    def follow(
+        self,
+        shape: str | Path | Shape,
+        path: Sequence[Sequence[float]] | np.ndarray,
+        *,
+        friction: float | None = None,
+        seed: int | None = None,
+        scale: float | None = None,
+    ) -> list[Touch]:
+        """Press a shape and slide it along a path, with friction; returns a touch for each row.
+
+        path: (n, 4) rows of x_mm, y_mm, yaw_deg, force_n. The first row is a press; each further
+        row continues the one before. A row with force 0 lifts the shape off: its touch has no
+        contact, and the next row with a force is a press without tangential traction.
+        shape, scale, seed: as for `press`. friction: as for `slide`.
+        Raises T2TwinError for an invalid shape, path or number, and where the shape leaves a pad.
+        """
+        friction, rng = check_friction(friction), generator(seed)
+        solid = load_shape(shape, scale)
+        commands = path_commands(solid.name, path)
+        return list(touches_along(self.sensors, solid, commands, friction, rng))
 
 
 def press(
@@ -238,6 +239,14 @@ def press_command(
         return command
     found = force_at_depth(partial(sensor.press, shape), command, depth_mm)
     return replace(command, force_n=found)
+
+
+def generator(seed: int | None) -> np.random.Generator | None:
+    """The random generator of a seed, or None. Raises T2TwinError for an invalid seed."""
+    if seed is None:
+        return None
+    check_seed(seed)
+    return np.random.default_rng(seed)
 
 
 def other_elastomer(

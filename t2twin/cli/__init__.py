@@ -34,6 +34,7 @@ COMMANDS = {
     "calibrate": calibrate.calibrate,
     "adapt": adapt.adapt,
     "press": press.press,
+    "slide": press.slide,
     "simdata": dataset.simdata,
     "import-pairs": dataset.import_pairs,
     "train": train.train,

@@ -1,4 +1,4 @@
-"""t2twin press"""
+"""t2twin press, t2twin slide"""
 
 import sys
 from dataclasses import dataclass
@@ -8,14 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 if TYPE_CHECKING:
-    from t2twin.sim.contact.types import Contact
+    from t2twin.primitives_cad.shape import Shape
+    from t2twin.sim.contact.types import Contact, PressCommand
+    from t2twin.sim.sensors import SensorPair
 
 Float = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
+Sensor = Literal["digit", "cyskin", "both"]
+Optics = Literal["baked", "pyrender"]
+
+DEFAULT_STEPS = 10
+"""Steps of a slide unless given."""
 
 
 @dataclass(frozen=True)
-class PressOptions:
-    """Options of `t2twin press`.
+class TouchOptions:
+    """Options of `t2twin press` and `t2twin slide`.
 
     Args:
         shape: A catalogue name (square-2, pliers/jaw-tip; t2twin shapes lists all), a random shape
@@ -26,11 +33,9 @@ class PressOptions:
         y_mm: The same, down in the image, mm.
         yaw_deg: Rotation about the press axis, clockwise in the image, degrees.
         force_n: Commanded force, N; default 8.
-        depth_mm: Instead of a force, the depth from first contact, mm, in the DIGIT's gel, or in
-            the CySkin's cover if only the CySkin is pressed.
         scale: mm per unit of the file: 1000 for meters, 25.4 for inches. Default: the file's unit
             (3MF, GLB, STEP), else 1.
-        out: Folder to write; default runs/press/SHAPE.
+        out: Folder to write; default runs/COMMAND/SHAPE.
         thickness_mm: Thickness of the elastomer, mm. With this, young_mpa or poisson the elastomer
             is linear elastic, for comparison with theory.
         young_mpa: Young's modulus of the elastomer, MPa.
@@ -39,20 +44,16 @@ class PressOptions:
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm.
         calibration: The DIGIT's light and, if it was fitted, its gel's modulus, as written by
             t2twin calibrate; default: the default calibration.
-        optics: What renders the DIGIT's image: the baked model, in milliseconds, or pyrender, in
-            seconds and for the default calibration only.
         seed: Seed of the camera noise and of the CySkin's imperfections; none without a seed.
         imperfections: The CySkin's errors if there is a seed: none, white, baseline or all.
-        view: Open the scene in MuJoCo's viewer (the DIGIT's if both sensors are pressed).
     """
 
     shape: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="SHAPE")]]
-    sensor: Literal["digit", "cyskin", "both"] = "both"
+    sensor: Sensor = "both"
     x_mm: float = 0.0
     y_mm: float = 0.0
     yaw_deg: float = 0.0
     force_n: Float = None
-    depth_mm: Float = None
     scale: Float = None
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     thickness_mm: Float = None
@@ -61,50 +62,124 @@ class PressOptions:
     flat: bool = False
     layout: str = "cyskin-20"
     calibration: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    optics: Literal["baked", "pyrender"] = "baked"
     seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
     imperfections: Annotated[str, tyro.conf.arg(metavar="NAME")] = "white"
+
+    def load_shape(self) -> "Shape":
+        """The shape; prints its notes."""
+        import t2twin
+
+        shape = t2twin.load_shape(self.shape, self.scale)
+        for note in shape.notes:
+            print(f"t2twin: {note}", file=sys.stderr)
+        return shape
+
+    def sensors(self, optics: Optics = "baked") -> "SensorPair":
+        """The sensors. optics: what renders the DIGIT's image."""
+        from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
+        from t2twin.twin import Twin, other_elastomer
+
+        changes = (self.thickness_mm, self.young_mpa, self.poisson, self.flat)
+        gel, cover = (other_elastomer(own, *changes) for own in (DIGIT_GEL, CYSKIN_COVER))
+        twin = Twin(self.calibration, self.layout, self.imperfections, gel, cover, optics)
+        return twin.sensors
+
+    def command(
+        self, shape: "Shape", sensors: "SensorPair", depth_mm: float | None = None
+    ) -> "PressCommand":
+        """The press. depth_mm: instead of a force, as in PressOptions."""
+        from t2twin.twin import press_command
+
+        measured = sensors.cyskin if self.sensor == "cyskin" else sensors.digit
+        return press_command(
+            shape, self.force_n, self.x_mm, self.y_mm, self.yaw_deg, depth_mm, measured
+        )
+
+    def folder(self, command: str, shape: "Shape") -> Path:
+        """The folder to write."""
+        return self.out or Path("runs") / command / shape.name.replace("/", "-")
+
+
+@dataclass(frozen=True)
+class PressOptions(TouchOptions):
+    """Options of `t2twin press`.
+
+    Args:
+        depth_mm: Instead of a force, the depth from first contact, mm, in the DIGIT's gel, or in
+            the CySkin's cover if only the CySkin is pressed.
+        optics: What renders the DIGIT's image: the baked model, in milliseconds, or pyrender, in
+            seconds and for the default calibration only.
+        view: Open the scene in MuJoCo's viewer (the DIGIT's if both sensors are pressed).
+    """
+
+    depth_mm: Float = None
+    optics: Optics = "baked"
     view: bool = False
+
+
+@dataclass(frozen=True)
+class SlideOptions(TouchOptions):
+    """Options of `t2twin slide`.
+
+    Args:
+        dx_mm: Motion of the shape to the right in the image, mm.
+        dy_mm: Motion down in the image, mm.
+        dyaw_deg: Rotation about the shape's middle, clockwise in the image, degrees.
+        steps: Number of equal steps of the motion; default 10.
+        path: Instead of start, force and motion, a CSV file with the columns x_mm, y_mm, yaw_deg
+            and force_n. The first row is a press; a force of 0 lifts the shape off.
+        friction: Coefficient of friction of gel and cover; default 0.8 for the gel and 1.0 for the
+            cover.
+    """
+
+    dx_mm: float = 0.0
+    dy_mm: float = 0.0
+    dyaw_deg: float = 0.0
+    steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
+    path: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    friction: Float = None
+
+    def commands(self, shape: "Shape", sensors: "SensorPair") -> "list[PressCommand]":
+        """The commands of the path. Raises T2TwinError where options conflict or are invalid."""
+        from t2twin.core.errors import T2TwinError
+        from t2twin.sim.slide import path_commands, read_path, straight_path
+
+        motion = self.dx_mm, self.dy_mm, self.dyaw_deg
+        if self.path is None:
+            if not any(motion):
+                raise T2TwinError(
+                    "there is no motion; give --dx-mm, --dy-mm or --dyaw-deg, or a file --path"
+                )
+            start = self.command(shape, sensors)
+            steps = DEFAULT_STEPS if self.steps is None else self.steps
+            rows = straight_path(start, *motion, steps, start.force_n)
+            return path_commands(shape.name, rows)
+        given = (self.x_mm, self.y_mm, self.yaw_deg, *motion)
+        if any(given) or self.force_n is not None or self.steps is not None:
+            raise T2TwinError(
+                "--path contains poses and forces; expected none of --x-mm, --y-mm, --yaw-deg, "
+                "--force-n, --dx-mm, --dy-mm, --dyaw-deg, --steps with it"
+            )
+        return path_commands(shape.name, read_path(self.path), str(self.path))
 
 
 def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     """Press one shape into one sensor or both, and write the image, counts and contacts."""
-    import numpy as np
-
-    import t2twin
-    from t2twin.core.arguments import check_seed
     from t2twin.core.compile_ahead import compile_optics_ahead
-    from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
     from t2twin.sim.touch import scene_path
-    from t2twin.twin import other_elastomer, press_command
+    from t2twin.twin import generator
 
     sensor, optics = options.sensor, options.optics
-    shape = t2twin.load_shape(options.shape, options.scale)
-    for note in shape.notes:
-        print(f"t2twin: {note}", file=sys.stderr)
-    changes = (options.thickness_mm, options.young_mpa, options.poisson, options.flat)
-    gel, cover = (other_elastomer(own, *changes) for own in (DIGIT_GEL, CYSKIN_COVER))
-    if options.seed is not None:
-        check_seed(options.seed)
-    rng = None if options.seed is None else np.random.default_rng(options.seed)
-    sensors = t2twin.Twin(
-        options.calibration, options.layout, options.imperfections, gel, cover, optics
-    ).sensors
+    shape = options.load_shape()
+    rng = generator(options.seed)
+    sensors = options.sensors(optics)
     if optics == "pyrender" and sensor != "cyskin":
         print(f"t2twin: {pyrender_duration()}", file=sys.stderr)
-    command = press_command(
-        shape,
-        options.force_n,
-        options.x_mm,
-        options.y_mm,
-        options.yaw_deg,
-        options.depth_mm,
-        sensors.cyskin if sensor == "cyskin" else sensors.digit,
-    )
+    command = options.command(shape, sensors, options.depth_mm)
     if sensor != "cyskin":
         compile_optics_ahead()
     touch = sensors.press(shape, command, rng, sensor=sensor)
-    folder = options.out or Path("runs/press") / shape.name.replace("/", "-")
+    folder = options.folder("press", shape)
     touch.save(folder)
     for name, contact in touch.contacts.items():
         print(contact_summary(name, contact))
@@ -113,6 +188,44 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     print(f"written to {folder}")
     if options.view:
         show(scene_path(folder, "cyskin" if sensor == "cyskin" else "digit"))
+
+
+def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
+    """Press a shape and slide or turn it with friction; write images, counts and shear."""
+    from t2twin.core.compile_ahead import compile_optics_ahead
+    from t2twin.core.progress import Progress
+    from t2twin.sim.slide import check_friction, touches_along
+    from t2twin.slide_files import write_slide
+    from t2twin.twin import generator
+
+    shape = options.load_shape()
+    rng, friction = generator(options.seed), check_friction(options.friction)
+    sensors = options.sensors()
+    commands = options.commands(shape, sensors)
+    if options.sensor != "cyskin":
+        compile_optics_ahead()
+    touches = touches_along(sensors, shape, commands, friction, rng, options.sensor)
+    folder = options.folder("slide", shape)
+    rows = write_slide(
+        folder, Progress(touches, total=len(commands), desc="slide", unit="step"), len(commands)
+    )
+    for name in ("digit", "cyskin"):
+        contacts = [row for row in rows if f"{name}_shear_x_n" in row]
+        if contacts:
+            print(slide_summary(name, contacts))
+    print(f"written to {folder}")
+
+
+def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
+    """One line about the rows with contact of a slide."""
+    end = rows[-1]
+    line = (
+        f"{sensor}: step {end['step']}: tangential force {end[f'{sensor}_shear_x_n']:.2f} N right, "
+        f"{end[f'{sensor}_shear_y_n']:.2f} N down, torque {end[f'{sensor}_torque_nmm']:.2f} N mm, "
+        f"{end[f'{sensor}_slip_share']:.0%} of the contact slips"
+    )
+    unsettled = sum(not row[f"{sensor}_settled"] for row in rows)
+    return f"{line}; {unsettled} of {len(rows)} steps did not settle" if unsettled else line
 
 
 def pyrender_duration() -> str:
