@@ -19,7 +19,7 @@ STICK_COLOR, SLIP_COLOR = "#9ec5e8", "#f2b880"
 MARGIN_MM = 1.0
 """Margin around the contact, mm."""
 
-ARROWS = 14
+ARROWS = 10
 """Arrows along the longer side of the contact, about."""
 
 
@@ -28,29 +28,41 @@ def draw_slide(page: Figure, rows: list[dict[str, Any]], last: Touch) -> None:
 
     rows: of slide.csv, see t2twin.slide_files. last: the last touch with contact.
     """
+    page.set_layout_engine("constrained", wspace=0.06, hspace=0.06)
     panels = page.subplots(len(last.contacts), 2, squeeze=False)
     for (left, right), (sensor, contact) in zip(panels, last.contacts.items(), strict=True):
         left.set_title(NAMES[sensor], loc="left")
         _draw_force(left, rows, sensor, contact)
         step = max(row["step"] for row in rows if f"{sensor}_slip_share" in row)
-        right.set_title(f"step {step}: {contact.slip_share:.0%} of the contact slips", loc="left")
+        right.set_title(
+            f"step {step}: {100 * contact.slip_share:.0f} % of the contact slips", loc="left"
+        )
         _draw_contact(right, contact)
 
 
 def _draw_force(axes: Axes, rows: list[dict[str, Any]], sensor: str, contact: Contact) -> None:
-    """Tangential force over the path's length, and torque if the shape turns."""
+    """Tangential force over the path's length, and torque if the shape turns.
+
+    The horizontal axis is the rotation where the shape only turns, and else the step where it does
+    not move in every step.
+    """
 
     def column(name: str) -> np.ndarray:
         return np.array([row.get(name, np.nan) for row in rows], float)
 
-    x_mm, y_mm, yaw_deg = column("x_mm"), column("y_mm"), column("yaw_deg")
-    travel = np.cumsum(np.hypot(np.diff(x_mm, prepend=x_mm[0]), np.diff(y_mm, prepend=y_mm[0])))
-    rotation = np.cumsum(np.abs(np.diff(yaw_deg, prepend=yaw_deg[0])))
-    if travel[-1] > 0 or rotation[-1] == 0:
+    touches = column("force_n") > 0
+    slides = touches[1:] & touches[:-1]
+    moved_mm = np.hypot(np.diff(column("x_mm")), np.diff(column("y_mm")))
+    turned_deg = np.abs(np.diff(column("yaw_deg")))
+    if (moved_mm[slides] > 0).all():
         axes.set_xlabel("displacement of the shape, mm")
-    else:
+        travel = np.cumsum([0.0, *moved_mm])
+    elif (turned_deg[slides] > 0).all() and not moved_mm[slides].any():
         axes.set_xlabel("rotation of the shape, degrees")
-        travel = rotation
+        travel = np.cumsum([0.0, *turned_deg])
+    else:
+        axes.set_xlabel("step")
+        travel = column("step")
     force_n = np.hypot(column(f"{sensor}_shear_x_n"), column(f"{sensor}_shear_y_n"))
     lines = axes.plot(travel, force_n, ".-", color=FORCE_COLOR, label="tangential force")
     if contact.motion is not None:
@@ -60,14 +72,14 @@ def _draw_force(axes: Axes, rows: list[dict[str, Any]], sensor: str, contact: Co
         )
     axes.set_ylabel("tangential force, N")
     axes.set_ylim(bottom=0)
-    if rotation[-1] > 0:
+    if turned_deg[slides].any():
         other = axes.twinx()
         other.spines["right"].set_visible(True)
         lines += other.plot(
             travel, column(f"{sensor}_torque_nmm"), ".-", color=TORQUE_COLOR, label="torque"
         )
         other.set_ylabel("torque, N mm")
-    axes.legend(handles=lines, loc="lower right")
+    axes.legend(handles=lines, loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
 
 
 def _draw_contact(axes: Axes, contact: Contact) -> None:
@@ -100,7 +112,7 @@ def _draw_contact(axes: Axes, contact: Contact) -> None:
     at = rows_at[kept], columns_at[kept]
     arrows = axes.quiver(
         x_mm[at[1]], y_mm[at[0]], shear[0][at], shear[1][at],
-        angles="xy", scale_units="xy", scale=peak / (1.5 * every * contact.pitch_mm), width=0.006,
+        angles="xy", scale_units="xy", scale=peak / (1.2 * every * contact.pitch_mm), width=0.006,
     )  # fmt: skip
     label = f"{peak:.2g} kPa" if peak < 10 else f"{peak:.0f} kPa"
     axes.quiverkey(arrows, 1.14, 0.1, peak, label, labelpos="N")

@@ -93,7 +93,7 @@ def _write(folder: Path, touches: Iterable[Touch], digits: int) -> list[Row]:
         lines = [[step, *values.tolist()] for step, values in enumerate(counts)]
         _write_csv(folder / COUNTS_CSV, names, lines)
     assert last is not None  # a path has at least one contact
-    page = figure("png", 8.0, 3.6 * len(last.contacts), lambda page: draw_slide(page, rows, last))
+    page = figure("png", 9.0, 3.6 * len(last.contacts), lambda page: draw_slide(page, rows, last))
     (folder / "slide.png").write_bytes(page)
     _write_animation(folder, counts, layout, phi)
     return rows
@@ -197,7 +197,7 @@ def _animation(
         for part in parts:
             page.paste(part, (left, 0))
             left += part.width
-        yield page.quantize()
+        yield page.quantize(palette=page.quantize())  # the second pass dithers
 
 
 def _replace(folder: Path, temporary: Path) -> None:

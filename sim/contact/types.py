@@ -188,8 +188,8 @@ class Contact:
         """(ny, nx) bool: where the shape slips, the traction being at the limit of friction."""
         if self.motion is None:
             return np.zeros(self.pressure_kpa.shape, bool)
-        limit = self.motion.friction * self.pressure_kpa
-        return (limit > 0) & (np.hypot(*self.shear_kpa) >= (1 - AT_LIMIT) * limit)
+        limit = (1 - AT_LIMIT) * self.motion.friction * self.pressure_kpa
+        return (self.pressure_kpa > 0) & (np.hypot(*self.shear_kpa) >= limit)
 
     @property
     def slip_share(self) -> float:

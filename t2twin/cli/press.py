@@ -222,7 +222,7 @@ def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
     line = (
         f"{sensor}: step {end['step']}: tangential force {end[f'{sensor}_shear_x_n']:.2f} N right, "
         f"{end[f'{sensor}_shear_y_n']:.2f} N down, torque {end[f'{sensor}_torque_nmm']:.2f} N mm, "
-        f"{end[f'{sensor}_slip_share']:.0%} of the contact slips"
+        f"{100 * end[f'{sensor}_slip_share']:.0f} % of the contact slips"
     )
     unsettled = sum(not row[f"{sensor}_settled"] for row in rows)
     return f"{line}; {unsettled} of {len(rows)} steps did not settle" if unsettled else line

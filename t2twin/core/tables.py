@@ -76,6 +76,8 @@ def read_csv(content: bytes) -> tuple[pa.Table, list[str]]:
     comma = delimiter != b"," and DECIMAL_COMMA.search(content)
     table = pyarrow.csv.read_csv(
         io.BytesIO(content),
+        # A process that ends while threads of Arrow still run may abort.
+        read_options=pyarrow.csv.ReadOptions(use_threads=False),
         parse_options=pyarrow.csv.ParseOptions(delimiter=delimiter.decode()),
         convert_options=pyarrow.csv.ConvertOptions(
             decimal_point="," if comma else ".", null_values=[""]

@@ -143,6 +143,8 @@ def solve_traction(
     """
     limit = limit_mpa.astype(np.float32)
     inside = limit > 0
+    if not inside.any():  # without friction
+        return Traction(np.zeros(wanted_mm.shape), np.zeros(wanted_mm.shape), 0.0, 0)
     wanted = np.where(inside, wanted_mm, 0.0).astype(np.float32)
     scale = max(float(np.abs(wanted).max()), 1e-9)
     q = project(start_mpa.astype(np.float32), limit)
