@@ -117,6 +117,7 @@ def _row(step: int, touch: Touch) -> Row:
             f"{sensor}_slip_share": contact.slip_share,
             f"{sensor}_depth_mm": contact.depth_mm,
             f"{sensor}_settled": bool(contact.settled),
+            f"{sensor}_bottomed": bool(contact.bottomed),
         }
     return row
 

@@ -291,6 +291,7 @@ def examples(products, small_dataset, trained):
         header = "image,taxel_0,taxel_1,taxel_2\n"
         (folder / "my_pairs" / "pairs.csv").write_text(header + "\n".join(rows) + "\n")
         (folder / "my-taxels.csv").write_text("x_mm,y_mm,pad_diameter_mm\n-6,-6,4\n6,-6,4\n0,6,4\n")
+        (folder / "path.csv").write_text("x_mm,y_mm,yaw_deg,force_n\n0,0,0,4\n0.2,0,0,4\n")
         box = trimesh.creation.box((10, 6, 4))
         box.export(folder / "my.stl")
         box.apply_scale(1 / 25.4)

@@ -224,8 +224,11 @@ def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
         f"{end[f'{sensor}_shear_y_n']:.2f} N down, torque {end[f'{sensor}_torque_nmm']:.2f} N mm, "
         f"{100 * end[f'{sensor}_slip_share']:.0f} % of the contact slips"
     )
-    unsettled = sum(not row[f"{sensor}_settled"] for row in rows)
-    return f"{line}; {unsettled} of {len(rows)} steps did not settle" if unsettled else line
+    for name, what in (("settled", "did not settle"), ("bottomed", "bottomed out")):
+        found = sum(row[f"{sensor}_{name}"] != (name == "settled") for row in rows)
+        if found:
+            line += f"; {found} of {len(rows)} steps {what}"
+    return line
 
 
 def pyrender_duration() -> str:

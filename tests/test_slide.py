@@ -1,0 +1,253 @@
+"""Twin.follow, and the files of `t2twin slide`."""
+
+import csv
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import t2twin
+from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
+
+PATH = [(0, 0, 0, 4), (0.2, 0.1, 2, 4), (0, 0, 0, 0), (1, 0, 0, 2), (1, -0.2, 0, 3)]
+"""A press and a slide, a lift-off, and again a press and a slide."""
+
+
+def run(*arguments):
+    """Runs t2twin slide; returns the exit status."""
+    try:
+        main(["slide", *map(str, arguments)])
+    except SystemExit as stop:
+        return stop.code
+    return 0
+
+
+def write_path(file, rows, header="x_mm,y_mm,yaw_deg,force_n"):
+    lines = [header, *(",".join(str(value) for value in row) for row in rows)]
+    file.write_text("\n".join(lines) + "\n")
+
+
+def table(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def contents(folder):
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="module")
+def twin():
+    return t2twin.Twin()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The folder of a slide along PATH."""
+    place = tmp_path_factory.mktemp("slide")
+    write_path(place / "path.csv", PATH)
+    out = place / "out"
+    assert run("hemisphere-4", "--path", place / "path.csv", "--seed", 3, "--out", out) == 0
+    return out
+
+
+# The files
+
+
+def test_one_row_a_step(folder):
+    rows = table(folder / "slide.csv")
+    assert [int(row["step"]) for row in rows] == list(range(5))
+    for row, pose in zip(rows, PATH, strict=True):
+        found = [float(row[name]) for name in ("x_mm", "y_mm", "yaw_deg", "force_n")]
+        assert found == pytest.approx(pose)
+    for sensor in ("digit", "cyskin"):
+        lifted = [rows[2][name] for name in rows[2] if name.startswith(sensor)]
+        assert lifted == [""] * 7
+        forces = [float(rows[step][f"{sensor}_shear_y_n"]) for step in (0, 1, 3, 4)]
+        assert forces[0] == forces[2] == 0.0 and forces[1] > 0.05 and forces[3] < -0.05
+        assert float(rows[1][f"{sensor}_torque_nmm"]) > 0
+        assert all(rows[step][f"{sensor}_settled"] == "true" for step in (0, 1, 3, 4))
+    counts = table(folder / "counts.csv")
+    assert list(counts[0]) == ["step", *(f"taxel_{n}" for n in range(20))]
+    highest = [max(int(row[f"taxel_{n}"]) for n in range(20)) for row in counts]
+    assert highest[2] < 200 < min(highest[n] for n in (0, 1, 3, 4))
+
+
+@pytest.mark.parametrize("sensor", ["digit", "cyskin"])
+def test_fields_have_the_forces_of_the_table(folder, sensor):
+    names = sorted(path.name for path in folder.glob(f"contact_{sensor}_*.npz"))
+    assert names == [f"contact_{sensor}_00{step}.npz" for step in (0, 1, 3, 4)]
+    rows = table(folder / "slide.csv")
+    for step in (0, 1, 3, 4):
+        with np.load(folder / f"contact_{sensor}_00{step}.npz") as file:
+            fields = dict(file)
+        grid = fields["y_mm"].size, fields["x_mm"].size
+        assert fields["pressure_kpa"].shape == fields["slip_mm"].shape == grid
+        assert fields["shear_kpa"].shape == (2, *grid)
+        assert fields["displacement_mm"].shape == (3, *grid)
+        cell_mm2 = (fields["x_mm"][1] - fields["x_mm"][0]) ** 2
+        force = 1e-3 * cell_mm2 * fields["pressure_kpa"].sum()
+        assert force == pytest.approx(PATH[step][3], rel=1e-3)
+        shear_n = 1e-3 * cell_mm2 * fields["shear_kpa"].sum(axis=(1, 2))
+        for axis, found in zip("xy", shear_n, strict=True):
+            expected = float(rows[step][f"{sensor}_shear_{axis}_n"])
+            assert found == pytest.approx(expected, abs=1e-4)
+        share = fields["pressure_kpa"] / fields["pressure_kpa"].sum()
+        depth_mm = float(rows[step][f"{sensor}_depth_mm"])
+        assert 0.5 * depth_mm < (fields["displacement_mm"][2] * share).sum() < depth_mm
+        assert fields["slip_mm"].any() == (step in (1, 4))
+
+
+def test_displacement_follows_the_shape(twin, folder):
+    """The middle of a ball sticks, so its surface moves with the ball."""
+    with np.load(folder / "contact_cyskin_004.npz") as fields:
+        row = np.abs(fields["y_mm"] + 0.2).argmin()
+        column = np.abs(fields["x_mm"] - 1.0).argmin()
+        along_x, along_y, _ = fields["displacement_mm"][:, row, column]
+    assert along_y == pytest.approx(-0.2, abs=0.06) and abs(along_x) < 0.06
+
+
+def test_images(folder):
+    frames = sorted((folder / "frames").iterdir())
+    assert [path.name for path in frames] == [f"00{step}.png" for step in range(5)]
+    with Image.open(frames[1]) as image:
+        assert image.size == (240, 320)
+    with Image.open(folder / "slide.gif") as animation:
+        assert animation.n_frames == 5
+    with Image.open(folder / "slide.png") as figure:
+        pixels = np.asarray(figure.convert("RGB")).reshape(-1, 3)
+    for color in ("#9ec5e8", "#f2b880", "#1f5fa8"):  # stick, slip, the force's line
+        wanted = [int(color[n : n + 2], 16) for n in (1, 3, 5)]
+        assert (pixels == wanted).all(axis=1).sum() > 100
+
+
+def test_same_seed_same_bytes(tmp_path):
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        arguments = ("--dx-mm", 0.2, "--steps", 2, "--seed", seed)
+        assert run("hemisphere-4", *arguments, "--out", tmp_path / name) == 0
+    first, second, third = (contents(tmp_path / name) for name in "abc")
+    assert first == second
+    assert {name for name in first if first[name] != third[name]} >= {"counts.csv", "slide.gif"}
+
+
+def test_a_new_slide_replaces_an_earlier_one(tmp_path, capsys):
+    out = tmp_path / "out"
+    arguments = ("circle-1", "--dyaw-deg", 1, "--out", out)
+    assert run(*arguments, "--steps", 2) == 0
+    assert "digit: step 2: tangential force" in capsys.readouterr().out
+    (out / "frames" / "mine.png").write_text("mine")
+    assert run(*arguments, "--steps", 1, "--sensor", "digit") == 0
+    assert {*contents(out)} == {
+        "slide.csv", "slide.png", "slide.gif", "contact_digit_000.npz", "contact_digit_001.npz",
+        "frames/000.png", "frames/001.png", "frames/mine.png",
+    }  # fmt: skip
+
+
+def test_other_files_are_not_replaced(tmp_path, capsys):
+    (tmp_path / "frames").mkdir()
+    (tmp_path / "frames" / "000.png").write_text("mine")
+    assert run("circle-1", "--dx-mm", 1, "--out", tmp_path) == 2
+    assert "files that are not of a slide" in capsys.readouterr().err
+    assert contents(tmp_path) == {"frames/000.png": b"mine"}
+
+
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        ((), "there is no motion; give --dx-mm"),
+        (("--dx-mm", "nan"), "dx_mm is nan; expected a finite number"),
+        (("--dyaw-deg", "400"), "dyaw_deg is 400; expected a number from -360 to 360"),
+        (("--dx-mm", "1", "--steps", "0"), "steps is 0"),
+        (("--dx-mm", "1", "--friction", "-1"), "friction is -1; expected a number from 0 to 5"),
+        (("--dx-mm", "1", "--force-n", "0"), "0.01 to 100 N"),
+        (("--dx-mm", "1", "--seed", "-1"), "the seed is -1"),
+        (("--dx-mm", "60"), "does not lie over"),
+        (("--path", "none.csv"), "none.csv"),
+        (("--path", "good.csv", "--dx-mm", "1"), "--path contains poses and forces"),
+        (("--path", "good.csv", "--steps", "10"), "--path contains poses and forces"),
+        (("--path", "text.csv"), "text.csv"),
+        (("--path", "empty.csv"), "empty.csv has 0 rows; expected 1 to 10,001"),
+        (("--path", "unknown.csv"), "has a column 'speed', which is not read"),
+        (("--path", "missing.csv"), "has no column force_n"),
+        (("--path", "double.csv"), "has two columns x_mm"),
+        (("--path", "cell.csv"), "line 2: y_mm is text; it must be a number"),
+        (("--path", "lifted.csv"), "lifted.csv has no row with contact"),
+        (("--path", "pulled.csv"), "pulled.csv, row 2: force_n is -1; expected 0 or a force from"),
+        (("--path", "turned.csv"), "row 2: yaw_deg is 500 after 0; expected a rotation of at most"),
+        (("--path", "beyond.csv"), "at x 0 mm, y 40 mm does not lie over"),
+    ],
+)
+def test_bad_input_is_one_sentence(tmp_path, capsys, arguments, words):
+    columns = "x_mm,y_mm,yaw_deg,force_n"
+    for name, header, rows in (
+        ("good", columns, PATH),
+        ("text", "no path", []),
+        ("empty", columns, []),
+        ("unknown", columns + ",speed", [(0, 0, 0, 4, 1)]),
+        ("missing", "x_mm,y_mm,yaw_deg", [(0, 0, 0)]),
+        ("double", columns + ",x_mm", [(0, 0, 0, 4, 0)]),
+        ("cell", columns, [(0, 0, 0, 4), (0, "left", 0, 4)]),
+        ("lifted", columns, [(0, 0, 0, 0)]),
+        ("pulled", columns, [(0, 0, 0, 4), (0, 0, 0, -1)]),
+        ("turned", columns, [(0, 0, 0, 4), (0, 0, 500, 4)]),
+        ("beyond", columns, [(0, 0, 0, 4), (0, 0.1, 0, 4), (0, 40, 0, 4)]),
+    ):
+        write_path(tmp_path / f"{name}.csv", rows, header)
+    before = contents(tmp_path)
+    assert run("circle-1", *arguments) == 2
+    message = capsys.readouterr().err
+    assert words in message
+    assert message.startswith("t2twin: ") and message.count("\n") == 1
+    assert contents(tmp_path) == before
+
+
+# In Python
+
+
+def test_follow_is_press_and_slide(twin):
+    touches = twin.follow("hemisphere-4", np.array(PATH))
+    assert [len(touch.contacts) for touch in touches] == [2, 2, 0, 2, 2]
+    pressed = twin.press("hemisphere-4", force_n=4)
+    slid = twin.slide(pressed, dx_mm=0.2, dy_mm=0.1, dyaw_deg=2, steps=1)[0]
+    for expected, touch in ((pressed, touches[0]), (slid, touches[1])):
+        assert np.array_equal(touch.image, expected.image)
+        assert np.array_equal(touch.counts, expected.counts)
+    assert np.array_equal(touches[2].image, twin.background)
+    assert not touches[2].counts.any()
+    for sensor in ("digit", "cyskin"):
+        assert np.array_equal(
+            getattr(touches[1], sensor).shear_kpa, getattr(slid, sensor).shear_kpa
+        )
+        assert getattr(touches[3], sensor).motion is None
+
+
+def test_without_friction_a_slide_has_no_tangential_force(twin):
+    *_, last = twin.follow("hemisphere-4", [(0, 0, 0, 4), (0.2, 0, 0, 4)], friction=0.0)
+    for contact in last.contacts.values():
+        assert contact.settled and contact.slip_share == 1.0
+        assert not contact.shear_kpa.any()
+        middle_mm = float((contact.pressure_kpa.sum(axis=0) * contact.x_mm).sum())
+        assert middle_mm / contact.pressure_kpa.sum() == pytest.approx(0.2, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    "path, message",
+    [
+        ("path", "path is 'path' of type str; expected an array of numbers"),
+        ([(0, 0, 4)], r"path has shape \(1, 3\); expected \(n, 4\)"),
+        ([], r"path has shape \(0,\)"),
+        ([(0, 0, 0, 4), (0, np.nan, 0, 4)], "path, row 2: y_mm is nan; expected a finite number"),
+        ([(0, 0, 0, 1e3)], "path, row 1: force_n is 1000; expected 0 or a force from 0.01 to 100"),
+        ([(0, 0, 0, 0)], "path has no row with contact"),
+    ],
+)
+def test_invalid_paths(twin, path, message):
+    with pytest.raises(T2TwinError, match=f"^{message}") as error:
+        twin.follow("circle-1", path)
+    assert not re.search(r"\n", str(error.value))
