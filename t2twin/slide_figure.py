@@ -19,6 +19,9 @@ STICK_COLOR, SLIP_COLOR = "#9ec5e8", "#f2b880"
 MARGIN_MM = 1.0
 """Margin around the contact, mm."""
 
+LEGEND_PT = 20
+"""Height of the legend between a panel and its title, points."""
+
 ARROWS = 10
 """Arrows along the longer side of the contact, about."""
 
@@ -31,7 +34,7 @@ def draw_slide(page: Figure, rows: list[dict[str, Any]], last: Touch) -> None:
     page.set_layout_engine("constrained", wspace=0.06, hspace=0.06)
     panels = page.subplots(len(last.contacts), 2, squeeze=False)
     for (left, right), (sensor, contact) in zip(panels, last.contacts.items(), strict=True):
-        left.set_title(NAMES[sensor], loc="left")
+        left.set_title(NAMES[sensor], loc="left", pad=LEGEND_PT)
         _draw_force(left, rows, sensor, contact)
         step = max(row["step"] for row in rows if f"{sensor}_slip_share" in row)
         right.set_title(
@@ -75,11 +78,12 @@ def _draw_force(axes: Axes, rows: list[dict[str, Any]], sensor: str, contact: Co
     if turned_deg[slides].any():
         other = axes.twinx()
         other.spines["right"].set_visible(True)
-        lines += other.plot(
-            travel, column(f"{sensor}_torque_nmm"), ".-", color=TORQUE_COLOR, label="torque"
-        )
+        torque_nmm = column(f"{sensor}_torque_nmm")
+        lines += other.plot(travel, torque_nmm, ".-", color=TORQUE_COLOR, label="torque")
+        if np.nanmin(torque_nmm) >= 0:
+            other.set_ylim(bottom=0)
         other.set_ylabel("torque, N mm")
-    axes.legend(handles=lines, loc="lower right", bbox_to_anchor=(1, 1), ncols=3)
+    axes.legend(handles=lines, loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
 
 
 def _draw_contact(axes: Axes, contact: Contact) -> None:
@@ -112,7 +116,7 @@ def _draw_contact(axes: Axes, contact: Contact) -> None:
     at = rows_at[kept], columns_at[kept]
     arrows = axes.quiver(
         x_mm[at[1]], y_mm[at[0]], shear[0][at], shear[1][at],
-        angles="xy", scale_units="xy", scale=peak / (1.2 * every * contact.pitch_mm), width=0.006,
+        angles="xy", scale_units="xy", scale=peak / (1.1 * every * contact.pitch_mm), width=0.006,
     )  # fmt: skip
     label = f"{peak:.2g} kPa" if peak < 10 else f"{peak:.0f} kPa"
     axes.quiverkey(arrows, 1.14, 0.1, peak, label, labelpos="N")

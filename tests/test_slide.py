@@ -119,7 +119,7 @@ def test_images(folder):
     with Image.open(frames[1]) as image:
         assert image.size == (240, 320)
     with Image.open(folder / "slide.gif") as animation:
-        assert animation.n_frames == 5
+        assert getattr(animation, "n_frames", 1) == 5
     with Image.open(folder / "slide.png") as figure:
         pixels = np.asarray(figure.convert("RGB")).reshape(-1, 3)
     for color in ("#9ec5e8", "#f2b880", "#1f5fa8"):  # stick, slip, the force's line
