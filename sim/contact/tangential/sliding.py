@@ -22,13 +22,13 @@ from t2twin.sim.contact.grid import dilated, window_around
 from t2twin.sim.contact.tangential.traction import ShearLayer, cached_shear_layer, solve_traction
 from t2twin.sim.contact.types import Contact, Motion, SurfaceShift
 
-COUPLING_TOLERANCE = 5e-3
+COUPLING_TOLERANCE = 1e-2
 """Change of the traction in a round, over friction times the force, below which a step has
-converged: that of the normal contact's pressure."""
+converged. The pressure of the normal contact has a tolerance of half of it."""
 
-FULL_ROUNDS, MAX_ROUNDS = 3, 10
-"""Rounds after which the normal contact sees the mean of the last sheared surfaces, and the limit
-on the rounds of a step. At a sharp edge two solutions may alternate, which the mean prevents."""
+RELAXATION = (1.0,) * 3 + (0.5,) * 5 + (0.25,) * 12
+"""Share of the new sheared surface that the normal contact of each round sees; the rest is the one
+of the round before. At a sharp edge two solutions may alternate, which smaller shares prevent."""
 
 GEL_FRICTION = 0.8
 """Coefficient of friction of the DIGIT's gel (assumed, range 0.4 to 1.5)."""
@@ -66,11 +66,10 @@ def advance(
     )
     start = contact.motion or _still(contact, friction)
     follows = start.displacement_mm + _rigid(contact, start, dx_mm, dy_mm, dyaw_rad)
-    normal, seen, rounds, converged = contact, start.sheared_mm, 0, False
+    normal, seen, converged = contact, start.sheared_mm, False
     shear, sheared, spread, _ = _sheared(normal, follows, friction, start.shear_mpa)
-    while not converged and rounds < MAX_ROUNDS:
-        rounds += 1
-        seen = sheared if rounds <= FULL_ROUNDS else (seen + sheared) / 2
+    for share in RELAXATION:
+        seen = seen + share * (sheared - seen)
         shift = SurfaceShift(contact.x_mm, contact.y_mm, seen) if shear.any() else None
         near = normal if shear.any() else None
         normal = solve_contact(
@@ -80,6 +79,8 @@ def advance(
         shear, sheared, spread, found = _sheared(normal, follows, friction, before)
         change = np.abs(shear - before).sum() * normal.pitch_mm**2
         converged = found and change <= COUPLING_TOLERANCE * friction * force_n
+        if converged:
+            break
     pressure = normal.pressure_kpa
     displacement = sheared[:2] + spread
     slip = np.hypot(*(follows - displacement)) * (pressure > 0)
