@@ -60,8 +60,8 @@ def write_slide(folder: Path, touches: Iterable[Touch], number: int) -> list[Row
     with locked(folder):
         if not is_empty(folder) and not (folder / SLIDE_CSV).is_file():
             raise T2TwinError(
-                f"{folder} has files that are not of a slide; expected a new or empty folder, or "
-                "one of an earlier slide"
+                f"{folder} is not empty, and its files are not of a slide; expected a new or empty "
+                "folder, or one of an earlier slide"
             )
         with temporary_folder(folder, "slide") as temporary:
             rows = _write(temporary, touches, max(MIN_DIGITS, len(str(number - 1))))
@@ -214,7 +214,8 @@ def _replace(folder: Path, temporary: Path) -> None:
     if old_frames.is_dir():
         old += [path for path in old_frames.iterdir() if FRAME_FILE.fullmatch(path.name)]
     for path in old:
-        path.unlink(missing_ok=True)
+        if path.is_file():
+            path.unlink()
     move_into(folder, new)
     if any(frames.iterdir()):
         old_frames.mkdir(exist_ok=True)

@@ -153,7 +153,7 @@ def test_other_files_are_not_replaced(tmp_path, capsys):
     (tmp_path / "frames").mkdir()
     (tmp_path / "frames" / "000.png").write_text("mine")
     assert run("circle-1", "--dx-mm", 1, "--out", tmp_path) == 2
-    assert "files that are not of a slide" in capsys.readouterr().err
+    assert "its files are not of a slide" in capsys.readouterr().err
     assert contents(tmp_path) == {"frames/000.png": b"mine"}
 
 

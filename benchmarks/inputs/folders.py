@@ -10,6 +10,7 @@ from benchmarks.inputs.tables import good_pairs
 
 WRITERS: dict[str, tuple[str, ...]] = {
     "press": ("press", "circle-1", "--out"),
+    "slide": ("slide", "circle-1", "--dx-mm", "0.1", "--steps", "1", "--out"),
     "primitives": ("primitives", "--out"),
     "simdata": ("simdata", "--scale", "smoke", "--out"),
     "train": ("train", "resnet18", "--data", "{data}", "--preset", "smoke", "--out"),
@@ -60,6 +61,7 @@ def _notes(box: Path, base: Base) -> None:
 TAKEN: tuple[tuple[str, str, Make], ...] = (
     ("import-pairs", "a dataset", _dataset),
     ("import-pairs", "notes", _notes),
+    ("slide", "notes", _notes),
     ("simdata", "notes", _notes),
     ("train", "a dataset", _dataset),
     ("train", "notes", _notes),
