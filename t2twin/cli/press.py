@@ -219,10 +219,14 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
 def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
     """One line about the rows with contact of a slide."""
     end = rows[-1]
+    # Adding 0 turns -0 into 0.
+    x_n, y_n, torque_nmm = (
+        round(end[f"{sensor}_{name}"], 2) + 0.0 for name in ("shear_x_n", "shear_y_n", "torque_nmm")
+    )
     line = (
-        f"{sensor}: step {end['step']}: tangential force {end[f'{sensor}_shear_x_n']:.2f} N right, "
-        f"{end[f'{sensor}_shear_y_n']:.2f} N down, torque {end[f'{sensor}_torque_nmm']:.2f} N mm, "
-        f"{100 * end[f'{sensor}_slip_share']:.0f} % of the contact slips"
+        f"{sensor}: step {end['step']}: tangential force {x_n:.2f} N right, {y_n:.2f} N down, "
+        f"torque {torque_nmm:.2f} N mm, {100 * end[f'{sensor}_slip_share']:.0f} % of the contact "
+        "slips"
     )
     for name, what in (("settled", "did not settle"), ("bottomed", "bottomed out")):
         found = sum(row[f"{sensor}_{name}"] != (name == "settled") for row in rows)
