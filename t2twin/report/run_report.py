@@ -1,20 +1,15 @@
 """The report of runs: one self-contained HTML page."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from t2twin.core import arguments
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.dataset import contents, forces, pairs
-from t2twin.report.html.page import write_page
+from t2twin.report.html.page import Sections, write_page
 from t2twin.report.sections import (
-    by_force,
-    by_shape,
-    by_view,
-    irreducible_error,
+    breakdowns,
     learning_curves,
-    limits,
-    paper_finding,
     provenance,
     qualitative,
     results,
@@ -75,40 +70,44 @@ def write_report(
 def draw_report(out: Path, report: ReportData) -> Path:
     """Writes out/index.html and returns its path."""
     omitted = omitted_sections(report)
-    sections: dict[str, Callable[[], str]] = {
-        "about": lambda: provenance.section(report, {LINKS[n]: why for n, why in omitted.items()}),
+    titles = {LINKS[name]: why for name, why in omitted.items()}
+    values = {
+        "summary": lambda: summary.section(report),
+        "about": lambda: provenance.about(report, titles),
         "results": lambda: results.section(report),
-        "finding": lambda: paper_finding.section(report),
-        "by-force": lambda: by_force.section(report),
-        "by-view": lambda: by_view.section(report),
+        "finding": lambda: results.finding(report),
+        "by-force": lambda: breakdowns.by_force(report),
+        "by-view": lambda: breakdowns.by_view(report),
         "uncertainty": lambda: uncertainty.section(report),
-        "irreducible-error": lambda: irreducible_error.section(report),
+        "irreducible-error": lambda: uncertainty.irreducible_error(report),
         "samples": lambda: qualitative.section(report),
         "pairs": lambda: pairs.section(report),
-        "shapes": contents.contact_sheet_section,
+        "shapes": contents.contact_sheet,
         "curves": lambda: learning_curves.section(report),
         "forces": lambda: forces.section(report),
-        "by-shape": lambda: by_shape.section(report),
-        "limits": lambda: limits.section(report),
+        "by-shape": lambda: breakdowns.by_shape(report),
+        "limits": lambda: provenance.limits(report),
     }
     if not any(one.has_forces for one in report.evaluations.values()):
-        del sections["by-force"]
+        del values["by-force"]
     if not uncertainty.has_uncertainty(report.evaluations):
-        del sections["uncertainty"]
-    return write_page(
-        out,
-        _title(report),
-        lambda: summary.section(report),
-        {name: section for name, section in sections.items() if name not in omitted},
-        LINKS,
-    )
+        del values["uncertainty"]
+    sections: Sections = {
+        name: (_template(name), compute) for name, compute in values.items() if name not in omitted
+    }
+    return write_page(out, _title(report), sections, LINKS, report=report, dataset=report)
+
+
+def _template(name: str) -> str:
+    """Template of a section; two of them are also in the report of a dataset."""
+    return f"report/templates/{'dataset' if name in ('pairs', 'forces') else 'runs'}/{name}.html"
 
 
 def omitted_sections(report: ReportData) -> dict[str, str]:
     """Names of the omitted sections, with the data that they would require.
 
-    The contact sheet shows the shapes of the paper's protocol. The page does not list the sections
-    on force and uncertainty as omitted.
+    The contact sheet shows the shapes of the paper's protocol. The sections on force and
+    uncertainty are not listed.
     """
     omitted = {} if report.info.is_simulated else dict(SIMULATED_ONLY)
     if not report.info.is_protocol:

@@ -5,6 +5,7 @@ Shape letters: P pairs of all splits, N taxels, R rows and C columns of an image
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -74,9 +75,9 @@ class Dataset:
             row -= pairs
         raise AssertionError("the row is in a shard of its split")
 
-    def shape(self, split: str, row: int) -> str:
-        """The shape of a row."""
-        return self.tables[split]["shape"][row].as_py()
+    def row(self, split: str, row: int) -> dict[str, Any]:
+        """Values of a row by column."""
+        return self.tables[split].slice(row, 1).to_pylist()[0]
 
     def column(self, name: str) -> np.ndarray:
         """(P,) a column of all splits; missing numbers are NaN."""
@@ -97,8 +98,10 @@ class Dataset:
 
     @property
     def forces_n(self) -> np.ndarray:
-        """(k,) unique commanded forces, N, ascending, rounded to 0.01 N; 0 for pairs without
-        contact. Unknown forces are omitted."""
+        """(k,) unique commanded forces, N, ascending, rounded to 0.01 N; 0 without contact.
+
+        Unknown forces are omitted.
+        """
         force_n = self.column("force_n").astype(float)
         return np.unique(force_n[np.isfinite(force_n)].round(2))
 
@@ -114,8 +117,7 @@ class Dataset:
 
     @property
     def saturated(self) -> np.ndarray:
-        """(P, N) bool: saturated counts. The mean of noisy readings, clipped at full scale, lies
-        slightly below it."""
+        """(P, N) bool: saturated counts; the mean of noisy, clipped ones is below full scale."""
         return self.counts >= SATURATED_SHARE * self.layout.full_scale_counts
 
     @property

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.report.data import ReportData
-from t2twin.report.html import markup
 from t2twin.report.html.figures import figure
 from t2twin.report.html.labels import BASELINE_COLORS, colors, name_of
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
@@ -20,19 +20,9 @@ LOSSES = {"adversarial": "-", "l1": "--", "discriminator": ":"}
 """Losses of pix2pix by their names in a log, with line styles."""
 
 
-def section(report: ReportData) -> str:
+def section(report: ReportData) -> dict[str, Any]:
     """Charts of RMSE and, of adversarial trainings, of the losses by epoch."""
-    text = (
-        "Left, solid: RMSE on the validation pairs of each run's own data; the dot marks the best "
-        "epoch. Left, dashed: RMSE on the training pairs during the training of ResNet18, which "
-        "minimizes the mean squared error. It includes dropout and augmentation, so it may exceed "
-        "the validation error. Right: losses of touch2touch: the adversarial loss of the "
-        "generator, the weighted L1 distance (mean absolute difference), and the loss of the "
-        "discriminator."
-    )
-    content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report))
-    alt = "Validation and training error by epoch, with the baselines as lines"
-    return markup.section("curves", "Learning", [markup.embed(content, "svg", alt, note=text)])
+    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report))}
 
 
 def _draw(page: Figure, report: ReportData) -> None:
