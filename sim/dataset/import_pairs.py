@@ -34,11 +34,10 @@ from t2twin.core.images import decode_image, encode_png
 from t2twin.core.records import check_names
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.dataset.card import card
 from t2twin.sim.dataset.columns import BACKGROUND, FIELD, POSE, SCHEMA, UNIT
 from t2twin.sim.dataset.info import FORMAT, MAX_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.pairs_table import find_table, read_table
-from t2twin.sim.dataset.store import CARD, write_info, write_shard, write_whole
+from t2twin.sim.dataset.store import write_card, write_info, write_shard
 from t2twin.sim.world.plan import file_stem, shard_path
 
 ORIGIN = "imported"
@@ -255,7 +254,7 @@ def _write(
         origin=ORIGIN,
         pad_diameter_mm=tuple(layout.pad_diameter_mm.tolist()),
     )
-    write_whole(folder / CARD, card(info).encode())
+    write_card(folder, info)
     write_info(folder, info)
     return info
 

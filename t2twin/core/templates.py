@@ -15,12 +15,12 @@ MEDIA_TYPES = {b"\x89P": "image/png", b"\xff\xd8": "image/jpeg", b"<?": "image/s
 """Media types of image files by their first two bytes."""
 
 
-def render(name: str, **values: Any) -> str:
-    """Text of a template such as "sim/dataset/card.md", with these values.
+def render(template: str, /, **values: Any) -> str:
+    """Text of a template, such as "sim/dataset/card.md", with these values.
 
     Values are escaped in HTML only. Raises jinja2.UndefinedError for a missing value.
     """
-    return environment().get_template(name).render(values)
+    return environment().get_template(template).render(values)
 
 
 @cache
