@@ -120,6 +120,7 @@ ALLOWED = (
     Allowed("sim/dataset/shard.py", "untouched", "path of a dataset's images"),
     Allowed("sim/world/", "shipped", "name of a world"),
     Allowed("t2twin/cli/dataset.py", "shipped", "name of a world"),
+    Allowed("translate/weights/", "shipped", "name of a world"),
     Allowed("sim/cyskin/tactile_image.py", "ImageDraw", "Pillow"),
     Allowed("sim/cyskin/tactile_image.py", "Draw", "Pillow"),
 )
