@@ -1,9 +1,9 @@
 """Solves a press: a rigid shape pushed into an elastomer with a force.
 
 Contact is normal and frictionless; the surface responds as an elastic layer
-(`t2twin.sim.contact.layer`). Pins on springs carry the force (`pin_layout`); a fixed-point
-iteration finds their pressure (`fixed_point`): first roughly, then finely, and again with more pins
-where the shape penetrates the surface outside them.
+(`t2twin.sim.contact.layer`). Pins on springs carry the force (`pin_layout`). A fixed-point
+iteration finds their pressure (`fixed_point`), first roughly, then finely. It is repeated with more
+pins where the shape penetrates the surface outside them.
 """
 
 import time

@@ -84,10 +84,12 @@ class Layer:
     """Linear response of one elastomer on a grid of square cells.
 
     pitch_mm: side of the cells. per_side: number of fine cells along each.
-    Attributes, of the fine grid: rows, columns; pitch_mm, side of a fine cell; x_mm (columns,),
-    y_mm (rows,), cell centers; rest_mm, thickness_mm, (rows, columns); max_compliance_mm_per_mpa,
-    largest deflection per pressure over all wavelengths, mm/MPa; weights, (kernels, rows, columns)
-    float32, weight of each kernel's response at each place.
+    Attributes, of the fine grid:
+
+    - rows, columns; pitch_mm, side of a fine cell; x_mm (columns,), y_mm (rows,), cell centers;
+    - rest_mm, thickness_mm, (rows, columns);
+    - max_compliance_mm_per_mpa, largest deflection per pressure over all wavelengths, mm/MPa;
+    - weights, (kernels, rows, columns) float32, weight of each kernel's response at each place.
     """
 
     def __init__(self, elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> None:

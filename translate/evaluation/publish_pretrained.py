@@ -81,7 +81,7 @@ def _rows(folder: Path, sha256: str) -> Iterator[tuple[str, ModelRow]]:
     """Rows of the run in the splits of an evaluation, with titles. sha256: of the training data."""
     splits = [split for split in SPLITS if (folder / split).is_dir()]
     if not splits:
-        raise T2TwinError(f"{folder} holds no evaluation; give folders of `t2twin evaluate`")
+        raise T2TwinError(f"{folder} contains no evaluation; give folders of `t2twin evaluate`")
     for split in splits:
         evaluation = read_evaluation(folder / split)
         title = f"{evaluation.world or folder.name}, {SPLITS[split]}"
