@@ -28,8 +28,8 @@ from benchmarks.paper_scale import presses_sha256
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import decode_json
-from t2twin.report.dataset import contents, duplicates, forces
-from t2twin.report.dataset.scan import scan
+from t2twin.report.dataset import contents, forces
+from t2twin.report.dataset.scan import near_duplicates, noise_grey, scan
 from t2twin.report.dataset.tables import Dataset, read_dataset
 from t2twin.report.html.figures import figure
 from t2twin.sim.dataset.store import LOG
@@ -61,13 +61,13 @@ def outcome(case: SmallCase) -> dict[str, Any]:
 
 def figures(dataset: Dataset) -> dict[str, Any]:
     """What a dataset's shards say."""
-    scanned = scan(dataset, duplicates.noise_grey(dataset))
+    scanned = scan(dataset, noise_grey(dataset))
     counts, saturated = dataset.counts, dataset.saturated
     largest = counts.max(axis=1)
     split = np.array([split for split, _ in dataset.places])
     size = sum((dataset.data / path).stat().st_size for path in dataset.info.shards)
     force = dataset.column("force_n")
-    alike, same = np.isfinite(scanned.alike_counts), duplicates.near_duplicates(dataset, scanned)
+    alike, same = np.isfinite(scanned.alike_counts), near_duplicates(dataset, scanned)
     return {
         "pairs": {name: len(table) for name, table in dataset.tables.items()},
         "shards_sha256": shards_sha256(dataset.data),

@@ -9,7 +9,7 @@ MIN_PSNR_DB, MIN_SSIM = 32.0, 0.95
 
 DRAWING = tuple(
     f"t2twin.report.{name}"
-    for name in ("html.markup", "html.figures", "html.labels", "dataset.forces", "dataset.pairs")
+    for name in ("html.figures", "html.labels", "dataset.forces", "dataset.pairs")
 )
 """Parts of the report that draw or write, and count nothing."""
 

@@ -14,8 +14,8 @@ from msgspec import Meta
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.tables import read_rows
 from t2twin.sim.contact.types import FORCE_RANGE_N
+from t2twin.sim.tables import read_rows
 
 FORCES = "forces.csv"
 """Name of the file of measurements."""
