@@ -20,7 +20,7 @@ from t2twin.report.dataset.pairs import sample_in_turn
 from t2twin.report.html.labels import LABELS, name_of
 from t2twin.report.html.page import PAGE
 from t2twin.report.run_report import LINKS, write_report
-from t2twin.report.sections import provenance, qualitative, summary
+from t2twin.report.sections import overview, qualitative
 from t2twin.translate.evaluation.files import (
     FINDINGS,
     METRICS,
@@ -194,9 +194,7 @@ def test_limits_name_the_calibration_and_the_law_of_the_elastomer(
     digit = replace(parameters.digit, calibration_sha256="0123456789ab" + 52 * "0")
     info = replace(report_data.info, parameters=replace(parameters, digit=digit))
     own = replace(report_data, info=info)
-    text = render(
-        "report/templates/runs/limits.html", report=own, **LABELS, **provenance.limits(own)
-    )
+    text = render("report/templates/runs/limits.html", report=own, **LABELS, **overview.limits(own))
     assert "not on your sensor" not in text
     assert "custom calibration (SHA-256 0123456789ab)" in " ".join(text.split())
 
@@ -211,7 +209,7 @@ def test_summary_says_what_the_evaluation_found(read: Reader, report_data: Repor
         rules = [rows[name].overall.rmse_counts for name in ("mean-array", "nearest-neighbour")]
         best = min(row.overall.rmse_counts for row in evaluation.runs.values())
         assert f"{best / min(rules):.2f}" in said
-        assert summary.best_run(evaluation) == min(
+        assert overview.best_run(evaluation) == min(
             evaluation.runs, key=lambda name: rows[name].overall.rmse_counts
         )
     assert "A simulated DIGIT" in said and "All data are simulated" in said

@@ -86,11 +86,7 @@ def read_report_data(
     gap = gap_between(evaluations, dataset.info)
     write_findings(out, evaluations, gap)
     return ReportData(
-        data=data,
-        info=dataset.info,
-        layout=dataset.layout,
-        phi=dataset.phi,
-        tables=dataset.tables,
+        **vars(dataset),
         runs=dict(zip(names, loaded, strict=True)),
         histories=dict(zip(names, histories, strict=True)),
         evaluations=evaluations,

@@ -10,10 +10,9 @@ from t2twin.report.html.page import Sections, write_page
 from t2twin.report.sections import (
     breakdowns,
     learning_curves,
-    provenance,
+    overview,
     qualitative,
     results,
-    summary,
     uncertainty,
 )
 
@@ -72,8 +71,8 @@ def draw_report(out: Path, report: ReportData) -> Path:
     omitted = omitted_sections(report)
     titles = {LINKS[name]: why for name, why in omitted.items()}
     values = {
-        "summary": lambda: summary.section(report),
-        "about": lambda: provenance.about(report, titles),
+        "summary": lambda: overview.summary(report),
+        "about": lambda: overview.about(report, titles),
         "results": lambda: results.section(report),
         "finding": lambda: results.finding(report),
         "by-force": lambda: breakdowns.by_force(report),
@@ -86,7 +85,7 @@ def draw_report(out: Path, report: ReportData) -> Path:
         "curves": lambda: learning_curves.section(report),
         "forces": lambda: forces.section(report),
         "by-shape": lambda: breakdowns.by_shape(report),
-        "limits": lambda: provenance.limits(report),
+        "limits": lambda: overview.limits(report),
     }
     if not any(one.has_forces for one in report.evaluations.values()):
         del values["by-force"]

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -15,6 +14,7 @@ from t2twin.report.html.figures import (
     color_bar,
     digit_width,
     draw_digit_image,
+    draw_discs,
     draw_panels,
     draw_tactile_image,
     draw_taxels,
@@ -89,22 +89,10 @@ def _draw_pads(
     axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float, float]
 ) -> None:
     """Draws pads as discs of their diameters, with the field of view of a simulated DIGIT."""
-    x_mm, y_mm = dataset.layout.x_mm, dataset.layout.y_mm
-    size = dataset.pad_diameter_mm
-    pads = EllipseCollection(
-        size,
-        size,
-        np.zeros(size.size),
-        units="xy",
-        offsets=np.column_stack([x_mm, y_mm]),
-        offset_transform=axes.transData,
-        array=counts,
-        cmap=COUNTS_MAP,
-        clim=limits,
-        edgecolors="#444444",
-        linewidths=0.4,
-    )
-    axes.add_collection(pads)
+    draw_discs(
+        axes, dataset.layout.x_mm, dataset.layout.y_mm, dataset.pad_diameter_mm, array=counts,
+        cmap=COUNTS_MAP, clim=limits, edgecolors="#444444", linewidths=0.4,
+    )  # fmt: skip
     if dataset.info.is_simulated:
         half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
         corner, sides = (-half_width, -half_height), (2 * half_width, 2 * half_height)

@@ -20,20 +20,10 @@ from t2twin.sim.dataset.store import read_info, read_split, split_shards, taxels
 from t2twin.translate.data.pairs import DataInfo, load_info
 
 COLUMNS = [
-    "shape",
-    "family",
-    "index",
-    "x_mm",
-    "y_mm",
-    "yaw_rad",
-    "force_n",
-    "taxels",
-    *(
-        f"{sensor}_{what}"
-        for sensor in ("digit", "cyskin")
-        for what in ("depth_mm", "force_n", "settled", "bottomed")
-    ),
-]
+    "shape", "family", "index", "x_mm", "y_mm", "yaw_rad", "force_n", "taxels",
+    "digit_depth_mm", "digit_force_n", "digit_settled", "digit_bottomed",
+    "cyskin_depth_mm", "cyskin_force_n", "cyskin_settled", "cyskin_bottomed",
+]  # fmt: skip
 """Columns of the tables."""
 
 SATURATED_SHARE = 0.999

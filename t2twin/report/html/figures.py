@@ -7,7 +7,7 @@ import io
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -119,19 +119,20 @@ def draw_tactile_image(
 def draw_taxels(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
     """Draws a ring at each taxel. x_mm, y_mm: (N,)."""
     size = np.full(x_mm.size, 2 * RING_MM)
-    axes.add_collection(
-        EllipseCollection(
-            size,
-            size,
-            np.zeros(x_mm.size),
-            units="xy",
-            offsets=np.column_stack([x_mm, y_mm]),
-            offset_transform=axes.transData,
-            facecolors="none",
-            edgecolors=color,
-            linewidths=0.5,
-        )
-    )
+    draw_discs(axes, x_mm, y_mm, size, facecolors="none", edgecolors=color, linewidths=0.5)
+
+
+def draw_discs(
+    axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, diameter_mm: np.ndarray, **style: Any
+) -> None:
+    """Draws discs to scale. x_mm, y_mm, diameter_mm: (N,)."""
+    centers = np.column_stack([x_mm, y_mm])
+    angles = np.zeros(diameter_mm.size)
+    discs = EllipseCollection(
+        diameter_mm, diameter_mm, angles, units="xy", offsets=centers,
+        offset_transform=axes.transData, **style,
+    )  # fmt: skip
+    axes.add_collection(discs)
 
 
 def color_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:

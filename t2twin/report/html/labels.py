@@ -72,6 +72,11 @@ def listed(items: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(items[:-1]), items[-1])))
 
 
+def tenths(value: float) -> str:
+    """A number with one decimal and a typographic minus sign."""
+    return f"{round(value, 1) + 0.0:.1f}".replace("-", "−")
+
+
 def printable(text: str) -> str:
     """Text with spaces in place of non-printable characters."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
@@ -90,5 +95,6 @@ LABELS = {
     "listed": listed,
     "split_names": SPLIT_NAMES,
     "pi": math.pi,
+    "tenths": tenths,
 }
 """Functions and names for all templates of the pages."""

@@ -1,6 +1,7 @@
 """Errors by force, by shape, and by position of the taxels relative to the field of view."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,8 @@ from t2twin.translate.evaluation.metrics.floors import GROUPS, NOISE_FLOOR
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE, MIN_PRESSES
 from t2twin.translate.evaluation.records import (
     Evaluation,
-    FigureName,
     Figures,
     ForceFigures,
-    ModelRow,
 )
 from t2twin.translate.evaluation.table import force_cell, force_rows
 
@@ -41,9 +40,6 @@ TITLES = {"val": "validation primitives", "test": "tools at their keypoints"}
 MAX_SHAPES = 60
 """Maximum number of bars of a chart, and of rows of a table (assumed: a printed page)."""
 
-VIEW_FIGURES: tuple[FigureName, ...] = (
-    "rmse_under_counts", "rmse_near_counts", "rmse_beyond_counts",
-)  # fmt: skip
 COUNTS_TICKS = 4
 MARKS: dict[str, dict[str, Any]] = {
     MEAN_ARRAY: {"marker": "|", "markersize": 13, "markeredgewidth": 2.0},
@@ -117,74 +113,65 @@ def _band(axes: Axes, drawn: Sequence[ForceFigures], color: str) -> None:
 
 def by_shape(report: ReportData) -> dict[str, Any]:
     """A chart per split, with bars for the runs and marks for the baselines."""
+    charts = {}
+    for split, evaluation in report.evaluations.items():
+        height = MARGINS_IN + BAR_IN * len(_names(evaluation))
+        draw = partial(_shape_bars, report=report, split=split)
+        charts[split] = figure("svg", SHAPES_IN, height, draw)
     return {
-        "by_family": [split for split in report.evaluations if not _has_shapes(report, split)],
+        "by_family": [split for split, one in report.evaluations.items() if _by_family(one)],
         "max_shapes": MAX_SHAPES,
-        "charts": {split: _shape_chart(report, split) for split in report.evaluations},
+        "charts": charts,
     }
 
 
-def _shape_chart(report: ReportData, split: str) -> bytes:
-    height = MARGINS_IN + BAR_IN * len(_shapes(report, split))
-    return figure("svg", SHAPES_IN, height, lambda page: _shape_bars(page, report, split))
+def _by_family(evaluation: Evaluation) -> bool:
+    """Whether errors are grouped by family, because there are too many shapes or none."""
+    return not 0 < len(evaluation.models[MEAN_ARRAY].by_shape) <= MAX_SHAPES
 
 
-def _shapes(report: ReportData, split: str) -> list[str]:
-    """Shapes or families of a split, in the order of the catalogue."""
-    errors = _errors(report, split, MEAN_ARRAY)
-    if len(errors) > MAX_SHAPES:
-        return sorted(errors, key=lambda name: -errors[name].pairs)[:MAX_SHAPES]
-    return [name for name in catalogue.NAMES if name in errors] + [
-        name for name in errors if name not in catalogue.NAMES
-    ]
+def _names(evaluation: Evaluation, by_family: bool = False) -> list[str]:
+    """Shapes in the order of the catalogue, or the families with the most pairs."""
+    row = evaluation.models[MEAN_ARRAY]
+    if by_family or _by_family(evaluation):
+        return sorted(row.by_family, key=lambda name: -row.by_family[name].pairs)[:MAX_SHAPES]
+    order = {name: place for place, name in enumerate(catalogue.NAMES)}
+    return sorted(row.by_shape, key=lambda name: order.get(name, len(order)))
 
 
-def _has_shapes(report: ReportData, split: str) -> bool:
-    return 0 < len(report.evaluations[split].models[MEAN_ARRAY].by_shape) <= MAX_SHAPES
-
-
-def _errors(report: ReportData, split: str, model: str) -> dict[str, Figures]:
-    """Errors of a model by shape, or by family if there are too many shapes."""
-    row = report.evaluations[split].models[model]
-    return row.by_shape if _has_shapes(report, split) else row.by_family
+def _errors(evaluation: Evaluation, model: str) -> list[float]:
+    """RMSE of a model, counts, in the order of `_names`."""
+    row = evaluation.models[model]
+    figures = row.by_family if _by_family(evaluation) else row.by_shape
+    return [figures[name].rmse_counts for name in _names(evaluation)]
 
 
 def _shape_bars(page: Figure, report: ReportData, split: str) -> None:
-    axes = page.subplots()
-    _bars(axes, report, split)
-    high = max(
-        figures.rmse_counts
-        for other, evaluation in report.evaluations.items()
-        for model in evaluation.models
-        for figures in _errors(report, other, model).values()
-    )
-    axes.set(xlim=(0, 1.05 * high or 1), ylim=(len(_shapes(report, split)) - 0.4, -0.6))
-    page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
-
-
-def _bars(axes: Axes, report: ReportData, split: str) -> None:
-    shapes = _shapes(report, split)
-    color_of = colors(list(report.runs))
-    places = np.arange(len(shapes))
-    height = 0.8 / len(report.runs)
-
-    def errors(name: str) -> list[float]:
-        figures = _errors(report, split, name)
-        return [figures[shape].rmse_counts for shape in shapes]
-
-    for i, name in enumerate(report.runs):
+    axes, evaluation = page.subplots(), report.evaluations[split]
+    names, color_of = _names(evaluation), colors(list(report.runs))
+    places, height = np.arange(len(names)), 0.8 / len(report.runs)
+    for i, run in enumerate(report.runs):
         offset = (i - (len(report.runs) - 1) / 2) * height
-        axes.barh(places + offset, errors(name), height, color=color_of[name], label=name_of(name))
-    for name, style in MARKS.items():
+        errors = _errors(evaluation, run)
+        axes.barh(places + offset, errors, height, color=color_of[run], label=name_of(run))
+    for baseline, style in MARKS.items():
         axes.plot(
-            errors(name), places, color=BASELINE_COLORS[name], label=name_of(name),
-            linestyle="none", **style,
+            _errors(evaluation, baseline), places, color=color_of[baseline],
+            label=name_of(baseline), linestyle="none", **style,
         )  # fmt: skip
-    axes.set_yticks(places, [shape_name(shape) for shape in shapes])
-    titles = TITLES if report.info.is_protocol else SPLIT_NAMES
-    axes.set(xlabel="RMSE, counts", title=titles[split])
+    high = max(
+        error
+        for other in report.evaluations.values()
+        for model in other.models
+        for error in _errors(other, model)
+    )
+    axes.set_yticks(places, [shape_name(name) for name in names])
+    title = (TITLES if report.info.is_protocol else SPLIT_NAMES)[split]
+    axes.set(xlabel="RMSE, counts", title=title)
+    axes.set(xlim=(0, 1.05 * high or 1), ylim=(len(names) - 0.4, -0.6))
     axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
     axes.xaxis.set_major_formatter("{x:,.0f}")
+    page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
 def by_view(report: ReportData) -> dict[str, Any]:
@@ -199,26 +186,20 @@ def by_view(report: ReportData) -> dict[str, Any]:
 
 
 def _view_table(evaluation: Evaluation, split: str) -> tuple[list, list]:
+    """Errors by shape; of the test split and of too many shapes, by family."""
     models = {name: row for name, row in evaluation.models.items() if name != NOISE_FLOOR}
+    by_family = split == "test" or _by_family(evaluation)
+    rows = [_view_row("all", [row.overall for row in models.values()])]
+    for name in _names(evaluation, by_family):
+        parts = [row.by_family if by_family else row.by_shape for row in models.values()]
+        rows.append(_view_row(shape_name(name), [part[name] for part in parts]))
     heads = [
         ["", *((name_of(name), len(GROUPS)) for name in models)],
         ["", *[*GROUPS] * len(models)],
     ]
-    parts = [_by_name(row, split) for row in models.values()]
-    whole = _view_row("all", [row.overall for row in models.values()])
-    each = [_view_row(shape_name(name), [part[name] for part in parts]) for name in parts[0]]
-    return heads, [(SPLIT_NAMES[split].capitalize(), [whole, *each])]
-
-
-def _by_name(row: ModelRow, split: str) -> dict[str, Figures]:
-    """Errors by shape, or by family: of the test split and of too many shapes."""
-    if split != "test" and 0 < len(row.by_shape) <= MAX_SHAPES:
-        return row.by_shape
-    if len(row.by_family) <= MAX_SHAPES:
-        return row.by_family
-    return dict(sorted(row.by_family.items(), key=lambda item: -item[1].pairs)[:MAX_SHAPES])
+    return heads, [(SPLIT_NAMES[split].capitalize(), rows)]
 
 
 def _view_row(name: str, figures: Sequence[Figures]) -> list[str]:
-    values = [one.value(group) for one in figures for group in VIEW_FIGURES]
+    values = [getattr(one, f"rmse_{group}_counts") for one in figures for group in GROUPS]
     return [name, *("–" if value is None else f"{value:,.0f}" for value in values)]

@@ -28,14 +28,8 @@ def section(report: ReportData) -> dict[str, Any]:
             )
             for split in report.evaluations
             for row, quantile in samples_at_quantiles(report, split)
-        ],
-        "tenths": tenths,
+        ]
     }
-
-
-def tenths(value: float) -> str:
-    """A number with one decimal and a typographic minus sign."""
-    return f"{round(value, 1) + 0.0:.1f}".replace("-", "−")
 
 
 def samples_at_quantiles(report: ReportData, split: str) -> list[tuple[int, float]]:

@@ -10,8 +10,6 @@ from typing import Any
 from t2twin.report.data import ReportData
 from t2twin.report.html.labels import SPLIT_NAMES, name_of
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
-from t2twin.translate.evaluation.metrics.floors import LAYOUT_FLOOR, NOISE_FLOOR
-from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.records import (
     Evaluation,
     Figures,
@@ -72,11 +70,6 @@ def section(report: ReportData) -> dict[str, Any]:
         "further": (_heads(titles, FURTHER), [("", _rows(evaluations, FURTHER))]),
         "background_lines": background_lines(first),
         "comparisons": comparisons({split: one.models for split, one in evaluations.items()}),
-        "names": {
-            "mean_array_of_force": MEAN_ARRAY_OF_FORCE,
-            "noise_floor": NOISE_FLOOR,
-            "layout_floor": LAYOUT_FLOOR,
-        },
     }
 
 
@@ -156,36 +149,25 @@ def finding_rows(
         (
             statement,
             [
-                _row(SPLIT_NAMES[split], evaluation.findings[name])
+                _finding(SPLIT_NAMES[split], evaluation.findings[name])
                 for split, evaluation in evaluations.items()
                 if name in evaluation.findings
             ],
         )
         for name, statement in STATEMENTS.items()
     ]
-    gaps = []
-    for finding in gap.values():
-        row = _row(name_of(finding.model or ""), finding)
-        of_mean = finding.percent_of_mean_array or {}
-        row[-1] += f"; {of_mean['val']:.0f} % and {of_mean['test']:.0f} % of the mean array's"
-        gaps.append(row)
+    gaps = [_finding(name_of(one.model or ""), one) for one in gap.values()]
     return [group for group in (*groups, (GAP, gaps)) if group[1]]
 
 
-def _row(statement: str, finding: Finding) -> list[str]:
-    how = FORMS[finding.figure].replace(":.0f", ":,.0f")
-    span = finding.interval
-    return [
-        statement,
-        finding.answer,
-        _signed(how, finding.difference),
-        "none" if span is None else f"{_signed(how, span.low)} to {_signed(how, span.high)}",
-        ", ".join(
-            f"{SPLIT_NAMES.get(name) or name_of(name)} {how.format(value)}"
-            for name, value in finding.figures.items()
-        ),
-    ]
-
-
-def _signed(how: str, value: float) -> str:
-    return how.format(value).replace("-", "−")
+def _finding(title: str, finding: Finding) -> list[str]:
+    how, span = FORMS[finding.figure].replace(":.0f", ":,.0f"), finding.interval
+    figures = ", ".join(
+        f"{SPLIT_NAMES.get(name) or name_of(name)} {how.format(value)}"
+        for name, value in finding.figures.items()
+    )
+    if finding.percent_of_mean_array is not None:
+        percents = (f"{finding.percent_of_mean_array[name]:.0f} %" for name in finding.figures)
+        figures += f"; {' and '.join(percents)} of the mean array's"
+    signed = [how.format(value).replace("-", "−") for value in (finding.difference, *(span or ()))]
+    return [title, finding.answer, signed[0], " to ".join(signed[1:]) or "none", figures]

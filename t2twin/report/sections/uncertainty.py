@@ -20,7 +20,6 @@ from t2twin.translate.evaluation.records import (
     Evaluation,
     IrreducibleError,
     IrreducibleErrorFloor,
-    UncertaintyMetrics,
 )
 
 WIDTH_IN, HEIGHT_IN, ERROR_IN = 9.0, 3.4, 3.6
@@ -60,8 +59,13 @@ def _draw(page: Figure, evaluations: dict[str, Evaluation]) -> None:
             n: row.uncertainty for n, row in evaluation.runs.items() if row.uncertainty is not None
         }
         for style, (name, metrics) in zip(STYLES * len(rows), rows.items(), strict=False):
-            label = f"{name_of(name)}, {SPLIT_NAMES[split]}"
-            _lines(left, right, metrics, style, SPLIT_COLORS[split], label)
+            nominal, observed, kept = (
+                [100 * share for share in shares]
+                for shares in (metrics.levels, metrics.coverage, metrics.retained)
+            )
+            look = {"color": SPLIT_COLORS[split], "label": f"{name_of(name)}, {SPLIT_NAMES[split]}"}
+            left.plot(nominal, observed, style, marker="o", markersize=3, **look)
+            right.plot(kept, metrics.retained_rmse_counts, style, **look)
     left.plot((0, 100), (0, 100), color="#999999", linewidth=0.8)
     left.set(
         xlabel="nominal coverage, %", ylabel="observed coverage, %", xlim=(0, 100), ylim=(0, 100)
@@ -74,17 +78,6 @@ def _draw(page: Figure, evaluations: dict[str, Evaluation]) -> None:
     right.yaxis.set_major_formatter("{x:,.0f}")
     left.legend()
     right.legend()
-
-
-def _lines(
-    left: Axes, right: Axes, metrics: UncertaintyMetrics, style: str, color: str, label: str
-) -> None:
-    nominal, observed, kept = (
-        [100 * share for share in shares]
-        for shares in (metrics.levels, metrics.coverage, metrics.retained)
-    )
-    left.plot(nominal, observed, style, color=color, marker="o", markersize=3, label=label)
-    right.plot(kept, metrics.retained_rmse_counts, style, color=color, label=label)
 
 
 def irreducible_error(report: ReportData) -> dict[str, Any]:
