@@ -11,7 +11,6 @@ from pages import read_page
 
 from t2twin.cli import main
 from t2twin.core.images import decode_png, encode_png
-from t2twin.core.templates import render
 from t2twin.report import dataset_report
 from t2twin.report.dataset import contents, pairs
 from t2twin.report.dataset.scan import (
@@ -23,8 +22,7 @@ from t2twin.report.dataset.scan import (
     scan,
 )
 from t2twin.report.dataset.tables import Dataset, read_dataset
-from t2twin.report.html.labels import LABELS
-from t2twin.report.html.page import PAGE
+from t2twin.report.html.page import PAGE, render_section
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import read_info, write_info, write_shard
 
@@ -61,7 +59,7 @@ def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
 def summary_text(dataset: Dataset, scanned: Scan) -> str:
     values = contents.summary(dataset, scanned)
     template = "report/templates/dataset/summary.html"
-    return " ".join(render(template, dataset=dataset, **LABELS, **values).split())
+    return " ".join(render_section(template, dataset=dataset, **values).split())
 
 
 def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path) -> None:

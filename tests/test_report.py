@@ -12,13 +12,12 @@ from pages import Reader, read_page
 from PIL import Image
 
 from t2twin.cli import main
-from t2twin.core.templates import render
 from t2twin.report import data as report_reader
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.dataset import contents, pairs
 from t2twin.report.dataset.pairs import sample_in_turn
-from t2twin.report.html.labels import LABELS, name_of
-from t2twin.report.html.page import PAGE
+from t2twin.report.html.labels import name_of
+from t2twin.report.html.page import PAGE, render_section
 from t2twin.report.run_report import LINKS, write_report
 from t2twin.report.sections import overview, qualitative
 from t2twin.translate.evaluation.files import (
@@ -194,7 +193,8 @@ def test_limits_name_the_calibration_and_the_law_of_the_elastomer(
     digit = replace(parameters.digit, calibration_sha256="0123456789ab" + 52 * "0")
     info = replace(report_data.info, parameters=replace(parameters, digit=digit))
     own = replace(report_data, info=info)
-    text = render("report/templates/runs/limits.html", report=own, **LABELS, **overview.limits(own))
+    template = "report/templates/runs/limits.html"
+    text = render_section(template, report=own, **overview.limits(own))
     assert "not on your sensor" not in text
     assert "custom calibration (SHA-256 0123456789ab)" in " ".join(text.split())
 

@@ -125,19 +125,14 @@ def find_or_evaluate(
     if given is not None:
         folders.insert(0, given / split)
     for folder in folders:
-        results = _read(folder)
-        if results is not None and _matches(results, runs, info_sha256, split):
+        try:
+            results = SplitResults(folder, read_evaluation(folder), read_predictions(folder))
+        except T2TwinError:
+            continue  # there is no evaluation that this version can read
+        if _matches(results, runs, info_sha256, split):
             return results
     evaluation = evaluate([run.run_dir for run in runs], data, split, own)
     return SplitResults(own, evaluation, read_predictions(own))
-
-
-def _read(folder: Path) -> SplitResults | None:
-    """None if there is no evaluation that this version can read."""
-    try:
-        return SplitResults(folder, read_evaluation(folder), read_predictions(folder))
-    except T2TwinError:
-        return None
 
 
 def _matches(

@@ -1,7 +1,9 @@
 """The report of runs: one self-contained HTML page."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from t2twin.core import arguments
 from t2twin.report.data import ReportData, read_report_data
@@ -17,24 +19,31 @@ from t2twin.report.sections import (
 )
 
 TITLE = "Touch-to-touch translation on a simulated bench"
-WORLD_TITLE = TITLE + ", world {}"
 IMPORTED_TITLE = "Touch-to-touch translation of the pairs in {}"
 
-LINKS = {
-    "results": "Results",
-    "finding": "The paper's finding",
-    "by-force": "By force",
-    "by-view": "By view",
-    "uncertainty": "Uncertainty",
-    "irreducible-error": "Irreducible error",
-    "samples": "Samples",
-    "pairs": "Pairs",
-    "shapes": "Shapes",
-    "curves": "Learning",
-    "forces": "Forces",
-    "by-shape": "By shape",
-    "limits": "Limits",
+DATASET, RUNS = "report/templates/dataset", "report/templates/runs"
+"""Folders of the templates; two sections are also in the report of a dataset."""
+
+SECTIONS: dict[str, tuple[str, str, Callable[[ReportData], Mapping[str, Any]]]] = {
+    "summary": ("", RUNS, overview.summary),
+    "about": ("", RUNS, overview.about),
+    "results": ("Results", RUNS, results.section),
+    "finding": ("The paper's finding", RUNS, results.finding),
+    "by-force": ("By force", RUNS, breakdowns.by_force),
+    "by-view": ("By view", RUNS, breakdowns.by_view),
+    "uncertainty": ("Uncertainty", RUNS, uncertainty.section),
+    "irreducible-error": ("Irreducible error", RUNS, uncertainty.irreducible_error),
+    "samples": ("Samples", RUNS, qualitative.section),
+    "pairs": ("Pairs", DATASET, pairs.section),
+    "shapes": ("Shapes", RUNS, lambda _: contents.contact_sheet()),
+    "curves": ("Learning", RUNS, learning_curves.section),
+    "forces": ("Forces", DATASET, forces.section),
+    "by-shape": ("By shape", RUNS, breakdowns.by_shape),
+    "limits": ("Limits", RUNS, overview.limits),
 }
+"""Title of the link, folder of the template, and function that computes the values."""
+
+LINKS = {name: title for name, (title, _, _) in SECTIONS.items() if title}
 
 SIMULATED_ONLY = {
     "by-view": "position of the image relative to the taxels",
@@ -68,38 +77,22 @@ def write_report(
 
 def draw_report(out: Path, report: ReportData) -> Path:
     """Writes out/index.html and returns its path."""
-    omitted = omitted_sections(report)
-    titles = {LINKS[name]: why for name, why in omitted.items()}
-    values = {
-        "summary": lambda: overview.summary(report),
-        "about": lambda: overview.about(report, titles),
-        "results": lambda: results.section(report),
-        "finding": lambda: results.finding(report),
-        "by-force": lambda: breakdowns.by_force(report),
-        "by-view": lambda: breakdowns.by_view(report),
-        "uncertainty": lambda: uncertainty.section(report),
-        "irreducible-error": lambda: uncertainty.irreducible_error(report),
-        "samples": lambda: qualitative.section(report),
-        "pairs": lambda: pairs.section(report),
-        "shapes": contents.contact_sheet,
-        "curves": lambda: learning_curves.section(report),
-        "forces": lambda: forces.section(report),
-        "by-shape": lambda: breakdowns.by_shape(report),
-        "limits": lambda: overview.limits(report),
-    }
+    info, omitted = report.info, omitted_sections(report)
+    hidden = set(omitted)
     if not any(one.has_forces for one in report.evaluations.values()):
-        del values["by-force"]
+        hidden.add("by-force")
     if not uncertainty.has_uncertainty(report.evaluations):
-        del values["uncertainty"]
+        hidden.add("uncertainty")
     sections: Sections = {
-        name: (_template(name), compute) for name, compute in values.items() if name not in omitted
+        name: (f"{folder}/{name}.html", partial(compute, report))
+        for name, (_, folder, compute) in SECTIONS.items()
+        if name not in hidden
     }
-    return write_page(out, _title(report), sections, LINKS, report=report, dataset=report)
-
-
-def _template(name: str) -> str:
-    """Template of a section; two of them are also in the report of a dataset."""
-    return f"report/templates/{'dataset' if name in ('pairs', 'forces') else 'runs'}/{name}.html"
+    title = TITLE if info.is_simulated else IMPORTED_TITLE.format(report.data)
+    if info.is_simulated and not info.is_protocol:
+        title += f", world {info.world_name}"
+    missing = [f"{LINKS[name]} ({what})" for name, what in omitted.items()]
+    return write_page(out, title, sections, LINKS, report=report, dataset=report, omitted=missing)
 
 
 def omitted_sections(report: ReportData) -> dict[str, str]:
@@ -116,11 +109,3 @@ def omitted_sections(report: ReportData) -> dict[str, str]:
     if not report.gap and not any(one.findings for one in report.evaluations.values()):
         omitted["finding"] = "runs of both translators"
     return omitted
-
-
-def _title(report: ReportData) -> str:
-    if report.info.is_protocol:
-        return TITLE
-    if report.info.is_simulated:
-        return WORLD_TITLE.format(report.info.world_name)
-    return IMPORTED_TITLE.format(report.data)

@@ -1,6 +1,7 @@
 """Contact forces, depths and counts of the presses, and presses that failed."""
 
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -39,6 +40,10 @@ def section(dataset: Dataset) -> dict[str, Any]:
     commanded = dataset.column("force_n")
     contact = commanded > 0
     families = np.unique(dataset.families).size
+
+    def chart(draw: Callable[[Figure, Dataset], None], height_in: float = HEIGHT_IN) -> bytes:
+        return figure("svg", WIDTH_IN, height_in, lambda page: draw(page, dataset))
+
     return {
         "commanded": _range(commanded[contact], "N"),
         "without_contact": int((~contact).sum()),
@@ -47,15 +52,9 @@ def section(dataset: Dataset) -> dict[str, Any]:
         "saturated": dataset.saturated,
         "families": families,
         "max_families": MAX_FAMILIES,
-        "by_force": figure(
-            "svg", WIDTH_IN, HEIGHT_IN, lambda page: commanded_and_depths(page, dataset)
-        )
-        if dataset.forces_n.size > 1
-        else None,
-        "histograms": figure(
-            "svg", WIDTH_IN, HEIGHT_IN, lambda page: forces_and_counts(page, dataset)
-        ),
-        "depths": figure("svg", WIDTH_IN, DEPTHS_IN, lambda page: depths_in(page, dataset)),
+        "by_force": chart(commanded_and_depths) if dataset.forces_n.size > 1 else None,
+        "histograms": chart(forces_and_counts),
+        "depths": chart(depths_in, DEPTHS_IN),
     }
 
 
@@ -116,12 +115,10 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
     for sensor in SENSORS:
         depths = dataset.column(f"{sensor}_depth_mm")
         spread = [np.quantile(depths[mine], (0.25, 0.5, 0.75)) for mine in kept]
-        low_quartile, median, high_quartile = np.array(spread).T
+        first, median, third = np.array(spread).T
         color = SENSOR_COLORS[sensor]
         right.plot(middles, median, "o-", color=color, markersize=3, label=SENSOR_NAMES[sensor])
-        right.fill_between(
-            middles, low_quartile, high_quartile, color=color, alpha=0.2, linewidth=0
-        )
+        right.fill_between(middles, first, third, color=color, alpha=0.2, linewidth=0)
     right.set(xlabel="commanded force, N", ylabel="depth, mm", ylim=(0, None))
     force_axis(right, low, high)
     right.legend()
@@ -156,14 +153,11 @@ def depths_in(page: Figure, dataset: Dataset) -> None:
         boxes = axes.boxplot(
             [depths[families == name] for name in names],
             positions=(np.arange(len(names)) + 0.36 * (place - 0.5)).tolist(),
-            widths=0.28,
-            whis=(0, 100),
-            patch_artist=True,
+            widths=0.28, whis=(0, 100), patch_artist=True,
             boxprops={"facecolor": color, "alpha": 0.65, "linewidth": 0.6},
             medianprops={"color": "#111111", "linewidth": 1.0},
-            whiskerprops={"linewidth": 0.7},
-            capprops={"linewidth": 0.7},
-        )
+            whiskerprops={"linewidth": 0.7}, capprops={"linewidth": 0.7},
+        )  # fmt: skip
         boxes["boxes"][0].set_label(SENSOR_NAMES[sensor])
     axes.set_xticks(range(len(names)), [name.replace("-", "-\n") for name in names])
     axes.set(ylabel="depth, mm", ylim=(0, None))

@@ -75,12 +75,15 @@ class Scan:
 
 def scan(dataset: Dataset, noise_grey: float) -> Scan:
     """Compares all images. noise_grey: standard deviation of the image noise."""
-    shards = _indices_by_shard(dataset)
+    paths = [path for split in dataset.tables for path in split_shards(dataset.info, split)]
+    ends = np.cumsum([dataset.info.shards[path].pairs for path in paths])
+    shards = dict(zip(paths, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
     shapes, counts = dataset.shapes, dataset.counts
     nearest_grey, alike_counts, residual_grey = np.zeros((3, len(shapes)))
 
     def scan_shard(path: str) -> None:
-        coarse = _coarse_images(dataset, path)
+        images = iter_images(dataset.data, path)
+        coarse = np.stack([coarse_image(decode_png(png)) for png in images])
         own = shapes[shards[path]]
         for name in np.unique(own):
             members = own == name
@@ -96,14 +99,6 @@ def scan(dataset: Dataset, noise_grey: float) -> Scan:
         for _ in Progress(done, total=len(shards), desc="images", unit="shard"):
             pass
     return Scan(nearest_grey, alike_counts, residual_grey)
-
-
-def _indices_by_shard(dataset: Dataset) -> dict[str, np.ndarray]:
-    """Indices of each shard's pairs in Dataset.column, by path, in the order of its rows."""
-    paths = [path for split in dataset.tables for path in split_shards(dataset.info, split)]
-    ends = np.cumsum([dataset.info.shards[path].pairs for path in paths])
-    places = np.split(np.arange(ends[-1]), ends[:-1])
-    return dict(zip(paths, places, strict=True))
 
 
 def nearest_others(
@@ -139,11 +134,6 @@ def coarse_image(image: np.ndarray) -> np.ndarray:
     rows, columns = (side // BLOCK_PX for side in image.shape[:2])
     whole = image[: rows * BLOCK_PX, : columns * BLOCK_PX].astype(np.float32)
     return whole.reshape(rows, BLOCK_PX, columns, BLOCK_PX, 3).mean(axis=(1, 3)).ravel()
-
-
-def _coarse_images(dataset: Dataset, path: str) -> np.ndarray:
-    """(n, B) float32, in the order of the shard's rows. path: of the shard."""
-    return np.stack([coarse_image(decode_png(png)) for png in iter_images(dataset.data, path)])
 
 
 def duplicates(dataset: Dataset, scan: Scan) -> dict[str, Any]:
@@ -192,12 +182,8 @@ def _histogram(page: Figure, scan: Scan, noise: float) -> None:
         bins = np.geomspace(min(low, noise) / 1.2, max(float(values.max()), noise) * 1.2, BINS)
         axes.hist(np.maximum(values, low), bins.tolist(), color="#0072b2")
     axes.axvline(noise, color="#d55e00", linewidth=1.0)
-    axes.set(
-        xlabel="difference from the nearest image of the same shape, grey levels; line: noise of "
-        "one image",
-        ylabel="pairs",
-        xscale="log",
-    )
+    difference = "difference from the nearest image of the same shape, grey levels"
+    axes.set(xlabel=f"{difference}; line: noise of one image", ylabel="pairs", xscale="log")
 
 
 def outlier_images(dataset: Dataset, scan: Scan) -> dict[str, Any]:
@@ -225,10 +211,8 @@ def outliers(dataset: Dataset, scan: Scan) -> list[tuple[int, str, float]]:
     """Index of each pair, the deviating quantity, and its deviation."""
     quantities = {"counts": dataset.counts.sum(axis=1), "image": scan.residual_grey}
     if dataset.info.is_simulated:
-        quantities |= {
-            f"{sensor} depth": dataset.column(f"{sensor}_depth_mm")
-            for sensor in ("digit", "cyskin")
-        }
+        for sensor in ("digit", "cyskin"):
+            quantities[f"{sensor} depth"] = dataset.column(f"{sensor}_depth_mm")
     groups = _groups(dataset)
     names = list(quantities)
     table = np.stack([deviations(values, groups) for values in quantities.values()])

@@ -8,10 +8,11 @@ from typing import Any
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked
 from t2twin.core.progress import Progress
-from t2twin.core.templates import render
+from t2twin.core.templates import environment, render
 from t2twin.report.html.labels import LABELS
 
 PAGE = "index.html"
+MACROS = "report/templates/macros.html"
 
 Sections = Mapping[str, tuple[str, Callable[[], Mapping[str, Any]]]]
 """Template of each section by name, and the function that computes its values."""
@@ -49,10 +50,15 @@ def write_page(
     bodies = {}
     for name in Progress(list(sections), desc="report", unit="section"):
         template, values = sections[name]
-        bodies[name] = render(template, **LABELS, **shared, **values())
+        bodies[name] = render_section(template, **shared, **values())
     present = {name: text for name, text in links.items() if name in sections}
     path = out / PAGE
     with locked(path.parent), atomic_write(path) as temporary:
         text = render("report/templates/page.html", title=title, links=present, sections=bodies)
         temporary.write_text(text, encoding="utf-8")
     return path
+
+
+def render_section(template: str, /, **values: Any) -> str:
+    """HTML of a section. Templates also have LABELS, and the macros of MACROS as `ui`."""
+    return render(template, ui=environment().get_template(MACROS).module, **LABELS, **values)

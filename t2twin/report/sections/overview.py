@@ -1,6 +1,5 @@
 """Summary of the report of runs, its dataset and runs, and the limitations."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -78,8 +77,8 @@ def _ratio(evaluation: Evaluation) -> float:
     return best / lowest if lowest else float("inf")
 
 
-def about(report: ReportData, omitted: Mapping[str, str]) -> dict[str, Any]:
-    """Data and runs. omitted: titles of omitted sections, with the data that they would require."""
+def about(report: ReportData) -> dict[str, Any]:
+    """Shapes by split, table of the runs, and runs with other training data."""
     models, layout = report.evaluation.runs, report.layout.layout
     return {
         "shapes": {s: len(table["shape"].unique()) for s, table in report.tables.items()},
@@ -97,7 +96,6 @@ def about(report: ReportData, omitted: Mapping[str, str]) -> dict[str, Any]:
             for name, model in models.items()
             if not model.same_data
         ],
-        "omitted": [f"{title} ({missing})" for title, missing in omitted.items()],
     }
 
 
