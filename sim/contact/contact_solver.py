@@ -20,6 +20,7 @@ from t2twin.sim.contact.fixed_point import FixedPoint, InitialGuess
 from t2twin.sim.contact.footprint import heights_at, raise_to_shape
 from t2twin.sim.contact.grid import (
     Window,
+    block_max,
     block_means,
     center_values,
     dilated,
@@ -62,11 +63,13 @@ def solve_contact(
     elastomer: Elastomer,
     pitch_mm: float,
     shift: SurfaceShift | None = None,
+    start: Contact | None = None,
 ) -> Contact:
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
-    Uses the command's pose and force, not its shape name. shift: of the surface by shear. Safe
-    to call from several threads.
+    Uses the command's pose and force, not its shape name. shift: of the surface by shear. start: a
+    contact of the same elastomer on the same grid, near to which the solution is expected. Safe to
+    call from several threads.
     Raises T2TwinError for a force out of range or too large for a linear layer, and its OffPadError
     for a shape that does not lie over the pad.
     """
@@ -74,7 +77,7 @@ def solve_contact(
     layer = cached_layer(elastomer, pitch_mm)
     started = time.perf_counter() - compile_time_s()
     survey = Survey(shape, command, layer, shift)
-    equilibrium = _equilibrium(survey)
+    equilibrium = _equilibrium(survey, start)
     solution, pressure = equilibrium.solution, equilibrium.pressure_mpa
     if elastomer.law == "linear":
         _check_not_through(survey, pressure, _surface_mm(survey, equilibrium))
@@ -173,10 +176,18 @@ class _Equilibrium:
     converged: bool
 
 
-def _equilibrium(survey: Survey) -> _Equilibrium:
-    """Solves the rough and the last stage, adding pins where the shape touches outside them."""
-    layout = PinLayout(survey, *survey.expected_contact(survey.command.force_n))
-    found = _solve_stage(layout, None)
+def _equilibrium(survey: Survey, start: Contact | None) -> _Equilibrium:
+    """Solves the rough and the last stage, adding pins where the shape touches outside them.
+
+    start: a contact near the solution, which makes the rough stage unnecessary.
+    """
+    if start is None:
+        layout = PinLayout(survey, *survey.expected_contact(survey.command.force_n))
+        found = _solve_stage(layout, None)
+    else:
+        touching = block_max(start.pressure_kpa, survey.per_side) > 0
+        layout = PinLayout(survey, touching, start.depth_mm)
+        found = _solve_stage(layout, None, start)
     while True:
         depth_mm = found.solution.depth_mm
         missed = survey.missed(layout.active, depth_mm, found.pressure_mpa)
@@ -187,11 +198,18 @@ def _equilibrium(survey: Survey) -> _Equilibrium:
         found = _solve_stage(layout, found)
 
 
-def _solve_stage(layout: PinLayout, earlier: _Equilibrium | None) -> _Equilibrium:
-    """Solves the rough stage, or the last one starting from an earlier result."""
-    survey, window, last = layout.survey, layout.window, earlier is not None
+def _solve_stage(
+    layout: PinLayout, earlier: _Equilibrium | None, near: Contact | None = None
+) -> _Equilibrium:
+    """Solves the rough stage, or the last one starting from an earlier result or a contact."""
+    survey, window, last = layout.survey, layout.window, earlier is not None or near is not None
     pins, tolerance = layout.stage(last)
-    start = None if earlier is None else _transferred(earlier, window, len(pins.cover))
+    start = None
+    if earlier is not None:
+        start = _transferred(earlier, window, len(pins.cover))
+    elif near is not None:
+        coarse = 1e-3 * near.pressure_kpa[refined(window, survey.per_side)].astype(float)
+        start = InitialGuess(repeated(coarse, len(pins.cover) // len(coarse)), near.depth_mm)
     solution = FixedPoint(pins, survey.command.force_n, start, verify=last)
     converged = solution.solve(tolerance)
     survey.preparing_s += solution.compiling_s

@@ -59,14 +59,21 @@ class SurfaceShift:
 
     def on(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Values on other axes, (3, y, x) or (2, y, x), linear between the grid's points."""
-        rows, columns = _interpolation(self.y_mm, y_mm), _interpolation(self.x_mm, x_mm)
-        return np.ascontiguousarray(rows @ self.values_mm @ columns.T)
+        first, share = _interpolation(self.y_mm, y_mm)
+        rows = self.values_mm[:, first] * (1 - share[:, None])
+        rows += self.values_mm[:, first + 1] * share[:, None]
+        first, share = _interpolation(self.x_mm, x_mm)
+        return np.ascontiguousarray(
+            rows[:, :, first] * (1 - share) + rows[:, :, first + 1] * share, float
+        )
 
 
-def _interpolation(places: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """(wanted, places) weights of linear interpolation between equally spaced places."""
+def _interpolation(places: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Index of the place before each wanted one, and the share of the way to the next; the places
+    are equally spaced."""
     steps = np.clip((wanted - places[0]) / (places[1] - places[0]), 0, places.size - 1)
-    return np.maximum(0.0, 1 - np.abs(steps[:, None] - np.arange(places.size)))
+    first = np.minimum(steps.astype(int), places.size - 2)
+    return first, steps - first
 
 
 @dataclass(frozen=True)

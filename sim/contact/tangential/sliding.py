@@ -22,13 +22,13 @@ from t2twin.sim.contact.grid import dilated, window_around
 from t2twin.sim.contact.tangential.traction import ShearLayer, cached_shear_layer, solve_traction
 from t2twin.sim.contact.types import Contact, Motion, SurfaceShift
 
-COUPLING_TOLERANCE = 5e-3
+COUPLING_TOLERANCE = 1e-2
 """Change of the traction in a round, over friction times the force, below which a step has
-converged: that of the normal contact's pressure."""
+converged. The pressure of the normal contact has a tolerance of half of it."""
 
-FULL_ROUNDS, MAX_ROUNDS = 3, 10
-"""Rounds after which the normal contact sees the mean of the last sheared surfaces, and the limit
-on the rounds of a step. At a sharp edge two solutions may alternate, which the mean prevents."""
+RELAXATION = (1.0,) * 3 + (0.5,) * 5 + (0.25,) * 12
+"""Share of the new sheared surface that the normal contact of each round sees; the rest is the one
+of the round before. At a sharp edge two solutions may alternate, which smaller shares prevent."""
 
 GEL_FRICTION = 0.8
 """Coefficient of friction of the DIGIT's gel (assumed, range 0.4 to 1.5)."""
@@ -66,27 +66,48 @@ def advance(
     )
     start = contact.motion or _still(contact, friction)
     follows = start.displacement_mm + _rigid(contact, start, dx_mm, dy_mm, dyaw_rad)
-    shear, sheared, seen, rounds, converged = start.shear_mpa, start.sheared_mm, 0.0, 0, False
-    while not converged and rounds < MAX_ROUNDS:
-        rounds += 1
-        seen = sheared if rounds <= FULL_ROUNDS else (seen + sheared) / 2
+    normal, seen, converged = contact, start.sheared_mm, False
+    shear, sheared, spread, _ = _sheared(normal, follows, friction, start.shear_mpa)
+    for share in RELAXATION:
+        seen = seen + share * (sheared - seen)
         shift = SurfaceShift(contact.x_mm, contact.y_mm, seen) if shear.any() else None
-        normal = solve_contact(contact.shape, moved, contact.elastomer, contact.pitch_mm, shift)
-        pressure, layer = 1e-3 * normal.pressure_kpa.astype(float), _layer(normal)
-        inside = (slice(None), *window_around(dilated(pressure > 0, 1)))
-        spread = layer.spread_mm(pressure)
-        found = solve_traction(
-            layer, friction * pressure[inside[1:]], (follows - spread)[inside], shear[inside]
+        near = normal if shear.any() else None
+        normal = solve_contact(
+            contact.shape, moved, contact.elastomer, contact.pitch_mm, shift, near
         )
-        before, shear = shear, np.zeros_like(shear)
-        shear[inside] = found.q_mpa
-        sheared = np.stack([*layer.displacement_mm(shear), layer.deflection_mm(shear)])
+        before = shear
+        shear, sheared, spread, found = _sheared(normal, follows, friction, before)
         change = np.abs(shear - before).sum() * normal.pitch_mm**2
-        converged = found.converged and change <= COUPLING_TOLERANCE * friction * force_n
+        converged = found and change <= COUPLING_TOLERANCE * friction * force_n
+        if converged:
+            break
+    pressure = normal.pressure_kpa
     displacement = sheared[:2] + spread
     slip = np.hypot(*(follows - displacement)) * (pressure > 0)
     motion = Motion(friction, shear, sheared, displacement, start.slip_mm + slip)
     return replace(normal, motion=motion, settled=normal.settled and converged)
+
+
+def _sheared(
+    normal: Contact, follows_mm: np.ndarray, friction: float, start_mpa: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
+    """Friction under a pressure.
+
+    follows_mm: (2, ny, nx) displacement of the surface where it sticks. start_mpa: initial guess.
+    Returns the traction, (2, ny, nx), MPa, the displacement by it, (3, ny, nx), mm, that by the
+    pressure, (2, ny, nx), mm, and whether the solution converged.
+    """
+    pressure, layer = 1e-3 * normal.pressure_kpa.astype(float), _layer(normal)
+    window = window_around(dilated(pressure > 0, 1))
+    inside = (slice(None), *window)
+    spread = layer.spread_mm(pressure)
+    found = solve_traction(
+        layer, friction * pressure[window], (follows_mm - spread)[inside], start_mpa[inside]
+    )
+    shear = np.zeros_like(start_mpa)
+    shear[inside] = found.q_mpa
+    sheared = np.stack([*layer.displacement_mm(shear), layer.deflection_mm(shear)])
+    return shear, sheared, spread, found.converged
 
 
 def _still(contact: Contact, friction: float) -> Motion:
