@@ -30,7 +30,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
-from t2twin.sim.contact.footprint import heights_at
+from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.world import protocol
 
