@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from msgspec import structs
 from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
@@ -58,7 +59,7 @@ def test_begins_where_the_other_run_ended(runs: list[Path], data_dir: Path, numb
     earlier = load_run(runs[number])
     start = find_warm_start(runs[number], model, earlier.config.preset, info)
     averaged = replace(earlier.config.preset, averaged_part=0.1)
-    fresh = build(replace(earlier.config, seed=7, preset=averaged))
+    fresh = build(structs.replace(earlier.config, seed=7, preset=averaged))
     pictures = load_pairs(data_dir, "val", averaged.size, averaged.grey).images[:4]
     apply_warm_start(start, fresh)
     np.testing.assert_allclose(
