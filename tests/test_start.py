@@ -11,7 +11,7 @@ from msgspec import structs
 from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.inference.load import load_run
@@ -49,7 +49,7 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def world(folder: Path, seed: int, force: str) -> Path:
     recipe = folder / "tiny.toml"
     recipe.write_text(WORLD.format(seed=seed, force=force))
-    generate(folder / "data", world=load_recipe(str(recipe)), workers=1)
+    make_dataset(folder / "data", world=load_recipe(str(recipe)), workers=1)
     return folder / "data"
 
 
