@@ -2,8 +2,8 @@
 
 The encoder is for images with camera noise, in which LZ77 finds no repeats: each row is predicted
 from its left and upper neighbors, whose mean halves the noise of the prediction, and the residuals
-are Huffman coded. On images of `t2twin simdata` this saves a quarter of the bytes and two thirds of
-the time of Pillow's fastest setting.
+are Huffman coded. Pillow with compress_type=Z_HUFFMAN_ONLY writes files of about the same size and
+takes 2.4 to 2.8 times as long.
 """
 
 import io
