@@ -23,10 +23,10 @@ WORKERS_FLAG := $(if $(WORKERS),--workers $(WORKERS))
 MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
 
 # pytest's workers: one a core, 8 at most; or as many as WORKERS says.
-TEST := $(BIN)/python -m pytest -n $(or $(WORKERS),logical) --maxprocesses 8
+TEST := $(BIN)/python -m pytest -n $(or $(WORKERS),logical) --maxprocesses 8 --dist worksteal
 
 .PHONY: help demo test test-all setup system browser primitives simdata train-all evaluate report studio \
-	regression bench check clean
+	regression bench check clean distclean
 
 help:
 	@echo "make demo        everything at scale small: data, both translators, report (minutes)"
@@ -41,8 +41,9 @@ help:
 	@echo "make studio      press, look and translate in a browser          PORT="
 	@echo "make regression  RMSE on synthetic data held to its band"
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
-	@echo "make check       ruff, pyright, layers, import cycles, and sizes of modules, functions and folders"
-	@echo "make clean       remove data, runs and what tools left here"
+	@echo "make check       ruff, pyright, layers, import cycles, sizes of modules, sentences of the documents"
+	@echo "make clean       delete build products: caches of tools and of Python, build folders"
+	@echo "make distclean   delete these, data, runs and .venv"
 
 demo: SCALE := small
 demo: SHIPPED := field
@@ -122,6 +123,11 @@ check: setup
 	$(BIN)/pyright
 	$(BIN)/lint-imports --no-logo --no-cache
 	$(BIN)/python -m pytest -q --noconftest tests/test_structure.py
+	$(BIN)/python -m tests.sentences README.md CONTRIBUTING.md docs
 
 clean:
-	rm -rf data runs .pytest_cache .ruff_cache build *.egg-info
+	rm -rf .pytest_cache .ruff_cache build dist *.egg-info
+	find . -name __pycache__ -not -path './.venv/*' -prune -exec rm -rf {} +
+
+distclean: clean
+	rm -rf data runs .venv

@@ -15,8 +15,8 @@ PITCH_MM = 0.05
 """Finest pitch of a height map, mm (assumed: about one pixel of a DIGIT)."""
 
 REACH_MM = 32.0
-"""Half the side of a height map, mm (assumed: half the diagonal of a 28 x 46 mm cover, 27 mm, and
-the largest offset of a press on a tool's or a file's shape, 4.5 mm)."""
+"""Half the side of a height map, mm. Assumed: half the diagonal of a 28 x 46 mm cover, 27 mm, and
+the largest offset of a press on a tool's or a file's shape, 4.5 mm."""
 
 MAX_CELLS = 1_500_000
 """Limit on the cells of a map whose pitch is not given (assumed)."""

@@ -58,9 +58,9 @@ FAMILIES: dict[str, tuple[dict[str, float], ...]] = {
     ),
 }
 """Parameters of versions 1 to 4 of each family, mm (assumed). radius: of the long edges'
-rounding for line-smooth, else of the shape's outline (outer, for circle-empty); edge: wall
-thickness; curvature: radius of the bump's spherical cap; length: along y, all more than the 16.7 mm
-of a DIGIT's view."""
+rounding for line-smooth, else of the shape's outline (outer, for circle-empty). edge: wall
+thickness. curvature: radius of the bump's spherical cap. length: along y; all are more than the
+16.7 mm of a DIGIT's view."""
 
 MIN_SPACING_MM = 1.0
 """Least spacing of the press grid, mm, so that presses on narrow shapes differ (assumed; Grella et

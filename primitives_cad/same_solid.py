@@ -13,8 +13,8 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 SAME_SHARE = 0.02
-"""Solids are the same if each invariant differs by less than this share (assumed: twice the effect
-of a coarse mesh; of 200 random shapes and the 32 primitives the nearest differs by 0.6)."""
+"""Solids are the same if each invariant differs by less than this share. Assumed: twice the effect
+of a coarse mesh. Of 200 random shapes and the 32 primitives the nearest differs by 0.6."""
 
 
 class KnownSolids:

@@ -19,6 +19,9 @@ from t2twin.sim.contact.contact_solver import (
     surface_on,
 )
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.layer import cached_layer
+from t2twin.sim.contact.pin_layout import Survey
+from t2twin.sim.contact.tangential.sliding import COVER_FRICTION, GEL_FRICTION, advance
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
@@ -215,3 +218,34 @@ class SensorPair:
             calibration=digit.calibration,
             optics=digit.renderer,
         )
+
+    def check_over_pads(self, touch: Touch, command: PressCommand) -> None:
+        """Raises OffPadError if the shape of a touch does not lie over its pads at another pose."""
+        for contact in touch.contacts.values():
+            Survey(touch.shape, command, cached_layer(contact.elastomer, contact.pitch_mm))
+
+    def advance(self, touch: Touch, command: PressCommand, friction: float | None) -> Touch:
+        """Move the shape of a touch by a small step, with friction; without image and counts.
+
+        command: the new pose and force. friction: of both elastomers; None is each one's own.
+        Raises T2TwinError as solve_contact does.
+        """
+        before = touch.command
+        motion = (
+            command.x_mm - before.x_mm,
+            command.y_mm - before.y_mm,
+            command.yaw_rad - before.yaw_rad,
+            command.force_n,
+        )
+        own = {"digit": GEL_FRICTION, "cyskin": COVER_FRICTION}
+        moved = {
+            sensor: advance(contact, *motion, own[sensor] if friction is None else friction)
+            for sensor, contact in touch.contacts.items()
+        }
+        return replace(touch, command=command, image=None, counts=None, **moved)
+
+    def with_readings(self, touch: Touch, rng: np.random.Generator | None = None) -> Touch:
+        """The touch with the image and the counts of its contacts; rng as for `press`."""
+        image = None if touch.digit is None else self.digit.image(touch.digit, rng)
+        counts = None if touch.cyskin is None else self.cyskin.counts(touch.cyskin, rng)
+        return replace(touch, image=image, counts=counts)

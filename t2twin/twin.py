@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache, partial
+from math import ceil
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,20 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.sim.contact.depth import force_at_depth
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.tangential.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
 from t2twin.sim.digit.optics import Renderer
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.sim.touch import Touch
 from t2twin.sim.world.protocol import FORCE_N
+
+MAX_STEP_MM, MAX_STEP_DEG = 0.2, 2.0
+"""Largest motion between two solutions of a slide, mm and degrees. With half of it the tangential
+force of a ball on the gel changes by less than 1 %."""
+
+MAX_MOTION, MAX_SLIDE_STEPS = 360.0, 10_000
+"""Limits on the motion of one slide, mm and degrees, and on its number of touches (assumed)."""
 
 
 class Twin:
@@ -88,6 +97,65 @@ class Twin:
         command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, self.sensors.digit)
         rng = None if seed is None else np.random.default_rng(seed)
         return self.sensors.press(solid, command, rng)
+
+    def slide(
+        self,
+        touch: Touch,
+        *,
+        dx_mm: float = 0.0,
+        dy_mm: float = 0.0,
+        dyaw_deg: float = 0.0,
+        steps: int = 10,
+        force_n: float | None = None,
+        friction: float | None = None,
+        seed: int | None = None,
+    ) -> list[Touch]:
+        """Slide and turn the shape of a touch, with friction; each touch continues the one before.
+
+        dx_mm, dy_mm: motion of the shape's origin, right and down in the image. dyaw_deg: rotation
+        about it, clockwise in the image. steps: number of touches along the way. force_n: force at
+        the end, reached evenly; None keeps the touch's. friction: coefficient of friction of both
+        elastomers; None is 0.8 for the gel and 1.0 for the cover (assumed). seed: as for `press`.
+
+        The contacts of the touches, `touch.digit` and `touch.cyskin`, have the tangential force
+        shear_n, torque_nmm, slip_share, and the fields shear_kpa, slipping and motion.
+        Raises T2TwinError for invalid numbers, for a touch without contact, and where the shape
+        leaves a pad.
+        """
+        dx_mm, dy_mm, dyaw_deg = (
+            arguments.number(value, name, -MAX_MOTION, MAX_MOTION)
+            for value, name in ((dx_mm, "dx_mm"), (dy_mm, "dy_mm"), (dyaw_deg, "dyaw_deg"))
+        )
+        steps = arguments.whole_number(steps, "steps", 1, MAX_SLIDE_STEPS)
+        if friction is not None:
+            friction = arguments.number(friction, "friction", 0.0, MAX_FRICTION)
+        if not arguments.instance(touch, "touch", Touch).contacts:
+            raise T2TwinError("the touch has no contact; press with a force above 0 N first")
+        start = touch.command
+        force = start.force_n if force_n is None else arguments.real(force_n, "force_n")
+        check_force(force)
+        if seed is not None:
+            check_seed(seed)
+        rng = None if seed is None else np.random.default_rng(seed)
+        end = replace(start, x_mm=start.x_mm + dx_mm, y_mm=start.y_mm + dy_mm)
+        self.sensors.check_over_pads(touch, end)
+        parts = max(
+            1, ceil(max(np.hypot(dx_mm, dy_mm) / MAX_STEP_MM, abs(dyaw_deg) / MAX_STEP_DEG) / steps)
+        )
+        touches = []
+        for part in range(1, steps * parts + 1):
+            share = part / (steps * parts)
+            command = replace(
+                start,
+                x_mm=start.x_mm + share * dx_mm,
+                y_mm=start.y_mm + share * dy_mm,
+                yaw_rad=start.yaw_rad + share * float(np.deg2rad(dyaw_deg)),
+                force_n=start.force_n + share * (force - start.force_n),
+            )
+            touch = self.sensors.advance(touch, command, friction)
+            if part % parts == 0:
+                touches.append(self.sensors.with_readings(touch, rng))
+        return touches
 
 
 def press(

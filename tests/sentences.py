@@ -114,7 +114,7 @@ def _without_tables(docstring: str) -> str:
 def long_sentences(root: Path = ROOT) -> list[Sentence]:
     """Every sentence of more than MAX_WORDS words."""
     found: list[Sentence] = []
-    for path in documents(root):
+    for path in (*documents(root), root / "CONTRIBUTING.md"):
         found += sentences(prose(path.read_text("utf-8")), path.relative_to(root).as_posix())
     for folder in PRODUCT:
         for path in sorted((root / folder).rglob("*.py")):
@@ -126,6 +126,14 @@ def long_sentences(root: Path = ROOT) -> list[Sentence]:
     return [sentence for sentence in found if sentence.words > MAX_WORDS]
 
 
+def counts(root: Path = ROOT) -> dict[str, int]:
+    """Words of each document by its path."""
+    return {
+        path.relative_to(root).as_posix(): len(words(prose(path.read_text("utf-8"))))
+        for path in documents(root)
+    }
+
+
 def main(paths: list[str]) -> None:
     found = [
         sentence
@@ -133,11 +141,11 @@ def main(paths: list[str]) -> None:
         if not paths or sentence.path.startswith(tuple(paths))
     ]
     print(*found, sep="\n")
-    counted = {path: len(words(prose(path.read_text("utf-8")))) for path in documents()}
+    counted = counts()
     for path, number in counted.items():
-        print(f"{path.relative_to(ROOT).as_posix():34}{number:7,} words")
-    total, readme = sum(counted.values()), counted[ROOT / "README.md"]
-    print(f"{'all':34}{total:7,} words, at most {DOCUMENT_WORDS:,}; README at most {README_WORDS}")
+        print(f"{path:44}{number:7,} words")
+    total, readme = sum(counted.values()), counted["README.md"]
+    print(f"{'all':44}{total:7,} words, at most {DOCUMENT_WORDS:,}; README at most {README_WORDS}")
     if found or total > DOCUMENT_WORDS or readme > README_WORDS:
         sys.exit(f"{len(found)} sentences of more than {MAX_WORDS} words")
 

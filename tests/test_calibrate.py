@@ -254,10 +254,10 @@ def test_a_press_without_a_contact_is_named(copy, capsys):
 
 def test_what_is_no_picture_is_refused(copy, capsys):
     (copy / "press_03.png").write_text("no picture")
-    assert "press_03.png is not a picture" in refused(copy, capsys)
+    assert "press_03.png is not an image" in refused(copy, capsys)
     assert "there is no file" in refused(copy, capsys, background=copy / "absent.png")
     (copy / "press_03.png").write_bytes((copy / "press_05.png").read_bytes()[:3000])
-    assert "press_03.png is not a picture" in refused(copy, capsys)
+    assert "press_03.png is not an image" in refused(copy, capsys)
     save(np.zeros((ROWS, COLUMNS), np.uint16), copy / "press_03.png")
     assert "press_03.png has more than 8 bits a channel" in refused(copy, capsys)
 
@@ -270,7 +270,7 @@ def test_too_few_presses_are_refused(copy, capsys):
     assert "copies of others" in refused(copy, capsys, "--held-out", 3)
     for path in copy.glob("press_*"):
         path.unlink()
-    assert "holds no pictures" in refused(copy, capsys)
+    assert "contains no images" in refused(copy, capsys)
 
 
 def test_a_ball_that_cannot_be_is_refused(copy, capsys):

@@ -185,7 +185,7 @@ def test_verify_finds_what_a_digest_cannot(made, tmp_path, capsys):
     assert stop.value.code == 1
     said = capsys.readouterr().out
     assert "val/square-3.parquet: it is missing" in said and "train/mine.parquet: " in said
-    assert "broken in 2 files" in said
+    assert "damaged in 2 files" in said
 
 
 def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(

@@ -1,32 +1,128 @@
-"""README.md and docs/ say what the results files hold."""
+"""README.md and docs/: tables, links, sentences, examples in Python, and commands."""
+
+import functools
+import importlib.util
+import json
+import re
+import shlex
+import shutil
+from pathlib import Path
 
 import pytest
+import sentences
+import trimesh
+from documents import PAGES, anchors, blocks, inline_code, links, name_of
+from PIL import Image
 
-from benchmarks.documents import markers, tables
-from benchmarks.documents.formats import formatted
+import t2twin
+from benchmarks.documents import figures, markers, reference
+from t2twin import cli
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.world.recipe import load_recipe
+
+NOT_RUN = {
+    "source ": "changes the shell",
+    "make ": "installs packages; the Makefile is read instead",
+    "pip ": "installs packages",
+    "dask ": "starts a server",
+    "torchrun ": "needs several processes; tests/test_training.py",
+    "python -m benchmarks": "measures for minutes",
+    "python -m pytest": "would run within itself",
+    "python -m t2twin.translate.evaluation.publish_pretrained": "tests/test_ship.py",
+    "t2twin adapt": "takes an hour; tests/test_adapt.py",
+    "t2twin calibrate --background background.png --presses": "tests/test_calibrate.py",
+    "t2twin press square-2 --calibration": "needs a calibration; tests/test_calibrate.py",
+    "t2twin calibrate-uncertainty": "needs a trained field run; tests/test_field.py",
+    "t2twin evaluate runs/shipped-2": "needs a training of hours",
+    "t2twin live 0": "needs a camera",
+    "t2twin live frames/ --run runs/mine": "needs a training of an hour",
+    "t2twin live video.mp4": "tests/test_live.py",
+    "t2twin simdata --scale paper": "takes minutes",
+    "t2twin simdata --scale small": "takes minutes; tests/test_regression.py",
+    "t2twin simdata --world": "takes minutes to hours; tests/test_world_data.py",
+    "t2twin studio": "serves until Ctrl-C; tests/test_studio_server.py",
+    "t2twin train": "trains for minutes to hours; tests/test_training.py",
+    "t2twin evaluate runs/mine": "needs one of these trainings",
+    "t2twin evaluate runs/my/": "needs one of these trainings",
+    "t2twin report --data data/small --runs runs/my/": "needs one of these trainings",
+    "t2twin report --data data/mine": "needs one of these trainings",
+}
+"""Beginnings of command lines that no test runs, and why. Their arguments are parsed."""
+
+EXHAUSTIVE = ("t2twin evaluate", "t2twin primitives", "make_dataset")
+"""Commands and functions that take longer than the others; `make test` leaves their blocks out."""
+
+NOT_INSTALLED = {"dask_jobqueue": "needs SLURM", "datasets": "of Hugging Face, as an example"}
+"""Libraries of examples that are compiled only."""
+
+OTHER_OPTIONS = {"--help", "--version", "--list", "--stale", "--docs", "--write", "--real-digit"}
+"""Options that are not of a command of t2twin."""
+
+TARGETS = re.compile(r"(?m)^([\w-]+):")
+VARIABLES = re.compile(r"\$\((?:if |or )?\$?\(?([A-Z_]+)")
 
 
-def test_documents_are_in_step_with_the_results():
-    different = [path.name for path, now in markers.rewritten() if now != path.read_text()]
+# Text
+
+
+def test_tables_equal_the_results_and_the_code():
+    different = [path.name for path, text in markers.rewritten() if text != path.read_text("utf-8")]
     assert not different, f"python -m benchmarks --docs would change {different}"
 
 
-def test_the_documents_bind_figures_of_every_kind():
-    text = "".join(path.read_text() for path in markers.documents())
-    for name in ("dataset.", "translation.", "latency.", "press.", "dome.", "training.", "probes."):
-        assert f"<!--={name}" in text
-    for table in tables.TABLES:
-        assert f"<!--table {table}-->" in text
+def test_every_table_is_in_a_document():
+    text = "".join(path.read_text("utf-8") for path in markers.documents())
+    optionless = {"options-shapes", "options-doctor"}
+    assert not [
+        name
+        for name in reference.tables().keys() - optionless
+        if f"<!--table {name}-->" not in text
+    ]
 
 
-# Markers
+def test_sentences_are_short():
+    pages = tuple(name_of(page) for page in PAGES)
+    assert not [str(each) for each in sentences.long_sentences() if each.path in pages]
+
+
+def test_documents_have_few_words():
+    counted = sentences.counts()
+    assert counted["README.md"] <= sentences.README_WORDS
+    assert sum(counted.values()) <= sentences.DOCUMENT_WORDS
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_relative_links_and_images_exist(page):
+    for link in links(page):
+        path, _, fragment = link.partition("#")
+        if "://" in path:
+            continue
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), link
+        assert not fragment or fragment in anchors(target), link
+
+
+def test_documents_that_code_and_changelog_name_exist():
+    folders = ("t2twin/core", "t2twin/cli", "primitives_cad", "sim", "translate", "benchmarks")
+    sources = [path for folder in folders for path in (sentences.ROOT / folder).rglob("*.py")]
+    text = "".join(p.read_text("utf-8") for p in (*sources, sentences.ROOT / "CHANGELOG.md"))
+    named = set(re.findall(r"docs/[\w/-]+\.(?:md|png)", text))
+    assert len(named) > 5
+    assert not [name for name in named if not (sentences.ROOT / name).exists()]
+
+
+def test_every_picture_is_shown():
+    shown = {link.rpartition("/")[2] for page in PAGES for link in links(page)}
+    pictures = {path.name for path in (sentences.ROOT / "docs" / "pictures").iterdir()}
+    assert pictures <= shown
+
+
+# Tables
 
 
 @pytest.fixture
 def page(tmp_path):
-    """Writes a README and gives what it is rewritten to."""
-    (tmp_path / "docs").mkdir()
+    """Writes a README and returns what it is rewritten to."""
 
     def rewrite(text):
         (tmp_path / "README.md").write_text(text)
@@ -35,32 +131,215 @@ def page(tmp_path):
     return rewrite
 
 
-def test_a_changed_figure_is_written_anew(page):
-    right = page("in <!--=regression.epochs.resnet18 d-->99<!--/--> epochs")
-    assert right == "in <!--=regression.epochs.resnet18 d-->12<!--/--> epochs"
-
-
-def test_a_table_is_written_anew(page):
-    assert "| touch2touch |" in page("<!--table results-->\nold\n<!--/table-->\n")
+def test_a_table_is_replaced(page):
+    text = page("before\n<!--table results-->\nold\n<!--/table-->\nafter\n")
+    assert "| touch2touch |" in text and "old" not in text
+    assert text.startswith("before\n<!--table results-->\n|") and text.endswith("-->\nafter\n")
 
 
 @pytest.mark.parametrize(
     "text, sentence",
     [
-        ("a <!--=regression.epochs.alexnet d-->9<!--/-->", "nothing at epochs.alexnet"),
-        ("a <!--=nowhere.epochs d-->9<!--/-->", "no nowhere.json"),
-        ("a <!--=regression.scale .1f-->9<!--/-->", "cannot be written in the format"),
-        ("a <!--=regression.epochs.resnet18 d-->9", "damaged"),
-        ("<!--=regression.epochs.resnet18 d-->9<!--/-->", "first in a line"),
-        ("    a <!--=regression.epochs.resnet18 d-->9<!--/-->", "block of code"),
+        ("a <!--=regression.epochs.resnet18 d-->9<!--/--> b", "incomplete marker"),
+        ("<!--table results-->\n", "incomplete marker"),
+        ("a <!--table results-->\n<!--/table-->\n", "incomplete marker"),
         ("<!--table nothing-->\n<!--/table-->\n", "no table 'nothing'"),
     ],
 )
-def test_a_marker_that_cannot_be_written_is_an_error(page, text, sentence):
+def test_an_unusable_marker_is_an_error(page, text, sentence):
     with pytest.raises(T2TwinError, match=f"README.md: .*{sentence}"):
         page(text)
 
 
-def test_percent_has_a_space():
-    assert formatted(0.0197, ".1%") == "2.0 %"
-    assert formatted(2995.7, ",.0f") == "2,996"
+def test_cells_of_figures(tmp_path, monkeypatch):
+    provenance = json.loads((figures.RESULTS / "phi.json").read_text())["measured_on"]
+    content = {"measured_on": provenance, "a": {"b.c": [0.0197, 3e3]}, "none": None}
+    (tmp_path / "x.json").write_text(json.dumps(content))
+    monkeypatch.setattr(figures, "RESULTS", tmp_path)
+    found = figures.Figures()
+    for template, cell in {
+        "{a.b.c.0:.1%} off": "2.0 % off",
+        "{a.b.c.1:,.0f}": "3,000",
+        "{a.ROW.1 / a.ROW.1 * 60:.1f}": "60.0",
+        "{none:.1f} and more": "",
+        "?{a.d:.1f}": "",
+    }.items():
+        assert found.cell(template, "x.", "b.c") == cell
+    for wrong in ("{a.d:.1f}", "{a.b.c.2:.1f}"):
+        with pytest.raises(T2TwinError, match=r"x\.json has nothing at a\."):
+            found.cell(wrong, "x.", "")
+    assert found.dates() == f"*Measured on {provenance['date'][:10]} (`x`).*"
+
+
+# Commands
+
+
+@pytest.fixture
+def parse(monkeypatch):
+    """Parses the arguments of t2twin as the command does, without running it."""
+    parsed = []
+    stubs = {
+        name: functools.wraps(command)(lambda *_, **__: parsed.append(True))
+        for name, command in cli.COMMANDS.items()
+    }
+
+    def run(words):
+        monkeypatch.setattr(cli, "COMMANDS", stubs)
+        cli.main(words)
+        assert parsed.pop()
+
+    return run
+
+
+def check_make(words):
+    makefile = (sentences.ROOT / "Makefile").read_text("utf-8")
+    for word in words:
+        if "=" in word:
+            assert word.partition("=")[0] in {*VARIABLES.findall(makefile)}, word
+        else:
+            assert word in TARGETS.findall(makefile), word
+
+
+def check_module(words):
+    assert importlib.util.find_spec(words[0]), words[0]
+    if words[0] == "benchmarks":
+        names = [word for word in words[1:] if not word.startswith("-")]
+        assert all(importlib.util.find_spec(f"benchmarks.{name}") for name in names), names
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_are_valid(page, parse, capsys):
+    for block in blocks(page):
+        if block.language != "bash":
+            continue
+        for line in block.commands():
+            program, *words = shlex.split(line)
+            if program == "t2twin":
+                try:
+                    parse(words)
+                except SystemExit:
+                    pytest.fail(f"{block.place}: {line}: {capsys.readouterr().err}")
+            elif program == "make":
+                check_make(words)
+            elif program == "torchrun":
+                check_module(words[words.index("-m") + 1 :])
+            elif program == "python":
+                assert words[0] == "-m", line
+                check_module(words[1:])
+            else:
+                assert program in ("pip", "dask", "source"), f"{block.place}: {line}"
+
+
+def option_names():
+    found = set(OTHER_OPTIONS)
+    for name in cli.COMMANDS:
+        found |= {*re.findall(r"--[\w-]+", reference.command_options(name))}
+    return found
+
+
+def test_options_and_commands_in_the_text_exist():
+    known = option_names()
+    for page in PAGES:
+        for code in inline_code(page):
+            words = shlex.split(code.replace("'", ""))
+            where = f"{name_of(page)}: {code}"
+            if (
+                words[0] == "t2twin"
+                and len(words) > 1
+                and words[1].isalpha()
+                and words[1].islower()
+            ):
+                assert words[1] in cli.COMMANDS, where
+            if words[0] == "make":
+                check_make(words[1:])
+            if words[0] == "t2twin" or words[0].startswith("--"):
+                assert {
+                    word.partition("=")[0] for word in words if word.startswith("--")
+                } <= known, where
+
+
+def test_every_reason_not_to_run_is_needed():
+    lines = [
+        line
+        for page in PAGES
+        for block in blocks(page)
+        if block.language == "bash"
+        for line in block.commands()
+    ]
+    assert not [start for start in NOT_RUN if not any(line.startswith(start) for line in lines)]
+
+
+# Examples
+
+
+@pytest.fixture(scope="session")
+def examples(products, small_dataset, trained):
+    """A folder with the files that the examples of the documents name."""
+
+    def build(folder):
+        twin = t2twin.Twin()
+        (folder / "frames").mkdir(parents=True)
+        (folder / "my_pairs").mkdir()
+        rows = []
+        for number, shape in enumerate(("square-1", "circle-1", "hemisphere-4") * 4):
+            touch = twin.press(shape, force_n=2 + number / 2, seed=number)
+            Image.fromarray(touch.image).save(folder / "my_pairs" / f"{number}.png")
+            rows.append(f"{number}.png," + ",".join(f"{count:.0f}" for count in touch.counts[:3]))
+        shutil.copy(folder / "my_pairs" / "0.png", folder / "image.png")
+        shutil.copy(folder / "my_pairs" / "1.png", folder / "frames")
+        Image.fromarray(twin.background).save(folder / "background.png")
+        header = "image,taxel_0,taxel_1,taxel_2\n"
+        (folder / "my_pairs" / "pairs.csv").write_text(header + "\n".join(rows) + "\n")
+        (folder / "my-taxels.csv").write_text("x_mm,y_mm,pad_diameter_mm\n-6,-6,4\n6,-6,4\n0,6,4\n")
+        box = trimesh.creation.box((10, 6, 4))
+        box.export(folder / "my.stl")
+        box.apply_scale(1 / 25.4)
+        box.export(folder / "my.obj")
+        shutil.copytree(
+            small_dataset, folder / "data" / "small", ignore=shutil.ignore_patterns("cache")
+        )
+        for model in ("touch2touch", "resnet18"):
+            run = trained(model, small_dataset, 1)
+            shutil.copytree(run, folder / "runs" / "small" / model)
+
+    return products.make("documents", build)
+
+
+def run_block(block, namespace, expensive):
+    """Runs a block, or nothing if it takes long and expensive is false."""
+    if any(name in block.text for name in EXHAUSTIVE) and not expensive:
+        return
+    if block.language == "python":
+        code = compile(block.text, block.place, "exec")
+        if not any(f"from {name}" in block.text for name in NOT_INSTALLED):
+            exec(code, namespace)
+    elif block.language == "bash":
+        for line in block.commands():
+            if not line.startswith(tuple(NOT_RUN)):
+                cli.main(shlex.split(line)[1:])
+    elif block.language == "toml":
+        recipe = block.page.with_suffix(".toml").name
+        Path(recipe).write_text(block.text)
+        assert load_recipe(recipe)
+    elif block.language == "json":
+        assert json.loads(block.text)
+    else:
+        assert block.language == "text", block.place
+
+
+def cases():
+    for page in PAGES:
+        found = blocks(page)
+        if found:
+            yield pytest.param(page, False, id=name_of(page))
+        if any(name in block.text for name in EXHAUSTIVE for block in found):
+            marks = pytest.mark.exhaustive
+            yield pytest.param(page, True, id=f"{name_of(page)}-all", marks=marks)
+
+
+@pytest.mark.parametrize("page, expensive", list(cases()))
+def test_examples_run(page, expensive, examples, tmp_path, monkeypatch):
+    shutil.copytree(examples, tmp_path, dirs_exist_ok=True)
+    namespace = {"__name__": "example"}
+    for block in blocks(page):
+        run_block(block, namespace, expensive)

@@ -216,9 +216,9 @@ def test_a_spoilt_evaluation_is_refused_in_a_sentence(
 
 
 def test_missing_and_spoilt_files_are_refused(evaluated: Path, tmp_path: Path) -> None:
-    with pytest.raises(T2TwinError, match="holds no evaluation"):
+    with pytest.raises(T2TwinError, match="contains no evaluation"):
         read_evaluation(tmp_path)
-    with pytest.raises(T2TwinError, match="holds no predictions"):
+    with pytest.raises(T2TwinError, match="contains no predictions"):
         read_predictions(tmp_path)
     content = (evaluated / "val" / PREDICTIONS).read_bytes()
     for spoilt in (content[: len(content) // 2], b"nothing", b""):

@@ -510,7 +510,7 @@ def test_translated_files_say_how_sure(run_dir: Path, data_dir: Path, frame, tmp
     assert rows[0].startswith("image,taxel_0") and rows[1].split(",")[1:] == list(map(str, stds))
     assert (out / "press.png").is_file()
     frame_file = tmp_path / "press.png"
-    other = translate_files(run_dir, [frame_file], out, background=frame_file, pictures=False)
+    other = translate_files(run_dir, [frame_file], out, background=frame_file, png=False)
     assert not np.array_equal(other.counts, translated.counts)
     assert json.loads((out / "counts.json").read_text())["background"] == str(frame_file)
 

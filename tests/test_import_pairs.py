@@ -92,12 +92,12 @@ def test_what_the_rows_say_is_kept(tmp_path, layout):
         ({"taxel_1": {3: -1}}, "line 5: its counts"),
         ({"taxel_1": {3: ""}}, "line 5: its counts"),
         ({"taxel_4": {3: 5}}, "5 columns"),
-        ({"image": {3: "gone.png"}}, "line 5: there is no picture"),
-        ({"image": {3: "text.png"}}, "line 5: its picture cannot be read"),
-        ({"image": {3: "deep.png"}}, "line 5: its picture cannot be read"),
+        ({"image": {3: "gone.png"}}, "line 5: there is no image"),
+        ({"image": {3: "text.png"}}, "line 5: its image cannot be read"),
+        ({"image": {3: "deep.png"}}, "line 5: its image cannot be read"),
         ({"image": {3: "large.png"}}, "24 x 32; all must be of one size"),
-        ({"image": {3: "2.png"}}, "line 4 and line 5 have the same picture"),
-        ({"image": {3: ""}}, "line 5: there is no picture"),
+        ({"image": {3: "2.png"}}, "line 4 and line 5 have the same image"),
+        ({"image": {3: ""}}, "line 5: there is no image"),
         ({"split": {3: "training"}}, "allowed are train, val, test"),
         ({"x_mm": {3: "inf"}}, "line 5: x_mm"),
     ],
@@ -131,7 +131,7 @@ def test_a_spreadsheet_s_csv_is_read_as_any_other(tmp_path, layout, delimiter):
     assert taxels(table)[0].tolist() == [rows[0][f"taxel_{i}"] for i in range(TAXELS)]
     # The empty line counts, as it does in an editor.
     (folder / "3.png").unlink()
-    with pytest.raises(T2TwinError, match=r"^line 6: there is no picture"):
+    with pytest.raises(T2TwinError, match=r"^line 6: there is no image"):
         import_pairs(folder, tmp_path / "again", layout)
 
 
@@ -148,7 +148,7 @@ def test_rows_are_named_by_where_they_stand(tmp_path):
     "content, said",
     [
         (b"image,image\na.png,b.png\n", "two columns image"),
-        (b"image,taxel_0\n", "holds no pairs"),
+        (b"image,taxel_0\n", "contains no pairs"),
         (b"", "cannot be read as a table"),
         (b"image\n\xff\xfe.png\n", "cannot be read as a table"),
         (b"image,shape\na.png\n", "cannot be read as a table"),

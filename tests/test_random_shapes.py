@@ -158,7 +158,7 @@ def test_what_is_drawn_is_of_every_kind():
 def test_names_that_are_no_random_shapes(capsys, tmp_path):
     assert seed_of("square-1") is None and seed_of("random-5") == 5
     for name in ("random-", "random-x", "random--3", "random-1e3", f"random-{2**63}"):
-        with pytest.raises(T2TwinError, match="no random shape"):
+        with pytest.raises(T2TwinError, match="not a random shape"):
             catalogue.load(name)
     with pytest.raises(SystemExit) as stop:
         main(["press", "random-many", "--out", str(tmp_path / "out")])

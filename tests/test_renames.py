@@ -30,7 +30,10 @@ def refusal(*arguments: str, capsys) -> str:
 
 def options(command: str) -> list[str]:
     parameters = inspect.signature(COMMANDS[command]).parameters
-    return ["--" + name.replace("_", "-") for name in parameters]
+    return [
+        "--" + ("no-" if each.default is True else "") + name.replace("_", "-")
+        for name, each in parameters.items()
+    ]
 
 
 def test_every_rename_is_whole_and_unambiguous():

@@ -57,7 +57,7 @@ def test_many_rows_come_in_groups(data, tmp_path):
 
 
 def test_reading_what_is_not_there_says_so(data, tmp_path):
-    with pytest.raises(T2TwinError, match="holds no dataset"):
+    with pytest.raises(T2TwinError, match="contains no dataset"):
         read_info(tmp_path)
     with pytest.raises(T2TwinError, match="train, val, test"):
         read_split(data, "validation")

@@ -65,7 +65,7 @@ def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monk
 
 
 def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:
-    with pytest.raises(T2TwinError, match="holds no evaluation"):
+    with pytest.raises(T2TwinError, match="contains no evaluation"):
         publish_pretrained(runs[0], [tmp_path], tmp_path / "home")
     evaluate([runs[1]], data_dir, "val", tmp_path / "of-resnet18" / "val")
     (tmp_path / "of-resnet18" / "val" / "metrics.json").write_text("{}")

@@ -29,7 +29,7 @@ from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
 SHAPE = "hemisphere-4"
 NOWHERE = Path("/nonexistent")
-"""A folder that holds no runs."""
+"""A folder that contains no runs."""
 
 
 @pytest.fixture(scope="module")

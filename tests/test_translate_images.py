@@ -123,7 +123,7 @@ def test_bad_files_get_a_sentence_and_nothing_is_written(
         with pytest.raises(T2TwinError, match="cannot be read as an image"):
             translate_images([good, bad], out, run_dir)
     (tmp_path / "folder").mkdir()
-    with pytest.raises(T2TwinError, match="holds no images"):
+    with pytest.raises(T2TwinError, match="contains no images"):
         translate_images([tmp_path / "folder"], out, run_dir)
     for bad in (text, cut, empty):
         bad.unlink()
@@ -202,7 +202,7 @@ def test_folder_of_many_is_as_one_by_one(
     (tmp_path / "frames").mkdir()
     for number, frame in enumerate(frames):
         Image.fromarray(frame).save(tmp_path / "frames" / f"{number:02}.png")
-    counts = translate_images([tmp_path / "frames"], tmp_path / "out", run_dir, pictures=False)
+    counts = translate_images([tmp_path / "frames"], tmp_path / "out", run_dir, png=False)
     run = load_run(run_dir)
     expected = np.stack([run.predict(frame) for frame in frames])
     np.testing.assert_allclose(counts, expected, atol=0.5)
@@ -243,7 +243,7 @@ def test_inputs_are_never_replaced(run_dir: Path, digit: Image.Image, tmp_path: 
     with pytest.raises(T2TwinError, match="another folder"):
         translate_images([tmp_path], tmp_path, run_dir)
     assert [path.name for path in tmp_path.iterdir()] == ["press.png"]
-    translate_images([tmp_path], tmp_path, run_dir, pictures=False)
+    translate_images([tmp_path], tmp_path, run_dir, png=False)
     assert (tmp_path / "press.png").read_bytes() == before
 
 
@@ -281,7 +281,7 @@ def test_command_prints_a_few_and_writes_all(
     (tmp_path / "frames").mkdir()
     for number, frame in enumerate(frames):
         Image.fromarray(frame).save(tmp_path / "frames" / f"{number}.png")
-    main(["translate", "--run", str(run_dir), str(tmp_path / "frames"), "--no-pictures",
+    main(["translate", "--run", str(run_dir), str(tmp_path / "frames"), "--no-png",
           "--out", str(tmp_path / "out")])  # fmt: skip
     said = capsys.readouterr().out.splitlines()
     assert len(said) == 7
@@ -342,5 +342,5 @@ def test_pictures_of_an_earlier_call_do_not_stay(run_dir: Path, digit: Image.Ima
     assert {path.name for path in out.iterdir()} == {
         "second.png", "notes.png", "counts.csv", "counts.json"
     }  # fmt: skip
-    translate_images([tmp_path / "second.png"], out, run_dir, pictures=False)
+    translate_images([tmp_path / "second.png"], out, run_dir, png=False)
     assert {path.name for path in out.iterdir()} == {"notes.png", "counts.csv", "counts.json"}

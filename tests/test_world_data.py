@@ -312,8 +312,8 @@ def test_a_wrong_part_is_one_sentence(changed, said, tmp_path, capsys):
     [
         (["--world", "nowhere"], "there is no world"),
         (["--world", "gone.toml"], "there is no file gone.toml"),
-        (["--world", "open", "--scale", "smoke"], "--scale does not go with --world"),
-        (["--world", "open", "--layout", "cyskin-63"], "--layout does not go with"),
+        (["--world", "open", "--scale", "smoke"], "--scale cannot be used with --world"),
+        (["--world", "open", "--layout", "cyskin-63"], "--layout cannot be used with"),
         (["--world", "open", "--seed", "9999999999"], "at most"),
     ],
 )

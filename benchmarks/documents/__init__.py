@@ -1,1 +1,1 @@
-"""The results' figures in README.md and docs/: bound to the results files, written by a command."""
+"""The tables of README.md, CHANGELOG.md and docs/, written from the results and from the code."""

@@ -17,7 +17,7 @@ def seed_of(name: str) -> int | None:
     is_number = digits.isascii() and digits.isdigit() and len(digits) <= len(str(MAX_SEED))
     if not (is_number and digits == str(int(digits)) and int(digits) <= MAX_SEED):
         raise T2TwinError(
-            f"{name} is no random shape; they are called {PREFIX}0, {PREFIX}1 and so on to "
+            f"{name} is not a random shape; their names are {PREFIX}0, {PREFIX}1 and so on to "
             f"{PREFIX}{MAX_SEED}"
         )
     return int(digits)

@@ -34,9 +34,9 @@ BAR_RADIUS_MM, BAR_HALF_LENGTH_MM, BAR_AT_MM = 3.2, 36.0, -91.0
 BALL_RADIUS_MM = 5.2
 
 CREST_AT_MM = THREADS[0][0] + 10 * THREAD_PITCH_MM
-"""y of a crest midway between the boss and the head, whose sides are higher: 31 mm from either, so
-that no corner of a CySkin pressed there touches them (26.4 mm from its center, which the protocol
-moves by up to 2.1 mm)."""
+"""y of a crest midway between the boss and the head, whose sides are higher. Both are 31 mm away. A
+corner of a CySkin pressed there is 26.4 mm from its center, which the protocol moves by up to
+2.1 mm, so no corner touches them."""
 
 KEYPOINTS = (
     Keypoint("screw", (0.0, CREST_AT_MM, CREST_RADIUS_MM), (0.0, 0.0, 1.0)),

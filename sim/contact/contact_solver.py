@@ -1,9 +1,9 @@
 """Solves a press: a rigid shape pushed into an elastomer with a force.
 
 Contact is normal and frictionless; the surface responds as an elastic layer
-(`t2twin.sim.contact.layer`). Pins on springs carry the force (`pin_layout`); a fixed-point
-iteration finds their pressure (`fixed_point`): first roughly, then finely, and again with more pins
-where the shape penetrates the surface outside them.
+(`t2twin.sim.contact.layer`). Pins on springs carry the force (`pin_layout`). A fixed-point
+iteration finds their pressure (`fixed_point`), first roughly, then finely. It is repeated with more
+pins where the shape penetrates the surface outside them.
 """
 
 import time
@@ -33,7 +33,7 @@ from t2twin.sim.contact.grid import (
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import PinLayout, Survey
 from t2twin.sim.contact.splines import on_lines
-from t2twin.sim.contact.types import Contact, PressCommand, check_force
+from t2twin.sim.contact.types import Contact, PressCommand, SurfaceShift, check_force
 
 DIGIT_PITCH_MM = 0.25
 """Grid of the DIGIT's gel, mm: fine enough for features of 1 mm seen at 0.05 mm a pixel."""
@@ -50,20 +50,30 @@ FINE_CELLS = 2
 NEAR_CELLS = 3
 """Cells of the contact's grid around the loaded ones in which `surface_on` samples the shape."""
 
+BACKWARD_STEPS = 40
+"""Fixed-point steps to the place from which a point of the surface has come. Each is half a step:
+behind a shape that has slid far the surface is stretched to twice its length, where full steps
+oscillate."""
+
 
 def solve_contact(
-    shape: Shape, command: PressCommand, elastomer: Elastomer, pitch_mm: float
+    shape: Shape,
+    command: PressCommand,
+    elastomer: Elastomer,
+    pitch_mm: float,
+    shift: SurfaceShift | None = None,
 ) -> Contact:
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
-    Uses the command's pose and force, not its shape name. Safe to call from several threads.
+    Uses the command's pose and force, not its shape name. shift: of the surface by shear. Safe
+    to call from several threads.
     Raises T2TwinError for a force out of range or too large for a linear layer, and its OffPadError
     for a shape that does not lie over the pad.
     """
     check_force(command.force_n)
     layer = cached_layer(elastomer, pitch_mm)
     started = time.perf_counter() - compile_time_s()
-    survey = Survey(shape, command, layer)
+    survey = Survey(shape, command, layer, shift)
     equilibrium = _equilibrium(survey)
     solution, pressure = equilibrium.solution, equilibrium.pressure_mpa
     if elastomer.law == "linear":
@@ -86,6 +96,7 @@ def solve_contact(
         pins=solution.pin_state(),
         milliseconds=1e3 * (time.perf_counter() - compile_time_s() - started - survey.preparing_s),
         compute_surface=lambda: _read_only(_surface_mm(survey, equilibrium).astype(np.float32)),
+        shift=shift,
     )
 
 
@@ -93,7 +104,8 @@ def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarr
     """A contact's surface deflection on other axes, (y, x) float32, mm.
 
     Between the contact's grid points the surface is a bicubic spline. Under the shape it is raised
-    to the shape, which no surface may penetrate, so that edges finer than the grid stay sharp.
+    to the shape, which no surface may penetrate, so that edges finer than the grid stay sharp. The
+    surface of a contact that has moved is lowered and displaced by the shear.
     """
     surface = on_lines(contact.surface_mm, contact.y_mm, contact.x_mm, y_mm, x_mm)
     axes = x_mm.tobytes(), y_mm.tobytes()
@@ -103,8 +115,35 @@ def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarr
         _nearest_cells(contact.x_mm.tobytes(), axes[0]),
     )
     apex = _rest_surface(contact.elastomer, *axes) + np.float32(contact.shape_depth_mm)
-    raise_to_shape(surface, contact.shape.surface, contact.command, x_mm, y_mm, apex, near)
-    return surface
+    raise_to_shape(
+        surface, contact.shape.surface, contact.command, x_mm, y_mm, apex, near, contact.shift
+    )
+    return surface if contact.motion is None else _sheared(surface, contact, x_mm, y_mm)
+
+
+def _sheared(
+    surface: np.ndarray, contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray
+) -> np.ndarray:
+    """The surface where the shear has moved it, (y, x) float32, mm."""
+    from scipy import ndimage  # slow to import
+
+    assert contact.motion is not None
+    sheared, pitch = contact.motion.sheared_mm, contact.pitch_mm
+    places = np.indices(sheared.shape[1:], float)
+    back = sheared[:2]  # along x and y, of the points that have come to each place
+    for _ in range(BACKWARD_STEPS):
+        origin = places - back[::-1] / pitch
+        found = np.stack(
+            [ndimage.map_coordinates(each, origin, order=1, mode="nearest") for each in sheared[:2]]
+        )
+        back = (back + found) / 2
+    lowered = SurfaceShift(contact.x_mm, contact.y_mm, sheared).on(x_mm, y_mm)[2]
+    along_x, along_y = SurfaceShift(contact.x_mm, contact.y_mm, back).on(x_mm, y_mm)
+    rows, columns = np.indices(surface.shape, float)
+    rows -= along_y / (y_mm[1] - y_mm[0])
+    columns -= along_x / (x_mm[1] - x_mm[0])
+    moved = ndimage.map_coordinates(surface + lowered, [rows, columns], order=1, mode="nearest")
+    return moved.astype(np.float32)
 
 
 @lru_cache(maxsize=8)
@@ -189,7 +228,7 @@ def _surface_mm(survey: Survey, equilibrium: _Equilibrium) -> np.ndarray:
         # The surface lies on the shape where that touches. A finer grid resolves this by itself,
         # and heights of the solid would give a slanting edge a beaded outline.
         x_mm, y_mm = layer.x_mm[near[1]], layer.y_mm[near[0]]
-        heights = heights_at(survey.shape.surface, survey.command, x_mm, y_mm)
+        heights = heights_at(survey.shape.surface, survey.command, x_mm, y_mm, survey.shift)
         shape_depth = solution.depth_mm + solution.pins.first_touch_mm
         surface[near] = np.maximum(surface[near], shape_depth + layer.rest_mm[near] + heights)
     return surface

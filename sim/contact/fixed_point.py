@@ -43,7 +43,7 @@ MAX_STEPS = 40
 """Limit on full steps; of a thousand contacts six need more than 25."""
 
 DAMPED_STEPS = ((0.3, 60), (0.1, 400))
-"""Step sizes that are tried in turn after full steps fail, and the limit on the number of each: two
+"""Step sizes that are tried in turn after full steps fail, and the limit on the number of each. Two
 in three presses that oscillate converge three times as fast with the larger one."""
 
 MIN_SLOPE, STIFFER_MIN_SLOPE = 0.02, 0.002
@@ -73,9 +73,12 @@ class FixedPoint:
     pins, force_n: the press. start: None starts from independent springs. verify: whether MuJoCo
     verifies the converged state; a rough first stage does without.
 
-    Attributes: pressure_mpa, (n,) on the covered part of each pin's block; depth_mm, the shape's;
-    active, (n,) bool, the pins that take part: those at the contact and their neighbors;
-    compiling_s, time spent on compiling MuJoCo models.
+    Attributes:
+
+    - pressure_mpa, (n,), on the covered part of each pin's block;
+    - depth_mm, the shape's;
+    - active, (n,) bool, the pins that take part: those at the contact and their neighbors;
+    - compiling_s, time spent on compiling MuJoCo models.
     """
 
     def __init__(

@@ -10,7 +10,7 @@ from scipy import ndimage
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.sim.contact.grid import block_max, block_sums
-from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.contact.types import PressCommand, SurfaceShift
 
 SAMPLES = 5
 """Points a side at which a cell is sampled."""
@@ -45,12 +45,28 @@ def to_shape_frame(
 
 
 def heights_at(
-    surface: HeightMap, command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray
+    surface: HeightMap,
+    command: PressCommand,
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    shift: SurfaceShift | None = None,
 ) -> np.ndarray:
-    """Heights of a pressed shape over the points of two axes, (y, x) float32, mm, bilinear."""
+    """Heights of a pressed shape over the points of two axes, (y, x) float32, mm, bilinear.
+
+    shift: of the points; see `footprint`.
+    """
     heights = np.empty((y_mm.size, x_mm.size), np.float32)
-    _heights(*_lookup(surface, command), x_mm, y_mm, heights)
+    _heights(*_lookup(surface, command), x_mm, y_mm, *_shifts(shift, x_mm, y_mm), heights)
     return heights
+
+
+def _shifts(
+    shift: SurfaceShift | None, x_mm: np.ndarray, y_mm: np.ndarray
+) -> tuple[bool, np.ndarray]:
+    """Arguments of the compiled loops: whether there is a shift, and its values, (3, y, x)."""
+    if shift is None:
+        return False, NO_SHIFT
+    return True, shift.on(x_mm, y_mm)
 
 
 def raise_to_shape(
@@ -61,13 +77,16 @@ def raise_to_shape(
     y_mm: np.ndarray,
     apex_mm: np.ndarray,
     near: tuple[np.ndarray, np.ndarray, np.ndarray],
+    shift: SurfaceShift | None = None,
 ) -> None:
     """Raise a surface, (y, x) float32, mm, in place to a pressed shape wherever that is higher.
 
     apex_mm: (y, x) float32, level of the shape's height 0. near: mask of the coarser cells in which
-    the shape is sampled, and the mask's row (y,) and column (x,) of each point.
+    the shape is sampled, and the mask's row (y,) and column (x,) of each point. shift: of the
+    points; see `footprint`.
     """
-    _raise(*_lookup(shape_surface, command), x_mm, y_mm, apex_mm, *near, surface_mm)
+    shifts = _shifts(shift, x_mm, y_mm)
+    _raise(*_lookup(shape_surface, command), x_mm, y_mm, *shifts, apex_mm, *near, surface_mm)
 
 
 @dataclass(frozen=True)
@@ -100,16 +119,21 @@ def footprint(
     x_mm: np.ndarray,
     y_mm: np.ndarray,
     active: np.ndarray | None = None,
+    shift: SurfaceShift | None = None,
 ) -> Footprint:
     """The footprint on cells with centers x_mm (nx,), y_mm (ny,), mm, equally spaced.
 
     active: bool on coarser cells that each contain a whole number of these; the others are
         treated as free. None includes all.
+    shift: of the layer's surface. Cells meet the shape where they are displaced to, and the heights
+        are above the lowered surface.
     """
     heights, shares, peaks = np.empty((3, y_mm.size, x_mm.size))
     included = np.ones((1, 1), bool) if active is None else np.ascontiguousarray(active)
     lookup = _lookup(surface, command)
-    _footprint(*lookup, _flat_blocks(surface), x_mm, y_mm, included, heights, shares, peaks)
+    shifts = _shifts(shift, x_mm, y_mm)
+    flat = _flat_blocks(surface)
+    _footprint(*lookup, flat, x_mm, y_mm, *shifts, included, heights, shares, peaks)
     return Footprint(heights, shares, peaks)
 
 
@@ -160,6 +184,13 @@ _LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"
 """Types of what `_lookup` returns."""
 
 
+NO_SHIFT = np.zeros((3, 1, 1))
+"""Shift that the compiled loops do not read."""
+
+_SHIFT = "b1, f8[:, :, ::1]"
+"""Types of what `_shifts` returns."""
+
+
 @compiled(inline="always")
 def _column_and_row(column, row, press_x, press_y, cos, sin, x, y):
     """Column and row of a point of the sensor frame on the height map."""
@@ -200,24 +231,33 @@ def _heights_along(heights, columns, rows, count, found):
         found[n] = left + across * (right - left)
 
 
-@compiled(f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1])", nogil=True)
-def _heights(heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, out):
+@compiled(f"void({_LOOKUP}, f8[::1], f8[::1], {_SHIFT}, f4[:, ::1])", nogil=True)
+def _heights(
+    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, out
+):
     columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
     for i in range(y_mm.size):
         for j in range(x_mm.size):
+            x, y = x_mm[j], y_mm[i]
+            if shifted:
+                x, y = x + shift[0, i, j], y + shift[1, i, j]
             columns[j], rows[j] = _column_and_row(
-                at_column, at_row, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
+                at_column, at_row, press_x, press_y, cos, sin, x, y
             )
         _heights_along(heights, columns, rows, x_mm.size, out[i])
+        if shifted:
+            for j in range(x_mm.size):
+                out[i, j] -= shift[2, i, j]
 
 
 @compiled(
-    f"void({_LOOKUP}, f8[::1], f8[::1], f4[:, ::1], b1[:, ::1], i8[::1], i8[::1], f4[:, ::1])",
+    f"void({_LOOKUP}, f8[::1], f8[::1], {_SHIFT}, f4[:, ::1], b1[:, ::1], i8[::1], i8[::1],"
+    " f4[:, ::1])",
     nogil=True,
 )
 def _raise(
-    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, apex, near, near_rows,
-    near_columns, out,
+    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, apex, near,
+    near_rows, near_columns, out,
 ):  # fmt: skip
     columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
     chosen, found = np.empty(x_mm.size, np.int64), np.empty(x_mm.size, np.float32)
@@ -227,12 +267,17 @@ def _raise(
             chosen[count] = j
             count += wanted[near_columns[j]]
         for n in range(count):
+            x, y = x_mm[chosen[n]], y_mm[i]
+            if shifted:
+                x, y = x + shift[0, i, chosen[n]], y + shift[1, i, chosen[n]]
             columns[n], rows[n] = _column_and_row(
-                at_column, at_row, press_x, press_y, cos, sin, x_mm[chosen[n]], y_mm[i]
+                at_column, at_row, press_x, press_y, cos, sin, x, y
             )
         _heights_along(heights, columns, rows, count, found)
         for n in range(count):
             j = chosen[n]
+            if shifted:
+                found[n] -= shift[2, i, j]
             out[i, j] = max(out[i, j], apex[i, j] + found[n])
 
 
@@ -279,13 +324,13 @@ def _smooth_cell(few, n, cell):
 
 
 @compiled(
-    f"void({_LOOKUP}, f4[:, ::1], f8[::1], f8[::1], b1[:, ::1], f8[:, ::1], f8[:, ::1],"
+    f"void({_LOOKUP}, f4[:, ::1], f8[::1], f8[::1], {_SHIFT}, b1[:, ::1], f8[:, ::1], f8[:, ::1],"
     " f8[:, ::1])",
     nogil=True,
 )
 def _footprint(
-    heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, included,
-    mean, share, peak,
+    heights, at_column, at_row, press_x, press_y, cos, sin, flat, x_mm, y_mm, shifted, shift,
+    included, mean, share, peak,
 ):  # fmt: skip
     """Writes mean, share and peak, all (ny, nx), of a Footprint."""
     cell = x_mm[1] - x_mm[0]
@@ -311,9 +356,10 @@ def _footprint(
         for j in range(x_mm.size):
             if not included[i // down, j // across]:
                 continue
-            column, row = _column_and_row(
-                at_column, at_row, press_x, press_y, cos, sin, x_mm[j], y_mm[i]
-            )
+            x, y = x_mm[j], y_mm[i]
+            if shifted:
+                x, y = x + shift[0, i, j], y + shift[1, i, j]
+            column, row = _column_and_row(at_column, at_row, press_x, press_y, cos, sin, x, y)
             if not (-reach < column < max_column and -reach < row < max_row):
                 continue
             if within_block and reach < column < inner_column and reach < row < inner_row:
@@ -340,3 +386,6 @@ def _footprint(
             peak[i, j] = high
             if low > NOTHING_MM / 2:
                 mean[i, j], share[i, j] = height, 1.0
+    if shifted:
+        mean -= shift[2]
+        peak -= shift[2]

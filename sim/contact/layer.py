@@ -84,10 +84,12 @@ class Layer:
     """Linear response of one elastomer on a grid of square cells.
 
     pitch_mm: side of the cells. per_side: number of fine cells along each.
-    Attributes, of the fine grid: rows, columns; pitch_mm, side of a fine cell; x_mm (columns,),
-    y_mm (rows,), cell centers; rest_mm, thickness_mm, (rows, columns); max_compliance_mm_per_mpa,
-    largest deflection per pressure over all wavelengths, mm/MPa; weights, (kernels, rows, columns)
-    float32, weight of each kernel's response at each place.
+    Attributes, of the fine grid:
+
+    - rows, columns; pitch_mm, side of a fine cell; x_mm (columns,), y_mm (rows,), cell centers;
+    - rest_mm, thickness_mm, (rows, columns);
+    - max_compliance_mm_per_mpa, largest deflection per pressure over all wavelengths, mm/MPa;
+    - weights, (kernels, rows, columns) float32, weight of each kernel's response at each place.
     """
 
     def __init__(self, elastomer: Elastomer, pitch_mm: float, per_side: int = 1) -> None:
@@ -219,7 +221,7 @@ def _response(layer: Layer, elastomer: Elastomer) -> tuple[np.ndarray, np.ndarra
     young, poisson, pitch = elastomer.young_mpa, elastomer.poisson, layer.pitch_mm
     x = np.arange(1 - layer.columns, layer.columns) * pitch
     y = np.arange(1 - layer.rows, layer.rows) * pitch
-    half_space = (1 - poisson**2) / (np.pi * young) * _mean_inverse_distance(x, y, pitch)
+    half_space = (1 - poisson**2) / (np.pi * young) * mean_inverse_distance(x, y, pitch)
     distance = np.hypot(x[None, :], y[:, None])
     radii = np.linspace(0.0, float(distance.max()), HANKEL_RADII)
 
@@ -296,7 +298,7 @@ def _hankel(
     return np.einsum("tk,kr->tr", difference * rule, special.j0(k[:, None] * radii_mm))
 
 
-def _mean_inverse_distance(x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
+def mean_inverse_distance(x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
     """Integral of 1 / distance over a square cell, averaged over a cell at (x, y), mm; (y, x).
 
     The fourth difference of a function whose derivative d^4 / dx^2 dy^2 is 1 / r.

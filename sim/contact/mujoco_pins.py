@@ -5,10 +5,10 @@ slide joint, pushed with the commanded force; it has one ball above each pin, at
 there. A pin can touch only the ball above it, without friction. Contact forces are therefore
 vertical, and the model is exact for normal contact with any outline or slope.
 
-Units inside the model: mm, s, and the force that compresses an unstiffened pin's spring by 1 mm, so
-that springs are about 1 and one compiled model serves every elastomer and pitch. The `discrete`
-integrator is implicit in position: with masses far below stiffness x step^2 one step reaches the
-static equilibrium of springs and contact.
+Units inside the model: mm, s, and the force that compresses an unstiffened pin's spring by 1 mm.
+Springs are therefore about 1, and one compiled model serves every elastomer and pitch. The
+`discrete` integrator is implicit in position: with masses far below stiffness x step^2 one step
+reaches the static equilibrium of springs and contact.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.

@@ -27,7 +27,7 @@ from t2twin.sim.contact.grid import (
 from t2twin.sim.contact.layer import WHOLE, Layer, cached_layer
 from t2twin.sim.contact.mujoco_pins import POOL_SIZES
 from t2twin.sim.contact.pins import Pins, place_pins
-from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.contact.types import PressCommand, SurfaceShift
 
 SURVEY_MM = 0.5
 """Largest cell of the survey and of a pin, mm."""
@@ -72,12 +72,14 @@ class Survey:
     Raises OffPadError for a shape that does not lie over the pad.
     """
 
-    def __init__(self, shape: Shape, command: PressCommand, layer: Layer) -> None:
-        self.shape, self.command, self.layer = shape, command, layer
+    def __init__(
+        self, shape: Shape, command: PressCommand, layer: Layer, shift: SurfaceShift | None = None
+    ) -> None:
+        self.shape, self.command, self.layer, self.shift = shape, command, layer, shift
         self.per_side = 2 if 2 * layer.pitch_mm <= SURVEY_MM + 1e-9 else 1
         x = layer.x_mm.reshape(-1, self.per_side).mean(axis=1)
         y = layer.y_mm.reshape(-1, self.per_side).mean(axis=1)
-        self.footprint = footprint(shape.surface, command, x, y)
+        self.footprint = footprint(shape.surface, command, x, y, shift=shift)
         surface = -block_means(layer.rest_mm, self.per_side)
         distance = surface - self.footprint.heights_mm
         nearest = float(distance.min())
@@ -152,6 +154,7 @@ class PinLayout:
             fine.x_mm[columns],
             fine.y_mm[rows],
             self.active[self.window],
+            survey.shift,
         )
         self._first_touch_mm = float(
             (-fine.rest_mm[rows, columns] - self._footprint.peaks_mm).min()

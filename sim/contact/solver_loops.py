@@ -86,8 +86,8 @@ def fit_springs(
     """Fit the pins' springs to the surface under the pressure `current`; return the shape's depth.
 
     surface, slope: (n,) means over the pins' cells. Writes local, (n,) compliance of each pin,
-    mm/MPa, and rest, (n,) deflection at which its spring carries nothing, mm: the part of the
-    layer's response that the springs do not represent.
+    mm/MPa, and rest, (n,) deflection at which its spring carries nothing, mm. rest is the part of
+    the layer's response that the springs do not represent.
     """
     tops, stiffness = np.empty(gap.size), np.empty(gap.size)
     for n in range(gap.size):

@@ -18,6 +18,10 @@ from t2twin.sim.contact.elastomer import Elastomer
 FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""
 
+AT_LIMIT = 1e-3
+"""Share by which a traction may be below the limit of friction where the shape slips: ten times the
+tolerance of the traction."""
+
 
 @dataclass(frozen=True)
 class PressCommand:
@@ -42,6 +46,30 @@ class PressCommand:
 
 
 @dataclass(frozen=True)
+class SurfaceShift:
+    """Displacement of a layer's surface by shear.
+
+    x_mm: (nx,), y_mm: (ny,) the contact grid's axes, mm. values_mm: (3, ny, nx) displacement along
+    x, along y, and into the sensor, mm, or (2, ny, nx) without the last.
+    """
+
+    x_mm: np.ndarray
+    y_mm: np.ndarray
+    values_mm: np.ndarray
+
+    def on(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Values on other axes, (3, y, x) or (2, y, x), linear between the grid's points."""
+        rows, columns = _interpolation(self.y_mm, y_mm), _interpolation(self.x_mm, x_mm)
+        return np.ascontiguousarray(rows @ self.values_mm @ columns.T)
+
+
+def _interpolation(places: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """(wanted, places) weights of linear interpolation between equally spaced places."""
+    steps = np.clip((wanted - places[0]) / (places[1] - places[0]), 0, places.size - 1)
+    return np.maximum(0.0, 1 - np.abs(steps[:, None] - np.arange(places.size)))
+
+
+@dataclass(frozen=True)
 class PinState:
     """The active pins of a solved press, all (n,), as `t2twin.sim.scene` shows them.
 
@@ -62,6 +90,23 @@ class PinState:
 
 
 @dataclass(frozen=True)
+class Motion:
+    """What sliding and turning have done to a contact, on its grid.
+
+    friction: coefficient of friction. shear_mpa: (2, ny, nx) traction on the sensor along x and y.
+    sheared_mm: (3, ny, nx) displacement of the surface by the shear alone, along x, along y, and
+    into the sensor. displacement_mm: (2, ny, nx) along x and y, with that by the pressure.
+    slip_mm: (ny, nx) length of the shape's path over the surface so far.
+    """
+
+    friction: float
+    shear_mpa: np.ndarray
+    sheared_mm: np.ndarray
+    displacement_mm: np.ndarray
+    slip_mm: np.ndarray
+
+
+@dataclass(frozen=True)
 class Contact:
     """The contact of one shape with one elastomer.
 
@@ -79,6 +124,9 @@ class Contact:
     milliseconds: computing time without surface_mm.
     compute_surface: returns surface_mm. Called at its first use, as the CySkin needs only the
         pressure.
+    shift: of the surface by shear when the shape was pressed; None without shear. surface_mm does
+        not contain it.
+    motion: the shear of a contact that has moved; None of a press, which has none.
     """
 
     shape: Shape
@@ -96,6 +144,8 @@ class Contact:
     pins: PinState
     milliseconds: float
     compute_surface: Callable[[], np.ndarray] = field(repr=False, compare=False)
+    shift: SurfaceShift | None = None
+    motion: Motion | None = None
 
     @cached_property
     def surface_mm(self) -> np.ndarray:
@@ -106,6 +156,38 @@ class Contact:
     @property
     def pitch_mm(self) -> float:
         return float(self.x_mm[1] - self.x_mm[0])
+
+    @property
+    def shear_kpa(self) -> np.ndarray:
+        """(2, ny, nx) tangential traction on the sensor along x and y, kPa."""
+        if self.motion is None:
+            return np.zeros((2, *self.pressure_kpa.shape))
+        return 1e3 * self.motion.shear_mpa
+
+    @property
+    def shear_n(self) -> np.ndarray:
+        """(2,) tangential force on the sensor along x and y, N."""
+        return 1e-3 * self.shear_kpa.sum(axis=(1, 2)) * self.pitch_mm**2
+
+    @property
+    def torque_nmm(self) -> float:
+        """Torque on the sensor about the shape's origin, clockwise in the image, N mm."""
+        x, y = self.x_mm - self.command.x_mm, self.y_mm[:, None] - self.command.y_mm
+        along_x, along_y = self.shear_kpa
+        return float(1e-3 * (x * along_y - y * along_x).sum() * self.pitch_mm**2)
+
+    @property
+    def slipping(self) -> np.ndarray:
+        """(ny, nx) bool: where the shape slips, the traction being at the limit of friction."""
+        if self.motion is None:
+            return np.zeros(self.pressure_kpa.shape, bool)
+        limit = self.motion.friction * self.pressure_kpa
+        return (limit > 0) & (np.hypot(*self.shear_kpa) >= (1 - AT_LIMIT) * limit)
+
+    @property
+    def slip_share(self) -> float:
+        """Share of the cells in contact at which the shape slips."""
+        return float(self.slipping.sum() / max((self.pressure_kpa > 0).sum(), 1))
 
 
 def check_force(force_n: float) -> None:

@@ -27,8 +27,8 @@ SAME_MM = 1e-3
 """
 
 NOISE_SHARE = 1e-2
-"""Variance of the error of a place's count over its own variance (assumed): a predicted field is
-less smooth than a true one, and without this term the weights would amplify the difference."""
+"""Variance of the error of a place's count over its own variance (assumed). A predicted field is
+less smooth than a true one; without this term the weights would amplify the difference."""
 
 WAVENUMBERS = 2000
 """Points of the Hankel transform, up to where the cover transmits 1e-4."""

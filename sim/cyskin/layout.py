@@ -71,7 +71,7 @@ class Layout:
         if n > MAX_TAXELS:
             raise T2TwinError(f"layout {self.name} has {n} taxels; at most {MAX_TAXELS} can be")
         if (self.pad_diameter_mm <= 0).any():
-            raise T2TwinError(f"layout {self.name} has a pad size that is no positive number")
+            raise T2TwinError(f"layout {self.name} has a pad size that is not a positive number")
         apart = np.hypot(*(v[:, None] - v[None] for v in (self.x_mm, self.y_mm)))
         apart[np.diag_indices(n)] = np.inf
         if apart.min() < CLOSEST_MM:

@@ -49,8 +49,11 @@ class Phi:
         image's center at the origin.
     shape: rows and columns of the image. px_per_mm: its scale; pixels are square.
 
-    Attributes: `matrix`, A as a sparse (R*C, N) array; `hull`, (R, C) bool, whether a pixel center
-    lies inside the taxels' convex hull; `centers_mm`, the x of the columns and the y of the rows.
+    Attributes:
+
+    - matrix, A as a sparse (R*C, N) array;
+    - hull, (R, C) bool, whether a pixel center lies inside the taxels' convex hull;
+    - centers_mm, the x of the columns and the y of the rows.
 
     Raises T2TwinError for fewer than three taxels, taxels that coincide, taxels on one line, a
     taxel outside the image, and taxels too close to be distinguished in the image.

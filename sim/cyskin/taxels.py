@@ -4,7 +4,8 @@ The cover spreads the pressure; a pad averages the stress at its base. The diele
 thins, and the count is proportional to the increase of the capacitance, area over gap.
 """
 
-from functools import lru_cache
+from functools import lru_cache, partial
+from typing import Literal
 
 import numpy as np
 
@@ -12,8 +13,11 @@ from t2twin.core.cached_files import cached_array
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import base_stress
+from t2twin.sim.contact.tangential.spectra import spectra
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.layout import Layout
+
+Force = Literal["normal", "shear"]
 
 DIELECTRIC_MODULUS_MPA = 0.5
 """Small-strain compressive modulus of the dielectric, MPa (assumed, range 0.2 to 1)."""
@@ -32,11 +36,16 @@ GAIN_COUNTS = 78_000.0
 def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
     """Mean normal stress on each taxel's pad under a contact, (n,), MPa.
 
+    Shear contributes to it: it raises the stress in front of a sliding shape.
     Raises T2TwinError for a layout that extends beyond the contact's grid.
     """
     weights = pad_weights(contact.elastomer, contact.x_mm, contact.y_mm, layout)
     # einsum, because the last bits of a BLAS product depend on the number of threads.
-    return np.einsum("ij,j->i", weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64))
+    stress = np.einsum("ij,j->i", weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64))
+    if contact.motion is None:
+        return stress
+    of_shear = shear_weights(contact.elastomer, contact.x_mm, contact.y_mm, layout)
+    return stress + np.einsum("cij,cj->i", of_shear, contact.motion.shear_mpa.reshape(2, -1))
 
 
 def pad_weights(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout) -> np.ndarray:
@@ -46,6 +55,22 @@ def pad_weights(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: La
     x_mm, y_mm: the grid's axes. Raises T2TwinError for a layout that extends beyond the grid.
     """
     return _weights(
+        cover.thickness_mm,
+        cover.poisson,
+        tuple(x_mm),
+        tuple(y_mm),
+        tuple(layout.x_mm),
+        tuple(layout.y_mm),
+        tuple(layout.pad_diameter_mm),
+    )
+
+
+def shear_weights(
+    cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout
+) -> np.ndarray:
+    """Mean normal stress on each pad per unit shear along x and y on each cell of a cover's grid,
+    (2, n, rows * columns)."""
+    return _shear_weights(
         cover.thickness_mm,
         cover.poisson,
         tuple(x_mm),
@@ -87,29 +112,54 @@ def _weights(
     x, y = np.meshgrid(x_mm, y_mm)
     pitch = x_mm[1] - x_mm[0]
     distance = np.hypot(x.ravel() - taxel_x[:, None], y.ravel() - taxel_y[:, None])
-    weights = np.empty_like(distance)
+    return pitch**2 * _pad_responses(distance, thickness_mm, poisson, diameter_mm, "normal")
+
+
+@lru_cache(maxsize=8)
+def _shear_weights(
+    thickness_mm: float,
+    poisson: float,
+    x_mm: tuple[float, ...],
+    y_mm: tuple[float, ...],
+    taxel_x_mm: tuple[float, ...],
+    taxel_y_mm: tuple[float, ...],
+    diameter_mm: tuple[float, ...],
+) -> np.ndarray:
+    x, y = np.meshgrid(x_mm, y_mm)
+    pitch = x_mm[1] - x_mm[0]
+    taxel_x, taxel_y = np.array(taxel_x_mm), np.array(taxel_y_mm)
+    ahead = np.stack([taxel_x[:, None] - x.ravel(), taxel_y[:, None] - y.ravel()])
+    distance = np.hypot(*ahead)
+    response = _pad_responses(distance, thickness_mm, poisson, diameter_mm, "shear")
+    return pitch**2 * response * ahead / np.maximum(distance, 1e-9)
+
+
+def _pad_responses(
+    distance_mm: np.ndarray,
+    thickness_mm: float,
+    poisson: float,
+    diameter_mm: tuple[float, ...],
+    force: Force,
+) -> np.ndarray:
+    """Mean stress on round pads by a unit point force at a distance, both (n, m), 1/mm^2.
+
+    force: "shear" is along the line from the force to the pad. Cached on disk.
+    """
+    responses = np.empty_like(distance_mm)
     for diameter in set(diameter_mm):
         same = np.array(diameter_mm) == diameter
-        weights[same] = pitch**2 * _pad_response(distance[same], thickness_mm, poisson, diameter)
-    return weights
-
-
-def _pad_response(
-    distance_mm: np.ndarray, thickness_mm: float, poisson: float, diameter_mm: float
-) -> np.ndarray:
-    """Mean stress on a round pad from a unit point force at a distance, 1/mm^2; cached on disk."""
-    r = np.linspace(0.0, float(distance_mm.max()) + 0.1, 600)
-    key = repr((thickness_mm, poisson, diameter_mm, float(r[-1])))
-    profile = cached_array(
-        "taxels", key, __file__, lambda: _hankel(r, thickness_mm, poisson, diameter_mm)
-    )
-    return np.interp(distance_mm, r, profile)
+        r = np.linspace(0.0, float(distance_mm[same].max()) + 0.1, 600)
+        key = repr((force, thickness_mm, poisson, diameter, float(r[-1])))
+        compute = partial(_hankel, r, thickness_mm, poisson, diameter, force)
+        profile = cached_array("taxels", key, __file__, compute)
+        responses[same] = np.interp(distance_mm[same], r, profile)
+    return responses
 
 
 def _hankel(
-    r_mm: np.ndarray, thickness_mm: float, poisson: float, diameter_mm: float
+    r_mm: np.ndarray, thickness_mm: float, poisson: float, diameter_mm: float, force: Force
 ) -> np.ndarray:
-    """`_pad_response` at distances (n,), 1/mm^2, by a Hankel transform.
+    """`_pad_responses` at distances (n,), 1/mm^2, by a Hankel transform.
 
     The integrand is the stress at the base times the transform of a disc, 2 J1(k a) / (k a).
     """
@@ -118,5 +168,9 @@ def _hankel(
     k = np.linspace(1e-4, 25.0 / thickness_mm, 3000)
     radius = diameter_mm / 2
     disc = 2 * special.j1(k * radius) / (k * radius)
-    spectrum = base_stress(k, thickness_mm, poisson) * disc * k / (2 * np.pi)
-    return np.trapezoid(spectrum * special.j0(r_mm[:, None] * k), k, axis=1)
+    if force == "normal":
+        spectrum, bessel = base_stress(k, thickness_mm, poisson), special.j0
+    else:
+        spectrum, bessel = spectra(k, thickness_mm, 1.0, poisson).base_shear, special.j1
+    spectrum = spectrum * disc * k / (2 * np.pi)
+    return np.trapezoid(spectrum * bessel(r_mm[:, None] * k), k, axis=1)

@@ -37,7 +37,7 @@ from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, checked, load_recipe
 
 SECONDS_PER_PAIR, SECONDS_PER_SAMPLED_PAIR, SECONDS_PER_SHAPE = 0.015, 0.024, 0.75
 """Time of one pair of the protocol, of one with a sampled press or light, and of preparing one
-shape, for the estimate before the start, s (measured on one core of a server)."""
+shape, s. Used for the estimate before the start; measured on one core of a server."""
 
 STATE = ("shards", "complete")
 """Fields of info.json that change while a dataset is made; the others are its parameters."""
@@ -74,8 +74,8 @@ def make_dataset(
     The same seed and versions give the same bytes with any number of workers.
 
     Returns the dataset's info. Raises T2TwinError before anything is written for an invalid
-    argument, for a folder with other content, and for one that another process is writing; later
-    if the disk is full or a worker is lost.
+    argument, for a folder with other content, and for one that another process is writing. Raises
+    it later if the disk is full or a worker is lost.
     """
     folder = arguments.path(folder, "folder").absolute()
     pool.check_workers(workers)
@@ -204,7 +204,7 @@ def _start(folder: Path, wanted: DatasetInfo) -> DatasetInfo:
         _sweep(folder)
         return present
     if not is_empty(folder):
-        raise T2TwinError(f"{folder} is not empty and holds no dataset; choose another folder")
+        raise T2TwinError(f"{folder} is not empty and contains no dataset; choose another folder")
     _sweep(folder)
     write_info(folder, wanted)
     return wanted
@@ -249,7 +249,7 @@ def _make_shards(
             minutes = _estimated_seconds(todo, context.recipe, workers) / 60
             bar.write(f"{pairs} pairs to make with {workers} workers: about {minutes:.1f} minutes")
             if context.recipe.light.optics == "pyrender":
-                bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each picture")
+                bar.write(f"pyrender takes {FRAME_SECONDS:g} s of all cores for each image")
             results = pool.run(context, todo, workers, bar.update)
         else:
             from t2twin.sim.dataset import cluster

@@ -191,7 +191,7 @@ def _image(value: Any, location: str) -> str | bytes:
     if isinstance(value, dict):
         value = value.get("bytes") or value.get("path")
     if not isinstance(value, str | bytes) or not value:
-        raise T2TwinError(f"{location}: there is no picture; image is a file's name or PNG")
+        raise T2TwinError(f"{location}: there is no image; image is a file's name or PNG")
     return value
 
 
@@ -292,22 +292,22 @@ class _ImageReader:
             if image.mode[0] in "IF":
                 raise T2TwinError("it has more than 8 bits a channel; save it with 8")
         except T2TwinError as error:
-            raise T2TwinError(f"{pair.place}: its picture cannot be read: {error}") from error
+            raise T2TwinError(f"{pair.place}: its image cannot be read: {error}") from error
         pixels = np.array(image.convert("RGB"))
         rows, columns, channels = pixels.shape
         self.shape = self.shape or (rows, columns, channels)
         if pixels.shape != self.shape:
             raise T2TwinError(
-                f"{pair.place}: its picture is {columns} x {rows} pixels and "
+                f"{pair.place}: its image is {columns} x {rows} pixels and "
                 f"those before {self.shape[1]} x {self.shape[0]}; all must be of one size"
             )
         first = self._places.setdefault(hashlib.sha256(pixels.tobytes()).digest(), pair.place)
         if first != pair.place:
-            raise T2TwinError(f"{first} and {pair.place} have the same picture; remove one")
+            raise T2TwinError(f"{first} and {pair.place} have the same image; remove one")
         return pixels
 
     def _file(self, pair: Pair) -> Path:
         path = self._folder / str(pair.image)
         if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for long names
-            raise T2TwinError(f"{pair.place}: there is no picture {path}")
+            raise T2TwinError(f"{pair.place}: there is no image {path}")
         return path

@@ -53,7 +53,7 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
         reason = f" ({error})" if is_csv else ""
         raise T2TwinError(f"{path} cannot be read as a table of pairs{reason}") from error
     if not len(table):
-        raise T2TwinError(f"{path} holds no pairs")
+        raise T2TwinError(f"{path} contains no pairs")
     check_names(table.column_names, (), path, others=True)
     return table, places
 
@@ -67,7 +67,7 @@ def _read_parquet(path: Path) -> pa.Table:
             if size > MAX_PARQUET_BYTES:
                 raise T2TwinError(
                     f"{path} holds more than {MAX_PARQUET_BYTES / 1e6:,.0f} MB of rows, the most "
-                    "allowed; use a CSV file and separate files of pictures"
+                    "allowed; use a CSV file and separate files of images"
                 )
             batches.append(batch)
         return pa.Table.from_batches(batches, file.schema_arrow)

@@ -113,7 +113,8 @@ def read_info(folder: str | Path) -> DatasetInfo:
     path = Path(folder) / INFO
     if not path.is_file():
         raise T2TwinError(
-            f"{folder} holds no dataset (no {INFO}); make one with `t2twin simdata --out {folder}`"
+            f"{folder} contains no dataset (no {INFO}); make one with "
+            f"`t2twin simdata --out {folder}`"
         )
     return read_json(path, DatasetInfo, FORMAT)
 
@@ -140,9 +141,7 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
     missing = [path for path in shards if not (Path(folder) / path).is_file()]
     if missing or not shards:
         what = f"lacks {missing[0]}" if missing else f"has no {split} pairs"
-        raise T2TwinError(
-            f"the dataset in {folder} {what}; the same `t2twin simdata` makes it whole"
-        )
+        raise T2TwinError(f"the dataset in {folder} {what}; the same `t2twin simdata` repairs it")
     tables, schema = [], schema_of(info.world)
     for path in shards:
         with _opened(folder, path) as file:
@@ -220,7 +219,7 @@ def iter_images(folder: str | Path, shard: str, column: str = "image") -> Iterat
         if column not in file.schema_arrow.names or (
             file.schema_arrow.field(column).type != IMAGE_TYPE
         ):
-            raise T2TwinError(f"{Path(folder) / shard} is damaged: it holds no column of pictures")
+            raise T2TwinError(f"{Path(folder) / shard} is damaged: it contains no column of images")
         for batch in file.iter_batches(BATCH_ROWS, columns=[column]):
             for image in batch.column(0).to_pylist():
                 yield image["bytes"] if image else b""

@@ -47,9 +47,10 @@ class Fault:
 def verify_dataset(folder: str | Path) -> list[Fault]:
     """All faults of a dataset, none if it is complete and undamaged.
 
-    Checks each shard's sha256, columns and number of rows; that it contains each press of the
-    recipe once, at its pose (for imported pairs, that no index is repeated); that images can be
-    decoded and counts are between 0 and full scale. Raises T2TwinError without a dataset.
+    Checks each shard's sha256, columns and number of rows. Checks that it contains each press of
+    the recipe once, at its pose; for imported pairs, that no index is repeated. Checks that images
+    can be decoded and that counts are between 0 and full scale. Raises T2TwinError without a
+    dataset.
     """
     folder = arguments.path(folder, "folder")
     info = read_info(folder)
@@ -222,9 +223,9 @@ def _sample(row: dict[str, Any], info: DatasetInfo) -> Iterator[str]:
         try:
             shape = decode_png(image["bytes"] if image else b"").shape
             if shape != (info.image_shape or shape):
-                yield f"its picture is {list(shape)} instead of {list(info.image_shape or ())}"
+                yield f"its image is {list(shape)} instead of {list(info.image_shape or ())}"
         except T2TwinError:
-            yield "its picture cannot be decoded"
+            yield "its image cannot be decoded"
     for column, what, size in (
         ("taxels", "taxels", len(info.layout_x_mm)),
         (FIELD, "places of the field", len(info.field_x_mm or ())),

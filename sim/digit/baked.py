@@ -4,11 +4,11 @@ For a point p of the gel with unit normal n (towards the camera), the light of L
 
     L_kc = V_k m_k (REACH / d_k)^2 sum_ij R_kcij P_i(x, y) m_k^j,      m_k = max(n . l_k, 0)
 
-with l_k, d_k the direction and distance to the LED, P the polynomials of degree four in the place
-where the pixel's ray meets the gel at rest, R the fitted response (a constant for a Lambertian
-surface and a uniform LED), and V_k the visible fraction of the LED's disc. V_k is computed from a
-ray over the height map to the disc's middle: its smallest clearance, projected on to the disc, cuts
-the disc.
+with l_k, d_k the direction and distance to the LED. P are the polynomials of degree four in the
+place where the pixel's ray meets the gel at rest. R is the fitted response, a constant for a
+Lambertian surface and a uniform LED. V_k is the visible fraction of the LED's disc. It is computed
+from a ray over the height map to the disc's middle: the ray's smallest clearance, projected on to
+the disc, cuts the disc.
 
 The image is background + L(deformed) - L(rest), each where the pixel's ray meets that surface. So a
 gel at rest gives the background exactly, and features of the background besides the LEDs' light

@@ -19,9 +19,9 @@ handle is hemisphere-4's."""
 def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
     """Raises T2TwinError if a user's solid in training or validation is a test object.
 
-    That is a whole tool, as the solid or one of its bodies, also rotated, mirrored or scaled; or a
-    solid whose pressing surface is that of a tool at a keypoint, within the reach of a press.
-    cache_dir: as for catalogue.load. Random shapes do not depend on the tools;
+    That is a whole tool, as the solid or one of its bodies, also rotated, mirrored or scaled. It is
+    also a solid whose pressing surface is that of a tool at a keypoint, within the reach of a
+    press. cache_dir: as for catalogue.load. Random shapes do not depend on the tools;
     benchmarks/random_presses.py compares them.
     """
     folder = None if cache_dir is None else str(cache_dir)

@@ -78,8 +78,8 @@ def solids_in(folder: str) -> tuple[str, ...]:
     )
     if not found:
         raise T2TwinError(
-            f"{folder} holds no solids; shapes must be random, primitives, tools, or a folder with "
-            f"files of {', '.join(read.SUFFIXES)}"
+            f"{folder} contains no solids; shapes must be random, primitives, tools, or a folder "
+            f"with files of {', '.join(read.SUFFIXES)}"
         )
     return tuple(found)
 

@@ -41,8 +41,10 @@ OBJECT_GRID = Grid(points=3, orientations=7)
 
 @dataclass(frozen=True)
 class Scale:
-    """A subset of the presses: grid points (row, column), and the number of orientations at each,
-    which are equally spaced and start at another one from point to point, so that all occur."""
+    """A subset of the presses: grid points (row, column), and the number of orientations at each.
+
+    Orientations are equally spaced and start at another one from point to point, so that all occur.
+    """
 
     name: str
     primitive_points: tuple[tuple[int, int], ...]

@@ -130,7 +130,7 @@ def _strip(report: "CalibrationReport") -> "tuple[np.ndarray, np.ndarray]":
     noise, rng = report.calibration.noise, np.random.default_rng(0)
     if noise is None:
         return report.real, report.simulated
-    noisy = [picture + noise.sample(rng) for picture in report.simulated]
+    noisy = [image + noise.sample(rng) for image in report.simulated]
     return report.real, np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 

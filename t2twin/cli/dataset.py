@@ -94,10 +94,10 @@ def _check_options(options: SimdataOptions) -> None:
     if options.world is not None:
         for name in ("scale", "layout", "imperfections", "calibration", "optics"):
             if getattr(options, name) is not None:
-                raise T2TwinError(f"--{name} does not go with --world, whose recipe contains it")
+                raise T2TwinError(f"--{name} cannot be used with --world, whose recipe contains it")
     if options.scheduler is not None and options.workers is not None:
         raise T2TwinError(
-            "--workers does not go with --scheduler; Dask has its own number of workers"
+            "--workers cannot be used with --scheduler; Dask has its own number of workers"
         )
 
 
@@ -112,9 +112,9 @@ def _verify(folder: Path) -> int:
     info = read_info(folder)
     if faults:
         repair = "; the same `t2twin simdata` remakes only these" if info.is_simulated else ""
-        print(f"{folder} is broken in {len({fault.part for fault in faults})} files{repair}")
+        print(f"{folder} is damaged in {len({fault.part for fault in faults})} files{repair}")
         return 1
-    print(f"{folder} is whole: {_pairs(info)} pairs, {_size(folder, info)}")
+    print(f"{folder} is complete: {_pairs(info)} pairs, {_size(folder, info)}")
     return 0
 
 

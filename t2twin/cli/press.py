@@ -19,8 +19,8 @@ class PressOptions:
 
     Args:
         shape: A catalogue name (square-2, pliers/jaw-tip; t2twin shapes lists all), a random shape
-            (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file, its
-            pressing side up (+z; +y in GLB).
+            (random-0, random-1 and so on), or an STL, STEP, OBJ, PLY, 3MF or GLB file. The
+            pressing side of a file's shape is up (+z; +y in GLB).
         sensor: Sensor to press.
         x_mm: Position of the shape's middle, to the right in the image, mm.
         y_mm: The same, down in the image, mm.
@@ -119,7 +119,7 @@ def pyrender_duration() -> str:
     """The time that pyrender takes, as a message."""
     from t2twin.sim.digit.rendered import FIRST_SECONDS
 
-    return f"pyrender takes about {FIRST_SECONDS:.0f} s for the picture, longer on a busy machine"
+    return f"pyrender takes about {FIRST_SECONDS:.0f} s for the image, longer on a busy machine"
 
 
 def contact_summary(sensor: str, contact: "Contact") -> str:

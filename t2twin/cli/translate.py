@@ -23,9 +23,7 @@ def translate(
     run: Annotated[str | None, tyro.conf.arg(metavar="RUN")] = None,
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/translate"),
     layout: Annotated[str | None, tyro.conf.arg(metavar="FILE")] = None,
-    pictures: Annotated[
-        bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")
-    ] = True,
+    png: Annotated[bool, tyro.conf.arg(help_behavior_hint="(default: they are written)")] = True,
     bf16: bool = False,
     background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
 ) -> None:
@@ -41,7 +39,7 @@ def translate(
         out: Output folder.
         layout: Taxel layout (name, or JSON or CSV file) that a touch2touch or field run is read at.
             Default: the run's own.
-        pictures: Write no PNG files of the tactile images, which is faster.
+        png: Write no PNG files of the tactile images, which is faster.
         bf16: Compute in bfloat16 if the processor supports it: faster, counts differ by up to some
             hundreds.
         background: Image of the same DIGIT without contact, for a field run. Default: the mean
@@ -55,7 +53,7 @@ def translate(
     _check_no_run(images)
     use_all_cores()
     files = find_images(images)
-    result = translate_files(run, files, out, layout, pictures, bf16, background)
+    result = translate_files(run, files, out, layout, png, bf16, background)
     _print(result, files)
     print(f"written to {out}")
     _warn(result, files, run)

@@ -43,7 +43,33 @@ def short_digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()[:DIGEST_DIGITS]
 
 
-def add_checksum(file: BinaryIO, name: str) -> None:
+def cached_file(
+    path: Path, shape: tuple[int | None, ...], write: Callable[[BinaryIO], None]
+) -> None:
+    """Write an .npy file with its checksum, unless it exists, intact and of this shape.
+
+    shape: of the array; None stands for any length. write: writes the .npy file.
+    """
+    if _has_shape(path, shape):
+        return
+    with atomic_write(path) as temporary, temporary.open("w+b") as file:
+        write(file)
+        _add_checksum(file, path.name)
+
+
+def _has_shape(path: Path, shape: tuple[int | None, ...]) -> bool:
+    if not is_intact(path):
+        return False
+    try:
+        found = np.load(path, mmap_mode="r").shape
+    except Exception:  # a damaged header raises errors of many types
+        return False
+    return len(found) == len(shape) and all(
+        expected in (None, length) for length, expected in zip(found, shape, strict=True)
+    )
+
+
+def _add_checksum(file: BinaryIO, name: str) -> None:
     """Append the checksum to a file open for reading and writing. name: its final name."""
     file.flush()
     file.seek(0)

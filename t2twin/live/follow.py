@@ -52,13 +52,17 @@ def follow(
 ) -> Throughput:
     """Translates the latest frame repeatedly, until the source ends.
 
-    write: receives one line of JSON per frame: `frame` (number in the source, from 0), `file` (in a
-    folder), `time_s` (arrival, seconds since 1970), `latency_ms` (from arrival to the line),
-    `counts` (integers, one per taxel), `in_distribution` (if false, also `ood_class`); of a field
-    run also `counts_std` (standard deviations, counts) and, if it was
-    trained on several forces, `force_n` and `force_std_n` (N). report: receives messages for the
-    user. max_frames: number of lines after which it ends. background: background frame of the
-    sensor for a field run, (h, w, 3) or (h, w) uint8, of any size.
+    write: receives one line of JSON per frame, with the fields
+
+    - frame, number in the source, from 0; file, in a folder;
+    - time_s, arrival, seconds since 1970; latency_ms, from arrival to the line;
+    - counts, integers, one per taxel; in_distribution; if that is false, ood_class;
+    - of a field run counts_std, standard deviations, counts;
+    - of a field run that was trained on several forces, force_n and force_std_n, N.
+
+    report: receives messages for the user. max_frames: number of lines after which it ends.
+    background: background frame of the sensor for a field run, (h, w, 3) or (h, w) uint8, of any
+    size.
     Raises T2TwinError if the source fails, and for a background frame with another model.
     """
     frame_of_unit = None if background is None else _background(run, background)

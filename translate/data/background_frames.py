@@ -8,13 +8,13 @@ Shape letters: P pairs, U frames, S image side.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from t2twin.core.cached_files import add_checksum, is_intact
-from t2twin.core.files import atomic_write
+from t2twin.core.cached_files import cached_file
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.sim.dataset.columns import BACKGROUND
@@ -61,9 +61,16 @@ def load_backgrounds(
     info = read_info(data_dir)
     frames = cache / f"{split}-background-{size}-rgb-{name}.npy"
     index = cache / f"{split}-background-{name}.npy"
-    if not (_is_valid(frames, size) and is_intact(index)):
-        _write(data_dir, split, info, size, frames, index)
-    return PairBackgrounds(frames, np.load(index))
+    cached_file(
+        index, (info.pairs[split],), lambda file: np.save(file, _index(data_dir, split, info))
+    )
+    frame_of_pair = np.load(index)
+    cached_file(
+        frames,
+        (frame_of_pair.max() + 1, size, size, 3),
+        lambda file: np.save(file, _decoded(data_dir, split, info, size)),
+    )
+    return PairBackgrounds(frames, frame_of_pair)
 
 
 def has_backgrounds(info: DatasetInfo) -> bool:
@@ -71,31 +78,21 @@ def has_backgrounds(info: DatasetInfo) -> bool:
     return info.world is not None and info.world.has_more and info.world.untouched_frames
 
 
-def _is_valid(path: Path, size: int) -> bool:
-    if not is_intact(path):
-        return False
-    try:
-        return np.load(path, mmap_mode="r").shape[1:] == (size, size, 3)
-    except Exception:  # a damaged header raises errors of many types
-        return False
-
-
-def _write(
-    data_dir: Path, split: str, info: DatasetInfo, size: int, frames: Path, index: Path
-) -> None:
-    """Decodes each frame that differs from the previous one."""
-    decoded: list[np.ndarray] = []
-    frame_of_pair = np.zeros(info.pairs[split], int)
-    last = b""
+def _index(data_dir: Path, split: str, info: DatasetInfo) -> np.ndarray:
+    """(P,) the place of each pair's frame among the frames that differ from the previous one."""
+    index, last, frames = np.zeros(info.pairs[split], int), b"", 0
     for place, png in enumerate(_frames(data_dir, split, info)):
-        if png != last:
-            decoded.append(to_pixels(Image.fromarray(decode_png(png)), size, grey=False))
-            last = png
-        frame_of_pair[place] = len(decoded) - 1
-    for path, content in ((frames, np.stack(decoded)), (index, frame_of_pair)):
-        with atomic_write(path) as temporary, temporary.open("w+b") as file:
-            np.save(file, content)
-            add_checksum(file, path.name)
+        frames += png != last
+        index[place], last = frames - 1, png
+    return index
+
+
+def _decoded(data_dir: Path, split: str, info: DatasetInfo, size: int) -> np.ndarray:
+    """(U, S, S, 3) the frames that differ from the previous one."""
+    distinct = (png for png, _ in groupby(_frames(data_dir, split, info)))
+    return np.stack(
+        [to_pixels(Image.fromarray(decode_png(png)), size, grey=False) for png in distinct]
+    )
 
 
 def _frames(data_dir: Path, split: str, info: DatasetInfo) -> Iterator[bytes]:

@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from itertools import chain, islice
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import Annotated, BinaryIO, Protocol
 
 import numpy as np
 import torch
@@ -22,9 +22,8 @@ from msgspec import field as renamed
 from numpy.lib import format as npy
 from PIL import Image
 
-from t2twin.core.cached_files import add_checksum, is_intact
+from t2twin.core.cached_files import cached_file
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.layout import LARGEST_PAD_MM, PAD_DIAMETER_MM, Layout
@@ -244,10 +243,13 @@ def load_pairs(
     folder = cache_dir or data_dir / CACHE
     cache = folder / f"{split}-{size}-{color}-{name}.npy"
     shape = (table.num_rows, size, size, 1 if grey else 3)
-    if not _is_valid(cache, shape):
+
+    def decode(file: BinaryIO) -> None:
         shards = split_shards(stored, split)
         images = chain.from_iterable(iter_images(data_dir, shard) for shard in shards)
-        _write_cache(cache, images, shape, stored.image_shape)
+        _write_images(file, images, shape, stored.image_shape, cache.stem)
+
+    cached_file(cache, shape, decode)
     return Pairs(
         images=ImageFile(cache),
         counts=counts,
@@ -266,27 +268,17 @@ def usable_cache(data_dir: Path, out_dir: Path) -> Path:
     return (data_dir if os.access(data_dir, os.W_OK) else out_dir) / CACHE
 
 
-def _is_valid(path: Path, shape: tuple[int, int, int, int]) -> bool:
-    """Whether the file has images of this shape; damaged files are decoded again."""
-    if not is_intact(path):
-        return False
-    try:
-        images = np.load(path, mmap_mode="r")
-    except Exception:  # a damaged header raises errors of many types
-        return False
-    return images.shape == shape and images.dtype == np.uint8
-
-
-def _write_cache(
-    path: Path,
+def _write_images(
+    file: BinaryIO,
     images: Iterator[bytes],
     shape: tuple[int, int, int, int],
     stored: tuple[int, int, int] | None,
+    name: str,
 ) -> None:
     """Decodes all images in parallel threads into an .npy file.
 
     images: PNG bytes in the order of read_split. stored: the shape of all images, if info.json
-    contains it.
+    contains it. name: of the file, for the progress bar.
     """
     rows, size, _, channels = shape
     header = {
@@ -295,19 +287,14 @@ def _write_cache(
         "shape": shape,
     }
     with (
-        atomic_write(path) as temporary,
-        temporary.open("w+b") as file,
         ThreadPoolExecutor() as pool,
-        Progress(
-            total=rows, desc=f"decoding {path.stem}", unit="image", disable=rows < 1000
-        ) as bar,
+        Progress(total=rows, desc=f"decoding {name}", unit="image", disable=rows < 1000) as bar,
     ):
         npy.write_array_header_1_0(file, header)
         while encoded := list(islice(images, BATCH_SIZE)):
             for pixels in pool.map(lambda png: _decode(png, stored, size, channels == 1), encoded):
                 file.write(pixels.tobytes())
             bar.update(len(encoded))
-        add_checksum(file, path.name)
 
 
 def _decode(png: bytes, stored: tuple[int, int, int] | None, size: int, grey: bool) -> np.ndarray:

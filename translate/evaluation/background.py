@@ -52,15 +52,15 @@ class Background:
 def background_of(data_dir: Path, file: Path | None = None) -> Background | None:
     """The background frames of a dataset, None if none are known.
 
-    They are those of the pairs, if the pairs have them; otherwise `file`, an image of the DIGIT
-    without contact, or the frame of the default calibration, if all images were made with it.
+    They are those of the pairs, if the pairs have them. Otherwise they are `file`, an image of the
+    DIGIT without contact, or the frame of the default calibration, if all images were made with it.
     Raises T2TwinError for a file that is not an image, and for one with pairs that have their own.
     """
     info = read_info(data_dir)
     if has_backgrounds(info):
         if file is not None:
             raise T2TwinError(
-                f"the pairs in {data_dir} hold their own background frames; --background is for "
+                f"the pairs in {data_dir} contain their own background frames; --background is for "
                 "datasets without them"
             )
         return Background(OF_PAIRS, None)

@@ -60,10 +60,11 @@ def evaluate(
     - the runs, by their models' names, with the folder's name for runs of the same model.
 
     predictions.npz contains the counts of each row (module predictions). background: an image of
-    the dataset's DIGIT without contact, for field runs; by default the frames of the pairs, or that
-    of the default calibration, if the dataset was made with either.
-    Raises T2TwinError for no runs, a folder that is not a run, a layout that a run cannot be read
-    at, a background frame without a field run, and a split or training split without pairs.
+    the dataset's DIGIT without contact, for field runs. The default is the frames of the pairs, or
+    that of the default calibration, if the dataset was made with either.
+    Raises T2TwinError for no runs, a folder that is not a run, and a layout that a run cannot be
+    read at. It also does for a background frame without a field run, and for a split or training
+    split without pairs.
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     arguments.choice(split, "split", ALL_SPLITS)

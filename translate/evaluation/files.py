@@ -29,7 +29,9 @@ def read_evaluation(folder: Path) -> Evaluation:
     """
     path = folder / METRICS
     if not path.is_file():
-        raise T2TwinError(f"{folder} holds no evaluation (no {METRICS}); make one with `evaluate`")
+        raise T2TwinError(
+            f"{folder} contains no evaluation (no {METRICS}); make one with `evaluate`"
+        )
     return read_json(path, Evaluation, FORMAT)
 
 

@@ -122,7 +122,7 @@ def read_predictions(folder: Path) -> Predictions:
     """
     path = folder / PREDICTIONS
     if not path.is_file():
-        raise T2TwinError(f"{folder} holds no {PREDICTIONS}; evaluate the runs again")
+        raise T2TwinError(f"{folder} contains no {PREDICTIONS}; evaluate the runs again")
     try:
         with path.open("rb") as file, np.load(file) as arrays:
             truth = arrays[TRUTH]

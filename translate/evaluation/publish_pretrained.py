@@ -87,7 +87,7 @@ def _rows(folder: Path, sha256: str) -> Iterator[str]:
     """One row of the table per split of an evaluation. sha256: of the training data."""
     splits = [split for split in SPLITS if (folder / split).is_dir()]
     if not splits:
-        raise T2TwinError(f"{folder} holds no evaluation; give folders of `t2twin evaluate`")
+        raise T2TwinError(f"{folder} contains no evaluation; give folders of `t2twin evaluate`")
     for split in splits:
         evaluation = read_evaluation(folder / split)
         row = _row_of(evaluation, sha256, folder)

@@ -59,7 +59,7 @@ def find_images(paths: Sequence[str | Path]) -> list[Path]:
         )
         if not inside:
             raise T2TwinError(
-                f"the folder {path} holds no images; give PNG or JPEG files, or a folder of them"
+                f"the folder {path} contains no images; give PNG or JPEG files, or a folder of them"
             )
         images += inside
     if not images:
@@ -72,7 +72,7 @@ def translate_files(
     paths: Sequence[str | Path],
     out_dir: str | Path,
     layout: str | Path | None = None,
-    pictures: bool = True,
+    png: bool = True,
     bf16: bool = False,
     background: str | Path | None = None,
 ) -> TranslationResult:
@@ -84,17 +84,17 @@ def translate_files(
     paths: PNG or JPEG files, or folders of them (see `find_images`), of any size, grey, color or
     16-bit; upright, rows along the sensor's length. PNG files have the names of their inputs; for
     equal names the second is `press-2.png`. layout: name or file of a taxel layout that a
-    touch2touch or field run is read at, by default its own. pictures: False writes no PNG files,
+    touch2touch or field run is read at, by default its own. png: False writes no PNG files,
     which is faster. bf16: as for `load_run`. background: image file of the background frame of the
     same DIGIT, for a field run; by default the mean frame of its world.
     PNG files of an earlier translation in the folder are removed.
-    Raises T2TwinError, without output, for no image, a file that is missing or not an image, a
-    folder that is not a run, a layout that the run cannot be read at, a background frame with
-    another run, and a PNG file that would replace an input.
+    Raises T2TwinError, without output, for no image, a file that is missing or not an image, and a
+    folder that is not a run. It also does for a layout that the run cannot be read at, a background
+    frame with another run, and a PNG file that would replace an input.
     """
     images, out_dir = find_images(paths), arguments.path(out_dir, "out_dir")
     frame = None if background is None else arguments.path(background, "background")
-    names = output_names(images) if arguments.flag(pictures, "pictures") else []
+    names = output_names(images) if arguments.flag(png, "png") else []
     _check_not_replaced(images, names, out_dir)
     with ThreadPoolExecutor() as pool:
         list(pool.map(check_image, images))
@@ -114,7 +114,7 @@ def translate_images(
     out_dir: str | Path,
     run: str | Path = DEFAULT_RUN,
     layout: str | Path | None = None,
-    pictures: bool = True,
+    png: bool = True,
     bf16: bool = False,
     background: str | Path | None = None,
 ) -> np.ndarray:
@@ -122,7 +122,7 @@ def translate_images(
 
     run: a folder that `train` wrote, or the name of a pretrained run.
     """
-    return translate_files(run, paths, out_dir, layout, pictures, bf16, background).counts
+    return translate_files(run, paths, out_dir, layout, png, bf16, background).counts
 
 
 def _translate(
@@ -155,7 +155,7 @@ def _translate(
                 counts[part] = run.predict_pixels(pixels)
             classes += run.classify(pixels)
             if tactile is not None:
-                save = partial(_save_picture, run, folder)
+                save = partial(_save_png, run, folder)
                 list(pool.map(save, tactile, names[part], stds))
             bar.update(len(pixels))
     return TranslationResult(counts, classes, concatenate(estimates) if estimates else None)
@@ -188,12 +188,12 @@ def _frame(run: CountsPredictor, background: Path) -> np.ndarray:
     return _read(background, preset.size, preset.grey)
 
 
-def _save_picture(
+def _save_png(
     run: CountsPredictor, folder: Path, tactile: np.ndarray, name: str, std: np.ndarray | None
 ) -> None:
     info = run.config.data
-    picture = colored_tactile_image(tactile, info.x_mm, info.y_mm, info.full_scale_counts, std)
-    picture.save(folder / name, compress_level=1)  # half the time, 1.5 times the size
+    image = colored_tactile_image(tactile, info.x_mm, info.y_mm, info.full_scale_counts, std)
+    image.save(folder / name, compress_level=1)  # half the time, 1.5 times the size
 
 
 def _check_not_replaced(images: list[Path], names: list[str], out_dir: Path) -> None:

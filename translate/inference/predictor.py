@@ -186,9 +186,9 @@ class CountsPredictor(TrainedTranslator):
         (N,), by default 4; it matters for a field run. For its own layout, returns the same object.
         touch2touch reads the predicted image with the new layout's phi^-1, field reads the field
         with the new pads (sim.cyskin.field_reading).
-        Raises T2TwinError for a ResNet18 run; for touch2touch if phi cannot interpolate the layout,
-        taxels lie outside the trained layout's hull or are too close for the generator's pixels;
-        for field if taxels lie outside the cover.
+        Raises T2TwinError for a ResNet18 run. For touch2touch it does if phi cannot interpolate the
+        layout, and if taxels lie outside the trained layout's hull or are too close for the
+        generator's pixels. For field it does if taxels lie outside the cover.
         """
         trained = self.config.data
         x_mm, y_mm = arguments.vector(x_mm, "x_mm"), arguments.vector(y_mm, "y_mm")

@@ -2,7 +2,7 @@
 
 The contact IoU of an evaluation counts pixels above a tenth of the maximum of their image, whatever
 their value. L1 gives little weight to the outline of a contact, where counts are small. The contact
-IoU is a step function of each pixel; here the membership of a pixel in the contact rises smoothly
+IoU is a step function of each pixel. Here the membership of a pixel in the contact rises smoothly
 from 0 at zero, over one half at that level, to almost 1 at the maximum.
 
 IoU as a loss: Rahman and Wang 2016, who use products of memberships. Here intersection and union

@@ -4,8 +4,8 @@ A ResNet18 encodes the image. Its last map, pooled to a vector, predicts a canva
 cover, for the places outside the DIGIT's view. Its finer maps are resampled onto the canvas where
 the view lies. A small decoder predicts mean and spread from the two.
 
-The places of the field form columns of equal spacing, each column shifted by half a place relative
-to its neighbors; the decoder treats them as a grid of columns by rows.
+The places of the field form columns of equal spacing. Each column is shifted by half a place
+relative to its neighbors. The decoder treats the places as a grid of columns by rows.
 
 Shape letters: B batch, S image side, F places, D columns of E places, F = D * E, G numbers of the
 vector.
@@ -72,10 +72,14 @@ class FieldNet(nn.Module):
     x_mm, y_mm: (F,) the field's places, column by column, mm. view_mm: half the width and half the
     height of the DIGIT's view, mm. size: S. filters: base width of the ResNet18.
 
-    Buffers: mean_frame, (3, S, S), the mean of the world's background frames, normalized;
-    field_mean, (F,), and field_variance, its mean over the places, fractions of full scale and of
-    its square; force_scale, (2,), mean and standard deviation of the forces' logarithms;
-    place_knots, press_knots, force_knots, (2, K), and correlation, (F, F), the calibration.
+    Buffers:
+
+    - mean_frame, (3, S, S), the mean of the world's background frames, normalized;
+    - field_mean, (F,), and field_variance, its mean over the places, fractions of full scale and of
+      its square;
+    - force_scale, (2,), mean and standard deviation of the forces' logarithms;
+    - place_knots, press_knots, force_knots, (2, K), and correlation, (F, F), the calibration.
+
     Raises T2TwinError for places that form no such columns, and for too few filters.
     """
 

@@ -33,7 +33,7 @@ def load_weights(path: Path, network: nn.Module) -> None:
     Raises T2TwinError if the file is missing, is of another network or has non-finite numbers.
     """
     if not path.is_file():
-        raise T2TwinError(f"{path} is not there; the run has not finished its first epoch")
+        raise T2TwinError(f"{path} does not exist; the run has not finished its first epoch")
     try:
         weights = load_file(path)
         _check_finite(path, weights)

@@ -63,8 +63,9 @@ def train(
     at a lower learning rate. direction: "digit-to-cyskin", or "cyskin-to-digit" for DIGIT images
     from counts, validated by the RMSE of their pixels. iou_weight: weight of the soft IoU loss
     (models.soft_iou_loss), by default the preset's.
-    Raises T2TwinError for arguments that are invalid or do not fit together, an unreadable dataset,
-    a folder with another run, an init_from of another kind, and a loss that is not finite.
+    Raises T2TwinError for arguments that are invalid or do not fit together, and an init_from of
+    another kind. It also does for an unreadable dataset, a folder with another run, and a loss that
+    is not finite.
     """
     data_dir, out_dir = arguments.path(data_dir, "data_dir"), arguments.path(out_dir, "out_dir")
     check_limits(epochs, minutes, steps, seed)
@@ -122,7 +123,7 @@ def _check_folder(out_dir: Path) -> None:
     names = {path.name for path in out_dir.iterdir()} if out_dir.is_dir() else set()
     if CONFIG in names or names <= {LOCK, CACHE} or is_empty(out_dir):
         return
-    raise T2TwinError(f"{out_dir} is not empty and holds no run; choose another folder")
+    raise T2TwinError(f"{out_dir} is not empty and contains no run; choose another folder")
 
 
 def _load_in_turn(

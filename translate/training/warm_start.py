@@ -63,7 +63,7 @@ def find_warm_start(
             raise T2TwinError(f"{run_dir} is {difference}; expected a run like the new one")
     weights = run_dir / BEST
     if not weights.is_file():
-        raise T2TwinError(f"{weights} is not there; the run has not finished its first epoch")
+        raise T2TwinError(f"{weights} does not exist; the run has not finished its first epoch")
     return WarmStart(weights, sha256_of(weights))
 
 

@@ -1,9 +1,10 @@
 """Out-of-distribution detection for DIGIT images.
 
-A translator returns counts for any image. A run therefore stores statistics of its training images:
-the mean and the standard deviation of each cell of a coarse grid, and the largest distance of a
-training image from the mean. A second check compares an image with the background frame of its
-DIGIT; it also works for worlds with many lights, where the training statistics are wide.
+A translator returns counts for any image. A run therefore stores statistics of its training images.
+These are the mean and the standard deviation of each cell of a coarse grid, and the largest
+distance of a training image from the mean. A second check compares an image with the background
+frame of its DIGIT; it also works for worlds with many lights, where the training statistics are
+wide.
 
 Shape letters: B images, S image side, c channels, K = CELLS * CELLS * c values.
 """

@@ -1,8 +1,8 @@
 """A calibration from one background frame: the mean light of sampled units.
 
-The background frame does not determine how LEDs shade and shadow a press: the sampled units whose
-LEDs explain it best predict a real unit's presses no better than the others
-(docs/calibration.md). The mean over many units predicts them better than any one unit.
+The background frame does not determine how LEDs shade and shadow a press. The sampled units whose
+LEDs explain it best predict a real unit's presses no better than the others. The mean over many
+units predicts them better than any one unit.
 """
 
 from collections.abc import Callable, Sequence

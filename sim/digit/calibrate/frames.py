@@ -22,8 +22,8 @@ CROP_PX = 100
 BLOB_BLUR_PX = 4.0
 """Blur of the difference to the background before the contact is detected, px (assumed)."""
 VISIBLE_GREY = 40.0
-"""Smallest blurred difference of a contact, summed over the colors, grey levels: drift of the light
-is below a third of it, a ball 0.2 mm deep several times above (assumed from real frames)."""
+"""Smallest blurred difference of a contact, summed over the colors, grey levels (assumed from real
+frames). Drift of the light is below a third of it, a ball 0.2 mm deep several times above."""
 BLOB_SHARE = 0.35
 """Fraction of the largest difference from which a pixel belongs to the contact (assumed)."""
 CONTACT_GREY = 10.0
@@ -46,7 +46,7 @@ def read_frame(path: Path) -> np.ndarray:
         image = decode_image(content, FORMATS)
     except T2TwinError as error:
         raise T2TwinError(
-            f"{path} is not a picture: {error}; allowed are {', '.join(FORMATS)}"
+            f"{path} is not an image: {error}; allowed are {', '.join(FORMATS)}"
         ) from error
     if image.mode[0] in "IF":
         raise T2TwinError(f"{path} has more than 8 bits a channel; save it with 8")
@@ -62,14 +62,14 @@ def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray,
     """
     background_frame = read_frame(background)
     if not folder.is_dir():
-        raise T2TwinError(f"{folder} is not a folder; --presses takes a folder of pictures")
+        raise T2TwinError(f"{folder} is not a folder; --presses takes a folder of images")
     paths = sorted(
         path
         for path in folder.iterdir()
         if path.suffix.lower() in SUFFIXES and path.resolve() != background.resolve()
     )
     if not paths:
-        raise T2TwinError(f"{folder} holds no pictures; {', '.join(FORMATS)} files are read")
+        raise T2TwinError(f"{folder} contains no images; {', '.join(FORMATS)} files are read")
     frames = []
     for path in paths:
         frame = read_frame(path)
@@ -159,17 +159,17 @@ def clean_background(background: np.ndarray, frames: np.ndarray) -> np.ndarray:
     return np.clip(np.rint(clean), 0, 255).astype(np.uint8)
 
 
-def _split(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _split(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Light and fixed pattern."""
-    light = gaussian_filter(picture, (PATTERN_BLUR_PX, PATTERN_BLUR_PX, 0.0), mode="nearest")
-    return light, picture - light
+    light = gaussian_filter(image, (PATTERN_BLUR_PX, PATTERN_BLUR_PX, 0.0), mode="nearest")
+    return light, image - light
 
 
-def crop(picture: np.ndarray, place: Sequence[float] | np.ndarray) -> np.ndarray:
+def crop(image: np.ndarray, place: Sequence[float] | np.ndarray) -> np.ndarray:
     """The CROP_PX square around a place (row, column), moved into the image."""
     half = CROP_PX // 2
     row, column = (
         round(min(max(middle, half), count - half))
-        for middle, count in zip(place, picture.shape[:2], strict=True)
+        for middle, count in zip(place, image.shape[:2], strict=True)
     )
-    return picture[row - half : row + half, column - half : column + half]
+    return image[row - half : row + half, column - half : column + half]

@@ -37,9 +37,10 @@ class Tolerance:
     measured. depth_mm: of the displacements, mainly of their zero at first contact. force_n: of the
     forces. young_mpa: of the gel's default modulus; unused if forces are measured.
 
-    Defaults (assumed): a caliper for the ball; from 19.2 px/mm to 17.2, the lowest of public units,
-    for the scale; a stage zeroed by eye; a kitchen scale; Gent's 0.41 to 0.57 MPa of Shore 10A to
-    15A for the modulus.
+    The defaults are assumed: a caliper for the ball, a stage zeroed by eye, and a kitchen scale.
+    The scale's is from 19.2 px/mm to 17.2, the lowest of public units. The modulus' is Gent's 0.41
+    to 0.57 MPa of Shore 10A to 15A.
+
     Raises T2TwinError for a value that is negative or not finite.
     """
 

@@ -36,9 +36,9 @@ NUDGE = np.array([row[2] for row in GEOMETRY])
 SPREAD = np.array([row[3] for row in GEOMETRY])
 
 
-def samples_of(picture: np.ndarray) -> np.ndarray:
+def samples_of(image: np.ndarray) -> np.ndarray:
     """(ROWS / 2, COLUMNS / 2, 3): the block means of an image (ROWS, COLUMNS, 3)."""
-    return picture.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3))
+    return image.reshape(ROWS // 2, 2, COLUMNS // 2, 2, 3).mean(axis=(1, 3))
 
 
 def square_about(patch: np.ndarray) -> Square:

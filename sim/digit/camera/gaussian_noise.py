@@ -1,7 +1,7 @@
 """Fast Gaussian white noise for all pixels of an image.
 
-A counter-based generator (Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC 2011): the
-index of a value and two keys of the frame are hashed, and the hash's upper bits select a normal
+A counter-based generator (Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC 2011). The
+index of a value and two keys of the frame are hashed; the hash's upper bits select a normal
 quantile. So a loop needs no state and no array of samples. The hash is the finalizer of MurmurHash3
 (Appleby, 2011) with the second key added between its two rounds.
 """

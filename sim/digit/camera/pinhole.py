@@ -1,6 +1,6 @@
 """The DIGIT's camera, a pinhole behind the gel, and the grid of the gel's deflection.
 
-Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the picture, y down, z out of the
+Frame: the sensor frame of t2twin.primitives_cad.shape (x right in the image, y down, z out of the
 sensor), with z = 0 at the apex of the gel at rest. The camera is at z = -distance_mm on the axis
 and points along +z. The center of pixel (row, column) is at these integer coordinates.
 
@@ -18,11 +18,11 @@ from t2twin.core import arguments
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 
 ROWS = 320
-"""Rows of the picture (maker's own Python interface)."""
+"""Rows of the image (maker's own Python interface)."""
 COLUMNS = 240
-"""Columns of the picture (same)."""
+"""Columns of the image (same)."""
 GRID_PITCH_MM = 0.1
-"""Pitch of the optical grid, mm: two pixels (assumed; half of it changes the picture little)."""
+"""Pitch of the optical grid, mm: two pixels (assumed; half of it changes the image little)."""
 PARALLAX_STEPS = 6
 """Fixed-point steps of the intersection of ray and gel. Each multiplies the error by the slopes of
 surface and ray (at most 0.4); the remaining error is below 0.01 mm."""
@@ -36,7 +36,7 @@ MAX_MISALIGNMENT = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0,
 class Camera:
     """A pinhole on the sensor's axis.
 
-    scale_px_per_mm: picture scale at the gel's apex; public calibrations of single units give
+    scale_px_per_mm: image scale at the gel's apex; public calibrations of single units give
         17.2 to 19.6.
     distance_mm: from the pinhole to the gel's apex; public calibrations give 20.8 to 22.
     Both are measured. The vertical field of view in TACTO's configuration, about 60 degrees, does

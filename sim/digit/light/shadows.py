@@ -4,8 +4,8 @@ G is the optical grid (ny, nx), C its shadow grid (ny // SHADOW_STRIDE, nx // SH
 Regions are (first row, end row, first column, end column). All numbers but the LEDs' sizes are
 float32, which is twice as fast as mixed types.
 
-By similar triangles, a blocker at distance s along the ray to an LED's middle, with clearance c,
-hides the disc up to c D / s from its middle, where D is the LED's distance.
+Let D be the LED's distance. By similar triangles, a blocker at distance s along the ray to the
+LED's middle, with clearance c, hides the disc up to c D / s from its middle.
 """
 
 import numpy as np

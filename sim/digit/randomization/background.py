@@ -138,7 +138,7 @@ def _cubic(count, step):
 def _paint(nodes, step, specks, texture, out):
     """Fill out (P, RGB) uint8.
 
-    nodes: (.., .., RGB) grey levels, step pixels apart, the first one step before the picture.
+    nodes: (.., .., RGB) grey levels, step pixels apart, the first one step before the image.
     specks: (n, 6) row, column, radius, RGB. texture: (rows, columns RGB) grey levels.
     """
     rows, columns, channels = out.shape

@@ -2,7 +2,7 @@
 
 Each field is a range (low, high) with a default. Samples are uniform; those of the LEDs' distance
 and sizes and of the noise are log-uniform. "Assumed" ranges were set to contain the default
-calibration and one real DIGIT; docs/light.md compares them.
+calibration and one real DIGIT; docs/explanation/optics.md compares them.
 """
 
 from dataclasses import dataclass, fields

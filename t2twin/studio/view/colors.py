@@ -34,8 +34,10 @@ def color_values(values: np.ndarray, high: float, name: str = SEQUENTIAL) -> np.
 
 
 def color_image_url(values: np.ndarray, high: float) -> str:
-    """Data URL of (h, w) values from 0 to high in colors: a PNG with the map as its palette, which
-    takes a third of the time of a PNG in RGB."""
+    """Data URL of (h, w) values from 0 to high in colors.
+
+    It is a PNG with the map as its palette, which takes a third of the time of a PNG in RGB.
+    """
     image = Image.fromarray(_levels(values, high, SEQUENTIAL))
     image.putpalette(color_table().tobytes())
     return _data_url(image)

@@ -18,8 +18,8 @@ from t2twin.translate.evaluation.metrics.bootstrap import interval, resample_wei
 
 CONTACT_GREY = 8.0
 """Difference of the real image from the background frame above which a pixel is in contact, grey
-levels (assumed: 3 % of full scale, eight times the largest effect of camera noise on an image of 64
-pixels)."""
+levels. Assumed: 3 % of full scale, eight times the largest effect of camera noise on an image of 64
+pixels."""
 
 DETAILS_MM = (2.0, 1.0, 0.5)
 """Standard deviations of the Gaussians that separate scales of detail, mm (assumed). The widest one

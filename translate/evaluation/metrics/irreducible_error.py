@@ -150,8 +150,8 @@ def noise_distance_grey(data_dir: Path, split: str) -> float | None:
 
 def _noisy_features(image: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
     noisy = np.clip(np.rint(image + sigma * rng.standard_normal(image.shape)), 0, 255)
-    picture = Image.fromarray(noisy.astype(np.uint8))
-    return to_pixels(picture, FEATURE_SIZE, grey=False).astype(float)
+    image = Image.fromarray(noisy.astype(np.uint8))
+    return to_pixels(image, FEATURE_SIZE, grey=False).astype(float)
 
 
 def _sample_images(data_dir: Path, info: DatasetInfo, split: str) -> list[np.ndarray]:
@@ -175,12 +175,12 @@ def floor_of(
 
     near: the presses' k nearest of the others. noise_grey: the distance due to noise. The record's
 
-    - curve has BINS groups of all k neighbors by distance;
-    - extrapolated_rmse_counts is the root of the mean over presses of an extrapolation by shape: a
-      line of half the squared difference over the squared distance, fitted to FITTED_SHARE of its
-      pairs with a slope of at least 0, at the distance due to noise; 0 for a negative mean, None if
-      no shape has two distances;
-    - interval is over resampled shapes;
+    - curve has BINS groups of all k neighbors by distance.
+    - extrapolated_rmse_counts is the root of the mean over presses of an extrapolation by shape. A
+      line of half the squared difference over the squared distance is fitted to FITTED_SHARE of the
+      shape's pairs, with a slope of at least 0. It is evaluated at the distance due to noise. The
+      value is 0 for a negative mean, and None if no shape has two distances.
+    - interval is over resampled shapes.
     - parts are the extrapolations of groups of taxels.
     """
     known = np.isfinite(near.distance_grey[:, 0])

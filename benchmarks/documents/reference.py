@@ -1,0 +1,63 @@
+"""Tables of the reference: options of the commands, public names, results files, renamed names."""
+
+import ast
+import re
+import warnings
+from collections.abc import Callable
+from inspect import getdoc
+
+from benchmarks import ROOT
+from benchmarks.documents.figures import RESULTS, Figures, figure_tables, markdown
+from benchmarks.documents.renames import renames
+
+
+def tables() -> dict[str, Callable[[], str]]:
+    """All tables of the documents by name."""
+    from t2twin.cli import COMMANDS
+
+    options = {f"options-{name}": lambda name=name: command_options(name) for name in COMMANDS}
+    others = {"benchmarks": benchmarks, "renames": renames, "api": public_names}
+    return {**figure_tables(), **options, **others}
+
+
+def command_options(name: str) -> str:
+    """Arguments and options of a command, as its --help prints them."""
+    import tyro
+
+    from t2twin.cli import COMMANDS
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)
+        parser = tyro.extras.get_parser(COMMANDS[name], config=(tyro.conf.FlagCreatePairsOff,))
+    lines = [["argument", "meaning"]]
+    for action in parser._actions:
+        if action.dest != "help":
+            value = f" {action.metavar}" if action.metavar else ""
+            called = f"{action.option_strings[-1]}{value}" if action.option_strings else value[1:]
+            meaning = " ".join((action.help or "").split()).replace(" (default: None)", "")
+            lines.append([f"`{called}`".replace("|", "\\|"), meaning.replace("|", "\\|")])
+    return markdown(lines)
+
+
+def public_names() -> str:
+    """The public names of t2twin and the first sentence of each docstring."""
+    import t2twin
+
+    lines = [["name", "description"]]
+    for name in t2twin.__all__:
+        first = (getdoc(getattr(t2twin, name)) or "").partition("\n\n")[0]
+        lines.append([f"`{name}`", " ".join(first.split())])
+    return markdown(lines)
+
+
+def benchmarks() -> str:
+    """The results files, what their benchmarks measure, and when they were measured."""
+    figures, lines = Figures(), [["name", "measures", "date"]]
+    for path in sorted((ROOT / "benchmarks").glob("*.py")):
+        text = path.read_text("utf-8")
+        declared = re.search(r'BENCHMARK = Benchmark\(\s*name="(\w+)"', text)
+        name = declared[1] if declared else path.stem
+        if (RESULTS / f"{name}.json").is_file():
+            first = (ast.get_docstring(ast.parse(text)) or "").partition("\n\n")[0]
+            lines.append([f"`{name}`", " ".join(first.split()), figures.date(name)])
+    return markdown(lines)

@@ -1,0 +1,1 @@
+"""Tangential contact: shear of an elastic layer, friction, stick and slip."""

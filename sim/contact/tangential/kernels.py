@@ -1,0 +1,153 @@
+"""Displacement of an elastic layer's surface by traction on one cell of a grid.
+
+A kernel is the mean displacement of each cell per unit traction on the central one, mm/MPa. The
+half-space's part has closed forms (Boussinesq and Cerruti; Johnson, Contact Mechanics, 1985,
+section 3.6). What the rigid base changes is smooth, a Hankel transform of the difference of the
+spectra.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from t2twin.core.cached_files import cached_array
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.layer import mean_inverse_distance
+from t2twin.sim.contact.splines import CubicSpline
+from t2twin.sim.contact.tangential.spectra import spectra
+
+SMOOTH_REACH = 30.0
+"""Wavenumber times thickness above which the base has no effect: it is below exp(-60)."""
+
+POINTS_A_WAVE = 25
+"""Points per wave of the Hankel transform's integrand at the largest distance."""
+
+MIN_POINTS = 1000
+"""Points of the Hankel transform up to SMOOTH_REACH of the layer."""
+
+RADII = 500
+"""Number of distances at which the transform is computed; splines interpolate between them."""
+
+
+class Kernels(NamedTuple):
+    """Kernels of a layer on a grid, each (2 rows - 1, 2 columns - 1), mm/MPa.
+
+    xx, xy, yy: displacement along one axis by shear along the other. xz, yz: deflection into the
+    sensor by shear along x and y; the same with the other sign is the displacement by pressure.
+    """
+
+    xx: np.ndarray
+    xy: np.ndarray
+    yy: np.ndarray
+    xz: np.ndarray
+    yz: np.ndarray
+
+
+def shear_kernels(
+    elastomer: Elastomer, thickness_mm: float, rows: int, columns: int, pitch_mm: float
+) -> Kernels:
+    """The kernels of a layer of this thickness, laterally unbounded, on a grid of square cells."""
+    x = np.arange(1 - columns, columns) * pitch_mm
+    y = np.arange(1 - rows, rows) * pitch_mm
+    distance = np.hypot(x, y[:, None])
+    radii = np.linspace(0.0, float(distance.max()), RADII)
+    mean, difference, coupling = (
+        pitch_mm**2 * CubicSpline(0.0, radii[-1], profile)(distance)
+        for profile in _base_part(elastomer, thickness_mm, radii, pitch_mm)
+    )
+    cos, sin = x / np.maximum(distance, 1e-12), y[:, None] / np.maximum(distance, 1e-12)
+    smooth = Kernels(
+        xx=mean - (cos**2 - sin**2) * difference,
+        xy=-2 * cos * sin * difference,
+        yy=mean + (cos**2 - sin**2) * difference,
+        xz=-cos * coupling,
+        yz=-sin * coupling,
+    )
+    half_space = _half_space(x, y, pitch_mm, elastomer)
+    return Kernels(*(a + b for a, b in zip(smooth, half_space, strict=True)))
+
+
+def _half_space(x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float, elastomer: Elastomer):
+    nu = elastomer.poisson
+    unit = (1 + nu) / np.pi / elastomer.young_mpa
+    inverse = mean_inverse_distance(x_mm, y_mm, pitch_mm)
+    along_x = _cell_mean(_x2_over_r3, x_mm, y_mm, pitch_mm)
+    along_y = inverse - along_x
+    across = _cell_mean(_xy_over_r3, x_mm, y_mm, pitch_mm)
+    odd_x = _cell_mean(_x_over_r2, x_mm, y_mm, pitch_mm)
+    odd_y = _cell_mean(_x_over_r2, y_mm, x_mm, pitch_mm).T
+    return Kernels(
+        xx=unit * ((1 - nu) * inverse + nu * along_x),
+        xy=unit * nu * across,
+        yy=unit * ((1 - nu) * inverse + nu * along_y),
+        xz=unit * (1 - 2 * nu) / 2 * odd_x,
+        yz=unit * (1 - 2 * nu) / 2 * odd_y,
+    )
+
+
+def _cell_mean(potential, x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
+    """Integral of a function over a square cell, averaged over a cell at (x, y); (y, x).
+
+    potential: its integral, twice over x and twice over y.
+    """
+    x = np.concatenate([[x_mm[0] - pitch_mm], x_mm, [x_mm[-1] + pitch_mm]])[None, :]
+    y = np.concatenate([[y_mm[0] - pitch_mm], y_mm, [y_mm[-1] + pitch_mm]])[:, None]
+    values = potential(x, y, np.maximum(np.hypot(x, y), 1e-12))
+    return np.diff(np.diff(values, n=2, axis=0), n=2, axis=1) / pitch_mm**2
+
+
+def _x2_over_r3(x: np.ndarray, y: np.ndarray, r: np.ndarray) -> np.ndarray:
+    return r**3 / 6 + y**2 / 2 * (x * np.arcsinh(x / np.maximum(np.abs(y), 1e-12)) - r)
+
+
+def _xy_over_r3(x: np.ndarray, y: np.ndarray, r: np.ndarray) -> np.ndarray:
+    ax, ay = np.maximum(np.abs(x), 1e-12), np.maximum(np.abs(y), 1e-12)
+    return -(x * y * r / 3 + x**3 / 6 * np.arcsinh(y / ax) + y**3 / 6 * np.arcsinh(x / ay))
+
+
+def _x_over_r2(x: np.ndarray, y: np.ndarray, r: np.ndarray) -> np.ndarray:
+    quarter = np.pi / 2
+    x_over_y = np.arctan(x / np.where(y == 0, 1e-12, y)) * (y != 0)
+    y_over_x = np.where(x == 0, quarter * np.sign(y), np.arctan(y / np.where(x == 0, 1.0, x)))
+    return (x * y**2 / 2 - x**3 / 6) * np.log(r) + y**3 / 6 * x_over_y + x**2 * y / 2 * y_over_x
+
+
+def _base_part(
+    elastomer: Elastomer, thickness_mm: float, radii_mm: np.ndarray, pitch_mm: float
+) -> np.ndarray:
+    """(3, radii): effect of the base on mean, difference and coupling, mm/MPa per mm^2. Cached."""
+    nu = elastomer.poisson
+    key = repr((thickness_mm, float(radii_mm[-1]), radii_mm.size, nu, pitch_mm))
+    of_unit_modulus = cached_array(
+        "shear", key, __file__, lambda: _hankel(thickness_mm, radii_mm, nu, pitch_mm)
+    )
+    return of_unit_modulus / elastomer.young_mpa
+
+
+def _hankel(
+    thickness_mm: float, radii_mm: np.ndarray, poisson: float, pitch_mm: float
+) -> np.ndarray:
+    from scipy import special
+
+    reach = SMOOTH_REACH / thickness_mm
+    step = min(2 * np.pi / radii_mm[-1] / POINTS_A_WAVE, reach / MIN_POINTS)
+    k = np.arange(1e-9, reach, step)
+    k = k[: len(k) - 1 + len(k) % 2]
+    # Simpson's rule, times the average over both cells to second order: sinc^4 is about
+    # exp(-k^2 a^2 / 12).
+    rule = np.full(k.size, 2.0)
+    rule[1::2] = 4.0
+    rule[[0, -1]] = 1.0
+    rule *= k * step / 3 * np.exp(-((k * pitch_mm) ** 2) / 12) / (2 * np.pi)
+    of_layer, unit = spectra(k, thickness_mm, 1.0, poisson), 2 * (1 + poisson) / k
+    mean = (of_layer.longitudinal + of_layer.transverse) / 2 - unit * (2 - poisson) / 2
+    difference = (of_layer.longitudinal - of_layer.transverse) / 2 + unit * poisson / 2
+    coupling = of_layer.coupling + unit * (1 - 2 * poisson) / 2
+    argument = k[:, None] * radii_mm
+    # einsum, because the last bits of a BLAS product depend on the number of threads.
+    return np.stack(
+        [
+            np.einsum("k,kr->r", part * rule, special.jv(order, argument))
+            for part, order in ((mean, 0), (difference, 2), (coupling, 1))
+        ]
+    )

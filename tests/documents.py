@@ -1,0 +1,69 @@
+"""Code blocks, commands, links and option names of README.md, CONTRIBUTING.md and docs/."""
+
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from sentences import ROOT, documents
+
+FENCE = re.compile(r"(?ms)^```(?P<language>\w*)\n(?P<text>.*?)^```$")
+LINK = re.compile(r"\]\((?P<target>[^)\s]+)\)")
+INLINE = re.compile(r"`([^`\n]+)`")
+HEADING = re.compile(r"(?m)^#+ (.+)$")
+
+PAGES = [*documents(), ROOT / "CONTRIBUTING.md"]
+
+
+class Block(NamedTuple):
+    """A fenced block of code. line: of its first line of code."""
+
+    page: Path
+    line: int
+    language: str
+    text: str
+
+    @property
+    def place(self) -> str:
+        return f"{name_of(self.page)}:{self.line}"
+
+    def commands(self) -> Iterator[str]:
+        """The command lines, without comments and the sign of a background job."""
+        for line in self.text.replace("\\\n", " ").splitlines():
+            words = shlex.split(line, comments=True)
+            if words and words[-1] == "&":
+                words.pop()
+            if words:
+                yield shlex.join(words)
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def blocks(page: Path) -> list[Block]:
+    """The fenced blocks of a page in order."""
+    text = page.read_text("utf-8")
+    return [
+        Block(page, text.count("\n", 0, match.start("text")) + 1, match["language"], match["text"])
+        for match in FENCE.finditer(text)
+    ]
+
+
+def links(page: Path) -> list[str]:
+    """Targets of the links and images outside of code blocks."""
+    return [match["target"] for match in LINK.finditer(FENCE.sub("", page.read_text("utf-8")))]
+
+
+def anchors(page: Path) -> set[str]:
+    """Fragments that lead to the headings of a page."""
+    headings = HEADING.findall(FENCE.sub("", page.read_text("utf-8")))
+    return {
+        re.sub(r"[^\w\- ]", "", heading).strip().lower().replace(" ", "-") for heading in headings
+    }
+
+
+def inline_code(page: Path) -> list[str]:
+    """Text between single backticks, generated tables included."""
+    return INLINE.findall(FENCE.sub("", page.read_text("utf-8")))

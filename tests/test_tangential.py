@@ -1,0 +1,340 @@
+"""Shear of a bonded layer and friction, against closed forms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import t2twin
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
+from t2twin.sim.contact.layer import base_stress, compliance_mm_per_mpa
+from t2twin.sim.contact.tangential.kernels import shear_kernels
+from t2twin.sim.contact.tangential.sliding import advance
+from t2twin.sim.contact.tangential.spectra import spectra
+from t2twin.sim.contact.tangential.traction import ShearLayer, solve_traction
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.cyskin.taxels import pad_pressure_mpa
+
+YOUNG, THICK = 1.0, 200.0
+"""Modulus, MPa, and thickness of a layer that is a half-space for contacts of 1 mm."""
+
+
+def elastomer(poisson, thickness_mm=THICK):
+    return Elastomer("test", thickness_mm, YOUNG, poisson, 20.0, 20.0, law="linear")
+
+
+def shear_modulus(poisson):
+    return YOUNG / 2 / (1 + poisson)
+
+
+def grid(half_mm, pitch_mm):
+    n = 2 * round(half_mm / pitch_mm)
+    x = (np.arange(n) - (n - 1) / 2) * pitch_mm
+    return np.meshgrid(x, x)
+
+
+def cell_means(function, x, y, pitch_mm, samples=8):
+    offsets = (np.arange(samples) - (samples - 1) / 2) / samples * pitch_mm
+    return np.mean([function(np.hypot(x + a, y + b)) for a in offsets for b in offsets], axis=0)
+
+
+def half_ellipsoid(radius_mm):
+    return lambda r: np.sqrt(np.maximum(0.0, 1 - (r / radius_mm) ** 2))
+
+
+# The layer
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.47])
+def test_limits_of_the_spectra(poisson):
+    h, shear = 2.0, shear_modulus(poisson)
+    long, short = (spectra(np.array([k]), h, YOUNG, poisson) for k in (1e-5, 100.0))
+    lame = 2 * shear * poisson / (1 - 2 * poisson)
+    assert long.transverse == pytest.approx(h / shear, rel=1e-5)
+    assert long.longitudinal == pytest.approx(h / shear, rel=1e-5)
+    assert long.normal == pytest.approx(h / (lame + 2 * shear), rel=1e-5)
+    assert abs(long.coupling) < 1e-3 * long.normal
+    assert short.transverse == pytest.approx(1 / (100 * shear))
+    assert short.longitudinal == pytest.approx((1 - poisson) / (100 * shear))
+    assert short.coupling == pytest.approx(-(1 - 2 * poisson) / (2 * 100 * shear), abs=1e-12)
+    assert long.base_pressure == pytest.approx(1.0, rel=1e-5)
+    assert abs(long.base_shear) < 1e-3
+
+
+def test_normal_part_is_that_of_the_normal_press():
+    k = np.geomspace(1e-3, 50, 40)
+    found = spectra(k, 2.5, 0.1, 0.47)
+    assert found.normal == pytest.approx(compliance_mm_per_mpa(k, 2.5, 0.1, 0.47), rel=1e-9)
+    assert found.base_pressure == pytest.approx(base_stress(k, 2.5, 0.47), rel=1e-9, abs=1e-30)
+
+
+def test_kernels_are_the_inverse_transform_of_the_spectra():
+    pitch, n, over, period = 0.5, 16, 8, 96
+    cover = CYSKIN_COVER
+    kernels = shear_kernels(cover, cover.thickness_mm, n, n, pitch)
+    k = 2 * np.pi * np.fft.fftfreq(period * over, pitch / over)
+    kx, ky = np.meshgrid(k, k)
+    radius = np.maximum(np.hypot(kx, ky), 1e-9)
+    of_layer = spectra(radius, cover.thickness_mm, cover.young_mpa, cover.poisson)
+    cos, sin = kx / radius, ky / radius
+    cell = (np.sinc(kx * pitch / 2 / np.pi) * np.sinc(ky * pitch / 2 / np.pi)) ** 2 * over**2
+    for name, spectrum in {
+        "xx": of_layer.longitudinal * cos**2 + of_layer.transverse * sin**2,
+        "xy": (of_layer.longitudinal - of_layer.transverse) * cos * sin,
+        "yy": of_layer.longitudinal * sin**2 + of_layer.transverse * cos**2,
+        "xz": 1j * of_layer.coupling * cos,
+        "yz": 1j * of_layer.coupling * sin,
+    }.items():
+        values = np.roll(np.fft.ifft2(spectrum * cell).real, (period * over // 2,) * 2, (0, 1))
+        middle = slice(period // 2 - n + 1, period // 2 + n)
+        expected = values[::over, ::over][middle, middle]
+        error = np.abs(getattr(kernels, name) - expected).max()
+        assert error < 4e-3 * np.abs(expected).max(), name
+
+
+# Friction
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.47])
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+def test_ball_pushed_sideways(poisson, share):
+    """Cattaneo 1938 and Mindlin 1949; exact for a Poisson's ratio of 0."""
+    pitch, friction, force = 0.025, 0.5, 1.0
+    x, y = grid(1.1, pitch)
+    peak = 1.5 * force / np.pi
+    pressure = peak * cell_means(half_ellipsoid(1.0), x, y, pitch)
+    stick = (1 - share) ** (1 / 3)
+    shear = shear_modulus(poisson)
+    shift = 3 * friction * force * (2 - poisson) / (16 * shear) * (1 - (1 - share) ** (2 / 3))
+    layer = ShearLayer(elastomer(poisson), THICK, pitch, x.shape)
+    wanted = np.stack([np.full_like(x, shift), np.zeros_like(x)])
+    found = solve_traction(layer, friction * pressure, wanted, np.zeros_like(wanted))
+    assert found.converged
+    assert np.hypot(*found.q_mpa).max() <= friction * pressure.max() * (1 + 1e-6)
+    assert (np.hypot(*found.q_mpa) <= friction * pressure * (1 + 1e-6)).all()
+    pushed = found.q_mpa[0].sum() * pitch**2
+    assert pushed == pytest.approx(share * friction * force, rel=0.01)
+    inner = cell_means(half_ellipsoid(stick), x, y, pitch)
+    expected = friction * (pressure - peak * stick * inner)
+    error = np.linalg.norm(found.q_mpa[0] - expected) / np.linalg.norm(expected)
+    assert error < 0.03
+    sticks = np.hypot(*found.q_mpa) < friction * pressure * (1 - 1e-3)
+    assert np.sqrt(sticks.sum() * pitch**2 / np.pi) == pytest.approx(stick, rel=0.02)
+
+
+def stuck(layer, covered, wanted):
+    return solve_traction(layer, np.where(covered, 1e6, 0.0), wanted, np.zeros_like(wanted)).q_mpa
+
+
+def test_stuck_punch_on_thick_and_thin_layers():
+    """8 G a / (2 - nu) (Mindlin 1949), and simple shear G A / h."""
+    poisson, pitch = 0.47, 0.04
+    shear = shear_modulus(poisson)
+    x, y = grid(1.04, pitch)
+    covered = np.hypot(x, y) <= 1.0
+    moved = np.stack([np.ones_like(x), np.zeros_like(x)])
+    thick = stuck(ShearLayer(elastomer(poisson), THICK, pitch, x.shape), covered, moved)
+    assert thick[0].sum() * pitch**2 == pytest.approx(8 * shear / (2 - poisson), rel=0.02)
+    thin_mm = 0.1
+    thin = stuck(ShearLayer(elastomer(poisson, thin_mm), thin_mm, pitch, x.shape), covered, moved)
+    inside = np.hypot(x, y) < 0.5
+    assert thin[0][inside] == pytest.approx(shear / thin_mm, rel=0.02)
+
+
+def test_torsion_of_a_stuck_disc():
+    """16 G a^3 / 3 (Reissner and Sagoci 1944)."""
+    poisson, pitch = 0.3, 0.04
+    x, y = grid(1.04, pitch)
+    covered = np.hypot(x, y) <= 1.0
+    layer = ShearLayer(elastomer(poisson), THICK, pitch, x.shape)
+    q = stuck(layer, covered, np.stack([-y, x]))
+    torque = float((x * q[1] - y * q[0]).sum() * pitch**2)
+    assert torque == pytest.approx(16 / 3 * shear_modulus(poisson), rel=0.02)
+
+
+def masing_ball(share):
+    """Displacement of a ball's middle at a share of the friction limit, over the one at the limit
+    (Mindlin 1949)."""
+    return 1 - (1 - share) ** (2 / 3)
+
+
+def test_unloading_and_reloading_of_a_ball():
+    """Mindlin and Deresiewicz 1953: each branch is the first loading, doubled and turned over."""
+    pitch, friction, poisson = 0.04, 0.5, 0.0
+    x, y = grid(1.12, pitch)
+    pressure = 1.5 / np.pi * cell_means(half_ellipsoid(1.0), x, y, pitch)
+    layer = ShearLayer(elastomer(poisson), THICK, pitch, x.shape)
+    full_mm = 3 * friction * (2 - poisson) / (16 * shear_modulus(poisson))
+    q, shown, dissipated = np.zeros((2, *x.shape)), 0.0, 0.0
+
+    def move(to):
+        nonlocal q, shown, dissipated
+        wanted = layer.displacement_mm(q) + np.stack([np.full_like(x, to - shown), 0 * x])
+        found = solve_traction(layer, friction * pressure, wanted, q)
+        assert found.converged
+        slip = (wanted - found.displacement_mm) * (pressure > 0)
+        dissipated += (slip * found.q_mpa).sum()
+        assert (slip * found.q_mpa).sum() >= -1e-9
+        q, shown = found.q_mpa, to
+        return q[0].sum() * pitch**2 / friction
+
+    top = masing_ball(0.8) * full_mm
+    assert move(top) == pytest.approx(0.8, rel=0.02)
+    loaded = q
+    for share in (0.6, 0.2, -0.4, -0.8):
+        back = 2 * masing_ball((0.8 - share) / 2) * full_mm
+        assert move(top - back) == pytest.approx(share, abs=0.02)
+    for share in (-0.2, 0.5, 0.8):
+        ahead = 2 * masing_ball((share + 0.8) / 2) * full_mm
+        assert move(-top + ahead) == pytest.approx(share, abs=0.02)
+    assert np.linalg.norm(q - loaded) < 0.03 * np.linalg.norm(loaded)
+    assert dissipated > 0
+
+
+# Presses in motion
+
+
+@pytest.fixture(scope="module")
+def press():
+    def solve(name, elastomer=CYSKIN_COVER, pitch=0.5, force=4.0, x=0.0, y=0.0, yaw=0.0):
+        shape = catalogue.load(name)
+        return solve_contact(shape, PressCommand(name, x, y, yaw, force), elastomer, pitch)
+
+    return solve
+
+
+def test_no_motion_is_the_press(press):
+    contact = press("hemisphere-4", DIGIT_GEL, 0.25)
+    still = advance(contact, 0.0, 0.0, 0.0, 4.0, 0.8)
+    assert still.settled and not still.shear_kpa.any() and still.slip_share == 0.0
+    assert np.array_equal(still.pressure_kpa, contact.pressure_kpa)
+    assert np.array_equal(still.surface_mm, contact.surface_mm)
+
+
+def test_sliding_ends_at_the_limit_of_friction(press):
+    friction, force = 0.6, 4.0
+    contact = press("square-2", DIGIT_GEL, 0.25, force)
+    forces = []
+    for _ in range(10):
+        contact = advance(contact, 0.2, 0.0, 0.0, force, friction)
+        assert contact.settled
+        forces.append(contact.shear_n[0])
+        limit = friction * contact.pressure_kpa
+        assert (np.hypot(*contact.shear_kpa) <= limit * (1 + 1e-6)).all()
+        assert contact.force_n == pytest.approx(force, rel=1e-4)
+    assert np.all(np.diff(forces) > -1e-3 * force) and forces[0] < 0.5 * friction * force
+    assert forces[-1] == pytest.approx(friction * force, rel=2e-3)
+    assert contact.slip_share == 1.0
+    assert contact.motion.slip_mm[contact.pressure_kpa > 0].min() > 0
+
+
+def test_gross_sliding_moves_the_contact(press):
+    contact = press("hemisphere-4", replace(DIGIT_GEL, dome_width_radius_mm=np.inf), 0.25)
+    for _ in range(10):
+        contact = advance(contact, 0.2, 0.0, 0.0, 4.0, 0.2)
+    pressure = contact.pressure_kpa
+    middle = (contact.x_mm * pressure).sum() / pressure.sum()
+    displaced = (contact.motion.sheared_mm[0] * pressure).sum() / pressure.sum()
+    assert displaced > 0.1
+    assert middle + displaced == pytest.approx(2.0, abs=0.15)
+
+
+def test_a_quarter_turn_turns_all_fields(press):
+    one = advance(press("line-sharp-2", yaw=0.3), 0.3, 0.0, 0.1, 4.0, 0.8)
+    other = advance(press("line-sharp-2", yaw=0.3 + np.pi / 2), 0.0, 0.3, 0.1, 4.0, 0.8)
+    half = one.x_mm.size // 2
+    rows = one.y_mm.size // 2
+
+    def middle(field):
+        return field[..., rows - half : rows + half, :]
+
+    def turned(field):  # x to y, clockwise in the image
+        return np.rot90(middle(field), k=-1, axes=(-2, -1))
+
+    scale = float(one.shear_kpa.max())
+    assert middle(other.pressure_kpa) == pytest.approx(
+        turned(one.pressure_kpa), abs=0.02 * float(one.pressure_kpa.max())
+    )
+    assert middle(other.shear_kpa[1]) == pytest.approx(turned(one.shear_kpa[0]), abs=0.03 * scale)
+    assert middle(other.shear_kpa[0]) == pytest.approx(-turned(one.shear_kpa[1]), abs=0.03 * scale)
+    assert other.torque_nmm == pytest.approx(one.torque_nmm, rel=0.02)
+
+
+def test_a_twist_gives_a_torque_and_no_force(press):
+    contact = press("hemisphere-4", DIGIT_GEL, 0.25)
+    torques = []
+    for _ in range(4):
+        contact = advance(contact, 0.0, 0.0, np.deg2rad(2.0), 4.0, 0.8)
+        torques.append(contact.torque_nmm)
+    assert np.all(np.diff([0.0, *torques]) > 0)
+    assert np.abs(contact.shear_n).max() < 0.01 * 4.0
+
+
+def test_shear_raises_the_stress_in_front():
+    twin = t2twin.Twin(imperfections="none")
+    touch = twin.press("hemisphere-4", force_n=4.0)
+    layout = twin.layout
+    slid = twin.slide(touch, dy_mm=1.0, steps=1)[0]
+    stress = pad_pressure_mpa(slid.cyskin, layout)
+    still = pad_pressure_mpa(replace(slid.cyskin, motion=None), layout)
+    ahead = (np.abs(layout.x_mm) < 6) & (layout.y_mm > 4) & (layout.y_mm < 9)
+    behind = (np.abs(layout.x_mm) < 6) & (layout.y_mm < -2) & (layout.y_mm > -9)
+    assert (stress - still)[ahead].max() > 0 > (stress - still)[behind].min()
+
+
+# The twin
+
+
+def test_slides_do_not_depend_on_the_number_of_steps():
+    twin = t2twin.Twin()
+    touch = twin.press("hemisphere-4", force_n=4.0)
+    few, many = (twin.slide(touch, dx_mm=1.2, dyaw_deg=4.0, steps=steps) for steps in (2, 6))
+    assert len(few) == 2 and len(many) == 6
+    for a, b in ((few[0], many[2]), (few[1], many[5])):
+        assert a.command.x_mm == pytest.approx(b.command.x_mm)
+        for sensor in ("digit", "cyskin"):
+            one, other = getattr(a, sensor), getattr(b, sensor)
+            assert one.shear_n == pytest.approx(other.shear_n, abs=0.01 * 4.0)
+    assert few[1].image.shape == (320, 240, 3) and few[1].counts.shape == (20,)
+    assert touch.digit.motion is None  # the given touch does not change
+
+
+def test_the_force_may_change_on_the_way():
+    twin = t2twin.Twin()
+    touch = twin.press("square-2", force_n=2.0)
+    slid = twin.slide(touch, dx_mm=0.4, force_n=6.0, steps=2)
+    assert [round(each.digit.force_n, 2) for each in slid] == [4.0, 6.0]
+
+
+@pytest.mark.parametrize(
+    "arguments, sentence",
+    [
+        ({"dx_mm": np.nan}, "dx_mm is nan; expected a finite number"),
+        ({"dy_mm": "1"}, "dy_mm is '1' of type str; expected a number"),
+        ({"dyaw_deg": 1e3}, "dyaw_deg is 1000; expected a number"),
+        ({"steps": 0}, "steps is 0 of type int; expected a whole number"),
+        ({"friction": -0.1}, "friction is -0.1; expected a number"),
+        ({"force_n": 0.0}, "a force of 0 N cannot be pressed"),
+        ({"seed": -1}, "seed"),
+        ({"dx_mm": 40.0}, "does not lie over the"),
+    ],
+)
+def test_a_wrong_slide_is_refused(arguments, sentence):
+    twin = t2twin.Twin()
+    touch = twin.press("square-2", force_n=2.0)
+    with pytest.raises(T2TwinError, match=sentence):
+        twin.slide(touch, **{"steps": 1, **arguments})
+
+
+def test_only_a_touch_with_contact_can_slide():
+    twin = t2twin.Twin()
+    with pytest.raises(
+        T2TwinError, match="touch is 'x' of type str; expected an object of the class Touch"
+    ):
+        twin.slide("x")
+    touch = twin.press("square-2", force_n=2.0)
+    with pytest.raises(T2TwinError, match="the touch has no contact"):
+        twin.slide(replace(touch, digit=None, cyskin=None))
