@@ -92,7 +92,7 @@ def test_what_the_rows_say_is_kept(tmp_path, layout):
         ({"taxel_1": {3: -1}}, "line 5: its counts"),
         ({"taxel_1": {3: ""}}, "line 5: its counts"),
         ({"taxel_4": {3: 5}}, "5 columns"),
-        ({"image": {3: "gone.png"}}, "line 5: there is no image"),
+        ({"image": {3: "gone.png"}}, "line 5: its image cannot be read: there is no file"),
         ({"image": {3: "text.png"}}, "line 5: its image cannot be read"),
         ({"image": {3: "deep.png"}}, "line 5: its image cannot be read"),
         ({"image": {3: "large.png"}}, "24 x 32; all must be of one size"),
@@ -131,7 +131,7 @@ def test_a_spreadsheet_s_csv_is_read_as_any_other(tmp_path, layout, delimiter):
     assert taxels(table)[0].tolist() == [rows[0][f"taxel_{i}"] for i in range(TAXELS)]
     # The empty line counts, as it does in an editor.
     (folder / "3.png").unlink()
-    with pytest.raises(T2TwinError, match=r"^line 6: there is no image"):
+    with pytest.raises(T2TwinError, match=r"^line 6: its image cannot be read: there is no file"):
         import_pairs(folder, tmp_path / "again", layout)
 
 
