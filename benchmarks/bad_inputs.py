@@ -99,12 +99,12 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def make_base(folder: Path) -> Base:
     """Makes the inputs that are spoilt: a dataset, both runs of one epoch, their evaluation."""
-    from t2twin.sim.dataset.generate import generate
+    from t2twin.sim.dataset.generate import make_dataset
     from t2twin.translate.evaluation.evaluate import evaluate_both
     from t2twin.translate.training.train import train
 
     base = Base(*(folder / name for name in ("data", "touch2touch", "resnet18", "evaluation")))
-    generate(base.data, "smoke", workers=1, shapes=SHAPES)
+    make_dataset(base.data, "smoke", workers=1, shapes=SHAPES)
     for model, run in (("touch2touch", base.touch2touch), ("resnet18", base.resnet18)):
         train(model, base.data, "smoke", run, epochs=1)
     evaluate_both([base.touch2touch, base.resnet18], base.data, base.evaluation)

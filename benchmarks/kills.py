@@ -23,7 +23,7 @@ from benchmarks.declared import KILLS
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import INFO, read_info
-from t2twin.sim.dataset.verify import verify
+from t2twin.sim.dataset.verify import verify_dataset
 
 SCALE = "smoke"
 WORLD_PARTS, WORLD_SHAPES = 30, 3
@@ -144,7 +144,7 @@ def _wait_for_group(group: int) -> float:
 
 
 def _is_same(data: Path, wanted: dict[str, str]) -> bool:
-    return _digests(data) == wanted and not verify(data)
+    return _digests(data) == wanted and not verify_dataset(data)
 
 
 def _digests(data: Path) -> dict[str, str]:

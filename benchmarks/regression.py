@@ -17,7 +17,7 @@ from typing import Any
 from benchmarks.declared import REGRESSION
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.run import main
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY
 from t2twin.translate.training.train import train
@@ -42,7 +42,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def train_and_evaluate(folder: Path, cache: Path | None = None) -> Figures:
     """The figures on data and runs made in folder; contact IoU of the translators alone."""
-    generate(folder / "data", SCALE, seed=0, cache=cache)
+    make_dataset(folder / "data", SCALE, seed=0, cache=cache)
     runs = []
     for model, epochs in EPOCHS.items():
         train(model, folder / "data", "cpu", folder / model, seed=0, epochs=epochs)

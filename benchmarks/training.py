@@ -34,7 +34,7 @@ from benchmarks.declared import TRAINING
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.world import protocol
 from t2twin.translate.data.images import RGB_MEAN, RGB_STD
 from t2twin.translate.data.pairs import DataInfo, Examples, load_info, load_pairs
@@ -148,7 +148,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         folder = Path(temporary)
         data_dir = options.data or folder / "data"
         if options.data is None:
-            generate(data_dir, "smoke", seed=0)
+            make_dataset(data_dir, "smoke", seed=0)
         models = {
             model: _measure(model, data_dir, folder)
             | {"paper_preset_hours": _paper_hours(model, load_info(data_dir))}

@@ -18,7 +18,7 @@ from msgspec import structs
 from benchmarks.declared import WORLD_RATE
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import LOG
 from t2twin.sim.world.recipe import load_recipe
@@ -44,8 +44,8 @@ def measure(options: Namespace) -> dict[str, Any]:
             protocol, opened = (Path(folder) / f"{kind}-{number}" for kind in ("protocol", "open"))
             turns.append(
                 {
-                    "protocol": _record(protocol, generate(protocol, SCALE)),
-                    "open": _record(opened, generate(opened, world=recipe)),
+                    "protocol": _record(protocol, make_dataset(protocol, SCALE)),
+                    "open": _record(opened, make_dataset(opened, world=recipe)),
                 }
             )
     rates = np.array(

@@ -6,6 +6,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from msgspec import structs
 from PIL import Image
 
 import t2twin
@@ -17,8 +18,6 @@ Call = Callable[[Any, Path, Base], object]
 
 
 def recipe(**changed: Any) -> t2twin.Recipe:
-    from msgspec import structs
-
     return structs.replace(t2twin.load_recipe("union"), **changed)
 
 
@@ -56,7 +55,7 @@ def turned_round(run_dir: Path) -> Any:
     from t2twin.translate.runs.build import build
 
     own = run_of(run_dir)
-    config = replace(own.config, direction="cyskin-to-digit")
+    config = structs.replace(own.config, direction="cyskin-to-digit")
     return ImagePredictor(own.run_dir, config, build(config))  # pyright: ignore[reportArgumentType]
 
 

@@ -61,7 +61,7 @@ MADE_WITH = {
 name."""
 
 
-def generate(
+def make_dataset(
     folder: str | Path,
     scale: str | None = None,
     seed: int | None = None,

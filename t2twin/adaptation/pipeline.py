@@ -37,7 +37,7 @@ from t2twin.core.files import atomic_write, is_empty, locked
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.pool import check_workers
 from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE, Inputs, calibrate, read_inputs
 from t2twin.sim.digit.calibrate.measurements import Tolerance
@@ -182,7 +182,7 @@ def adapt(
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
             _write_world(config)
         with timer.step("data"):
-            generate(config.out / DATA, world=config.out / WORLD, workers=workers)
+            make_dataset(config.out / DATA, world=config.out / WORLD, workers=workers)
         with timer.step("training"):
             run_dir, share = config.out / model, TRAINING_SHARE * config.minutes
             train(

@@ -52,11 +52,7 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = arguments.real(getattr(self, field.name), field.name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise T2TwinError(
-                    f"the tolerance {field.name} is {value:g}; it must be 0 or a positive number"
-                )
+            arguments.number(getattr(self, field.name), f"the tolerance {field.name}", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -129,9 +125,4 @@ def read_measurements(folder: Path, names: Sequence[str], ball_diameter_mm: floa
 
 def check_ball(diameter_mm: float) -> None:
     """Raises T2TwinError for a ball diameter outside BALL_MM."""
-    diameter_mm = arguments.real(diameter_mm, "ball_diameter_mm")
-    if not BALL_MM[0] <= diameter_mm <= BALL_MM[1]:
-        raise T2TwinError(
-            f"the ball's diameter is {diameter_mm:g} mm; it must lie between "
-            f"{BALL_MM[0]:g} and {BALL_MM[1]:g}"
-        )
+    arguments.number(diameter_mm, "the ball's diameter in mm", *BALL_MM)
