@@ -18,30 +18,53 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.declared import FIELD
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.probes import Probes, errors, kept_probes
 from benchmarks.world_runs import called, figures
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.world.protocol import FORCE_N
-from t2twin.translate.evaluation.files import read_evaluation
-from t2twin.translate.evaluation.metrics.reliability import (
-    REPORTED_LEVEL,
-    REPORTED_SHARE,
-    uncertainty_metrics,
+
+BENCHMARK = Benchmark(
+    name="field",
+    measures="Field runs on presses of many kinds: errors, intervals, sureness, force.",
+    minutes=1,
+    sources=("primitives_cad", "sim", "translate"),
+    figures=(
+        *(
+            Figure(f"on.{kind}.*.{name}", "%")
+            for kind in ("*.val", "paper.test", "dense.test", "forces.test")
+            for name in ("overall.rmse_percent", "held_percent", "falls_by_percent")
+        ),
+        Figure("probes.*.rmse_percent", "%"),
+        Figure("probes.*.held_percent", "%"),
+        Figure("runs.*.minutes", "minutes"),
+    ),
+    arguments=(
+        Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),
+        Argument("--runs", "folders of field runs", Path, nargs="+", required=True),
+        Argument(
+            "--begun-with",
+            "folders of runs with whose weights those began",
+            Path,
+            nargs="*",
+            default=[],
+        ),
+        Argument(
+            "--probes",
+            "where the probes' presses are kept",
+            Path,
+            Path("data/probes.npz"),
+            metavar="FILE",
+        ),
+    ),
 )
-from t2twin.translate.evaluation.predictions import read_predictions
-from t2twin.translate.evaluation.scoring import training_steps
-from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import require
-from t2twin.translate.runs.config import BEST, load_config
-from t2twin.translate.runs.log import read_log
-from t2twin.translate.uncertainty.estimate import half_width
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.translate.runs.config import BEST
+
     content: dict[str, Any] = {"runs": {}, "on": {}, "probes": {}}
     probes = kept_probes(options.probes)
     earlier = {sha256_of(folder / BEST): folder for folder in options.begun_with}
@@ -66,6 +89,10 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def _with_start(folder: Path, run: dict[str, Any], earlier: dict[str, Path]) -> dict[str, Any]:
     """A run's minutes and steps, with those of the run with whose weights it began."""
+    from t2twin.translate.evaluation.scoring import training_steps
+    from t2twin.translate.inference.load import load_run
+    from t2twin.translate.runs.config import load_config
+
     start = load_config(folder).init_from
     if start is None:
         return {"begun_with": None}
@@ -83,6 +110,11 @@ def _with_start(folder: Path, run: dict[str, Any], earlier: dict[str, Path]) -> 
 
 def _add_ranking(rows: dict[str, Any], folder: Path) -> None:
     """Of each run, what was held of each tenth, and what other rankings of the presses win."""
+    from t2twin.translate.evaluation.files import read_evaluation
+    from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
+    from t2twin.translate.evaluation.predictions import read_predictions
+    from t2twin.translate.uncertainty.estimate import half_width
+
     predictions, evaluation = read_predictions(folder), read_evaluation(folder)
     names = {called(name, row): name for name, row in evaluation.runs.items()}
     for run, row in rows.items():
@@ -104,6 +136,8 @@ def _add_ranking(rows: dict[str, Any], folder: Path) -> None:
 
 def _falls_by(rmse: np.ndarray, unsure: np.ndarray) -> float:
     """By how much the RMSE falls where the fifth with the largest `unsure` is left out, %."""
+    from t2twin.translate.evaluation.metrics.reliability import REPORTED_SHARE
+
     kept = np.argsort(unsure, kind="stable")[: round(REPORTED_SHARE * unsure.size)]
     return 100.0 * float(1.0 - _rms(rmse[kept]) / _rms(rmse))
 
@@ -113,11 +147,18 @@ def _rms(values: np.ndarray) -> np.floating:
 
 
 def _minutes(folder: Path) -> float:
+    from t2twin.translate.runs.log import read_log
+
     return sum(record.seconds for record in read_log(folder)) / 60.0
 
 
 def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[str, Any]]:
     """What a run is called, how long its training took, and its figures."""
+    from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, uncertainty_metrics
+    from t2twin.translate.inference.field_predictor import FieldPredictor
+    from t2twin.translate.inference.load import load_run
+    from t2twin.translate.inference.predictor import require
+
     run = load_run(folder)
     data = run.config.data
     told = require(run, FieldPredictor, "the benchmark").estimate(probes.images)
@@ -132,4 +173,4 @@ def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[
 
 
 if __name__ == "__main__":
-    main(FIELD)
+    main(BENCHMARK)

@@ -19,11 +19,27 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.declared import KILLS
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import INFO, read_info
 from t2twin.sim.dataset.verify import verify
+
+BENCHMARK = Benchmark(
+    name="kills",
+    measures="Whether a run of simdata that is killed again and again ends with the same bytes.",
+    minutes=4,
+    sources=("primitives_cad", "sim", "t2twin/cli"),
+    figures=(
+        Figure("kills"),
+        Figure("datasets"),
+        Figure("datasets_unlike_undisturbed", most=0),
+    ),
+    arguments=(
+        Argument("--kills", "how many; keeps nothing unless 20", int, 20, partial=True),
+        Argument("--seed", "of the moments", int, 0),
+    ),
+)
 
 SCALE = "smoke"
 WORLD_PARTS, WORLD_SHAPES = 30, 3
@@ -156,4 +172,4 @@ def _digests(data: Path) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    main(KILLS)
+    main(BENCHMARK)

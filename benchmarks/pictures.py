@@ -14,10 +14,10 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from benchmarks import ROOT
-from benchmarks.declared import PICTURES
+from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.files import atomic_write
-from t2twin.primitives_cad import catalogue, contact_sheet
+from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
@@ -25,6 +25,17 @@ from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
 from t2twin.sim.world.protocol import FORCE_N
+
+BENCHMARK = Benchmark(
+    name="pictures",
+    measures="The README's picture of five presses.",
+    minutes=0.3,
+    sources=("primitives_cad", "sim"),
+    figures=(
+        Figure("presses.0.largest_counts", "counts"),
+        Figure("presses.4.largest_counts", "counts"),
+    ),
+)
 
 PICTURE = ROOT / "docs" / "pictures" / "presses.png"
 
@@ -83,6 +94,8 @@ def draw(sensors: SensorPair, samples: list[Touch]) -> Image.Image:
 
 def _drawn_shape(name: str) -> Image.Image:
     """The shape, or the whole tool, with the shape's name."""
+    from t2twin.primitives_cad import contact_sheet
+
     tool = name.split("/")[0]
     is_tool = tool in catalogue.TOOLS
     mesh = catalogue.tool_mesh(tool) if is_tool else catalogue.load(name).mesh
@@ -93,4 +106,4 @@ def _drawn_shape(name: str) -> Image.Image:
 
 
 if __name__ == "__main__":
-    main(PICTURES)
+    main(BENCHMARK)

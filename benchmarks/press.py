@@ -23,7 +23,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from tqdm import tqdm
 
-from benchmarks.declared import PRESS
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.flat_pad import FlatPad
 from benchmarks.solids import ball, punch
@@ -38,6 +38,35 @@ from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa
 from t2twin.sim.world import protocol
+
+BENCHMARK = Benchmark(
+    name="press",
+    measures="How far the press is from an independent solution of the contact, and how long it "
+    "takes.",
+    minutes=12,
+    sources=("primitives_cad", "sim/contact", "sim/cyskin", "sim/world"),
+    figures=(
+        Figure("sensors.*.worst.depth_error", most=0.03),
+        Figure("sensors.*.worst.surface_error", most=0.05),
+        Figure("sensors.*.worst.pressure_error", most=0.05),
+        Figure("sensors.cyskin.worst.pad_error", most=0.02),
+        Figure("sensors.*.worst.force_error", most=0.001),
+        Figure("sensors.*.random.within_limits_percent", "%", least=90.0),
+        Figure("sensors.*.random.worst.*"),
+        Figure("sensors.*.worst.halved_grid"),
+        Figure("sensors.*.worst.orientations"),
+        Figure("sensors.*.protocol.unsettled", most=0),
+        Figure("sensors.*.protocol.median_ms", "ms"),
+        Figure("sensors.*.protocol.p95_ms", "ms"),
+        Figure("hertz_worst.depth_error", most=0.05),
+        Figure("hertz_worst.peak_pressure_error", most=0.05),
+        Figure("exponents.ball"),
+        Figure("exponents.punch"),
+    ),
+    arguments=(
+        Argument("--shapes", "take every Nth primitive only; keeps nothing", int, 1, partial=True),
+    ),
+)
 
 FORCES_N = (1.0, 2.0, 4.0, 8.0)
 ORACLE_PITCHES_MM = (0.125, 0.0625)
@@ -309,4 +338,4 @@ def protocol_times(sensor: Sensor) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    main(PRESS)
+    main(BENCHMARK)

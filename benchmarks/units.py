@@ -10,6 +10,7 @@ parameter, and picture by picture. A percentile is the share of the drawn units 
 import time
 from argparse import Namespace
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from PIL import Image
 
 from benchmarks import ROOT
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
-from benchmarks.declared import UNITS
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.files import atomic_write
 from t2twin.sim.digit import probe_surfaces
@@ -26,6 +27,22 @@ from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 from t2twin.sim.digit.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
 from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
+
+BENCHMARK = Benchmark(
+    name="units",
+    measures="Where a real DIGIT lies among drawn ones, and what a drawn one costs.",
+    minutes=2,
+    sources=("sim/digit",),
+    figures=(
+        Figure("made_best_ms", "ms", most=10.0),
+        Figure("parameters.*.real.percentile", "%"),
+        Figure("pictures.*.*.mean", "grey levels"),
+        Figure("pictures.*.real.mean_percentile", "%", most=95.0),
+        Figure("pictures.*.real.nearest_percentile", "%", most=95.0),
+        Figure("pictures.*.shipped.mean_percentile", "%", most=95.0),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+)
 
 PICTURE = ROOT / "docs" / "pictures" / "units.png"
 DRAWN = 300
@@ -204,4 +221,4 @@ def sheet() -> Image.Image:
 
 
 if __name__ == "__main__":
-    main(UNITS)
+    main(BENCHMARK)

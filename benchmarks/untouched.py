@@ -13,13 +13,14 @@ last presses, and the first ones too, which no light but the fitted one has seen
 from argparse import Namespace
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
 
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
-from benchmarks.declared import UNTOUCHED
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.background_light import mean_light, sample_lights
@@ -31,6 +32,21 @@ from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.camera.response import linear
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.sim.digit.randomization.lighting import SampledLight, light_at_rest
+
+BENCHMARK = Benchmark(
+    name="untouched",
+    measures="How near a light guessed from a real DIGIT's background comes, and one that ships.",
+    minutes=2,
+    sources=("sim/digit",),
+    figures=(
+        Figure("held_out_presses.*.psnr_db", "dB"),
+        Figure("held_out_presses.*.ssim"),
+        Figure("first_presses.*.psnr_db", "dB"),
+        Figure("nearest_singly_psnr_db", "dB"),
+        Figure("drawn_singly_psnr_db", "dB"),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+)
 
 DRAWN = 1000
 """Units that one is chosen among."""
@@ -133,4 +149,4 @@ def _explained(untouched: np.ndarray) -> list[Explained]:
 
 
 if __name__ == "__main__":
-    main(UNTOUCHED)
+    main(BENCHMARK)

@@ -4,10 +4,9 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
-from benchmarks.declared import BENCHMARKS
 from benchmarks.documents.formats import formatted
 from benchmarks.documents.renames import renames
-from benchmarks.evidence.record import RESULTS
+from benchmarks.evidence.record import RESULTS, find_benchmarks
 from benchmarks.evidence.results import read_results
 from t2twin.translate.evaluation.metrics.baselines import PAPER
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
@@ -412,11 +411,9 @@ def where() -> str:
 def benchmarks() -> str:
     """Every benchmark: what it measures, its minutes, and where its figures are from."""
     lines = [["name", "what it measures", "minutes", "measured at"]]
-    for benchmark in BENCHMARKS:
+    for benchmark in find_benchmarks().values():
         measured_on = read_results(benchmark.results).measured_on
         when = f"`{measured_on.commit}`, {measured_on.date[:10]}"
-        if measured_on.confirmed is not None:
-            when += f"; confirmed at `{measured_on.confirmed.commit}`"
         lines.append([f"`{benchmark.name}`", benchmark.measures, f"{benchmark.minutes:g}", when])
     return _markdown(lines)
 
