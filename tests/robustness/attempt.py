@@ -1,4 +1,4 @@
-"""Trying cases, one after another in this process: each must end well, and leave nothing behind."""
+"""Runs cases in this process: each must end as expected and leave nothing behind."""
 
 import io
 import os
@@ -7,79 +7,71 @@ import signal
 import socket
 import sys
 import tempfile
-import time
 import traceback
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import chdir, contextmanager
 from functools import cache
 from pathlib import Path
 
-from benchmarks.inputs.case import REFUSED, Base, Case
+from cases import REFUSED, Base, Case
+
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 
-PATIENCE_SECONDS = 120
-"""Longest that a case may take, s; longer is a hang. Other processes may share the cores."""
+PATIENCE_S = 120
+"""Longest duration of a case, s; longer is a hang. Other processes may share the cores."""
 
-CLASS_NAME = re.compile(r"\b[A-Z]\w*[a-z](?:Error|Exception|Warning)\b")
-"""Names of Python's exceptions, which are no words for a user."""
+EXCEPTION = re.compile(r"\b[A-Z]\w*[a-z](?:Error|Exception|Warning)\b")
+"""Names of Python's exceptions, which no message may contain."""
 
 PROGRESS = re.compile(r"\d+%\|| \[\d\d:\d\d")
-"""What a progress bar's line holds."""
+"""Part of a progress bar's line."""
+
+LOCAL: set[int] = set()
+"""Ports of this machine that cases connect to."""
 
 connections: list[str] = []
-"""Addresses that anything in this process looked up or connected to, besides local sockets."""
+"""Other addresses that this process looked up or connected to, without local sockets."""
 
 
-class _HangError(BaseException):
-    """A case ran out of time."""
+class HangError(BaseException):
+    """A case took too long."""
 
 
-@dataclass(frozen=True)
-class Tried:
-    """How a case ended. faults: what was not well, none where it is clean."""
-
-    case: Case
-    seconds: float
-    status: int
-    said: str
-    faults: tuple[str, ...]
-
-
-def try_case(case: Case, base: Base, box: Path) -> Tried:
-    """Runs a case in its own new folder."""
+def attempt(case: Case, base: Base, box: Path) -> tuple[list[str], str]:
+    """Runs a case in the new folder box. Returns its faults, and the end of what it printed."""
     box.mkdir()
     case.make(box, base)
     before, known = _listing(box), len(connections)
-    start = time.monotonic()
     status, out, err, faults = _run(case, base, box)
-    seconds = time.monotonic() - start
-    faults += _of_end(case, status, out, err)
-    faults += _of_folder(case, before, _listing(box))
+    faults += _faults_of_end(case, status, out, err)
+    faults += _faults_of_folder(case, before, _listing(box))
     faults += [f"connected to {address}" for address in connections[known:]]
-    return Tried(case, seconds, status, (out + err)[-2000:], tuple(faults))
+    return faults, (out + err)[-300:]
 
 
 @cache
-def guard_connections() -> None:
-    """From here on every look-up of a host and every connection to one is written down."""
+def record_connections() -> None:
+    """Records every later host lookup and connection of this process."""
 
     def hook(event: str, args: tuple) -> None:
-        if event == "socket.getaddrinfo" or event == "socket.gethostbyname":
+        is_connection = event == "socket.connect" and args[0].family != socket.AF_UNIX
+        if event == "socket.gethostbyname":
             connections.append(str(args[0]))
-        elif event == "socket.connect" and args[0].family != socket.AF_UNIX:
+        elif is_connection and args[1][1] not in LOCAL:
             connections.append(str(args[1]))
+        elif event == "socket.getaddrinfo" and args[1] not in LOCAL:
+            connections.append(str(args[0]))
 
     sys.addaudithook(hook)
 
 
 def _run(case: Case, base: Base, box: Path) -> tuple[int, str, str, list[str]]:
-    """Exit status, standard output, standard error, and what was not well."""
+    """Exit status, standard output, standard error, and faults."""
     faults: list[str] = []
     status = 0
-    with _inside(box), _captured() as texts, _time_limit(), warnings.catch_warnings():
+    with chdir(box), _captured() as texts, _time_limit(), warnings.catch_warnings():
         warnings.simplefilter("always")
         try:
             if case.call is None:
@@ -91,21 +83,21 @@ def _run(case: Case, base: Base, box: Path) -> tuple[int, str, str, list[str]]:
             status = REFUSED
         except SystemExit as stop:
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
-        except _HangError:
-            faults.append(f"took more than {PATIENCE_SECONDS} s")
-        except BaseException:  # whatever got out, the next case is tried
+        except HangError:
+            faults.append(f"took more than {PATIENCE_S} s")
+        except BaseException:  # a fault of this case must not stop the next
             faults.append("traceback: " + traceback.format_exc().strip()[-600:])
     return status, texts[0], texts[1], faults
 
 
-def _of_end(case: Case, status: int, out: str, err: str) -> list[str]:
+def _faults_of_end(case: Case, status: int, out: str, err: str) -> list[str]:
     faults = []
     if "Traceback" in err or "Traceback" in out:
         faults.append("a traceback was printed")
-    elif CLASS_NAME.search(err):
+    elif EXCEPTION.search(err):
         faults.append("the name of an exception was printed")
     if case.fine:
-        return faults + ([f"status {status} though it is fine"] if status else [])
+        return faults + ([f"status {status} of valid input"] if status else [])
     if status not in case.statuses:
         faults.append(f"status {status}")
     lines = [line for line in re.split(r"[\r\n]+", err) if line and not PROGRESS.search(line)]
@@ -114,18 +106,17 @@ def _of_end(case: Case, status: int, out: str, err: str) -> list[str]:
     elif len(lines) != 1 or not lines[0].startswith("t2twin: "):
         faults.append(f"not one sentence but {len(lines)} lines")
     if case.says.lower() not in " ".join(lines).lower():
-        faults.append(f"does not say {case.says!r}")
+        faults.append(f"the sentence lacks {case.says!r}")
     return faults
 
 
-def _of_folder(case: Case, before: dict[str, tuple], after: dict[str, tuple]) -> list[str]:
-    changed = sorted(name for name in before if after.get(name) != before[name])
-    # A dataset's decoded pictures are kept for the next command, whatever comes of this one.
+def _faults_of_folder(case: Case, before: dict[str, tuple], after: dict[str, tuple]) -> list[str]:
+    # Decoded images of a dataset are cached for the next command, whatever the end of this one.
     new = sorted(name for name in set(after) - set(before) if "cache" not in Path(name).parts)
-    faults = [f"changed {name}" for name in changed if not case.fine]
+    faults = [f"left {name}" for name in new if ".part" in name or ".lock" in name]
     if not case.fine:
-        faults += [f"left {name}" for name in new]
-    faults += [f"left {name}" for name in new if ".part" in name or ".lock" in name]
+        changed = sorted(name for name in before if after.get(name) != before[name])
+        faults += [f"changed {name}" for name in changed] + [f"left {name}" for name in new]
     return faults
 
 
@@ -142,18 +133,8 @@ def _listing(box: Path) -> dict[str, tuple]:
 
 
 @contextmanager
-def _inside(box: Path) -> Iterator[None]:
-    before = Path.cwd()
-    os.chdir(box)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
-@contextmanager
 def _captured() -> Iterator[list[str]]:
-    """What is printed within the block, by Python or by a library's C code: two texts."""
+    """What Python and C libraries print within the block: standard output, standard error."""
     texts = ["", ""]
     own = sys.stdout, sys.stderr
     for stream in own:
@@ -162,11 +143,10 @@ def _captured() -> Iterator[list[str]]:
         kept = [os.dup(1), os.dup(2)]
         os.dup2(out.fileno(), 1)
         os.dup2(err.fileno(), 2)
+        options = {"write_through": True, "errors": "backslashreplace"}
         sys.stdout, sys.stderr = (
-            io.TextIOWrapper(io.FileIO(fd, "w", closefd=False), write_through=True,
-                             errors="backslashreplace")
-            for fd in (1, 2)
-        )  # fmt: skip
+            io.TextIOWrapper(io.FileIO(number, "w", closefd=False), **options) for number in (1, 2)
+        )
         try:
             yield texts
         finally:
@@ -180,11 +160,11 @@ def _captured() -> Iterator[list[str]]:
 
 @contextmanager
 def _time_limit() -> Iterator[None]:
-    def hang(number: int, frame: object) -> None:
-        raise _HangError
+    def stop(number: int, frame: object) -> None:
+        raise HangError
 
-    before = signal.signal(signal.SIGALRM, hang)
-    signal.alarm(PATIENCE_SECONDS)
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.alarm(PATIENCE_S)
     try:
         yield
     finally:
