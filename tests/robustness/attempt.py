@@ -1,12 +1,10 @@
 """Runs cases in this process: each must end as expected and leave nothing behind."""
 
-import io
 import os
 import re
 import signal
 import socket
 import sys
-import tempfile
 import traceback
 import warnings
 from collections.abc import Iterator
@@ -14,6 +12,7 @@ from contextlib import chdir, contextmanager
 from functools import cache
 from pathlib import Path
 
+import pytest
 from cases import REFUSED, Base, Case
 
 from t2twin.cli import main
@@ -25,8 +24,8 @@ PATIENCE_S = 120
 EXCEPTION = re.compile(r"\b[A-Z]\w*[a-z](?:Error|Exception|Warning)\b")
 """Names of Python's exceptions, which no message may contain."""
 
-PROGRESS = re.compile(r"\d+%\|| \[\d\d:\d\d")
-"""Part of a progress bar's line."""
+PROGRESS = re.compile(r"\d+%\|| \[\d\d:\d\d|compiling numerical loops|, some seconds$")
+"""Part of a line that reports progress."""
 
 LOCAL: set[int] = set()
 """Ports of this machine that cases connect to."""
@@ -39,16 +38,18 @@ class HangError(BaseException):
     """A case took too long."""
 
 
-def attempt(case: Case, base: Base, box: Path) -> tuple[list[str], str]:
-    """Runs a case in the new folder box. Returns its faults, and the end of what it printed."""
+def attempt(case: Case, base: Base, box: Path, capfd: pytest.CaptureFixture) -> list[str]:
+    """Runs a case in the new folder box. Returns its faults, and with any what it printed."""
     box.mkdir()
     case.make(box, base)
     before, known = _listing(box), len(connections)
-    status, out, err, faults = _run(case, base, box)
+    capfd.readouterr()
+    status, faults = _run(case, base, box)
+    out, err = capfd.readouterr()
     faults += _faults_of_end(case, status, out, err)
     faults += _faults_of_folder(case, before, _listing(box))
     faults += [f"connected to {address}" for address in connections[known:]]
-    return faults, (out + err)[-300:]
+    return [f"{case.name}: {fault}" for fault in faults] + [(out + err)[-300:]] * bool(faults)
 
 
 @cache
@@ -67,11 +68,11 @@ def record_connections() -> None:
     sys.addaudithook(hook)
 
 
-def _run(case: Case, base: Base, box: Path) -> tuple[int, str, str, list[str]]:
-    """Exit status, standard output, standard error, and faults."""
+def _run(case: Case, base: Base, box: Path) -> tuple[int, list[str]]:
+    """Exit status and faults."""
     faults: list[str] = []
     status = 0
-    with chdir(box), _captured() as texts, _time_limit(), warnings.catch_warnings():
+    with chdir(box), _time_limit(), warnings.catch_warnings():
         warnings.simplefilter("always")
         try:
             if case.call is None:
@@ -87,7 +88,7 @@ def _run(case: Case, base: Base, box: Path) -> tuple[int, str, str, list[str]]:
             faults.append(f"took more than {PATIENCE_S} s")
         except BaseException:  # a fault of this case must not stop the next
             faults.append("traceback: " + traceback.format_exc().strip()[-600:])
-    return status, texts[0], texts[1], faults
+    return status, faults
 
 
 def _faults_of_end(case: Case, status: int, out: str, err: str) -> list[str]:
@@ -130,32 +131,6 @@ def _listing(box: Path) -> dict[str, tuple]:
             () if is_folder else (about.st_size, about.st_mtime_ns)
         )
     return listing
-
-
-@contextmanager
-def _captured() -> Iterator[list[str]]:
-    """What Python and C libraries print within the block: standard output, standard error."""
-    texts = ["", ""]
-    own = sys.stdout, sys.stderr
-    for stream in own:
-        stream.flush()
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        kept = [os.dup(1), os.dup(2)]
-        os.dup2(out.fileno(), 1)
-        os.dup2(err.fileno(), 2)
-        options = {"write_through": True, "errors": "backslashreplace"}
-        sys.stdout, sys.stderr = (
-            io.TextIOWrapper(io.FileIO(number, "w", closefd=False), **options) for number in (1, 2)
-        )
-        try:
-            yield texts
-        finally:
-            sys.stdout, sys.stderr = own
-            for number, (file, old) in enumerate(zip((out, err), kept, strict=True), start=1):
-                os.dup2(old, number)
-                os.close(old)
-                file.seek(0)
-                texts[number - 1] = file.read().decode(errors="backslashreplace")
 
 
 @contextmanager

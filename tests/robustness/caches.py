@@ -7,9 +7,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from cases import DAMAGES, Case, Copy, edit, laid, put
+from cases import DAMAGES, Base, Case, Copy, edit, laid, put
 from files import DATA, RUN
 from pictures import PNG
+from solids import STL
 from stored import USERS
 
 import t2twin
@@ -19,46 +20,13 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact import mujoco_pins
 from t2twin.sim.dataset.store import sha256_of
 
-LOOPS = """
-from t2twin.core.jit import compiled
-
-@compiled("f8(f8)")
-def twice(x):
-    return 2.0 * x
-
-@compiled("f8(f8)")
-def thrice(x):
-    return 3.0 * x
-"""
-
-
-def _shape(box: Path, base) -> np.ndarray:
-    import trimesh
-
-    path = box / "box.stl"
-    if not path.exists():
-        trimesh.creation.box((6.0, 4.0, 3.0)).export(path)
-    return catalogue.load(path, box / "cache/shapes").surface.heights_mm
-
-
-def _array(box: Path, base) -> np.ndarray:
-    return cached_array("arrays", "key", __file__, lambda: np.arange(5.0))
-
-
-def _pins(box: Path, base) -> np.ndarray:
-    """Stiffness and places of the smallest cached model."""
-    model = mujoco_pins._model(mujoco_pins.MIN_CACHED_PINS)
-    return np.concatenate([model.jnt_stiffness.ravel(), model.geom_pos.ravel()])
-
-
-def _counts(box: Path, base) -> np.ndarray:
-    """Counts of an image by ONNX Runtime, rounded, as PyTorch may replace it."""
-    run = t2twin.load(base.resnet18, engine="onnx")
-    return run.predict(np.full((32, 24, 3), 90, np.uint8)).round(-1)
+LOOPS = "from t2twin.core.jit import compiled\n" + "".join(
+    f"@compiled('f8(f8)')\ndef {name}(x):\n    return {factor} * x\n"
+    for name, factor in (("twice", 2.0), ("thrice", 3.0))
+)
 
 
 def _machine_code(box: Path, base) -> np.ndarray:
-    put(box / "loops.py", LOOPS) if not (box / "loops.py").exists() else None
     specification = importlib.util.spec_from_file_location("loops", box / "loops.py")
     assert specification is not None and specification.loader is not None
     module = importlib.util.module_from_spec(specification)
@@ -67,12 +35,6 @@ def _machine_code(box: Path, base) -> np.ndarray:
     for loop in (module.twice, module.thrice):
         loop._cache._folder = box / "cache/code"  # not the folder of this process
     return np.array([module.twice(1.5), module.thrice(1.5)])
-
-
-def _flip(content: bytes, place: int) -> bytes:
-    changed = bytearray(content)
-    changed[place] ^= 0x10
-    return bytes(changed)
 
 
 def _other(path: Path) -> None:
@@ -86,17 +48,19 @@ def _other(path: Path) -> None:
 
 
 CACHED_DAMAGES = DAMAGES | {
-    "without its last byte": edit(lambda content: content[:-1]),
-    "with a byte more": edit(lambda content: content + b"x"),
-    "a flipped bit in the middle": edit(lambda content: _flip(content, len(content) // 2)),
-    "a flipped bit at the end": edit(lambda content: _flip(content, -1)),
-    "the content of another": _other,
-}
-CACHED: dict[str, Callable[[Path, t2twin.Twin], np.ndarray]] = {
-    "shape": _shape, "array": _array, "pins": _pins, "ONNX file": _counts,
+    "cut": edit(lambda c: c[:-1]), "longer": edit(lambda c: c + b"x"), "another": _other,
+    "flipped": edit(lambda c: c[:-40] + bytes([c[-40] ^ 16]) + c[-39:]),
+}  # fmt: skip
+CACHED: dict[str, Callable[[Path, Base], np.ndarray]] = {
+    "shape": lambda box, base: catalogue.load(
+        box / "x.stl", box / "cache/shapes").surface.heights_mm,
+    "array": lambda box, base: cached_array("arrays", "key", __file__, lambda: np.arange(5.0)),
+    "pins": lambda box, base: mujoco_pins._model(mujoco_pins.MIN_CACHED_PINS).geom_pos,
+    "ONNX file": lambda box, base: t2twin.load(base.resnet18, engine="onnx").predict(
+        np.full((32, 24, 3), 90, np.uint8)).round(-1),  # as PyTorch may replace it
     "machine code": _machine_code,
 }  # fmt: skip
-"""What is cached, and a function that computes and caches it."""
+"""Functions whose results are cached."""
 
 ARRAYS = (
     b"", b"hello", b"\x93NUMPY\x01\x00v\x00", np.lib.format.magic(1, 0) + b"\x10\x00" + b"{" * 16,
@@ -142,7 +106,8 @@ def cases() -> Iterator[Case]:
     for what, compute in CACHED.items():
         for name, damage in CACHED_DAMAGES.items():
             call = partial(_again, compute, damage)
-            yield Case(f"cached {what}: {name}", call=call, fine=True)
+            files = laid({"x.stl": STL, "loops.py": LOOPS})
+            yield Case(f"cached {what}: {name}", "", files, fine=True, call=call)
     for number, array in enumerate(ARRAYS):
         write = partial(np.save, arr=array) if isinstance(array, np.ndarray) else (
             lambda path, array=array: path.write_bytes(array))  # fmt: skip

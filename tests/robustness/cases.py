@@ -5,7 +5,7 @@ import os
 import shlex
 import shutil
 import socket
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -118,12 +118,6 @@ def bind_socket(path: Path) -> None:
         os.chdir(before)
 
 
-def enlarge(path: Path) -> None:
-    """A file of 5 GB that takes no space."""
-    with path.open("wb") as file:
-        file.truncate(5_000_000_000)
-
-
 NOISE = np.random.default_rng(0).bytes(5000)
 
 CONTENTS: dict[str, Callable[[Path], object]] = {
@@ -185,11 +179,11 @@ def json_edit(field: str, value: Any) -> Callable[[Path], object]:
 
 
 def wrong_fields(
-    kinds: Mapping[str, str], optional: str = ""
+    kinds: Mapping[str, str], optional: str, values: Iterable[tuple[str, Any]]
 ) -> Iterator[tuple[str, Callable[[Path], object]]]:
-    """Wrong values of JSON fields, by the fields of each kind. optional: fields that may lack."""
-    for kind, fields in kinds.items():
-        for field in fields.split():
-            for value in WRONG[kind]:
-                if value is not ... or field not in optional.split():
-                    yield f"{field} {value!r}", json_edit(field, value)
+    """Wrong values of JSON fields, by the fields of each kind, and more values. optional: fields
+    that may be absent."""
+    pairs = [(f, v) for kind, fields in kinds.items() for f in fields.split() for v in WRONG[kind]]
+    for field, value in (*pairs, *values):
+        if value is not ... or field not in optional.split():
+            yield f"{field} {str(value)[:30]}", json_edit(field, value)

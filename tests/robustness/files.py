@@ -64,7 +64,7 @@ KINDS: dict[str, tuple[dict[str, Content], str, tuple[str, ...]]] = {
 }  # fmt: skip
 """By the kind of file: valid files, the damaged one of them, and commands that read it in turn."""
 
-VALID = {("forces", "zeros")}
+VALID = {("forces", "half"), ("video", "a folder")}
 """Kinds and damages that give valid input, or input that is not read."""
 
 

@@ -62,16 +62,18 @@ def _zip_bomb() -> bytes:
     return file.getvalue()
 
 
-def bad_calibrations() -> Iterator[tuple[str, bytes]]:
+def calibrations() -> Iterator[tuple[str, bytes, bool]]:
+    """Name, content, and whether it is valid."""
     with np.load(DEFAULT_PATH) as kept:
         good = {key: kept[key] for key in kept.files}
     whole, number = _packed(), np.array
-    yield "an empty zip", b"PK\x05\x06" + bytes(18)
-    yield "a bomb", _zip_bomb()
+    yield "an empty zip", b"PK\x05\x06" + bytes(18), False
+    yield "a bomb", _zip_bomb(), False
     for share in (0.2, 0.9, 0.999):
-        yield f"cut at {share:.1%}", whole[: int(share * len(whole))]
+        yield f"cut at {share:.1%}", whole[: int(share * len(whole))], False
     middle = len(whole) // 2
-    yield "a flipped byte", whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :]
+    flipped = bytes([whole[middle] ^ 255])
+    yield "a flipped byte", whole[:middle] + flipped + whole[middle + 1 :], False
     for key, array in good.items():
         others = {"missing": number([]), "text": number("abc"), "complex": array * (1 + 1j),
                   "of objects": number([Unpickled()], dtype=object)}  # fmt: skip
@@ -80,7 +82,7 @@ def bad_calibrations() -> Iterator[tuple[str, bytes]]:
             others |= {str(value): np.full(array.shape, value) for value in values}
             others["times 1e30"] = array * 1e30
         for name, other in others.items():
-            yield f"{key} {name}", _packed(**{key: other})
+            yield f"{key} {name}", _packed(**{key: other}), False
     background, young = good["background"], (np.nan, np.inf, 0.0, -0.5, 1e9, [0.4, 0.5], "soft")
     for key, values in {
         "background": (background / 255.0, background[::2], background.swapaxes(0, 1)),
@@ -88,20 +90,15 @@ def bad_calibrations() -> Iterator[tuple[str, bytes]]:
         "tilt_x_deg": (np.nan,), "lamps_mm": (good["lamps_mm"][:2],), "young_mpa": young,
     }.items():  # fmt: skip
         for index, value in enumerate(values):
-            yield f"{key}, {index}", _packed(**{key: number(value)})
-
-
-def odd_calibrations() -> Iterator[tuple[str, bytes]]:
-    with np.load(DEFAULT_PATH) as kept:
-        response, background, lamps = kept["response"], kept["background"], kept["lamps_mm"]
+            yield f"{key}, {index}", _packed(**{key: number(value)}), False
     for key, values in {
         "young_mpa": (0.05,), "note": ("mine",), "shift_y_px": (-100.0,), "tilt_x_deg": (5.0,),
-        "response": (response.astype(np.float32), response * 0), "background": (background * 0,),
-        "lamps_mm": (lamps * 22.0, np.zeros((3, 3))), "sizes_mm": (np.full(3, 100.0),),
-        "distance_mm": (100.0, 5.0), "scale_px_per_mm": (5.0, 100.0),
+        "response": (good["response"].astype(np.float32), good["response"] * 0),
+        "background": (background * 0,), "lamps_mm": (good["lamps_mm"] * 22.0, np.zeros((3, 3))),
+        "sizes_mm": ([100.0] * 3,), "distance_mm": (100.0, 5.0), "scale_px_per_mm": (5.0, 100.0),
     }.items():  # fmt: skip
-        for value in values:
-            yield f"{key} {np.ravel(value)[0]}", _packed(**{key: np.array(value)})
+        for index, value in enumerate(values):
+            yield f"valid {key}, {index}", _packed(**{key: number(value)}), True
 
 
 def _other(content: Content, name: str = "press_9.png") -> dict[str, Content]:
@@ -167,10 +164,9 @@ BAD_OPTIONS = """
 
 
 def cases() -> Iterator[Case]:
-    for name, content in bad_calibrations():
-        yield Case(f"calibration: {name}", PRESS, laid({"c.npz": content}), "c.npz")
-    for name, content in odd_calibrations():
-        yield Case(f"calibration: {name}", PRESS, laid({"c.npz": content}), fine=True)
+    for name, content, fine in calibrations():
+        says = "" if fine else "c.npz"
+        yield Case(f"calibration: {name}", PRESS, laid({"c.npz": content}), says, fine)
     for command in (CALIBRATE, ADAPT):
         for name, files, says in BAD_FRAMES:
             yield Case(f"{command[:9]}: {name}", command, laid(files), says)

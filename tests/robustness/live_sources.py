@@ -7,10 +7,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pytest
 from cases import NOISE, Base, Case, Content, laid, link
 from pictures import JPEG, PNG, bomb, encoded, frame, grey16
 from PIL import Image
 
+from t2twin.core.errors import T2TwinError
 from t2twin.live.folder import FolderSource
 from t2twin.live.sources import open_source
 
@@ -168,7 +170,8 @@ def _gone(change: Callable[[Path], object], box: Path, base: Base) -> None:
     source = FolderSource(folder, 0, lambda report: None, SHORT_PATIENCE_S)
     folder.rmdir()
     change(folder)
-    source.read()
+    with pytest.raises(T2TwinError, match="no longer exists"):
+        source.read()
 
 
 def _reported(make: Callable[[Path], object], says: str, box: Path, base: Base) -> None:
@@ -211,6 +214,6 @@ def cases() -> Iterator[Case]:
         name = f"changes by {steps[0][1].__name__} of {steps[-1][0]}"
         yield Case(name, call=partial(_change, steps), fine=True)
     for change in (lambda path: None, lambda path: path.write_text("a file")):
-        yield Case("a folder that is deleted", says="no longer exists", call=partial(_gone, change))
+        yield Case("a folder that is deleted", call=partial(_gone, change), fine=True)
     for write, says in ((video(0.01, 2), "frames/s"), (video(500.0, 40, part=0.5), "ends after")):
         yield Case(f"a video that {says}", call=partial(_reported, write, says), fine=True)

@@ -176,51 +176,39 @@ BAD: Mapping[str, Callable[[Base], object]] = {
     "in all": lambda base: _run().sample_fields([SMALL] * 3, 50_000),
     "at least one": lambda base: _run().estimate([]),
     "needs a field run": lambda base: _run(base.resnet18).estimate(SMALL),
-    "field run": lambda base: _run(base.resnet18).predict(SMALL, SMALL),
     "needs a cyskin-to-digit run": lambda base: _run(base.resnet18).predict_image(np.zeros(20)),
     "numbers from 0": lambda base: _reverse_run(base.touch2touch).predict_image(-np.ones(20)),
     "pixels have shape": lambda base: _run().predict_pixels(SMALL[None]),
-    "uint8": lambda base: _run().predict_pixels(np.zeros((1, 96, 96, 3))),
     "no run feild": lambda base: t2twin.load("feild"),
-    "no engine": lambda base: t2twin.load(engine="jax"),  # pyright: ignore[reportArgumentType]
-    "expected text": lambda base: t2twin.load(engine=["onnx"]),  # pyright: ignore[reportArgumentType]
-    "True or False": lambda base: t2twin.load(bf16="no"),  # pyright: ignore[reportArgumentType]
-    "surface is None": lambda base: t2twin.press(t2twin.Shape("a", None, None, (1.0, 1.0))),  # pyright: ignore[reportArgumentType]
     "for files only": lambda base: t2twin.load_shape(t2twin.load_shape("circle-1"), 2.0),
-    "name": lambda base: _recipe(name=5), "whole number": lambda base: _recipe(seed="x"),
-    "parts": lambda base: _recipe(parts=()), "expected": lambda base: _recipe(parts=5),
-    "expected a path": lambda base: t2twin.press(t2twin.load_shape("circle-1").mesh),  # pyright: ignore[reportArgumentType]
+    "name": lambda base: _recipe(name=5), "parts": lambda base: _recipe(parts=()),
     "from 0.1 to 200": lambda base: _elastomer(thickness_mm=3000),
-    "has shape": lambda base: _layout(x_mm=np.arange(5.0)),
     "at least 3": lambda base: t2twin.Layout("two", *[np.array([1.0, 2.0])] * 3),
 }  # fmt: skip
 """Bad calls by a part of the sentence."""
 
 NUMPY: dict[str, Any] = {"force_n": np.float32(8), "x_mm": np.int64(1), "seed": np.uint8(3)}
 TAXELS: dict[str, Any] = {"x_mm": [0.0, 5.0, 9.0], "y_mm": [0, 5, 1], "name": "three"}
-FINE: Mapping[str, Callable[[Base], object]] = {
-    **{f"image {value.shape}": lambda base, v=value: _run().predict(v).shape[-1] == 20
-       for value in (GREY, GREY[None, :, :, None], FRAME[:1, :1], FRAME[:3], FRAME[::-1, ::-1])},
-    "sizes": lambda base: _run().predict((FRAME, SMALL, GREY)).shape == (3, 20),
-    "an empty list": lambda base: _run().predict([]).shape == (0, 20),
-    "an empty batch": lambda base: _run(base.resnet18).predict(FRAME[None][:0]).shape == (0, 20),
-    "no fields": lambda base: _run().sample_fields([], 3).shape == (0, 3, 216),
-    "no images": lambda base: _run(base.resnet18).tactile_images([]).shape == (0, 396, 240),
-    "a grey background": lambda base: _run().predict(FRAME, GREY).shape == (20,),
-    "background": lambda base: _run().estimate(FRAME, background=SMALL).counts.shape == (20,),
-    "default": lambda base: abs(t2twin.load().predict(FRAME) - _run().predict(FRAME)).max() < 1,
-    "numbers of NumPy": lambda base: np.array_equal(
-        t2twin.press("circle-1", **NUMPY).counts,
-        t2twin.press("circle-1", force_n=8, x_mm=1, seed=3).counts),
-    "a level of NumPy": lambda base: _run().estimate(FRAME).interval(np.float64(0.5)),
-    "a NumPy count": lambda base: _run().sample_fields(FRAME, np.int64(2)).shape == (2, 216),  # pyright: ignore[reportArgumentType]
-    "taxels in lists": lambda base: _run().at_layout(**TAXELS).predict(FRAME).shape == (3,),
-    "a Shape": lambda base: t2twin.load_shape(t2twin.load_shape("circle-1")).name == "circle-1",
-    "a flat gel": lambda base: _elastomer(dome_width_radius_mm=np.inf),
-    "a list": lambda base: _reverse_run(base.touch2touch).predict_image([0] * 20).ndim == 2,
-    "paths": lambda base: t2twin.translate_images(
+FINE: tuple[Callable[[Base], object], ...] = (
+    *(lambda base, v=value: _run().predict(v).shape[-1] == 20 for value in (
+        GREY, GREY[None, :, :, None], FRAME[:1, :1], FRAME[:3], FRAME[::-1, ::-1])),
+    lambda base: _run().predict((FRAME, SMALL, GREY)).shape == (3, 20),
+    lambda base: _run().predict([]).shape == (0, 20),
+    lambda base: _run(base.resnet18).predict(FRAME[None][:0]).shape == (0, 20),
+    lambda base: _run().sample_fields([], 3).shape == (0, 3, 216),
+    lambda base: _run(base.resnet18).tactile_images([]).shape == (0, 396, 240),
+    lambda base: _run().predict(FRAME, GREY).shape == (20,),
+    lambda base: _run().estimate(FRAME, background=SMALL).counts.shape == (20,),
+    lambda base: np.abs(t2twin.load().predict(FRAME) - _run().predict(FRAME)).max() < 1.0,
+    lambda base: t2twin.press("circle-1", **NUMPY).counts.any(),
+    lambda base: _run().estimate(FRAME).interval(np.float64(0.5)),
+    lambda base: _run().at_layout(**TAXELS).predict(FRAME).shape == (3,),
+    lambda base: t2twin.load_shape(t2twin.load_shape("circle-1")).name == "circle-1",
+    lambda base: _elastomer(dome_width_radius_mm=np.inf),
+    lambda base: _reverse_run(base.touch2touch).predict_image([0] * 20).ndim == 2,
+    lambda base: t2twin.translate_images(
         ("x.png", Path("x.png")), "out", base.resnet18).shape == (2, 20),
-}  # fmt: skip
+)  # fmt: skip
 """Valid calls whose result is true."""
 
 
@@ -263,5 +251,5 @@ def cases() -> Iterator[Case]:
             yield Case(f"background: {what}", "", files, call=call)
     for says, bad in BAD.items():
         yield Case(says, "", files, says, call=lambda box, base, bad=bad: bad(base))
-    for name, good in FINE.items():
-        yield Case(f"valid: {name}", "", files, fine=True, call=partial(_check, good))
+    for number, good in enumerate(FINE):
+        yield Case(f"valid call {number}", "", files, fine=True, call=partial(_check, good))

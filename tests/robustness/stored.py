@@ -16,6 +16,7 @@ from cases import (
     NOISE,
     REFUSED,
     Case,
+    Content,
     Copy,
     Unpickled,
     edit,
@@ -212,10 +213,7 @@ LOGS = (
 
 
 def cases() -> Iterator[Case]:
-    info = [*wrong_fields(INFO_FIELDS, INFO_OPTIONAL)]
-    info += [
-        (f"{field} {str(value)[:30]}", json_edit(field, value)) for field, value in INFO_VALUES
-    ]
+    info = [*wrong_fields(INFO_FIELDS, INFO_OPTIONAL, INFO_VALUES)]
     info += [(f"a shard at {name!r}", _renamed_shard(name)) for name in SHARD_NAMES]
     info += [(f"text {number}", edit(change)) for number, change in enumerate(TEXTS)]
     for number, (name, change) in enumerate(info):
@@ -225,11 +223,10 @@ def cases() -> Iterator[Case]:
         for reader in (number % 4, 4):
             yield _of_dataset(f"shard: {name}", reader, files)
     yield _of_dataset("shard: missing", 4, DATA | {SHARD: None})
-    config = [*wrong_fields(CONFIG_FIELDS, CONFIG_OPTIONAL)]
-    config += [(f"{field} {str(value)[:30]}", json_edit(field, value))
-               for field, value in CONFIG_VALUES]  # fmt: skip
-    config += [(text[:9], edit(lambda _, text=text: text.encode()))
-               for text in ('{"model": "resn', "null", "[]", "[" * 100_000)]  # fmt: skip
+    config: list[tuple[str, Content]] = [
+        *wrong_fields(CONFIG_FIELDS, CONFIG_OPTIONAL, CONFIG_VALUES),
+        *((text[:9], text) for text in ('{"model": "resn', "null", "[]", "[" * 100_000)),
+    ]
     for number, (name, change) in enumerate(config):
         files = RUN | {"run/./config.json": change}
         yield Case(f"config.json: {name}", USERS[number % 5], laid(files))
