@@ -1,10 +1,10 @@
-"""What settles the depths of a ball's presses, measured on twins whose scale and gel are known.
+"""Accuracy of a calibration with known displacements, forces and a second ball.
 
     python -m benchmarks.anchors
 
-Eight presses, in the light that ships at SCALE_PX_PER_MM, of one ball and of two in turn. How much
-worse the frames fit at scales that are off; how near scale, depths and modulus come with known
-displacements and forces; and whether the stated ranges hold the truth where nothing is known.
+Simulates eight presses of one ball and of two balls, with a known scale and gel, in the default
+light. Measures the loss of PSNR at wrong scales. Measures the errors of scale, depths and modulus
+with and without known displacements and forces, and whether the stated ranges contain the truth.
 """
 
 import csv
@@ -34,7 +34,7 @@ from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 
 BENCHMARK = Benchmark(
     name="anchors",
-    measures="What known displacements, forces and a second ball settle, on twins that are known.",
+    measures="Accuracy of a calibration with known displacements, forces and a second ball.",
     minutes=6,
     sources=("primitives_cad", "sim/contact", "sim/digit"),
     figures=tuple(

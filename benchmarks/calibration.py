@@ -1,8 +1,9 @@
-"""How near a calibration comes to frames of a real DIGIT that it was not fitted to.
+"""Accuracy of a calibration on frames of a real DIGIT that it was not fitted to.
 
     python -m benchmarks.calibration FRAMES
 
-FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project.
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project.
 """
 
 from argparse import Namespace
@@ -16,7 +17,7 @@ from t2twin.sim.digit.calibrate.calibrate import calibrate
 
 BENCHMARK = Benchmark(
     name="calibration",
-    measures="How near a calibration comes to frames of a real DIGIT that it was not fitted to.",
+    measures="Accuracy of a calibration on frames of a real DIGIT that it was not fitted to.",
     minutes=1,
     sources=("sim/digit",),
     figures=(

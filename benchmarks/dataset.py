@@ -1,12 +1,12 @@
-"""A finished dataset in figures and pictures: is it whole, sane, small and quickly made?
+"""Content, size and generation rate of a dataset.
 
     t2twin simdata --scale paper --out data/paper
     t2twin simdata --scale small --workers 1 --out data/one
     t2twin simdata --scale small --workers 2 --out data/two
     python -m benchmarks.dataset data/paper --rates data/one data/two
 
-The figures are those of the dataset's shards and its log; docs/pictures/dataset_*.png are drawn
-from it too. Without --rates the results keep the rates that they have, with where those are from.
+The figures come from the dataset's shards and log, and docs/pictures/dataset_*.png are drawn from
+them. Without --rates the results keep the earlier rates, with their commit and date.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="dataset",
-    measures="Whether a finished dataset is whole, sane, small and quickly made.",
+    measures="Content, size and generation rate of a dataset.",
     minutes=2,
     sources=("primitives_cad", "sim", "t2twin/report/dataset"),
     figures=(

@@ -1,10 +1,10 @@
-"""How near the baked DIGIT picture is to the rendered reference, and what each costs.
+"""Accuracy and speed of the baked DIGIT image, compared with the rendered reference.
 
     python -m benchmarks.digit_render [--presses 100]
 
-Presses the shapes of the catalogue in turn at 8 N into the DIGIT's gel, renders each deflection
-both ways, and scores the baked picture on the 100 x 100 pixels at the contact, beside the row
-for showing the untouched background instead.
+Presses the catalogue's shapes in turn at 8 N into the DIGIT's gel and renders each deflection both
+ways. The baked image is scored on the 100 x 100 pixels around the contact. A row with the
+background image gives the score of an image without contact.
 """
 
 import statistics
@@ -31,7 +31,7 @@ MIN_PSNR_DB, MIN_SSIM = 32.0, 0.95
 
 BENCHMARK = Benchmark(
     name="digit_render",
-    measures="How near the baked DIGIT picture is to the rendered reference, and what each costs.",
+    measures="Accuracy and speed of the baked DIGIT image, against the rendered reference.",
     minutes=8,
     sources=("primitives_cad", "sim/contact", "sim/digit"),
     figures=(

@@ -1,14 +1,15 @@
-"""What the gel's dome and free sides change.
+"""Effect of the gel's dome and free sides, compared with finite elements of the real gel.
 
     python -m benchmarks.dome [--shapes N]
 
-The press takes the DIGIT's gel for a laterally unbounded layer of the local thickness. Here the
-same presses are made on it and on finite elements of the real gel (`benchmarks.solid`), both
-linear, with vertical forces: on the middle, and away from it up to the rim. A flat, wide block is
-the control: what differs there is the grids', not the gel's shape. The solid's depth is
-extrapolated from two meshes, for the error of a punch's edge is of first order; its fields are the
-finer one's. How far the finer mesh's depth is from the extrapolated one is told too, and so is what
-forces along the gel's normal would change.
+The contact solver models the DIGIT's gel as a laterally unbounded layer of the local thickness.
+This benchmark makes the same presses on that layer and on finite elements of the real gel
+(`benchmarks.solid`). Both are linear, with vertical forces, in the middle and towards the rim.
+
+A flat, wide block is the control: its differences are due to the grids. The depth of the solid is
+extrapolated from two meshes, because the error at the edge of a punch is of first order. Its fields
+are those of the finer mesh. The results also have the distance of the finer mesh's depth from the
+extrapolated one, and the effect of forces along the gel's normal.
 """
 
 from argparse import Namespace
@@ -35,7 +36,7 @@ from t2twin.sim.world import protocol
 
 BENCHMARK = Benchmark(
     name="dome",
-    measures="What the gel's dome and free sides change, against finite elements of the real gel.",
+    measures="Effect of the gel's dome and free sides, against finite elements of the real gel.",
     minutes=12,
     sources=("primitives_cad", "sim/contact", "sim/world"),
     figures=(

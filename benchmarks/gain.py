@@ -1,9 +1,9 @@
-"""The CySkin's gain that lets the training set's largest taxels just reach full scale.
+"""The CySkin gain at which the largest taxels of the training set just reach full scale.
 
     python -m benchmarks.gain [SCALE]
 
-Presses the training shapes of a scale (paper unless given), and gives the gain to write into
-t2twin.sim.cyskin.taxels.GAIN_COUNTS, and the share of samples that saturate with the one there.
+Presses the training shapes of a scale (default: paper). Returns the gain for
+t2twin.sim.cyskin.taxels.GAIN_COUNTS, and the share of saturated samples with the present gain.
 """
 
 from argparse import Namespace
@@ -21,7 +21,7 @@ from t2twin.sim.world import protocol
 
 BENCHMARK = Benchmark(
     name="gain",
-    measures="The CySkin's gain that lets the training set's largest taxels just reach full scale.",
+    measures="CySkin gain at which the largest taxels of the training set reach full scale.",
     minutes=9,
     sources=("primitives_cad", "sim"),
     figures=(

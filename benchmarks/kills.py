@@ -1,11 +1,11 @@
-"""Runs of `t2twin simdata` killed again and again, against runs left alone: the protocol's smallest
-scale, and a world of random shapes in drawn light.
+"""Runs of `t2twin simdata` that are killed repeatedly, compared with undisturbed runs.
 
     python -m benchmarks.kills [--kills 20] [--seed 0]
 
-Each kill is SIGKILL at a random moment, of the run alone (its workers must then end themselves) or
-of all its processes at once. A dataset that gets finished between two kills is compared, and
-another one begun.
+The datasets are the protocol's smallest scale and a world of random shapes in random light. Each
+kill is SIGKILL at a random moment, to the main process or to all processes. In the first case the
+workers must end by themselves. A dataset that is finished between two kills is compared, and the
+next one begins.
 """
 
 import os
@@ -27,7 +27,7 @@ from t2twin.sim.dataset.verify import verify
 
 BENCHMARK = Benchmark(
     name="kills",
-    measures="Whether a run of simdata that is killed again and again ends with the same bytes.",
+    measures="Whether a repeatedly killed run of simdata gives the same bytes.",
     minutes=4,
     sources=("primitives_cad", "sim", "t2twin/cli"),
     figures=(

@@ -1,11 +1,11 @@
-"""One DIGIT frame to its counts, one at a time on one core, as a live sensor needs it.
+"""Time from one DIGIT frame to its counts on one core, as a live sensor needs it.
 
     python -m benchmarks.latency
 
-From a (320, 240, 3) uint8 array to counts, resize included, for all translators at the presets cpu
-and paper, with fresh weights, whose values do not change the time: as `t2twin.load` gives them,
-which is with ONNX Runtime here. Beside it, turn by turn, the same run in PyTorch, and its network
-in PyTorch as it comes (batch norms unfolded, contiguous, no_grad), on one thread too.
+The input is a (320, 240, 3) uint8 array; the time includes resizing. All translators at the presets
+cpu and paper are timed with random weights, which do not change the time. `t2twin.load` uses ONNX
+Runtime here. The same run in PyTorch, and its unmodified network in PyTorch (batch norms not
+folded, contiguous, no_grad), are timed in turn on one thread.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="latency",
-    measures="One DIGIT frame to its counts on one core, beside PyTorch and PyTorch as it comes.",
+    measures="Time from one DIGIT frame to its counts on one core, against PyTorch.",
     minutes=2,
     sources=("sim/cyskin", "translate"),
     figures=(

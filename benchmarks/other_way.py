@@ -1,12 +1,12 @@
-"""The other way: how near pictures drawn of 20 counts are to what the DIGIT saw.
+"""Accuracy of DIGIT images that are predicted from 20 counts.
 
     t2twin train touch2touch --direction cyskin-to-digit --data data/paper --steps 6000 --out RUN
     python -m benchmarks.other_way RUN --data data/paper
 
-Beside what the run draws stand three that learn nothing: the mean picture of the training pairs,
-the picture of that training pair whose counts are nearest, in the Euclidean sense, and the
-untouched gel. On the validation and the test split, over the contact (module drawn_pictures), with
-intervals over shapes. It also draws docs/pictures/other_way.png (module other_way_picture).
+The run is compared with three baselines: the mean image of the training pairs, the image of the
+training pair with the nearest counts (Euclidean), and the background image. Scores are
+those of the contact region, on the validation and test splits, with intervals over shapes. Writes
+docs/pictures/other_way.png (module other_way_picture).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="other_way",
-    measures="How near DIGIT pictures drawn of 20 counts are to the real ones.",
+    measures="Accuracy of DIGIT images predicted from 20 counts.",
     minutes=2,
     sources=("primitives_cad", "sim", "translate"),
     figures=tuple(

@@ -1,10 +1,10 @@
-"""What a tactile image costs: phi as one product, against scipy's LinearNDInterpolator.
+"""Cost of a tactile image: phi as one matrix product, compared with LinearNDInterpolator of SciPy.
 
     python -m benchmarks.phi
 
-Both make the same batch of images of the default layout, turn by turn. The interpolator's
-triangles are found once. It is taken both ways: one image at a time, which the ratio is of, and
-the whole batch as many-valued data, which finds each pixel's triangle but once.
+Both compute the same batch of images of the default layout, in turn. The interpolator's triangles
+are computed once. It is timed with one image at a time, which gives the ratio. It is also timed
+with the batch as vector-valued data, where each pixel's triangle is searched once.
 """
 
 import statistics
@@ -23,7 +23,7 @@ from t2twin.sim.cyskin.phi import Phi
 
 BENCHMARK = Benchmark(
     name="phi",
-    measures="What a tactile image costs, against scipy's LinearNDInterpolator.",
+    measures="Cost of a tactile image, against scipy's LinearNDInterpolator.",
     minutes=0.2,
     sources=("sim/cyskin",),
     figures=(

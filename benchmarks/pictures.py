@@ -1,10 +1,9 @@
-"""The README's picture: docs/pictures/presses.png.
+"""The README's image docs/pictures/presses.png.
 
     python -m benchmarks.pictures
 
-Five presses at 8 N, a column each: the shape, what the DIGIT saw, what the CySkin felt. The results
-hold the presses and what each sensor says of them in a number, so that a picture that is older than
-the code is found like any other result.
+Five presses at 8 N, one column each: the shape, the DIGIT image and the tactile image. The results
+have the presses and one figure of each sensor.
 """
 
 from argparse import Namespace
@@ -28,7 +27,7 @@ from t2twin.sim.world.protocol import FORCE_N
 
 BENCHMARK = Benchmark(
     name="pictures",
-    measures="The README's picture of five presses.",
+    measures="The README's image of five presses.",
     minutes=0.3,
     sources=("primitives_cad", "sim"),
     figures=(

@@ -1,15 +1,17 @@
-"""Fidelity and speed of the press, against the oracle.
+"""Accuracy and speed of the contact solver, compared with the oracle.
 
     python -m benchmarks.press [--shapes N]
 
-Every primitive on a flat layer of each sensor's elastomer, linear, at four forces, turned so that
-it lines up with no grid: depth, surface, pressure and taxel pads' mean pressure against
-`benchmarks.oracle`, and the force carried. The oracle has cells where the engine has its pad and
-none beyond (`benchmarks.flat_pad`), so that shapes longer than the pad are cut in both at the same
-place. Its depth is extrapolated from two grids, for a punch's edge is of first order; its fields
-are the finer grid's. The same with random shapes, the first of all seeds. Then what needs no
-oracle: the grid halved, the twelve orientations, on a layer so wide that no shape is cut, Hertz,
-exponents of depth with force, and the time.
+Presses every primitive on a flat linear layer of each sensor's elastomer at four forces, turned so
+that it is aligned with no grid. Depth, surface, pressure and the mean pressure of the taxel pads
+are compared with `benchmarks.oracle`, and the force is checked. The oracle has cells only where the
+contact solver has its pad (`benchmarks.flat_pad`), so that both cut long shapes at the same place.
+The oracle's depth is extrapolated from two grids, because the error at the edge of a punch is of
+first order. Its fields are those of the finer grid.
+
+The same is done with random shapes, the first of all seeds. Further figures need no oracle: a
+halved grid, the twelve orientations on a wide layer, Hertz, exponents of depth and force, and the
+time.
 """
 
 from argparse import Namespace
@@ -41,8 +43,7 @@ from t2twin.sim.world import protocol
 
 BENCHMARK = Benchmark(
     name="press",
-    measures="How far the press is from an independent solution of the contact, and how long it "
-    "takes.",
+    measures="Accuracy of the contact solver against an independent solution, and its time.",
     minutes=12,
     sources=("primitives_cad", "sim/contact", "sim/cyskin", "sim/world"),
     figures=(

@@ -1,11 +1,11 @@
-"""Translators on shapes made to choose by, so that the test objects choose nothing.
+"""Errors of translators on solids for the choice of settings, so that the test objects choose none.
 
     python -m benchmarks.probes RUN [RUN ...] --data data/paper
 
-Nine plain solids of edges, faces and ribs that leave the DIGIT's view, neither primitives nor
-tools, are pressed as the protocol presses the objects: 3 x 3 places by 7 orientations. Gives the
-RMSE in percent of full scale for each run and, beside them, for the mean array and the nearest
-neighbor of the training set, by solid. What a preset or an augmentation is worth is read here.
+Nine simple solids with edges, faces and ribs extend beyond the DIGIT's view. They are neither
+primitives nor tools. They are pressed as the protocol presses the objects, at 3 x 3 places with 7
+orientations. The RMSE in percent of full scale is given for each run, the mean array and the
+nearest neighbor of the training set, by solid.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="probes",
-    measures="The errors of trained translators on solids made to choose settings by.",
+    measures="Errors of trained translators on solids for the choice of settings.",
     minutes=2,
     sources=("primitives_cad", "sim", "translate"),
     figures=(Figure("rows.*.all", "%"),),

@@ -1,12 +1,13 @@
-"""Presses of random shapes by the ten thousand, and whether the tools' lie among them.
+"""Presses of 5,125 random shapes, and whether they cover the presses of the tools.
 
     python -m benchmarks.random_presses
 
-Shapes of seeds that no shipped world has, four presses each as the open world draws them. Counts
-what is refused, drawn again or does not settle; times a shape against its four presses; looks
-whether a shape presses with a tool's surface; and draws docs/pictures/random_shapes.png and
-docs/pictures/open_world.png, the distributions of force, depth, contact area and largest taxel
-beside the tools' on the protocol's grid with forces from the same range.
+The shapes have seeds of no published world, with four presses each, sampled as in the open world.
+Counts refused, repeated and unsettled presses. Compares the time of a shape with that of its four
+presses. Checks whether the surface of a shape is that of a tool.
+
+Writes docs/pictures/random_shapes.png and docs/pictures/open_world.png. The latter has
+distributions of force, depth, contact area and largest taxel, next to those of the tools.
 """
 
 from __future__ import annotations
@@ -50,8 +51,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="random_presses",
-    measures="Random shapes pressed by the ten thousand, and whether the tools' presses lie among "
-    "them.",
+    measures="Presses of random shapes, and whether they cover the presses of the tools.",
     minutes=10,
     sources=("primitives_cad", "sim"),
     figures=(

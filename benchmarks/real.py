@@ -1,12 +1,12 @@
-"""What trained translators make of frames of a real DIGIT, beside what the twin's CySkin feels.
+"""Predictions of trained translators for frames of a real DIGIT.
 
     python -m benchmarks.real FRAMES RUN [RUN ...]
 
-FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project. The
-light is fitted to the first presses; on the last ones every run is judged: from the real frame,
-from the twin's simulated frame of the same press, and on the untouched background. The truth is
-the twin's own at the place and depth that the calibration finds in the frame. Runs go by the world
-that they were trained in.
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project. The light is fitted to the first presses. On the last ones every run is evaluated on
+the real frame, on the twin's simulated frame of the same press, and on the background frame. The
+reference is the twin's CySkin at the place and depth that the calibration finds in the frame. Runs
+have the name of the world that they were trained on.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="real",
-    measures="What trained translators make of frames of a real DIGIT.",
+    measures="Predictions of trained translators for frames of a real DIGIT.",
     minutes=2,
     sources=("primitives_cad", "sim", "t2twin/adaptation", "translate"),
     figures=(

@@ -1,12 +1,11 @@
-"""The regression: both translators trained briefly on a small fixed dataset.
+"""Both translators trained briefly on a small fixed dataset, compared with a baseline.
 
     python -m benchmarks.regression            measure and compare with the baseline
-    python -m benchmarks.regression --write    measure and write the baseline anew
+    python -m benchmarks.regression --write    measure and write a new baseline
 
-The baseline, benchmarks/results/regression.json, holds the RMSE in percent of full scale and the
-translators' contact IoU, with the versions that it was made with. `tests/test_regression.py` holds
-every run of the tests to it. When it moves for a good reason (the physics or a network changed on
-purpose), write it anew and say why in the commit.
+The baseline, benchmarks/results/regression.json, has the RMSE in percent of full scale and the
+contact IoU of the translators. `tests/test_regression.py` compares every test run with it. If the
+physics or a network changes on purpose, write a new baseline and give the reason in the commit.
 """
 
 import tempfile
@@ -21,7 +20,7 @@ from t2twin.sim.dataset.generate import generate
 
 BENCHMARK = Benchmark(
     name="regression",
-    measures="Both translators trained briefly on a small fixed dataset, held to a baseline.",
+    measures="Both translators trained briefly on a small fixed dataset, against a baseline.",
     minutes=8,
     sources=("primitives_cad", "sim", "translate"),
     figures=(

@@ -1,12 +1,12 @@
-"""What a loss of the tactile image's shape brings: touch2touch with it against without.
+"""Effect of a soft IoU loss of the tactile image on touch2touch.
 
     t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --out plain-0
     t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --iou-weight W --out shaped-0
     python -m benchmarks.shape_loss --plain plain-0 ... --shaped shaped-0 ... --data data/paper
 
-The runs are of the same seeds, steps and data, and differ in the weight alone. Every figure is
-given of each run and as the mean over the seeds; the gain is the difference of the means, with the
-interval of the same resamples of the shapes.
+The runs have the same seeds, steps and data; only the weight differs. Every figure is given for
+each run and as the mean over the seeds. The gain is the difference of the means, with a bootstrap
+interval over the shapes.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="shape_loss",
-    measures="What a loss of the tactile image's shape brings touch2touch.",
+    measures="Effect of a soft IoU loss of the tactile image on touch2touch.",
     minutes=4,
     sources=("primitives_cad", "sim", "translate"),
     figures=tuple(

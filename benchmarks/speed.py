@@ -1,14 +1,13 @@
-"""What a press, a picture and a dataset cost, against another commit of this project, turn by turn.
+"""Cost of a press, an image and a dataset, compared with another commit of this project.
 
     git worktree add --detach ../older 1b5051b
     python -m benchmarks.speed ../older
 
-Each turn measures both checkouts, one after the other, in processes of their own on one core
-(`benchmarks/speed_turn.py`); a ratio is the median of the turns', since absolute times differ
-twofold from machine to machine. Pairs a second are those of `t2twin simdata --scale small`. The
-other checkout is taken as it is, with the packages that are installed here. Beside it stands where
-this checkout's press spends its time, and what of that is transforms and MuJoCo
-(`benchmarks/speed_parts.py`).
+Each turn measures both checkouts in turn, each in its own process on one core
+(`benchmarks/speed_turn.py`). A ratio is the median over the turns, because absolute times differ
+between machines. Pairs per second are those of `t2twin simdata --scale small`. The other checkout
+uses the packages that are installed here. `benchmarks/speed_parts.py` measures the parts of a press
+in this checkout.
 """
 
 import json
@@ -31,7 +30,7 @@ from t2twin.core.errors import T2TwinError
 
 BENCHMARK = Benchmark(
     name="speed",
-    measures="How much faster a press, a picture and a dataset are than at another commit.",
+    measures="Speed of a press, an image and a dataset, against another commit.",
     minutes=20,
     sources=("primitives_cad", "sim"),
     figures=(

@@ -1,10 +1,9 @@
-"""The studio: how soon there is a picture, how fast it follows, whether it bears two busy clients;
-and the README's picture of it, docs/pictures/studio.png.
+"""Start time, latency and stability of the studio, and its image docs/pictures/studio.png.
 
     python -m benchmarks.studio RUN [RUN ...]
 
-Needs chromium. Times with the browser are those of a browser that draws without a GPU, on the same
-cores. The first of the runs is the one translator of the times.
+Needs chromium. The browser draws without a GPU, on the same cores. The first run is the translator
+in the timed part.
 """
 
 import json
@@ -32,7 +31,7 @@ from t2twin.core.files import atomic_write
 
 BENCHMARK = Benchmark(
     name="studio",
-    measures="How soon the studio shows a press, how fast it follows, and what live frames cost.",
+    measures="Start time, latency and stability of the studio, and the rate of live frames.",
     minutes=5,
     sources=("primitives_cad", "sim", "t2twin/live", "t2twin/studio", "translate/inference"),
     figures=(

@@ -1,16 +1,15 @@
-"""Training throughput: `t2twin train` against the loop that one would write first.
+"""Training throughput of `t2twin train`, compared with a plain training loop.
 
     python -m benchmarks.training [--data DIR]
 
-The same networks at preset cpu, with the same batch, on the same pairs, turn by turn on the same
-machine. The plain loop computes in float32 on contiguous tensors, takes every picture from its PNG
-in the Parquet files anew each epoch through a DataLoader, and steps with Adam as it comes. It runs
-in a process of its own, whose memory is as the system sets it, and leaves out the augmentation that
-the preset asks of t2twin. An epoch of either ends with the validation, which is in its time; the
-first decoding, the estimate and saving are not. Beside it stands the share of t2twin's time that
-goes into having the batches ready, read and jittered. Without --data a data set of scale smoke is
-made for it. Last, some steps of preset paper are timed, for the hours that all of it would take
-here.
+Both train the same networks at preset cpu, with the same batch and pairs, in turn on the same
+machine. The plain loop (`benchmarks/plain_training.py`) computes in float32 on contiguous tensors.
+It decodes every image from its PNG in each epoch with a DataLoader, and uses Adam with default
+settings. It runs in its own process and has no augmentation.
+
+The time of an epoch includes the validation. It does not include the first decoding, the estimate
+and saving. The loading share is the part of the time in which t2twin prepares batches. Without
+--data a dataset of scale smoke is made. Some steps of preset paper are timed to estimate its hours.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="training",
-    measures="Training throughput against the loop that one would write first.",
+    measures="Training throughput, against a plain training loop.",
     minutes=6,
     sources=("sim/dataset", "translate"),
     figures=(

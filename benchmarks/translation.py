@@ -1,12 +1,11 @@
-"""Trained translators in figures and in the paper's picture, from the folder of `t2twin report`.
+"""Errors of trained translators and sample images, from the folder of `t2twin report`.
 
     python -m benchmarks.translation data/paper RUN... --report runs/paper/report
                                      [--layouts EVALUATION...]
 
-What evaluation says of every row, overall with its interval and by shape, and overall on the taxel
-layouts of other folders of `t2twin evaluate`; what the errors are in parts of the trivial rows';
-and docs/pictures/samples.png: the report's samples at some of its quantiles of the error, from good
-to bad, so that nobody picks them.
+The results have the errors of every row, overall with intervals and by shape. They have the overall
+errors on the taxel layouts of other folders of `t2twin evaluate`, and the ratios to the baselines.
+Writes docs/pictures/samples.png: samples of the report at fixed quantiles of the error.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="translation",
-    measures="The errors of trained translators beside the trivial rows and the floors.",
+    measures="Errors of trained translators, baselines and floors.",
     minutes=4,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
@@ -98,8 +97,8 @@ def figures(report: ReportData) -> dict[str, Any]:
 
 
 def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Each run's error in parts of the mean array's, of the nearest neighbor's, of the lower of
-    the two, and of what presses of the split that look alike differ by; by split and run."""
+    """Ratios of each run's RMSE to that of the mean array, of the nearest neighbor, of the better
+    of the two, and to the irreducible-error estimate; by split and run."""
     from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 
     parts: dict[str, dict[str, dict[str, float | None]]] = {}

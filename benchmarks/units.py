@@ -1,10 +1,11 @@
-"""Where a real DIGIT lies among drawn ones, what a drawn one costs, and docs/pictures/units.png.
+"""A real DIGIT compared with randomly sampled units, and the cost of sampling one.
 
     python -m benchmarks.units FRAMES
 
-FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project. A
-calibration is fitted to them, and it and the shipped one are put beside drawn units: parameter by
-parameter, and picture by picture. A percentile is the share of the drawn units that lie below.
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project. A calibration is fitted to the frames. It and the default calibration are compared with
+sampled units, by parameter and by image. A percentile is the share of the sampled units below a
+value. Writes docs/pictures/units.png.
 """
 
 import time
@@ -30,7 +31,7 @@ from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
 
 BENCHMARK = Benchmark(
     name="units",
-    measures="Where a real DIGIT lies among drawn ones, and what a drawn one costs.",
+    measures="A real DIGIT compared with randomly sampled units, and the cost of a unit.",
     minutes=2,
     sources=("sim/digit",),
     figures=(

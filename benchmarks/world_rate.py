@@ -1,9 +1,9 @@
-"""How fast the open world's pairs are made, beside the protocol's, turn by turn.
+"""Generation rate of the open world's pairs, compared with the protocol's.
 
     python -m benchmarks.world_rate
 
-Scale paper and as many presses of the open world, all cores, in turns; the ratio is the median of
-the turns'. Shapes of the protocol are at hand, random ones are made on the way.
+Makes scale paper, and as many presses of the open world, with all cores, in turn. The ratio is the
+median over the turns. The protocol's shapes are cached before; random shapes are made meanwhile.
 """
 
 import json
@@ -25,7 +25,7 @@ from t2twin.sim.world.recipe import load_recipe
 
 BENCHMARK = Benchmark(
     name="world_rate",
-    measures="How fast the open world's pairs are made, beside the protocol's.",
+    measures="Generation rate of the open world's pairs, against the protocol's.",
     minutes=8,
     sources=("primitives_cad", "sim"),
     figures=(

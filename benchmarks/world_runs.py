@@ -1,10 +1,10 @@
-"""Translators trained on one world and measured on others, from folders of `t2twin evaluate`.
+"""Errors of translators trained on one world and evaluated on others.
 
     t2twin evaluate RUN... --data data/paper data/forces --split both --out runs/worlds
     python -m benchmarks.world_runs runs/worlds/paper runs/worlds/forces
 
-What evaluation says of every row, overall with its interval and by force, and what each run was
-trained on. Runs are called MODEL-of-WORLD, as no two may be of one model and one world.
+The results have the errors of every row, overall with intervals and by force, and the training data
+of each run. Runs have the name MODEL-of-WORLD; each combination may occur once.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 BENCHMARK = Benchmark(
     name="world_runs",
-    measures="The errors of translators trained on one world and measured on others.",
+    measures="Errors of translators trained on one world and evaluated on others.",
     minutes=1,
     sources=("primitives_cad", "sim", "translate"),
     figures=(
