@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Iterator
 
-from cases import Case, laid
+from cases import Case, Content, laid
 from frames import FRAMES
 from pairs import PAIRS
 
@@ -173,9 +173,7 @@ def cases() -> Iterator[Case]:
 
 def _case(command: str, says: str = "", fine: bool = False) -> Case:
     whole = " ".join(PREFIXES.get(word, word) for word in command.split(" "))
-    files = {"import-pairs": PAIRS, "calibrate": FRAMES}.get(command.split(" ")[0], {})
+    files: dict[str, Content] = PAIRS if command.startswith("IMPORT") else {}
     if command.startswith("CALIBRATE --") and says != "background.png":
         files = FRAMES
-    elif command.startswith("IMPORT"):
-        files = PAIRS
     return Case(command[:80], whole, laid(files), says, fine)

@@ -27,8 +27,8 @@ STATUS = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
 PATIENCE_S = 120
 """Longest duration of a command, s; longer is a hang."""
 
-MOMENTS = (0.1, 0.4, 0.8)
-"""Moments of a signal, as parts of the undisturbed duration (chosen: while loading, and later)."""
+STOPS = ((signal.SIGKILL, 0.1), (signal.SIGKILL, 0.7), (signal.SIGTERM, 0.8), (signal.SIGINT, 0.4))
+"""Signals, and their moments as parts of the undisturbed duration: while loading, and later."""
 
 LOADING = 0.3
 """Part of the duration in which a command may still be loading, and may print nothing (assumed)."""
@@ -81,10 +81,10 @@ class Bench:
         laid(self._files)(box, None)  # pyright: ignore[reportArgumentType]
         return box
 
-    def start(self, box: Path, out: str = "", env: dict[str, str] | None = None):
+    def start(self, box: Path, out: str = "") -> subprocess.Popen[str]:
         return subprocess.Popen(
             [sys.executable, "-m", "t2twin", *self._words, "--out", out or self.command.out],
-            cwd=box, env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            cwd=box, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             start_new_session=True, preexec_fn=_default_signals,
         )  # fmt: skip
 
@@ -168,8 +168,7 @@ def bench(request, small_dataset, trained, tmp_path_factory):
     return Bench(command, words, tmp_path_factory.mktemp(request.param))
 
 
-@pytest.mark.parametrize("moment", MOMENTS)
-@pytest.mark.parametrize("number", STATUS, ids=lambda number: number.name)
+@pytest.mark.parametrize("number, moment", STOPS)
 def test_a_stopped_command_can_be_repeated(bench, number, moment):
     box = bench.box()
     process = bench.start(box)
@@ -214,12 +213,4 @@ def test_two_commands_at_once_give_complete_results(bench):
     for status, printed in ends:
         refused = "another t2twin is writing" in printed or "is not empty" in printed
         assert status == 0 or (status == 2 and refused), printed
-    bench.check_results(box)
-
-
-def test_a_command_needs_no_home_folder(bench):
-    box = bench.box()
-    env = {name: value for name, value in os.environ.items() if not name.startswith("XDG_")}
-    status, printed = end_of(bench.start(box, env=env | {"HOME": "/proc/none"}))
-    assert status == 0 and "Warning" not in printed and "Traceback" not in printed, printed
     bench.check_results(box)
