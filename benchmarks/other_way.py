@@ -6,7 +6,7 @@
 The run is compared with three baselines: the mean image of the training pairs, the image of the
 training pair with the nearest counts (Euclidean), and the background image. Scores are
 those of the contact region, on the validation and test splits, with intervals over shapes. Writes
-docs/pictures/other_way.png (module other_way_picture).
+docs/pictures/other_way.png (module reverse_images).
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ DRAWN, NEAREST, MEAN, UNTOUCHED = "drawn", "nearest_neighbour", "mean_picture", 
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from benchmarks.other_way_picture import PICTURE, Split, draw
+    from benchmarks.reverse_images import PICTURE, Split, draw
     from t2twin.translate.data.images import to_pixels
     from t2twin.translate.data.pairs import load_info, load_pairs
     from t2twin.translate.evaluation.metrics.image_metrics import (

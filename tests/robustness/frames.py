@@ -23,8 +23,9 @@ GIVEN = f"--background background.png --presses presses --ball-diameter-mm {BALL
 CALIBRATE, ADAPT = f"calibrate {GIVEN}", f"adapt {GIVEN}"
 
 UNTOUCHED = encoded(Image.new("RGB", (240, 320), (90, 90, 90)))
-FRAMES: dict[str, Content] = {"background.png": UNTOUCHED} | {
-    f"presses/press_{number}.png": encoded(frame(number)) for number in range(8)
+FRAMES: dict[str, Content] = {
+    "background.png": UNTOUCHED,
+    **{f"presses/press_{number}.png": encoded(frame(number)) for number in range(8)},
 }
 """Frames of the right size, to which no calibration can be fitted."""
 
@@ -106,7 +107,7 @@ def _other(content: Content, name: str = "press_9.png") -> dict[str, Content]:
 
 
 def _eight(content: bytes, background: bytes = UNTOUCHED) -> dict[str, Content]:
-    return {"background.png": background} | {f"presses/{n}.png": content for n in range(8)}
+    return {"background.png": background, **{f"presses/{n}.png": content for n in range(8)}}
 
 
 def _sized(kind: str, *size: int) -> dict[str, Content]:

@@ -45,11 +45,13 @@ def parts() -> Iterator:
 def base(small_dataset, trained, products) -> Iterator[Base]:
     from t2twin.translate.evaluation.evaluate import evaluate_both
 
-    runs = [trained(model, small_dataset, 1) for model in ("touch2touch", "resnet18")]
+    runs = touch2touch, resnet18 = [
+        trained(model, small_dataset, 1) for model in ("touch2touch", "resnet18")
+    ]
     evaluation = products.make(
         "evaluation", lambda folder: evaluate_both(runs, small_dataset, folder)
     )
-    yield Base(small_dataset, *runs, evaluation)
+    yield Base(small_dataset, touch2touch, resnet18, evaluation)
     studio_messages.STACK.close()
 
 
