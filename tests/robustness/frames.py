@@ -55,6 +55,7 @@ def _packed(**arrays: np.ndarray) -> bytes:
     return file.getvalue()
 
 
+@cache
 def _zip_bomb() -> bytes:
     file, array = io.BytesIO(), io.BytesIO()
     np.save(array, np.zeros(25_000_000))

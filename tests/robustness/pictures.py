@@ -5,6 +5,7 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 from cases import NOISE, Case, Content, laid, link
@@ -54,6 +55,7 @@ def black_png(width: int, height: int, rows: int) -> bytes:
     return header(width, height) + chunk(b"IDAT", data) + chunk(b"IEND", b"")
 
 
+@cache
 def bomb() -> bytes:
     """A PNG of 4 MB with 1.4 GB of pixels."""
     noise = np.random.default_rng(0).bytes(4_000_000)
