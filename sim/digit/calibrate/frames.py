@@ -4,6 +4,7 @@ Frames are (n, ROWS, COLUMNS, 3) uint8.
 """
 
 from collections.abc import Sequence
+from os.path import realpath  # a link to itself does not raise
 from pathlib import Path
 
 import numpy as np
@@ -66,7 +67,7 @@ def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray,
     paths = sorted(
         path
         for path in folder.iterdir()
-        if path.suffix.lower() in SUFFIXES and path.resolve() != background.resolve()
+        if path.suffix.lower() in SUFFIXES and realpath(path) != realpath(background)
     )
     if not paths:
         raise T2TwinError(f"{folder} contains no images; {', '.join(FORMATS)} files are read")

@@ -6,6 +6,7 @@ force_n, depth_mm and ball_diameter_mm; a cell may be empty. A Tolerance bounds 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from os.path import lexists
 from pathlib import Path
 from typing import Annotated
 
@@ -104,7 +105,7 @@ def read_measurements(folder: Path, names: Sequence[str], ball_diameter_mm: floa
     measurements = Measurements(
         np.full(len(names), float(ball_diameter_mm)), missing.copy(), missing.copy()
     )
-    if not path.exists():
+    if not lexists(path):  # a broken link is an error
         return measurements
     seen = set()
     for row in read_rows(path, _Row, "a table of presses"):

@@ -1,4 +1,4 @@
-"""docs/pictures/other_way.png: counts, the real picture, what is drawn of them, and the trivial."""
+"""docs/pictures/other_way.png: counts, the real image, the predicted image and the baselines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
