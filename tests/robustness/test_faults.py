@@ -30,6 +30,9 @@ PATIENCE_S = 120
 STOPS = ((signal.SIGKILL, 0.1), (signal.SIGKILL, 0.7), (signal.SIGTERM, 0.8), (signal.SIGINT, 0.4))
 """Signals, and their moments as parts of the undisturbed duration: while loading, and later."""
 
+BRIEF_STOPS = ((signal.SIGTERM, 0.8),)
+"""Those of commands that do not resume; they differ little from each other."""
+
 LOADING = 0.3
 """Part of the duration in which a command may still be loading, and may print nothing (assumed)."""
 
@@ -160,7 +163,10 @@ def _mount(*words: str) -> int:
     return subprocess.run(["mount", *words], check=False, capture_output=True).returncode
 
 
-@pytest.fixture(scope="module", params=COMMANDS)
+RESUMING = [name for name, command in COMMANDS.items() if command.resumes]
+
+
+@pytest.fixture(scope="module")
 def bench(request, small_dataset, trained, tmp_path_factory):
     command = COMMANDS[request.param]
     paths = {"{data}": small_dataset, "{run}": trained("resnet18", small_dataset, 1)}
@@ -168,7 +174,15 @@ def bench(request, small_dataset, trained, tmp_path_factory):
     return Bench(command, words, tmp_path_factory.mktemp(request.param))
 
 
-@pytest.mark.parametrize("number, moment", STOPS)
+@pytest.mark.parametrize(
+    "bench, number, moment",
+    [
+        (name, *stop)
+        for name, command in COMMANDS.items()
+        for stop in (STOPS if command.resumes else BRIEF_STOPS)
+    ],
+    indirect=["bench"],
+)
 def test_a_stopped_command_can_be_repeated(bench, number, moment):
     box = bench.box()
     process = bench.start(box)
@@ -191,7 +205,11 @@ def test_a_stopped_command_can_be_repeated(bench, number, moment):
         bench.check_again(box)
 
 
-@pytest.mark.parametrize("is_full", [True, False])
+@pytest.mark.parametrize(
+    "bench, is_full",
+    [(name, True) for name in COMMANDS] + [(name, False) for name in RESUMING],
+    indirect=["bench"],
+)
 def test_a_full_and_a_read_only_disk_are_reported(bench, is_full):
     box, out = bench.box(), f"disk/{bench.command.out}"
     with small_disk(box, bench.command.kilobytes if is_full else 1000) as disk:
@@ -208,6 +226,7 @@ def test_a_full_and_a_read_only_disk_are_reported(bench, is_full):
             bench.check_again(box, out)
 
 
+@pytest.mark.parametrize("bench", RESUMING, indirect=True)
 def test_two_commands_at_once_give_complete_results(bench):
     box = bench.box()
     ends = [end_of(process) for process in [bench.start(box), bench.start(box)]]
