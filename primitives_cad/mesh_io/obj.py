@@ -1,8 +1,9 @@
 """Reads Wavefront OBJ: corners and faces as text, without units. Ignores materials.
 
 trimesh's reader takes a third of the time. It is not used, because it returns wrong faces without
-an error (trimesh 5.2, 2026-11-23): for faces with notches, a cut-off last face, corners counted
-back from the last one, continued lines, and old Macintosh line ends. It rejects comments in lines.
+an error (trimesh 5.2, 2026-11-23). It does so for faces with notches, a cut-off last face, corners
+counted back from the last one, continued lines, and old Macintosh line ends. It rejects comments
+in lines.
 """
 
 from array import array

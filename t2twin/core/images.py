@@ -1,8 +1,8 @@
 """Opens and checks image files, and encodes the PNG images of datasets.
 
-The encoder is for images with camera noise, in which LZ77 finds no repeats: each row is predicted
-from its left and upper neighbors, whose mean halves the noise of the prediction, and the residuals
-are Huffman coded. Pillow with compress_type=Z_HUFFMAN_ONLY writes files of about the same size and
+The encoder is for images with camera noise, in which LZ77 finds no repeats. Each row is predicted
+from its left and upper neighbors, whose mean halves the noise of the prediction. The residuals are
+Huffman coded. Pillow with compress_type=Z_HUFFMAN_ONLY writes files of about the same size and
 takes 2.4 to 2.8 times as long.
 """
 
