@@ -1,4 +1,4 @@
-"""Measurements of the project, each a command that prints and keeps its figures."""
+"""Measurements of the project: each module is a command that prints and stores its figures."""
 
 from pathlib import Path
 

@@ -1,45 +1,78 @@
-"""A finished dataset in figures and pictures: is it whole, sane, small and quickly made?
+"""Content, size and generation rate of a dataset.
 
     t2twin simdata --scale paper --out data/paper
     t2twin simdata --scale small --workers 1 --out data/one
     t2twin simdata --scale small --workers 2 --out data/two
     python -m benchmarks.dataset data/paper --rates data/one data/two
 
-The figures are those of the dataset's shards and its log; docs/pictures/dataset_*.png are drawn
-from it too. Without --rates the results keep the rates that they have, with where those are from.
+The figures come from the dataset's shards and log, and docs/pictures/dataset_*.png are drawn from
+them. Without --rates the results keep the earlier rates, with their commit and date.
 """
 
+from __future__ import annotations
+
+import hashlib
+import json
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from benchmarks import ROOT
-from benchmarks.declared import DATASET
-from benchmarks.evidence.provenance import commit_of, now
-from benchmarks.evidence.results import read_results
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.results import current_commit, now, read_results
 from benchmarks.evidence.run import main
-from benchmarks.evidence.small_case import SmallCase, shards_sha256
-from benchmarks.evidence.sources import SourceTree
-from benchmarks.paper_scale import presses_sha256
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import decode_json
-from t2twin.report.dataset import contents, duplicates, forces
-from t2twin.report.dataset.scan import scan
-from t2twin.report.dataset.tables import Dataset, read_dataset
-from t2twin.report.html.figures import figure
-from t2twin.sim.dataset.store import LOG
+from t2twin.sim.dataset.store import LOG, read_info
 from t2twin.sim.dataset.timing import RunTiming
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Page
+
+    from t2twin.report.dataset.tables import Dataset
+
+BENCHMARK = Benchmark(
+    name="dataset",
+    measures="Content, size and generation rate of a dataset.",
+    minutes=2,
+    sources=("primitives_cad", "sim", "t2twin/report/dataset"),
+    figures=(
+        Figure("run.minutes", "minutes", most=15.0),
+        Figure("run.pairs_a_second", "pairs/s"),
+        Figure("run.peak_memory_gib", "GiB", most=4.0),
+        Figure("rates.two_workers_over_one", least=1.8),
+        Figure("size_gib", "GiB", most=1.5),
+        Figure("near_duplicates_percent", "%", most=2.0),
+        Figure("alike_but_felt_otherwise_percent", "%"),
+        Figure("pairs_without_contact"),
+        Figure("unsettled"),
+        Figure("bottomed"),
+        Figure("saturated_taxels_percent", "%"),
+    ),
+    arguments=(
+        Argument("folder", "the dataset", Path),
+        Argument(
+            "--rates",
+            "one dataset made twice in a row, with one worker and with two; the results keep the "
+            "rates they have unless given",
+            Path,
+            nargs=2,
+            metavar=("ONE", "TWO"),
+        ),
+    ),
+)
 
 PICTURES = ROOT / "docs" / "pictures"
 SENSORS = ("digit", "cyskin")
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.report.dataset.tables import read_dataset
+
     dataset = read_dataset(options.folder)
     rates = _earlier_rates() if options.rates is None else _rates(*options.rates)
     if not options.keep_nothing:
@@ -47,27 +80,18 @@ def measure(options: Namespace) -> dict[str, Any]:
     return figures(dataset) | {"run": _last_run(dataset.data), "rates": rates}
 
 
-def outcome(case: SmallCase) -> dict[str, Any]:
-    """Shards and figures of a small dataset, and all presses of the paper's. The versions of
-    packages are left out: they are no matter of the code."""
-    content = figures(read_dataset(case.small))
-    del content["versions"]
-    return {
-        "shards_sha256": case.shards_sha256(),
-        "figures": content,
-        "paper_presses_sha256": presses_sha256(),
-    }
-
-
 def figures(dataset: Dataset) -> dict[str, Any]:
     """What a dataset's shards say."""
-    scanned = scan(dataset, duplicates.noise_grey(dataset))
+    from t2twin.report.dataset import contents
+    from t2twin.report.dataset.scan import near_duplicates, noise_grey, scan
+
+    scanned = scan(dataset, noise_grey(dataset))
     counts, saturated = dataset.counts, dataset.saturated
     largest = counts.max(axis=1)
     split = np.array([split for split, _ in dataset.places])
     size = sum((dataset.data / path).stat().st_size for path in dataset.info.shards)
     force = dataset.column("force_n")
-    alike, same = np.isfinite(scanned.alike_counts), duplicates.near_duplicates(dataset, scanned)
+    alike, same = np.isfinite(scanned.alike_counts), near_duplicates(dataset, scanned)
     return {
         "pairs": {name: len(table) for name, table in dataset.tables.items()},
         "shards_sha256": shards_sha256(dataset.data),
@@ -93,6 +117,12 @@ def figures(dataset: Dataset) -> dict[str, Any]:
     }
 
 
+def shards_sha256(folder: Path) -> str:
+    """SHA-256 of the list of a dataset's shards and their own SHA-256."""
+    shards = {path: shard.sha256 for path, shard in read_info(folder).shards.items()}
+    return hashlib.sha256(json.dumps(shards, sort_keys=True).encode()).hexdigest()
+
+
 def _last_run(folder: Path) -> dict[str, Any]:
     """Of a dataset made in one run, how long it took and on what."""
     lines = (folder / LOG).read_text().splitlines()
@@ -114,7 +144,7 @@ def _rates(one: Path, two: Path) -> dict[str, Any]:
     """How much faster two workers are than one, and when that was measured."""
     alone, both = _last_run(one), _last_run(two)
     return {
-        "commit": commit_of(DATASET, SourceTree()),
+        "commit": current_commit(),
         "date": now(),
         "one_worker": alone,
         "two_workers": both,
@@ -124,16 +154,19 @@ def _rates(one: Path, two: Path) -> dict[str, Any]:
 
 def _earlier_rates() -> dict[str, Any] | None:
     try:
-        return read_results(DATASET.results).content["rates"]
+        return read_results(BENCHMARK.results).content["rates"]
     except (T2TwinError, KeyError):
         return None
 
 
 def draw(dataset: Dataset) -> None:
     """The pictures of a dataset."""
+    from t2twin.report.dataset import contents, forces
+    from t2twin.report.html.figures import figure
+
     rows = contents.gallery(dataset)
     lines = -(-len(rows) // contents.GALLERY_COLUMNS)
-    drawings: dict[str, tuple[float, Callable[[Figure], None]]] = {
+    drawings: dict[str, tuple[float, Callable[[Page], None]]] = {
         "forces_and_counts": (
             forces.HEIGHT_IN,
             lambda page: forces.forces_and_counts(page, dataset),
@@ -149,4 +182,4 @@ def draw(dataset: Dataset) -> None:
 
 
 if __name__ == "__main__":
-    main(DATASET)
+    main(BENCHMARK)

@@ -1,10 +1,10 @@
-"""How near the baked DIGIT picture is to the rendered reference, and what each costs.
+"""Accuracy and speed of the baked DIGIT image, compared with the rendered reference.
 
     python -m benchmarks.digit_render [--presses 100]
 
-Presses the shapes of the catalogue in turn at 8 N into the DIGIT's gel, renders each deflection
-both ways, and scores the baked picture on the 100 x 100 pixels at the contact, beside the row
-for showing the untouched background instead.
+Presses the catalogue's shapes in turn at 8 N into the DIGIT's gel and renders each deflection both
+ways. The baked image is scored on the 100 x 100 pixels around the contact. A row with the
+background image gives the score of an image without contact.
 """
 
 import statistics
@@ -14,10 +14,9 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
-from skimage.metrics import structural_similarity
 from tqdm import tqdm
 
-from benchmarks.declared import DIGIT_RENDER, MIN_PSNR_DB, MIN_SSIM
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad.catalogue import NAMES, load
 from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact, surface_on
@@ -26,6 +25,31 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
+
+MIN_PSNR_DB, MIN_SSIM = 32.0, 0.95
+"""Limits for the baked image in the contact, compared with the rendered one."""
+
+BENCHMARK = Benchmark(
+    name="digit_render",
+    measures="Accuracy and speed of the baked DIGIT image, against the rendered reference.",
+    minutes=8,
+    sources=("primitives_cad", "sim/contact", "sim/digit"),
+    figures=(
+        Figure("least_psnr_db", "dB", least=MIN_PSNR_DB),
+        Figure("median_psnr_db", "dB"),
+        Figure("least_ssim", least=MIN_SSIM),
+        Figure("median_ssim"),
+        Figure("baked_ms", "ms", most=5.0),
+        Figure("baked_best_ms", "ms"),
+        Figure("baked_noisy_ms", "ms"),
+        Figure("reference_ms", "ms"),
+        Figure("reference_over_baked"),
+        Figure("tacto_over_baked"),
+    ),
+    arguments=(
+        Argument("--presses", "how many; keeps nothing unless 100", int, 100, partial=True),
+    ),
+)
 
 FORCE_N = 8.0
 HALF_CROP_PX = 50
@@ -72,6 +96,8 @@ def psnr(wanted: np.ndarray, given: np.ndarray) -> float:
 
 def ssim(wanted: np.ndarray, given: np.ndarray) -> float:
     """Mean structural similarity over the colors."""
+    from skimage.metrics import structural_similarity
+
     return float(np.mean(structural_similarity(wanted, given, channel_axis=2, data_range=255)))
 
 
@@ -150,4 +176,4 @@ def _timings(times: dict[str, list[float]]) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    main(DIGIT_RENDER)
+    main(BENCHMARK)

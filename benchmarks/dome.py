@@ -1,14 +1,15 @@
-"""What the gel's dome and free sides change.
+"""Effect of the gel's dome and free sides, compared with finite elements of the real gel.
 
     python -m benchmarks.dome [--shapes N]
 
-The press takes the DIGIT's gel for a laterally unbounded layer of the local thickness. Here the
-same presses are made on it and on finite elements of the real gel (`benchmarks.solid`), both
-linear, with vertical forces: on the middle, and away from it up to the rim. A flat, wide block is
-the control: what differs there is the grids', not the gel's shape. The solid's depth is
-extrapolated from two meshes, for the error of a punch's edge is of first order; its fields are the
-finer one's. How far the finer mesh's depth is from the extrapolated one is told too, and so is what
-forces along the gel's normal would change.
+The contact solver models the DIGIT's gel as a laterally unbounded layer of the local thickness.
+This benchmark makes the same presses on that layer and on finite elements of the real gel
+(`benchmarks.solid`). Both are linear, with vertical forces, in the middle and towards the rim.
+
+A flat, wide block is the control: its differences are due to the grids. The depth of the solid is
+extrapolated from two meshes, because the error at the edge of a punch is of first order. Its fields
+are those of the finer mesh. The results also have the distance of the finer mesh's depth from the
+extrapolated one, and the effect of forces along the gel's normal.
 """
 
 from argparse import Namespace
@@ -20,9 +21,8 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from tqdm import tqdm
 
-from benchmarks.declared import DOME
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.evidence.small_case import SmallCase
 from benchmarks.solid import Answer, Gel, solve
 from benchmarks.solids import ball
 from t2twin.core.errors import T2TwinError
@@ -30,9 +30,28 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
-from t2twin.sim.contact.footprint import heights_at
+from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.world import protocol
+
+BENCHMARK = Benchmark(
+    name="dome",
+    measures="Effect of the gel's dome and free sides, against finite elements of the real gel.",
+    minutes=12,
+    sources=("primitives_cad", "sim/contact", "sim/world"),
+    figures=(
+        Figure("summary.flat.worst_depth_error"),
+        Figure("summary.middle.median_surface_error"),
+        Figure("summary.to_rim.*.worst_depth_error"),
+        Figure("summary.to_rim.*.median_surface_error"),
+        Figure("summary.to_rim.*.worst_surface_error"),
+        Figure("protocol_near_rim.*.share_of_presses.2"),
+        Figure("protocol_near_rim.*.share_of_force.2"),
+    ),
+    arguments=(
+        Argument("--shapes", "take every Nth shape only; keeps nothing", int, 1, partial=True),
+    ),
+)
 
 SHAPES = ("hemisphere-2", "square-2", "line-smooth-2", "circle-empty-2", "line-sharp-2")
 """Shapes that lie on the gel whole when they are pressed in its middle."""
@@ -54,12 +73,6 @@ YAW_RAD = 0.4
 
 COARSE_MM, FINE_MM = 0.5, 0.25
 """The solid's two meshes: pitch of their columns, mm."""
-
-OUTCOME_MM = (1.5, 1.0)
-"""Meshes of the small case, mm."""
-
-DECIMALS = 6
-"""Of its figures that count: the solid's last digits are those of the linear algebra's threads."""
 
 WIDE_MM, WIDE_FINE_MM = 80.0, 10.0
 """The control's side, and how far from its middle it is fine, mm. A nearly incompressible layer
@@ -288,22 +301,5 @@ def measure(options: Namespace) -> dict[str, Any]:
     }
 
 
-def outcome(case: SmallCase) -> dict[str, Any]:
-    """Two presses on coarse meshes, and the small dataset, whose presses are the engine's."""
-    gel = domed_gel(*OUTCOME_MM)
-    shape = catalogue.load(SHAPES[0])
-    rows = [
-        compare(shape, PressCommand(shape.name, x, y, YAW_RAD, FORCES_N[0]), gel)
-        for x, y in ((0.0, 0.0), (0.0, 8.0))
-    ]
-    return {
-        "shards_sha256": case.shards_sha256(),
-        "rows": [
-            {k: round(v, DECIMALS) if isinstance(v, float) else v for k, v in row.items()}
-            for row in rows
-        ],
-    }
-
-
 if __name__ == "__main__":
-    main(DOME)
+    main(BENCHMARK)

@@ -1,15 +1,17 @@
-"""Field runs on presses of many kinds, from folders of `t2twin evaluate`, and on the probes.
+"""Errors and uncertainty of field runs, from folders of `t2twin evaluate` and on the probes.
 
     for data in paper forces open-8n dense; do
         t2twin evaluate RUN... --data data/$data --split both --out runs/field/$data; done
     python -m benchmarks.field runs/field/* --runs RUN... [--begun-with EARLIER...]
 
-The errors, what intervals of 90 % hold, of all readings and of each tenth of them by how sure they
-are, what leaving out the least sure fifth is worth, and how far the force is off. Beside the
-sureness: what could be won by leaving out the fifth with the largest errors, and what is by that
-on which two runs agree least. open-8n are random shapes, dense the protocol's presses read by 63
-taxels. Runs go by the world that they were trained in; the minutes and steps of one that began with
-another's weights are those of both.
+The figures are the errors, the coverage of 90 % intervals, also by tenths of the predicted
+uncertainty, and the error of the force. The sparsification gain is the change of the RMSE without
+the least certain fifth of the presses. It stands next to the gain without the fifth with the
+largest errors, and without the fifth on which two runs differ most.
+
+The dataset open-8n has random shapes. The dataset dense has the protocol's presses with 63 taxels.
+Runs have the name of the world that they were trained on. The minutes and steps of a run with a
+warm start include those of the earlier run.
 """
 
 from argparse import Namespace
@@ -18,30 +20,53 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.declared import FIELD
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.probes import Probes, errors, kept_probes
 from benchmarks.world_runs import called, figures
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.sim.world.protocol import FORCE_N
-from t2twin.translate.evaluation.files import read_evaluation
-from t2twin.translate.evaluation.metrics.reliability import (
-    REPORTED_LEVEL,
-    REPORTED_SHARE,
-    uncertainty_metrics,
+
+BENCHMARK = Benchmark(
+    name="field",
+    measures="Errors and uncertainty of field runs on several datasets.",
+    minutes=1,
+    sources=("primitives_cad", "sim", "translate"),
+    figures=(
+        *(
+            Figure(f"on.{kind}.*.{name}", "%")
+            for kind in ("*.val", "paper.test", "dense.test", "forces.test")
+            for name in ("overall.rmse_percent", "held_percent", "falls_by_percent")
+        ),
+        Figure("probes.*.rmse_percent", "%"),
+        Figure("probes.*.held_percent", "%"),
+        Figure("runs.*.minutes", "minutes"),
+    ),
+    arguments=(
+        Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),
+        Argument("--runs", "folders of field runs", Path, nargs="+", required=True),
+        Argument(
+            "--begun-with",
+            "folders of runs with whose weights those began",
+            Path,
+            nargs="*",
+            default=[],
+        ),
+        Argument(
+            "--probes",
+            "where the probes' presses are kept",
+            Path,
+            Path("data/probes.npz"),
+            metavar="FILE",
+        ),
+    ),
 )
-from t2twin.translate.evaluation.predictions import read_predictions
-from t2twin.translate.evaluation.scoring import training_steps
-from t2twin.translate.inference.field_predictor import FieldPredictor
-from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import require
-from t2twin.translate.runs.config import BEST, load_config
-from t2twin.translate.runs.log import read_log
-from t2twin.translate.uncertainty.estimate import half_width
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.translate.runs.config import BEST
+
     content: dict[str, Any] = {"runs": {}, "on": {}, "probes": {}}
     probes = kept_probes(options.probes)
     earlier = {sha256_of(folder / BEST): folder for folder in options.begun_with}
@@ -66,6 +91,10 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def _with_start(folder: Path, run: dict[str, Any], earlier: dict[str, Path]) -> dict[str, Any]:
     """A run's minutes and steps, with those of the run with whose weights it began."""
+    from t2twin.translate.evaluation.scoring import training_steps
+    from t2twin.translate.inference.load import load_run
+    from t2twin.translate.runs.config import load_config
+
     start = load_config(folder).init_from
     if start is None:
         return {"begun_with": None}
@@ -83,6 +112,11 @@ def _with_start(folder: Path, run: dict[str, Any], earlier: dict[str, Path]) -> 
 
 def _add_ranking(rows: dict[str, Any], folder: Path) -> None:
     """Of each run, what was held of each tenth, and what other rankings of the presses win."""
+    from t2twin.translate.evaluation.files import read_evaluation
+    from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL
+    from t2twin.translate.evaluation.predictions import read_predictions
+    from t2twin.translate.uncertainty.estimate import half_width
+
     predictions, evaluation = read_predictions(folder), read_evaluation(folder)
     names = {called(name, row): name for name, row in evaluation.runs.items()}
     for run, row in rows.items():
@@ -104,6 +138,8 @@ def _add_ranking(rows: dict[str, Any], folder: Path) -> None:
 
 def _falls_by(rmse: np.ndarray, unsure: np.ndarray) -> float:
     """By how much the RMSE falls where the fifth with the largest `unsure` is left out, %."""
+    from t2twin.translate.evaluation.metrics.reliability import REPORTED_SHARE
+
     kept = np.argsort(unsure, kind="stable")[: round(REPORTED_SHARE * unsure.size)]
     return 100.0 * float(1.0 - _rms(rmse[kept]) / _rms(rmse))
 
@@ -113,11 +149,18 @@ def _rms(values: np.ndarray) -> np.floating:
 
 
 def _minutes(folder: Path) -> float:
+    from t2twin.translate.runs.log import read_log
+
     return sum(record.seconds for record in read_log(folder)) / 60.0
 
 
 def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[str, Any]]:
     """What a run is called, how long its training took, and its figures."""
+    from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, uncertainty_metrics
+    from t2twin.translate.inference.field_predictor import FieldPredictor
+    from t2twin.translate.inference.load import load_run
+    from t2twin.translate.inference.predictor import require
+
     run = load_run(folder)
     data = run.config.data
     told = require(run, FieldPredictor, "the benchmark").estimate(probes.images)
@@ -132,4 +175,4 @@ def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[
 
 
 if __name__ == "__main__":
-    main(FIELD)
+    main(BENCHMARK)

@@ -1,9 +1,8 @@
-"""The oracle's answers on a sensor's flat pad, cut where the engine cuts it.
+"""The oracle's solutions on a sensor's flat pad, restricted to the pad of the contact solver.
 
-A shape that is longer than the pad presses on the pad alone: the engine has pins only there, and
-takes the layer to go on beyond, without load. So the oracle's cells cover the same pad, from rim to
-rim of the engine's cells; what of the shape lies beyond is in neither. Beyond the pad both have no
-pressure, and deflections are those of a layer without end.
+A shape that is longer than the pad presses on the pad only: the contact solver has pins only there,
+and continues the layer without load. The oracle's cells therefore cover the same pad. Outside the
+pad both have no pressure, and the deflections are those of an unbounded layer.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,9 @@
-"""The CySkin's gain that lets the training set's largest taxels just reach full scale.
+"""The CySkin gain at which the largest taxels of the training set just reach full scale.
 
     python -m benchmarks.gain [SCALE]
 
-Presses the training shapes of a scale (paper unless given), and gives the gain to write into
-t2twin.sim.cyskin.taxels.GAIN_COUNTS, and the share of samples that saturate with the one there.
+Presses the training shapes of a scale (default: paper). Returns the gain for
+t2twin.sim.cyskin.taxels.GAIN_COUNTS, and the share of saturated samples with the present gain.
 """
 
 from argparse import Namespace
@@ -12,12 +12,34 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from benchmarks.declared import GAIN
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.cyskin import taxels
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world import protocol
+
+BENCHMARK = Benchmark(
+    name="gain",
+    measures="CySkin gain at which the largest taxels of the training set reach full scale.",
+    minutes=9,
+    sources=("primitives_cad", "sim"),
+    figures=(
+        Figure("gain_counts", "counts"),
+        Figure("gain_counts_in_use", "counts"),
+        Figure("saturated_share_in_use"),
+    ),
+    arguments=(
+        Argument(
+            "scale",
+            "of the dataset; keeps nothing unless paper",
+            default="paper",
+            nargs="?",
+            choices=("smoke", "small", "paper"),
+            partial=True,
+        ),
+    ),
+)
 
 PERCENTILE = 99.5
 """Percentile of the largest taxel that is to reach full scale (assumed)."""
@@ -57,4 +79,4 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main(GAIN)
+    main(BENCHMARK)

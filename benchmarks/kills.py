@@ -1,11 +1,11 @@
-"""Runs of `t2twin simdata` killed again and again, against runs left alone: the protocol's smallest
-scale, and a world of random shapes in drawn light.
+"""Runs of `t2twin simdata` that are killed repeatedly, compared with undisturbed runs.
 
     python -m benchmarks.kills [--kills 20] [--seed 0]
 
-Each kill is SIGKILL at a random moment, of the run alone (its workers must then end themselves) or
-of all its processes at once. A dataset that gets finished between two kills is compared, and
-another one begun.
+The datasets are the protocol's smallest scale and a world of random shapes in random light. Each
+kill is SIGKILL at a random moment, to the main process or to all processes. In the first case the
+workers must end by themselves. A dataset that is finished between two kills is compared, and the
+next one begins.
 """
 
 import os
@@ -19,11 +19,27 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.declared import KILLS
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import INFO, read_info
-from t2twin.sim.dataset.verify import verify
+from t2twin.sim.dataset.verify import verify_dataset
+
+BENCHMARK = Benchmark(
+    name="kills",
+    measures="Whether a repeatedly killed run of simdata gives the same bytes.",
+    minutes=4,
+    sources=("primitives_cad", "sim", "t2twin/cli"),
+    figures=(
+        Figure("kills"),
+        Figure("datasets"),
+        Figure("datasets_unlike_undisturbed", most=0),
+    ),
+    arguments=(
+        Argument("--kills", "how many; keeps nothing unless 20", int, 20, partial=True),
+        Argument("--seed", "of the moments", int, 0),
+    ),
+)
 
 SCALE = "smoke"
 WORLD_PARTS, WORLD_SHAPES = 30, 3
@@ -144,7 +160,7 @@ def _wait_for_group(group: int) -> float:
 
 
 def _is_same(data: Path, wanted: dict[str, str]) -> bool:
-    return _digests(data) == wanted and not verify(data)
+    return _digests(data) == wanted and not verify_dataset(data)
 
 
 def _digests(data: Path) -> dict[str, str]:
@@ -156,4 +172,4 @@ def _digests(data: Path) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    main(KILLS)
+    main(BENCHMARK)

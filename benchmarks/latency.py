@@ -1,12 +1,14 @@
-"""One DIGIT frame to its counts, one at a time on one core, as a live sensor needs it.
+"""Time from one DIGIT frame to its counts on one core, as a live sensor needs it.
 
     python -m benchmarks.latency
 
-From a (320, 240, 3) uint8 array to counts, resize included, for all translators at the presets cpu
-and paper, with fresh weights, whose values do not change the time: as `t2twin.load` gives them,
-which is with ONNX Runtime here. Beside it, turn by turn, the same run in PyTorch, and its network
-in PyTorch as it comes (batch norms unfolded, contiguous, no_grad), on one thread too.
+The input is a (320, 240, 3) uint8 array; the time includes resizing. All translators at the presets
+cpu and paper are timed with random weights, which do not change the time. `t2twin.load` uses ONNX
+Runtime here. The same run in PyTorch, and its unmodified network in PyTorch (batch norms not
+folded, contiguous, no_grad), are timed in turn on one thread.
 """
+
+from __future__ import annotations
 
 import os
 import statistics
@@ -15,26 +17,37 @@ import time
 from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 from PIL import Image
 
-from benchmarks.declared import LATENCY
+from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.sim.cyskin.field import field_layout
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.translate.data.images import to_input, to_pixels
-from t2twin.translate.data.pairs import DataInfo
-from t2twin.translate.inference.load import load
-from t2twin.translate.models.field import FieldTranslator
-from t2twin.translate.models.presets import MODELS, PRESETS, Model, Preset
-from t2twin.translate.models.touch2touch import Touch2Touch
-from t2twin.translate.runs.build import build
-from t2twin.translate.runs.checkpoint import load_weights, save_weights
-from t2twin.translate.runs.config import BEST, RunConfig
+
+if TYPE_CHECKING:
+    from t2twin.translate.models.presets import Model, Preset
+    from t2twin.translate.runs.config import RunConfig
+
+BENCHMARK = Benchmark(
+    name="latency",
+    measures="Time from one DIGIT frame to its counts on one core, against PyTorch.",
+    minutes=2,
+    sources=("sim/cyskin", "translate"),
+    figures=(
+        Figure("presets.touch2touch-cpu.median_ms", "ms", most=30.0),
+        Figure("presets.resnet18-cpu.median_ms", "ms", most=16.0),
+        Figure("presets.field-cpu.median_ms", "ms", most=12.0),
+        Figure("presets.touch2touch-paper.median_ms", "ms"),
+        Figure("presets.resnet18-paper.median_ms", "ms"),
+        Figure("presets.*.p95_ms", "ms"),
+        Figure("presets.*.torch_ratio"),
+        Figure("presets.*.plain_ratio"),
+    ),
+)
 
 FRAME = (320, 240, 3)
 FULL_SCALE = 40_000.0
@@ -49,6 +62,10 @@ Way = Callable[[np.ndarray], np.ndarray]
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    import torch
+
+    from t2twin.translate.models.presets import MODELS, PRESETS
+
     torch.set_num_threads(1)
     frames = np.random.default_rng(0).integers(0, 256, (ROUNDS + 2, *FRAME), dtype=np.uint8)
     return {
@@ -64,6 +81,8 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, float]:
+    from t2twin.translate.inference.load import load
+
     with tempfile.TemporaryDirectory() as folder:
         run_dir = Path(folder)
         config = _fresh_run(model, preset, run_dir)
@@ -90,6 +109,11 @@ def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, floa
 
 
 def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> RunConfig:
+    from t2twin.translate.data.pairs import DataInfo
+    from t2twin.translate.runs.build import build
+    from t2twin.translate.runs.checkpoint import save_weights
+    from t2twin.translate.runs.config import BEST, RunConfig
+
     layout, places = load_layout(), field_layout()
     info = DataInfo(
         "0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE,
@@ -103,6 +127,15 @@ def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> RunConfig:
 
 def _plain(config: RunConfig, run_dir: Path) -> Way:
     """The same network as anyone would write its use first."""
+    import torch
+
+    from t2twin.translate.data.images import to_input, to_pixels
+    from t2twin.translate.models.field import FieldTranslator
+    from t2twin.translate.models.touch2touch import Touch2Touch
+    from t2twin.translate.runs.build import build
+    from t2twin.translate.runs.checkpoint import load_weights
+    from t2twin.translate.runs.config import BEST
+
     translator, preset = build(config), config.preset
     load_weights(run_dir / BEST, translator.predictor)
     network = translator.predictor.to(memory_format=torch.contiguous_format).eval()  # pyright: ignore[reportCallIssue]
@@ -125,4 +158,4 @@ def _plain(config: RunConfig, run_dir: Path) -> Way:
 
 
 if __name__ == "__main__":
-    main(LATENCY)
+    main(BENCHMARK)

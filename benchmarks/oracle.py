@@ -1,9 +1,10 @@
-"""An independent answer to the contact problem, to hold the engine against.
+"""An independent solution of the contact problem, for comparison with the contact solver.
 
-The same elastic layer, but its own elasticity, its own discretisation and its own solver: the
-equations of elasticity integrated through the thickness for each plane wave, pressure constant on
-each cell, contact enforced at the cells' middles, and a constrained conjugate-gradient iteration
-(Polonsky and Keer, Wear 231, 1999). It shares nothing with the engine and knows nothing of MuJoCo.
+The elastic layer is the same; elasticity, discretization and solver are independent. The equations
+of elasticity are integrated through the thickness for each plane wave. The pressure is constant on
+each cell, and contact is enforced at the centers of the cells. The solver is a constrained
+conjugate gradient iteration (Polonsky and Keer, Wear 231, 1999). No code is shared with the contact
+solver, and MuJoCo is not used.
 """
 
 from collections.abc import Callable
@@ -32,10 +33,10 @@ WAVES = 300
 def wave(reduced: float, poisson: float) -> tuple[float, float]:
     """Sinking of the top, times shear modulus x wavenumber, and the base's stress, under a wave.
 
-    A pressure cos(k x) on a layer of thickness h, k h = reduced. Displacements a sin(k x) along x
-    and b cos(k x) along z, stresses t sin(k x) in shear and s cos(k x) along z (over the shear
-    modulus) obey four linear equations in k z, Hooke's two and equilibrium's two, which take
-    the base (a = b = 0) to the top (t = 0, s = -1) by one matrix exponential.
+    The pressure is cos(k x) on a layer of thickness h, with k h = reduced. The displacements are
+    a sin(k x) along x and b cos(k x) along z. The stresses over the shear modulus are t sin(k x) in
+    shear and s cos(k x) along z. Hooke's law and equilibrium give four linear equations in k z. One
+    matrix exponential relates the base (a = b = 0) to the top (t = 0, s = -1).
     """
     lame = 2 * poisson / (1 - 2 * poisson)
     confined = lame + 2

@@ -1,46 +1,59 @@
-"""The other way: how near pictures drawn of 20 counts are to what the DIGIT saw.
+"""Accuracy of DIGIT images that are predicted from 20 counts.
 
     t2twin train touch2touch --direction cyskin-to-digit --data data/paper --steps 6000 --out RUN
     python -m benchmarks.other_way RUN --data data/paper
 
-Beside what the run draws stand three that learn nothing: the mean picture of the training pairs,
-the picture of that training pair whose counts are nearest, in the Euclidean sense, and the
-untouched gel. On the validation and the test split, over the contact (module drawn_pictures), with
-intervals over shapes. It also draws docs/pictures/other_way.png (module other_way_picture).
+The run is compared with three baselines: the mean image of the training pairs, the image of the
+training pair with the nearest counts (Euclidean), and the background image. Scores are
+those of the contact region, on the validation and test splits, with intervals over shapes. Writes
+docs/pictures/other_way.png (module reverse_images).
 """
+
+from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image
 from scipy.spatial import KDTree
 
-from benchmarks.declared import OTHER_WAY
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.other_way_picture import PICTURE, Split, draw
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.sensors import Digit
-from t2twin.translate.data.images import to_pixels
-from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.evaluation.metrics.image_metrics import (
-    CONTACT_GREY,
-    DETAILS_MM,
-    ImageFigures,
-    compare_images,
-    explained_by_detail,
-    in_contact,
-    intervals,
-    replicates,
-    scores,
+
+if TYPE_CHECKING:
+    from t2twin.translate.data.pairs import Pairs
+    from t2twin.translate.evaluation.metrics.image_metrics import ImageFigures
+
+BENCHMARK = Benchmark(
+    name="other_way",
+    measures="Accuracy of DIGIT images predicted from 20 counts.",
+    minutes=2,
+    sources=("primitives_cad", "sim", "translate"),
+    figures=tuple(
+        figure
+        for split in ("val", "test")
+        for figure in (
+            Figure(f"{split}.rows.*.overall.psnr_contact_db", "dB"),
+            Figure(f"{split}.rows.*.overall.ssim_contact"),
+            Figure(f"{split}.rows.*.overall.rmse_percent", "%"),
+            Figure(f"{split}.over_nearest.overall.psnr_contact_db", "dB"),
+            Figure(f"{split}.over_nearest.overall.ssim_contact"),
+            Figure(f"{split}.contact_percent", "%"),
+        )
+    ),
+    arguments=(
+        Argument("run", "folder of t2twin train --direction cyskin-to-digit", Path),
+        Argument("--data", "the dataset", Path, required=True, metavar="DIR"),
+    ),
 )
-from t2twin.translate.evaluation.scoring import training_steps
-from t2twin.translate.inference.load import load
-from t2twin.translate.inference.predictor import ImagePredictor, require
 
 SPLITS = ("val", "test")
 
@@ -49,6 +62,20 @@ DRAWN, NEAREST, MEAN, UNTOUCHED = "drawn", "nearest_neighbour", "mean_picture", 
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from benchmarks.reverse_images import PICTURE, Split, draw
+    from t2twin.translate.data.images import to_pixels
+    from t2twin.translate.data.pairs import load_info, load_pairs
+    from t2twin.translate.evaluation.metrics.image_metrics import (
+        CONTACT_GREY,
+        DETAILS_MM,
+        compare_images,
+        explained_by_detail,
+        in_contact,
+    )
+    from t2twin.translate.evaluation.scoring import training_steps
+    from t2twin.translate.inference.load import load
+    from t2twin.translate.inference.predictor import ImagePredictor, require
+
     run = require(load(options.run), ImagePredictor, "the benchmark")
     if load_info(options.data).sha256 != run.config.data.sha256:
         raise T2TwinError(f"{options.data} is not the data set that {options.run} was trained on")
@@ -89,6 +116,8 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def _figures(figures: Mapping[str, ImageFigures], pairs: Pairs) -> dict[str, Any]:
     """Every row's scores with their intervals, and what is drawn less the nearest neighbor's."""
+    from t2twin.translate.evaluation.metrics.image_metrics import intervals, replicates, scores
+
     resampled = {name: replicates(one, pairs.shapes) for name, one in figures.items()}
     rows = {name: asdict(scores(one)) for name, one in figures.items()}
     over = {name: rows[DRAWN][name] - value for name, value in rows[NEAREST].items()}
@@ -117,4 +146,4 @@ def _mm_per_px(size: int) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    main(OTHER_WAY)
+    main(BENCHMARK)

@@ -1,10 +1,10 @@
-"""What a tactile image costs: phi as one product, against scipy's LinearNDInterpolator.
+"""Cost of a tactile image: phi as one matrix product, compared with LinearNDInterpolator of SciPy.
 
     python -m benchmarks.phi
 
-Both make the same batch of images of the default layout, turn by turn. The interpolator's
-triangles are found once. It is taken both ways: one image at a time, which the ratio is of, and
-the whole batch as many-valued data, which finds each pixel's triangle but once.
+Both compute the same batch of images of the default layout, in turn. The interpolator's triangles
+are computed once. It is timed with one image at a time, which gives the ratio. It is also timed
+with the batch as vector-valued data, where each pixel's triangle is searched once.
 """
 
 import statistics
@@ -16,10 +16,23 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 from scipy.spatial import Delaunay
 
-from benchmarks.declared import PHI
+from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.phi import Phi
+
+BENCHMARK = Benchmark(
+    name="phi",
+    measures="Cost of a tactile image, against scipy's LinearNDInterpolator.",
+    minutes=0.2,
+    sources=("sim/cyskin",),
+    figures=(
+        Figure("phi_ms_an_image", "ms", most=0.2),
+        Figure("ratio", least=10.0),
+        Figure("batch_ratio"),
+        Figure("largest_difference_counts", "counts"),
+    ),
+)
 
 BATCH = 64
 ONE_BY_ONE = 8
@@ -69,4 +82,4 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main(PHI)
+    main(BENCHMARK)

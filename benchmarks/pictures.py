@@ -1,10 +1,9 @@
-"""The README's picture: docs/pictures/presses.png.
+"""The README's image docs/pictures/presses.png.
 
     python -m benchmarks.pictures
 
-Five presses at 8 N, a column each: the shape, what the DIGIT saw, what the CySkin felt. The results
-hold the presses and what each sensor says of them in a number, so that a picture that is older than
-the code is found like any other result.
+Five presses at 8 N, one column each: the shape, the DIGIT image and the tactile image. The results
+have the presses and one figure of each sensor.
 """
 
 from argparse import Namespace
@@ -14,10 +13,10 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from benchmarks import ROOT
-from benchmarks.declared import PICTURES
+from benchmarks.evidence.record import Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.files import atomic_write
-from t2twin.primitives_cad import catalogue, contact_sheet
+from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
@@ -25,6 +24,17 @@ from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
 from t2twin.sim.world.protocol import FORCE_N
+
+BENCHMARK = Benchmark(
+    name="pictures",
+    measures="The README's image of five presses.",
+    minutes=0.3,
+    sources=("primitives_cad", "sim"),
+    figures=(
+        Figure("presses.0.largest_counts", "counts"),
+        Figure("presses.4.largest_counts", "counts"),
+    ),
+)
 
 PICTURE = ROOT / "docs" / "pictures" / "presses.png"
 
@@ -83,6 +93,8 @@ def draw(sensors: SensorPair, samples: list[Touch]) -> Image.Image:
 
 def _drawn_shape(name: str) -> Image.Image:
     """The shape, or the whole tool, with the shape's name."""
+    from t2twin.primitives_cad import contact_sheet
+
     tool = name.split("/")[0]
     is_tool = tool in catalogue.TOOLS
     mesh = catalogue.tool_mesh(tool) if is_tool else catalogue.load(name).mesh
@@ -93,4 +105,4 @@ def _drawn_shape(name: str) -> Image.Image:
 
 
 if __name__ == "__main__":
-    main(PICTURES)
+    main(BENCHMARK)

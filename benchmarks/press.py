@@ -1,15 +1,17 @@
-"""Fidelity and speed of the press, against the oracle.
+"""Accuracy and speed of the contact solver, compared with the oracle.
 
     python -m benchmarks.press [--shapes N]
 
-Every primitive on a flat layer of each sensor's elastomer, linear, at four forces, turned so that
-it lines up with no grid: depth, surface, pressure and taxel pads' mean pressure against
-`benchmarks.oracle`, and the force carried. The oracle has cells where the engine has its pad and
-none beyond (`benchmarks.flat_pad`), so that shapes longer than the pad are cut in both at the same
-place. Its depth is extrapolated from two grids, for a punch's edge is of first order; its fields
-are the finer grid's. The same with random shapes, the first of all seeds. Then what needs no
-oracle: the grid halved, the twelve orientations, on a layer so wide that no shape is cut, Hertz,
-exponents of depth with force, and the time.
+Presses every primitive on a flat linear layer of each sensor's elastomer at four forces, turned so
+that it is aligned with no grid. Depth, surface, pressure and the mean pressure of the taxel pads
+are compared with `benchmarks.oracle`, and the force is checked. The oracle has cells only where the
+contact solver has its pad (`benchmarks.flat_pad`), so that both cut long shapes at the same place.
+The oracle's depth is extrapolated from two grids, because the error at the edge of a punch is of
+first order. Its fields are those of the finer grid.
+
+The same is done with random shapes, the first of all seeds. Further figures need no oracle: a
+halved grid, the twelve orientations on a wide layer, Hertz, exponents of depth and force, and the
+time.
 """
 
 from argparse import Namespace
@@ -23,7 +25,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 from tqdm import tqdm
 
-from benchmarks.declared import PRESS
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.flat_pad import FlatPad
 from benchmarks.solids import ball, punch
@@ -38,6 +40,34 @@ from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, load_layout
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa
 from t2twin.sim.world import protocol
+
+BENCHMARK = Benchmark(
+    name="press",
+    measures="Accuracy of the contact solver against an independent solution, and its time.",
+    minutes=12,
+    sources=("primitives_cad", "sim/contact", "sim/cyskin", "sim/world"),
+    figures=(
+        Figure("sensors.*.worst.depth_error", most=0.03),
+        Figure("sensors.*.worst.surface_error", most=0.05),
+        Figure("sensors.*.worst.pressure_error", most=0.05),
+        Figure("sensors.cyskin.worst.pad_error", most=0.02),
+        Figure("sensors.*.worst.force_error", most=0.001),
+        Figure("sensors.*.random.within_limits_percent", "%", least=90.0),
+        Figure("sensors.*.random.worst.*"),
+        Figure("sensors.*.worst.halved_grid"),
+        Figure("sensors.*.worst.orientations"),
+        Figure("sensors.*.protocol.unsettled", most=0),
+        Figure("sensors.*.protocol.median_ms", "ms"),
+        Figure("sensors.*.protocol.p95_ms", "ms"),
+        Figure("hertz_worst.depth_error", most=0.05),
+        Figure("hertz_worst.peak_pressure_error", most=0.05),
+        Figure("exponents.ball"),
+        Figure("exponents.punch"),
+    ),
+    arguments=(
+        Argument("--shapes", "take every Nth primitive only; keeps nothing", int, 1, partial=True),
+    ),
+)
 
 FORCES_N = (1.0, 2.0, 4.0, 8.0)
 ORACLE_PITCHES_MM = (0.125, 0.0625)
@@ -309,4 +339,4 @@ def protocol_times(sensor: Sensor) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    main(PRESS)
+    main(BENCHMARK)

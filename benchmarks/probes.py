@@ -1,11 +1,11 @@
-"""Translators on shapes made to choose by, so that the test objects choose nothing.
+"""Errors of translators on solids for the choice of settings, so that the test objects choose none.
 
     python -m benchmarks.probes RUN [RUN ...] --data data/paper
 
-Nine plain solids of edges, faces and ribs that leave the DIGIT's view, neither primitives nor
-tools, are pressed as the protocol presses the objects: 3 x 3 places by 7 orientations. Gives the
-RMSE in percent of full scale for each run and, beside them, for the mean array and the nearest
-neighbor of the training set, by solid. What a preset or an augmentation is worth is read here.
+Nine simple solids with edges, faces and ribs extend beyond the DIGIT's view. They are neither
+primitives nor tools. They are pressed as the protocol presses the objects, at 3 x 3 places with 7
+orientations. The RMSE in percent of full scale is given for each run, the mean array and the
+nearest neighbor of the training set, by solid.
 """
 
 import hashlib
@@ -19,32 +19,37 @@ import numpy as np
 from PIL import Image
 from tqdm import tqdm
 
-from benchmarks.declared import PROBES
+from benchmarks import ROOT
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.evidence.small_case import SmallCase
-from benchmarks.evidence.sources import SourceTree
-from benchmarks.paper_scale import presses_sha256, settings
 from t2twin.core.files import atomic_write
 from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.shape import Shape
-from t2twin.primitives_cad.solids import tessellate
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world import protocol
-from t2twin.translate.data.images import to_pixels
-from t2twin.translate.data.pairs import load_info, load_pairs
-from t2twin.translate.evaluation.metrics.baselines import (
-    FEATURE_SIZE,
-    MEAN_ARRAY,
-    NEAREST_NEIGHBOR,
-    mean_array,
-    nearest_neighbor,
-)
-from t2twin.translate.evaluation.prepare import run_names
-from t2twin.translate.inference.load import load_run
 
 if TYPE_CHECKING:
     import cadquery as cq
+
+BENCHMARK = Benchmark(
+    name="probes",
+    measures="Errors of trained translators on solids for the choice of settings.",
+    minutes=2,
+    sources=("primitives_cad", "sim", "translate"),
+    figures=(Figure("rows.*.all", "%"),),
+    arguments=(
+        Argument("runs", "folders of t2twin train", Path, nargs="+"),
+        Argument("--data", "the dataset of the trivial rows", Path, required=True, metavar="DIR"),
+        Argument(
+            "--probes",
+            "where the presses are kept",
+            Path,
+            Path("data/probes.npz"),
+            metavar="FILE",
+        ),
+    ),
+)
 
 LONG_MM = 60.0
 """Length of what goes on past both sensors, mm."""
@@ -54,8 +59,8 @@ TALL_MM = 8.0
 
 SEED = 0
 
-OUTCOME_PRESS = 31
-"""The press of every solid that is in the small case: the middle place, an orientation between."""
+PRESS_SOURCES = ("primitives_cad", "sim")
+"""Folders whose files determine the presses, relative to the repository."""
 
 
 @dataclass(frozen=True)
@@ -72,23 +77,20 @@ def measure(options: Namespace) -> dict[str, Any]:
     return {"presses": len(probes.names), "rows": rows(probes, options.runs, options.data)}
 
 
-def outcome(case: SmallCase) -> dict[str, Any]:
-    """One press of every solid, the rows of the small case's runs on them, and what the paper's
-    scale is asked to be."""
-    probes = press_solids((OUTCOME_PRESS,))
-    digest = hashlib.sha256(probes.images.tobytes() + probes.counts.tobytes())
-    return {
-        "presses_sha256": digest.hexdigest(),
-        "shards_sha256": case.shards_sha256(),
-        "weights_sha256": case.weights_sha256(),
-        "rows": rows(probes, list(case.runs.values()), case.data),
-        "paper_presses_sha256": presses_sha256(),
-        "paper_settings": settings(),
-    }
-
-
 def rows(probes: Probes, runs: Sequence[Path], data: Path) -> dict[str, dict[str, float]]:
     """The RMSE in percent of full scale, by row and solid; the runs by their models' names."""
+    from t2twin.translate.data.images import to_pixels
+    from t2twin.translate.data.pairs import load_info, load_pairs
+    from t2twin.translate.evaluation.metrics.baselines import (
+        FEATURE_SIZE,
+        MEAN_ARRAY,
+        NEAREST_NEIGHBOR,
+        mean_array,
+        nearest_neighbor,
+    )
+    from t2twin.translate.evaluation.prepare import run_names
+    from t2twin.translate.inference.load import load_run
+
     train = load_pairs(data, "train", FEATURE_SIZE, grey=False)
     small = [to_pixels(Image.fromarray(image), FEATURE_SIZE, grey=False) for image in probes.images]
     loaded = [load_run(run) for run in runs]
@@ -140,6 +142,8 @@ def solids() -> dict[str, "cq.Workplane"]:
 
 def shape_of(name: str, solid: "cq.Workplane") -> Shape:
     """A solid as a shape, its own origin kept: a file's would be moved to its middle."""
+    from t2twin.primitives_cad.solids import tessellate
+
     mesh, heights = height_map.aligned(tessellate(solid.val()))  # pyright: ignore[reportArgumentType]
     return Shape(name, mesh, heights, spacing_mm=catalogue.OBJECT_SPACING_MM)
 
@@ -186,11 +190,14 @@ def kept_probes(path: Path) -> Probes:
 
 
 def _digest() -> str:
-    """Of all sources that the results depend on, which are more than the presses do."""
-    sources = SourceTree().sources_of(PROBES)
-    whole = repr((sorted(sources.code.items()), sorted(sources.shapes.items())))
-    return hashlib.sha256(whole.encode()).hexdigest()
+    """SHA-256 of the code and data files that determine the presses."""
+    digest = hashlib.sha256(Path(__file__).read_bytes())
+    for folder in PRESS_SOURCES:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts:
+                digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 if __name__ == "__main__":
-    main(PROBES)
+    main(BENCHMARK)

@@ -1,13 +1,16 @@
-"""Presses of random shapes by the ten thousand, and whether the tools' lie among them.
+"""Presses of 5,125 random shapes, and whether they cover the presses of the tools.
 
     python -m benchmarks.random_presses
 
-Shapes of seeds that no shipped world has, four presses each as the open world draws them. Counts
-what is refused, drawn again or does not settle; times a shape against its four presses; looks
-whether a shape presses with a tool's surface; and draws docs/pictures/random_shapes.png and
-docs/pictures/open_world.png, the distributions of force, depth, contact area and largest taxel
-beside the tools' on the protocol's grid with forces from the same range.
+The shapes have seeds of no published world, with four presses each, sampled as in the open world.
+Counts refused, repeated and unsettled presses. Compares the time of a shape with that of its four
+presses. Checks whether the surface of a shape is that of a tool.
+
+Writes docs/pictures/random_shapes.png and docs/pictures/open_world.png. The latter has
+distributions of force, depth, contact area and largest taxel, next to those of the tools.
 """
+
+from __future__ import annotations
 
 import multiprocessing
 import time
@@ -18,23 +21,20 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 from tqdm import tqdm
 
 from benchmarks import ROOT
-from benchmarks.declared import RANDOM_PRESSES
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import cores
-from t2twin.primitives_cad import catalogue, contact_sheet
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import Shape
-from t2twin.report.html.figures import figure
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.dataset.rejection_sampling import press_until_accepted
@@ -44,6 +44,30 @@ from t2twin.sim.world import protocol
 from t2twin.sim.world.held_out import test_surfaces
 from t2twin.sim.world.presses import press_attempts, random_name, sample_force
 from t2twin.sim.world.recipe import Part, load_recipe
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Page
+
+BENCHMARK = Benchmark(
+    name="random_presses",
+    measures="Presses of random shapes, and whether they cover the presses of the tools.",
+    minutes=10,
+    sources=("primitives_cad", "sim"),
+    figures=(
+        Figure("presses"),
+        Figure("exceptions", most=0),
+        Figure("unsettled", most=0),
+        Figure("drawn_again_percent", "%"),
+        Figure("force_off_percent", "%", most=0.5),
+        Figure("shape_over_its_presses", most=0.1),
+        Figure("tail.*.p99_over_median", most=3.0),
+        Figure("spread.*.tools_inside_percent", "%", least=95.0),
+    ),
+    arguments=(
+        Argument("--presses", "how many; keeps nothing unless 20,500", int, 20_500, partial=True),
+    ),
+)
 
 SHAPES_PICTURE = ROOT / "docs" / "pictures" / "random_shapes.png"
 SPREAD_PICTURE = ROOT / "docs" / "pictures" / "open_world.png"
@@ -100,7 +124,7 @@ class Pressed:
     cyskin_ms: list[float] = field(default_factory=list)
     force_off_percent: float = 0.0
 
-    def add(self, other: "Pressed") -> None:
+    def add(self, other: Pressed) -> None:
         self.values += other.values
         self.again += other.again
         self.stand_ins += other.stand_ins
@@ -273,8 +297,9 @@ def by_force(values: np.ndarray) -> list[dict[str, float]]:
 
 def draw_spread(values: np.ndarray, tools: np.ndarray) -> None:
     """The distributions side by side, each as a share of its presses."""
+    from t2twin.report.html.figures import figure
 
-    def draw(page: Figure) -> None:
+    def draw(page: Page) -> None:
         axes = page.subplots(1, len(QUANTITIES))
         for column, (name, axis) in enumerate(zip(QUANTITIES, axes, strict=True)):
             _histograms(axis, values[:, column], tools[:, column], AXES[name])
@@ -297,6 +322,8 @@ def _histograms(axis: Axes, values: np.ndarray, tools: np.ndarray, label: str) -
 
 def draw_shapes() -> None:
     """The first random shapes of all, from above and aside."""
+    from t2twin.primitives_cad import contact_sheet
+
     rows, columns = SHEET
     page = Image.new(
         "RGB", (columns * TILE_PX[0], rows * TILE_PX[1]), tuple(contact_sheet.PAPER.tolist())
@@ -325,4 +352,4 @@ def _tiles(rows: int, columns: int) -> Iterator[tuple[int, int]]:
 
 
 if __name__ == "__main__":
-    main(RANDOM_PRESSES)
+    main(BENCHMARK)

@@ -1,44 +1,65 @@
-"""What trained translators make of frames of a real DIGIT, beside what the twin's CySkin feels.
+"""Predictions of trained translators for frames of a real DIGIT.
 
     python -m benchmarks.real FRAMES RUN [RUN ...]
 
-FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project. The
-light is fitted to the first presses; on the last ones every run is judged: from the real frame,
-from the twin's simulated frame of the same press, and on the untouched background. The truth is
-the twin's own at the place and depth that the calibration finds in the frame. Runs go by the world
-that they were trained in.
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project. The light is fitted to the first presses. On the last ones every run is evaluated on
+the real frame, on the twin's simulated frame of the same press, and on the background frame. The
+reference is the twin's CySkin at the place and depth that the calibration finds in the frame. Runs
+have the name of the world that they were trained on.
 """
+
+from __future__ import annotations
 
 import tempfile
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
-from benchmarks.declared import REAL
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from t2twin.adaptation.real_frame_evaluation import (
-    SimulatedReference,
-    evaluate_frames,
-    predict_counts,
-    simulate_reference,
-)
-from t2twin.adaptation.record import AdaptationScores, baseline_rmse_percent
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
-from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import CountsPredictor
+
+if TYPE_CHECKING:
+    from t2twin.adaptation.real_frame_evaluation import SimulatedReference
+    from t2twin.translate.inference.predictor import CountsPredictor
+
+BENCHMARK = Benchmark(
+    name="real",
+    measures="Predictions of trained translators for frames of a real DIGIT.",
+    minutes=2,
+    sources=("primitives_cad", "sim", "t2twin/adaptation", "translate"),
+    figures=(
+        Figure("runs.*.real.rmse_percent", "%"),
+        Figure("runs.*.simulated.rmse_percent", "%"),
+        Figure("runs.*.real.centroid_mm", "mm"),
+        Figure("runs.*.real.force_error"),
+        Figure("runs.*.background_counts", "counts"),
+        Figure("zero_rmse_percent", "%"),
+        Figure("mean_array_rmse_percent", "%"),
+    ),
+    arguments=(
+        Argument("frames", "folder of background.png and press_*.png", Path),
+        Argument("runs", "folders of trained runs", Path, nargs="+"),
+    ),
+)
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.adaptation.real_frame_evaluation import simulate_reference
+    from t2twin.adaptation.record import baseline_rmse_percent
+    from t2twin.translate.inference.load import load_run
+
     runs = {}
     for folder in options.runs:
         run = load_run(folder)
@@ -70,6 +91,9 @@ def measure(options: Namespace) -> dict[str, Any]:
 def _scores(
     run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray
 ) -> dict[str, Any]:
+    from t2twin.adaptation.real_frame_evaluation import evaluate_frames, predict_counts
+    from t2twin.adaptation.record import AdaptationScores
+
     comparisons = evaluate_frames(run, references, background)
     return {
         "real": asdict(AdaptationScores.of([one.real for one in comparisons])),
@@ -79,4 +103,4 @@ def _scores(
 
 
 if __name__ == "__main__":
-    main(REAL)
+    main(BENCHMARK)

@@ -1,33 +1,51 @@
-"""What a loss of the tactile image's shape brings: touch2touch with it against without.
+"""Effect of a soft IoU loss of the tactile image on touch2touch.
 
     t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --out plain-0
     t2twin train touch2touch --data data/paper --epochs 3 --seed 0 --iou-weight W --out shaped-0
     python -m benchmarks.shape_loss --plain plain-0 ... --shaped shaped-0 ... --data data/paper
 
-The runs are of the same seeds, steps and data, and differ in the weight alone. Every figure is
-given of each run and as the mean over the seeds; the gain is the difference of the means, with the
-interval of the same resamples of the shapes.
+The runs have the same seeds, steps and data; only the weight differs. Every figure is given for
+each run and as the mean over the seeds. The gain is the difference of the means, with a bootstrap
+interval over the shapes.
 """
+
+from __future__ import annotations
 
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.declared import SHAPE_LOSS
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
-from t2twin.translate.evaluation.metrics.array_errors import compare
-from t2twin.translate.evaluation.metrics.bootstrap import interval, replicates
-from t2twin.translate.evaluation.scoring import training_steps
-from t2twin.translate.inference.load import load_run
-from t2twin.translate.inference.predictor import CountsPredictor
-from t2twin.translate.runs.config import RunConfig
+
+if TYPE_CHECKING:
+    from t2twin.translate.data.pairs import Pairs
+    from t2twin.translate.inference.predictor import CountsPredictor
+    from t2twin.translate.runs.config import RunConfig
+
+BENCHMARK = Benchmark(
+    name="shape_loss",
+    measures="Effect of a soft IoU loss of the tactile image on touch2touch.",
+    minutes=4,
+    sources=("primitives_cad", "sim", "translate"),
+    figures=tuple(
+        Figure(f"{split}.{part}.{name}", unit)
+        for split in ("val", "test")
+        for part in ("plain.mean", "shaped.mean", "gain.overall")
+        for name, unit in (("contact_iou", ""), ("ssim", ""), ("rmse_percent", "%"))
+    ),
+    arguments=(
+        Argument("--plain", "runs without", Path, nargs="+", required=True, metavar="RUN"),
+        Argument("--shaped", "the same with", Path, nargs="+", required=True, metavar="RUN"),
+        Argument("--data", "the dataset", Path, required=True, metavar="DIR"),
+    ),
+)
 
 SPLITS = ("val", "test")
 
@@ -36,6 +54,10 @@ FIGURES = ("contact_iou", "ssim", "ssim_contact", "rmse_percent", "rmse_counts")
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.translate.data.pairs import load_pairs
+    from t2twin.translate.evaluation.scoring import training_steps
+    from t2twin.translate.inference.load import load_run
+
     plain, shaped = ([load_run(f) for f in each] for each in (options.plain, options.shaped))
     _check_alike(plain, shaped, options.data)
     preset = shaped[0].config.preset
@@ -55,6 +77,8 @@ def _split(
     plain: Sequence[CountsPredictor], shaped: Sequence[CountsPredictor], pairs: Pairs
 ) -> dict[str, Any]:
     """Both kinds' figures of each run and their means, and what the loss brings."""
+    from t2twin.translate.evaluation.metrics.bootstrap import interval
+
     content, resampled = {}, {}
     for kind, runs in (("plain", plain), ("shaped", shaped)):
         each, of_runs = zip(*(_figures(run, pairs) for run in runs), strict=True)
@@ -80,6 +104,9 @@ def _split(
 
 def _figures(run: CountsPredictor, pairs: Pairs) -> tuple[dict[str, float], Any]:
     """A run's figures, and the same in the resamples of the shapes."""
+    from t2twin.translate.evaluation.metrics.array_errors import compare
+    from t2twin.translate.evaluation.metrics.bootstrap import replicates
+
     data = run.config.data
     predicted = run.predict_pixels(pairs.images, progress=run.run_dir.name)
     figures = compare(predicted, pairs.counts, Phi(data.x_mm, data.y_mm), data.full_scale_counts)
@@ -94,6 +121,8 @@ def _check_alike(
     plain: Sequence[CountsPredictor], shaped: Sequence[CountsPredictor], data: Path
 ) -> None:
     """Raises T2TwinError for runs that differ in more than the weight."""
+    from t2twin.translate.data.pairs import load_info
+
     if len(plain) != len(shaped):
         raise T2TwinError(f"there are {len(plain)} runs without and {len(shaped)} with; pair them")
     weight, sha256 = shaped[0].config.preset.iou_weight, load_info(data).sha256
@@ -116,4 +145,4 @@ def _but_for_the_weight(config: RunConfig) -> tuple[Any, ...]:
 
 
 if __name__ == "__main__":
-    main(SHAPE_LOSS)
+    main(BENCHMARK)

@@ -153,13 +153,13 @@ def _slopes(point: np.ndarray) -> np.ndarray:
 
 
 class Gel:
-    """How the top of a domed, bounded gel answers forces on its nodes.
+    """Compliance of the top of a domed, bounded gel.
 
     x_mm (nx,), y_mm (ny,): the nodes' axes over the whole gel. area_mm2 (ny, nx): the part of the
     top, seen from above, that is nearest to each node.
-    along_normal: forces stand on the untouched surface and deflection is the change of its height
-    at a fixed place, as frictionless contact has it for small slopes; else forces and deflection
-    are vertical.
+    along_normal: forces are normal to the unloaded surface, and deflection is the change of its
+    height at a fixed place, as in frictionless contact with small slopes. Otherwise forces and
+    deflection are vertical.
     """
 
     def __init__(
@@ -311,10 +311,9 @@ def _along_normal(mesh: Mesh, elastomer: Elastomer, on_top: int) -> sparse.csr_m
 def solve(gel: Gel, gap_mm: np.ndarray, force_n: float) -> Answer:
     """A rigid shape on the gel under a force.
 
-    gap_mm: (ny, nx) how far the shape stands above each node, from any datum. The contact is
-    that on independent springs to begin with, and found by exchanging nodes: those that would be
-    pulled leave, those that the shape would go through enter, and the forces of the rest are
-    solved for exactly. Raises T2TwinError where that does not come to an end.
+    gap_mm: (ny, nx) height of the shape above each node, from any datum. The iteration starts with
+    the contact nodes of independent springs. Nodes with tension leave the contact, and nodes inside
+    the shape enter. The forces are solved exactly. Raises T2TwinError without convergence.
     """
     gaps = gap_mm.ravel()
     touching = gaps < _foundation_depth_mm(gel, gaps, force_n)

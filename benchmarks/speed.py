@@ -1,14 +1,13 @@
-"""What a press, a picture and a dataset cost, against another commit of this project, turn by turn.
+"""Cost of a press, an image and a dataset, compared with another commit of this project.
 
     git worktree add --detach ../older 1b5051b
     python -m benchmarks.speed ../older
 
-Each turn measures both checkouts, one after the other, in processes of their own on one core
-(`benchmarks/speed_turn.py`); a ratio is the median of the turns', since absolute times differ
-twofold from machine to machine. Pairs a second are those of `t2twin simdata --scale small`. The
-other checkout is taken as it is, with the packages that are installed here. Beside it stands where
-this checkout's press spends its time, and what of that is transforms and MuJoCo
-(`benchmarks/speed_parts.py`).
+Each turn measures both checkouts in turn, each in its own process on one core
+(`benchmarks/speed_turn.py`). A ratio is the median over the turns, because absolute times differ
+between machines. Pairs per second are those of `t2twin simdata --scale small`. The other checkout
+uses the packages that are installed here. `benchmarks/speed_parts.py` measures the parts of a press
+in this checkout.
 """
 
 import json
@@ -25,9 +24,30 @@ import numpy as np
 from tqdm import tqdm
 
 from benchmarks import ROOT
-from benchmarks.declared import SPEED
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
+
+BENCHMARK = Benchmark(
+    name="speed",
+    measures="Speed of a press, an image and a dataset, against another commit.",
+    minutes=20,
+    sources=("primitives_cad", "sim"),
+    figures=(
+        Figure("times_as_fast.pairs", "times", least=2.0),
+        Figure("times_as_fast.press_digit", "times", least=2.0),
+        Figure("times_as_fast.press_cyskin", "times", least=2.2),
+        Figure("times_as_fast.picture", "times", least=2.0),
+        Figure("two_workers_over_one", "times", least=1.9),
+        Figure("ms.*", "ms"),
+        Figure("where_ms.*.*", "ms"),
+        Figure("pairs_a_second", "pairs/s"),
+    ),
+    arguments=(
+        Argument("checkout", "folder of another checkout of this project", Path),
+        Argument("--turns", "of both; keeps nothing unless 5", int, 5, partial=True),
+    ),
+)
 
 TURN = ROOT / "benchmarks" / "speed_turn.py"
 PARTS = ROOT / "benchmarks" / "speed_parts.py"
@@ -121,4 +141,4 @@ def _commit(checkout: Path) -> str:
 
 
 if __name__ == "__main__":
-    main(SPEED)
+    main(BENCHMARK)

@@ -1,7 +1,7 @@
-"""Where a press's time goes, printed as JSON: run by benchmarks/speed.py on one core.
+"""Processor time of the parts of a press, printed as JSON; benchmarks/speed.py runs it on one core.
 
-Milliseconds of the processor for each sensor's press, and of what it is made of. The transforms and
-MuJoCo's steps are what no way of writing the rest could save: their sum is the floor.
+The times are milliseconds for each sensor's press. Transforms and MuJoCo's steps are a lower bound
+for any implementation of the rest.
 """
 
 import json

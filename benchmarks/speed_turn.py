@@ -1,6 +1,6 @@
-"""Times of this directory's own engine, printed as JSON: run by benchmarks/speed.py in a checkout.
+"""Times of the checkout in the working directory, printed as JSON; benchmarks/speed.py runs it.
 
-It has to run with older layouts of the project too, which had no package `t2twin`.
+It also runs with older layouts of the project, which had no package `t2twin`.
 """
 
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false

@@ -1,10 +1,9 @@
-"""The studio: how soon there is a picture, how fast it follows, whether it bears two busy clients;
-and the README's picture of it, docs/pictures/studio.png.
+"""Start time, latency and stability of the studio, and its image docs/pictures/studio.png.
 
     python -m benchmarks.studio RUN [RUN ...]
 
-Needs chromium. Times with the browser are those of a browser that draws without a GPU, on the same
-cores. The first of the runs is the one translator of the times.
+Needs chromium. The browser draws without a GPU, on the same cores. The first run is the translator
+in the timed part.
 """
 
 import json
@@ -24,24 +23,36 @@ from typing import Any
 import numpy as np
 
 from benchmarks import ROOT
-from benchmarks.declared import STUDIO
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.studio_events import act
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
-from t2twin.studio.press_state import PressState
-from t2twin.studio.server import studio
-from t2twin.studio.session import Session
-from t2twin.studio.translators import Translators
-from t2twin.studio.view.cards import press_html, scales_of
-from t2twin.studio.view.solids import as_glb, elastomer_part, taxels_part
+
+BENCHMARK = Benchmark(
+    name="studio",
+    measures="Start time, latency and stability of the studio, and the rate of live frames.",
+    minutes=5,
+    sources=("primitives_cad", "sim", "t2twin/live", "t2twin/studio", "translate/inference"),
+    figures=(
+        Figure("start_s.first", "s", most=15.0),
+        Figure("start_s.after", "s", most=5.0),
+        Figure("core_median_ms", "ms", most=60.0),
+        Figure("page_median_ms", "ms", most=100.0),
+        Figure("events.exceptions", most=0),
+        Figure("events.memory_grown_percent", "%", most=10.0),
+        Figure("events.states_wrong", most=0),
+        Figure("live.share_of_frames", least=0.98),
+        Figure("live.latency_median_ms", "ms", most=20.0),
+    ),
+    arguments=(Argument("runs", "folders of t2twin train, ResNet18 first", Path, nargs="+"),),
+)
 
 PICTURE = ROOT / "docs" / "pictures" / "studio.png"
 SIZE = {"width": 1400, "height": 900}
 
-SHOWN = PressState("circle-empty-3", x_mm=1.0, y_mm=-1.0)
-"""What the README's picture shows."""
+SHOWN = ("circle-empty-3", 1.0, -1.0)
+"""Shape, and place in x and y, mm, of the press in the README's image."""
 
 FORCES_N = np.linspace(4.0, 12.0, 61)
 """Where the slider is moved to, N."""
@@ -66,6 +77,12 @@ WATCH = """() => { window.shown = []; new MutationObserver(() => {
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from benchmarks.studio_events import act
+    from t2twin.studio.press_state import PressState
+    from t2twin.studio.server import studio
+
+    shown = PressState(*SHOWN)
+
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         content = {
@@ -74,7 +91,7 @@ def measure(options: Namespace) -> dict[str, Any]:
             "live": _live(options.runs[0], folder),
         }
         with _browser() as browser, studio(options.runs, port=0) as served:
-            tab, page = _opened(browser, served, SHOWN)
+            tab, page = _opened(browser, served, shown)
             if not options.keep_nothing:
                 draw(tab)
             other_tab, other = _opened(browser, served, PressState("circle-1"))
@@ -82,7 +99,7 @@ def measure(options: Namespace) -> dict[str, Any]:
             other_tab.close()
             tab.close()
         with _browser() as browser, studio(options.runs[:1], port=0) as served:
-            content["page_median_ms"] = _page_ms(*_opened(browser, served, SHOWN))
+            content["page_median_ms"] = _page_ms(*_opened(browser, served, shown))
     return content
 
 
@@ -117,6 +134,12 @@ def _start_s(cache: Path) -> float:
 
 def _core_ms(run: Path) -> float:
     """A new force to all that is sent to a page, without one."""
+    from t2twin.studio.press_state import PressState
+    from t2twin.studio.session import Session
+    from t2twin.studio.translators import Translators
+    from t2twin.studio.view.cards import press_html, scales_of
+    from t2twin.studio.view.solids import as_glb, elastomer_part, taxels_part
+
     translators = Translators()
     translators.search([run])
     session, times = Session(translators), []
@@ -186,7 +209,7 @@ def _browser() -> Iterator[Any]:
         browser.close()
 
 
-def _opened(browser: Any, served: Any, state: PressState) -> tuple[Any, Any]:
+def _opened(browser: Any, served: Any, state: Any) -> tuple[Any, Any]:
     """The browser's page and the studio's, when they show a press."""
     known = set(served.pages)
     tab = browser.new_page(viewport=SIZE)
@@ -199,4 +222,4 @@ def _opened(browser: Any, served: Any, state: PressState) -> tuple[Any, Any]:
 
 
 if __name__ == "__main__":
-    main(STUDIO)
+    main(BENCHMARK)

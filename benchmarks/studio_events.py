@@ -1,4 +1,4 @@
-"""Random events from several clients of the studio at once, as they come over the wire."""
+"""Random events from several clients of the studio at once, as messages of their pages."""
 
 import asyncio
 import gc
@@ -27,11 +27,11 @@ KINDS = (0.6, 0.12, 0.08, 0.08, 0.12)
 
 
 def act(served: Studio, pages: Sequence[Page], events: int, folder: Path) -> dict[str, Any]:
-    """Sends so many events, from one page and the other in turn by chance.
+    """Sends random events from random pages.
 
-    Returns how many `exceptions` there were that are no fault of a user's, by how many percent
-    `memory` grew after the first part of them, and how many pages' `states` are wrong in the end:
-    not that of the last event, or not what the twin gives for it.
+    Returns the number of `exceptions` other than refusals, the growth of `memory` after the first
+    part of the events in percent, and the number of pages with wrong final `states`. A state is
+    right if it is that of the last event and has the twin's image and counts.
     """
     rng = np.random.default_rng(0)
     files, exceptions = _files(folder), []

@@ -1,33 +1,55 @@
-"""Trained translators in figures and in the paper's picture, from the folder of `t2twin report`.
+"""Errors of trained translators and sample images, from the folder of `t2twin report`.
 
     python -m benchmarks.translation data/paper RUN... --report runs/paper/report
                                      [--layouts EVALUATION...]
 
-What evaluation says of every row, overall with its interval and by shape, and overall on the taxel
-layouts of other folders of `t2twin evaluate`; what the errors are in parts of the trivial rows';
-and docs/pictures/samples.png: the report's samples at some of its quantiles of the error, from good
-to bad, so that nobody picks them.
+The results have the errors of every row, overall with intervals and by shape. They have the overall
+errors on the taxel layouts of other folders of `t2twin evaluate`, and the ratios to the baselines.
+Writes docs/pictures/samples.png: samples of the report at fixed quantiles of the error.
 """
+
+from __future__ import annotations
 
 import io
 from argparse import Namespace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
 from PIL import Image
 
 from benchmarks import ROOT
-from benchmarks.declared import TRANSLATION
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.evidence.small_case import SmallCase, rounded, sha256_of
-from benchmarks.paper_scale import presses_sha256, settings
 from t2twin.core.files import atomic_write
-from t2twin.report.data import ReportData, read_report_data
-from t2twin.report.sections.qualitative import sample_image, samples_at_quantiles
-from t2twin.translate.evaluation.files import read_evaluation
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+
+if TYPE_CHECKING:
+    from t2twin.report.data import ReportData
+
+BENCHMARK = Benchmark(
+    name="translation",
+    measures="Errors of trained translators, baselines and floors.",
+    minutes=4,
+    sources=("primitives_cad", "sim", "translate"),
+    figures=(
+        # A quarter of the mean array's, and the nearest neighbor's, on validation; three quarters
+        # of the better of the two on the objects.
+        Figure("ratios.val.*.of_mean_array", most=0.25),
+        Figure("ratios.val.*.of_nearest_neighbour", most=1.0),
+        Figure("ratios.test.*.of_best_trivial", most=0.75),
+        Figure("ratios.test.*.of_lookalikes"),
+        Figure("val.*.overall.rmse_percent", "%"),
+        Figure("test.*.overall.rmse_percent", "%"),
+        Figure("runs.*.minutes", "minutes"),
+    ),
+    arguments=(
+        Argument("data", "the dataset", Path),
+        Argument("runs", "folders of t2twin train", Path, nargs="+"),
+        Argument("--report", "the report's folder", Path, required=True, metavar="DIR"),
+        Argument("--layouts", "evaluations on other layouts", Path, (), "*", metavar="DIR"),
+    ),
+)
 
 PICTURE = ROOT / "docs" / "pictures" / "samples.png"
 
@@ -36,6 +58,8 @@ SHOWN = {"val": (0.5, 1.0), "test": (0.1, 0.5, 0.9, 1.0)}
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.report.data import read_report_data
+
     report = read_report_data(options.report, options.data, options.runs)
     if not options.keep_nothing:
         draw(report)
@@ -44,34 +68,6 @@ def measure(options: Namespace) -> dict[str, Any]:
         **content,
         "ratios": ratios(content),
         "layouts": [on_layout(evaluation) for evaluation in options.layouts],
-    }
-
-
-def outcome(case: SmallCase) -> dict[str, Any]:
-    """The small case's data and weights, what evaluation says of them, and what the paper's scale
-    is asked to be."""
-    metrics = case.metrics()
-    models = {split: content["models"] for split, content in metrics.items()}
-    more = {
-        split: {
-            "lookalikes": metrics[split]["irreducible_error"],
-            "rows": {
-                name: {key: row[key] for key in ("interval", "by_shape")}
-                for name, row in rows.items()
-            },
-        }
-        for split, rows in models.items()
-    }
-    return {
-        "shards_sha256": case.shards_sha256(),
-        "weights_sha256": case.weights_sha256(),
-        "overall": {
-            split: {name: row["overall"] for name, row in rows.items()}
-            for split, rows in models.items()
-        },
-        "intervals_shapes_lookalikes_sha256": sha256_of(rounded(more)),
-        "paper_presses_sha256": presses_sha256(),
-        "paper_settings": settings(),
     }
 
 
@@ -101,8 +97,10 @@ def figures(report: ReportData) -> dict[str, Any]:
 
 
 def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Each run's error in parts of the mean array's, of the nearest neighbor's, of the lower of
-    the two, and of what presses of the split that look alike differ by; by split and run."""
+    """Ratios of each run's RMSE to that of the mean array, of the nearest neighbor, of the better
+    of the two, and to the irreducible-error estimate; by split and run."""
+    from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+
     parts: dict[str, dict[str, dict[str, float | None]]] = {}
     for split in SHOWN:
         errors = {name: row["overall"]["rmse_counts"] for name, row in content[split].items()}
@@ -122,6 +120,8 @@ def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | Non
 
 def on_layout(folder: Path) -> dict[str, Any]:
     """Figures of every row, overall, by split, from a folder of `t2twin evaluate`."""
+    from t2twin.translate.evaluation.files import read_evaluation
+
     evaluations = {split: read_evaluation(folder / split) for split in SHOWN}
     return {"layout": evaluations["val"].layout} | {
         split: {name: msgspec.to_builtins(row.overall) for name, row in evaluation.models.items()}
@@ -131,6 +131,8 @@ def on_layout(folder: Path) -> dict[str, Any]:
 
 def draw(report: ReportData) -> None:
     """The samples, one below another."""
+    from t2twin.report.sections.qualitative import sample_image, samples_at_quantiles
+
     rows = []
     for split, quantiles in SHOWN.items():
         for row, quantile in samples_at_quantiles(report, split):
@@ -142,4 +144,4 @@ def draw(report: ReportData) -> None:
 
 
 if __name__ == "__main__":
-    main(TRANSLATION)
+    main(BENCHMARK)

@@ -1,15 +1,17 @@
-"""Where a real DIGIT lies among drawn ones, what a drawn one costs, and docs/pictures/units.png.
+"""A real DIGIT compared with randomly sampled units, and the cost of sampling one.
 
     python -m benchmarks.units FRAMES
 
-FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project. A
-calibration is fitted to them, and it and the shipped one are put beside drawn units: parameter by
-parameter, and picture by picture. A percentile is the share of the drawn units that lie below.
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project. A calibration is fitted to the frames. It and the default calibration are compared with
+sampled units, by parameter and by image. A percentile is the share of the sampled units below a
+value. Writes docs/pictures/units.png.
 """
 
 import time
 from argparse import Namespace
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from PIL import Image
 
 from benchmarks import ROOT
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
-from benchmarks.declared import UNITS
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.files import atomic_write
 from t2twin.sim.digit import probe_surfaces
@@ -26,6 +28,22 @@ from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 from t2twin.sim.digit.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
 from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
+
+BENCHMARK = Benchmark(
+    name="units",
+    measures="A real DIGIT compared with randomly sampled units, and the cost of a unit.",
+    minutes=2,
+    sources=("sim/digit",),
+    figures=(
+        Figure("made_best_ms", "ms", most=10.0),
+        Figure("parameters.*.real.percentile", "%"),
+        Figure("pictures.*.*.mean", "grey levels"),
+        Figure("pictures.*.real.mean_percentile", "%", most=95.0),
+        Figure("pictures.*.real.nearest_percentile", "%", most=95.0),
+        Figure("pictures.*.shipped.mean_percentile", "%", most=95.0),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+)
 
 PICTURE = ROOT / "docs" / "pictures" / "units.png"
 DRAWN = 300
@@ -204,4 +222,4 @@ def sheet() -> Image.Image:
 
 
 if __name__ == "__main__":
-    main(UNITS)
+    main(BENCHMARK)

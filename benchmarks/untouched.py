@@ -1,25 +1,29 @@
-"""How near lights that were not fitted come to frames of a real DIGIT, beside one that was.
+"""Accuracy of lights that are estimated from the background frame of a real DIGIT.
 
     python -m benchmarks.untouched FRAMES
 
-FRAMES holds background.png and press_*.png of a 4.70 mm ball; it is no part of the project. Every
-light shows the presses at the places and depths that the fitted one finds in them: the light that
-ships, it on the unit's own background, the drawn unit whose LEDs explain that background best, the
-same with each color bent to explain it, the mean of the best, the mean of all drawn units (what
-`t2twin calibrate --background` gives), and the light fitted to the first presses. Scored are the
-last presses, and the first ones too, which no light but the fitted one has seen, as plain balls.
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project. Every light renders the presses at the places and depths that the fitted light finds.
+
+- The default light, with its own and with the unit's background.
+- The sampled unit whose LEDs explain that background best, with and without a color correction.
+- The mean of the best units, and the mean of all (as in `t2twin calibrate --background`).
+- The light fitted to the first presses.
+
+All are scored on the last presses, and on the first ones as plain balls.
 """
 
 from argparse import Namespace
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
 
 from benchmarks.calibration import BALL_DIAMETER_MM, HELD_OUT
-from benchmarks.declared import UNTOUCHED
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.background_light import mean_light, sample_lights
@@ -32,18 +36,36 @@ from t2twin.sim.digit.camera.response import linear
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.sim.digit.randomization.lighting import SampledLight, light_at_rest
 
+BENCHMARK = Benchmark(
+    name="untouched",
+    measures="Accuracy of lights estimated from the background frame of a real DIGIT.",
+    minutes=2,
+    sources=("sim/digit",),
+    figures=(
+        Figure("held_out_presses.*.psnr_db", "dB"),
+        Figure("held_out_presses.*.ssim"),
+        Figure("first_presses.*.psnr_db", "dB"),
+        Figure("nearest_singly_psnr_db", "dB"),
+        Figure("drawn_singly_psnr_db", "dB"),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+)
+
 DRAWN = 1000
-"""Units that one is chosen among."""
+"""Sampled units."""
 NEAREST = 30
-"""How many of the best are averaged."""
+"""Number of the best units that are averaged."""
 BLOCK_PX = 10
 """Side of the blocks of pixels that are compared, px."""
 
 
 @dataclass(frozen=True)
 class Explained:
-    """A drawn unit and how its LEDs explain the untouched frame: gains (RGB) and an even light in
-    each color, and by how much it is missed then, root mean square, grey levels."""
+    """A sampled unit fitted to the background frame.
+
+    gains: (3,) of the LEDs' colors, in addition to an even light in each color. off_grey: RMSE of
+    the fit, grey levels.
+    """
 
     light: Calibration
     gains: np.ndarray
@@ -51,7 +73,7 @@ class Explained:
 
     @property
     def bent(self) -> Calibration:
-        """Each color as bright as the frame asks for."""
+        """The light with the fitted gains of the colors."""
         return replace(self.light, response=self.light.response * self.gains[None, :, None, None])
 
 
@@ -133,4 +155,4 @@ def _explained(untouched: np.ndarray) -> list[Explained]:
 
 
 if __name__ == "__main__":
-    main(UNTOUCHED)
+    main(BENCHMARK)

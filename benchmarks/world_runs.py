@@ -1,24 +1,38 @@
-"""Translators trained on one world and measured on others, from folders of `t2twin evaluate`.
+"""Errors of translators trained on one world and evaluated on others.
 
     t2twin evaluate RUN... --data data/paper data/forces --split both --out runs/worlds
     python -m benchmarks.world_runs runs/worlds/paper runs/worlds/forces
 
-What evaluation says of every row, overall with its interval and by force, and what each run was
-trained on. Runs are called MODEL-of-WORLD, as no two may be of one model and one world.
+The results have the errors of every row, overall with intervals and by force, and the training data
+of each run. Runs have the name MODEL-of-WORLD; each combination may occur once.
 """
+
+from __future__ import annotations
 
 from argparse import Namespace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from benchmarks.declared import WORLD_RUNS
+from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.core.errors import T2TwinError
-from t2twin.translate.evaluation.files import read_evaluation
-from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
-from t2twin.translate.evaluation.records import ModelRow
+
+if TYPE_CHECKING:
+    from t2twin.translate.evaluation.records import ModelRow
+
+BENCHMARK = Benchmark(
+    name="world_runs",
+    measures="Errors of translators trained on one world and evaluated on others.",
+    minutes=1,
+    sources=("primitives_cad", "sim", "translate"),
+    figures=(
+        Figure("on.*.val.*.overall.rmse_percent", "%"),
+        Figure("on.*.test.*.overall.rmse_percent", "%"),
+    ),
+    arguments=(Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),),
+)
 
 SPLITS = ("val", "test")
 
@@ -35,6 +49,8 @@ def measure(options: Namespace) -> dict[str, Any]:
 def figures(folder: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
     """What the evaluated dataset is called, the figures of every row by split, and what each run
     was trained on."""
+    from t2twin.translate.evaluation.files import read_evaluation
+
     splits, runs, world = {}, {}, folder.name
     for split in SPLITS:
         if not (folder / split).is_dir():
@@ -70,6 +86,8 @@ def _row(row: ModelRow) -> dict[str, Any]:
 
 def _sureness(row: ModelRow) -> dict[str, Any]:
     """How sure a run is, of those that say it."""
+    from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
+
     sure = row.uncertainty
     if sure is None:
         return {}
@@ -89,4 +107,4 @@ def _trained(row: ModelRow) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main(WORLD_RUNS)
+    main(BENCHMARK)

@@ -65,7 +65,7 @@ class _Manifest:
     shapes: tuple[Entry, ...]
 
 
-def export(out_dir: str | Path) -> Path:
+def export_shapes(out_dir: str | Path) -> Path:
     """Write NAME.step and NAME.stl of the 32 primitives, the 5 tools and the plate with all
     primitives (`mosaic`), in mm, and manifest.json, which describes them.
 

@@ -13,7 +13,6 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.tables import read_rows
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.tangential.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
@@ -66,6 +65,8 @@ def straight_path(
 
 def read_path(file: Path) -> np.ndarray:
     """(n, 4) the path in a CSV file with PATH_COLUMNS. Raises T2TwinError for another content."""
+    from t2twin.sim.tables import read_rows  # imports pyarrow, which is slow
+
     rows = read_rows(file, PathRow, "a path")
     return np.reshape([astuple(row) for row in rows], (-1, len(PATH_COLUMNS)))
 

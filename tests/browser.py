@@ -5,8 +5,7 @@ import io
 import os
 import shutil
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -47,14 +46,6 @@ def browser() -> Iterator:
             yield running
         finally:
             running.close()
-
-
-def wait_until(holds: Callable[[], object]) -> None:
-    """Waits for an event of a process or a browser; fails where it does not come."""
-    until_s = time.monotonic() + PATIENCE_MS / 1000
-    while not holds():
-        assert time.monotonic() < until_s
-        time.sleep(0.02)
 
 
 def free_port() -> int:

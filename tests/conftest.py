@@ -164,19 +164,19 @@ def write_untrained(folder):
 @pytest.fixture(scope="session")
 def small_dataset(products):
     """A simulated dataset of REPORT_SHAPES, 20 pairs; not to be written to."""
-    from t2twin.sim.dataset.generate import generate
+    from t2twin.sim.dataset.generate import make_dataset
 
     return products.make(
-        "small", lambda folder: generate(folder, "smoke", workers=1, shapes=REPORT_SHAPES)
+        "small", lambda folder: make_dataset(folder, "smoke", workers=1, shapes=REPORT_SHAPES)
     )
 
 
 @pytest.fixture(scope="session")
 def protocol_dataset(products):
     """The dataset of the protocol at scale small; not to be written to."""
-    from t2twin.sim.dataset.generate import generate
+    from t2twin.sim.dataset.generate import make_dataset
 
-    return products.make("protocol", lambda folder: generate(folder, "small", workers=1))
+    return products.make("protocol", lambda folder: make_dataset(folder, "small", workers=1))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 """Reading the report's pages in tests."""
 
-import re
+from collections import defaultdict
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -16,6 +16,7 @@ class Reader(HTMLParser):
         self.tags: list[tuple[str, dict[str, str | None]]] = []
         self.section = ""
         self.rows: dict[str, list[list[str]]] = {}  # cells of each section's table rows
+        self.parts: defaultdict[str, list[str]] = defaultdict(list)  # texts of each section
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append((tag, dict(attrs)))
@@ -30,15 +31,24 @@ class Reader(HTMLParser):
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
+        if tag == "section":
+            self.section = ""
+
+    def text(self, section: str) -> str:
+        """Text of a section, in one line."""
+        return " ".join(" ".join(self.parts[section]).split())
 
     def handle_data(self, data: str) -> None:
+        if self.open and self.open[-1] != "style":
+            self.parts[self.section].append(data)
         if self.open and self.open[-1] in ("td", "th"):
             self.rows[self.section][-1][-1] += data
 
 
 def read_page(page: Path) -> tuple[Reader, str]:
-    reader, text = Reader(), page.read_text(encoding="utf-8")
-    reader.feed(text)
+    """The elements of a page, and the text of all its sections in one line."""
+    reader = Reader()
+    reader.feed(page.read_text(encoding="utf-8"))
     reader.close()
     assert reader.open == []
-    return reader, re.sub(r"<[^>]+>", " ", text)
+    return reader, " ".join(reader.text(section) for section in [*reader.parts])

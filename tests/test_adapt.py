@@ -10,10 +10,9 @@ import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES
 
 from t2twin.adaptation import pipeline
-from t2twin.adaptation.fitted_calibration import PRESSES, read_fitted
 from t2twin.adaptation.pipeline import adapt
 from t2twin.adaptation.real_frame_evaluation import evaluate_frame, simulate_reference
-from t2twin.adaptation.record import RECORD, AdaptationScores
+from t2twin.adaptation.record import PRESSES, RECORD, AdaptationScores, read_fitted
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball

@@ -255,7 +255,7 @@ def test_a_press_without_a_contact_is_named(copy, capsys):
 def test_what_is_no_picture_is_refused(copy, capsys):
     (copy / "press_03.png").write_text("no picture")
     assert "press_03.png is not an image" in refused(copy, capsys)
-    assert "does not exist" in refused(copy, capsys, background=copy / "absent.png")
+    assert "there is no file" in refused(copy, capsys, background=copy / "absent.png")
     (copy / "press_03.png").write_bytes((copy / "press_05.png").read_bytes()[:3000])
     assert "press_03.png is not an image" in refused(copy, capsys)
     save(np.zeros((ROWS, COLUMNS), np.uint16), copy / "press_03.png")

@@ -203,7 +203,7 @@ def refused(folder, **numbers):
 def test_tolerances_that_cannot_be_are_refused(twin_frames):
     assert "ball_mm is -1" in refused(twin_frames, ball_mm=-1.0)
     assert "scale_px_per_mm is nan" in refused(twin_frames, scale_px_per_mm=float("nan"))
-    assert "the ball's diameter is 0.7" in refused(twin_frames, ball_mm=4.0)
+    assert "the ball's diameter in mm is 0.7" in refused(twin_frames, ball_mm=4.0)
     assert "beyond 10 to 40 px/mm" in refused(twin_frames, scale_px_per_mm=15.0)
     assert "must be less" in refused(twin_frames, young_mpa=0.5)
 

@@ -13,10 +13,10 @@ from waiting import wait_until
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset import cluster
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import INFO, LOG, read_info
-from t2twin.sim.dataset.verify import verify
+from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.world.plan import Batch
 from t2twin.sim.world.recipe import load_recipe
@@ -66,7 +66,7 @@ def digests(folder):
 
 @pytest.mark.exhaustive
 def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cache):
-    generate(tmp_path / "here", "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
+    make_dataset(tmp_path / "here", "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     data = tmp_path / "there"
     killed_at, kept = [], {}
 
@@ -86,12 +86,12 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cach
     with scheduler() as address, worker(address, tmp_path) as first, worker(address, tmp_path):
         killer = threading.Thread(target=kill, args=(first,))
         killer.start()
-        generate(data, "smoke", cache=shape_cache, shapes=SHAPES, scheduler=address)
+        make_dataset(data, "smoke", cache=shape_cache, shapes=SHAPES, scheduler=address)
         killer.join()
         assert killed_at and killed_at[0] < len(SHAPES)
     assert {path: (data / path).stat().st_mtime_ns for path in kept} == kept
     assert digests(data) == digests(tmp_path / "here")
-    assert verify(data) == []
+    assert verify_dataset(data) == []
     assert not list(data.rglob(".*.part*"))
     assert (data / INFO).read_bytes() == (tmp_path / "here" / INFO).read_bytes()
     assert (data / LOG).is_file()
@@ -100,11 +100,11 @@ def test_a_cluster_that_loses_a_worker_gives_the_same_bytes(tmp_path, shape_cach
 def test_what_a_cluster_lacks_is_said(tmp_path, shape_cache, monkeypatch):
     monkeypatch.setattr(cluster, "CONNECT_SECONDS", 1)
     with pytest.raises(T2TwinError, match="no Dask scheduler answers"):
-        generate(tmp_path / "none", "smoke", cache=shape_cache, shapes=SHAPES[:1],
+        make_dataset(tmp_path / "none", "smoke", cache=shape_cache, shapes=SHAPES[:1],
                  scheduler="tcp://127.0.0.1:9")  # fmt: skip
     for address in ("foo", "http://127.0.0.1:8786", "tcp://127.0.0.1", ""):
         with pytest.raises(T2TwinError, match="not the address of a Dask scheduler"):
-            generate(tmp_path / "refused", "smoke", cache=shape_cache, shapes=SHAPES[:1],
+            make_dataset(tmp_path / "refused", "smoke", cache=shape_cache, shapes=SHAPES[:1],
                      scheduler=address)  # fmt: skip
     assert not (tmp_path / "refused").exists()
     batch = Batch("train/square-1.parquet", "train", 0, ("square-1",), (0,), (0,), 1)

@@ -20,7 +20,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import (
     LOG,
@@ -31,7 +31,7 @@ from t2twin.sim.dataset.store import (
     write_info,
 )
 from t2twin.sim.dataset.timing import STAGES
-from t2twin.sim.dataset.verify import verify
+from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.sensors import CySkin, SensorPair
 from t2twin.sim.world import protocol
 
@@ -65,13 +65,13 @@ def remade(folder, changes):
     info = read_info(folder)
     shard = {"train/square-1.parquet": Shard(sha256_of(path), len(table))}
     write_info(folder, replace(info, shards=info.shards | shard))
-    return verify(folder)
+    return verify_dataset(folder)
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory, shape_cache):
     folder = tmp_path_factory.mktemp("data") / "smoke"
-    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
+    make_dataset(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     return folder
 
 
@@ -102,12 +102,14 @@ def test_every_shard_is_what_info_says(made):
 
 
 def test_two_workers_and_one_give_the_same_bytes(made, tmp_path, shape_cache):
-    generate(tmp_path / "two", "smoke", workers=2, cache=shape_cache, shapes=SHAPES)
+    make_dataset(tmp_path / "two", "smoke", workers=2, cache=shape_cache, shapes=SHAPES)
     assert digests(tmp_path / "two") == digests(made)
 
 
 def test_another_seed_gives_other_noise_and_the_same_poses(made, tmp_path, shape_cache):
-    generate(tmp_path / "other", "smoke", seed=1, workers=1, cache=shape_cache, shapes=SHAPES[:1])
+    make_dataset(
+        tmp_path / "other", "smoke", seed=1, workers=1, cache=shape_cache, shapes=SHAPES[:1]
+    )
     table = read_split(tmp_path / "other", "train")
     before = pq.ParquetFile(made / "train/square-1.parquet").read()
     assert table.column("x_mm") == before.column("x_mm")
@@ -118,8 +120,8 @@ def test_another_seed_gives_other_noise_and_the_same_poses(made, tmp_path, shape
 def test_a_run_killed_again_and_again_ends_with_the_same_bytes(made, tmp_path, shape_cache):
     folder = tmp_path / "killed"
     script = (
-        "from t2twin.sim.dataset.generate import generate\n"
-        f"generate({str(folder)!r}, 'smoke', workers=1, cache={str(shape_cache)!r}, "
+        "from t2twin.sim.dataset.generate import make_dataset\n"
+        f"make_dataset({str(folder)!r}, 'smoke', workers=1, cache={str(shape_cache)!r}, "
         f"shapes={SHAPES!r})"
     )
     for kill in (1, 2):
@@ -132,20 +134,22 @@ def test_a_run_killed_again_and_again_ends_with_the_same_bytes(made, tmp_path, s
         assert 0 < len(list(folder.rglob("[a-z]*.parquet"))) < len(SHAPES)
     with pytest.raises(T2TwinError, match="unfinished"):
         read_split(folder, "train")
-    assert "info.json: the dataset is unfinished" in [str(fault) for fault in verify(folder)]
-    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
+    assert "info.json: the dataset is unfinished" in [
+        str(fault) for fault in verify_dataset(folder)
+    ]
+    make_dataset(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     assert digests(folder) == digests(made)
 
 
 def test_a_flipped_bit_is_named_and_its_shard_alone_made_anew(made, tmp_path, shape_cache):
     folder = tmp_path / "damaged"
     shutil.copytree(made, folder)
-    assert verify(folder) == []
+    assert verify_dataset(folder) == []
     flip_a_bit(folder / "train/square-1.parquet")
-    assert [fault.part for fault in verify(folder)] == ["train/square-1.parquet"]
+    assert [fault.part for fault in verify_dataset(folder)] == ["train/square-1.parquet"]
     others = [path for path in folder.rglob("*.parquet") if path.name != "square-1.parquet"]
     before = [path.stat().st_mtime_ns for path in others]
-    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
+    make_dataset(folder, "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
     assert digests(folder) == digests(made)
     assert [path.stat().st_mtime_ns for path in others] == before
 
@@ -192,9 +196,9 @@ def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(
     shapes = ("pliers/teeth", "square-1")
     script = (
         "import resource\n"
-        "from t2twin.sim.dataset.generate import generate\n"
+        "from t2twin.sim.dataset.generate import make_dataset\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, resource.RLIM_INFINITY))\n"
-        f"generate({str(folder)!r}, 'smoke', workers=1, cache={str(shape_cache)!r}, "
+        f"make_dataset({str(folder)!r}, 'smoke', workers=1, cache={str(shape_cache)!r}, "
         f"shapes={shapes!r})"
     )
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
@@ -208,9 +212,9 @@ def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(
 
     with monkeypatch.context() as patch, pytest.raises(T2TwinError, match="no space left"):
         patch.setattr(os, "fsync", no_space)
-        generate(folder, "smoke", workers=1, cache=shape_cache, shapes=shapes)
-    generate(folder, "smoke", workers=1, cache=shape_cache, shapes=shapes)
-    assert verify(folder) == []
+        make_dataset(folder, "smoke", workers=1, cache=shape_cache, shapes=shapes)
+    make_dataset(folder, "smoke", workers=1, cache=shape_cache, shapes=shapes)
+    assert verify_dataset(folder) == []
     for path in ("test/pliers-teeth.parquet", "train/square-1.parquet"):
         assert sha256_of(folder / path) == sha256_of(made / path)
 
@@ -225,15 +229,15 @@ def test_a_killed_worker_is_one_sentence(tmp_path, shape_cache):
     killer = threading.Thread(target=kill)
     killer.start()
     with pytest.raises(T2TwinError, match="a worker was killed"):
-        generate(folder, "smoke", workers=2, cache=shape_cache, shapes=SHAPES[:2])
+        make_dataset(folder, "smoke", workers=2, cache=shape_cache, shapes=SHAPES[:2])
     killer.join()
 
 
 def test_workers_that_cannot_start_are_one_sentence(tmp_path, shape_cache):
     """A script that is no file cannot be started again in each worker, as Python does."""
     script = (
-        "from t2twin.sim.dataset.generate import generate\n"
-        f"generate({str(tmp_path / 'data')!r}, 'smoke', workers=2, cache={str(shape_cache)!r}, "
+        "from t2twin.sim.dataset.generate import make_dataset\n"
+        f"make_dataset({str(tmp_path / 'data')!r}, 'smoke', workers=2, cache={str(shape_cache)!r}, "
         f"shapes={SHAPES[:2]!r})"
     )
     ended = subprocess.run(
@@ -282,7 +286,7 @@ def test_a_calibration_is_checked_before_anything_is_written(tmp_path, capsys):
 
 def test_other_parameters_are_refused(made, shape_cache):
     with pytest.raises(T2TwinError, match="another seed"):
-        generate(made, "smoke", seed=5, workers=1, cache=shape_cache, shapes=SHAPES)
+        make_dataset(made, "smoke", seed=5, workers=1, cache=shape_cache, shapes=SHAPES)
 
 
 @pytest.mark.parametrize("code", ["0123456789abcdef", None])
@@ -291,8 +295,8 @@ def test_shapes_of_another_code_are_not_mixed(made, tmp_path, shape_cache, code)
     shutil.copytree(made, tmp_path / "older")
     write_info(tmp_path / "older", replace(read_info(made), shape_code=code))
     with pytest.raises(T2TwinError, match="made with another shape code"):
-        generate(tmp_path / "older", "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
-    assert verify(tmp_path / "older") == []
+        make_dataset(tmp_path / "older", "smoke", workers=1, cache=shape_cache, shapes=SHAPES)
+    assert verify_dataset(tmp_path / "older") == []
     assert len(read_split(tmp_path / "older", "train")) == 6
 
 
@@ -313,13 +317,13 @@ def test_what_is_refused_leaves_nothing(tmp_path, monkeypatch, asked, said):
     (tmp_path / "mine.csv").write_text(asked.pop("layout", "x_mm,y_mm\n0,0\n5,0\n0,5\n"))
     sensors = SensorPair(cyskin=CySkin(layout_source=str(tmp_path / "mine.csv")))
     with pytest.raises(T2TwinError, match=said):
-        generate(tmp_path / "out", **{"scale": "smoke", "sensors": sensors, **asked})
+        make_dataset(tmp_path / "out", **{"scale": "smoke", "sensors": sensors, **asked})
     assert not (tmp_path / "out").exists()
 
 
 def test_a_folder_with_something_else_is_refused(tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(T2TwinError, match="not empty"):
-        generate(tmp_path, "smoke", shapes=SHAPES)
+        make_dataset(tmp_path, "smoke", shapes=SHAPES)
     with pytest.raises(T2TwinError, match=r"notes\.txt is a file"):
-        generate(tmp_path / "notes.txt", "smoke", shapes=SHAPES)
+        make_dataset(tmp_path / "notes.txt", "smoke", shapes=SHAPES)

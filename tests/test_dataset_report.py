@@ -12,10 +12,17 @@ from pages import read_page
 from t2twin.cli import main
 from t2twin.core.images import decode_png, encode_png
 from t2twin.report import dataset_report
-from t2twin.report.dataset import duplicates, outliers, pairs, summary
-from t2twin.report.dataset.scan import nearest_others, scan
-from t2twin.report.dataset.tables import read_dataset
-from t2twin.report.html.page import PAGE
+from t2twin.report.dataset import contents, pairs
+from t2twin.report.dataset.scan import (
+    Scan,
+    deviations,
+    near_duplicates,
+    nearest_others,
+    noise_grey,
+    scan,
+)
+from t2twin.report.dataset.tables import Dataset, read_dataset
+from t2twin.report.html.page import PAGE, render_section
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import read_info, write_info, write_shard
 
@@ -39,16 +46,20 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
 
 def test_the_page_begins_with_what_the_dataset_is(data_dir: Path) -> None:
     dataset = read_dataset(data_dir)
-    scanned = scan(dataset, duplicates.noise_grey(dataset))
-    said = summary.paragraphs(dataset, scanned)
-    assert len(said) <= 4 and "the 20 counts, each from 0 to 40,000" in said[0]
-    assert said[1] == (
-        "There are 20 pairs of 8 shapes: 12 for training, 6 for validation, 2 for test."
-    )
-    assert said[2].startswith("Near-duplicates: none of the pairs differ")
+    scanned = scan(dataset, noise_grey(dataset))
+    said = summary_text(dataset, scanned)
+    assert "gives 20 counts, each from 0 to 40,000" in said
+    assert "There are 20 pairs of 8 shapes: 12 for training, 6 for validation, 2 for test." in said
+    assert "Near-duplicates: none of the pairs differ" in said
+    assert "All pairs are simulated" in said
     twins = replace(scanned, alike_counts=np.where(np.arange(20) < 5, 0.0, np.inf))
-    assert "Near-duplicates: 25 % of the pairs" in summary.paragraphs(dataset, twins)[2]
-    assert "simulated" in said[3]
+    assert "Near-duplicates: 25 % of the pairs" in summary_text(dataset, twins)
+
+
+def summary_text(dataset: Dataset, scanned: Scan) -> str:
+    values = contents.summary(dataset, scanned)
+    template = "report/templates/dataset/summary.html"
+    return " ".join(render_section(template, dataset=dataset, **values).split())
 
 
 def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path) -> None:
@@ -56,8 +67,8 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
     folder = tmp_path / "data"
     shutil.copytree(data_dir, folder)
     before = read_dataset(folder)
-    noise = duplicates.noise_grey(before)
-    assert not duplicates.near_duplicates(before, scan(before, noise)).any()
+    noise = noise_grey(before)
+    assert not near_duplicates(before, scan(before, noise)).any()
     path = folder / "train/square-1.parquet"
     rows = pq.ParquetFile(path).read().to_pylist()
     rng = np.random.default_rng(0)
@@ -77,7 +88,7 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
     write_info(folder, replace(info, shards=shards, pairs=pairs))
     dataset = read_dataset(folder)
     scanned = scan(dataset, noise)
-    twins = np.flatnonzero(duplicates.near_duplicates(dataset, scanned))
+    twins = np.flatnonzero(near_duplicates(dataset, scanned))
     assert [dataset.column("index")[place] for place in twins] == [rows[1]["index"], 587]
     assert scanned.alike_counts[twins].max() == 0
     alike = np.flatnonzero(np.isfinite(scanned.alike_counts))
@@ -87,7 +98,7 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
 def test_what_is_far_from_its_shape_is_an_outlier() -> None:
     values = np.array([1.0, 1.1, 0.9, 1.05, 9.0, 5.0, 5.0, 5.0, 5.2])
     groups = np.array(["a"] * 5 + ["b"] * 4)
-    far = outliers.deviations(values, groups)
+    far = deviations(values, groups)
     assert far.argmax() == 4 and far[4] > 50
     assert far[5:8].max() == 0 and far[8] == pytest.approx(0.2 / (0.02 * 5.0))
 

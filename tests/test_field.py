@@ -18,7 +18,7 @@ from t2twin.sim.cyskin import taxels
 from t2twin.sim.cyskin.field import field_counts, field_layout
 from t2twin.sim.cyskin.field_reading import reading_matrix
 from t2twin.sim.cyskin.layout import Layout, load_layout
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.images import to_input
@@ -72,7 +72,7 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("world")
     recipe = folder / "tiny.toml"
     recipe.write_text(WORLD)
-    generate(folder / "data", world=load_recipe(str(recipe)), workers=1)
+    make_dataset(folder / "data", world=load_recipe(str(recipe)), workers=1)
     return folder / "data"
 
 

@@ -13,8 +13,8 @@ from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import cached_array
 from t2twin.primitives_cad import bundled_shapes, catalogue, tools
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
-from t2twin.sim.contact.splines import CubicSpline
 from t2twin.sim.cyskin.tactile_image import _colors
+from t2twin.sim.splines import CubicSpline
 
 SLOW = (
     "cadquery", "matplotlib", "networkx", "pyarrow", "pyrender", "scipy.interpolate",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from t2twin.sim.cyskin.reading import Imperfections
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
@@ -38,7 +38,7 @@ SHAPES = ("circle-1", "square-1", "circle-3", "square-3")
 @pytest.fixture(scope="module")
 def data_dir(tmp_path_factory: pytest.TempPathFactory, shape_cache: Path) -> Path:
     folder = tmp_path_factory.mktemp("floors") / "data"
-    generate(folder, "smoke", workers=1, shapes=SHAPES, cache=shape_cache)
+    make_dataset(folder, "smoke", workers=1, shapes=SHAPES, cache=shape_cache)
     return folder
 
 

@@ -52,7 +52,7 @@ def test_a_bomb_and_a_pipe_are_refused_in_a_sentence(tmp_path, recwarn):
     with pytest.raises(T2TwinError, match="12,000,000 pixels"):
         open_image(tmp_path / "bomb.png")
     os.mkfifo(tmp_path / "pipe.png")
-    with pytest.raises(T2TwinError, match="it is not a file"):
+    with pytest.raises(T2TwinError, match="is not a file but a pipe"):
         open_image(tmp_path / "pipe.png")
     assert not recwarn.list
 

@@ -16,7 +16,7 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.sim.dataset.pairs_table import read_table
 from t2twin.sim.dataset.store import CARD, read_info, read_split, taxels
-from t2twin.sim.dataset.verify import verify
+from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.training.train import train
@@ -57,7 +57,7 @@ def test_a_folder_of_pictures_and_a_csv_comes_in_whole(tmp_path, layout):
     info = import_pairs(folder, tmp_path / "data", layout, full_scale=1000)
     assert info.pairs == {"train": 16, "val": 2, "test": 2}
     assert info.image_shape == (32, 24, 3) and info == read_info(tmp_path / "data")
-    assert verify(tmp_path / "data") == []
+    assert verify_dataset(tmp_path / "data") == []
     assert not list(tmp_path.glob(".*"))
     assert "20 pairs" not in (tmp_path / "data" / CARD).read_text()
     kept = {}
@@ -92,7 +92,7 @@ def test_what_the_rows_say_is_kept(tmp_path, layout):
         ({"taxel_1": {3: -1}}, "line 5: its counts"),
         ({"taxel_1": {3: ""}}, "line 5: its counts"),
         ({"taxel_4": {3: 5}}, "5 columns"),
-        ({"image": {3: "gone.png"}}, "line 5: there is no image"),
+        ({"image": {3: "gone.png"}}, "line 5: its image cannot be read: there is no file"),
         ({"image": {3: "text.png"}}, "line 5: its image cannot be read"),
         ({"image": {3: "deep.png"}}, "line 5: its image cannot be read"),
         ({"image": {3: "large.png"}}, "24 x 32; all must be of one size"),
@@ -131,7 +131,7 @@ def test_a_spreadsheet_s_csv_is_read_as_any_other(tmp_path, layout, delimiter):
     assert taxels(table)[0].tolist() == [rows[0][f"taxel_{i}"] for i in range(TAXELS)]
     # The empty line counts, as it does in an editor.
     (folder / "3.png").unlink()
-    with pytest.raises(T2TwinError, match=r"^line 6: there is no image"):
+    with pytest.raises(T2TwinError, match=r"^line 6: its image cannot be read: there is no file"):
         import_pairs(folder, tmp_path / "again", layout)
 
 
@@ -182,7 +182,7 @@ def test_parquet_with_pictures_in_it_trains_and_evaluates(tmp_path, capsys):
     data = tmp_path / "data"
     main(["import-pairs", str(tmp_path / "mine.parquet"), "--out", str(data)])
     assert "32 training, 12 validation and 8 test pairs" in capsys.readouterr().out
-    assert verify(data) == [] and not read_info(data).is_simulated
+    assert verify_dataset(data) == [] and not read_info(data).is_simulated
     for split in ("train", "val", "test"):
         ours, theirs = read_split(data, split), read_split(spots, split)
         assert (taxels(ours) == taxels(theirs)).all()

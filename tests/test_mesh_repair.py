@@ -239,6 +239,7 @@ REFUSED = {
     "nan.obj": (text(obj_text(box()) + "v nan 0 0\n"), "not numbers"),
     "points.obj": (text("v 1 2 3\n"), "no triangles"),
     "lines.obj": (text("v 1 2 3\nv 2 3 4\nf 1 2\n"), "fewer than three"),
+    "cut.obj": (text(obj_text(box()) + "\nf"), "fewer than three"),
     # PLY
     "far.ply": (text(ply_text("3 0 1 99")), "corners that it lacks"),
     "back.ply": (text(ply_text("3 0 1 -2")), "corners that it lacks"),

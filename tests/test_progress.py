@@ -1,12 +1,21 @@
 """Progress where nobody watches: a plain line once in a while, and nothing of a bar."""
 
+import pytest
+
 from t2twin.core import progress
 from t2twin.core.progress import Progress
 
 
-def test_a_pipe_gets_few_plain_lines(capsys, monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+@pytest.fixture
+def now(monkeypatch):
+    """The time, s, in a list."""
+    seconds = [100.0]
+    for clock in ("tqdm.std.time", f"{progress.__name__}.time"):
+        monkeypatch.setattr(clock, lambda: seconds[0])
+    return seconds
+
+
+def test_a_pipe_gets_few_plain_lines(capsys, now):
     with Progress(total=1000, desc="work", unit="pair") as bar:
         for _ in range(999):
             now[0] += 0.5
@@ -18,16 +27,24 @@ def test_a_pipe_gets_few_plain_lines(capsys, monkeypatch):
     assert all(line.startswith("work: ") and "of 1,000 pairs, about" in line for line in lines)
 
 
-def test_a_slow_start_is_not_taken_for_the_pace(capsys, monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+def test_a_slow_start_is_not_taken_for_the_pace(capsys, now):
     with Progress(total=1200, desc="work", unit="pair") as bar:
         now[0] += 40.0
         for _ in range(300):
             bar.update()
-            now[0] += 0.1
-    first = capsys.readouterr().err.splitlines()[0]
-    assert first == "work: 300 of 1,200 pairs, about 1.5 minutes left"
+            now[0] += 0.125
+    # From the first update on, 160 steps took 20 s.
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["work: 161 of 1,200 pairs, about 2.2 minutes left"]
+
+
+def test_work_that_goes_on_is_estimated_from_here(capsys, now):
+    with Progress(total=1200, initial=600, desc="work", unit="pair") as bar:
+        for _ in range(100):
+            bar.update()
+            now[0] += 1.0
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["work: 661 of 1,200 pairs, about 9.0 minutes left"]
 
 
 def test_short_work_says_nothing(capsys):

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.cyskin.layout import load_layout
@@ -176,7 +177,7 @@ def test_a_file_that_is_no_record_is_one_sentence(tmp_path, content):
 def test_config_comes_back_as_it_was_written(tmp_path, config):
     config.save(tmp_path)
     again = load_config(tmp_path)
-    assert replace(again, data=config.data) == config
+    assert structs.replace(again, data=config.data) == config
     assert again.data.sha256 == config.data.sha256
     assert again.data.x_mm.dtype == float and (again.data.x_mm == config.data.x_mm).all()
     assert (again.data.y_mm == config.data.y_mm).all()
@@ -190,7 +191,8 @@ def test_an_older_config_names_no_format(tmp_path, config):
 
 
 def test_an_older_config_knows_no_world_and_no_epochs_steps(tmp_path, config):
-    new = replace(config, steps=90, epoch_steps=9, data=replace(config.data, world="shelf"))
+    data = structs.replace(config.data, world="shelf")
+    new = structs.replace(config, steps=90, epoch_steps=9, data=data)
     new.save(tmp_path)
     again = load_config(tmp_path)
     assert (again.steps, again.epoch_steps, again.data.world) == (90, 9, "shelf")
@@ -218,15 +220,20 @@ def test_an_older_config_knows_no_world_and_no_epochs_steps(tmp_path, config):
         (["data", "train_pairs"], -1, r"data\.train_pairs must be a whole number at least 0"),
         (["bf16"], "yes", "bf16 is text; it must be true or false"),
         (["processes"], 1.5, "processes is a number; it must be a whole number"),
-        (["preset", "size"], "large", "preset: size is text; it must be a whole number"),
-        (["preset", "size"], 0, "preset: size must be from 1 to 2048"),
-        (["preset", "noise"], -0.1, "preset: noise must be 0 or more"),
-        (["preset", "learning_rate"], 0.0, "preset: learning_rate must be above 0"),
-        (["preset", "beta1"], 1.0, "preset: beta1 and beta2 must be below 1"),
+        (["preset", "size"], "large", r"preset\.size is text; it must be a whole number"),
+        (["preset", "size"], 0, r"preset\.size must be a whole number at least 1"),
+        (["preset", "filters"], 1025, r"preset\.filters must be a whole number at most 1024"),
+        (["preset", "noise"], -0.1, r"preset\.noise must be a number at least 0"),
+        (["preset", "learning_rate"], 0.0, r"preset\.learning_rate must be a number above 0"),
+        (["preset", "beta1"], 1.0, r"preset\.beta1 must be a number below 1"),
         (["preset", "schedule"], "steep", "schedule is 'steep', which is none of the allowed"),
-        (["preset", "batch"], GONE, "preset: batch is missing"),
+        (["preset", "batch"], GONE, r"preset\.batch is missing"),
         (["preset", "l1_wieght"], 5.0, r"preset\.l1_wieght is no setting"),
         (["data", "info_sha256"], "abc", "info_sha256 must be 64 hexadecimal digits"),
+        (["data", "layout_x_mm", 2], "x", r"data\.layout_x_mm\[2\] is text; it must be a number"),
+        (["data", "layout_x_mm"], "x", r"data\.layout_x_mm is text; it must be a list"),
+        (["data", "pad_diameter_mm"], [0.0] * 20, "pad_diameter_mm must have one for each taxel"),
+        (["data", "field_x_mm"], [0.0], "layout_x_mm has 1 and layout_y_mm 0 positions"),
         (["data", "layout_x_mm"], [], "layout_x_mm has 0 and layout_y_mm 20 positions"),
         (["data", "full_scale_counts"], 0, r"data\.full_scale_counts must be a number at least 1"),
     ],

@@ -7,16 +7,15 @@ import shutil
 import pytest
 
 from benchmarks import regression
-from benchmarks.declared import REGRESSION
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.run import missed
-from benchmarks.regression import EPOCHS, against, train_and_evaluate
+from benchmarks.regression import BENCHMARK, EPOCHS, against, train_and_evaluate
 
-BASELINE = read_results(REGRESSION.results).content
+BASELINE = read_results(BENCHMARK.results).content
 
 
 def failures(measured, baseline=BASELINE):
-    return missed(REGRESSION, {"against": against(measured, baseline)})
+    return missed(BENCHMARK, {"against": against(measured, baseline)})
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def test_a_module_has_its_new_path_only(each):
     place = ROOT.joinpath(*each.old.split("."))
     assert not place.with_suffix(".py").exists()
     with pytest.raises(ModuleNotFoundError, match=f"^{each.old} is now {each.new}$"):
-        t2twin._RenamedModules.find_spec(each.old)
+        t2twin._RenamedModules.find_spec(each.old)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_an_old_import_names_the_new_path():
@@ -82,7 +82,7 @@ def test_an_old_command_names_the_new_one(each, capsys):
 def test_a_renamed_public_name_is_named(few):
     assert not [each for each in of_kind("name") if each.old.removeprefix("t2twin.") in dir(t2twin)]
     with pytest.raises(AttributeError, match=r"^t2twin\.translator is now t2twin\.load$"):
-        t2twin.translator  # noqa: B018
+        getattr(t2twin, "translator")  # noqa: B009
 
 
 def test_a_renamed_field_is_named(few):

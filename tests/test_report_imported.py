@@ -3,7 +3,6 @@
 import csv
 import json
 import re
-from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -14,10 +13,8 @@ from spots import train_smoke
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-from t2twin.report.data import read_report_data
 from t2twin.report.html.page import PAGE
 from t2twin.report.run_report import LINKS, write_report
-from t2twin.report.sections import summary
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.translate.evaluation.files import FINDINGS, read_evaluation
@@ -81,7 +78,7 @@ def test_what_is_known_is_drawn_and_the_rest_named(page: Path, read: Reader) -> 
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
     assert sections == ["summary", "about", *(name for name in LINKS if name not in NOT_DRAWN)]
     text = read_page(page)[1]
-    line = next(part for part in text.split("\n") if "Omitted sections" in part)
+    line = text.partition("Omitted sections")[2].partition(".")[0]
     assert all(LINKS[name] in line for name in OMITTED)
     for word in ("Grella et al. 2023, on hardware", "hand tool", "primitive", "simulated", "None"):
         assert word not in text
@@ -100,12 +97,11 @@ def test_its_figures_are_those_of_the_evaluation(page: Path, read: Reader) -> No
     assert json.loads((page.parent / FINDINGS).read_text())["gap"] == {}
 
 
-def test_the_summary_speaks_of_these_pairs(page: Path, data_dir: Path, runs: list[Path]) -> None:
-    said = summary.paragraphs(read_report_data(page.parent, data_dir, runs))
-    assert len(said) == 4 and "an array of 5 pressure sensors" in said[0]
-    assert "each from 0 to 1,000" in said[0] and "were imported" in said[0]
-    assert "the 8 validation pairs (of training shapes)" in said[1]
-    assert all(escape(sentence) in page.read_text(encoding="utf-8") for sentence in said)
+def test_the_summary_speaks_of_these_pairs(read: Reader) -> None:
+    said = read.text("summary")
+    assert "an array of 5 pressure sensors" in said
+    assert "each from 0 to 1,000" in said and "were imported" in said
+    assert "the 8 validation pairs (of training shapes)" in said
 
 
 def test_names_from_outside_do_no_harm(page: Path, read: Reader) -> None:
@@ -119,7 +115,7 @@ def test_the_dataset_alone_has_its_page_too(data_dir: Path, tmp_path: Path) -> N
     read, text = read_page(tmp_path / PAGE)
     assert not {"script", "link", "iframe"} & {tag for tag, _ in read.tags}
     assert "There are 24 pairs of 4 shapes: 16 for training, 8 for validation." in text
-    assert "The rectangle is what the DIGIT sees" not in text
+    assert "The rectangle is the DIGIT's field of view" not in text
 
 
 def test_test_pairs_alone_are_evaluated_and_drawn(
@@ -138,7 +134,7 @@ def test_test_pairs_alone_are_evaluated_and_drawn(
     assert f"using the evaluation in {folder}\n" in capsys.readouterr().out
     text = read_page(tmp_path / "report" / PAGE)[1]
     assert "on the 3 test pairs" in text and "Trained on another dataset than this one" in text
-    assert re.search(r"Test, quantile 0\.1\. +RMSE in counts", text)  # no place is known
+    assert re.search(r"Test, quantile 0\.1\. RMSE in counts", text)  # no place is known
 
 
 @pytest.mark.parametrize(
@@ -158,4 +154,4 @@ def test_one_run_is_the_network(data_dir: Path, tmp_path: Path) -> None:
     run = train_smoke("resnet18", data_dir, tmp_path / "run", epochs=1)
     text = read_page(write_report(tmp_path / "report", data_dir, [run]))[1]
     assert "the network ResNet18 predicts" in text and "best network" not in text
-    assert "The paper's finding (runs of both translators)" in text.replace("&#x27;", "'")
+    assert "The paper's finding (runs of both translators)" in text

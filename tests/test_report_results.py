@@ -31,6 +31,6 @@ def models(mean: float, nearest: float, run: float) -> dict[str, ModelRow]:
 def test_sentences_follow_the_numbers(
     split: str, errors: tuple[float, float, float], said: str
 ) -> None:
-    title = {"val": "Validation", "test": "Test"}[split]
-    expected = f"{title}: the RMSE of ResNet18 is {said} that of the nearest neighbor."
-    assert results.sentences({split: models(*errors)}) == [expected]
+    [(where, name, of_mean_array, of_nearest)] = results.comparisons({split: models(*errors)})
+    assert (where, name) == (split, "resnet18")
+    assert f"{of_mean_array} that of the mean array and {of_nearest}" == said

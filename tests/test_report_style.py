@@ -6,14 +6,15 @@ import xml.etree.ElementTree as ET
 import pytest
 from matplotlib.figure import Figure
 
-from t2twin.report.html import markup
+from t2twin.core.templates import PACKAGE, environment, render
 from t2twin.report.html.figures import figure
 from t2twin.report.html.labels import MAX_NAME, name_of, shape_name
-from t2twin.report.html.style import STYLE
 
 ODD = [
     "$\\foo_{$", "<script>alert(1)</script>", "x" * 200, "触覚 ☃ é", "two\nlines\x07\x1b", "a--b",
 ]  # fmt: skip
+STYLE = (PACKAGE / "report/templates/style.css").read_text()
+MACROS = '{% import "report/templates/macros.html" as ui %}'
 MIN_CONTRAST = 4.5
 """Of text to its ground (WCAG 2.1, 1.4.3)."""
 
@@ -49,16 +50,24 @@ def test_every_color_belongs_to_a_scheme() -> None:
     assert not re.findall(r"#[0-9a-f]{3}", rest)
 
 
+def element(call: str, **values: object) -> str:
+    """HTML of a call of a macro."""
+    return environment().from_string(f"{MACROS}{{{{ ui.{call} }}}}").render(values)
+
+
 def test_what_is_wider_than_a_phone_says_so() -> None:
-    heads = [[("", 1), ("a", 1), ("b", 1), ("c", 1), ("d", 1)]]
-    wide = [markup.embed(b"", "png", "alt"), markup.table(heads, [("", [["row", *"1234"]])])]
-    narrow = [
-        markup.embed(b"", "png", "alt", width="narrow"),
-        markup.table([heads[0][:3]], [("", [["row", "1", "2"]])]),
-        markup.facts([("a", "b")]),
+    png = b"\x89PNG"
+    wide = [
+        element("figure(png, 'alt')", png=png),
+        element("table([['', 'a', 'b', 'c', 'd']], [('', [['row', '1', '2', '3', '4']])])"),
     ]
-    assert all(f'<p class="sideways">{markup.SIDEWAYS}</p><div class="wide"' in one for one in wide)
-    assert not any("sideways" in one for one in narrow)
+    narrow = [
+        element("figure(png, 'alt', width='narrow')", png=png),
+        element("table([['', 'a', 'b']], [('', [['row', '1', '2']])])"),
+    ]
+    assert all('<p class="sideways">Wider than this screen' in one for one in wide)
+    assert all('<div class="wide" tabindex="0">' in one for one in wide)
+    assert not any("sideways" in one or "tabindex" in one for one in narrow)
 
 
 @pytest.mark.parametrize("name", ODD)
@@ -67,7 +76,9 @@ def test_any_name_can_be_shown(name: str) -> None:
     shown = shape_name(name)
     assert 0 < len(shown) <= MAX_NAME and shown.isprintable()
     assert shape_name(shown) == shown
-    assert "<script" not in markup.paragraph(name) + markup.embed(b"", "png", name, name)
+    assert "<script" not in element("figure(png, name, name)", png=b"\x89PNG", name=name)
+    page = render("report/templates/page.html", title=name, links={name: name}, sections={name: ""})
+    assert "<script" not in page
 
     def draw(page: Figure) -> None:
         page.subplots().set_yticks([0], [shown])

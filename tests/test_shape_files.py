@@ -188,7 +188,7 @@ def few(monkeypatch):
 
 def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monkeypatch):
     out = tmp_path / "out"
-    manifest = json.loads(export.export(out).read_text())
+    manifest = json.loads(export.export_shapes(out).read_text())
     entries = {entry["name"]: entry for entry in manifest["shapes"]}
     assert list(entries) == ["circle-empty-2", "hemisphere-3", "allen-key", "mosaic"]
     assert entries["hemisphere-3"]["split"] == "val"
@@ -202,7 +202,7 @@ def test_export_writes_what_the_manifest_says_and_only_once(few, tmp_path, monke
     assert {file.suffix for file in out.iterdir()} == {".step", ".stl", ".json"}
     times = {file: file.stat().st_mtime_ns for file in out.iterdir()}
     (out / "hemisphere-3.stl").unlink()
-    export.export(out)
+    export.export_shapes(out)
     changed = {file.name for file in out.iterdir() if file.stat().st_mtime_ns != times.get(file)}
     assert {"hemisphere-3.stl", "hemisphere-3.step"} <= changed
     assert not changed & {"mosaic.step", "mosaic.stl", "allen-key.stl", "circle-empty-2.stl"}

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from msgspec import structs
 from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.inference.load import load_run
@@ -48,7 +49,7 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def world(folder: Path, seed: int, force: str) -> Path:
     recipe = folder / "tiny.toml"
     recipe.write_text(WORLD.format(seed=seed, force=force))
-    generate(folder / "data", world=load_recipe(str(recipe)), workers=1)
+    make_dataset(folder / "data", world=load_recipe(str(recipe)), workers=1)
     return folder / "data"
 
 
@@ -58,7 +59,7 @@ def test_begins_where_the_other_run_ended(runs: list[Path], data_dir: Path, numb
     earlier = load_run(runs[number])
     start = find_warm_start(runs[number], model, earlier.config.preset, info)
     averaged = replace(earlier.config.preset, averaged_part=0.1)
-    fresh = build(replace(earlier.config, seed=7, preset=averaged))
+    fresh = build(structs.replace(earlier.config, seed=7, preset=averaged))
     pictures = load_pairs(data_dir, "val", averaged.size, averaged.grey).images[:4]
     apply_warm_start(start, fresh)
     np.testing.assert_allclose(

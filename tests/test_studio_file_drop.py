@@ -6,8 +6,9 @@ import base64
 import numpy as np
 import pytest
 import trimesh
-from browser import PATIENCE_MS, browser, canvas, chromium, wait_until
+from browser import PATIENCE_MS, browser, canvas, chromium
 from trimesh.exchange.stl import export_stl
+from waiting import wait_until
 
 import t2twin
 from t2twin.sim.contact.depth import TOLERANCE_MM
@@ -83,11 +84,6 @@ def opened(chrome, served):
         context.close()
 
 
-def await_that(holds):
-    """Waits until something holds, which it must within a minute."""
-    wait_until(holds)
-
-
 def counts_on(tab):
     return [int(count) for count in tab.locator("code.counts").inner_text().split()]
 
@@ -97,10 +93,10 @@ def test_a_dropped_file_is_pressed_and_another_is_refused(opened):
     ball = trimesh.creation.icosphere(subdivisions=3, radius=6.0)
     left, shown, _ = tab.evaluate(DROP, ["ball.STL", base64.b64encode(export_stl(ball)).decode()])
     assert not left and "t2-drop" in shown
-    await_that(lambda: page.state.shape.endswith("ball.stl"))
+    wait_until(lambda: page.state.shape.endswith("ball.stl"))
     assert page.wait(60)
     touch = t2twin.press(t2twin.load_shape(page.state.shape))
-    await_that(lambda: counts_on(tab) == touch.counts.tolist())
+    wait_until(lambda: counts_on(tab) == touch.counts.tolist())
     tab.evaluate(DROP, ["notes.txt", ""])
     tab.get_by_text("'notes.txt' cannot be used as a shape").wait_for()
     assert "t2-drop" not in tab.evaluate("document.documentElement.className")
@@ -111,20 +107,20 @@ def test_what_is_dropped_goes_by_its_kind(opened):
     tab, page = opened(PressState(SHAPE))
     layout = "x_mm,y_mm\n-5,-5\n5,-5\n0,5\n"
     tab.evaluate(DROP, ["taxels.csv", base64.b64encode(layout.encode()).decode()])
-    await_that(lambda: page.state.layout.endswith("taxels.csv"))
-    await_that(lambda: len(counts_on(tab)) == 3)
+    wait_until(lambda: page.state.layout.endswith("taxels.csv"))
+    wait_until(lambda: len(counts_on(tab)) == 3)
 
 
 def test_a_depth_is_pressed_and_the_force_follows(opened):
     tab, page = opened(PressState(SHAPE, depth_mm=0.5))
     depth, force = (page.controls.sliders[name] for name in ("depth_mm", "force_n"))
     touch = t2twin.press(SHAPE, depth_mm=0.5)
-    await_that(lambda: counts_on(tab) == touch.counts.tolist())
+    wait_until(lambda: counts_on(tab) == touch.counts.tolist())
     assert force.value == pytest.approx(touch.command.force_n)
     number = tab.locator(f'[id="{depth._impl.uuid}"]').locator("xpath=..")
     number.locator("input[type=text]").fill("0.8")
     number.locator("input[type=text]").press("Enter")
-    await_that(lambda: page.state.depth_mm == 0.8)
+    wait_until(lambda: page.state.depth_mm == 0.8)
     assert page.wait(60)
     assert page.result.touch.digit.depth_mm == pytest.approx(0.8, abs=TOLERANCE_MM)
     assert force.value == pytest.approx(page.result.touch.command.force_n)
@@ -137,7 +133,7 @@ def test_a_depth_is_pressed_and_the_force_follows(opened):
 @pytest.mark.exhaustive
 def test_it_is_dark_where_the_browser_is(opened):
     tab, _ = opened(PressState(SHAPE), color_scheme="dark")
-    await_that(lambda: np.median(canvas(tab)) < 60)
+    wait_until(lambda: np.median(canvas(tab)) < 60)
 
 
 @pytest.mark.exhaustive
@@ -147,20 +143,20 @@ def test_what_was_chosen_is_remembered(opened, chrome):
     assert np.median(canvas(tab)) > 200
     tab.get_by_text("View", exact=True).first.click()
     tab.get_by_text("Dark", exact=True).click()
-    await_that(lambda: np.median(canvas(tab)) < 60)
+    wait_until(lambda: np.median(canvas(tab)) < 60)
     again, _ = opened(PressState(SHAPE), context)
-    await_that(lambda: np.median(canvas(again)) < 60)
+    wait_until(lambda: np.median(canvas(again)) < 60)
 
 
 def test_pictures_come_before_the_scene_and_alone(opened):
     """With the scene in one message they would wait until it is drawn."""
     tab, page = opened(PressState(SHAPE))
-    await_that(lambda: any(SURFACES & set(batch) for batch in tab.evaluate("batches")))
+    wait_until(lambda: any(SURFACES & set(batch) for batch in tab.evaluate("batches")))
     for force_n in (5.0, 6.0, 7.0):
         tab.evaluate("window.batches.length = 0")
         page.controls.apply({"force_n": force_n})
         assert page.wait(60)
-        await_that(lambda: any(SURFACES & set(batch) for batch in tab.evaluate("batches")))
+        wait_until(lambda: any(SURFACES & set(batch) for batch in tab.evaluate("batches")))
         batches = tab.evaluate("batches")
         at = next(n for n, batch in enumerate(batches) if "pictures" in batch)
         assert set(batches[at]) <= {"pictures", "GuiUpdateMessage"}

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from browser import PATIENCE_MS, browser, canvas, chromium, free_port, picture, wait_until
+from browser import PATIENCE_MS, browser, canvas, chromium, free_port, picture
 from PIL import Image
+from waiting import wait_until
 
 import t2twin
 from benchmarks.studio_events import act
@@ -83,7 +84,7 @@ def desk(one_tab):
 def drawn(tab, page):
     """Waits until the browser shows the page's newest state."""
     assert page.wait(60)
-    await_that(lambda: counts_on(tab) == page.result.touch.counts.tolist())
+    wait_until(lambda: counts_on(tab) == page.result.touch.counts.tolist())
     settled(tab)  # the scene is drawn after the pictures
 
 
@@ -99,13 +100,8 @@ def settled(tab):
             alike(seen[-1], seen[-1 - back]) for back in range(1, SETTLED_AFTER + 1)
         )
 
-    await_that(unchanged)
+    wait_until(unchanged)
     return seen[-1]
-
-
-def await_that(holds):
-    """Waits until something holds, which it must within a minute."""
-    wait_until(holds)
 
 
 def frames(tab, number=10):
@@ -122,7 +118,7 @@ def set_slider(tab, page, field, value):
     number = tab.locator(f'[id="{uuid}"]').locator("xpath=..").locator("input[type=text]")
     number.fill(str(value))
     number.press("Enter")
-    await_that(lambda: getattr(page.state, field) == value)
+    wait_until(lambda: getattr(page.state, field) == value)
     drawn(tab, page)
 
 
@@ -178,7 +174,7 @@ def test_the_scene_follows_the_slider(desk):
     assert counts_on(tab) == touch.counts.tolist()
     set_slider(tab, page, "force_n", 5)
     assert np.array_equal(picture(tab, "digit"), seen)
-    await_that(lambda: alike(canvas(tab), before))
+    wait_until(lambda: alike(canvas(tab), before))
 
 
 def test_each_translator_has_its_picture_and_error(desk):
@@ -199,7 +195,7 @@ def test_the_shape_is_dragged_in_the_scene(desk):
     for step in range(1, 9):
         tab.mouse.move(x + 4 * step, y)
         frames(tab, 4)  # viser sends drags at a rate of its own
-    await_that(lambda: page.state.x_mm > 1.0)
+    wait_until(lambda: page.state.x_mm > 1.0)
     tab.mouse.up()
     drawn(tab, page)
     assert 1.0 < page.state.x_mm < 8.0 and abs(page.state.y_mm) < 1.0
@@ -218,7 +214,7 @@ def test_on_a_phone_all_of_it_fits_and_each_client_has_its_own_press(desk, opene
     known = other.folder
     assert known.exists()
     other_tab.close()
-    await_that(lambda: not known.exists())
+    wait_until(lambda: not known.exists())
 
 
 def test_a_file_is_pressed_and_a_bad_one_is_refused_as_by_the_command(desk, tmp_path, capsys):
@@ -229,16 +225,16 @@ def test_a_file_is_pressed_and_a_bad_one_is_refused_as_by_the_command(desk, tmp_
         main(["press", str(tmp_path / "bad.stl")])
     sentence = capsys.readouterr().err.removeprefix("t2twin: ").strip()
     sentence = sentence.replace(str(tmp_path / "bad.stl"), "bad.stl")
-    await_that(lambda: sentence in tab.locator("body").inner_text())
+    wait_until(lambda: sentence in tab.locator("body").inner_text())
     assert tab.get_by_text("Not possible").count()
     assert page.state == STATE
     trimesh.creation.icosphere(subdivisions=3, radius=6.0).export(tmp_path / "my ball.stl")
     upload(tab, page.controls.upload_shape, tmp_path / "my ball.stl")
-    await_that(lambda: page.state.shape.endswith("my_ball.stl"))
+    wait_until(lambda: page.state.shape.endswith("my_ball.stl"))
     drawn(tab, page)
     touch = t2twin.press(tmp_path / "my ball.stl", x_mm=1.5, yaw_deg=30.0, force_n=5.0)
     assert counts_on(tab) == touch.counts.tolist()
-    await_that(lambda: tab.get_by_text("Not possible").count() == 0)
+    wait_until(lambda: tab.get_by_text("Not possible").count() == 0)
 
 
 def test_a_file_that_is_too_large_is_dropped_as_it_comes(desk, tmp_path):
@@ -270,7 +266,7 @@ def test_a_frame_of_ones_own_is_translated(desk, untrained_runs, tmp_path):
     upload(tab, page._tab.upload, tmp_path / "mine.png")
     counts = t2twin.load(untrained_runs[0]).predict(page.result.touch.image)
     listed = " ".join(str(count) for count in np.rint(counts).astype(int))
-    await_that(lambda: listed in tab.locator("body").inner_text())
+    wait_until(lambda: listed in tab.locator("body").inner_text())
     assert "mine.png" in tab.locator("body").inner_text()
 
 
@@ -278,9 +274,9 @@ def test_dark_is_dark(desk):
     tab, _ = desk
     open_folder(tab, "View")
     tab.get_by_text("Dark", exact=True).click()
-    await_that(lambda: np.median(canvas(tab)) < 60)
+    wait_until(lambda: np.median(canvas(tab)) < 60)
     tab.get_by_text("Dark", exact=True).click()
-    await_that(lambda: np.median(canvas(tab)) > 200)
+    wait_until(lambda: np.median(canvas(tab)) > 200)
 
 
 def test_on_a_desk_all_of_it_fits(desk):
@@ -332,7 +328,7 @@ def test_the_studio_s_own_source_is_shown(untrained_runs, chrome, tmp_path):
 def shown(tab, grey):
     """Waits until the frame that is shown is of one grey."""
     frame = tab.locator('img[data-name="frame"]')
-    await_that(lambda: frame.count() and (picture(tab, "frame") == grey).all())
+    wait_until(lambda: frame.count() and (picture(tab, "frame") == grey).all())
 
 
 def test_a_link_that_no_page_made_is_said_on_the_page(chrome, served):

@@ -7,7 +7,10 @@ import pytest
 from PIL import Image
 
 from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
 from t2twin.studio.server import is_loopback
+from t2twin.studio.transport.log import MAX_LINE, Log, one_line
+from t2twin.studio.transport.origin_check import Origin, read_origin
 from t2twin.studio.worker import LatestOnlyWorker
 
 # The newest first
@@ -43,8 +46,8 @@ def test_only_the_newest_is_done():
         (("--port", "-1"), "0 to 65535"),
         (("--source", "nowhere"), "no source"),
         (("--source", "{picture}"), "is an image"),
-        (("--background", "{folder}"), "cannot be read as an image"),
-        (("--background", "nowhere.png"), "cannot be read as an image"),
+        (("--background", "{folder}"), "is a folder"),
+        (("--background", "nowhere.png"), "there is no file"),
         (("--allow-origin", "evil.example"), "is not an origin"),
         (("--allow-origin", "http://evil.example/path"), "is not an origin"),
         (("--allow-origin", "null"), "is not an origin"),
@@ -71,3 +74,25 @@ def test_a_taken_port_is_refused(capsys):
 )
 def test_which_addresses_are_this_machine_s_alone(host, own):
     assert is_loopback(host) is own
+
+
+@pytest.mark.parametrize(
+    "text", ["null", "", "http://", "evil", "ftp://x", "http://a/b", "http://a:x", "http://u@a"]
+)
+def test_a_text_that_is_no_origin_is_refused(text):
+    with pytest.raises(T2TwinError, match="is not an origin"):
+        read_origin(text)
+
+
+def test_an_origin_has_the_port_of_its_scheme():
+    assert read_origin("https://Lab.example") == Origin("https", "lab.example", 443)
+    assert str(read_origin("http://[::1]:8080")) == "http://[::1]:8080"
+
+
+def test_lines_are_limited_and_have_no_control_characters(capsys):
+    log = Log(burst=3, per_s=0.0)
+    for number in range(10):
+        log(f"line {number}\n\x1b[31m")
+    printed = capsys.readouterr().err
+    assert printed.count("\n") == 3 and "\x1b" not in printed
+    assert len(one_line("x" * 10_000)) == MAX_LINE

@@ -228,6 +228,7 @@ def test_sliding_ends_at_the_limit_of_friction(press):
     assert np.all(np.diff(forces) > -1e-3 * force) and forces[0] < 0.5 * friction * force
     assert forces[-1] == pytest.approx(friction * force, rel=2e-3)
     assert contact.slip_share == 1.0
+    assert contact.motion is not None
     assert contact.motion.slip_mm[contact.pressure_kpa > 0].min() > 0
 
 
@@ -237,6 +238,7 @@ def test_gross_sliding_moves_the_contact(press):
         contact = advance(contact, 0.2, 0.0, 0.0, 4.0, 0.2)
     pressure = contact.pressure_kpa
     middle = (contact.x_mm * pressure).sum() / pressure.sum()
+    assert contact.motion is not None
     displaced = (contact.motion.sheared_mm[0] * pressure).sum() / pressure.sum()
     assert displaced > 0.1
     assert middle + displaced == pytest.approx(2.0, abs=0.15)
@@ -334,7 +336,7 @@ def test_only_a_touch_with_contact_can_slide():
     with pytest.raises(
         T2TwinError, match="touch is 'x' of type str; expected an object of the class Touch"
     ):
-        twin.slide("x")
+        twin.slide("x")  # pyright: ignore[reportArgumentType]
     touch = twin.press("square-2", force_n=2.0)
     with pytest.raises(T2TwinError, match="the touch has no contact"):
         twin.slide(replace(touch, digit=None, cyskin=None))

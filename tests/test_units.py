@@ -212,7 +212,7 @@ def test_shift_and_tilt_are_in_a_file_only_where_there_are_any(shipped, tmp_path
     "off", [{"shift_x_px": 101.0}, {"tilt_y_deg": -6.0}, {"tilt_x_deg": np.nan}]
 )
 def test_a_camera_too_far_off_is_refused(shipped, off):
-    with pytest.raises(T2TwinError, match="must lie between"):
+    with pytest.raises(T2TwinError, match="expected a"):
         Camera(**off)
     with pytest.raises(T2TwinError, match="must lie between"):
         replace(shipped, **off)

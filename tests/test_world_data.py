@@ -14,7 +14,7 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin.field import SPACING_MM, field_counts, field_layout
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset import rejection_sampling
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import (
     LOG,
@@ -24,7 +24,7 @@ from t2twin.sim.dataset.store import (
     taxels,
     write_info,
 )
-from t2twin.sim.dataset.verify import verify
+from t2twin.sim.dataset.verify import verify_dataset
 from t2twin.sim.digit import rendered
 from t2twin.sim.sensors import CySkin
 from t2twin.sim.world import presses
@@ -75,7 +75,7 @@ def recipe_file(tmp_path_factory):
 @pytest.fixture(scope="module")
 def made(tmp_path_factory, shape_cache, recipe_file):
     folder = tmp_path_factory.mktemp("world") / "data"
-    generate(folder, world=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
+    make_dataset(folder, world=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
     return folder
 
 
@@ -132,7 +132,7 @@ def test_no_shape_is_in_two_splits_or_worlds():
 
 
 def test_a_world_is_whole_and_says_what_it_is(made):
-    assert verify(made) == []
+    assert verify_dataset(made) == []
     info = read_info(made)
     assert info.world_name == "mine" and info.is_simulated and not info.is_protocol
     assert info.world is not None and info.world.light.kind == "drawn"
@@ -183,14 +183,14 @@ def test_forces_and_untouched_presses(made):
 
 @pytest.mark.exhaustive
 def test_same_seed_same_bytes_however_made(made, recipe_file, tmp_path, shape_cache):
-    generate(tmp_path / "two", world=recipe_file, workers=2, cache=shape_cache, shapes=TOOL)
+    make_dataset(tmp_path / "two", world=recipe_file, workers=2, cache=shape_cache, shapes=TOOL)
     assert digests(tmp_path / "two") == digests(made)
     (tmp_path / "two" / "train" / "part-0-00000.parquet").unlink()
-    generate(tmp_path / "two", world=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
+    make_dataset(tmp_path / "two", world=recipe_file, workers=1, cache=shape_cache, shapes=TOOL)
     assert digests(tmp_path / "two") == digests(made)
     recipe = structs.replace(load_recipe(recipe_file), name="other")
     with pytest.raises(T2TwinError, match="another recipe"):
-        generate(tmp_path / "two", world=recipe, cache=shape_cache, shapes=TOOL)
+        make_dataset(tmp_path / "two", world=recipe, cache=shape_cache, shapes=TOOL)
 
 
 def test_a_shard_of_more_shapes_is_what_a_smaller_world_begins_with(made, recipe_file):
@@ -216,17 +216,17 @@ def test_another_shape_stands_in_for_one_that_cannot_be_touched(
     recipe, folder = load_recipe(recipe_file), tmp_path / "stood-in"
     part = structs.replace(recipe.parts[0], untouched_share=0.0, force_n=2.0)
     whole = structs.replace(recipe, parts=(part,))
-    generate(folder, world=whole, workers=1, cache=shape_cache)
+    make_dataset(folder, world=whole, workers=1, cache=shape_cache)
     rows = read_split(folder, "train")
     names, poses = rows["shape"].to_pylist(), list(zip(rows["x_mm"].to_pylist(), strict=True))
     assert names[4:8] == [stand_in] * 4
     assert len(set(poses)) == 16 and not {*slivers} & {*names}
     (said,) = [json.loads(line) for line in (folder / LOG).read_text().splitlines()]
     assert said["rejected"]["on the base plate"] >= 2 * MAX_ATTEMPTS
-    assert verify(folder) == []
+    assert verify_dataset(folder) == []
     with pytest.raises(T2TwinError, match="no attempt at a press touched random-3000000001"):
         monkeypatch.setattr(presses, "max_attempts", lambda part: MAX_ATTEMPTS)
-        generate(tmp_path / "none", world=whole, workers=1, cache=shape_cache)
+        make_dataset(tmp_path / "none", world=whole, workers=1, cache=shape_cache)
 
 
 def test_only_a_shapes_own_stand_ins_pass_for_it():
@@ -244,7 +244,7 @@ def test_a_moved_press_is_noticed(made, tmp_path, shape_cache):
     other = structs.replace(info.world, parts=(part, *info.world.parts[1:]))
     shutil.copytree(made, tmp_path / "moved")
     write_info(tmp_path / "moved", replace(info, world=other))
-    faults = [str(fault) for fault in verify(tmp_path / "moved")]
+    faults = [str(fault) for fault in verify_dataset(tmp_path / "moved")]
     assert any("is not the planned one of press" in fault for fault in faults)
 
 
@@ -342,12 +342,12 @@ def test_a_folder_of_solids_is_a_world_but_not_of_tools(tmp_path, shape_cache, s
         f'format = 1\nname = "own"\nfield = false\nuntouched_frames = false\n[[parts]]\n'
         f'shapes = "{solids}"\npresses = 2\nplace = {{ uniform_mm = 2.0 }}\n'
     )
-    info = generate(tmp_path / "data", world=path, workers=1, cache=shape_cache)
+    info = make_dataset(tmp_path / "data", world=path, workers=1, cache=shape_cache)
     assert info.pairs["train"] == 2 and list(info.files or {}) == [str(solids / "mine.stl")]
-    assert verify(tmp_path / "data") == []
+    assert verify_dataset(tmp_path / "data") == []
     shapes("wrench/shank").mesh.export(solids / "innocent.stl")
     with pytest.raises(T2TwinError, match="is the tool wrench"):
-        generate(tmp_path / "other", world=path, workers=1, cache=shape_cache)
+        make_dataset(tmp_path / "other", world=path, workers=1, cache=shape_cache)
     assert not (tmp_path / "other").exists()
 
 
@@ -359,7 +359,7 @@ def test_pyrender_itself_makes_a_worlds_pictures(tmp_path, shape_cache, monkeypa
     images = {}
     for optics in ("baked", "pyrender"):
         recipe = structs.replace(world, light=structs.replace(world.light, optics=optics))
-        generate(tmp_path / optics, world=recipe, workers=1, cache=shape_cache)
+        make_dataset(tmp_path / optics, world=recipe, workers=1, cache=shape_cache)
         row = read_split(tmp_path / optics, "train").to_pylist()[0]
         images[optics] = decode_png(row["image"]["bytes"]).astype(float)
     assert "pyrender takes 1.1 s" in capsys.readouterr().out

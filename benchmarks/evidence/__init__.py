@@ -1,1 +1,1 @@
-"""How every measurement is declared, run, kept with its provenance, and found to be stale."""
+"""Declaration, runner, results files and staleness of the benchmarks."""

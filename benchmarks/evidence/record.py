@@ -1,27 +1,28 @@
-"""What a benchmark declares of itself."""
+"""What a benchmark declares, and how the declarations are found."""
 
 from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from benchmarks import ROOT
 
-if TYPE_CHECKING:
-    from benchmarks.evidence.small_case import SmallCase
-
 RESULTS = ROOT / "benchmarks" / "results"
-"""Where every benchmark's results are kept, NAME.json."""
+"""Folder of all results files, NAME.json."""
+
+
+DECLARATION = "\nBENCHMARK = "
+"""Start of the line with which a module declares a benchmark."""
 
 
 @dataclass(frozen=True)
 class Figure:
-    """A value of the results that is shown, and its limits.
+    """A value of the results that is printed, and its limits.
 
-    path: where it stands in the results: keys and places in lists, joined by dots; a * stands for
-    every key. unit: of the value and the limits. most, least: the limits, None where there is none.
+    path: keys and list indices joined by dots; a * matches every key. unit: of the value and the
+    limits. most, least: the limits, None for no limit.
     """
 
     path: str
@@ -31,13 +32,13 @@ class Figure:
 
     @property
     def limit(self) -> str:
-        """The limit in words, empty where there is none."""
+        """The limit as text, empty without a limit."""
         if self.most is not None:
             return f"at most {self.most:g}"
         return f"at least {self.least:g}" if self.least is not None else ""
 
     def is_met_by(self, value: float | None) -> bool:
-        """Whether a value keeps to the limits; no value, or NaN, keeps to none."""
+        """Whether a value is within the limits; None and NaN are within none."""
         if self.most is None and self.least is None:
             return True
         if value is None:
@@ -48,10 +49,10 @@ class Figure:
 
 @dataclass(frozen=True)
 class Argument:
-    """An argument of a benchmark's command, by the names of argparse.
+    """An argument of a benchmark's command; the fields are those of argparse.
 
-    name: `--name` or, without dashes, one that must be given. thins: whether another value than
-    the default measures only a part; then nothing is kept.
+    name: `--name`, or without dashes a positional argument. partial: a value other than the default
+    measures only a part, so that no results are written.
     """
 
     name: str
@@ -62,11 +63,11 @@ class Argument:
     choices: tuple[str, ...] | None = None
     metavar: str | tuple[str, ...] | None = None
     required: bool = False
-    thins: bool = False
+    partial: bool = False
 
     @property
     def attribute(self) -> str:
-        """Its name in what argparse returns."""
+        """Its name in the parsed arguments."""
         return self.name.removeprefix("--").replace("-", "_")
 
     @property
@@ -76,35 +77,23 @@ class Argument:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """One benchmark: what it measures, what its figures are held to, what they depend on.
+    """One benchmark, declared as `BENCHMARK` by its module benchmarks.NAME.
 
-    name: of its module benchmarks.NAME, which has `measure(options) -> content`, its results, and,
-    where it is confirmable, `outcome(case) -> content`, what the measured code gives on a small
-    fixed case; and of its results file.
-    measures: in a sentence. minutes: about how many it takes, on two cores.
-    entries: modules of t2twin whose code it measures without importing them itself, because it runs
-    a command or reads what a command has made. It depends on these, on what it imports, and on
-    all that they import.
-    apart_from: modules, or packages, which it imports but which change none of its figures.
-    shapes: whether its figures depend on the shapes' parameters.
-    confirmable: whether its figures depend on the code alone, so that an equal outcome proves them.
-    times: parts of a confirmable one's results, as paths, that are times, or depend on the machine
-    otherwise: they stay those of the measurement.
-    baseline: whether its results are a baseline that a test holds every run to: they are written
-    only when asked, and never stale.
+    The module also defines `measure(options)`, which returns the content of the results.
+
+    name: of the module and of the results file. measures: one sentence. minutes: duration on two
+    cores. sources: folders whose code determines the figures, relative to the repository. Folders
+    of general helpers, such as t2twin/core, are left out. is_baseline: the results are a baseline
+    for a test: they are written with --write only and never stale.
     """
 
     name: str
     measures: str
     minutes: float
+    sources: tuple[str, ...] = ()
     figures: tuple[Figure, ...] = ()
     arguments: tuple[Argument, ...] = ()
-    entries: tuple[str, ...] = ()
-    apart_from: tuple[str, ...] = ()
-    shapes: bool = True
-    confirmable: bool = False
-    times: tuple[str, ...] = ()
-    baseline: bool = False
+    is_baseline: bool = False
 
     @property
     def module(self) -> str:
@@ -119,9 +108,13 @@ class Benchmark:
         return any(argument.must_be_given for argument in self.arguments)
 
     def measure(self, options: Namespace) -> dict[str, Any]:
-        """The content of its results file, but for its provenance."""
+        """The content of the results file without its provenance."""
         return import_module(self.module).measure(options)
 
-    def outcome(self, case: "SmallCase") -> dict[str, Any]:
-        """What the measured code gives on the small case."""
-        return import_module(self.module).outcome(case)
+
+def find_benchmarks() -> dict[str, Benchmark]:
+    """The benchmarks of all modules of the package that declare one, by name."""
+    paths = sorted((ROOT / "benchmarks").glob("*.py"))
+    names = [path.stem for path in paths if DECLARATION in path.read_text(encoding="utf-8")]
+    found = (import_module(f"benchmarks.{name}").BENCHMARK for name in names)
+    return {benchmark.name: benchmark for benchmark in found}

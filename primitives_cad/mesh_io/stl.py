@@ -1,4 +1,9 @@
-"""Reads STL, binary or text, and writes binary STL: triangles without units."""
+"""Reads STL, binary or text, and writes binary STL: triangles without units.
+
+trimesh's reader is not used for text (trimesh 5.2, 2026-11-23): it drops a solid without an end and
+accepts corners that are not numbers. It rejects old Macintosh line ends, and 330,000 triangles take
+350 MB more memory. Of binary files it reads the same array.
+"""
 
 import re
 from collections.abc import Iterator

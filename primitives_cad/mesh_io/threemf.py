@@ -1,6 +1,7 @@
 """Reads 3MF: a ZIP archive of XML models with parts and a unit (3MF Core Specification 1.3).
 
-Uses Python's ZIP and XML modules, never opens other files, and limits the amount of data.
+Uses Python's ZIP and XML modules, never opens other files, and limits the amount of data. trimesh's
+reader (5.2) is not used: it unpacks an archive without a limit, and requires the library lxml.
 """
 
 import zipfile

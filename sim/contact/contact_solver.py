@@ -17,7 +17,6 @@ from t2twin.core.jit import compile_time_s
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.fixed_point import FixedPoint, InitialGuess
-from t2twin.sim.contact.footprint import heights_at, raise_to_shape
 from t2twin.sim.contact.grid import (
     Window,
     block_max,
@@ -31,10 +30,11 @@ from t2twin.sim.contact.grid import (
     repeated,
     window_shape,
 )
+from t2twin.sim.contact.heights import heights_at, raise_to_shape
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import PinLayout, Survey
-from t2twin.sim.contact.splines import on_lines
 from t2twin.sim.contact.types import Contact, PressCommand, SurfaceShift, check_force
+from t2twin.sim.splines import on_lines
 
 DIGIT_PITCH_MM = 0.25
 """Grid of the DIGIT's gel, mm: fine enough for features of 1 mm seen at 0.05 mm a pixel."""

@@ -2,7 +2,6 @@
 
 import weakref
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import ndimage
@@ -10,6 +9,15 @@ from scipy import ndimage
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.sim.contact.grid import block_max, block_sums
+from t2twin.sim.contact.heights import (
+    LOOKUP,
+    SHIFT,
+    column_and_row,
+    heights_along,
+    interpolated,
+    lookup,
+    shifts_on,
+)
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
 
 SAMPLES = 5
@@ -33,60 +41,6 @@ BLOCK = 8
 
 NOT_FLAT = np.float32(np.inf)
 """Marks a block that is not flat together with all blocks around it."""
-
-
-def to_shape_frame(
-    command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the sensor frame in the shape frame (see t2twin.primitives_cad.shape)."""
-    cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
-    dx, dy = x_mm - command.x_mm, y_mm - command.y_mm
-    return cos * dx + sin * dy, sin * dx - cos * dy
-
-
-def heights_at(
-    surface: HeightMap,
-    command: PressCommand,
-    x_mm: np.ndarray,
-    y_mm: np.ndarray,
-    shift: SurfaceShift | None = None,
-) -> np.ndarray:
-    """Heights of a pressed shape over the points of two axes, (y, x) float32, mm, bilinear.
-
-    shift: of the points; see `footprint`.
-    """
-    heights = np.empty((y_mm.size, x_mm.size), np.float32)
-    _heights(*_lookup(surface, command), x_mm, y_mm, *_shifts(shift, x_mm, y_mm), heights)
-    return heights
-
-
-def _shifts(
-    shift: SurfaceShift | None, x_mm: np.ndarray, y_mm: np.ndarray
-) -> tuple[bool, np.ndarray]:
-    """Arguments of the compiled loops: whether there is a shift, and its values, (3, y, x)."""
-    if shift is None:
-        return False, NO_SHIFT
-    return True, shift.on(x_mm, y_mm)
-
-
-def raise_to_shape(
-    surface_mm: np.ndarray,
-    shape_surface: HeightMap,
-    command: PressCommand,
-    x_mm: np.ndarray,
-    y_mm: np.ndarray,
-    apex_mm: np.ndarray,
-    near: tuple[np.ndarray, np.ndarray, np.ndarray],
-    shift: SurfaceShift | None = None,
-) -> None:
-    """Raise a surface, (y, x) float32, mm, in place to a pressed shape wherever that is higher.
-
-    apex_mm: (y, x) float32, level of the shape's height 0. near: mask of the coarser cells in which
-    the shape is sampled, and the mask's row (y,) and column (x,) of each point. shift: of the
-    points; see `footprint`.
-    """
-    shifts = _shifts(shift, x_mm, y_mm)
-    _raise(*_lookup(shape_surface, command), x_mm, y_mm, *shifts, apex_mm, *near, surface_mm)
 
 
 @dataclass(frozen=True)
@@ -130,10 +84,8 @@ def footprint(
     """
     heights, shares, peaks = np.empty((3, y_mm.size, x_mm.size))
     included = np.ones((1, 1), bool) if active is None else np.ascontiguousarray(active)
-    lookup = _lookup(surface, command)
-    shifts = _shifts(shift, x_mm, y_mm)
-    flat = _flat_blocks(surface)
-    _footprint(*lookup, flat, x_mm, y_mm, *shifts, included, heights, shares, peaks)
+    place = *lookup(surface, command), _flat_blocks(surface), x_mm, y_mm
+    _footprint(*place, *shifts_on(shift, x_mm, y_mm), included, heights, shares, peaks)
     return Footprint(heights, shares, peaks)
 
 
@@ -162,125 +114,6 @@ def _flat_blocks(surface: HeightMap) -> np.ndarray:
     return blocks
 
 
-def _lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
-    """Arguments of the compiled loops, of the types _LOOKUP.
-
-    The heights, column and row of the shape's origin, the press position, and cos and sin of the
-    yaw in cells per mm.
-    """
-    per_mm = 1.0 / surface.pitch_mm
-    return (
-        np.ascontiguousarray(surface.heights_mm, dtype=np.float32),
-        -float(surface.x_mm[0]) * per_mm,
-        -float(surface.y_mm[0]) * per_mm,
-        float(command.x_mm),
-        float(command.y_mm),
-        float(np.cos(command.yaw_rad)) * per_mm,
-        float(np.sin(command.yaw_rad)) * per_mm,
-    )
-
-
-_LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"
-"""Types of what `_lookup` returns."""
-
-
-NO_SHIFT = np.zeros((3, 1, 1))
-"""Shift that the compiled loops do not read."""
-
-_SHIFT = "b1, f8[:, :, ::1]"
-"""Types of what `_shifts` returns."""
-
-
-@compiled(inline="always")
-def _column_and_row(column, row, press_x, press_y, cos, sin, x, y):
-    """Column and row of a point of the sensor frame on the height map."""
-    dx, dy = x - press_x, y - press_y
-    return column + (cos * dx + sin * dy), row + (sin * dx - cos * dy)
-
-
-@compiled("f4(f4[:, ::1], f8, f8)", nogil=True)
-def _height(heights, column, row):
-    if not (0.0 <= column < heights.shape[1] - 1 and 0.0 <= row < heights.shape[0] - 1):
-        return np.float32(NOTHING_MM)
-    # Unsigned indices save the check for negative ones.
-    j, i, one = np.uintp(column), np.uintp(row), np.uintp(1)
-    across, down = np.float32(column - j), np.float32(row - i)
-    upper, lower = heights[i], heights[i + one]
-    left = upper[j] + down * (lower[j] - upper[j])
-    right = upper[j + one] + down * (lower[j + one] - upper[j + one])
-    return left + across * (right - left)
-
-
-@compiled("void(f4[:, ::1], f8[::1], f8[::1], i8, f4[::1])", nogil=True)
-def _heights_along(heights, columns, rows, count, found):
-    """`_height` at `count` places. Twice as fast as a loop that also computes the places."""
-    points, width, one = heights.ravel(), np.uint32(heights.shape[1]), np.uint32(1)
-    last_column, last_row = heights.shape[1] - 1, heights.shape[0] - 1
-    for n in range(count):
-        column, row = columns[n], rows[n]
-        if not (0.0 <= column < last_column and 0.0 <= row < last_row):
-            found[n] = NOTHING_MM
-            continue
-        j, i = np.int32(column), np.int32(row)
-        across, down = np.float32(column - j), np.float32(row - i)
-        upper = np.uint32(np.uint32(i) * width + np.uint32(j))
-        lower = np.uint32(upper + width)
-        left = points[upper] + down * (points[lower] - points[upper])
-        upper, lower = np.uint32(upper + one), np.uint32(lower + one)
-        right = points[upper] + down * (points[lower] - points[upper])
-        found[n] = left + across * (right - left)
-
-
-@compiled(f"void({_LOOKUP}, f8[::1], f8[::1], {_SHIFT}, f4[:, ::1])", nogil=True)
-def _heights(
-    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, out
-):
-    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
-    for i in range(y_mm.size):
-        for j in range(x_mm.size):
-            x, y = x_mm[j], y_mm[i]
-            if shifted:
-                x, y = x + shift[0, i, j], y + shift[1, i, j]
-            columns[j], rows[j] = _column_and_row(
-                at_column, at_row, press_x, press_y, cos, sin, x, y
-            )
-        _heights_along(heights, columns, rows, x_mm.size, out[i])
-        if shifted:
-            for j in range(x_mm.size):
-                out[i, j] -= shift[2, i, j]
-
-
-@compiled(
-    f"void({_LOOKUP}, f8[::1], f8[::1], {_SHIFT}, f4[:, ::1], b1[:, ::1], i8[::1], i8[::1],"
-    " f4[:, ::1])",
-    nogil=True,
-)
-def _raise(
-    heights, at_column, at_row, press_x, press_y, cos, sin, x_mm, y_mm, shifted, shift, apex, near,
-    near_rows, near_columns, out,
-):  # fmt: skip
-    columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
-    chosen, found = np.empty(x_mm.size, np.int64), np.empty(x_mm.size, np.float32)
-    for i in range(y_mm.size):
-        wanted, count = near[near_rows[i]], 0
-        for j in range(x_mm.size):
-            chosen[count] = j
-            count += wanted[near_columns[j]]
-        for n in range(count):
-            x, y = x_mm[chosen[n]], y_mm[i]
-            if shifted:
-                x, y = x + shift[0, i, chosen[n]], y + shift[1, i, chosen[n]]
-            columns[n], rows[n] = _column_and_row(
-                at_column, at_row, press_x, press_y, cos, sin, x, y
-            )
-        _heights_along(heights, columns, rows, count, found)
-        for n in range(count):
-            j = chosen[n]
-            if shifted:
-                found[n] -= shift[2, i, j]
-            out[i, j] = max(out[i, j], apex[i, j] + found[n])
-
-
 @compiled(inline="always")
 def _sample_offsets(cos, sin, cell):
     """Columns and rows of a cell's samples relative to its center, on the height map."""
@@ -298,7 +131,7 @@ def _sample_offsets(cos, sin, cell):
 def _walled_cell(heights, column, row, aside, ahead, samples, high, cell):
     """Mean height, share and peak of the part of a cell above its walls, from all samples."""
     for k in range(samples.size):
-        samples[k] = _height(heights, column + aside[k], row + ahead[k])
+        samples[k] = interpolated(heights, column + aside[k], row + ahead[k])
         high = max(high, samples[k])
     lowest = high - STEEPEST * cell
     covered, total = 0, 0.0
@@ -324,7 +157,7 @@ def _smooth_cell(few, n, cell):
 
 
 @compiled(
-    f"void({_LOOKUP}, f4[:, ::1], f8[::1], f8[::1], {_SHIFT}, b1[:, ::1], f8[:, ::1], f8[:, ::1],"
+    f"void({LOOKUP}, f4[:, ::1], f8[::1], f8[::1], {SHIFT}, b1[:, ::1], f8[:, ::1], f8[:, ::1],"
     " f8[:, ::1])",
     nogil=True,
 )
@@ -341,9 +174,7 @@ def _footprint(
     columns, rows = np.empty(x_mm.size), np.empty(x_mm.size)
     along, below = np.empty(x_mm.size), np.empty(x_mm.size)
     few = np.empty((CENTER_AND_CORNERS.size, x_mm.size), np.float32)
-    mean[:] = NOTHING_MM
-    share[:] = 0.0
-    peak[:] = NOTHING_MM
+    mean[:], share[:], peak[:] = NOTHING_MM, 0.0, NOTHING_MM
     # A cell's side in cells of the map: farther outside the map no sample of a cell is on it.
     reach = cell * np.hypot(cos, sin)
     max_column, max_row = heights.shape[1] - 1 + reach, heights.shape[0] - 1 + reach
@@ -359,7 +190,7 @@ def _footprint(
             x, y = x_mm[j], y_mm[i]
             if shifted:
                 x, y = x + shift[0, i, j], y + shift[1, i, j]
-            column, row = _column_and_row(at_column, at_row, press_x, press_y, cos, sin, x, y)
+            column, row = column_and_row(at_column, at_row, press_x, press_y, cos, sin, x, y)
             if not (-reach < column < max_column and -reach < row < max_row):
                 continue
             if within_block and reach < column < inner_column and reach < row < inner_row:
@@ -374,7 +205,7 @@ def _footprint(
             for n in range(count):
                 along[n] = columns[n] + aside[CENTER_AND_CORNERS[k]]
                 below[n] = rows[n] + ahead[CENTER_AND_CORNERS[k]]
-            _heights_along(heights, along, below, count, few[k])
+            heights_along(heights, along, below, count, few[k])
         for n in range(count):
             j = chosen[n]
             smooth, height, low, high = _smooth_cell(few, n, cell)

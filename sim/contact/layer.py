@@ -15,7 +15,7 @@ from scipy.fft import next_fast_len
 from t2twin.core.cached_files import cached_array
 from t2twin.core.jit import compiled
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.splines import CubicSpline
+from t2twin.sim.splines import CubicSpline
 
 THICKNESSES = 17
 """Number of thicknesses at which a domed layer's response is computed."""

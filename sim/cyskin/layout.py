@@ -101,7 +101,7 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
             f"no taxel layout {source}; known are {known}, or a path to .json or .csv"
         )
     if path.suffix.lower() == ".csv":
-        from t2twin.core.tables import read_rows  # imports pyarrow, which is slow
+        from t2twin.sim.tables import read_rows  # imports pyarrow, which is slow
 
         rows = read_rows(path, _Taxel, "a layout")
     else:

@@ -10,6 +10,7 @@ Shape letters: B images in a batch, R rows, C columns, N taxels.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -75,19 +76,6 @@ class Phi:
         matrix.data.clip(0.0, 1.0, out=matrix.data)  # rounding leaves some outside [0, 1]
         self._set(matrix, _full_inverse(matrix, shape), shape, (columns_mm, rows_mm))
 
-    @classmethod
-    def _of_matrix(
-        cls,
-        matrix: sparse.csr_array,
-        inverse: np.ndarray,
-        shape: tuple[int, int],
-        centers_mm: tuple[np.ndarray, np.ndarray],
-    ) -> Phi:
-        """phi of a given A, (R*C, N), and the transpose of a left inverse, (R*C, N)."""
-        phi = cls.__new__(cls)
-        phi._set(matrix, inverse, shape, centers_mm)
-        return phi
-
     def _set(
         self,
         matrix: sparse.csr_array,
@@ -95,6 +83,7 @@ class Phi:
         shape: tuple[int, int],
         centers_mm: tuple[np.ndarray, np.ndarray],
     ) -> None:
+        """matrix: A, (R*C, N). inverse: the transpose of a left inverse of it, (R*C, N)."""
         self.matrix = matrix
         self.shape = shape
         self.centers_mm = centers_mm
@@ -139,7 +128,9 @@ class Phi:
         resize = sparse.kron(rows, columns, format="csr")
         matrix = sparse.csr_array(resize @ self.matrix)
         centers_mm = (columns @ self.centers_mm[0], rows @ self.centers_mm[1])
-        return Phi._of_matrix(matrix, _full_inverse(matrix, shape), shape, centers_mm)
+        phi = copy(self)
+        phi._set(matrix, _full_inverse(matrix, shape), shape, centers_mm)
+        return phi
 
     def with_inverse_from(self, pixels: np.ndarray) -> Phi:
         """The same phi, with a phi^-1 that uses only some pixels.
@@ -147,13 +138,14 @@ class Phi:
         pixels: their indices, row by row, from 0 to R*C - 1. Raises T2TwinError where these pixels
         do not determine the counts.
         """
-        inverse = np.zeros_like(self._backward)
-        inverse[pixels] = _left_inverse(
+        phi = copy(self)
+        phi._backward = np.zeros_like(self._backward)
+        phi._backward[pixels] = _left_inverse(
             self.matrix[pixels],
             "the taxels lie too close together, or too near the rim, to be distinguished in the "
             f"pixels used of an image of {self.shape[0]} x {self.shape[1]}",
         )
-        return Phi._of_matrix(self.matrix, inverse, self.shape, self.centers_mm)
+        return phi
 
     def to_torch(self, counts: torch.Tensor) -> torch.Tensor:
         """phi on tensors, differentiable. counts: (B, N). Returns (B, 1, R, C), same device."""

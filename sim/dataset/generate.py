@@ -22,10 +22,17 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.build_info import build_info
-from t2twin.sim.dataset.card import card
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo, Shard
 from t2twin.sim.dataset.shard import ShardContext
-from t2twin.sim.dataset.store import CARD, INFO, LOG, read_info, sha256_of, write_info, write_whole
+from t2twin.sim.dataset.store import (
+    INFO,
+    LOG,
+    read_info,
+    sha256_of,
+    write_card,
+    write_info,
+    write_whole,
+)
 from t2twin.sim.dataset.timing import RunTiming, Stopwatch, peak_memory, process_name, summary
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.digit.rendered import FRAME_SECONDS
@@ -54,7 +61,7 @@ MADE_WITH = {
 name."""
 
 
-def generate(
+def make_dataset(
     folder: str | Path,
     scale: str | None = None,
     seed: int | None = None,
@@ -164,7 +171,7 @@ def _make_dataset(
             info = _make_shards(context, todo, info, workers, scheduler)
         info = replace(info, complete=True)
         write_info(folder, info)
-        write_whole(folder / CARD, card(info).encode())
+        write_card(folder, info)
     except BaseException:
         if is_new:
             _remove_empty(folder)

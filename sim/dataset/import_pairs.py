@@ -29,16 +29,21 @@ import pyarrow as pa
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import created_folder, remove_leftovers, temporary_folder, write_error
-from t2twin.core.images import decode_image, encode_png
+from t2twin.core.files import (
+    created_folder,
+    read_file,
+    remove_leftovers,
+    temporary_folder,
+    write_error,
+)
+from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-from t2twin.sim.dataset.card import card
 from t2twin.sim.dataset.columns import BACKGROUND, FIELD, POSE, SCHEMA, UNIT
 from t2twin.sim.dataset.info import FORMAT, MAX_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.pairs_table import find_table, read_table
-from t2twin.sim.dataset.store import CARD, write_info, write_shard, write_whole
+from t2twin.sim.dataset.store import write_card, write_info, write_shard
 from t2twin.sim.world.plan import file_stem, shard_path
 
 ORIGIN = "imported"
@@ -255,7 +260,7 @@ def _write(
         origin=ORIGIN,
         pad_diameter_mm=tuple(layout.pad_diameter_mm.tolist()),
     )
-    write_whole(folder / CARD, card(info).encode())
+    write_card(folder, info)
     write_info(folder, info)
     return info
 
@@ -286,9 +291,11 @@ class _ImageReader:
         self.shape: tuple[int, int, int] | None = None
 
     def read(self, pair: Pair) -> np.ndarray:
-        source = pair.image if isinstance(pair.image, bytes) else self._file(pair)
         try:
-            image = decode_image(source, FORMATS)
+            content = pair.image
+            if not isinstance(content, bytes):
+                content = read_file(self._folder / str(content), MAX_FILE_BYTES)
+            image = decode_image(content, FORMATS)
             if image.mode[0] in "IF":
                 raise T2TwinError("it has more than 8 bits a channel; save it with 8")
         except T2TwinError as error:
@@ -305,9 +312,3 @@ class _ImageReader:
         if first != pair.place:
             raise T2TwinError(f"{first} and {pair.place} have the same image; remove one")
         return pixels
-
-    def _file(self, pair: Pair) -> Path:
-        path = self._folder / str(pair.image)
-        if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for long names
-            raise T2TwinError(f"{pair.place}: there is no image {path}")
-        return path

@@ -1,6 +1,7 @@
 """The record of a dataset's info.json, validated when it is constructed."""
 
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import PurePosixPath
@@ -189,9 +190,9 @@ class DatasetInfo:
         return self.scale or (PAPER if self.world is None else self.world.name)
 
 
-def check_layout(x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> None:
+def check_layout(x_mm: Sequence[float] | np.ndarray, y_mm: Sequence[float] | np.ndarray) -> None:
     """Raises ValueError for an invalid layout."""
-    if not x_mm or len(x_mm) != len(y_mm):
+    if len(x_mm) == 0 or len(x_mm) != len(y_mm):
         raise ValueError(
             f"layout_x_mm has {len(x_mm)} and layout_y_mm {len(y_mm)} positions; each taxel needs "
             "one of both"

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import open_regular, read_file
 from t2twin.core.records import check_names
-from t2twin.core.tables import ERRORS, read_csv, row_labels
+from t2twin.sim.tables import ERRORS, read_csv, row_labels
 
 SUFFIXES = (".csv", ".parquet")
 

@@ -28,6 +28,8 @@ import pyarrow.parquet as pq
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import read_json
+from t2twin.core.templates import render
+from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
 from t2twin.sim.dataset.columns import BACKGROUND, FIELD, IMAGE_TYPE, schema_of
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
 
@@ -87,6 +89,12 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write a file atomically; it is on the disk when this returns."""
     with _durable(path) as file:
         file.write(content)
+
+
+def write_card(folder: Path, info: DatasetInfo) -> None:
+    """Writes README.md, the dataset card, with all columns; also for the Hugging Face hub."""
+    text = render("sim/dataset/card.md", info=info, pad_mm=PAD_DIAMETER_MM)
+    write_whole(folder / CARD, text.encode())
 
 
 @contextmanager

@@ -44,7 +44,7 @@ class Fault:
         return f"{self.part}: {self.reason}"
 
 
-def verify(folder: str | Path) -> list[Fault]:
+def verify_dataset(folder: str | Path) -> list[Fault]:
     """All faults of a dataset, none if it is complete and undamaged.
 
     Checks each shard's sha256, columns and number of rows. Checks that it contains each press of

@@ -8,7 +8,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io import read
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
-from t2twin.sim.world.presses import MAX_SEED, grid_indices, random_name
+from t2twin.sim.world.presses import MAX_SHAPE_SEED, grid_indices, random_name
 from t2twin.sim.world.recipe import RANDOM, Part, Recipe, Split
 
 PRESSES_PER_SHARD = 500
@@ -119,10 +119,10 @@ def _shapes(recipe: Recipe, number: int, names: tuple[str, ...]) -> tuple[str, .
     part = recipe.parts[number]
     if part.shapes == RANDOM:
         assert part.count is not None
-        if recipe.seed > MAX_SEED:
+        if recipe.seed > MAX_SHAPE_SEED:
             raise T2TwinError(
                 f"the seed of a world of random shapes is {recipe.seed}; it must be at most "
-                f"{MAX_SEED}"
+                f"{MAX_SHAPE_SEED}"
             )
         # No two parts share a shape, since their splits may differ.
         before = sum(earlier.count or 0 for earlier in recipe.parts[:number])

@@ -22,7 +22,7 @@ frames."""
 SEEDS_PER_WORLD = 1_000_000_000
 """Numbers of the random shapes of a world: they start at its seed times this."""
 
-MAX_SEED = 9_000_000_000
+MAX_SHAPE_SEED = 9_000_000_000
 """Largest seed of a world of random shapes: their numbers stay below the largest of all shapes."""
 
 MAX_ATTEMPTS = 20

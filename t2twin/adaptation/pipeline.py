@@ -1,9 +1,12 @@
 """Adapts a translator to one DIGIT, from about ten minutes of presses of a ball.
 
-The four steps are also separate commands: calibration of the optics; a dataset of random shapes and
-primitives, pressed with 0.5 to 12 N, 5 % background frames, with one light per shape sampled around
-the calibration and the unit's own frame noise; training; and an evaluation on the presses that the
-calibration was not fitted to. A finished step is not repeated.
+There are four steps, which are also separate commands. A finished step is not repeated.
+
+1. light: calibrates the optics on some of the presses.
+2. data: simulates a dataset of random shapes and primitives, pressed with 0.5 to 12 N. Its light is
+   sampled around the calibration, and its images have the noise of single frames.
+3. training: trains a translator on this dataset.
+4. check: evaluates the translator on the held-out presses.
 """
 
 import hashlib
@@ -13,18 +16,20 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from t2twin.adaptation.fitted_calibration import (
-    CALIBRATION,
-    FittedCalibration,
-    read_fitted,
-    write_fitted,
-)
 from t2twin.adaptation.real_frame_evaluation import (
     SimulatedReference,
     evaluate_frames,
     simulate_reference,
 )
-from t2twin.adaptation.record import AdaptationResult, record_of, write_record
+from t2twin.adaptation.record import (
+    CALIBRATION,
+    AdaptationResult,
+    FittedCalibration,
+    read_fitted,
+    record_of,
+    write_fitted,
+    write_record,
+)
 from t2twin.adaptation.report import write_adapt_page
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -32,7 +37,7 @@ from t2twin.core.files import atomic_write, is_empty, locked
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.dataset.generate import generate
+from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.pool import check_workers
 from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE, Inputs, calibrate, read_inputs
 from t2twin.sim.digit.calibrate.measurements import Tolerance
@@ -148,8 +153,8 @@ def adapt(
 ) -> AdaptationResult:
     """Adapts a translator to one DIGIT, or resumes an interrupted adaptation.
 
-    Writes calibration.npz, world.toml, data/, a run named after the model, adapted.json and
-    index.html to the folder out.
+    Writes calibration.npz, presses.json, world.toml, data/, a run named after the model,
+    adapted.json and index.html to the folder out.
 
     background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. minutes:
     approximate duration of all steps on two cores, 1 to 6000. model: trained with the preset cpu.
@@ -177,7 +182,7 @@ def adapt(
             fitted = fitted or _existing_fit(config, digest) or _fit(config, digest, report)
             _write_world(config)
         with timer.step("data"):
-            generate(config.out / DATA, world=config.out / WORLD, workers=workers)
+            make_dataset(config.out / DATA, world=config.out / WORLD, workers=workers)
         with timer.step("training"):
             run_dir, share = config.out / model, TRAINING_SHARE * config.minutes
             train(

@@ -34,9 +34,9 @@ def primitives(
     """
     from t2twin.primitives_cad.catalogue import NAMES
     from t2twin.primitives_cad.contact_sheet import draw_sheet
-    from t2twin.primitives_cad.export import export
+    from t2twin.primitives_cad.export import export_shapes
 
-    export(out)
+    export_shapes(out)
     sheet = draw_sheet(out / "contact_sheet.png")
     print("shapes to press:")
     for start in range(0, len(NAMES), 4):

@@ -44,7 +44,7 @@ def short_digest(content: bytes) -> str:
 
 
 def cached_file(
-    path: Path, shape: tuple[int | None, ...], write: Callable[[BinaryIO], None]
+    path: Path, shape: tuple[int | None, ...], write: Callable[[BinaryIO], object]
 ) -> None:
     """Write an .npy file with its checksum, unless it exists, intact and of this shape.
 

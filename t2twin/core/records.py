@@ -1,4 +1,4 @@
-"""Reads JSON into frozen dataclasses, and checks names of columns and keys.
+"""Reads JSON into frozen dataclasses and msgspec Structs, and checks names of columns and keys.
 
 Content that does not fit raises a T2TwinError of one sentence.
 """
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file
@@ -72,7 +73,7 @@ def decode_json(content: bytes | str, kind: type[Record], source: object) -> Rec
     and infinity are not JSON and are rejected.
     """
     try:
-        return msgspec.json.decode(content, type=kind)
+        return msgspec.json.decode(content, type=kind, dec_hook=_array)
     except (msgspec.DecodeError, RecursionError) as error:
         raise T2TwinError(_message(error, kind, source)) from None
 
@@ -80,17 +81,26 @@ def decode_json(content: bytes | str, kind: type[Record], source: object) -> Rec
 def convert(content: Any, kind: type[Record], source: object) -> Record:
     """As `decode_json`, for decoded JSON: dicts, lists, str, numbers."""
     try:
-        return msgspec.convert(content, type=kind)
+        return msgspec.convert(content, type=kind, dec_hook=_array)
     except msgspec.ValidationError as error:
         raise T2TwinError(_message(error, kind, source)) from None
+
+
+def _array(kind: type, content: Any) -> np.ndarray:
+    """(n,) float64 from a list of numbers; the only type that msgspec does not read itself."""
+    assert kind is np.ndarray
+    try:
+        return np.array(msgspec.convert(content, type=list[float]))
+    except msgspec.ValidationError as error:
+        raise ValueError(error) from None
 
 
 def _message(error: Exception, kind: type, source: object) -> str:
     """The sentence for msgspec's message, such as "Expected `int`, got `str` - at `$.seed`"."""
     if not isinstance(error, msgspec.ValidationError):
         return f"{source} is damaged: it is not JSON"
-    reason, _, place = str(error).partition(" - at `$")
-    field = place.rstrip("`").removeprefix(".")
+    reason, *places = str(error).split(" - at `$")  # of an array's number: its own, the array's
+    field = "".join(place.rstrip("`") for place in reversed(places)).removeprefix(".")
     name = field or "the content"
     if missing := re.fullmatch(r"Object missing required field `(.*)`", reason):
         return f"{source}: {f'{field}.' if field else ''}{missing[1]} is missing"

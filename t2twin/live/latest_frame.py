@@ -1,4 +1,7 @@
-"""The latest frame of a source. Frames that are not taken in time are dropped."""
+"""The latest frame of a source. Frames that are not taken in time are dropped.
+
+A queue.Queue would give each frame to one taker only; here all takers get the latest one.
+"""
 
 from threading import Condition, Thread
 

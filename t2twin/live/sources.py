@@ -166,7 +166,8 @@ def _is_image(path: Path) -> bool:
     from t2twin.core.images import check_image_header
 
     try:
-        check_image_header(path, ("PNG", "JPEG", "BMP", "TIFF"))
+        with path.open("rb") as file:
+            check_image_header(file, ("PNG", "JPEG", "BMP", "TIFF"))
     except T2TwinError:
         return False
     return True

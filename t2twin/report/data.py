@@ -1,23 +1,32 @@
-"""Data of the report of runs, read and checked before the page is written."""
+"""Data of the report of runs, read and checked before the page is written.
 
+An existing evaluation is used if it evaluates the same weights, in the same order, on the same
+dataset. Digests are compared, so folders may be moved and copied.
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from t2twin.core.errors import T2TwinError
 from t2twin.report.dataset.tables import Dataset, read_dataset
-from t2twin.report.evaluations import find_or_evaluate
 from t2twin.report.html.page import check_out
-from t2twin.translate.evaluation.files import write_findings
+from t2twin.sim.dataset.store import sha256_of
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.files import read_evaluation, write_findings
 from t2twin.translate.evaluation.findings import gap_between
-from t2twin.translate.evaluation.predictions import Predictions
+from t2twin.translate.evaluation.predictions import Predictions, read_predictions
 from t2twin.translate.evaluation.prepare import run_names, splits_with_pairs
 from t2twin.translate.evaluation.records import Evaluation, Finding
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor
-from t2twin.translate.runs.config import RunConfig, load_config
+from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
 from t2twin.translate.runs.pretrained import resolve_run
 from t2twin.translate.training.early_stopping import stop_reason
+
+SIBLING_FOLDER = "evaluate"
+"""Folder next to the report's folder, into which `make evaluate` writes val and test."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +49,15 @@ class ReportData(Dataset):
     def evaluation(self) -> Evaluation:
         """Evaluation of the first split, for content that all splits share."""
         return next(iter(self.evaluations.values()))
+
+
+@dataclass(frozen=True)
+class SplitResults:
+    """Evaluation of one split, and the folder that contains it."""
+
+    folder: Path
+    evaluation: Evaluation
+    predictions: Predictions
 
 
 def read_report_data(
@@ -68,11 +86,7 @@ def read_report_data(
     gap = gap_between(evaluations, dataset.info)
     write_findings(out, evaluations, gap)
     return ReportData(
-        data=data,
-        info=dataset.info,
-        layout=dataset.layout,
-        phi=dataset.phi,
-        tables=dataset.tables,
+        **vars(dataset),
         runs=dict(zip(names, loaded, strict=True)),
         histories=dict(zip(names, histories, strict=True)),
         evaluations=evaluations,
@@ -88,3 +102,50 @@ def _check_finished(run_dir: Path, config: RunConfig, history: list[EpochRecord]
             f"{run_dir} is unfinished after {len(history)} of {config.planned_epochs} epochs; the "
             "same `t2twin train` command resumes it"
         )
+
+
+def find_or_evaluate(
+    runs: Sequence[CountsPredictor],
+    data: Path,
+    info_sha256: str,
+    split: str,
+    out: Path,
+    given: Path | None = None,
+) -> SplitResults:
+    """Evaluation of runs on one split.
+
+    data: folder of the dataset. info_sha256: of its info.json. out: folder of the report. given: a
+    folder of `t2twin evaluate --split both`. Searches given, the sibling folder of `out`, and
+    out/evaluate-SPLIT; if none matches, evaluates the runs into the last.
+
+    Raises T2TwinError as `evaluate` does.
+    """
+    own = out / f"evaluate-{split}"
+    folders = [out.parent / SIBLING_FOLDER / split, own]
+    if given is not None:
+        folders.insert(0, given / split)
+    for folder in folders:
+        try:
+            results = SplitResults(folder, read_evaluation(folder), read_predictions(folder))
+        except T2TwinError:
+            continue  # there is no evaluation that this version can read
+        if _matches(results, runs, info_sha256, split):
+            return results
+    evaluation = evaluate([run.run_dir for run in runs], data, split, own)
+    return SplitResults(own, evaluation, read_predictions(own))
+
+
+def _matches(
+    results: SplitResults, runs: Sequence[CountsPredictor], info_sha256: str, split: str
+) -> bool:
+    """Whether results are of these weights, in this order, on this split of this dataset."""
+    evaluation, predictions = results.evaluation, results.predictions
+    return (
+        evaluation.split == split
+        and evaluation.info_sha256 == info_sha256
+        and list(evaluation.runs) == run_names(runs)
+        and list(predictions.by_model) == list(evaluation.models)
+        and len(predictions.truth) == evaluation.pairs
+        and [row.weights_sha256 for row in evaluation.runs.values()]
+        == [sha256_of(run.run_dir / BEST) for run in runs]
+    )

@@ -1,15 +1,12 @@
 """The report of a dataset: one self-contained HTML page."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from t2twin.core import arguments
-from t2twin.report.dataset import contents, duplicates, forces, outliers, pairs, summary
-from t2twin.report.dataset.scan import scan
+from t2twin.report.dataset import contents, forces, pairs, scan
 from t2twin.report.dataset.tables import read_dataset
-from t2twin.report.html.page import check_out, write_page
+from t2twin.report.html.page import Sections, check_out, write_page
 
-TITLE = "The dataset in {}"
 LINKS = {
     "shapes": "Pairs by shape",
     "gallery": "Images",
@@ -30,18 +27,21 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
     out, data = arguments.path(out, "out"), arguments.path(data, "data")
     check_out(out)
     dataset = read_dataset(data)
-    scanned = scan(dataset, duplicates.noise_grey(dataset))
-    sections: dict[str, Callable[[], str]] = {
-        "about": lambda: contents.about_section(dataset),
-        "shapes": lambda: contents.shapes_section(dataset),
-        "gallery": lambda: contents.gallery_section(dataset),
+    scanned = scan.scan(dataset, scan.noise_grey(dataset))
+    values = {
+        "summary": lambda: contents.summary(dataset, scanned),
+        "about": lambda: contents.about(dataset),
+        "shapes": lambda: contents.shapes(dataset),
+        "gallery": lambda: contents.images(dataset),
         "pairs": lambda: pairs.section(dataset),
         "forces": lambda: forces.section(dataset),
-        "saturation": lambda: contents.saturation_section(dataset),
-        "duplicates": lambda: duplicates.section(dataset, scanned),
-        "outliers": lambda: outliers.section(dataset, scanned),
+        "saturation": lambda: contents.saturation_chart(dataset),
+        "duplicates": lambda: scan.duplicates(dataset, scanned),
+        "outliers": lambda: scan.outlier_images(dataset, scanned),
     }
     if not dataset.info.is_simulated:
-        del sections["forces"]  # imported pairs have neither contact forces nor depths
-    title = TITLE.format(data)
-    return write_page(out, title, lambda: summary.section(dataset, scanned), sections, LINKS)
+        del values["forces"]  # imported pairs have neither contact forces nor depths
+    sections: Sections = {
+        name: (f"report/templates/dataset/{name}.html", compute) for name, compute in values.items()
+    }
+    return write_page(out, f"The dataset in {data}", sections, LINKS, dataset=dataset)

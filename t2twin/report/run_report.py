@@ -1,46 +1,49 @@
 """The report of runs: one self-contained HTML page."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from t2twin.core import arguments
 from t2twin.report.data import ReportData, read_report_data
 from t2twin.report.dataset import contents, forces, pairs
-from t2twin.report.html.page import write_page
+from t2twin.report.html.page import Sections, write_page
 from t2twin.report.sections import (
-    by_force,
-    by_shape,
-    by_view,
-    irreducible_error,
+    breakdowns,
     learning_curves,
-    limits,
-    paper_finding,
-    provenance,
+    overview,
     qualitative,
     results,
-    summary,
     uncertainty,
 )
 
 TITLE = "Touch-to-touch translation on a simulated bench"
-WORLD_TITLE = TITLE + ", world {}"
 IMPORTED_TITLE = "Touch-to-touch translation of the pairs in {}"
 
-LINKS = {
-    "results": "Results",
-    "finding": "The paper's finding",
-    "by-force": "By force",
-    "by-view": "By view",
-    "uncertainty": "Uncertainty",
-    "irreducible-error": "Irreducible error",
-    "samples": "Samples",
-    "pairs": "Pairs",
-    "shapes": "Shapes",
-    "curves": "Learning",
-    "forces": "Forces",
-    "by-shape": "By shape",
-    "limits": "Limits",
+DATASET, RUNS = "report/templates/dataset", "report/templates/runs"
+"""Folders of the templates; two sections are also in the report of a dataset."""
+
+SECTIONS: dict[str, tuple[str, str, Callable[[ReportData], Mapping[str, Any]]]] = {
+    "summary": ("", RUNS, overview.summary),
+    "about": ("", RUNS, overview.about),
+    "results": ("Results", RUNS, results.section),
+    "finding": ("The paper's finding", RUNS, results.finding),
+    "by-force": ("By force", RUNS, breakdowns.by_force),
+    "by-view": ("By view", RUNS, breakdowns.by_view),
+    "uncertainty": ("Uncertainty", RUNS, uncertainty.section),
+    "irreducible-error": ("Irreducible error", RUNS, uncertainty.irreducible_error),
+    "samples": ("Samples", RUNS, qualitative.section),
+    "pairs": ("Pairs", DATASET, pairs.section),
+    "shapes": ("Shapes", RUNS, lambda _: contents.contact_sheet()),
+    "curves": ("Learning", RUNS, learning_curves.section),
+    "forces": ("Forces", DATASET, forces.section),
+    "by-shape": ("By shape", RUNS, breakdowns.by_shape),
+    "limits": ("Limits", RUNS, overview.limits),
 }
+"""Title of the link, folder of the template, and function that computes the values."""
+
+LINKS = {name: title for name, (title, _, _) in SECTIONS.items() if title}
 
 SIMULATED_ONLY = {
     "by-view": "position of the image relative to the taxels",
@@ -74,41 +77,29 @@ def write_report(
 
 def draw_report(out: Path, report: ReportData) -> Path:
     """Writes out/index.html and returns its path."""
-    omitted = omitted_sections(report)
-    sections: dict[str, Callable[[], str]] = {
-        "about": lambda: provenance.section(report, {LINKS[n]: why for n, why in omitted.items()}),
-        "results": lambda: results.section(report),
-        "finding": lambda: paper_finding.section(report),
-        "by-force": lambda: by_force.section(report),
-        "by-view": lambda: by_view.section(report),
-        "uncertainty": lambda: uncertainty.section(report),
-        "irreducible-error": lambda: irreducible_error.section(report),
-        "samples": lambda: qualitative.section(report),
-        "pairs": lambda: pairs.section(report),
-        "shapes": contents.contact_sheet_section,
-        "curves": lambda: learning_curves.section(report),
-        "forces": lambda: forces.section(report),
-        "by-shape": lambda: by_shape.section(report),
-        "limits": lambda: limits.section(report),
-    }
+    info, omitted = report.info, omitted_sections(report)
+    hidden = set(omitted)
     if not any(one.has_forces for one in report.evaluations.values()):
-        del sections["by-force"]
+        hidden.add("by-force")
     if not uncertainty.has_uncertainty(report.evaluations):
-        del sections["uncertainty"]
-    return write_page(
-        out,
-        _title(report),
-        lambda: summary.section(report),
-        {name: section for name, section in sections.items() if name not in omitted},
-        LINKS,
-    )
+        hidden.add("uncertainty")
+    sections: Sections = {
+        name: (f"{folder}/{name}.html", partial(compute, report))
+        for name, (_, folder, compute) in SECTIONS.items()
+        if name not in hidden
+    }
+    title = TITLE if info.is_simulated else IMPORTED_TITLE.format(report.data)
+    if info.is_simulated and not info.is_protocol:
+        title += f", world {info.world_name}"
+    missing = [f"{LINKS[name]} ({what})" for name, what in omitted.items()]
+    return write_page(out, title, sections, LINKS, report=report, dataset=report, omitted=missing)
 
 
 def omitted_sections(report: ReportData) -> dict[str, str]:
     """Names of the omitted sections, with the data that they would require.
 
-    The contact sheet shows the shapes of the paper's protocol. The page does not list the sections
-    on force and uncertainty as omitted.
+    The contact sheet shows the shapes of the paper's protocol. The sections on force and
+    uncertainty are not listed.
     """
     omitted = {} if report.info.is_simulated else dict(SIMULATED_ONLY)
     if not report.info.is_protocol:
@@ -118,11 +109,3 @@ def omitted_sections(report: ReportData) -> dict[str, str]:
     if not report.gap and not any(one.findings for one in report.evaluations.values()):
         omitted["finding"] = "runs of both translators"
     return omitted
-
-
-def _title(report: ReportData) -> str:
-    if report.info.is_protocol:
-        return TITLE
-    if report.info.is_simulated:
-        return WORLD_TITLE.format(report.info.world_name)
-    return IMPORTED_TITLE.format(report.data)

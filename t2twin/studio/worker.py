@@ -1,4 +1,7 @@
-"""A worker that always processes the latest state: requests that arrive meanwhile are merged."""
+"""A worker that always processes the latest state: requests that arrive meanwhile are merged.
+
+A queue.Queue does not merge requests, and its `join` has no timeout.
+"""
 
 from collections.abc import Callable
 from threading import Condition, Thread

@@ -1,5 +1,7 @@
 """DIGIT images: reading, resizing, augmentation and normalization."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +9,8 @@ import torch
 from PIL import Image
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.images import check_image_header, decode_image
+from t2twin.core.files import open_regular, read_file
+from t2twin.core.images import MAX_FILE_BYTES, check_image_header, decode_image
 from t2twin.sim.digit.camera.gaussian_noise import standard_normal
 
 RGB_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
@@ -24,10 +27,9 @@ def open_image(path: Path) -> Image.Image:
     Reads grey, color, palette and 16-bit images; transparency is dropped. Raises T2TwinError for a
     file that is missing, not a complete PNG or JPEG, or far too large.
     """
-    try:
-        image = decode_image(path)
-    except T2TwinError as error:
-        raise _unreadable(path, error) from None
+    content = read_file(path, MAX_FILE_BYTES)
+    with _named(path):
+        image = decode_image(content)
     if image.mode.startswith("I"):  # 16 bits per pixel, which PIL would clip to 8 bits
         return Image.fromarray((np.asarray(image) >> 8).astype(np.uint8))
     return image.convert("L" if image.mode in ("1", "L", "LA") else "RGB")
@@ -35,14 +37,19 @@ def open_image(path: Path) -> Image.Image:
 
 def check_image(path: Path) -> None:
     """Checks the header of an image file. Raises T2TwinError as `open_image` does."""
+    with open_regular(path, MAX_FILE_BYTES) as file, _named(path):
+        check_image_header(file)
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Adds the name of an image file to exceptions."""
     try:
-        check_image_header(path)
+        yield
     except T2TwinError as error:
-        raise _unreadable(path, error) from None
-
-
-def _unreadable(path: Path, reason: Exception) -> T2TwinError:
-    return T2TwinError(f"{path} cannot be read as an image: {reason}; give PNG or JPEG files")
+        raise T2TwinError(
+            f"{path} cannot be read as an image: {error}; give PNG or JPEG files"
+        ) from None
 
 
 def to_pixels(image: Image.Image, size: int, grey: bool) -> np.ndarray:

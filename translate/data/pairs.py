@@ -13,10 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from itertools import chain, islice
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import Annotated, BinaryIO, Protocol
 
 import numpy as np
 import torch
+from msgspec import Meta, Struct
+from msgspec import field as renamed
 from numpy.lib import format as npy
 from PIL import Image
 
@@ -24,8 +26,9 @@ from t2twin.core.cached_files import cached_file
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
-from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
+from t2twin.sim.cyskin.layout import LARGEST_PAD_MM, PAD_DIAMETER_MM, Layout
 from t2twin.sim.dataset.columns import FIELD, POSE
+from t2twin.sim.dataset.info import MAX_COUNTS, check_layout, is_sha256
 from t2twin.sim.dataset.store import (
     INFO,
     field,
@@ -136,26 +139,45 @@ class Pairs:
         )
 
 
-@dataclass(frozen=True)
-class DataInfo:
+class DataInfo(Struct, frozen=True):
     """Properties of a dataset, from its info.json, and the SHA-256 of that file.
 
     layout: name of the taxel layout. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
     taxels saturate. world: name of the world, None for imported pairs and in runs of older
     versions. train_pairs: number of training pairs. field_x_mm, field_y_mm: (F,) places of the
-    field, None without field. pad_diameter_mm: (N,) of the taxels, None if unknown.
+    field, None without field. pad_diameter_mm: (N,) of the taxels, None if unknown. The part
+    "data" of a run's config.json, in which some fields have other names.
     """
 
-    sha256: str
+    sha256: str = renamed(name="info_sha256")
     layout: str
-    x_mm: np.ndarray
-    y_mm: np.ndarray
-    full_scale_counts: float
+    x_mm: np.ndarray = renamed(name="layout_x_mm")
+    y_mm: np.ndarray = renamed(name="layout_y_mm")
+    full_scale_counts: Annotated[float, Meta(ge=1, le=MAX_COUNTS)]
     world: str | None = None
-    train_pairs: int | None = None
+    train_pairs: Annotated[int, Meta(ge=0)] | None = None
     field_x_mm: np.ndarray | None = None
     field_y_mm: np.ndarray | None = None
     pad_diameter_mm: np.ndarray | None = None
+
+    def check(self) -> None:
+        """Raises ValueError for an invalid layout, places or SHA-256."""
+        check_layout(self.x_mm, self.y_mm)
+        if not is_sha256(self.sha256):
+            raise ValueError("info_sha256 must be 64 hexadecimal digits")
+        places = [
+            np.zeros(0) if each is None else each for each in (self.field_x_mm, self.field_y_mm)
+        ]
+        if any(each.size for each in places):
+            check_layout(*places)
+        pads = self.pad_diameter_mm
+        if pads is not None and not (
+            pads.shape == self.x_mm.shape and pads.min() > 0.0 and pads.max() <= LARGEST_PAD_MM
+        ):
+            raise ValueError(
+                "pad_diameter_mm must have one for each taxel, above 0 and at most "
+                f"{LARGEST_PAD_MM:g}"
+            )
 
     @property
     def taxels(self) -> Layout:
@@ -182,13 +204,13 @@ def load_info(data_dir: Path) -> DataInfo:
         full_scale_counts=float(info.full_scale_counts),
         world=info.world_name,
         train_pairs=info.pairs["train"],
-        field_x_mm=optional_array(info.field_x_mm),
-        field_y_mm=optional_array(info.field_y_mm),
-        pad_diameter_mm=optional_array(pads),
+        field_x_mm=_optional_array(info.field_x_mm),
+        field_y_mm=_optional_array(info.field_y_mm),
+        pad_diameter_mm=_optional_array(pads),
     )
 
 
-def optional_array(values: tuple[float, ...] | None) -> np.ndarray | None:
+def _optional_array(values: tuple[float, ...] | None) -> np.ndarray | None:
     """An array, or None for None."""
     return None if values is None else np.array(values)
 

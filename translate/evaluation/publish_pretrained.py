@@ -17,6 +17,7 @@ from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
+from t2twin.core.templates import render
 from t2twin.translate.evaluation.files import read_evaluation
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, ModelRow
@@ -33,16 +34,6 @@ FULL_PRECISION = ("correlation", "mean_frame", "running_mean", "running_var")
 
 SPLITS = {"val": "new versions of primitives", "test": "hand tools"}
 """Shapes in the splits of the protocol."""
-
-HEAD = """## Measured
-
-RMSE in percent of full scale, contact IoU, coverage of 90 % intervals, decrease of the RMSE without
-the least certain fifth of the presses (sparsification gain), and median error of the force. None of
-these presses was used for training.
-
-| presses | pairs | RMSE % | contact IoU | coverage % | gain % | force error % |
-|---|---|---|---|---|---|---|
-"""
 
 
 def publish_pretrained(run_dir: Path, evaluations: Sequence[Path] = (), home: Path = HOME) -> Path:
@@ -75,34 +66,26 @@ def _halved(name: str, tensor: torch.Tensor) -> torch.Tensor:
     return tensor.half() if is_weight and tensor.numel() >= MIN_NUMBERS else tensor
 
 
-def _with_figures(card: str, rows: Sequence[str]) -> str:
-    """The card with a table before the section on limits."""
+def _with_figures(card: str, rows: Sequence[tuple[str, ModelRow]]) -> str:
+    """The card with a table before the section on limits. rows: with their titles."""
     if not rows:
         return card
+    table = render(
+        "translate/evaluation/measured.md", rows=rows, level=REPORTED_LEVEL, share=REPORTED_SHARE
+    )
     before, limits, after = card.partition(LIMITS)
-    return before + HEAD + "\n".join(rows) + "\n\n" + limits + after
+    return before + table + limits + after
 
 
-def _rows(folder: Path, sha256: str) -> Iterator[str]:
-    """One row of the table per split of an evaluation. sha256: of the training data."""
+def _rows(folder: Path, sha256: str) -> Iterator[tuple[str, ModelRow]]:
+    """Rows of the run in the splits of an evaluation, with titles. sha256: of the training data."""
     splits = [split for split in SPLITS if (folder / split).is_dir()]
     if not splits:
         raise T2TwinError(f"{folder} contains no evaluation; give folders of `t2twin evaluate`")
     for split in splits:
         evaluation = read_evaluation(folder / split)
-        row = _row_of(evaluation, sha256, folder)
-        found, overall = row.uncertainty, row.overall
-        coverage = gain = force = ""
-        if found is not None:
-            coverage = f"{100 * found.coverage_at(REPORTED_LEVEL):.1f}"
-            gain = f"{100 * found.sparsification_gain(REPORTED_SHARE):.0f}"
-            error = found.force_median_error_percent
-            force = "" if error is None else f"{error:.1f}"
-        iou = "" if overall.contact_iou is None else f"{overall.contact_iou:.3f}"
-        yield (
-            f"| {evaluation.world or folder.name}, {SPLITS[split]} | {overall.pairs:,} | "
-            f"{overall.rmse_percent:.2f} | {iou} | {coverage} | {gain} | {force} |"
-        )
+        title = f"{evaluation.world or folder.name}, {SPLITS[split]}"
+        yield title, _row_of(evaluation, sha256, folder)
 
 
 def _row_of(evaluation: Evaluation, sha256: str, folder: Path) -> ModelRow:

@@ -1,9 +1,11 @@
 """Loads trained runs as predictors, in PyTorch or ONNX Runtime."""
 
-from dataclasses import replace
+import dataclasses
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
+
+from msgspec import structs
 
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
@@ -53,7 +55,7 @@ def load(
         return predictor
     obstacle = _onnx_obstacle(predictor, bf16)
     if obstacle is None and isinstance(predictor, CountsPredictor):
-        return replace(predictor, engine=OnnxEngine(predictor))
+        return dataclasses.replace(predictor, engine=OnnxEngine(predictor))
     if engine == "onnx":
         raise T2TwinError(f"{run} cannot be used with ONNX Runtime: {obstacle}")
     return predictor
@@ -70,7 +72,7 @@ def _load(run: str | Path, layout: str | Path | None, bf16: bool) -> TrainedTran
     """As `load`, in PyTorch."""
     run_dir, bf16 = resolve_run(run), arguments.flag(bf16, "bf16")
     config = load_config(run_dir)
-    translator = build(replace(config, bf16=bf16 and config.preset.bf16 and has_bf16()))
+    translator = build(structs.replace(config, bf16=bf16 and config.preset.bf16 and has_bf16()))
     load_weights(run_dir / BEST, translator.predictor)
     fold_batchnorm(translator.predictor)
     predictor: TrainedTranslator = _class_of(config)(run_dir, config, translator)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar
 
 import numpy as np
 import torch
+from msgspec import structs
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -191,7 +192,9 @@ class CountsPredictor(TrainedTranslator):
         """
         trained = self.config.data
         x_mm, y_mm = arguments.vector(x_mm, "x_mm"), arguments.vector(y_mm, "y_mm")
-        data = replace(trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm)
+        data = structs.replace(
+            trained, layout=name, x_mm=x_mm, y_mm=y_mm, pad_diameter_mm=pad_diameter_mm
+        )
         if same_layout(trained, x_mm, y_mm) and (
             not self.translator.learns_field or same_pads(trained.taxels, data.taxels)
         ):
@@ -203,7 +206,7 @@ class CountsPredictor(TrainedTranslator):
                 "or a field run"
             )
         translator = self.translator.read_at(data.taxels)
-        config = replace(self.config, data=data)
+        config = structs.replace(self.config, data=data)
         other = replace(self, config=config, translator=translator, engine=None)
         return other if self.engine is None else replace(other, engine=self.engine.for_run(other))
 

@@ -14,25 +14,12 @@ from torch.optim.swa_utils import AveragedModel
 from t2twin.translate.models.presets import Preset
 
 
-class DenseAdamW(torch.optim.AdamW):
-    """AdamW on kernels in memory order, channels last.
-
-    The fused step of the base class copies each gradient first, which doubles its time.
-    """
-
-    def _init_group(self, group, *tensors: list[torch.Tensor]) -> bool:
-        is_complex = super()._init_group(group, *tensors)
-        for kind in tensors:
-            kind[:] = [each.permute(0, 2, 3, 1) if each.dim() == 4 else each for each in kind]
-        return is_complex
-
-
 def adamw(network: nn.Module, preset: Preset, rate_share: float = 1.0) -> torch.optim.Optimizer:
     """AdamW (Loshchilov and Hutter 2019) for the weights of a network.
 
     rate_share: factor of the preset's learning rate.
     """
-    return DenseAdamW(
+    return torch.optim.AdamW(
         network.parameters(),
         preset.learning_rate * rate_share,
         (preset.beta1, preset.beta2),

@@ -12,6 +12,7 @@ its own GPU if the machine has GPUs.
 
 import sys
 from contextlib import nullcontext
+from os.path import lexists
 from pathlib import Path
 
 from t2twin.core import arguments
@@ -175,9 +176,12 @@ def _earlier_run(config: RunConfig, out_dir: Path) -> tuple[RunConfig, list[Epoc
                 f"{out_dir} holds a run with another {name}{value}; give the same again, or "
                 "another folder"
             )
-    if not (out_dir / LAST).is_file():
+    state = out_dir / LAST
+    if not lexists(state):
         return None
-    return earlier, load_history(out_dir / LAST)
+    if not state.is_file():
+        raise T2TwinError(f"{state} is not a file; remove {out_dir} to train again")
+    return earlier, load_history(state)
 
 
 if __name__ == "__main__":  # for torchrun, which starts a module

@@ -10,11 +10,13 @@ Shape letters: B images, S image side, c channels, K = CELLS * CELLS * c values.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from enum import StrEnum
+from typing import Annotated
 
 import numpy as np
+from msgspec import Meta, Struct, field
 
+from t2twin.translate.data.images import WHITE_GREY
 from t2twin.translate.data.pairs import ImageFile
 
 CELLS = 8
@@ -44,6 +46,9 @@ most 7.5 in 1,500 presses of 0.5 to 12 N, at least 10.8 for another DIGIT's fram
 TRANSFORMED_SHARE = 0.5
 """An image is transformed if undoing the transform reduces that difference below this share of it
 (assumed; measured on 1,500 presses: all transformed images but one, no others)."""
+
+STORED_DECIMALS = 3
+"""Decimals of the statistics, which a run stores as text."""
 
 MIN_IMAGES = 100
 """Training images that the statistics need (assumed)."""
@@ -76,16 +81,27 @@ INVERSE_TRANSFORMS: dict[OODClass, Callable[[np.ndarray], np.ndarray]] = {
 """Functions that undo each geometric transform, (B, S, S, c) -> (B, S, S, c)."""
 
 
-@dataclass(frozen=True)
-class OODDetector:
+class OODDetector(Struct, frozen=True):
     """Statistics of a run's training images.
 
-    mean, std: (K,), grey levels, of the cells. max_distance: the largest of their `distances`.
+    mean, std: (K,), grey levels, of the cells; mean_grey and std_grey in a run's config.json.
+    max_distance: the largest of their `distances`.
     """
 
-    mean: np.ndarray
-    std: np.ndarray
-    max_distance: float
+    mean: np.ndarray = field(name="mean_grey")
+    std: np.ndarray = field(name="std_grey")
+    max_distance: Annotated[float, Meta(ge=0)]
+
+    def check(self, channels: int) -> None:
+        """Raises ValueError for statistics that are not those of images with these channels."""
+        values = CELLS * CELLS * channels
+        if not self.mean.size == self.std.size == values:
+            raise ValueError(f"ood_detector must have {values} values in mean_grey and in std_grey")
+        grey = np.concatenate([self.mean, self.std])
+        if grey.min() < 0 or self.std.min() == 0 or grey.max() > WHITE_GREY:
+            raise ValueError(
+                f"ood_detector: mean_grey must be from 0 to {WHITE_GREY:g}, and std_grey above 0"
+            )
 
     def distances(self, pixels: np.ndarray) -> np.ndarray:
         """(B,) root mean square over the cells of their standardized differences from the mean.
@@ -157,7 +173,8 @@ def fit_ood_detector(images: ImageFile | np.ndarray) -> OODDetector | None:
         return None
     parts = [slice(start, start + BATCH_SIZE) for start in range(0, len(images), BATCH_SIZE)]
     cells = np.concatenate([_cell_means(images[part]) for part in parts])
-    mean, std = cells.mean(axis=0), np.maximum(cells.std(axis=0), MIN_STD_GREY)
+    mean = cells.mean(axis=0).round(STORED_DECIMALS)
+    std = np.maximum(cells.std(axis=0), MIN_STD_GREY).round(STORED_DECIMALS)
     return OODDetector(mean, std, float(_distances(cells, mean, std).max()))
 
 

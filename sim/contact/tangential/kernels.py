@@ -13,8 +13,8 @@ import numpy as np
 from t2twin.core.cached_files import cached_array
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import mean_inverse_distance
-from t2twin.sim.contact.splines import CubicSpline
 from t2twin.sim.contact.tangential.spectra import spectra
+from t2twin.sim.splines import CubicSpline
 
 SMOOTH_REACH = 30.0
 """Wavenumber times thickness above which the base has no effect: it is below exp(-60)."""

@@ -4,6 +4,7 @@ Frames are (n, ROWS, COLUMNS, 3) uint8.
 """
 
 from collections.abc import Sequence
+from os.path import realpath  # a link to itself does not raise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.images import decode_image
+from t2twin.core.files import read_file
+from t2twin.core.images import MAX_FILE_BYTES, decode_image
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
@@ -40,10 +42,9 @@ MIN_WEIGHT = 1e-3
 
 def read_frame(path: Path) -> np.ndarray:
     """(rows, columns, 3) uint8. Raises T2TwinError for a file that is not an image of 8 bits."""
-    if not path.exists():
-        raise T2TwinError(f"{path} does not exist")
+    content = read_file(path, MAX_FILE_BYTES)
     try:
-        image = decode_image(path, FORMATS)
+        image = decode_image(content, FORMATS)
     except T2TwinError as error:
         raise T2TwinError(
             f"{path} is not an image: {error}; allowed are {', '.join(FORMATS)}"
@@ -66,7 +67,7 @@ def read_frames(background: Path, folder: Path) -> tuple[np.ndarray, np.ndarray,
     paths = sorted(
         path
         for path in folder.iterdir()
-        if path.suffix.lower() in SUFFIXES and path.resolve() != background.resolve()
+        if path.suffix.lower() in SUFFIXES and realpath(path) != realpath(background)
     )
     if not paths:
         raise T2TwinError(f"{folder} contains no images; {', '.join(FORMATS)} files are read")

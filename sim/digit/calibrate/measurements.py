@@ -6,6 +6,7 @@ force_n, depth_mm and ball_diameter_mm; a cell may be empty. A Tolerance bounds 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from os.path import lexists
 from pathlib import Path
 from typing import Annotated
 
@@ -14,8 +15,8 @@ from msgspec import Meta
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.tables import read_rows
 from t2twin.sim.contact.types import FORCE_RANGE_N
+from t2twin.sim.tables import read_rows
 
 FORCES = "forces.csv"
 """Name of the file of measurements."""
@@ -52,11 +53,7 @@ class Tolerance:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = arguments.real(getattr(self, field.name), field.name)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise T2TwinError(
-                    f"the tolerance {field.name} is {value:g}; it must be 0 or a positive number"
-                )
+            arguments.number(getattr(self, field.name), f"the tolerance {field.name}", low=0.0)
 
 
 @dataclass(frozen=True)
@@ -108,7 +105,7 @@ def read_measurements(folder: Path, names: Sequence[str], ball_diameter_mm: floa
     measurements = Measurements(
         np.full(len(names), float(ball_diameter_mm)), missing.copy(), missing.copy()
     )
-    if not path.exists():
+    if not lexists(path):  # a broken link is an error
         return measurements
     seen = set()
     for row in read_rows(path, _Row, "a table of presses"):
@@ -129,9 +126,4 @@ def read_measurements(folder: Path, names: Sequence[str], ball_diameter_mm: floa
 
 def check_ball(diameter_mm: float) -> None:
     """Raises T2TwinError for a ball diameter outside BALL_MM."""
-    diameter_mm = arguments.real(diameter_mm, "ball_diameter_mm")
-    if not BALL_MM[0] <= diameter_mm <= BALL_MM[1]:
-        raise T2TwinError(
-            f"the ball's diameter is {diameter_mm:g} mm; it must lie between "
-            f"{BALL_MM[0]:g} and {BALL_MM[1]:g}"
-        )
+    arguments.number(diameter_mm, "the ball's diameter in mm", *BALL_MM)

@@ -10,12 +10,11 @@ the pixels' rays remain those of a grid and the image's middle stays in place. A
 would also shift the image and change the LEDs' directions.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 
 ROWS = 320
@@ -27,6 +26,8 @@ GRID_PITCH_MM = 0.1
 PARALLAX_STEPS = 6
 """Fixed-point steps of the intersection of ray and gel. Each multiplies the error by the slopes of
 surface and ray (at most 0.4); the remaining error is below 0.01 mm."""
+LENGTHS = {"scale_px_per_mm": (1.0, 200.0), "distance_mm": (5.0, 200.0)}
+"""Allowed scales and distances (assumed)."""
 MAX_MISALIGNMENT = {"shift_x_px": 100.0, "shift_y_px": 100.0, "tilt_x_deg": 5.0, "tilt_y_deg": 5.0}
 """Largest shift, px, and tilt, degrees (assumed: a shift of 5 mm, a clearly visible tilt)."""
 
@@ -54,20 +55,9 @@ class Camera:
     tilt_y_deg: float = 0.0
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            arguments.real(getattr(self, field.name), field.name)
-        if not 1.0 <= self.scale_px_per_mm <= 200.0:
-            raise T2TwinError(
-                f"scale_px_per_mm is {self.scale_px_per_mm:g}; it must lie between 1 and 200"
-            )
-        if not 5.0 <= self.distance_mm <= 200.0:
-            raise T2TwinError(f"distance_mm is {self.distance_mm:g}; it must lie between 5 and 200")
-        for name, most in MAX_MISALIGNMENT.items():
-            value = getattr(self, name)
-            if not abs(value) <= most:
-                raise T2TwinError(
-                    f"{name} is {value:g}; it must lie between {-most:g} and {most:g}"
-                )
+        limits = {name: (-most, most) for name, most in MAX_MISALIGNMENT.items()}
+        for name, (low, high) in (LENGTHS | limits).items():
+            arguments.number(getattr(self, name), name, low, high)
 
     @property
     def focal_px(self) -> float:

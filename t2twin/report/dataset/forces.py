@@ -1,6 +1,8 @@
 """Contact forces, depths and counts of the presses, and presses that failed."""
 
 from collections import Counter
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.report.dataset.tables import Dataset
-from t2twin.report.html import markup
 from t2twin.report.html.figures import figure, force_axis
 from t2twin.report.html.labels import (
     SENSOR_COLORS,
@@ -27,104 +28,49 @@ FORCE_BINS = 12
 MAX_FAMILIES = 24
 """Maximum number of families in the chart of depths (assumed: space for their names)."""
 
+MIN_PERCENT = 0.001
+"""Smallest displayed force error, percent."""
+
 COUNTS_TICKS = 5
 WIDTH_IN, HEIGHT_IN, DEPTHS_IN = 9.0, 2.9, 3.2
 
 
-def section(dataset: Dataset) -> str:
-    """Histograms of forces and counts, depths by family, and a table."""
-    charts = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: forces_and_counts(page, dataset))
-    depths = figure("svg", WIDTH_IN, DEPTHS_IN, lambda page: depths_in(page, dataset))
-    counts = dataset.counts
-    full_scale = dataset.layout.full_scale_counts
-    return markup.section(
-        "forces",
-        "Forces, depths, counts",
-        [
-            markup.facts(_numbers(dataset)),
-            *_commanded(dataset),
-            markup.embed(
-                charts,
-                "svg",
-                "Histograms of the contact forces and of the counts",
-                note="Left: difference between the contact force (integral of the contact "
-                f"pressure) and the commanded force, {counts.shape[0]:,} pairs. Right: "
-                f"{counts.size:,} counts; {_saturation(dataset.saturated)} at {full_scale:,.0f}.",
-            ),
-            markup.embed(
-                depths,
-                "svg",
-                "Depths of the presses by family for both sensors",
-                note="Depth from the first contact. Boxes: quartiles and median; whiskers: minimum "
-                f"and maximum.{_hidden_families(dataset)}",
-            ),
-        ],
-    )
-
-
-def _commanded(dataset: Dataset) -> list[str]:
-    """Histogram of several commanded forces, and depths against force."""
-    if dataset.forces_n.size < 2:
-        return []
-    content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: commanded_and_depths(page, dataset))
-    return [
-        markup.embed(
-            content,
-            "svg",
-            "Histogram of the commanded forces, and depths against force for both sensors",
-            note="Left: commanded forces, without pairs without contact. Right: depth from the "
-            "first contact, median and quartiles.",
-        )
-    ]
-
-
-def _numbers(dataset: Dataset) -> list[tuple[str, str]]:
+def section(dataset: Dataset) -> dict[str, Any]:
+    """Ranges by sensor, histograms of forces and counts, depths by family and by force."""
     commanded = dataset.column("force_n")
-    pairs = commanded.size
-    touching = commanded > 0
-    facts = [("Commanded", _range(commanded[touching], "N"))]
-    if not touching.all():
-        without = _of(int((~touching).sum()), pairs)
-        facts[0] = ("Commanded", f"{facts[0][1]}; {without} without contact")
-    for sensor in SENSORS:
-        error = dataset.column(f"{sensor}_force_n")[touching] / commanded[touching] - 1.0
-        unsettled = int(pairs - dataset.column(f"{sensor}_settled").sum())
-        bottomed = int(dataset.column(f"{sensor}_bottomed").sum())
-        facts.append(
-            (
-                SENSOR_NAMES[sensor],
-                f"maximum force error {_percent(100 * np.abs(error).max())} %; not converged: "
-                f"{_of(unsettled, pairs)}; base plate in contact: {_of(bottomed, pairs)}; "
-                f"depth {_range(dataset.column(f'{sensor}_depth_mm')[touching], 'mm')}",
-            )
-        )
-    return facts
-
-
-def _hidden_families(dataset: Dataset) -> str:
+    contact = commanded > 0
     families = np.unique(dataset.families).size
-    if families <= MAX_FAMILIES:
-        return ""
-    return f" Shown are the {MAX_FAMILIES} of {families:,} families with the most pairs."
+
+    def chart(draw: Callable[[Figure, Dataset], None], height_in: float = HEIGHT_IN) -> bytes:
+        return figure("svg", WIDTH_IN, height_in, lambda page: draw(page, dataset))
+
+    return {
+        "commanded": _range(commanded[contact], "N"),
+        "without_contact": int((~contact).sum()),
+        "sensors": [_sensor(dataset, sensor) for sensor in SENSORS],
+        "pairs": commanded.size,
+        "saturated": dataset.saturated,
+        "families": families,
+        "max_families": MAX_FAMILIES,
+        "by_force": chart(commanded_and_depths) if dataset.forces_n.size > 1 else None,
+        "histograms": chart(forces_and_counts),
+        "depths": chart(depths_in, DEPTHS_IN),
+    }
 
 
-def _of(number: int, pairs: int) -> str:
-    return f"none of {pairs:,}" if number == 0 else f"{number:,} of {pairs:,}"
-
-
-def _percent(value: float) -> str:
-    """Two significant digits, at least 0.001."""
-    return f"{value:.2g}" if value >= 1e-3 else "0.001"
-
-
-def _saturation(saturated: np.ndarray) -> str:
-    """saturated: (P, N) bool."""
-    if not saturated.any():
-        return "none is saturated"
-    return (
-        f"{100 * saturated.mean():.2g} % are saturated, at least one in "
-        f"{100 * saturated.any(axis=1).mean():.2g} % of the pairs,"
-    )
+def _sensor(dataset: Dataset, sensor: str) -> dict[str, Any]:
+    """Force error, failed presses and depths of a sensor."""
+    commanded = dataset.column("force_n")
+    contact = commanded > 0
+    error = dataset.column(f"{sensor}_force_n")[contact] / commanded[contact] - 1.0
+    percent = 100 * np.abs(error).max()
+    return {
+        "name": SENSOR_NAMES[sensor],
+        "error_percent": f"{percent:.2g}" if percent >= MIN_PERCENT else f"{MIN_PERCENT:g}",
+        "not_converged": int((~dataset.column(f"{sensor}_settled").astype(bool)).sum()),
+        "bottomed": int(dataset.column(f"{sensor}_bottomed").sum()),
+        "depth": _range(dataset.column(f"{sensor}_depth_mm")[contact], "mm"),
+    }
 
 
 def _range(values: np.ndarray, unit: str) -> str:
@@ -169,12 +115,10 @@ def commanded_and_depths(page: Figure, dataset: Dataset) -> None:
     for sensor in SENSORS:
         depths = dataset.column(f"{sensor}_depth_mm")
         spread = [np.quantile(depths[mine], (0.25, 0.5, 0.75)) for mine in kept]
-        low_quartile, median, high_quartile = np.array(spread).T
+        first, median, third = np.array(spread).T
         color = SENSOR_COLORS[sensor]
         right.plot(middles, median, "o-", color=color, markersize=3, label=SENSOR_NAMES[sensor])
-        right.fill_between(
-            middles, low_quartile, high_quartile, color=color, alpha=0.2, linewidth=0
-        )
+        right.fill_between(middles, first, third, color=color, alpha=0.2, linewidth=0)
     right.set(xlabel="commanded force, N", ylabel="depth, mm", ylim=(0, None))
     force_axis(right, low, high)
     right.legend()
@@ -209,14 +153,11 @@ def depths_in(page: Figure, dataset: Dataset) -> None:
         boxes = axes.boxplot(
             [depths[families == name] for name in names],
             positions=(np.arange(len(names)) + 0.36 * (place - 0.5)).tolist(),
-            widths=0.28,
-            whis=(0, 100),
-            patch_artist=True,
+            widths=0.28, whis=(0, 100), patch_artist=True,
             boxprops={"facecolor": color, "alpha": 0.65, "linewidth": 0.6},
             medianprops={"color": "#111111", "linewidth": 1.0},
-            whiskerprops={"linewidth": 0.7},
-            capprops={"linewidth": 0.7},
-        )
+            whiskerprops={"linewidth": 0.7}, capprops={"linewidth": 0.7},
+        )  # fmt: skip
         boxes["boxes"][0].set_label(SENSOR_NAMES[sensor])
     axes.set_xticks(range(len(names)), [name.replace("-", "-\n") for name in names])
     axes.set(ylabel="depth, mm", ylim=(0, None))

@@ -1,24 +1,27 @@
-"""Randomly sampled pairs: DIGIT image, counts of the CySkin's taxels, tactile image."""
+"""Pairs: DIGIT image, counts of the CySkin's taxels, tactile image, prediction of a run."""
+
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from t2twin.report.dataset.tables import Dataset
-from t2twin.report.html import markup
 from t2twin.report.html.figures import (
     COUNTS_MAP,
+    Panel,
     color_bar,
     digit_width,
     draw_digit_image,
+    draw_discs,
+    draw_panels,
     draw_tactile_image,
     draw_taxels,
     extent_mm,
     figure,
 )
-from t2twin.report.html.labels import SPLIT_NAMES, shape_name
+from t2twin.sim.cyskin.phi import TACTILE_SHAPE
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 
 PAIRS = 12
@@ -27,31 +30,18 @@ MAX_NAMES = 60
 """Maximum number of names that are sampled in their order (assumed: the number of images)."""
 
 WIDTH_IN, HEIGHT_IN = 4.4, 2.1
+EXAMPLE_IN, BAR_IN, TITLES_IN = 4.2, 0.7, 0.45
+"""Width of the example and of its color bar, height of its titles, inches."""
 
 
-def section(dataset: Dataset) -> str:
-    """One figure per pair, of different families as far as possible."""
-    text = (
-        "From left to right: the DIGIT image; the CySkin's taxels to scale, colored by their "
-        "counts; the tactile image, interpolated between the taxels (φ in the paper). The color "
-        "scale is in counts. "
-    )
-    if dataset.info.is_simulated:
-        half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
-        text += (
-            f"The rectangle is the DIGIT's field of view, {2 * half_width:.1f} × "
-            f"{2 * half_height:.1f} mm, at the scale of the array. "
-        )
-    text += "Random samples, one family after another."
-    rows = sampled_pairs(dataset)
-    return markup.section(
-        "pairs",
-        "Pairs",
-        [
-            markup.paragraph(text, "note"),
-            markup.grid([_pair(dataset, split, row) for split, row in rows]),
-        ],
-    )
+def section(dataset: Dataset) -> dict[str, Any]:
+    """Rows and figures of PAIRS pairs, of different families as far as possible."""
+    pairs = [
+        (split, dataset.row(split, row), _figure(dataset, split, row))
+        for split, row in sampled_pairs(dataset)
+    ]
+    half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
+    return {"pairs": pairs, "field_of_view_mm": (2 * half_width, 2 * half_height)}
 
 
 def sampled_pairs(dataset: Dataset) -> list[tuple[str, int]]:
@@ -59,57 +49,50 @@ def sampled_pairs(dataset: Dataset) -> list[tuple[str, int]]:
     return sample_in_turn(dataset, dataset.families, PAIRS, SEED)
 
 
-def _pair(dataset: Dataset, split: str, row: int) -> str:
-    table = dataset.tables[split]
-    shape = shape_name(dataset.shape(split, row))
-    counts = np.array(table["taxels"][row].as_py(), dtype=np.float32)
-    content = figure(
-        "png", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, dataset, split, row, counts)
+def example(dataset: Dataset, split: str, row: int, translated: np.ndarray | None = None) -> bytes:
+    """Content of a PNG file with a pair. translated: (N,) predicted counts."""
+    true = dataset.phi(np.array(dataset.row(split, row)["taxels"], dtype=np.float32))
+    panels = [Panel("DIGIT\n(image)", dataset.image(split, row))]
+    if translated is None:
+        panels.append(Panel("CySkin\n(counts)", true))
+    else:
+        panels.append(Panel("CySkin\n(true counts)", true))
+        panels.append(Panel("network\n(predicted)", dataset.phi(translated)))
+    layout = dataset.layout
+    panel_in = (EXAMPLE_IN - BAR_IN) / sum(panel.width for panel in panels)
+    height_in = TITLES_IN + panel_in * TACTILE_SHAPE[0] / TACTILE_SHAPE[1]
+    return figure(
+        "png",
+        EXAMPLE_IN,
+        height_in,
+        lambda page: draw_panels(page, panels, dataset.phi, layout.x_mm, layout.y_mm),
     )
-    note = f"({SPLIT_NAMES[split]}): largest taxel {counts.max():,.0f} counts"
-    if dataset.info.is_simulated:
-        note += (
-            f"; depth in the gel {table['digit_depth_mm'][row].as_py():.2f} mm, in the cover "
-            f"{table['cyskin_depth_mm'][row].as_py():.2f} mm"
-        )
-    force_n = table["force_n"][row].as_py()
-    if dataset.forces_n.size > 1 and force_n is not None:
-        note += f"; {force_n:.3g} N"
-    alt = f"DIGIT image, taxel counts and tactile image of {shape}"
-    return markup.embed(content, "png", alt, shape, width="narrow", note=note)
 
 
-def _draw(page: Figure, dataset: Dataset, split: str, row: int, counts: np.ndarray) -> None:
+def _figure(dataset: Dataset, split: str, row: int) -> bytes:
     image = dataset.image(split, row)
-    digit, array, tactile = page.subplots(1, 3, width_ratios=(digit_width(image), 1, 1))
-    draw_digit_image(digit, image)
+    counts = np.array(dataset.row(split, row)["taxels"], dtype=np.float32)
     limits = (0.0, max(float(counts.max()), 1.0))
-    _draw_pads(array, dataset, counts, limits)
-    drawn = draw_tactile_image(tactile, dataset.phi(counts), dataset.phi, limits)
-    draw_taxels(tactile, dataset.layout.x_mm, dataset.layout.y_mm)
-    color_bar(page, drawn, tactile, 0.07)
+
+    def draw(page: Figure) -> None:
+        digit, array, tactile = page.subplots(1, 3, width_ratios=(digit_width(image), 1, 1))
+        draw_digit_image(digit, image)
+        _draw_pads(array, dataset, counts, limits)
+        drawn = draw_tactile_image(tactile, dataset.phi(counts), dataset.phi, limits)
+        draw_taxels(tactile, dataset.layout.x_mm, dataset.layout.y_mm)
+        color_bar(page, drawn, tactile, 0.07)
+
+    return figure("png", WIDTH_IN, HEIGHT_IN, draw)
 
 
 def _draw_pads(
     axes: Axes, dataset: Dataset, counts: np.ndarray, limits: tuple[float, float]
 ) -> None:
     """Draws pads as discs of their diameters, with the field of view of a simulated DIGIT."""
-    x_mm, y_mm = dataset.layout.x_mm, dataset.layout.y_mm
-    size = dataset.pad_diameter_mm
-    pads = EllipseCollection(
-        size,
-        size,
-        np.zeros(size.size),
-        units="xy",
-        offsets=np.column_stack([x_mm, y_mm]),
-        offset_transform=axes.transData,
-        array=counts,
-        cmap=COUNTS_MAP,
-        clim=limits,
-        edgecolors="#444444",
-        linewidths=0.4,
-    )
-    axes.add_collection(pads)
+    draw_discs(
+        axes, dataset.layout.x_mm, dataset.layout.y_mm, dataset.pad_diameter_mm, array=counts,
+        cmap=COUNTS_MAP, clim=limits, edgecolors="#444444", linewidths=0.4,
+    )  # fmt: skip
     if dataset.info.is_simulated:
         half_width, half_height = DIGIT_CAMERA.seen_half_extent_mm()
         corner, sides = (-half_width, -half_height), (2 * half_width, 2 * half_height)

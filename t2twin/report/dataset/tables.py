@@ -5,6 +5,7 @@ Shape letters: P pairs of all splits, N taxels, R rows and C columns of an image
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -19,20 +20,10 @@ from t2twin.sim.dataset.store import read_info, read_split, split_shards, taxels
 from t2twin.translate.data.pairs import DataInfo, load_info
 
 COLUMNS = [
-    "shape",
-    "family",
-    "index",
-    "x_mm",
-    "y_mm",
-    "yaw_rad",
-    "force_n",
-    "taxels",
-    *(
-        f"{sensor}_{what}"
-        for sensor in ("digit", "cyskin")
-        for what in ("depth_mm", "force_n", "settled", "bottomed")
-    ),
-]
+    "shape", "family", "index", "x_mm", "y_mm", "yaw_rad", "force_n", "taxels",
+    "digit_depth_mm", "digit_force_n", "digit_settled", "digit_bottomed",
+    "cyskin_depth_mm", "cyskin_force_n", "cyskin_settled", "cyskin_bottomed",
+]  # fmt: skip
 """Columns of the tables."""
 
 SATURATED_SHARE = 0.999
@@ -74,9 +65,9 @@ class Dataset:
             row -= pairs
         raise AssertionError("the row is in a shard of its split")
 
-    def shape(self, split: str, row: int) -> str:
-        """The shape of a row."""
-        return self.tables[split]["shape"][row].as_py()
+    def row(self, split: str, row: int) -> dict[str, Any]:
+        """Values of a row by column."""
+        return self.tables[split].slice(row, 1).to_pylist()[0]
 
     def column(self, name: str) -> np.ndarray:
         """(P,) a column of all splits; missing numbers are NaN."""
@@ -97,8 +88,10 @@ class Dataset:
 
     @property
     def forces_n(self) -> np.ndarray:
-        """(k,) unique commanded forces, N, ascending, rounded to 0.01 N; 0 for pairs without
-        contact. Unknown forces are omitted."""
+        """(k,) unique commanded forces, N, ascending, rounded to 0.01 N; 0 without contact.
+
+        Unknown forces are omitted.
+        """
         force_n = self.column("force_n").astype(float)
         return np.unique(force_n[np.isfinite(force_n)].round(2))
 
@@ -114,8 +107,7 @@ class Dataset:
 
     @property
     def saturated(self) -> np.ndarray:
-        """(P, N) bool: saturated counts. The mean of noisy readings, clipped at full scale, lies
-        slightly below it."""
+        """(P, N) bool: saturated counts; the mean of noisy, clipped ones is below full scale."""
         return self.counts >= SATURATED_SHARE * self.layout.full_scale_counts
 
     @property

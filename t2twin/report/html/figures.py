@@ -5,12 +5,14 @@ Shape letters: R rows, C columns, N taxels.
 
 import io
 import warnings
-from collections.abc import Callable
-from typing import Literal
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import FixedLocator, LogFormatter, NullLocator
@@ -46,6 +48,12 @@ DIFFERENCE_MAP = "RdBu_r"
 
 RING_MM = 0.7
 """Radius of the ring that marks a taxel, mm."""
+
+FORCE_MARGIN = 1.15
+"""Margin of a force axis at both ends, a factor."""
+
+BAR_WIDTH = 0.12
+"""Width of a color bar, relative to a tactile image."""
 
 
 def figure(
@@ -110,22 +118,21 @@ def draw_tactile_image(
 
 def draw_taxels(axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, color: str = "white") -> None:
     """Draws a ring at each taxel. x_mm, y_mm: (N,)."""
-    from matplotlib.collections import EllipseCollection
-
     size = np.full(x_mm.size, 2 * RING_MM)
-    axes.add_collection(
-        EllipseCollection(
-            size,
-            size,
-            np.zeros(x_mm.size),
-            units="xy",
-            offsets=np.column_stack([x_mm, y_mm]),
-            offset_transform=axes.transData,
-            facecolors="none",
-            edgecolors=color,
-            linewidths=0.5,
-        )
-    )
+    draw_discs(axes, x_mm, y_mm, size, facecolors="none", edgecolors=color, linewidths=0.5)
+
+
+def draw_discs(
+    axes: Axes, x_mm: np.ndarray, y_mm: np.ndarray, diameter_mm: np.ndarray, **style: Any
+) -> None:
+    """Draws discs to scale. x_mm, y_mm, diameter_mm: (N,)."""
+    centers = np.column_stack([x_mm, y_mm])
+    angles = np.zeros(diameter_mm.size)
+    discs = EllipseCollection(
+        diameter_mm, diameter_mm, angles, units="xy", offsets=centers,
+        offset_transform=axes.transData, **style,
+    )  # fmt: skip
+    axes.add_collection(discs)
 
 
 def color_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: str = "") -> None:
@@ -136,15 +143,76 @@ def color_bar(page: Figure, drawn: AxesImage, axes: Axes, width: float, title: s
     bar.set_label(title, fontsize=7)
 
 
+@dataclass(frozen=True)
+class Panel:
+    """An image with its title: a DIGIT image, (R, C, 3) uint8, or a tactile image, (R, C) counts.
+
+    is_difference: whether the counts are a difference of two tactile images.
+    """
+
+    title: str
+    image: np.ndarray
+    is_difference: bool = False
+
+    @property
+    def width(self) -> float:
+        """Relative to a tactile image."""
+        return digit_width(self.image) if self.image.ndim == 3 else 1.0
+
+
+def draw_panels(
+    page: Figure, panels: Sequence[Panel], phi: Phi, x_mm: np.ndarray, y_mm: np.ndarray
+) -> None:
+    """Draws images in a row, with one color scale of counts and one of differences.
+
+    x_mm, y_mm: (N,) taxels. The last panel is a tactile image.
+    """
+    tactile = [one for one in panels if one.image.ndim == 2]
+    peak, difference = (
+        max([1.0, *(np.abs(one.image).max() for one in tactile if one.is_difference is which)])
+        for which in (False, True)
+    )
+    axes = page.subplots(1, len(panels), width_ratios=[one.width for one in panels])
+    drawn: dict[bool, AxesImage] = {}
+    for place, one in zip(axes, panels, strict=True):
+        place.set_title(one.title)
+        if one.image.ndim == 3:
+            draw_digit_image(place, one.image)
+            continue
+        limits, color_map, rings = (
+            ((-difference, difference), DIFFERENCE_MAP, "#555555")
+            if one.is_difference
+            else ((0.0, peak), COUNTS_MAP, "white")
+        )
+        drawn[one.is_difference] = draw_tactile_image(place, one.image, phi, limits, color_map)
+        draw_taxels(place, x_mm, y_mm, rings)
+    for is_difference, image in sorted(drawn.items(), reverse=True):
+        title = "difference, counts" if is_difference else "counts"
+        color_bar(page, image, axes[-1], BAR_WIDTH, title)
+
+
+def draw_digit_grid(
+    page: Figure,
+    images: Sequence[np.ndarray],
+    titles: Sequence[str],
+    columns: int,
+    font_size: float,
+) -> None:
+    """Draws DIGIT images, (R, C, 3) uint8 each, in rows of `columns`."""
+    lines = -(-len(images) // columns)
+    axes: list[Axes] = list(np.ravel(page.subplots(lines, columns, squeeze=False)))
+    for place in axes:
+        place.set_axis_off()
+    for place, image, title in zip(axes, images, titles, strict=False):
+        draw_digit_image(place, image)
+        place.set_title(title, fontsize=font_size)
+
+
 def extent_mm(phi: Phi) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of a tactile image, mm; y points down."""
     columns, rows = phi.centers_mm
     half = (columns[1] - columns[0]) / 2
     return columns[0] - half, columns[-1] + half, rows[-1] + half, rows[0] - half
-
-
-FORCE_MARGIN = 1.15
-"""Margin of a force axis at both ends, a factor."""
 
 
 def force_axis(axes: Axes, low_n: float, high_n: float) -> None:

@@ -1,5 +1,8 @@
 """Displayed names and colors."""
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
@@ -61,8 +64,17 @@ def forces_text(forces_n: np.ndarray) -> str:
         return "none"
     if len(touching) > MAX_LISTED_FORCES:
         return f"{touching[0]} to {touching[-1]} N"
-    last = touching.pop()
-    return f"{', '.join(touching)} and {last} N" if touching else f"{last} N"
+    return f"{listed(touching)} N"
+
+
+def listed(items: Sequence[str]) -> str:
+    """Texts as a list, such as "a, b and c"."""
+    return " and ".join(filter(None, (", ".join(items[:-1]), items[-1])))
+
+
+def tenths(value: float) -> str:
+    """A number with one decimal and a typographic minus sign."""
+    return f"{round(value, 1) + 0.0:.1f}".replace("-", "−")
 
 
 def printable(text: str) -> str:
@@ -74,3 +86,15 @@ def colors(models: list[str]) -> dict[str, str]:
     """Colors of models and baselines."""
     runs = [model for model in models if model not in BASELINE_COLORS]
     return BASELINE_COLORS | {run: RUN_COLORS[i % len(RUN_COLORS)] for i, run in enumerate(runs)}
+
+
+LABELS = {
+    "name_of": name_of,
+    "shape_name": shape_name,
+    "forces_text": forces_text,
+    "listed": listed,
+    "split_names": SPLIT_NAMES,
+    "pi": math.pi,
+    "tenths": tenths,
+}
+"""Functions and names for all templates of the pages."""

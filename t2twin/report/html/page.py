@@ -1,16 +1,21 @@
-"""Writes a self-contained HTML page."""
+"""Writes a self-contained HTML page from the templates of its sections."""
 
 import tempfile
 from collections.abc import Callable, Mapping
-from html import escape
 from pathlib import Path
+from typing import Any
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked
 from t2twin.core.progress import Progress
-from t2twin.report.html.style import STYLE
+from t2twin.core.templates import environment, render
+from t2twin.report.html.labels import LABELS
 
 PAGE = "index.html"
+MACROS = "report/templates/macros.html"
+
+Sections = Mapping[str, tuple[str, Callable[[], Mapping[str, Any]]]]
+"""Template of each section by name, and the function that computes its values."""
 
 
 def check_out(out: Path) -> None:
@@ -35,33 +40,25 @@ def check_out(out: Path) -> None:
 
 
 def write_page(
-    out: Path,
-    title: str,
-    summary: Callable[[], str],
-    sections: Mapping[str, Callable[[], str]],
-    titles: Mapping[str, str],
+    out: Path, title: str, sections: Sections, links: Mapping[str, str], **shared: Any
 ) -> Path:
     """Writes out/index.html and returns its path.
 
-    summary: HTML above the links. sections: HTML of each section by name. titles: of the links to
-    the sections, by name.
+    sections: in their order; the first is above the links. links: titles of the links to the
+    sections, by name. shared: values for all sections.
     """
-    makers = Progress([summary, *sections.values()], desc="report", unit="section")
-    above, *body = [maker() for maker in makers]
-    links = {name: titles[name] for name in sections if name in titles}
+    bodies = {}
+    for name in Progress(list(sections), desc="report", unit="section"):
+        template, values = sections[name]
+        bodies[name] = render_section(template, **shared, **values())
+    present = {name: text for name, text in links.items() if name in sections}
     path = out / PAGE
     with locked(path.parent), atomic_write(path) as temporary:
-        temporary.write_text(_html(title, above, links, body), encoding="utf-8")
+        text = render("report/templates/page.html", title=title, links=present, sections=bodies)
+        temporary.write_text(text, encoding="utf-8")
     return path
 
 
-def _html(title: str, above: str, titles: Mapping[str, str], body: list[str]) -> str:
-    links = " ".join(f'<a href="#{name}">{escape(text)}</a>' for name, text in titles.items())
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        f"<h1>{escape(title)}</h1>\n{above}\n<nav>{links}</nav>\n"
-        + "\n".join(body)
-        + "\n</body>\n</html>\n"
-    )
+def render_section(template: str, /, **values: Any) -> str:
+    """HTML of a section. Templates also have LABELS, and the macros of MACROS as `ui`."""
+    return render(template, ui=environment().get_template(MACROS).module, **LABELS, **values)

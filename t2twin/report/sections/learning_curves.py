@@ -1,38 +1,24 @@
 """Learning curves from the logs of the runs."""
 
 import math
-from collections.abc import Mapping
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from t2twin.report.data import ReportData
-from t2twin.report.html import markup
 from t2twin.report.html.figures import figure
-from t2twin.report.html.labels import BASELINE_COLORS, colors, name_of
+from t2twin.report.html.labels import colors, name_of
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
-from t2twin.translate.evaluation.records import ModelRow
 from t2twin.translate.runs.log import best_epoch
 
 WIDTH_IN, HEIGHT_IN = 9.0, 3.4
-LOSSES = {"adversarial": "-", "l1": "--", "discriminator": ":"}
-"""Losses of pix2pix by their names in a log, with line styles."""
 
 
-def section(report: ReportData) -> str:
+def section(report: ReportData) -> dict[str, Any]:
     """Charts of RMSE and, of adversarial trainings, of the losses by epoch."""
-    text = (
-        "Left, solid: RMSE on the validation pairs of each run's own data; the dot marks the best "
-        "epoch. Left, dashed: RMSE on the training pairs during the training of ResNet18, which "
-        "minimizes the mean squared error. It includes dropout and augmentation, so it may exceed "
-        "the validation error. Right: losses of touch2touch: the adversarial loss of the "
-        "generator, the weighted L1 distance (mean absolute difference), and the loss of the "
-        "discriminator."
-    )
-    content = figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report))
-    alt = "Validation and training error by epoch, with the baselines as lines"
-    return markup.section("curves", "Learning", [markup.embed(content, "svg", alt, note=text)])
+    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report))}
 
 
 def _draw(page: Figure, report: ReportData) -> None:
@@ -59,44 +45,32 @@ def _errors(axes: Axes, report: ReportData) -> None:
             seen = [full_scale * math.sqrt(record.train["l3"]) for record in history]
             label = f"{name_of(name)}, training"
             axes.plot(epochs, seen, "--", color=color_of[name], label=label, marker=marker)
-    models = _of_own_validation(report)
-    for name in (MEAN_ARRAY, NEAREST_NEIGHBOR) if models else ():
-        level = models[name].overall.rmse_counts
-        axes.axhline(
-            level, color=BASELINE_COLORS[name], linewidth=1, linestyle=(0, (6, 3)),
-            label=f"{name_of(name)}, validation",
-        )  # fmt: skip
+    evaluation = report.evaluations.get("val")
+    if evaluation is not None and all(row.same_data for row in evaluation.runs.values()):
+        for name in (MEAN_ARRAY, NEAREST_NEIGHBOR):
+            axes.axhline(
+                evaluation.models[name].overall.rmse_counts, color=color_of[name], linewidth=1,
+                linestyle=(0, (6, 3)), label=f"{name_of(name)}, validation",
+            )  # fmt: skip
     axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
     axes.yaxis.set_major_formatter("{x:,.0f}")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend()
 
 
-def _of_own_validation(report: ReportData) -> Mapping[str, ModelRow]:
-    """Evaluation on the validation pairs of the curves; empty if the runs have other data."""
-    evaluation = report.evaluations.get("val")
-    if evaluation is None or not all(row.same_data for row in evaluation.runs.values()):
-        return {}
-    return evaluation.models
-
-
 def _losses(axes: Axes, report: ReportData, names: list[str]) -> None:
     color_of = colors(list(report.runs))
     for name in names:
-        weight = report.runs[name].config.preset.l1_weight
-        factors = {"adversarial": 1.0, "l1": weight, "discriminator": 1.0}
-        labels = {
-            "adversarial": "generator, adversarial",
-            "l1": f"generator, {weight:g} × L1",
-            "discriminator": "discriminator",
-        }
-        for loss, style in LOSSES.items():
-            history = report.histories[name]
-            epochs = [record.epoch for record in history]
-            values = [factors[loss] * record.train[loss] for record in history]
+        history, weight = report.histories[name], report.runs[name].config.preset.l1_weight
+        for loss, factor, label, style in (
+            ("adversarial", 1.0, "generator, adversarial", "-"),
+            ("l1", weight, f"generator, {weight:g} × L1", "--"),
+            ("discriminator", 1.0, "discriminator", ":"),
+        ):
             axes.plot(
-                epochs, values, style, color=color_of[name],
-                label=f"{name_of(name)}, {labels[loss]}",
+                [record.epoch for record in history],
+                [factor * record.train[loss] for record in history],
+                style, color=color_of[name], label=f"{name_of(name)}, {label}",
             )  # fmt: skip
     axes.set(xlabel="epoch", ylabel="training loss", yscale="log")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))

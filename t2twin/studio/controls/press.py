@@ -9,7 +9,7 @@ from t2twin.primitives_cad import catalogue, primitive_parameters
 from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.cyskin.reading import PRESETS
-from t2twin.sim.world.presses import MAX_SEED as MAX_SHAPE
+from t2twin.sim.world.presses import MAX_SHAPE_SEED
 from t2twin.sim.world.protocol import SCALES
 from t2twin.studio.press_state import (
     PressState,
@@ -125,7 +125,7 @@ class Controls:
             "Shape", shapes_of(catalogue.NAMES[0].rsplit("-", 1)[0]), hint="Version or keypoint"
         )
         self._random = gui.add_number(
-            "Number", 17, min=0, max=MAX_SHAPE, step=1, hint="Seed of the random shape"
+            "Number", 17, min=0, max=MAX_SHAPE_SEED, step=1, hint="Seed of the random shape"
         )
         self._own = gui.add_markdown("")
         self._scale = gui.add_number(

@@ -150,8 +150,8 @@ def noise_distance_grey(data_dir: Path, split: str) -> float | None:
 
 def _noisy_features(image: np.ndarray, sigma: float, rng: np.random.Generator) -> np.ndarray:
     noisy = np.clip(np.rint(image + sigma * rng.standard_normal(image.shape)), 0, 255)
-    image = Image.fromarray(noisy.astype(np.uint8))
-    return to_pixels(image, FEATURE_SIZE, grey=False).astype(float)
+    rendered = Image.fromarray(noisy.astype(np.uint8))
+    return to_pixels(rendered, FEATURE_SIZE, grey=False).astype(float)
 
 
 def _sample_images(data_dir: Path, info: DatasetInfo, split: str) -> list[np.ndarray]:

@@ -1,8 +1,8 @@
 """Similarity of two tactile images, SSIM and contact IoU, in compiled code.
 
 SSIM is scikit-image's structural_similarity with its defaults (Wang et al. 2004, a square window of
-7 pixels, sample covariance, without the border of the image). Running sums make it ten times as
-fast; a test compares the two.
+7 pixels, sample covariance, without the border of the image). Running sums make it seven
+times as fast, 0.8 ms for a tactile image of 396 x 240 pixels (2026-11-23); a test compares the two.
 
 Shape letters: R rows, C columns.
 """

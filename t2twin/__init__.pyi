@@ -1,0 +1,32 @@
+from .adaptation.pipeline import adapt as adapt
+from .core.errors import T2TwinError as T2TwinError
+from .primitives_cad.export import export_shapes as export_shapes
+from .primitives_cad.shape import Shape as Shape
+from .report.dataset_report import write_data_report as write_data_report
+from .report.run_report import write_report as write_report
+from .sim.contact.elastomer import Elastomer as Elastomer
+from .sim.contact.types import Contact as Contact
+from .sim.contact.types import PressCommand as PressCommand
+from .sim.cyskin.layout import Layout as Layout
+from .sim.cyskin.layout import load_layout as load_layout
+from .sim.dataset.generate import make_dataset as make_dataset
+from .sim.dataset.import_pairs import import_pairs as import_pairs
+from .sim.dataset.verify import verify_dataset as verify_dataset
+from .sim.digit.calibrate.background_light import guess_light as guess_light
+from .sim.digit.calibrate.calibrate import calibrate as calibrate
+from .sim.touch import Touch as Touch
+from .sim.world.recipe import Recipe as Recipe
+from .sim.world.recipe import load_recipe as load_recipe
+from .translate.evaluation.cross_dataset import evaluate_worlds as evaluate_worlds
+from .translate.evaluation.evaluate import evaluate as evaluate
+from .translate.inference.batch import translate_images as translate_images
+from .translate.inference.load import load as load
+from .translate.inference.onnx_export import export_onnx as export_onnx
+from .translate.inference.predictor import TrainedTranslator as TrainedTranslator
+from .translate.training.train import train as train
+from .twin import Twin as Twin
+from .twin import load_shape as load_shape
+from .twin import press as press
+from .twin import shapes as shapes
+
+__all__: list[str]

@@ -1,0 +1,205 @@
+"""Errors by force, by shape, and by position of the taxels relative to the field of view."""
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from t2twin.primitives_cad import catalogue
+from t2twin.report.data import ReportData
+from t2twin.report.html.figures import figure, force_axis
+from t2twin.report.html.labels import BASELINE_COLORS, SPLIT_NAMES, colors, name_of, shape_name
+from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+from t2twin.translate.evaluation.metrics.floors import GROUPS, NOISE_FLOOR
+from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE, MIN_PRESSES
+from t2twin.translate.evaluation.records import (
+    Evaluation,
+    Figures,
+    ForceFigures,
+)
+from t2twin.translate.evaluation.table import force_cell, force_rows
+
+FORCE_IN, SPLIT_IN, LEGEND_IN = 9.0, 2.7, 0.4
+"""Width of the chart by force, height per split and of the legend, inches."""
+
+MAX_PERCENT = 150.0
+"""Upper end of the relative error's axis, percent (assumed)."""
+
+DASHED: dict[str, Any] = {"linestyle": (0, (6, 3)), "linewidth": 1.0}
+
+SHAPES_IN, BAR_IN, MARGINS_IN = 4.2, 0.30, 1.3
+"""Width of a chart by shape, which fits on a phone; height of a bar and of the margins, inches."""
+
+TITLES = {"val": "validation primitives", "test": "tools at their keypoints"}
+"""Titles of the splits of the paper's protocol."""
+
+MAX_SHAPES = 60
+"""Maximum number of bars of a chart, and of rows of a table (assumed: a printed page)."""
+
+COUNTS_TICKS = 4
+MARKS: dict[str, dict[str, Any]] = {
+    MEAN_ARRAY: {"marker": "|", "markersize": 13, "markeredgewidth": 2.0},
+    NEAREST_NEIGHBOR: {"marker": "D", "markersize": 5, "markeredgecolor": "white"},
+}
+
+
+def by_force(report: ReportData) -> dict[str, Any]:
+    """Chart and tables of the splits with several forces."""
+    evaluations = {s: one for s, one in report.evaluations.items() if one.has_forces}
+    height = LEGEND_IN + SPLIT_IN * len(evaluations)
+    return {
+        "evaluations": evaluations,
+        "chart": figure("svg", FORCE_IN, height, lambda page: _forces(page, report, evaluations)),
+        "max_percent": MAX_PERCENT,
+        "min_presses": MIN_PRESSES,
+        "tables": [_force_table(split, one) for split, one in evaluations.items()],
+    }
+
+
+def _force_table(split: str, evaluation: Evaluation) -> tuple[list, list]:
+    """Forces (rows) and models (columns), with intervals in additional rows."""
+    rows = {name: row for name, row in evaluation.models.items() if name != NOISE_FLOOR}
+    titles = force_rows(evaluation)[0][1:]
+    lines = []
+    for place, title in enumerate(titles):
+        cells = [row.by_force[place] for row in rows.values()]
+        lines.append([title.replace("-", "–"), *(force_cell(one) for one in cells)])
+        lines.append(["", *(_span(one) for one in cells)])
+    return [[SPLIT_NAMES[split].capitalize(), *map(name_of, rows)]], [("", lines)]
+
+
+def _span(one: ForceFigures) -> str:
+    return "" if one.interval is None else f"{one.interval.low:,.0f}–{one.interval.high:,.0f}"
+
+
+def _forces(page: Figure, report: ReportData, evaluations: dict[str, Evaluation]) -> None:
+    grid = page.subplots(len(evaluations), 2, squeeze=False)
+    for (counts, percents), (split, evaluation) in zip(grid, evaluations.items(), strict=True):
+        _force_lines(counts, report, evaluation, percent=False)
+        _force_lines(percents, report, evaluation, percent=True)
+        counts.set(title=SPLIT_NAMES[split], xlabel="force, N", ylabel="RMSE, counts")
+        counts.set_yscale("log")
+        percents.set(title=SPLIT_NAMES[split], xlabel="force, N", ylabel="% of mean array's RMSE")
+        percents.set_ylim(0, MAX_PERCENT)
+    page.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
+
+
+def _force_lines(axes: Axes, report: ReportData, evaluation: Evaluation, percent: bool) -> None:
+    color_of = colors(list(report.runs))
+    ends = []
+    for name in (MEAN_ARRAY, MEAN_ARRAY_OF_FORCE, NEAREST_NEIGHBOR, *report.runs):
+        contact = [one for one in evaluation.models[name].by_force if one.phantom_counts is None]
+        drawn = [one for one in contact if not percent or one.of_mean_array is not None]
+        forces = [one.mean_n for one in drawn]
+        values = [100 * (one.of_mean_array or 0) if percent else one.rmse_counts for one in drawn]
+        style = DASHED if name in BASELINE_COLORS else {"marker": "o", "markersize": 3}
+        axes.plot(forces, values, color=color_of[name], label=name_of(name), **style)
+        if name in report.runs and not percent:
+            _band(axes, drawn, color_of[name])
+        ends += forces
+    force_axis(axes, min(ends), max(ends))
+
+
+def _band(axes: Axes, drawn: Sequence[ForceFigures], color: str) -> None:
+    known = [(one.mean_n, *one.interval) for one in drawn if one.interval is not None]
+    if known:
+        forces, low, high = zip(*known, strict=True)
+        axes.fill_between(forces, low, high, color=color, alpha=0.15, linewidth=0)
+
+
+def by_shape(report: ReportData) -> dict[str, Any]:
+    """A chart per split, with bars for the runs and marks for the baselines."""
+    charts = {}
+    for split, evaluation in report.evaluations.items():
+        height = MARGINS_IN + BAR_IN * len(_names(evaluation))
+        draw = partial(_shape_bars, report=report, split=split)
+        charts[split] = figure("svg", SHAPES_IN, height, draw)
+    return {
+        "by_family": [split for split, one in report.evaluations.items() if _by_family(one)],
+        "max_shapes": MAX_SHAPES,
+        "charts": charts,
+    }
+
+
+def _by_family(evaluation: Evaluation) -> bool:
+    """Whether errors are grouped by family, because there are too many shapes or none."""
+    return not 0 < len(evaluation.models[MEAN_ARRAY].by_shape) <= MAX_SHAPES
+
+
+def _names(evaluation: Evaluation, by_family: bool = False) -> list[str]:
+    """Shapes in the order of the catalogue, or the families with the most pairs."""
+    row = evaluation.models[MEAN_ARRAY]
+    if by_family or _by_family(evaluation):
+        return sorted(row.by_family, key=lambda name: -row.by_family[name].pairs)[:MAX_SHAPES]
+    order = {name: place for place, name in enumerate(catalogue.NAMES)}
+    return sorted(row.by_shape, key=lambda name: order.get(name, len(order)))
+
+
+def _errors(evaluation: Evaluation, model: str) -> list[float]:
+    """RMSE of a model, counts, in the order of `_names`."""
+    row = evaluation.models[model]
+    figures = row.by_family if _by_family(evaluation) else row.by_shape
+    return [figures[name].rmse_counts for name in _names(evaluation)]
+
+
+def _shape_bars(page: Figure, report: ReportData, split: str) -> None:
+    axes, evaluation = page.subplots(), report.evaluations[split]
+    names, color_of = _names(evaluation), colors(list(report.runs))
+    places, height = np.arange(len(names)), 0.8 / len(report.runs)
+    for i, run in enumerate(report.runs):
+        offset = (i - (len(report.runs) - 1) / 2) * height
+        errors = _errors(evaluation, run)
+        axes.barh(places + offset, errors, height, color=color_of[run], label=name_of(run))
+    for baseline, style in MARKS.items():
+        axes.plot(
+            _errors(evaluation, baseline), places, color=color_of[baseline],
+            label=name_of(baseline), linestyle="none", **style,
+        )  # fmt: skip
+    high = max(
+        error
+        for other in report.evaluations.values()
+        for model in other.models
+        for error in _errors(other, model)
+    )
+    axes.set_yticks(places, [shape_name(name) for name in names])
+    title = (TITLES if report.info.is_protocol else SPLIT_NAMES)[split]
+    axes.set(xlabel="RMSE, counts", title=title)
+    axes.set(xlim=(0, 1.05 * high or 1), ylim=(len(names) - 0.4, -0.6))
+    axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
+    axes.xaxis.set_major_formatter("{x:,.0f}")
+    page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+
+def by_view(report: ReportData) -> dict[str, Any]:
+    """A table per split: shapes (rows), models and groups of taxels (columns)."""
+    models = report.evaluation.models.values()
+    return {
+        "view": report.evaluation.view,
+        "max_rows": MAX_SHAPES,
+        "shortened": any(len(row.by_family) > MAX_SHAPES for row in models),
+        "tables": [_view_table(one, split) for split, one in report.evaluations.items()],
+    }
+
+
+def _view_table(evaluation: Evaluation, split: str) -> tuple[list, list]:
+    """Errors by shape; of the test split and of too many shapes, by family."""
+    models = {name: row for name, row in evaluation.models.items() if name != NOISE_FLOOR}
+    by_family = split == "test" or _by_family(evaluation)
+    rows = [_view_row("all", [row.overall for row in models.values()])]
+    for name in _names(evaluation, by_family):
+        parts = [row.by_family if by_family else row.by_shape for row in models.values()]
+        rows.append(_view_row(shape_name(name), [part[name] for part in parts]))
+    heads = [
+        ["", *((name_of(name), len(GROUPS)) for name in models)],
+        ["", *[*GROUPS] * len(models)],
+    ]
+    return heads, [(SPLIT_NAMES[split].capitalize(), rows)]
+
+
+def _view_row(name: str, figures: Sequence[Figures]) -> list[str]:
+    values = [getattr(one, f"rmse_{group}_counts") for one in figures for group in GROUPS]
+    return [name, *("–" if value is None else f"{value:,.0f}" for value in values)]

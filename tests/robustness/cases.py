@@ -1,0 +1,189 @@
+"""Cases: a command or call, the files it finds, and the end that is expected; shared damages."""
+
+import json
+import os
+import shlex
+import shutil
+import socket
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+REFUSED, BROKEN = 2, 1
+"""Exit status of refused input, and of a dataset that fails --verify."""
+
+
+@dataclass(frozen=True)
+class Base:
+    """Valid inputs: a dataset, runs of both translators on it, and their evaluation."""
+
+    data: Path
+    touch2touch: Path
+    resnet18: Path
+    evaluation: Path
+
+
+Make = Callable[[Path, Base], object]
+"""Writes a case's files into its own folder, or calls the code under test from there."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One call of t2twin from within a folder of its own.
+
+    command: as in a shell; {data}, {touch2touch}, {resnet18} and {evaluation} are paths of the
+    Base. make: writes the files. says: part of the expected sentence, in any case. fine: odd but
+    valid input, so that the call must succeed. statuses: allowed exit statuses of a refusal.
+    call: Python to call instead of a command.
+    """
+
+    name: str
+    command: str = ""
+    make: Make = lambda box, base: None
+    says: str = ""
+    fine: bool = False
+    statuses: tuple[int, ...] = (REFUSED,)
+    call: Make | None = None
+
+    def words(self, base: Base) -> list[str]:
+        words = shlex.split(self.command)
+        for name, path in vars(base).items():
+            words = [word.replace(f"{{{name}}}", str(path)) for word in words]
+        return words
+
+
+@dataclass(frozen=True)
+class Copy:
+    """A copy of a folder of the Base, without caches. Its files are hard links: `put` replaces
+    them, and nothing may write into them."""
+
+    name: str
+
+
+Content = bytes | str | Copy | Callable[[Path], object] | None
+"""A file's content, a copy of a folder, a function that writes or changes the path, or None to
+delete it."""
+
+
+def laid(files: Mapping[str, Content]) -> Make:
+    """Writes files, in order, below a case's folder."""
+
+    def make(box: Path, base: Base) -> None:
+        for name, content in files.items():
+            path = box / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if isinstance(content, Copy):
+                ignore = shutil.ignore_patterns("cache", "tensorboard")
+                source = getattr(base, content.name)
+                shutil.copytree(source, path, copy_function=os.link, ignore=ignore)
+            elif content is None:
+                path.unlink()
+            elif callable(content):
+                content(path)
+            else:
+                put(path, content)
+
+    return make
+
+
+def put(path: Path, content: bytes | str) -> None:
+    """Writes a file; one that is a hard link is replaced."""
+    path.unlink(missing_ok=True)
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def edit(change: Callable[[bytes], bytes]) -> Callable[[Path], object]:
+    return lambda path: put(path, change(path.read_bytes()))
+
+
+def instead(make: Callable[[Path], object]) -> Callable[[Path], object]:
+    """Puts something else in the place of a file."""
+    return lambda path: (path.unlink(missing_ok=True), make(path))
+
+
+def link(target: str) -> Callable[[Path], object]:
+    return instead(lambda path: path.symlink_to(target))
+
+
+def bind_socket(path: Path) -> None:
+    before = Path.cwd()
+    os.chdir(path.parent)  # the path of a socket has at most some hundred characters
+    try:
+        with socket.socket(socket.AF_UNIX) as end:
+            end.bind(path.name)
+    finally:
+        os.chdir(before)
+
+
+NOISE = np.random.default_rng(0).bytes(5000)
+
+CONTENTS: dict[str, Callable[[Path], object]] = {
+    "empty": edit(lambda content: b""),
+    "text": edit(lambda content: b"hello"),
+    "bytes that are not text": edit(lambda content: b"\xff\xfe\x00\x01,\x02"),
+    "noise": edit(lambda content: NOISE),
+    "zeros": edit(lambda content: bytes(len(content))),
+    "half": edit(lambda content: content[: len(content) // 2]),
+}
+"""Damaged contents of a file, by name."""
+
+PLACES: dict[str, Callable[[Path], object]] = {
+    "a pipe": instead(os.mkfifo),
+    "a folder": instead(Path.mkdir),
+    "a socket": instead(bind_socket),
+    "a link to a device": link("/dev/zero"),
+    "a link to nothing": link("gone"),
+    "a link to itself": instead(lambda path: path.symlink_to(path.name)),
+}
+"""What may be in the place of a file, by name."""
+
+DAMAGES = CONTENTS | PLACES
+
+
+class Unpickled:
+    """Unpickling it creates a file, which is found afterwards."""
+
+    def __reduce__(self) -> tuple:
+        return Path.touch, (Path("pickled"),)
+
+
+WRONG: dict[str, tuple[Any, ...]] = {
+    "int": (..., None, "many", [], 1.5, True, float("nan")),
+    "float": (None, "many", [], {}, True, float("nan"), float("inf")),
+    "bool": (..., None, "yes", 1, []),
+    "str": (..., None, 3, [], {}),
+    "list": (..., None, "many", 3, ["many"], [None]),
+    "dict": (..., None, "many", 3, []),
+}
+"""Values that a JSON field of a kind may not have; ... deletes the field."""
+
+
+def json_edit(field: str, value: Any) -> Callable[[Path], object]:
+    """Changes one field of a JSON file; field: keys and indices joined by >."""
+
+    def change(content: bytes) -> bytes:
+        whole = place = json.loads(content)
+        *keys, last = [int(key) if key.isdigit() else key for key in field.split(">")]
+        for key in keys:
+            place = place[key]
+        if value is ...:
+            del place[last]
+        else:
+            place[last] = value
+        return json.dumps(whole).encode()
+
+    return edit(change)
+
+
+def wrong_fields(
+    kinds: Mapping[str, str], optional: str, values: Iterable[tuple[str, Any]]
+) -> Iterator[tuple[str, Callable[[Path], object]]]:
+    """Wrong values of JSON fields, by the fields of each kind, and more values. optional: fields
+    that may be absent."""
+    pairs = [(f, v) for kind, fields in kinds.items() for f in fields.split() for v in WRONG[kind]]
+    for field, value in (*pairs, *values):
+        if value is not ... or field not in optional.split():
+            yield f"{field} {str(value)[:30]}", json_edit(field, value)

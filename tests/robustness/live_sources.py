@@ -1,0 +1,217 @@
+"""Sources and options of `live`: no frames, odd videos, folders that change meanwhile."""
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from cases import NOISE, Base, Case, Content, laid, link
+from pictures import JPEG, PNG, bomb, encoded, frame, grey16
+from PIL import Image
+
+from t2twin.core.errors import T2TwinError
+from t2twin.live.folder import FolderSource
+from t2twin.live.sources import open_source
+
+LIVE = "live --run {resnet18} "
+FRAME: dict[str, Content] = {"d/x.png": PNG}
+SHORT_PATIENCE_S = 0.2
+"""Patience of a folder source with unreadable files in these cases, s."""
+
+NO_SOURCE = ("nowhere", "", " ", "/dev/null", "/dev/zero", "~", "*", "http://127.0.0.1:9/x.mp4",
+             "rtsp://127.0.0.1:9/x", "file:///etc/hosts", "concat:a.avi|b.avi", "1.5", "0x0", "٣",
+             "²", "nowhere/", "v.avi\n")  # fmt: skip
+OTHER = {"99": "camera 99", "9999999999": "camera 9999999999", "9" * 5000: "camera",
+         "x" * 300: "cannot be read"}  # fmt: skip
+NO_VIDEO: dict[str, bytes] = {
+    "empty.mp4": b"", "text.mp4": b"no video", "notes.txt": b"a line\n" * 100,
+    "long.txt": "ä line\n".encode() * 5000, "list.m3u8": b"#EXTM3U\n#EXTINF:1,\n/etc/hosts\n",
+    "list.ffconcat": b"ffconcat version 1.0\nfile /etc/hosts\n", "x.sdp": b"v=0\nm=video\n",
+    "x.html": b"<html></html>", "x.json": b"{}", "x.npz": b"PK\x03\x04" + bytes(100),
+    "zeros.avi": bytes(100_000), "noise.avi": NOISE * 20,
+}  # fmt: skip
+OPTIONS = """
+--frames 0 => 1 or more|--frames -1 => 1 or more|--frames 1.5 => expected a whole number
+--frames= => --frames is ''|--frames many => --frames is 'many'|--frames => --frames has no value
+--turn-deg 45 => expected 0, 90, 180 or 270|--turn-deg -90 => --turn-deg
+--turn-deg 90.0 => --turn-deg|--turn-deg 360 => --turn-deg is '360'
+--layout none => layout|--layout '' => layout
+--layout cyskin-63 => ResNet18|--background none.png => none.png|--background d => d
+--background d/x.png => needs a field run|--background => --background has no value
+--bf16=yes => unexpected argument|--untouched d/x.png => there is no option '--untouched'
+--out out => there is no option '--out'|extra => with --run RUN
+"""
+"""Options that are refused with a valid source, and a part of the sentence."""
+
+
+def video(
+    hz: float = 1000.0, frames: int = 4, size: tuple[int, int] = (240, 320), codec: str = "MJPG",
+    part: float = 1.0,
+) -> Callable[[Path], object]:  # fmt: skip
+    """Writes a video file. part: of its bytes that are kept."""
+
+    def write(path: Path) -> None:
+        from t2twin.live.sources import _opencv
+
+        cv2 = _opencv()
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), hz, size)
+        for number in range(frames):
+            writer.write(np.ascontiguousarray(np.asarray(frame(number, size))[:, :, ::-1]))
+        writer.release()
+        content = path.read_bytes()
+        path.write_bytes(content[: int(part * len(content))])
+
+    return write
+
+
+VIDEOS = (video(), video(7.5, 2), video(30000 / 1001, 3), video(0.01, 2), video(100_000.0),
+          video(frames=1), video(size=(16, 16)), video(size=(320, 240)), video(size=(1920, 1080)),
+          video(200.0, 20, part=0.5))  # fmt: skip
+ODD_FOLDERS: tuple[dict[str, Content], ...] = (
+    {}, {"d/a.png": PNG, "d/b.jpg": JPEG}, {"d/a.png": bomb()},
+    {"d/a.png": PNG[:999], "d/b.png": b"", "d/c.jpg": b"no image"},
+    {"d/a.png": encoded(frame(size=(64, 48)))},
+    {"d/sub.png": Path.mkdir, "d/pipe.png": os.mkfifo, "d/device.png": link("/dev/zero"),
+     "d/nowhere.png": link("gone"), "d/itself.png": link("itself.png"), "d/.hidden.png": "",
+     "d/notes.txt": "no image"},
+)  # fmt: skip
+"""Files next to the newest frame."""
+
+
+def _frame(number: int) -> bytes:
+    """A frame whose upper half has the grey level 100 + number; noise makes the file large."""
+    image = np.asarray(frame(number)).copy()
+    image[:160] = 100 + number
+    return encoded(Image.fromarray(image))
+
+
+Step = Callable[[Path, int], None]
+"""Writes the frame of a number to a path."""
+
+
+def in_place(path: Path, number: int) -> None:
+    with path.open("wb") as file:
+        for part in np.array_split(np.frombuffer(_frame(number), np.uint8), 4):
+            file.write(part.tobytes())
+            file.flush()
+
+
+def renamed(path: Path, number: int) -> None:
+    path.with_suffix(".tmp").write_bytes(_frame(number))
+    path.with_suffix(".tmp").replace(path)
+
+
+def resized(path: Path, number: int) -> None:
+    size = ((240, 320), (320, 240), (64, 48), (1, 1))[number]
+    path.with_suffix(".tmp").write_bytes(encoded(Image.new("RGB", size, (100 + number,) * 3)))
+    path.with_suffix(".tmp").replace(path)
+
+
+def old(path: Path, number: int) -> None:
+    """A frame that is copied with its time of change."""
+    path.with_suffix(".tmp").write_bytes(_frame(number))
+    os.utime(path.with_suffix(".tmp"), (1000, 1000))
+    path.with_suffix(".tmp").replace(path)
+
+
+def vanishing(path: Path, number: int) -> None:
+    path.write_bytes(_frame(number))
+    path.unlink()
+
+
+def other(path: Path, number: int) -> None:
+    """Entries that are no frames, and a damaged frame."""
+    laid({f"{number}p.png": os.mkfifo, f"{number}f.png": Path.mkdir, f"{number}d.png": PNG[:500],
+          f"{number}l.png": link("/dev/zero")})(path.parent, None)  # pyright: ignore[reportArgumentType]  # fmt: skip
+
+
+CHANGING: tuple[list[tuple[str, Step, bool]], ...] = (
+    *([(name.replace("N", str(n)), write, True) for n in range(9)]
+      for write in (in_place, renamed) for name in ("N.png", "latest.png")),
+    [(f"{n % 3}.png", renamed, True) for n in range(9)], [("latest.png", resized, True)] * 4,
+    [("a.png", renamed, True), ("b.png", old, True)],
+    [(f"{n}.png", vanishing if n < 9 else renamed, n == 9) for n in range(10)],
+    [(f"{n}.png", other if n % 2 else renamed, n % 2 == 0) for n in range(9)],
+)  # fmt: skip
+"""Steps that write to a folder while it is read: file, function, and whether the frame must come
+before the next step."""
+
+
+def _change(steps: list[tuple[str, Step, bool]], box: Path, base: Base) -> None:
+    (box / "frames").mkdir()
+    source = FolderSource(box / "frames", 0, lambda report: None, SHORT_PATIENCE_S)
+    seen: list[int] = []
+    is_seen = threading.Semaphore(0)
+
+    def write() -> None:
+        for number, (name, step, is_awaited) in enumerate(steps):
+            step(box / "frames" / name, number)
+            if is_awaited:
+                is_seen.acquire()
+
+    writer = threading.Thread(target=write, daemon=True)
+    writer.start()
+    while (not seen or seen[-1] < 99 + len(steps)) and (each := source.read()) is not None:
+        seen.append(int(each.image[0, 0, 0]))
+        is_seen.release()
+    writer.join()
+    expected = {100 + number for number, (_, _, is_awaited) in enumerate(steps) if is_awaited}
+    assert seen == sorted(set(seen)) and expected <= set(seen), f"{seen} came, not {expected}"
+
+
+def _gone(change: Callable[[Path], object], box: Path, base: Base) -> None:
+    folder = box / "frames"
+    folder.mkdir()
+    source = FolderSource(folder, 0, lambda report: None, SHORT_PATIENCE_S)
+    folder.rmdir()
+    change(folder)
+    with pytest.raises(T2TwinError, match="no longer exists"):
+        source.read()
+
+
+def _reported(make: Callable[[Path], object], says: str, box: Path, base: Base) -> None:
+    make(box / "v.avi")
+    reports: list[str] = []
+    source = open_source(str(box / "v.avi"), report=reports.append)
+    while source.read() is not None:
+        pass
+    assert len(reports) == 1 and says in reports[0], f"reported {reports}"
+
+
+def cases() -> Iterator[Case]:
+    for name, says in (dict.fromkeys(NO_SOURCE, "no source") | OTHER).items():
+        yield Case(f"source {name[:20]!r}", f"{LIVE} '{name}'", says=says)
+    for name, content in NO_VIDEO.items():
+        yield Case(name, LIVE + name, laid({name: content}), "cannot be read as a video")
+    yield Case("one image", LIVE + "x.png", laid({"x.png": PNG}), "is an image")
+    for option in OPTIONS.strip().replace("\n", "|").split("|"):
+        words, _, says = option.partition(" => ")
+        yield Case(f"live {words}", f"{LIVE} d {words}", laid(FRAME), says)
+    yield Case("run without --run", "live {resnet18} d", laid(FRAME), "--run")
+    yield Case("no run", "live d --run d", laid(FRAME), "config.json")
+    cut = laid({"v.mp4": video(30.0, 30, codec="mp4v", part=0.5)})
+    yield Case("a video without its index", LIVE + "v.mp4", cut, "cannot be read as a video")
+    for number, write in enumerate(VIDEOS):
+        yield Case(f"video {number}", LIVE + "v.avi", laid({"v.avi": write}), fine=True)
+    for more in ("--turn-deg 0", "--turn-deg 90", "--turn-deg 180", "--turn-deg 270",
+                 f"--frames {2**70}"):  # fmt: skip
+        yield Case(f"video {more}", f"{LIVE} v.avi {more}", laid({"v.avi": video()}), fine=True)
+    for name in ("0.avi", "a b.avi"):
+        yield Case(f"video {name}", f"{LIVE} '{name}'", laid({name: video()}), fine=True)
+    modes = {mode: encoded(frame().convert(mode)) for mode in ("L", "LA", "RGBA", "P", "1")}
+    folders = [*ODD_FOLDERS, *({"d/x.png": content} for content in (*modes.values(), grey16()))]
+    for number, files in enumerate(folders):
+        make = laid(files | ({} if "d/x.png" in files else FRAME))
+        yield Case(f"folder {number}", f"{LIVE} d --frames 1", make, fine=True)
+    linked = laid(FRAME | {"link": link("d")})
+    yield Case("a linked folder", f"{LIVE} link --frames 1", linked, fine=True)
+    for steps in CHANGING:
+        name = f"changes by {steps[0][1].__name__} of {steps[-1][0]}"
+        yield Case(name, call=partial(_change, steps), fine=True)
+    for change in (lambda path: None, lambda path: path.write_text("a file")):
+        yield Case("a folder that is deleted", call=partial(_gone, change), fine=True)
+    for write, says in ((video(0.01, 2), "frames/s"), (video(500.0, 40, part=0.5), "ends after")):
+        yield Case(f"a video that {says}", call=partial(_reported, write, says), fine=True)

@@ -1,0 +1,237 @@
+"""Commands that are killed, stopped, out of disk space or run twice lose and leave nothing.
+
+After each fault the same command, undisturbed, must give the same results.
+"""
+
+import hashlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from cases import Content, laid
+from frames import CALIBRATE, ball_frames
+from pairs import PAIRS
+from pictures import PNG, encoded, frame
+
+pytestmark = pytest.mark.exhaustive
+
+STATUS = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
+PATIENCE_S = 120
+"""Longest duration of a command, s; longer is a hang."""
+
+STOPS = ((signal.SIGKILL, 0.1), (signal.SIGKILL, 0.7), (signal.SIGTERM, 0.8), (signal.SIGINT, 0.4))
+"""Signals, and their moments as parts of the undisturbed duration: while loading, and later."""
+
+BRIEF_STOPS = ((signal.SIGTERM, 0.8),)
+"""Those of commands that do not resume; they differ little from each other."""
+
+LOADING = 0.3
+"""Part of the duration in which a command may still be loading, and may print nothing (assumed)."""
+
+UNCOMPARED = {"log.jsonl", "tensorboard", "cache", "README.md"}
+"""Files and folders with times, or of caches."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command without --out. out: its output. kilobytes: too little disk space for it. resumes:
+    whether the same command continues after a stop."""
+
+    words: str
+    out: str = "out"
+    kilobytes: int = 64
+    resumes: bool = False
+
+
+COMMANDS = {
+    "simdata": Command("simdata --scale smoke --workers 2", kilobytes=2000, resumes=True),
+    "train": Command("train resnet18 --data {data} --preset smoke --epochs 4", "out", 4000, True),
+    "translate": Command("translate --run {run} frames"),
+    "export": Command("export --run {run}", "out.onnx", 500),
+    "import-pairs": Command("import-pairs pairs.csv", kilobytes=8),
+    "calibrate": Command(CALIBRATE.removesuffix(" --out out") + " --held-out 2"),
+    "report": Command("report --data {data}"),
+}
+
+
+class Bench:
+    """A command with its undisturbed results and duration."""
+
+    def __init__(self, command: Command, words: list[str], folder: Path) -> None:
+        self.command, self._words, self._folder, self._number = command, words, folder, 0
+        self._files: dict[str, Content] = PAIRS | ball_frames()
+        self._files |= {f"frames/{n}.png": encoded(frame(n)) for n in range(40)}
+        self._files |= {"frames/last.png": PNG}
+        box = self.box()
+        process = self.start(box)
+        started = os.times().elapsed
+        assert end_of(process)[0] == 0
+        self.seconds, self.wanted = os.times().elapsed - started, box / command.out
+
+    def box(self) -> Path:
+        """A new folder with the inputs."""
+        self._number += 1
+        box = self._folder / str(self._number)
+        box.mkdir()
+        laid(self._files)(box, None)  # pyright: ignore[reportArgumentType]
+        return box
+
+    def start(self, box: Path, out: str = "") -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, "-m", "t2twin", *self._words, "--out", out or self.command.out],
+            cwd=box, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            start_new_session=True, preexec_fn=_default_signals,
+        )  # fmt: skip
+
+    def check_again(self, box: Path, out: str = "") -> None:
+        """Runs the command once more, undisturbed, and compares the results."""
+        status, printed = end_of(self.start(box, out))
+        assert status == 0, printed
+        self.check_results(box, out)
+
+    def check_results(self, box: Path, out: str = "") -> None:
+        assert digests(box / (out or self.command.out)) == digests(self.wanted)
+        assert left_overs(box) == []
+
+
+def _default_signals() -> None:
+    """In the child process: signals stop it, though a shell had it ignore some."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)
+
+
+def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
+    """Exit status and printed text, once no process of the command is left."""
+    try:
+        out, err = process.communicate(timeout=PATIENCE_S)
+        with pytest.raises(ProcessLookupError):
+            for _ in range(PATIENCE_S * 20):
+                os.killpg(process.pid, 0)
+                signal.sigtimedwait([], 0.05)
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
+    return process.returncode, out + err
+
+
+def left_overs(box: Path) -> list[str]:
+    """Half-written files, and locks."""
+    return [path.name for path in box.rglob("*") if ".part" in path.name or path.suffix == ".lock"]
+
+
+def digests(place: Path) -> dict[str, str]:
+    """SHA-256 of the files that do not depend on time."""
+    files = [place] if place.is_file() else sorted(p for p in place.rglob("*") if p.is_file())
+    names = {path: path.relative_to(place) for path in files}
+    return {str(n): _digest(p) for p, n in names.items() if not UNCOMPARED & set(n.parts)}
+
+
+def _digest(path: Path) -> str:
+    if path.suffix in (".html", ".safetensors") and path.name != "best.safetensors":
+        return "exists"  # a page has its date; a state of training has durations
+    if path.suffix == ".npz":
+        with zipfile.ZipFile(path) as archive:  # has times of its own
+            return repr([(n, archive.read(n)) for n in sorted(archive.namelist())])
+    if path.name == "config.json":
+        content = json.loads(path.read_text())
+        return repr([content[key] for key in ("model", "preset", "seed", "epochs")])
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@contextmanager
+def small_disk(folder: Path, kilobytes: int) -> Iterator[Path]:
+    """A disk of that size below the folder. Skips where none can be mounted."""
+    place = folder / "disk"
+    place.mkdir()
+    if _mount("-t", "tmpfs", "-o", f"size={kilobytes}k", "tmpfs", str(place)):
+        pytest.skip("only root can mount a small disk")
+    try:
+        yield place
+    finally:
+        subprocess.run(["umount", "-l", str(place)], check=True)
+
+
+def _mount(*words: str) -> int:
+    return subprocess.run(["mount", *words], check=False, capture_output=True).returncode
+
+
+RESUMING = [name for name, command in COMMANDS.items() if command.resumes]
+
+
+@pytest.fixture(scope="module")
+def bench(request, small_dataset, trained, tmp_path_factory):
+    command = COMMANDS[request.param]
+    paths = {"{data}": small_dataset, "{run}": trained("resnet18", small_dataset, 1)}
+    words = [str(paths.get(word, word)) for word in command.words.split()]
+    return Bench(command, words, tmp_path_factory.mktemp(request.param))
+
+
+@pytest.mark.parametrize(
+    "bench, number, moment",
+    [
+        (name, *stop)
+        for name, command in COMMANDS.items()
+        for stop in (STOPS if command.resumes else BRIEF_STOPS)
+    ],
+    indirect=["bench"],
+)
+def test_a_stopped_command_can_be_repeated(bench, number, moment):
+    box = bench.box()
+    process = bench.start(box)
+    try:
+        process.wait(moment * bench.seconds)
+    except subprocess.TimeoutExpired:
+        process.send_signal(number)
+    status, printed = end_of(process)
+    assert status in (0, STATUS[number]), printed
+    if number == signal.SIGTERM or moment > LOADING:
+        assert "Traceback" not in printed
+    if number != signal.SIGKILL and status:
+        end = "continues from here" if bench.command.resumes else "begins again"
+        assert moment < LOADING or f"t2twin: stopped; the same command {end}" in printed, printed
+        assert left_overs(box) == []
+        assert bench.command.resumes or not (box / bench.command.out).exists()
+    out = box / bench.command.out
+    is_complete = out.exists() and digests(out) == digests(bench.wanted)
+    if bench.command.resumes or not is_complete:  # others refuse to replace complete results
+        bench.check_again(box)
+
+
+@pytest.mark.parametrize(
+    "bench, is_full",
+    [(name, True) for name in COMMANDS] + [(name, False) for name in RESUMING],
+    indirect=["bench"],
+)
+def test_a_full_and_a_read_only_disk_are_reported(bench, is_full):
+    box, out = bench.box(), f"disk/{bench.command.out}"
+    with small_disk(box, bench.command.kilobytes if is_full else 1000) as disk:
+        if not is_full:
+            _mount("-o", "remount,ro", str(disk))
+        status, printed = end_of(bench.start(box, out))
+        says = ("no space left", "no room") if is_full else ("read-only",)
+        assert status == 2 and any(each in printed.lower() for each in says), printed
+        assert "Traceback" not in printed and printed.count("t2twin: ") == 1, printed
+        assert left_overs(box) == []
+        assert bench.command.resumes or not (disk / bench.command.out).exists()
+        if is_full:
+            _mount("-o", "remount,size=200m", str(disk))
+            bench.check_again(box, out)
+
+
+@pytest.mark.parametrize("bench", RESUMING, indirect=True)
+def test_two_commands_at_once_give_complete_results(bench):
+    box = bench.box()
+    ends = [end_of(process) for process in [bench.start(box), bench.start(box)]]
+    assert 0 in [status for status, _ in ends]
+    for status, printed in ends:
+        refused = "another t2twin is writing" in printed or "is not empty" in printed
+        assert status == 0 or (status == 2 and refused), printed
+    bench.check_results(box)
