@@ -205,6 +205,7 @@ def _replace(folder: Path, temporary: Path) -> None:
     """Move the new files into the folder, and remove those of an earlier slide."""
     frames, old_frames = temporary / FRAMES, folder / FRAMES
     new = [path for path in temporary.iterdir() if path != frames]
+    new.sort(key=lambda path: path.name != SLIDE_CSV)  # first: it marks the folder of a slide
     if old_frames.exists() and not old_frames.is_dir():
         raise T2TwinError(f"{old_frames} is a file; expected a folder, or no such file")
     for path in (*new, *frames.iterdir()):

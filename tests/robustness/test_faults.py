@@ -54,6 +54,7 @@ class Command:
 COMMANDS = {
     "simdata": Command("simdata --scale smoke --workers 2", kilobytes=2000, resumes=True),
     "train": Command("train resnet18 --data {data} --preset smoke --epochs 4", "out", 4000, True),
+    "slide": Command("slide circle-1 --dx-mm 0.4 --steps 2"),
     "translate": Command("translate --run {run} frames"),
     "export": Command("export --run {run}", "out.onnx", 500),
     "import-pairs": Command("import-pairs pairs.csv", kilobytes=8),
