@@ -170,7 +170,7 @@ def test_invalid_arguments_are_refused(adapted_run, unit, tmp_path, capsys):
     wrong = ("--init-from", HOME / "field", "--model", "resnet18")
     assert "is a field run" in refused(capsys, *given, *ball, "--out", fresh, *wrong)
     assert "there is no model" in refused(capsys, *given, *ball, "--out", fresh, "--model", "x")
-    assert "between 1 and 12" in refused(capsys, *given, "--ball-diameter-mm", 40, "--out", fresh)
+    assert "from 1 to 12" in refused(capsys, *given, "--ball-diameter-mm", 40, "--out", fresh)
     off = ("--scale-tolerance-px-per-mm", 18)
     assert "reaches beyond" in refused(capsys, *given, *ball, *off, "--out", fresh)
     assert not fresh.exists()

@@ -133,9 +133,10 @@ def test_a_touch_is_saved_as_the_command_writes_it(tmp_path):
 def test_the_readmes_lines_run_as_they_stand(readme_lines):
     scope: dict = {}
     exec(readme_lines, scope)
-    touch, prediction = scope["touch"], scope["prediction"]
-    assert touch.counts.shape == prediction.counts.shape == prediction.counts_std.shape == (20,)
-    assert 1.0 < float(prediction.force_n) < 15.0
+    touch, counts = scope["touch"], scope["counts"]
+    assert touch.counts.shape == counts.shape == (20,)
+    error = np.sqrt(np.mean((counts - touch.counts) ** 2.0))
+    assert error < np.sqrt(np.mean(touch.counts**2.0))  # better than zero counts
 
 
 @pytest.fixture
@@ -144,5 +145,5 @@ def readme_lines(request) -> str:
     readme = (request.config.rootpath / "README.md").read_text()
     lines = readme.split("```python\n", 1)[1].split("```", 1)[0]
     assert lines.startswith("import t2twin\n")
-    assert len([line for line in lines.splitlines() if line]) == 4
+    assert len([line for line in lines.splitlines() if line]) == 3
     return lines

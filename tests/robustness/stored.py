@@ -240,7 +240,7 @@ def cases() -> Iterator[Case]:
         yield Case(f"train into a run with another {field}", USERS[4], laid(files), "another")
     yield from _reversed()
     into = USERS[4].replace("--out run", "--out data")
-    yield Case("train into a dataset", into, laid(DATA), "holds no run")
+    yield Case("train into a dataset", into, laid(DATA), "contains no run")
     for user in (USERS[0], USERS[4]):
         yield Case(f"valid: {user}", user, laid(RUN), fine=True)
 
