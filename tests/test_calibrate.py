@@ -274,8 +274,8 @@ def test_too_few_presses_are_refused(copy, capsys):
 
 
 def test_a_ball_that_cannot_be_is_refused(copy, capsys):
-    assert "between 1 and 12" in refused(copy, capsys, ball=0.2)
-    assert "between 1 and 12" in refused(copy, capsys, ball=float("nan"))
+    assert "from 1 to 12" in refused(copy, capsys, ball=0.2)
+    assert "a finite number" in refused(copy, capsys, ball=float("nan"))
 
 
 def save_parts(parts: dict[str, Any], path):

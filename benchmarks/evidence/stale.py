@@ -7,7 +7,7 @@ from benchmarks.evidence.record import Benchmark
 from benchmarks.evidence.results import git, read_results
 from t2twin.core.errors import T2TwinError
 
-BASELINE = "df57d953d205"
+BASELINE = "0d1cde67c747"
 """Commit from which changes count. Results of earlier commits count as measured at it."""
 
 
