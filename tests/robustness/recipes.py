@@ -99,7 +99,8 @@ BAD_SOLIDS: dict[str, tuple[Content, str]] = {
 OPTIONS = {
     "nowhere": "there is no world", "''": "expected a path", "gone.toml": "no file gone.toml",
     "/dev/null": "there is no world", "open --scale smoke": "cannot be used with",
-    "open --calibration c.npz": "cannot be used with", "open --imperfections all": "cannot be used with",
+    "open --calibration c.npz": "cannot be used with",
+    "open --imperfections all": "cannot be used with",
 }  # fmt: skip
 
 
