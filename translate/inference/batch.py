@@ -9,7 +9,7 @@ Shape letters: B images, N taxels, S image side of the run, c channels.
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import partial
 from pathlib import Path
 
@@ -156,7 +156,13 @@ def _translate(
             classes += run.classify(pixels)
             if tactile is not None:
                 save = partial(_save_png, run, folder)
-                list(pool.map(save, tactile, names[part], stds))
+                saves = [
+                    pool.submit(save, *each)
+                    for each in zip(tactile, names[part], stds, strict=True)
+                ]
+                wait(saves)  # none may write after an error, when the folder is removed
+                for each in saves:
+                    each.result()
             bar.update(len(pixels))
     return TranslationResult(counts, classes, concatenate(estimates) if estimates else None)
 
