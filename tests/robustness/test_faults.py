@@ -33,9 +33,6 @@ STOPS = ((signal.SIGKILL, 0.6), (signal.SIGTERM, 0.7), (signal.SIGINT, 0.4))
 BRIEF_STOPS = ((signal.SIGTERM, 0.7),)
 """Those of commands that do not resume; they differ little from each other."""
 
-LOADING = 0.3
-"""Part of the duration in which a command may still be loading, and may print nothing (assumed)."""
-
 UNCOMPARED = {"log.jsonl", "tensorboard", "cache", "README.md"}
 """Files and folders with times, or of caches."""
 
@@ -198,11 +195,12 @@ def test_a_stopped_command_can_be_repeated(bench, number, moment):
     is_complete = out.exists() and digests(out) == digests(bench.wanted)
     # At its very end Python has given the signals back to the system.
     assert status in (0, STATUS[number]) or (is_complete and status == -number), printed
-    if number == signal.SIGTERM or moment > LOADING:
-        assert "Traceback" not in printed
+    # Python itself ends on Ctrl-C while it loads modules; a signal that early leaves no message.
+    is_loading = not printed.strip() or (number == signal.SIGINT and "importlib" in printed)
+    assert is_loading or "Traceback" not in printed
     if number != signal.SIGKILL and status > 0:
         end = "continues from here" if bench.command.resumes else "begins again"
-        assert moment < LOADING or f"t2twin: stopped; the same command {end}" in printed, printed
+        assert is_loading or f"t2twin: stopped; the same command {end}" in printed, printed
         assert left_overs(box) == []
         assert bench.command.resumes or not (box / bench.command.out).exists()
     if bench.command.resumes or not is_complete:  # others refuse to replace complete results
