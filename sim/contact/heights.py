@@ -75,7 +75,6 @@ def lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
 LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"
 """Types of what `lookup` returns."""
 
-
 NO_SHIFT = np.zeros((3, 1, 1))
 """Shift that the compiled loops do not read."""
 
@@ -92,6 +91,7 @@ def column_and_row(column, row, press_x, press_y, cos, sin, x, y):
 
 @compiled("f4(f4[:, ::1], f8, f8)", nogil=True)
 def interpolated(heights, column, row):
+    """Height at a place between the points of a map, bilinear; NOTHING_MM outside."""
     if not (0.0 <= column < heights.shape[1] - 1 and 0.0 <= row < heights.shape[0] - 1):
         return np.float32(NOTHING_MM)
     # Unsigned indices save the check for negative ones.

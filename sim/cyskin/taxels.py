@@ -5,7 +5,7 @@ thins, and the count is proportional to the increase of the capacitance, area ov
 """
 
 from functools import lru_cache, partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -54,31 +54,21 @@ def pad_weights(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: La
 
     x_mm, y_mm: the grid's axes. Raises T2TwinError for a layout that extends beyond the grid.
     """
-    return _weights(
-        cover.thickness_mm,
-        cover.poisson,
-        tuple(x_mm),
-        tuple(y_mm),
-        tuple(layout.x_mm),
-        tuple(layout.y_mm),
-        tuple(layout.pad_diameter_mm),
-    )
+    return _weights(*_key(cover, x_mm, y_mm, layout), "normal")
 
 
 def shear_weights(
     cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout
 ) -> np.ndarray:
     """Mean normal stress on each pad per unit shear along x and y on each cell of a cover's grid,
-    (2, n, rows * columns)."""
-    return _shear_weights(
-        cover.thickness_mm,
-        cover.poisson,
-        tuple(x_mm),
-        tuple(y_mm),
-        tuple(layout.x_mm),
-        tuple(layout.y_mm),
-        tuple(layout.pad_diameter_mm),
-    )
+    (2, n, rows * columns). Otherwise as `pad_weights`."""
+    return _weights(*_key(cover, x_mm, y_mm, layout), "shear")
+
+
+def _key(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout) -> tuple[Any, ...]:
+    """What the weights depend on, as hashable arguments of `_weights`."""
+    taxels = tuple(layout.x_mm), tuple(layout.y_mm), tuple(layout.pad_diameter_mm)
+    return cover.thickness_mm, cover.poisson, tuple(x_mm), tuple(y_mm), *taxels
 
 
 def counts(pressure_mpa: np.ndarray, gain: float = GAIN_COUNTS) -> np.ndarray:
@@ -92,7 +82,7 @@ def counts(pressure_mpa: np.ndarray, gain: float = GAIN_COUNTS) -> np.ndarray:
     return np.minimum(gain * strain / (1.0 - strain), FULL_SCALE_COUNTS)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def _weights(
     thickness_mm: float,
     poisson: float,
@@ -101,6 +91,7 @@ def _weights(
     taxel_x_mm: tuple[float, ...],
     taxel_y_mm: tuple[float, ...],
     diameter_mm: tuple[float, ...],
+    force: Force,
 ) -> np.ndarray:
     taxel_x, taxel_y = np.array(taxel_x_mm), np.array(taxel_y_mm)
     reach_x, reach_y = max(x_mm), max(y_mm)
@@ -111,27 +102,10 @@ def _weights(
         )
     x, y = np.meshgrid(x_mm, y_mm)
     pitch = x_mm[1] - x_mm[0]
-    distance = np.hypot(x.ravel() - taxel_x[:, None], y.ravel() - taxel_y[:, None])
-    return pitch**2 * _pad_responses(distance, thickness_mm, poisson, diameter_mm, "normal")
-
-
-@lru_cache(maxsize=8)
-def _shear_weights(
-    thickness_mm: float,
-    poisson: float,
-    x_mm: tuple[float, ...],
-    y_mm: tuple[float, ...],
-    taxel_x_mm: tuple[float, ...],
-    taxel_y_mm: tuple[float, ...],
-    diameter_mm: tuple[float, ...],
-) -> np.ndarray:
-    x, y = np.meshgrid(x_mm, y_mm)
-    pitch = x_mm[1] - x_mm[0]
-    taxel_x, taxel_y = np.array(taxel_x_mm), np.array(taxel_y_mm)
     ahead = np.stack([taxel_x[:, None] - x.ravel(), taxel_y[:, None] - y.ravel()])
     distance = np.hypot(*ahead)
-    response = _pad_responses(distance, thickness_mm, poisson, diameter_mm, "shear")
-    return pitch**2 * response * ahead / np.maximum(distance, 1e-9)
+    weights = pitch**2 * _pad_responses(distance, thickness_mm, poisson, diameter_mm, force)
+    return weights if force == "normal" else weights * ahead / np.maximum(distance, 1e-9)
 
 
 def _pad_responses(

@@ -12,21 +12,17 @@ import numpy as np
 
 from t2twin.core.cached_files import cached_array
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.layer import mean_inverse_distance
+from t2twin.sim.contact.layer import (
+    HANKEL_POINTS_A_WAVE,
+    HANKEL_RADII,
+    SMOOTH_REACH,
+    mean_inverse_distance,
+)
 from t2twin.sim.contact.tangential.spectra import spectra
 from t2twin.sim.splines import CubicSpline
 
-SMOOTH_REACH = 30.0
-"""Wavenumber times thickness above which the base has no effect: it is below exp(-60)."""
-
-POINTS_A_WAVE = 25
-"""Points per wave of the Hankel transform's integrand at the largest distance."""
-
 MIN_POINTS = 1000
 """Points of the Hankel transform up to SMOOTH_REACH of the layer."""
-
-RADII = 500
-"""Number of distances at which the transform is computed; splines interpolate between them."""
 
 
 class Kernels(NamedTuple):
@@ -50,7 +46,7 @@ def shear_kernels(
     x = np.arange(1 - columns, columns) * pitch_mm
     y = np.arange(1 - rows, rows) * pitch_mm
     distance = np.hypot(x, y[:, None])
-    radii = np.linspace(0.0, float(distance.max()), RADII)
+    radii = np.linspace(0.0, float(distance.max()), HANKEL_RADII)
     mean, difference, coupling = (
         pitch_mm**2 * CubicSpline(0.0, radii[-1], profile)(distance)
         for profile in _base_part(elastomer, thickness_mm, radii, pitch_mm)
@@ -67,7 +63,10 @@ def shear_kernels(
     return Kernels(*(a + b for a, b in zip(smooth, half_space, strict=True)))
 
 
-def _half_space(x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float, elastomer: Elastomer):
+def _half_space(
+    x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float, elastomer: Elastomer
+) -> Kernels:
+    """The kernels of a half-space at offsets x, y."""
     nu = elastomer.poisson
     unit = (1 + nu) / np.pi / elastomer.young_mpa
     inverse = mean_inverse_distance(x_mm, y_mm, pitch_mm)
@@ -130,7 +129,7 @@ def _hankel(
     from scipy import special
 
     reach = SMOOTH_REACH / thickness_mm
-    step = min(2 * np.pi / radii_mm[-1] / POINTS_A_WAVE, reach / MIN_POINTS)
+    step = min(2 * np.pi / radii_mm[-1] / HANKEL_POINTS_A_WAVE, reach / MIN_POINTS)
     k = np.arange(1e-9, reach, step)
     k = k[: len(k) - 1 + len(k) % 2]
     # Simpson's rule, times the average over both cells to second order: sinc^4 is about
