@@ -3,13 +3,13 @@ import pickle
 import numpy as np
 import pytest
 
+from benchmarks.same_surface import KnownSurfaces
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.random_shapes import features, rasterize, seed_of
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
 from t2twin.primitives_cad.random_shapes.shape import BASE_DEPTH_MM, PITCH_MM, RandomShape
-from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 
 AXIS = np.arange(-200, 201) * 0.1
