@@ -42,7 +42,6 @@ from t2twin.translate.evaluation.records import (
     ModelRow,
     NeighborPairs,
     PaperRow,
-    ShapeFloor,
     TaxelCounts,
     ViewSummary,
 )
@@ -169,8 +168,8 @@ def test_records_come_back_from_their_file(tmp_path: Path) -> None:
     row = ModelRow(absent, {"bump-3": absent}, {"bump": absent}, Intervals(**spans))
     alike = NeighborPairs(3, 0.5, 100.0)
     floor = IrreducibleErrorFloor(
-        alike, NeighborPairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
-        {"under": None, "near": 2.0}, {"bump-3": ShapeFloor(alike, None)},
+        alike, NeighborPairs(0, None, None), 50.0, Interval(0.0, 60.0),
+        {"under": None, "near": 2.0},
     )  # fmt: skip
     evaluation = Evaluation(
         format=FORMAT, split="val", pairs=3, full_scale_counts=40000.0, contact_level=0.1,

@@ -1,6 +1,6 @@
 """t2twin calibrate"""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -154,15 +154,7 @@ def _score_lines(report: "CalibrationReport") -> list[str]:
         )
     lines += ["", f"{'mean, contact crop of 100 x 100 px':34s} {'':21s} {'L1':>6s} {'SSIM':>6s} "
               f"{'PSNR dB':>8s}"]  # fmt: skip
-    rows = {
-        "calibrated": report.scores.calibrated,
-        "cut and paste": report.scores.cut_and_paste,
-        "do nothing": report.scores.do_nothing,
-        "noise floor: one press, two frames": report.scores.repeats_floor,
-        "noise floor: background": report.scores.background_floor,
-    }
-    for name, score in rows.items():
-        if score is None:
-            continue
+    for field in fields(report.scores):
+        name, score = field.name.replace("_", " "), getattr(report.scores, field.name)
         lines.append(f"{name:34s} {'':21s} {score.l1:6.2f} {score.ssim:6.3f} {score.psnr_db:8.2f}")
     return [*lines, ""]

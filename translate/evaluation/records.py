@@ -235,29 +235,19 @@ class NeighborPairs:
 
 
 @dataclass(frozen=True)
-class ShapeFloor:
-    """The estimate for one shape."""
-
-    nearest: NeighborPairs
-    extrapolated_rmse_counts: float | None
-
-
-@dataclass(frozen=True)
 class IrreducibleErrorFloor:
     """The estimate from one set of neighbors; see module metrics.irreducible_error.
 
-    nearest: each press and its nearest neighbor. close: those within the noise. curve: groups of
-    all neighbors by distance. extrapolated_rmse_counts, with its interval over shapes: the
-    difference at the noise's distance; parts: the same for each group of taxels.
+    nearest: each press and its nearest neighbor. close: those within the noise.
+    extrapolated_rmse_counts, with its interval over shapes: the difference at the noise's distance;
+    parts: the same for each group of taxels.
     """
 
     nearest: NeighborPairs
     close: NeighborPairs
-    curve: tuple[NeighborPairs, ...]
     extrapolated_rmse_counts: float | None
     interval: Interval | None
     parts: dict[str, float | None]
-    by_shape: dict[str, ShapeFloor]
 
 
 @dataclass(frozen=True)

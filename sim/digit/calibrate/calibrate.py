@@ -20,11 +20,9 @@ from t2twin.sim.digit.calibrate.scale import Fit, Presses, fit_presses
 from t2twin.sim.digit.calibrate.scores import (
     CalibrationScores,
     Score,
-    background_floor,
     crop_scores,
     cut_and_paste,
     mean_score,
-    repeats_floor,
 )
 from t2twin.sim.digit.calibrate.uncertainty import (
     CalibrationUncertainty,
@@ -100,16 +98,6 @@ class Inputs:
         return [self.names[index] for index in indices]
 
 
-@dataclass(frozen=True)
-class _Posed:
-    """Frames (n, ROWS, COLUMNS, 3) uint8, their contacts (n, 2), row and column, px, and their
-    poses (n, 3)."""
-
-    frames: np.ndarray
-    patches: np.ndarray
-    poses: np.ndarray
-
-
 def read_inputs(
     background: Path,
     presses: Path,
@@ -182,9 +170,14 @@ def _evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
     calibration = fit.model.calibration(fit.state)
     optics = DigitOptics(calibration)
     simulated = np.array([optics.render(surface_mm) for surface_mm in surfaces_mm])
-    fitted = _Posed(training.frames, training.patches, fit.state.poses)
-    scored = _Posed(held_out.frames, held_out.patches, poses)
-    scores = _scores(inputs.background, fitted, scored, simulated, fit.model.camera)
+    from_px, to_px = (_pixels(each, fit.model.camera) for each in (fit.state.poses, poses))
+    pasted = cut_and_paste(inputs.background, training.frames, from_px, to_px)
+    still = np.broadcast_to(inputs.background, held_out.frames.shape)
+    each, *baselines = (
+        crop_scores(held_out.frames, other, held_out.patches)
+        for other in (simulated, pasted, still)
+    )
+    scores = CalibrationScores(*(mean_score(scored) for scored in (each, *baselines)))
     _check_explains(scores)
     return CalibrationReport(
         calibration=calibration,
@@ -195,10 +188,10 @@ def _evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
         repeated=[name for i, name in enumerate(inputs.names) if i not in (*train, *test)],
         poses=poses,
         surfaces_mm=surfaces_mm,
-        real=scored.frames,
+        real=held_out.frames,
         simulated=simulated,
         scores=scores,
-        each=crop_scores(scored.frames, simulated, scored.patches),
+        each=each,
         uncertainty=None,
     )
 
@@ -276,32 +269,6 @@ def _patches(frames: np.ndarray, background: np.ndarray, names: list[str]) -> np
             "background; remove these frames"
         )
     return np.array(patches)
-
-
-def _scores(
-    background: np.ndarray,
-    trained: _Posed,
-    held_out: _Posed,
-    simulated: np.ndarray,
-    camera: Camera,
-) -> CalibrationScores:
-    """Scores of the simulated held-out frames, baselines and noise floors."""
-    real, places = held_out.frames, held_out.patches
-    pasted = cut_and_paste(
-        background, trained.frames, _pixels(trained.poses, camera), _pixels(held_out.poses, camera)
-    )
-    still = np.broadcast_to(background, real.shape)
-    return CalibrationScores(
-        calibrated=mean_score(crop_scores(real, simulated, places)),
-        cut_and_paste=mean_score(crop_scores(real, pasted, places)),
-        do_nothing=mean_score(crop_scores(real, still, places)),
-        repeats_floor=repeats_floor(
-            np.concatenate([trained.frames, real]),
-            np.concatenate([trained.poses, held_out.poses]),
-            np.concatenate([trained.patches, places]),
-        ),
-        background_floor=background_floor(real, places),
-    )
 
 
 def _pixels(poses: np.ndarray, camera: Camera) -> np.ndarray:

@@ -36,6 +36,9 @@ FURTHER = (
     ("contact_iou", "Contact IoU", "{:.3f}"),
     ("centroid_error_mm", "Centroid, mm", "{:.2f}"),
     ("total_error_percent", "Total, %", "{:.1f}"),
+    ("rmse_under_counts", "Under view", "{:,.0f}"),
+    ("rmse_near_counts", "Near it", "{:,.0f}"),
+    ("rmse_beyond_counts", "Beyond", "{:,.0f}"),
 )
 PAPER_MAIN = (*MAIN[:2], ("ssim", "SSIM", "{:.2f}"))
 Columns = tuple[tuple[str, str, str], ...]
