@@ -74,7 +74,6 @@ def test_page_needs_nothing_but_itself(page: Path, read: Reader) -> None:
         ("SSIM", "SSIM is the structural similarity"),
         ("IoU", "IoU: intersection over union"),
         ("φ", "φ the barycentric interpolation"),
-        ("L1", "L1 distance (mean absolute difference)"),
     ],
 )
 def test_what_is_short_is_explained_where_it_comes_first(page: Path, word: str, said: str) -> None:

@@ -57,29 +57,9 @@ class Figures:
     rmse_near_counts: float | None
     rmse_beyond_counts: float | None
 
-    def value(self, name: FigureName) -> float | None:
-        """A figure by its name, for tables."""
-        return getattr(self, name)
 
-
-@dataclass(frozen=True)
-class Intervals:
-    """The interval of each overall figure, or None."""
-
-    rmse_counts: Interval | None
-    rmse_percent: Interval | None
-    ssim: Interval | None
-    ssim_contact: Interval | None
-    contact_iou: Interval | None
-    centroid_error_mm: Interval | None
-    total_error_percent: Interval | None
-    rmse_under_counts: Interval | None
-    rmse_near_counts: Interval | None
-    rmse_beyond_counts: Interval | None
-
-    def value(self, name: FigureName) -> Interval | None:
-        """A figure's interval by its name, for tables."""
-        return getattr(self, name)
+Intervals = dict[FigureName, Interval | None]
+"""The interval of each overall figure, or None."""
 
 
 @dataclass(frozen=True)
@@ -271,10 +251,6 @@ class PaperRow:
     rmse_counts: float
     rmse_percent: float
     ssim: float | None = None
-
-    def value(self, name: FigureName) -> float | None:
-        """A figure by its name, None if the paper does not report it."""
-        return getattr(self, name, None)
 
 
 @dataclass(frozen=True)

@@ -111,9 +111,23 @@ def read_inputs(
     measurements = read_measurements(presses, names, ball_diameter_mm)
     if tolerance is not None:
         check_tolerance(measurements, camera, tolerance)
-    first_held_out = _first_held_out(len(frames), held_out, presses)
+    count = len(frames) // HELD_OUT_SHARE if held_out is None else held_out
+    if count < 1 or len(frames) - count < MIN_TRAINING:
+        raise T2TwinError(
+            f"{presses} holds {len(frames)} presses and {count} of them are held out; at least "
+            f"{MIN_TRAINING} must be left to fit to, and at least 1 held out"
+        )
     patches = _patches(frames, background_frame, names)
-    train, test = _without_duplicates(frames, first_held_out, presses)
+    first: dict[bytes, int] = {}  # of each different frame
+    for index, frame in enumerate(frames):
+        first.setdefault(frame.tobytes(), index)
+    train = [index for index in first.values() if index < len(frames) - count]
+    test = [index for index in first.values() if index >= len(frames) - count]
+    if len(train) < MIN_TRAINING or not test:
+        raise T2TwinError(
+            f"{len(frames) - len(first)} presses of {presses} are copies of others; at least "
+            f"{MIN_TRAINING} different ones must be left to fit to, and at least 1 held out"
+        )
     if measurements.has_depths and not measurements.subset(train).has_depths:
         raise T2TwinError(
             f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
@@ -226,37 +240,6 @@ def _check_explains(scores: CalibrationScores) -> None:
             f"{still:.1f} dB for the background; use frames of one ball, pressed into the sensor "
             "of the background"
         )
-
-
-def _first_held_out(frames: int, held_out: int | None, presses: Path) -> int:
-    """Index of the first held-out frame. Raises T2TwinError if too few frames are left to fit."""
-    count = frames // HELD_OUT_SHARE if held_out is None else held_out
-    if count < 1 or frames - count < MIN_TRAINING:
-        raise T2TwinError(
-            f"{presses} holds {frames} presses and {count} of them are held out; at least "
-            f"{MIN_TRAINING} must be left to fit to, and at least 1 held out"
-        )
-    return frames - count
-
-
-def _without_duplicates(
-    frames: np.ndarray, first_held_out: int, presses: Path
-) -> tuple[list[int], list[int]]:
-    """Indices of the frames to fit to and of those held out, without duplicates.
-
-    Raises T2TwinError if too few are left.
-    """
-    first: dict[bytes, int] = {}
-    for index, frame in enumerate(frames):
-        first.setdefault(frame.tobytes(), index)
-    train = [i for i in first.values() if i < first_held_out]
-    test = [i for i in first.values() if i >= first_held_out]
-    if len(train) < MIN_TRAINING or not test:
-        raise T2TwinError(
-            f"{len(frames) - len(first)} presses of {presses} are copies of others; at least "
-            f"{MIN_TRAINING} different ones must be left to fit to, and at least 1 held out"
-        )
-    return train, test
 
 
 def _patches(frames: np.ndarray, background: np.ndarray, names: list[str]) -> np.ndarray:
