@@ -46,7 +46,7 @@ def test_surfaces_are_as_the_frame_has_them():
 def test_the_solid_presses_with_the_surface(seed):
     shape = RandomShape(seed)
     assert shape.mesh.is_watertight and shape.mesh.is_winding_consistent and shape.mesh.volume > 0
-    seen = height_map.height_map(shape.mesh, PITCH_MM)
+    seen = height_map.aligned(shape.mesh, PITCH_MM)[1]
     x, y = np.meshgrid(shape.surface.x_mm[1:-1], shape.surface.y_mm[1:-1])
     np.testing.assert_allclose(seen.sample(x, y), shape.surface.heights_mm[1:-1, 1:-1], atol=2e-3)
 
