@@ -119,7 +119,8 @@ def test_evaluation_agrees_with_training(runs: list[Path], data_dir: Path, tmp_p
     pairs = load_pairs(data_dir, "val", FEATURE_SIZE, grey=False)
     assert np.array_equal(stored.truth, pairs.counts)
     assert list(stored.by_model) == list(models)
-    assert (stored.shapes == "square-3").all() and np.array_equal(stored.x_mm, pairs.x_mm)
+    assert (stored.presses["shape"] == "square-3").all()
+    assert np.array_equal(stored.presses["x_mm"], pairs.x_mm)
     for run in runs:
         best = best_epoch(read_log(run)).val_rmse_counts
         overall = models[run.name].overall

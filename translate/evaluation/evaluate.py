@@ -145,11 +145,7 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
     return evaluation, Predictions(
         truth=pairs.counts,
         by_model=predictions,
-        shapes=pairs.shapes,
-        families=pairs.families,
-        x_mm=pairs.x_mm,
-        y_mm=pairs.y_mm,
-        yaw_rad=pairs.yaw_rad,
-        force_n=pairs.force_n,
+        presses={"shape": pairs.shapes, "family": pairs.families}
+        | {name: getattr(pairs, name) for name in ("x_mm", "y_mm", "yaw_rad", "force_n")},
         std_by_model={name: each.counts_std for name, each in estimates.items()},
     )
