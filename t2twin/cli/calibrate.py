@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
     from t2twin.sim.digit.calibrate.measurements import Tolerance
 
@@ -105,14 +103,21 @@ def calibrate(
 
 
 def _write(report: "CalibrationReport", out: Path) -> None:
-    """Write the files and print the results."""
+    """Write the files and print the results.
+
+    The strip has the held-out frames above, and the simulated ones with one frame's noise below.
+    """
     import numpy as np
     from PIL import Image
 
     from t2twin.core.files import atomic_write
     from t2twin.sim.digit.calibrate.record import uncertainty_lines, write_record
 
-    strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
+    simulated, noise, rng = report.simulated, report.calibration.noise, np.random.default_rng(0)
+    if noise is not None:
+        noisy = [image + noise.sample(rng) for image in simulated]
+        simulated = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    strip = np.concatenate([np.concatenate(row, axis=1) for row in (report.real, simulated)])
     with atomic_write(out / "calibration_strip.png") as temporary:
         Image.fromarray(strip).save(temporary)
     write_record(out / "calibration.json", report)
@@ -120,17 +125,6 @@ def _write(report: "CalibrationReport", out: Path) -> None:
     lines = [] if report.uncertainty is None else uncertainty_lines(report.uncertainty)
     for line in (*_score_lines(report), *lines):
         print(line)
-
-
-def _strip(report: "CalibrationReport") -> "tuple[np.ndarray, np.ndarray]":
-    """The held-out frames, and the simulated ones with one frame's noise, (n, 320, 240, 3) each."""
-    import numpy as np
-
-    noise, rng = report.calibration.noise, np.random.default_rng(0)
-    if noise is None:
-        return report.real, report.simulated
-    noisy = [image + noise.sample(rng) for image in report.simulated]
-    return report.real, np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
 def _score_lines(report: "CalibrationReport") -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from t2twin.report.data import ReportData
 from t2twin.report.html.labels import SPLIT_NAMES, name_of
+from t2twin.translate.evaluation.findings import DIFFERENCES
 from t2twin.translate.evaluation.records import (
     Evaluation,
     FigureName,
@@ -43,13 +44,6 @@ FURTHER: Columns = (
     ("rmse_beyond_counts", "Beyond", "{:,.0f}"),
 )
 PAPER_MAIN: Columns = (*MAIN[:2], ("ssim", "SSIM", "{:.2f}"))
-STATEMENTS = {
-    "lower-error": "ResNet18 has the lower error (RMSE, counts)",
-    "better-shape-ssim": "touch2touch preserves the shape of the contact better (SSIM)",
-    "better-shape-iou": "touch2touch preserves the shape of the contact better (contact IoU)",
-}
-GAP = "Novel objects are worse than validation (RMSE, counts)"
-"""The paper's statements: on each split, and on the difference of the splits."""
 
 
 def section(report: ReportData) -> dict[str, Any]:
@@ -116,24 +110,21 @@ def finding(report: ReportData) -> dict[str, Any]:
 def finding_rows(
     evaluations: Mapping[str, Evaluation], gap: Mapping[str, Finding]
 ) -> list[tuple[str, list[list[str]]]]:
-    """Rows by statement of the paper: split or model, answer, difference, interval, figures.
+    """Rows by question: split or model, answer, difference, interval, figures.
 
-    evaluations: by split. gap: differences between the splits. Statements about both models require
+    evaluations: by split. gap: differences between the splits. Questions about both models require
     both.
     """
-    groups = [
-        (
-            statement,
-            [
-                _finding(SPLIT_NAMES[split], evaluation.findings[name])
-                for split, evaluation in evaluations.items()
-                if name in evaluation.findings
-            ],
-        )
-        for name, statement in STATEMENTS.items()
+    found = [
+        (SPLIT_NAMES[split], evaluation.findings[name])
+        for name in DIFFERENCES
+        for split, evaluation in evaluations.items()
+        if name in evaluation.findings
     ]
-    gaps = [_finding(name_of(one.model or ""), one) for one in gap.values()]
-    return [group for group in (*groups, (GAP, gaps)) if group[1]]
+    groups: dict[str, list[list[str]]] = {}
+    for title, one in (*found, *((name_of(one.model or ""), one) for one in gap.values())):
+        groups.setdefault(one.question, []).append(_finding(title, one))
+    return list(groups.items())
 
 
 def _finding(title: str, finding: Finding) -> list[str]:
