@@ -62,7 +62,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        replace(temporary, path)
+        check_replaceable(path)
+        temporary.replace(path)
     except OSError as error:
         raise write_error(path, error) from error
     finally:
@@ -76,12 +77,6 @@ def write_json(path: Path, content: Any) -> None:
     """Write content as JSON, indented by two. Raises T2TwinError where that fails."""
     with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n")
-
-
-def replace(temporary: Path, path: Path) -> None:
-    """Rename a finished file. Raises T2TwinError where the path is a folder or a device."""
-    check_replaceable(path)
-    temporary.replace(path)
 
 
 def move_into(folder: Path, files: Sequence[Path]) -> None:
