@@ -93,13 +93,19 @@ class Markers:
         """(n, 2) x and y of the centers on a surface that is displaced; None is the gel at rest."""
         return self.rest_mm if shift is None else _moved(self.rest_mm, shift)
 
+    def seen_px(self, camera: Camera, contact: Contact) -> tuple[np.ndarray, np.ndarray]:
+        """Where a camera sees the centers at rest and under a contact: (n, 2) rows and columns."""
+        displacement = _displacement(self.rest_mm, surface_shift(contact))
+        x, y = self.rest_mm.T
+        z = contact.elastomer.rest_surface_mm(x, y) + camera.tilt_mm(x, y)
+        along_x, along_y, into = displacement.T
+        rest, moved = camera.project(x, y, z), camera.project(x + along_x, y + along_y, z - into)
+        return np.stack(rest, axis=-1), np.stack(moved, axis=-1)
+
 
 def surface_shift(contact: Contact) -> SurfaceShift:
     """The displacement of a contact's surface by pressure and shear."""
-    from t2twin.sim.contact.tangential.sliding import _still
-
-    motion = contact.motion or _still(contact, 0.0)
-    return SurfaceShift(contact.x_mm, contact.y_mm, motion.displacement_mm)
+    return SurfaceShift(contact.x_mm, contact.y_mm, contact.displacement_mm)
 
 
 def as_markers(markers: "Markers | bool | None") -> Markers | None:
@@ -144,8 +150,13 @@ class MarkerImage:
 
 def _moved(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
     """(n, 2) points of a surface, (n, 2), where a shift has moved them."""
-    values = np.ascontiguousarray(shift.values_mm[:2], dtype=np.float32)
-    return points_mm + _bilinear(values, shift.x_mm, shift.y_mm, points_mm)
+    return points_mm + _displacement(points_mm, shift)[:, :2]
+
+
+def _displacement(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
+    """(n, 2 or 3) displacement of points of a surface, (n, 2)."""
+    values = np.ascontiguousarray(shift.values_mm, dtype=np.float32)
+    return _bilinear(values, shift.x_mm, shift.y_mm, points_mm)
 
 
 @jit
