@@ -57,7 +57,7 @@ def draw_slide(
     page.set_layout_engine("constrained", wspace=0.04, hspace=0.04)
     sensors = list(shown[-1].contacts)
     heights = [FORCE_HEIGHT, PANEL_HEIGHT * len(shown)]
-    top, bottom = page.subfigures(2, 1, height_ratios=heights)
+    top, bottom = page.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
     panels = top.subplots(1, len(sensors), squeeze=False)[0]
     for axes, sensor in zip(panels, sensors, strict=True):
         axes.set_title(NAMES[sensor], loc="left", pad=LEGEND_PT)

@@ -40,7 +40,7 @@ def covered(shade: np.ndarray) -> np.ndarray:
     return (1.0 - shade.astype(float) ** GAMMA) / (1.0 - INK_REFLECTANCE)
 
 
-def spots(dark: np.ndarray, centers_px: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def spots(dark: np.ndarray, centers_px: np.ndarray):
     """Sums and centroids, px, of the darkness around markers inside the image, and which these are.
 
     centers_px: (n, 2) rows and columns.
@@ -196,10 +196,12 @@ def test_both_renderers_show_the_markers_at_the_same_places(shapes, monkeypatch)
             t.press(shapes("hemisphere-4"), force_n=3.0, y_mm=1.0) for t in (marked, bare)
         )
         light, full = (response.linear(t.image, GAMMA).sum(axis=2) for t in (touch, without))
-        centers = DIGIT_CAMERA.scale_px_per_mm * touch.markers_mm[:, ::-1] + DIGIT_CAMERA.middle
-        near = (np.abs(touch.markers_mm) < (4.0, 5.0)).all(axis=1)
-        found.append(spots(1.0 - light / full, centers[near])[1])
-    assert len(found[0]) > 20
+        rest, moved = Markers().seen_px(DIGIT_CAMERA, touch.digit)
+        np.testing.assert_allclose(rest, seen(Markers().rest_mm))
+        _, centroids, inside = spots(1.0 - light / full, moved)
+        np.testing.assert_allclose(centroids, moved[inside], atol=0.5)
+        found.append(centroids)
+    assert len(found[0]) > 60
     np.testing.assert_allclose(found[0], found[1], atol=0.1)
     np.testing.assert_array_equal(twins[0].background, twins[1].background)
 
@@ -208,19 +210,20 @@ def test_both_renderers_show_the_markers_at_the_same_places(shapes, monkeypatch)
 
 
 def test_a_slide_drags_the_markers_along(shapes):
-    twin = Twin(markers=Markers(pitch_mm=2.0))
+    markers = Markers(pitch_mm=2.0)
+    twin = Twin(markers=markers)
     touch = twin.press(shapes("hemisphere-4"), force_n=3.0)
     press_mm = touch.markers_mm
-    middle = np.hypot(*touch.markers.rest_mm.T) == 0
+    middle = np.hypot(*markers.rest_mm.T) == 0
     np.testing.assert_allclose(press_mm[middle], 0.0, atol=1e-3)
-    assert 0.01 < np.abs(press_mm - touch.markers.rest_mm).max() < 0.5
+    assert 0.01 < np.abs(press_mm - markers.rest_mm).max() < 0.5
     moved = twin.slide(touch, dx_mm=0.2, steps=1)[0]
     change = moved.markers_mm - press_mm
     assert change[middle][0] == pytest.approx([0.2, 0.0], abs=0.01)  # it sticks to the shape
-    far = np.abs(touch.markers.rest_mm[:, 1]) > 7
+    far = np.abs(markers.rest_mm[:, 1]) > 7
     assert np.abs(change[far]).max() < 0.03
     lifted = twin.follow(shapes("hemisphere-4"), [(0, 0, 0, 3.0), (0, 0, 0, 0)])[-1]
-    np.testing.assert_array_equal(lifted.markers_mm, touch.markers.rest_mm)
+    np.testing.assert_array_equal(lifted.markers_mm, markers.rest_mm)
     np.testing.assert_array_equal(lifted.image, twin.background)
 
 

@@ -144,7 +144,7 @@ class MarkerImage:
         seen = np.stack(self._camera.project(points[:, 0], points[:, 1], z_mm), axis=-1)
         center, right, left, below, above = np.moveaxis(seen.reshape(-1, len(OUTLINE), 2), 1, 0)
         out = np.empty((ROWS, COLUMNS), dtype=np.float32)
-        _draw(center.copy(), (right - left) / 2, (below - above) / 2, self._factors, out)
+        _rasterize(center.copy(), (right - left) / 2, (below - above) / 2, self._factors, out)
         return out
 
 
@@ -181,7 +181,7 @@ def _bilinear(grids, x_mm, y_mm, points):
 
 
 @jit
-def _draw(center, one, other, factors, out):
+def _rasterize(center, one, other, factors, out):
     """Fill out (P) with the factors of the part of each pixel that is clear of markers.
 
     center: (n, 2) rows and columns of the markers, px. one, other: (n, 2) conjugate half diameters
