@@ -1,7 +1,7 @@
 """A contact in motion: the shape slides and turns while it is pressed.
 
 `advance` moves a contact by one small step. The normal contact and the friction are solved in turn
-until the traction no longer changes:
+until the displacement by shear no longer changes:
 
 - The normal contact sees the shape over the sheared surface. A point of the surface that is
   displaced by u meets the shape at its place plus u, and shear has lowered or raised it.
@@ -9,8 +9,8 @@ until the traction no longer changes:
   the last step. Elsewhere the traction is at its limit.
 
 The tangential response is linear: a neo-Hookean solid in simple shear has a stress proportional to
-the strain (Treloar, The Physics of Rubber Elasticity, 1975). The layer has the thickness at the
-middle of the contact. A press starts without tangential traction.
+the strain (Treloar, The Physics of Rubber Elasticity, 1975). A press starts without tangential
+traction.
 """
 
 from dataclasses import replace
