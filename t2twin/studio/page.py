@@ -56,6 +56,7 @@ class Page:
         self._lock = Lock()
         self._state, self._drag_start, self._drag_force_n = state, state, state.force_n
         self._runs: tuple[str, ...] = ()
+        self._lifted = False
         self._session: Session | None = None
         self._loading: Thread | None = None
         self.result: PressResult | None = None
@@ -105,9 +106,17 @@ class Page:
     def change(self, changes: dict[str, Any]) -> PressState:
         """Changes fields of the state and requests its press."""
         with self._lock:
-            self._state = state = self._state.with_changes(changes)
+            before, self._state = self._state, self._state.with_changes(changes)
+            self._lifted |= not self._state.continues(before)
+            state = self._state
         self._worker.request()
         return state
+
+    def lift_off(self) -> None:
+        """Ends the slide and presses again."""
+        with self._lock:
+            self._lifted = True
+        self._worker.request()
 
     def update_runs(self) -> None:
         """Adds a checkbox for each new run."""
@@ -141,7 +150,9 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
         gui.add_html(welcome_html())
-        self.controls = Controls(self._client, self._state, self.change, self._notices.guard)
+        self.controls = Controls(
+            self._client, self._state, self.change, self.lift_off, self._notices.guard
+        )
         self._view = ViewOptions(self._client, self._scene.arrange, lambda: self._worker.request())
         self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
         self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
@@ -191,14 +202,22 @@ class Page:
 
     def _press_and_show(self) -> None:
         session = self._get_session()
-        state, runs = self._state, self._runs
+        with self._lock:
+            state, lifted, self._lifted = self._state, self._lifted, False
+        if lifted:
+            session.lift_off()
+        runs = self._runs
         loaded = self._shared.translators.are_loaded(runs)
         result = session.press(state, runs if loaded else ())
         scales = scales_of(result)
         self._send_cards(result, scales, loading=not loaded)
         self.result = result
         max_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
-        self._scene.draw(result, self._view.shape_style, max_kpa, scales.counts)
+        self._scene.draw(
+            result, self._view.shape_style, max_kpa, scales.counts, self._view.arrows.value
+        )
+        if result.is_behind:
+            self._worker.request()
         self._shared.page_shown.set()
         if not loaded:
             self._load(runs)
@@ -235,9 +254,8 @@ class Page:
             self._notices.clear()
             self.controls.show_solved_values(result)
             self._cards.content = cards
-            self._reproduce.content = reproduce_html(
-                state.command_line(), None if files else self._link(state)
-            )
+            link = None if files or result.has_slid else self._link(state)
+            self._reproduce.content = reproduce_html(result.command_line(), link)
         self._client.flush()
         self._wait_until_sent()
 

@@ -4,7 +4,7 @@ protocol."""
 import shlex
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
@@ -16,6 +16,7 @@ from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, LAYOUTS
 from t2twin.sim.cyskin.reading import PRESETS
+from t2twin.sim.slide import check_friction
 from t2twin.sim.world.protocol import FORCE_N, indices, press_of, scale_of
 
 FIRST_SHAPE = "square-2"
@@ -23,6 +24,12 @@ FIRST_SHAPE = "square-2"
 
 MAX_QUERY = 2000
 """Maximum length of a link's query, characters (assumed: ten times the usual length)."""
+
+Motion = Literal["jump", "slide"]
+"""What a changed pose does: a press at the new pose, or sliding there with friction."""
+
+CONTACT = ("shape", "scale", "calibration", "motion", "friction")
+"""Fields whose change lifts the shape off."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +40,7 @@ class PressState:
     `t2twin press`. depth_mm: replaces the force, which then remains at its default. layout: a name
     or a file. calibration: a file, None for the default. imperfections: of the CySkin, applied with
     a seed. seed: of camera noise and imperfections, None for neither. scale: millimeters per unit
-    of a file, None for the unit stated in the file.
+    of a file, None for the unit stated in the file. friction: as for `Twin.slide`.
     """
 
     shape: str = FIRST_SHAPE
@@ -47,6 +54,8 @@ class PressState:
     imperfections: str = "white"
     seed: int | None = None
     scale: float | None = None
+    motion: Motion = "jump"
+    friction: float | None = None
 
     def with_changes(self, changes: dict[str, Any]) -> "PressState":
         """The press with changed fields. A changed force replaces the depth, and vice versa."""
@@ -56,10 +65,28 @@ class PressState:
             changes = changes | {"depth_mm": None}
         return replace(self, **changes)
 
-    def command_line(self) -> str:
-        """The command line of this press; a file is represented by its name."""
-        words = ["t2twin", "press", file_name(self.shape)]
-        for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "scale", "seed"):
+    def continues(self, before: "PressState") -> bool:
+        """Whether the contact of another state can slide to this one.
+
+        A change of CONTACT or to another depth lifts the shape off. A changed pose, force, layout
+        or noise continues the contact.
+        """
+        return (
+            self.motion == "slide"
+            and all(getattr(self, name) == getattr(before, name) for name in CONTACT)
+            and self.depth_mm in (None, before.depth_mm)
+        )
+
+    def command_line(self, path: str | None = None) -> str:
+        """The command line of this press or, with a file of its path, of this slide.
+
+        A file is represented by its name.
+        """
+        words = ["t2twin", "press" if path is None else "slide", file_name(self.shape)]
+        pose = ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm")
+        if path is not None:
+            words, pose = [*words, "--path", path], ("friction",)
+        for name in (*pose, "scale", "seed"):
             value = getattr(self, name)
             if value != getattr(_DEFAULT, name):
                 words += [f"--{name.replace('_', '-')}", _shortest(value)]
@@ -100,10 +127,10 @@ def read_query(query: str) -> PressState:
         raise T2TwinError(f"the link is longer than {MAX_QUERY:,} characters")
     given = dict(parse_qsl(query))
     values: dict[str, Any] = {}
-    for name in ("shape", "layout", "imperfections"):
+    for name in ("shape", "layout", "imperfections", "motion"):
         if name in given:
             values[name] = given[name]
-    for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm"):
+    for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "friction"):
         if name in given:
             values[name] = _read_number(name, given[name])
     if "seed" in given:
@@ -111,11 +138,12 @@ def read_query(query: str) -> PressState:
     state = _DEFAULT.with_changes(values)
     check_names(state)
     check_force(state.force_n)
+    check_friction(state.friction)
     return state
 
 
 def check_names(state: PressState) -> None:
-    """Raises T2TwinError unless shape, layout and imperfections are known names.
+    """Raises T2TwinError unless shape, layout, imperfections and motion are known names.
 
     A link must not refer to files of this machine.
     """
@@ -123,14 +151,13 @@ def check_names(state: PressState) -> None:
         raise T2TwinError(
             f"there is no shape {state.shape!r}; `t2twin shapes` lists all but the random ones"
         )
-    if state.layout not in layout_names():
-        raise T2TwinError(
-            f"no taxel layout {state.layout!r}; expected one of {', '.join(layout_names())}"
-        )
-    if state.imperfections not in PRESETS:
-        raise T2TwinError(
-            f"no imperfections {state.imperfections!r}; expected one of {', '.join(PRESETS)}"
-        )
+    for value, name, known in (
+        (state.layout, "taxel layout", layout_names()),
+        (state.imperfections, "imperfections", PRESETS),
+        (state.motion, "motion", get_args(Motion)),
+    ):
+        if value not in known:
+            raise T2TwinError(f"no {name} {value!r}; expected one of {', '.join(known)}")
 
 
 def protocol_press(state: PressState, scale: str, number: int) -> PressState:

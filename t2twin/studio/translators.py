@@ -5,7 +5,6 @@ use, so that a page does not wait for them. Shape letters: R rows and C columns 
 N taxels of a run.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +57,6 @@ class Translation:
     layout: "Layout"
     tactile_image: np.ndarray
     in_distribution: bool
-    milliseconds: float
     truth: np.ndarray | None = None
     interval: tuple[np.ndarray, np.ndarray] | None = None
     force: ForceInterval | None = None
@@ -180,7 +178,6 @@ class Translators:
         from t2twin.translate.inference.field_predictor import FieldPredictor
 
         run = self._load(name)
-        started = time.perf_counter()
         data, interval, force = run.config.data, None, None
         background_used = isinstance(run, FieldPredictor) and background is not None
         pixels = run.pixels_of(image, background if background_used else None)
@@ -191,7 +188,6 @@ class Translators:
             interval, force = (low[0], high[0]), _force(estimate)
         else:
             counts, tactile = run.counts_and_tactile_images(pixels)
-        milliseconds = 1e3 * (time.perf_counter() - started)
         pads = np.full(data.x_mm.size, PAD_DIAMETER_MM)
         layout = Layout(data.layout, data.x_mm, data.y_mm, pads)
         return Translation(
@@ -201,7 +197,6 @@ class Translators:
             layout,
             tactile[0],
             bool(run.in_distribution(pixels)[0]),
-            milliseconds,
             None if touch is None else _truth(touch, layout),
             interval,
             force,

@@ -24,6 +24,7 @@ from t2twin.studio.controls.press import BUTTON_COLOR, Controls
 from t2twin.studio.controls.translate_tab import TranslateTab
 from t2twin.studio.press_state import file_name
 from t2twin.studio.session import PressResult
+from t2twin.studio.slide import PATH_FILE
 from t2twin.studio.transport.uploads import remove_uploads, save_upload
 from t2twin.studio.view.notices import Notices
 from t2twin.twin import load_shape
@@ -158,8 +159,9 @@ class FileTasks:
 def zip_press(result: PressResult, folder: Path) -> tuple[str, bytes]:
     """Name and content of a zip archive of the folder that `t2twin press` writes.
 
-    folder: temporary folder to write into. Raises T2TwinError if it cannot be written, and for a
-    layout without a tactile image.
+    For a slide it contains the last touch, and the path that the command line needs. folder:
+    temporary folder to write into. Raises T2TwinError if it cannot be written, and for a layout
+    without a tactile image.
     """
     name = result.touch.shape.name.replace("/", "-")
     calibration = result.state.calibration
@@ -168,7 +170,9 @@ def zip_press(result: PressResult, folder: Path) -> tuple[str, bytes]:
     )
     place = folder / "press"
     touch.save(place)
-    (place / COMMAND_FILE).write_text(result.state.command_line() + "\n")
+    (place / COMMAND_FILE).write_text(result.command_line() + "\n")
+    if result.slide is not None and result.has_slid:
+        (place / PATH_FILE).write_text(result.slide.path_csv())
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted(place.iterdir()):

@@ -1,17 +1,19 @@
 """Controls of one client: shape, position, force and sensors of the press."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_args
 
 import viser
 
 from t2twin.primitives_cad import catalogue, primitive_parameters
 from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
+from t2twin.sim.contact.tangential.sliding import COVER_FRICTION, GEL_FRICTION
 from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.world.presses import MAX_SHAPE_SEED
 from t2twin.sim.world.protocol import SCALES
 from t2twin.studio.press_state import (
+    Motion,
     PressState,
     file_name,
     is_file,
@@ -35,6 +37,10 @@ A link may contain any valid depth."""
 STEP_MM, STEP_DEG, STEP_N, STEP_DEPTH_MM = 0.1, 1.0, 0.1, 0.01
 """Steps of the sliders."""
 
+MAX_SLIDER_FRICTION, STEP_FRICTION = 2.0, 0.05
+"""Range and step of the friction slider (assumed: rubber on dry solids). A link may contain any
+valid coefficient."""
+
 MAX_YAW_DEG = 180.0
 """Range of the yaw slider in both directions, degrees."""
 
@@ -54,15 +60,22 @@ Guard = Callable[[Callable[[], object]], object]
 class Controls:
     """The panel of the press. Inputs of the client are passed to `change` as fields of PressState.
 
+    lift_off: called before a press that must not continue the contact.
     sliders: by their field of PressState. number: of the protocol's press. noise: checkbox. A state
     may contain values between the steps of a slider, such as those of the protocol's presses; they
     remain until the slider is moved.
     """
 
     def __init__(
-        self, client: viser.ClientHandle, state: PressState, change: Change, guard: Guard
+        self,
+        client: viser.ClientHandle,
+        state: PressState,
+        change: Change,
+        lift_off: Callable[[], None],
+        guard: Guard,
     ) -> None:
         self._gui, self._change, self._guard = client.gui, change, guard
+        self._lift_off = lift_off
         self._state = state
         with self._gui.add_folder("Shape"):
             self._add_shape()
@@ -94,6 +107,9 @@ class Controls:
         for name, slider in self.sliders.items():
             if getattr(state, name) is not None:
                 _set_clipped(slider, getattr(state, name))
+        self.motion.value = state.motion
+        self.friction.visible = self._lift.visible = state.motion == "slide"
+        _set_clipped(self.friction, GEL_FRICTION if state.friction is None else state.friction)
         self._layout.options = (*layout_names(), *([OWN_FILE] if is_file(state.layout) else []))
         self._layout.value = OWN_FILE if is_file(state.layout) else state.layout
         calibration = markdown_safe(file_name(state.calibration or DEFAULT_CALIBRATION))
@@ -145,6 +161,10 @@ class Controls:
     def _add_press(self) -> None:
         across, along = CYSKIN_COVER.width_mm / 2, CYSKIN_COVER.length_mm / 2
         add = self._gui.add_slider
+        self.motion = self._gui.add_dropdown(
+            "Motion", get_args(Motion),
+            hint="jump: each pose is a new press; slide: the contact moves there with friction",
+        )  # fmt: skip
         self.sliders = {
             "x_mm": add("x, mm", -across, across, STEP_MM, 0.0, hint="To the right in the image"),
             "y_mm": add("y, mm", -along, along, STEP_MM, 0.0, hint="Downwards in the image"),
@@ -161,13 +181,18 @@ class Controls:
                 hint="Depth in the DIGIT's gel, instead of a force; the force is computed",
             ),
         }  # fmt: skip
-        for name, slider in self.sliders.items():
+        self.friction = add(
+            "friction", 0.0, MAX_SLIDER_FRICTION, STEP_FRICTION, GEL_FRICTION,
+            hint=f"Coefficient of friction of both sensors; until it is moved, {GEL_FRICTION} for "
+            f"the gel and {COVER_FRICTION} for the cover",
+        )  # fmt: skip
+        self._lift = self._button("Lift off and press again", viser.Icon.ARROW_UP)
+        reset = self._button("Reset to the center, 8 N", viser.Icon.REFRESH)
+        self._on(self.motion, lambda motion: self.apply({"motion": motion}))
+        for name, slider in (*self.sliders.items(), ("friction", self.friction)):
             self._on(slider, lambda value, name=name: self._set(**{name: value}))
-        reset = self._gui.add_button(
-            "Reset to the center, 8 N", icon=viser.Icon.REFRESH, color=BUTTON_COLOR
-        )
-        default = PressState()
-        self._on_click(reset, lambda: self.apply({n: getattr(default, n) for n in self.sliders}))
+        self._on_click(self._lift, self._lift_off)
+        self._on_click(reset, self._reset)
 
     def _add_protocol(self) -> None:
         gui = self._gui
@@ -237,6 +262,14 @@ class Controls:
     def apply(self, changes: dict[str, Any]) -> None:
         """Applies changes and shows them in the controls."""
         self.show(self._change(changes))
+
+    def _button(self, label: str, icon: viser.IconName) -> viser.GuiButtonHandle:
+        return self._gui.add_button(label, icon=icon, color=BUTTON_COLOR)
+
+    def _reset(self) -> None:
+        default = PressState()
+        self._lift_off()
+        self.apply({name: getattr(default, name) for name in (*self.sliders, "friction")})
 
     def _group_changed(self, group: str) -> None:
         if group == RANDOM:

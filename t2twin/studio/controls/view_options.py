@@ -46,6 +46,11 @@ class ViewOptions:
         with client.gui.add_folder("View", expand_by_default=False):
             sensors = client.gui.add_dropdown("Sensors", get_args(Sensors))
             shape_style = client.gui.add_dropdown("Shape as", get_args(ShapeStyle))
+            self.arrows = client.gui.add_checkbox(
+                "Traction arrows",
+                True,
+                hint="Tangential traction of a slide: stick blue, slip orange",
+            )
             self._dark = client.gui.add_checkbox("Dark", False, hint="Stored in this browser")
 
         @sensors.on_update
@@ -58,6 +63,10 @@ class ViewOptions:
             if shape_style.value in get_args(ShapeStyle):
                 self.shape_style = shape_style.value
                 redraw()
+
+        @self.arrows.on_update
+        async def _(event: viser.GuiEvent) -> None:
+            redraw()
 
         @self._dark.on_update
         async def _(event: viser.GuiEvent) -> None:

@@ -22,9 +22,11 @@ from t2twin.studio.view.solids import (
     elastomer_part,
     near_mesh,
     shape_pose,
+    surface_mm,
     taxels_part,
     without_plate,
 )
+from t2twin.studio.view.traction import SLIP_RGB, STICK_RGB, arrows_of
 
 Sensors = Literal["both", "DIGIT", "CySkin"]
 """Visible sensors."""
@@ -55,6 +57,10 @@ NEAR_PLANE_MM = 1.0
 
 LIFT_MM = 0.03
 """Height by which the drawn shape is raised, mm, which avoids flicker with the surface below."""
+
+ARROWS, ARROW_LENGTH, ARROW_ABOVE_MM = 5, 1.6, 0.3
+"""Number of arrows of tangential traction along the longer side of a contact, their length relative
+to their spacing at the largest traction, and their height above the surface, mm."""
 
 MIN_SLOPE = 0.05
 """Slope of a ray below which its intersection with a height is undefined."""
@@ -95,6 +101,7 @@ class Scene:
             )
         self._surfaces: dict[str, list[viser.GlbHandle]] = {"digit": [], "cyskin": []}
         self._shapes: dict[str, viser.MeshHandle] = {}
+        self._arrows: dict[str, viser.ArrowsHandle] = {}
         self._drawn: tuple[Shape, ShapeStyle, float] | None = None
         self._mesh: tuple[Shape, trimesh.Trimesh] | None = None
         self._grabbed = np.zeros(3)
@@ -120,9 +127,11 @@ class Scene:
         shape_style: ShapeStyle,
         max_kpa: dict[str, float],
         max_counts: float,
+        with_arrows: bool,
     ) -> None:
-        """Draws a result. max_kpa, max_counts: upper ends of the color scales."""
-        contacts = {"digit": result.touch.digit, "cyskin": result.touch.cyskin}
+        """Draws a result. max_kpa, max_counts: upper ends of the color scales. with_arrows: draws
+        the tangential traction."""
+        contacts = result.touch.contacts
         parts = {name: [elastomer_part(contacts[name], max_kpa[name])] for name in contacts}
         parts["cyskin"].append(
             taxels_part(result.touch.cyskin, result.touch.layout, result.touch.counts, max_counts)
@@ -134,6 +143,7 @@ class Scene:
             )
             for name in contacts:
                 self._draw_surface(name, surfaces[name])
+                self._draw_arrows(name, contacts[name], with_arrows)
         self._client.flush()
 
     def hide_old_surfaces(self) -> None:
@@ -151,6 +161,25 @@ class Scene:
         surfaces.reverse()
         surfaces[-1].glb_data = glb
         surfaces[-1].visible = True
+
+    def _draw_arrows(self, name: str, contact: Contact, visible: bool) -> None:
+        if name in self._arrows:
+            self._arrows.pop(name).remove()
+        if not visible or contact.motion is None:
+            return
+        arrows = arrows_of(contact, ARROWS)
+        along = ARROW_LENGTH * arrows.along_mm / 2
+        height = surface_mm(contact)[arrows.rows, arrows.columns] + ARROW_ABOVE_MM
+        x, y = arrows.x_mm, arrows.y_mm
+        ends = [np.stack([x + s * along[0], y + s * along[1], height], axis=-1) for s in (-1, 1)]
+        self._arrows[name] = self._client.scene.add_arrows(
+            f"/{name}/traction",
+            np.stack(ends, axis=1),
+            np.where(arrows.slips[:, None], SLIP_RGB, STICK_RGB).astype(np.uint8),
+            shaft_radius=0.08,
+            head_radius=0.25,
+            head_length=0.5,
+        )
 
     def _draw_shape(
         self, shape: Shape, shape_style: ShapeStyle, yaw_rad: float, contacts: dict[str, Contact]
