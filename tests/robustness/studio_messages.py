@@ -46,9 +46,10 @@ TYPES = (
 )  # fmt: skip
 NUMBERS = (NAN, INF, -INF, 1e308, -1e308, "5", None, True, [5.0], {"a": 5.0})
 VALUES: dict[str, tuple[Any, ...]] = {
-    **dict.fromkeys(("x, mm", "y, mm", "yaw, °", "force, N", "depth, mm"), NUMBERS),
+    **dict.fromkeys(("x, mm", "y, mm", "yaw, °", "force, N", "depth, mm", "friction"), NUMBERS),
     "Noise": (1, 0.0, "yes", None, [], NAN), "Taxels": ("/etc/passwd", "../cyskin-20", "", None, 3),
     "Kind": (5, None, "no such kind", "/etc/passwd", ["square"], {"a": 1}, True),
+    "Motion": ("fly", "", None, 1, ["slide"]), "Lift off and press again": (1, "true", None),
     "Array": ("nothing", "ALL", None, 7), "Shape as": ("wire", None, 1),
     "Seed": (-1, 1.5, 2**60, "1", None, NAN), "Number": (-1, 0.5, 1e300, "17", None),
     "mm per unit": (0.0, -1.0, NAN, INF, "25.4"), "Download this press (zip)": (1, "true", None),

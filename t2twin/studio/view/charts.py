@@ -52,28 +52,30 @@ def slide_html(points: Sequence[SlidePoint]) -> str:
     shown = np.unique(np.linspace(0, len(points) - 1, MAX_DRAWN).astype(int))
     x_mm, y_mm, yaw_deg, _ = np.transpose([point.row for point in points])
     travel = np.cumsum([0.0, *np.hypot(np.diff(x_mm), np.diff(y_mm))])
-    axis, quantity, name = "displacement, mm", "tangential force, N", "force_n"
-    if travel[-1] == 0:
-        travel = np.cumsum([0.0, *np.abs(np.diff(yaw_deg))])
-        axis, quantity, name = "rotation, degrees", "torque, N mm", "torque_nmm"
-    if travel[-1] == 0:
+    turned = np.cumsum([0.0, *np.abs(np.diff(yaw_deg))])
+    if travel[-1] > 0:
+        quantity, text = "force_n", f"Tangential force, N, over a path of {travel[-1]:.3g} mm"
+    elif turned[-1] > 0:
+        travel, quantity = turned, "torque_nmm"
+        text = f"Torque, N mm, over a rotation of {turned[-1]:.3g}°"
+    else:
         return ""
-    lines = {sensor: [abs(getattr(points[n], name)[sensor]) for n in shown] for sensor in SENSORS}
-    limits = {} if name == "torque_nmm" else {
-        sensor: [points[n].limit_n[sensor] for n in shown[1:]] for sensor in SENSORS
-    }  # fmt: skip
-    end = _end(max(max(values) for values in (*lines.values(), *limits.values())))
+    lines = [
+        ([abs(getattr(points[n], quantity)[sensor]) for n in shown], f'stroke="{color}"')
+        for sensor, (_, color) in SENSORS.items()
+    ]
+    if quantity == "force_n":
+        lines += [
+            ([points[max(n, 1)].limit_n[sensor] for n in shown],
+             f'stroke="{color}" stroke-dasharray="4 4" opacity="0.7"')
+            for sensor, (_, color) in SENSORS.items()
+        ]  # fmt: skip
+    end = _end(max(max(values) for values, _ in lines))
     across = LEFT + (WIDTH - LEFT) * travel[shown] / travel[-1]
-    drawn, captions = _grid(end, ".3g"), []
-    for sensor, (label, color) in SENSORS.items():
-        drawn += _line(across, lines[sensor], end, f'stroke="{color}" stroke-width="2"')
-        captions.append(key(color, label))
-        if limits:
-            style = f'stroke="{color}" stroke-dasharray="4 4" opacity="0.7"'
-            drawn += _line(across[1:], limits[sensor], end, style)
-    caption = f"{quantity}, over 0 to {travel[-1]:.3g} {axis}: {' '.join(captions)}"
-    caption += ", dashed: limit of friction" if limits else ""
-    return _chart("slide", drawn, caption)
+    drawn = "".join(_line(across, values, end, style) for values, style in lines)
+    keys = " ".join(key(color, name) for name, color in SENSORS.values())
+    dashes = ", dashed: limit of friction" if quantity == "force_n" else ""
+    return _chart("slide", _grid(end, ".3g") + drawn, f"{text}: {keys}{dashes}")
 
 
 def _chart(name: str, drawn: str, caption: str) -> str:
@@ -108,7 +110,7 @@ def _grid(end: float, style: str) -> str:
 
 def _line(across: np.ndarray, values: Sequence[float], end: float, style: str) -> str:
     places = (f"{x:.1f},{_y(value, end):.1f}" for x, value in zip(across, values, strict=True))
-    return f'<polyline points="{" ".join(places)}" fill="none" {style}/>'
+    return f'<polyline points="{" ".join(places)}" fill="none" stroke-width="2" {style}/>'
 
 
 def _taxel(translation: Translation, n: int, end: float) -> str:
