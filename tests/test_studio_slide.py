@@ -81,18 +81,19 @@ def test_the_zip_of_a_slide_has_its_path_and_the_command_that_repeats_it(
     words = slid.command_line().split()
     assert words[:3] == ["t2twin", "slide", SHAPE]
     main([*words[1:], "--sensor", "digit", "--out", "out"])
-    *_, last = csv.DictReader((tmp_path / "out/slide.csv").open())
+    with (tmp_path / "out/slide.csv").open() as file:
+        *_, last = csv.DictReader(file)
     assert float(last["digit_shear_x_n"]) == pytest.approx(slid.touch.digit.shear_n[0], rel=1e-5)
 
 
 def test_one_call_moves_the_shape_by_few_steps(session):
     session.press(STATE)
-    far = STATE.with_changes({"x_mm": 1.5 * MAX_STEPS * MAX_STEP_MM})
+    far = STATE.with_changes({"x_mm": (MAX_STEPS + 2) * MAX_STEP_MM})
     first = session.press(far)
     assert first.is_behind and first.touch.command.x_mm == pytest.approx(MAX_STEPS * MAX_STEP_MM)
     assert first.slide.remaining == pytest.approx((far.x_mm - first.touch.command.x_mm, 0.0))
     page = cards.press_html(first, cards.scales_of(first), has_runs=True)
-    assert "The slide is behind: 0.3 mm and 0° remain." in page
+    assert "The slide is behind: 0.4 mm and 0° remain." in page
     back = session.press(STATE.with_changes({"x_mm": MAX_STEP_MM}))  # the target has changed
     assert not back.is_behind and back.touch.command.x_mm == MAX_STEP_MM
     assert [point.row[0] for point in back.slide.points] == [

@@ -2,7 +2,7 @@
 protocol."""
 
 import shlex
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 from urllib.parse import parse_qsl, urlencode
@@ -65,6 +65,12 @@ class PressState:
             changes = changes | {"depth_mm": None}
         return replace(self, **changes)
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The user's files."""
+        sources = (self.shape, self.layout, self.calibration)
+        return tuple(each for each in sources if each is not None and is_file(each))
+
     def continues(self, before: "PressState") -> bool:
         """Whether the contact of another state can slide to this one.
 
@@ -103,19 +109,16 @@ class PressState:
 
         Raises T2TwinError for a press with a user's file, which a link cannot contain.
         """
-        for source in (self.shape, self.layout, self.calibration):
-            if source is not None and is_file(source):
-                raise T2TwinError(
-                    f"a link cannot contain the file {file_name(source)}; download the press "
-                    "instead"
-                )
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        changed = {
+        if self.files:
+            raise T2TwinError(
+                f"a link cannot contain the file {file_name(self.files[0])}; download the press "
+                "instead"
+            )
+        return urlencode({
             name: value if isinstance(value, str) else _shortest(value)
-            for name, value in values.items()
+            for name, value in vars(self).items()
             if value is not None and (name == "shape" or value != getattr(_DEFAULT, name))
-        }
-        return urlencode(changed)
+        })  # fmt: skip
 
 
 def read_query(query: str) -> PressState:
@@ -125,20 +128,22 @@ def read_query(query: str) -> PressState:
     """
     if len(query) > MAX_QUERY:
         raise T2TwinError(f"the link is longer than {MAX_QUERY:,} characters")
-    given = dict(parse_qsl(query))
     values: dict[str, Any] = {}
-    for name in ("shape", "layout", "imperfections", "motion"):
-        if name in given:
-            values[name] = given[name]
-    for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "friction"):
-        if name in given:
-            values[name] = _read_number(name, given[name])
-    if "seed" in given:
-        values["seed"] = _read_seed(given["seed"])
+    for name, text in parse_qsl(query):
+        if name in ("shape", "layout", "imperfections", "motion"):
+            values[name] = text
+        elif name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "friction"):
+            values[name] = _read_number(name, text)
+        elif name == "seed":
+            if not (text.isascii() and text.isdigit()):
+                raise T2TwinError(f"seed is {text[:20]!r}; expected a whole number, 0 or more")
+            values[name] = int(text)
     state = _DEFAULT.with_changes(values)
     check_names(state)
     check_force(state.force_n)
     check_friction(state.friction)
+    if state.seed is not None:
+        check_seed(state.seed)
     return state
 
 
@@ -175,14 +180,9 @@ def protocol_press(state: PressState, scale: str, number: int) -> PressState:
         )
     index = indices(state.shape, scale_of(scale))[number]
     command = press_of(state.shape, catalogue.spacing_mm(state.shape), index)
-    return replace(
-        state,
-        x_mm=command.x_mm,
-        y_mm=command.y_mm,
-        yaw_deg=float(np.rad2deg(command.yaw_rad)),
-        force_n=command.force_n,
-        depth_mm=None,
-    )
+    yaw_deg = float(np.rad2deg(command.yaw_rad))
+    pose = {"x_mm": command.x_mm, "y_mm": command.y_mm, "yaw_deg": yaw_deg}
+    return state.with_changes(pose | {"force_n": command.force_n})
 
 
 def protocol_presses(shape: str, scale: str) -> int:
@@ -218,13 +218,6 @@ def _read_number(name: str, text: str) -> float:
     if not np.isfinite(value):
         raise T2TwinError(f"{name} is {text[:20]!r}; expected a finite number")
     return value
-
-
-def _read_seed(text: str) -> int:
-    if not (text.isascii() and text.isdigit()):
-        raise T2TwinError(f"seed is {text[:20]!r}; expected a whole number, 0 or more")
-    check_seed(int(text))
-    return int(text)
 
 
 _DEFAULT = PressState()
