@@ -97,7 +97,7 @@ class Session:
         except T2TwinError as error:
             no_image = str(error)
         background = sensors.digit.background_frame() if runs else None
-        translations = self.translators.translate_touch(touch, runs, background)
+        translations = self.translators.translate(touch.image, runs, background, touch)
         return PressResult(state, touch, tactile, no_image, translations, self._slide)
 
     def _press(

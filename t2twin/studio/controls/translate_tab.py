@@ -141,7 +141,7 @@ class TranslateTab:
         frame = self._get_frame()
         if frame is not None:
             background = None if self._background is None else self._background[0]
-            translations = self._translators.translate_image(frame[0], self._runs, background)
+            translations = self._translators.translate(frame[0], self._runs, background)
             self._shown.content = frame_html(frame, self._background, translations)
 
 

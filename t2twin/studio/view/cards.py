@@ -163,12 +163,14 @@ def _translation(translation: Translation, scales: Scales, force_n: float) -> st
 
     force_n: true force.
     """
+    rmse_counts = translation.rmse_counts or 0.0
+    percent = 100.0 * rmse_counts / FULL_SCALE_COUNTS
     discs = _discs(translation, scales.difference)
     right = f'<figure><b>Difference</b>{discs}<span class="soft">predicted − true</span></figure>'
     bar = _bar("counts", DIVERGING, f"-{scales.difference:,.0f}", f"+{scales.difference:,.0f}")
     notes = (
-        f"<p><b>RMSE {translation.rmse_counts:,.0f} counts</b>"
-        f'<span class="soft">{translation.rmse_percent:.2f}&nbsp;% of full scale '
+        f"<p><b>RMSE {rmse_counts:,.0f} counts</b>"
+        f'<span class="soft">{percent:.2f}&nbsp;% of full scale '
         f"({FULL_SCALE_COUNTS:,.0f})</span></p>{_unreliable(translation)}"
     )
     figures = row(_predicted(translation, scales.counts), right, f"<div>{bar}{notes}</div>")
@@ -189,10 +191,10 @@ def _unreliable(translation: Translation) -> str:
 
 def _force(translation: Translation, true_n: float | None) -> str:
     """Table of the predicted force; empty for a run without one. true_n: None if unknown."""
-    force = translation.force
-    if force is None:
+    if translation.force is None:
         return ""
-    cells = ["force, N", f"{force.value:.1f}", f"{force.low:.1f} to {force.high:.1f}"]
+    value, low, high = translation.force
+    cells = ["force, N", f"{value:.1f}", f"{low:.1f} to {high:.1f}"]
     heads = ["predicted", f"{PERCENT} interval"]
     if true_n is not None:
         cells, heads = [*cells, f"{true_n:.2f}"], [*heads, "true"]
