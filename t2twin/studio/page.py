@@ -167,6 +167,7 @@ class Page:
         cards.dock_right()
         cards.set_width(CARDS_PX)
         cards.expand()
+        self._scene.arrange("both", CONTROLS_PX + CARDS_PX)
 
     def _drag(self, drag: Drag) -> None:
         if drag.is_start:

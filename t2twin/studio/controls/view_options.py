@@ -40,7 +40,6 @@ class ViewOptions:
         inputs.on(self.arrows, lambda _: redraw())
         inputs.on(self.dark, self._set_theme)
         self._set_theme(False)
-        arrange("both")
 
     def _set_theme(self, dark: bool) -> None:
         self._gui.configure_theme(

@@ -48,9 +48,12 @@ SEEN_FROM_MM, LOOKING_AT_MM = np.array([2.0, -55.0, 54.0]), np.array([2.0, -4.0,
 ONE_SENSOR = 0.62
 """Relative distance of the camera with one visible sensor."""
 
-NARROW, HIDDEN_MM = 0.62, 64.0
-"""Aspect ratio below which the camera is moved away, and shift of its target, mm: on a phone the
-controls hide the lower half of the scene."""
+NARROW = 0.72
+"""Aspect ratio of the scene below which the camera is moved away."""
+
+PHONE_PX, NARROW_PHONE, HIDDEN_MM = 576, 0.62, 64.0
+"""Width below which viser shows the controls over the lower half of the scene; NARROW there, and
+shift of the camera's target, mm."""
 
 NEAR_PLANE_MM = 1.0
 """Near plane of the camera, mm, large enough for the precision of the depth buffer."""
@@ -105,17 +108,25 @@ class Scene:
         self._drawn: tuple[Shape, ShapeStyle, float] | None = None
         self._mesh: tuple[Shape, trimesh.Trimesh] | None = None
         self._grabbed = np.zeros(3)
+        self._is_phone = client.camera.image_width < PHONE_PX
         client.scene.configure_default_lights(enabled=True, cast_shadow=False)
 
-    def arrange(self, sensors: Sensors) -> None:
-        """Shows the selected sensors and moves the camera to them."""
+    def arrange(self, sensors: Sensors, hidden_px: int = 0) -> None:
+        """Shows the selected sensors and moves the camera to them.
+
+        hidden_px: width that panels will hide.
+        """
         both = sensors == "both"
         for name, side in (("digit", -0.5), ("cyskin", 0.5)):
             self._places[name].visible = both or sensors.lower() == name
             self._places[name].position = (side * SENSOR_SPACING_MM if both else 0.0, 0.0, 0.0)
-        camera = self._client.camera
-        far = (1.0 if both else ONE_SENSOR) * max(1.0, NARROW / camera.aspect)
-        looking_at = LOOKING_AT_MM - (0.0, HIDDEN_MM if camera.aspect < NARROW else 0.0, 0.0)
+        camera, far, looking_at = self._client.camera, 1.0 if both else ONE_SENSOR, LOOKING_AT_MM
+        narrow = NARROW
+        if self._is_phone:
+            narrow, hidden_px = NARROW_PHONE, 0
+            looking_at = LOOKING_AT_MM - (0.0, HIDDEN_MM, 0.0)
+        width = max(camera.image_width - hidden_px, 1)
+        far *= max(1.0, narrow * camera.image_height / width)
         with self._client.atomic():
             camera.near = NEAR_PLANE_MM
             camera.position = looking_at + far * (SEEN_FROM_MM - LOOKING_AT_MM)
