@@ -95,5 +95,7 @@ def test_lines_are_limited_and_have_no_control_characters(capsys):
         log(f"line {number}\n\x1b[31m" + "x" * 10_000)
     lines = capsys.readouterr().err.splitlines()
     assert BURST <= len(lines) < 1.5 * BURST
-    assert max(map(len, lines)) <= len("t2twin: ") + MAX_LINE + len(" (400 earlier lines were suppressed)")
+    assert max(map(len, lines)) <= len("t2twin: ") + MAX_LINE + len(
+        " (400 earlier lines were suppressed)"
+    )
     assert not any("\x1b" in line for line in lines)

@@ -119,6 +119,7 @@ def test_a_jump_has_no_shear(session):
         ({"yaw_deg": 1.0}, True),
         ({"force_n": 5.0}, True),
         ({"layout": "cyskin-63"}, True),
+        ({"markers": True}, True),
         ({"seed": 1, "imperfections": "all"}, True),
         ({"shape": "square-2"}, False),
         ({"scale": 2.0}, False),
@@ -157,10 +158,25 @@ def test_readings_of_another_layout_are_of_the_same_contact(session):
     assert other.touch.counts.shape == (63,) and other.touch.cyskin is first.touch.cyskin
 
 
+def test_markers_move_with_the_gel(session):
+    session.press(STATE)
+    state = STATE.with_changes({"x_mm": 0.4, "markers": True})
+    result = session.press(state)
+    twin = t2twin.Twin(markers=True)
+    (touch,) = twin.slide(twin.press(SHAPE, force_n=4.0), dx_mm=0.4, steps=1, friction=0.6)
+    assert np.array_equal(result.touch.image, touch.image)
+    assert np.allclose(result.touch.markers_mm, touch.markers_mm)
+    without = session.press(state.with_changes({"markers": False}))
+    assert without.has_slid and without.touch.markers is None
+    assert not np.array_equal(without.touch.image, touch.image)
+
+
 def test_a_link_contains_the_motion():
-    assert read_query(STATE.query()) == STATE
+    state = STATE.with_changes({"markers": True})
+    assert read_query(state.query()) == state
+    assert "--markers" in state.command_line()
     for query, words in (("motion=fly", "no motion"), ("friction=-1", "friction"),
-                         ("friction=nan", "finite")):  # fmt: skip
+                         ("friction=nan", "finite"), ("markers=yes", "markers is 'yes'")):  # fmt: skip
         with pytest.raises(T2TwinError, match=words):
             read_query(query)
 

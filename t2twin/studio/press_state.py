@@ -41,6 +41,7 @@ class PressState:
     or a file. calibration: a file, None for the default. imperfections: of the CySkin, applied with
     a seed. seed: of camera noise and imperfections, None for neither. scale: millimeters per unit
     of a file, None for the unit stated in the file. friction: as for `Twin.slide`.
+    markers: whether markers are printed on the DIGIT's gel.
     """
 
     shape: str = FIRST_SHAPE
@@ -56,6 +57,7 @@ class PressState:
     scale: float | None = None
     motion: Motion = "jump"
     friction: float | None = None
+    markers: bool = False
 
     def with_changes(self, changes: dict[str, Any]) -> "PressState":
         """The press with changed fields. A changed force replaces the depth, and vice versa."""
@@ -96,6 +98,8 @@ class PressState:
             value = getattr(self, name)
             if value != getattr(_DEFAULT, name):
                 words += [f"--{name.replace('_', '-')}", _shortest(value)]
+        if self.markers:
+            words.append("--markers")
         if self.layout != _DEFAULT.layout:
             words += ["--layout", file_name(self.layout)]
         if self.calibration is not None:
@@ -134,6 +138,10 @@ def read_query(query: str) -> PressState:
             values[name] = text
         elif name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "friction"):
             values[name] = _read_number(name, text)
+        elif name == "markers":
+            if text not in ("0", "1"):
+                raise T2TwinError(f"markers is {text[:20]!r}; expected 0 or 1")
+            values[name] = text == "1"
         elif name == "seed":
             if not (text.isascii() and text.isdigit()):
                 raise T2TwinError(f"seed is {text[:20]!r}; expected a whole number, 0 or more")

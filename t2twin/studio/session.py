@@ -15,6 +15,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.phi import Phi
+from t2twin.sim.digit.markers import Markers
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
 from t2twin.studio.press_state import PressState
@@ -85,7 +86,8 @@ class Session:
         rng = None if state.seed is None else np.random.default_rng(state.seed)
         if self._slide is not None and state.continues(self._slide.state):
             self._slide = self._slide.toward(state, sensors)
-            touch = replace(self._slide.touch, layout=sensors.cyskin.layout)
+            layout, markers = sensors.cyskin.layout, sensors.digit.markers
+            touch = replace(self._slide.touch, layout=layout, markers=markers)
             touch = sensors.with_readings(touch, rng)
         else:
             self._slide = None
@@ -116,8 +118,9 @@ class Session:
 
     def _sensors_for(self, state: PressState) -> SensorPair:
         digit, cyskin, before = self._sensors.digit, self._sensors.cyskin, self._made_for
-        if state.calibration != before.calibration:
-            digit = replace(digit, calibration=state.calibration)
+        if (state.calibration, state.markers) != (before.calibration, before.markers):
+            markers = Markers() if state.markers else None
+            digit = replace(digit, calibration=state.calibration, markers=markers)
         if (state.layout, state.imperfections) != (before.layout, before.imperfections):
             cyskin = replace(cyskin, layout_source=state.layout, imperfections=state.imperfections)
         self._sensors, self._made_for = SensorPair(digit, cyskin), state

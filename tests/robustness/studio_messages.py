@@ -46,6 +46,7 @@ TYPES = (
 NUMBERS = (NAN, INF, -INF, 1e308, -1e308, "5", None, True, [5.0], {"a": 5.0})
 VALUES: dict[str, tuple[Any, ...]] = {
     **dict.fromkeys(("x, mm", "y, mm", "yaw, °", "force, N", "depth, mm", "friction"), NUMBERS),
+    "Markers": (1, None, "on"),
     "Noise": (1, 0.0, "yes", None, [], NAN), "Taxels": ("/etc/passwd", "../cyskin-20", "", None, 3),
     "Kind": (5, None, "no such kind", "/etc/passwd", ["square"], {"a": 1}, True),
     "Motion": ("fly", "", None, 1, ["slide"]), "Lift off and press again": (1, "true", None),

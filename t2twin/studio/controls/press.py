@@ -108,6 +108,7 @@ class Controls:
         self._layout.value = OWN_FILE if is_file(state.layout) else state.layout
         calibration = markdown_safe(file_name(state.calibration or DEFAULT_CALIBRATION))
         self._calibration.content = f"Calibration: **{calibration}**"
+        self._markers.value = state.markers
         self.noise.value = state.seed is not None
         self._imperfections.value = state.imperfections
         self._imperfections.visible = self._seed.visible = state.seed is not None
@@ -202,6 +203,9 @@ class Controls:
         self._inputs.button(
             "Default calibration", viser.Icon.REFRESH, lambda: self.apply({"calibration": None})
         )
+        self._markers = gui.add_checkbox(
+            "Markers", False, hint="Markers printed on the gel of the DIGIT"
+        )
         self.noise = gui.add_checkbox(
             "Noise", False, hint="Camera noise and imperfections of the array"
         )
@@ -211,6 +215,7 @@ class Controls:
         )  # fmt: skip
         self._seed = gui.add_number("Seed", 0, min=0, max=2**53, step=1, hint="Seed of the noise")
         self._inputs.on(self._layout, self._layout_changed)
+        self._inputs.on(self._markers, lambda on: self._set(markers=on))
         self._inputs.on(
             self.noise, lambda on: self.apply({"seed": self._seed.value if on else None})
         )
