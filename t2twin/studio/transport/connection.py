@@ -110,8 +110,9 @@ class Connection(ServerConnection):
             async with asyncio.timeout(SEND_TIMEOUT_S):
                 await super().send(message, text)
         except TimeoutError:
+            log(f"a client was disconnected; it read no messages for {SEND_TIMEOUT_S:g} s")
             self.transport.abort()
-            await self._disconnect(f"it read no messages for {SEND_TIMEOUT_S:g} s")
+            raise ConnectionClosedError(None, None) from None
 
     async def _disconnect(self, reason: str) -> NoReturn:
         log(f"a client was disconnected; {reason}")

@@ -1,6 +1,7 @@
 """Charts as SVG: intervals of the predicted counts, and the tangential force of a slide."""
 
 from collections.abc import Sequence
+from dataclasses import astuple
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def slide_html(points: Sequence[SlidePoint]) -> str:
     Empty for a contact that has not moved.
     """
     shown = np.unique(np.linspace(0, len(points) - 1, MAX_DRAWN).astype(int))
-    x_mm, y_mm, yaw_deg, _ = np.transpose([point.row for point in points])
+    x_mm, y_mm, yaw_deg, _ = np.transpose([astuple(point.row) for point in points])
     travel = np.cumsum([0.0, *np.hypot(np.diff(x_mm), np.diff(y_mm))])
     turned = np.cumsum([0.0, *np.abs(np.diff(yaw_deg))])
     if travel[-1] > 0:
