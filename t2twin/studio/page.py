@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from threading import Event, Lock, Thread
+from threading import Event, Lock
 from typing import Any
 
 import viser
@@ -57,7 +57,6 @@ class Page:
         self._runs: tuple[str, ...] = ()
         self._lifted = False
         self._session: Session | None = None
-        self._loading: Thread | None = None
         self.result: PressResult | None = None
         self._notices = Notices(client)
         folder = shared.folder / str(client.client_id)
@@ -69,12 +68,15 @@ class Page:
             lambda: self._notices.guard(self._press_and_show),
             lambda: self._notices.guard(self._scene.hide_old_surfaces),
         )
+        # Loads in a thread of its own, so that the page still follows its sliders.
+        self._loader = LatestOnlyWorker(lambda: self._notices.guard(self._load), lambda: None)
         self.update_runs()
         self._worker.request()
 
     def close(self) -> None:
         """Stops the page of a disconnected client and removes its files."""
         self._worker.stop()
+        self._loader.stop()
         self._tab.close()
         self._shared.uploads.remove_client(self._client)
         self.files.remove()
@@ -86,12 +88,10 @@ class Page:
     def wait(self, timeout_s: float) -> bool:
         """Waits until the page shows its latest state, including files and translators.
 
-        timeout_s: of each of the three. Returns False after a timeout.
+        timeout_s: of each. Returns False after a timeout.
         """
-        done = self.files.wait(timeout_s) and self._worker.wait(timeout_s)
-        if self._loading is not None:
-            self._loading.join(timeout_s)
-        return done and self._worker.wait(timeout_s)
+        works = (self.files, self._worker, self._loader, self._worker)
+        return all(each.wait(timeout_s) for each in works)
 
     def change(self, changes: dict[str, Any]) -> PressState:
         """Changes fields of the state and requests its press."""
@@ -207,7 +207,7 @@ class Page:
             self._worker.request()
         self._shared.page_shown.set()
         if not loaded:
-            self._load(runs)
+            self._loader.request()
 
     def _get_session(self) -> Session:
         """The client's session; waits for the first press of the studio."""
@@ -218,17 +218,9 @@ class Page:
             self._session = Session(self._shared.translators, self._shared.sensors)
         return self._session
 
-    def _load(self, runs: tuple[str, ...]) -> None:
-        """Loads runs in a thread of its own, so that the page still follows its sliders."""
-        if self._loading is not None and self._loading.is_alive():
-            return  # requests another press at its end, which loads these
-
-        def load() -> None:
-            if self._notices.guard(lambda: self._shared.translators.load(runs)):
-                self._worker.request()
-
-        self._loading = Thread(target=load, daemon=True)
-        self._loading.start()
+    def _load(self) -> None:
+        self._shared.translators.load(self._runs)
+        self._worker.request()
 
     def _send_cards(self, result: PressResult, scales: Scales, loading: bool) -> None:
         """Sends the cards before the scene: a browser applies all changes of one message together,

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 
@@ -109,8 +110,8 @@ class TranslateTab:
             self._live.set()
         self._live = ended = Event() if is_on else None
         if ended is not None:
-            show = lambda: self._notices.guard(lambda: self._show_live(source, ended))  # noqa: E731
-            Thread(target=show, daemon=True).start()
+            follow = partial(self._show_live, source, ended)
+            Thread(target=self._notices.guard, args=(follow,), daemon=True).start()
 
     def _show_live(self, source: FrameSource, ended: Event) -> None:
         latest, last = source.latest(), -1
