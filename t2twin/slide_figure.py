@@ -27,6 +27,9 @@ MARGIN_MM = 1.0
 LEGEND_PT = 20
 """Height of the legend between a panel and its title, points."""
 
+KEY_SHARE = 0.1
+"""Height below the contact for the key of the arrows, as a share of the panel (assumed)."""
+
 ARROWS = 10
 """Arrows along the longer side of the contact, about."""
 
@@ -73,10 +76,7 @@ def draw_slide(
         else:
             _draw_counts(readings, shown)
     for axes, step in zip(columns[0], steps, strict=True):
-        axes.annotate(
-            f"step {step}", (0, 0.5), (-12, 0), xycoords="axes fraction", rotation=90,
-            textcoords="offset points", ha="center", va="center",
-        )  # fmt: skip
+        axes.set_ylabel(f"step {step}\n{axes.get_ylabel()}".strip())
     bottom.legend(
         handles=[Patch(color=STICK_COLOR, label="stick"), Patch(color=SLIP_COLOR, label="slip")],
         loc="outside lower center",
@@ -169,6 +169,7 @@ def _draw_contacts(panels: Sequence[Axes], contacts: Sequence[Contact]) -> None:
     columns, rows = np.flatnonzero(touched.any(axis=0)), np.flatnonzero(touched.any(axis=1))
     left, right = first.x_mm[columns[[0, -1]]] + (-MARGIN_MM, MARGIN_MM)
     top, bottom = first.y_mm[rows[[0, -1]]] + (-MARGIN_MM, MARGIN_MM)
+    bottom += KEY_SHARE * (bottom - top)
     peak = max(float(np.hypot(*contact.shear_kpa).max()) for contact in contacts)
     every = max(1, round(max(columns.size, rows.size) / ARROWS))
     for axes, contact in zip(panels, contacts, strict=True):

@@ -1,8 +1,8 @@
 """Markers printed on the gel's coating: dark dots that move with the surface.
 
 A point at X on the surface at rest moves to X + u(X), where u is the lateral displacement by
-pressure and shear. A marker's center and four points of its outline move so; the ellipse through
-the four moved points, seen by the camera on the deflected surface, is the marker in the image.
+pressure and shear. A marker's center and four points of its outline move so. The camera sees these
+points on the deflected surface, and the marker as the ellipse through the four.
 
 In linear light, a pixel's value is multiplied by 1 - c (1 - INK_REFLECTANCE), where c is the part
 of the pixel that markers cover. So the grey level is multiplied by that to the power of 1 / gamma.
@@ -74,8 +74,12 @@ class Markers:
         diameter = arguments.number(
             self.diameter_mm, "the markers' diameter_mm", MIN_DIAMETER_MM, pitch
         )
-        arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, (pitch - diameter) / 2)
+        most = (pitch - diameter) / 2
+        jitter = arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, most)
         arguments.check_seed(self.seed)
+        values = {"pitch_mm": pitch, "diameter_mm": diameter, "jitter_mm": jitter}
+        for name, value in (values | {"seed": int(self.seed)}).items():
+            object.__setattr__(self, name, value)  # plain numbers, for JSON
 
     @cached_property
     def rest_mm(self) -> np.ndarray:
