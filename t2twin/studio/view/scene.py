@@ -20,6 +20,7 @@ from t2twin.studio.view.solids import (
     as_glb,
     cut_open,
     elastomer_part,
+    linear_values,
     near_mesh,
     shape_pose,
     surface_mm,
@@ -186,9 +187,9 @@ class Scene:
         self._arrows[name] = self._client.scene.add_arrows(
             f"/{name}/traction",
             np.stack(ends, axis=1),
-            np.where(arrows.slips[:, None], SLIP_RGB, STICK_RGB).astype(np.uint8),
-            shaft_radius=0.08,
-            head_radius=0.25,
+            linear_values(np.where(arrows.slips[:, None], SLIP_RGB, STICK_RGB)),
+            shaft_radius=0.1,
+            head_radius=0.3,
             head_length=0.5,
         )
 

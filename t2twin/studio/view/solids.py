@@ -111,16 +111,20 @@ def taxels_part(
 def as_glb(parts: Sequence[SceneMesh]) -> bytes:
     """Parts as one GLB file with unlit colors."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    # Vertex colors of glTF are linear, those of screens sRGB (IEC 61966-2-1).
-    srgb = np.concatenate([part.colors for part in parts]) / 255.0
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     mesh = trimesh.Trimesh(
         np.concatenate([part.vertices for part in parts]),
         np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
-        vertex_colors=np.rint(255.0 * linear).astype(np.uint8),
+        vertex_colors=linear_values(np.concatenate([part.colors for part in parts])),
         process=False,
     )
     return export_glb(mesh.scene(), include_normals=False, tree_postprocessor=_unlit)
+
+
+def linear_values(colors: np.ndarray) -> np.ndarray:
+    """(..., 3) uint8: linear values of sRGB colors (IEC 61966-2-1), which glTF and arrows have."""
+    srgb = colors / 255.0
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return np.rint(255.0 * linear).astype(np.uint8)
 
 
 def cut_open(mesh: trimesh.Trimesh, yaw_rad: float) -> trimesh.Trimesh:
