@@ -21,11 +21,11 @@ from benchmarks.evidence.run import main
 from t2twin.primitives_cad.catalogue import NAMES, load
 from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import DIGIT_GEL
-from t2twin.sim.contact.surface import surface_on
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from t2twin.sim.digit.optics import DigitOptics
 from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
+from t2twin.sim.digit.surface import surface_on
 
 MIN_PSNR_DB, MIN_SSIM = 32.0, 0.95
 """Limits for the baked image in the contact, compared with the rendered one."""

@@ -20,8 +20,7 @@ from t2twin.sim.contact.contact_solver import (
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import Survey
-from t2twin.sim.contact.surface import surface_on
-from t2twin.sim.contact.tangential.sliding import COVER_FRICTION, GEL_FRICTION, advance
+from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION, advance
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin import reading, taxels
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
@@ -32,6 +31,7 @@ from t2twin.sim.digit.markers import Markers, surface_shift
 from t2twin.sim.digit.optics import FRAMES, NOISE_GREY, DigitOptics, Renderer
 from t2twin.sim.digit.randomization.unit import Unit
 from t2twin.sim.digit.rendered import RenderedOptics
+from t2twin.sim.digit.surface import surface_on
 from t2twin.sim.touch import Touch
 
 Sensor = Literal["both", "digit", "cyskin"]

@@ -14,7 +14,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.tangential.sliding import MAX_FRICTION
+from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import FORCE_RANGE_N, PressCommand
 from t2twin.sim.sensors import Sensor, SensorPair
 from t2twin.sim.touch import Touch

@@ -11,8 +11,8 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.layer import base_stress, compliance_mm_per_mpa
+from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.tangential.kernels import shear_kernels
-from t2twin.sim.contact.tangential.sliding import advance
 from t2twin.sim.contact.tangential.spectra import spectra
 from t2twin.sim.contact.tangential.traction import cached_shear_layer, solve_traction
 from t2twin.sim.contact.types import PressCommand

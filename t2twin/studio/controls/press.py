@@ -8,7 +8,7 @@ import viser
 from t2twin.primitives_cad import catalogue, primitive_parameters
 from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
-from t2twin.sim.contact.tangential.sliding import COVER_FRICTION, GEL_FRICTION
+from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION
 from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.world.presses import MAX_SHAPE_SEED
 from t2twin.sim.world.protocol import SCALES
