@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from benchmarks.solid import half_axis_mm
 from t2twin.core.errors import T2TwinError
 
 PROGRAM = "ccx"
@@ -30,6 +29,9 @@ LAYERS = 6
 GRADING = 3.0
 """Thickness of the lowest elements over that of the topmost, about."""
 
+GROWTH, WIDEST_MM = 1.6, 2.5
+"""Width of a column over its inner neighbor's, away from the contact, and the largest, mm."""
+
 PENALTY, STICK = 200.0, 40.0
 """Stiffness of the contact, pressure per overlap and shear per sliding where it sticks, times the
 Young's modulus a millimetre."""
@@ -37,8 +39,8 @@ Young's modulus a millimetre."""
 FACE_MM = 0.2
 """Width of the shape's faces, mm."""
 
-STEP = 1 / 6
-"""Largest increment, as a share of the press and of the slide."""
+PRESS_STEP, SLIDE_STEP = 0.5, 0.2
+"""Largest increments, as shares of the press and of the slide."""
 
 FACES = ((4, 3, 2, 1), (5, 6, 7, 8))
 """Nodes of a hexahedron's lower and upper faces S1 and S2."""
@@ -104,11 +106,23 @@ def solve(slide: Slide, folder: Path) -> Solved:
 
 def _axes(slide: Slide) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nodes of the block along x, y and z."""
-    right = half_axis_mm(slide.side_mm, slide.pitch_mm, slide.reach_mm + slide.slide_mm)
-    left = half_axis_mm(slide.side_mm, slide.pitch_mm, slide.reach_mm)
+    right = _half_axis(slide, slide.reach_mm + slide.slide_mm)
+    left = _half_axis(slide, slide.reach_mm)
     down = np.linspace(0.0, 1.0, LAYERS + 1)
     z = slide.thickness_mm * (1 - GRADING**-down) / (1 - 1 / GRADING)
     return np.concatenate([-left[:0:-1], right]), left, z
+
+
+def _half_axis(slide: Slide, fine_mm: float) -> np.ndarray:
+    """Nodes from 0 to the block's side: pitch_mm apart up to fine_mm, then ever wider."""
+    nodes, width = (
+        list(np.arange(0.0, fine_mm + slide.pitch_mm / 2, slide.pitch_mm)),
+        slide.pitch_mm,
+    )
+    while nodes[-1] < slide.side_mm:
+        width = min(GROWTH * width, WIDEST_MM)
+        nodes.append(nodes[-1] + width)
+    return np.array(nodes)
 
 
 def _deck(slide: Slide, axes: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[str]:
@@ -152,7 +166,7 @@ MIDDLE, 2, 2
 SHAPE, 1, 2
 *STEP, INC=200
 *STATIC
-0.5, 1., 1e-4, 0.5
+{PRESS_STEP}, 1., 1e-4, {PRESS_STEP}
 *BOUNDARY
 SHAPE, 3, 3, {-slide.depth_mm}
 *NODE PRINT, NSET=SHAPE, TOTALS=ONLY
@@ -165,7 +179,7 @@ U
 *FRICTION
 {slide.friction}, {stick}
 *STATIC
-{STEP}, 1., 1e-4, {STEP}
+{SLIDE_STEP}, 1., 1e-4, {SLIDE_STEP}
 *BOUNDARY
 SHAPE, 1, 1, {slide.slide_mm}
 *END STEP"""
