@@ -176,7 +176,7 @@ def against_tamaas(poisson: float, n: int = 32, pitch_mm: float = 0.1) -> dict[s
     """
     if find_spec("tamaas") is None:
         return None
-    import tamaas
+    import tamaas  # pyright: ignore[reportMissingImports]
 
     side, rng = n * pitch_mm, np.random.default_rng(0)
     model = tamaas.Model(tamaas.model_type.surface_2d, [side, side], [n, n])

@@ -83,6 +83,10 @@ class Solved:
     tangential_n: np.ndarray
     markers_mm: np.ndarray
 
+    def after_press(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Forces and markers of the states after the first."""
+        return self.normal_n[1:], self.tangential_n[1:], self.markers_mm[1:]
+
 
 def is_installed() -> bool:
     return shutil.which(PROGRAM) is not None
@@ -97,7 +101,12 @@ def solve(slide: Slide, folder: Path) -> Solved:
     (folder / "slide.inp").write_text("\n".join(_deck(slide, axes)))
     environment = {"OMP_NUM_THREADS": "1", "PATH": "/usr/bin:/bin"}
     done = subprocess.run(
-        [PROGRAM, "slide"], cwd=folder, env=environment, capture_output=True, text=True, check=False
+        ["nice", "-n", "19", PROGRAM, "slide"],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if done.returncode or "*ERROR" in done.stdout or "Job finished" not in done.stdout:
         raise T2TwinError(f"CalculiX failed:\n{done.stdout[-2000:]}")
