@@ -216,7 +216,7 @@ def compare(kind: str, layer: Layer, slide: fem.Slide, folder: Path) -> dict[str
 def _at_markers(contact: Contact, markers_mm: np.ndarray) -> np.ndarray:
     """(n, 2) displacement of places on the surface along x and y, mm."""
     axes = contact.y_mm, contact.x_mm
-    fields = RegularGridInterpolator(axes, np.moveaxis(contact.displacement_mm, 0, -1))
+    fields = RegularGridInterpolator(axes, np.moveaxis(contact.displacement_mm[:2], 0, -1))
     return fields(markers_mm[:, ::-1])
 
 
@@ -276,7 +276,7 @@ def random_slide(sensors: SensorPair, number: int) -> list[Contact]:
     length_mm, direction = rng.uniform(0, MAX_MM), rng.uniform(0, 2 * np.pi)
     end = length_mm * np.array([np.cos(direction), np.sin(direction)])
     path = np.linspace((x_mm, y_mm, yaw), (x_mm + end[0], y_mm + end[1], yaw + turn), STEPS + 1)
-    first, *later = (PressCommand(shape.name, *row, float(force_n)) for row in path.tolist())
+    first, *later = (PressCommand(shape.name, x, y, yaw, float(force_n)) for x, y, yaw in path)
     touch, contacts = sensors.press(shape, first), []
     for command in later:
         touch = slide_to(sensors, touch, command, float(friction))

@@ -89,6 +89,9 @@ class Solved:
 
 
 def is_installed() -> bool:
+    """Whether CalculiX is installed; prints a sentence if not."""
+    if shutil.which(PROGRAM) is None:
+        print(f"CalculiX ({PROGRAM}) is not installed; the comparison with it is skipped")
     return shutil.which(PROGRAM) is not None
 
 
@@ -225,6 +228,5 @@ def _read(slide: Slide, axes: tuple[np.ndarray, np.ndarray, np.ndarray], text: s
     fields = RegularGridInterpolator((y, x), np.stack(moved, axis=1).reshape(y.size, x.size, -1, 2))
     kept = times >= 1 - 1e-9
     markers = fields(slide.markers_mm[:, ::-1]).swapaxes(0, 1)[kept]
-    return Solved(
-        (times[kept] - 1) * slide.slide_mm, *np.abs(2 * forces[kept][:, [2, 0]].T), markers
-    )
+    tangential_n, _, normal_n = 2 * np.abs(forces[kept].T)  # of both halves
+    return Solved((times[kept] - 1) * slide.slide_mm, normal_n, tangential_n, markers)
