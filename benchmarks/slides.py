@@ -114,7 +114,7 @@ LAYERS = {
     "cover": Layer(2.0, CYSKIN_COVER.young_mpa, 7.0, (0.06, 0.03), CYSKIN_PITCH_MM),
 }
 
-FEM_PITCH_MM = 0.25
+FEM_PITCH_MM = {"ball": 0.25, "punch": 0.08}
 
 SEED = 4_322
 """A world's seed that no shipped recipe has."""
@@ -165,7 +165,7 @@ def against_calculix() -> dict[str, dict[str, Any]]:
 
 
 def slide_of(
-    kind: str, layer: Layer, depth_mm: float, pitch_mm: float = FEM_PITCH_MM, stiffness: float = 1.0
+    kind: str, layer: Layer, depth_mm: float, finer: float = 1.0, stiffness: float = 1.0
 ) -> fem.Slide:
     """The slide of a "ball" or a "punch", with markers 1 mm apart."""
     is_ball = kind == "ball"
@@ -180,8 +180,9 @@ def slide_of(
         young_mpa=layer.young_mpa,
         poisson=SLIDE_POISSON,
         side_mm=layer.block_mm,
-        pitch_mm=pitch_mm,
+        pitch_mm=FEM_PITCH_MM[kind] / finer,
         markers_mm=markers.reshape(-1, 2),
+        has_edge=not is_ball,
         stiffness=stiffness,
     )
 

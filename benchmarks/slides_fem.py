@@ -26,11 +26,12 @@ PROGRAM = "ccx"
 LAYERS = 6
 """Layers of elements through the block."""
 
-GRADING = 3.0
+GRADING = 10.0
 """Thickness of the lowest elements over that of the topmost, about."""
 
-GROWTH, WIDEST_MM = 1.6, 2.5
-"""Width of a column over its inner neighbor's, away from the contact, and the largest, mm."""
+GROWTH, INWARD, WIDEST_MM = 1.6, 1.4, 2.5
+"""Width of a column over that of its neighbor, away from the contact and inward from an edge, and
+the largest, mm."""
 
 PENALTY, STICK = 200.0, 40.0
 """Stiffness of the contact, pressure per overlap and shear per sliding where it sticks, times the
@@ -53,7 +54,8 @@ class Slide:
     heights_mm: of the shape's pressing surface above its lowest point, mm, of x and y, each >= 0.
     reach_mm: half the width of the square in which the shape may touch. depth_mm: of the press.
     slide_mm: length of the slide. side_mm: half the block's width. pitch_mm: of the elements at the
-    contact. markers_mm: (n, 2) places on the surface, y >= 0.
+    contact. markers_mm: (n, 2) places on the surface, y >= 0. has_edge: whether the shape has an
+    edge all around at reach_mm. stiffness: factor of PENALTY and STICK.
     """
 
     heights_mm: Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -67,6 +69,7 @@ class Slide:
     side_mm: float
     pitch_mm: float
     markers_mm: np.ndarray
+    has_edge: bool = False
     stiffness: float = 1.0
 
 
@@ -126,15 +129,17 @@ def _axes(slide: Slide) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _half_axis(slide: Slide, fine_mm: float) -> np.ndarray:
-    """Nodes from 0 to the block's side: pitch_mm apart up to fine_mm, then ever wider."""
-    nodes, width = (
-        list(np.arange(0.0, fine_mm + slide.pitch_mm / 2, slide.pitch_mm)),
-        slide.pitch_mm,
-    )
+    """Nodes from 0 to the block's side: pitch_mm apart up to fine_mm, then ever wider; for a shape
+    with an edge pitch_mm apart at the edge, and wider on both sides."""
+    nodes, width = np.arange(0.0, fine_mm + slide.pitch_mm / 2, slide.pitch_mm), slide.pitch_mm
+    if slide.has_edge:
+        inward = np.cumsum(width * INWARD ** np.arange(20))
+        inward = inward[: np.searchsorted(inward, slide.reach_mm) + 1]
+        nodes = slide.reach_mm * (1 - np.concatenate([[0.0], inward]) / inward[-1])[::-1]
     while nodes[-1] < slide.side_mm:
         width = min(GROWTH * width, WIDEST_MM)
-        nodes.append(nodes[-1] + width)
-    return np.array(nodes)
+        nodes = np.append(nodes, nodes[-1] + width)
+    return nodes
 
 
 def _deck(slide: Slide, axes: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[str]:
