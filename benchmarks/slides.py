@@ -256,7 +256,9 @@ def slide_some(first: int, last: int) -> tuple[Counter[str], list[str], float]:
                     force_error = max(force_error, off)
                     if not contact.settled:
                         counts["unsettled"] += 1
-                        failed.append(f"{number}, {contact.elastomer.name} {step}: unsettled")
+                        failed.append(
+                            f"{number}, {contact.elastomer.name} {step // 2 + 1}: unsettled"
+                        )
             except T2TwinError:
                 counts["refused"] += 1
             except Exception as error:
