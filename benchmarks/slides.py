@@ -48,7 +48,7 @@ from t2twin.sim.world.presses import random_name
 BENCHMARK = Benchmark(
     name="slides",
     measures="Accuracy of sliding against closed forms and finite elements, failures, step time.",
-    minutes=60,
+    minutes=75,
     sources=("sim/contact", "primitives_cad"),
     figures=(
         Figure("pushed_ball.*.traction_error", most=0.015),
