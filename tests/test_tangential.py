@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import t2twin
+from benchmarks.slides_closed_forms import FORCE_N, torsion, twisted_ball
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.contact_solver import solve_contact
@@ -157,6 +158,18 @@ def test_torsion_of_a_stuck_disc():
     assert torque == pytest.approx(16 / 3 * shear_modulus(poisson), rel=0.02)
 
 
+def test_twist_of_a_ball_with_partial_slip():
+    """Lubkin 1951 and Jaeger 1995; the limits of the closed form are those of a stuck contact,
+    torque 16 G a^3 / 3 times the rotation, and of full slip, 3 pi / 16 friction P a."""
+    angle, torque = torsion(0.99, friction_mpa=0.5, shear_mpa=0.4)
+    assert torque == pytest.approx(16 / 3 * 0.4 * angle, rel=0.02)
+    assert torsion(1e-3, 0.5, 0.4)[1] == pytest.approx(3 * np.pi / 16 * 0.5 * FORCE_N, rel=1e-4)
+    for share in (0.4, 0.7):
+        found = twisted_ball(share, pitch_mm=0.04)
+        assert abs(found["torque_error"]) < 0.01
+        assert abs(found["stick_radius_error"]) < 0.02
+
+
 def masing_ball(share):
     """Displacement of a ball's middle at a share of the friction limit, over the one at the limit
     (Mindlin 1949)."""
@@ -192,7 +205,7 @@ def test_unloading_and_reloading_of_a_ball():
     for share in (-0.2, 0.5, 0.8):
         ahead = 2 * masing_ball((share + 0.8) / 2) * full_mm
         assert move(-top + ahead) == pytest.approx(share, abs=0.02)
-    assert np.linalg.norm(q - loaded) < 0.03 * np.linalg.norm(loaded)
+    assert np.linalg.norm(q - loaded) < 0.01 * np.linalg.norm(loaded)
     assert dissipated > 0
 
 
