@@ -137,6 +137,34 @@ class UncertaintyMetrics:
 
 
 @dataclass(frozen=True)
+class MotionFigures:
+    """Figures over still or moving pairs; see module metrics.motion. coverage_percent: of the 90 %
+    intervals of the counts, None without uncertainty."""
+
+    pairs: int
+    rmse_counts: float
+    rmse_percent: float
+    coverage_percent: float | None
+
+
+@dataclass(frozen=True)
+class ShearMetrics:
+    """Errors of the predicted shear force on the DIGIT; see module metrics.motion.
+
+    pairs: number of moving pairs with a true shear force above min_shear_n, N.
+    direction_error_deg, magnitude_error_percent: medians over these pairs, the magnitude's relative
+    to the true one; None without such pairs. coverage_percent: of the 90 % intervals of the
+    components, over all moving pairs.
+    """
+
+    pairs: int
+    min_shear_n: float
+    direction_error_deg: float | None
+    magnitude_error_percent: float | None
+    coverage_percent: float
+
+
+@dataclass(frozen=True)
 class ModelRow:
     """One row of the results: a trained run, a trivial predictor, or a floor.
 
@@ -146,7 +174,8 @@ class ModelRow:
     weights_sha256: of its best.safetensors. same_data: whether it was trained on the dataset of the
     evaluation. trained_layout, trained_data, trained_world, trained_pairs, trained_steps: the
     layout of its training dataset, SHA-256 of info.json, world and number of pairs, and the number
-    of steps; None if unknown. uncertainty: of runs that predict it.
+    of steps; None if unknown. uncertainty: of runs that predict it. by_motion: figures of "still"
+    and "moving" pairs, and shear: of runs that predict it; None for a dataset without motion.
     """
 
     overall: Figures
@@ -163,6 +192,8 @@ class ModelRow:
     trained_steps: int | None = None
     by_force: tuple[ForceFigures, ...] = ()
     uncertainty: UncertaintyMetrics | None = None
+    by_motion: dict[str, MotionFigures] | None = None
+    shear: ShearMetrics | None = None
 
 
 @dataclass(frozen=True)
