@@ -50,6 +50,9 @@ PATH = "path"
 """Column of worlds with motion: index of the press that a path started with. Rows of one shape with
 the same are touches of one path, in their order."""
 
+MARKERS = "markers"
+"""Column of worlds with motion: whether the DIGIT unit has markers."""
+
 MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
 """Further columns of worlds with motion, of each sensor: its name, "_" and one of these."""
 
@@ -76,6 +79,7 @@ def schema_of(recipe: Recipe | None) -> pa.Schema:
         if recipe.untouched_frames:
             schema = schema.append(pa.field(BACKGROUND, IMAGE_TYPE))
         if recipe.motion:
+            schema = schema.append(pa.field(MARKERS, pa.bool_()))
             schema = schema.append(pa.field(PATH, pa.int32()))
             for name in (f"{sensor}_{each}" for sensor in SENSORS for each in MOTION):
                 schema = schema.append(pa.field(name, pa.float64()))

@@ -10,13 +10,16 @@ from typing import Any
 
 import numpy as np
 
+from t2twin.core.arguments import MAX_SEED
 from t2twin.core.images import encode_png
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.dataset.columns import BACKGROUND, FIELD, UNIT, motion_row, row, schema_of
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, MARKERS, UNIT, motion_row, row, schema_of
 from t2twin.sim.dataset.rejection_sampling import press_until_accepted, rejection_reason
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
+from t2twin.sim.digit.markers import Markers
+from t2twin.sim.digit.randomization.ranges import log_uniform
 from t2twin.sim.digit.randomization.unit import sample_unit
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.slide import slide_to
@@ -31,6 +34,16 @@ from t2twin.sim.world.presses import (
     path_attempts,
 )
 from t2twin.sim.world.recipe import Recipe
+
+MARKER_STREAM = 18
+"""Random stream of a seed: markers of the units."""
+
+MARKER_PITCHES_MM = (1.0, 2.5)
+"""Range of the markers' pitches, mm (assumed)."""
+
+MARKER_SHARES, MAX_JITTER_SHARE = (0.25, 0.45), 0.3
+"""Range of the markers' diameters over their pitch, and largest jitter over the free distance
+(assumed)."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +148,16 @@ def _touches(
         return touches[:1] + [sensors.with_readings(each, sample.rng) for each in touches[1:]]
 
 
+def _markers(rng: np.random.Generator, share: float) -> Markers | None:
+    """Sampled markers of a DIGIT unit. share: of the units that have markers."""
+    if rng.random() >= share:
+        return None
+    pitch_mm = float(log_uniform(rng, MARKER_PITCHES_MM))
+    diameter_mm = pitch_mm * rng.uniform(*MARKER_SHARES)
+    jitter_mm = rng.uniform(0.0, MAX_JITTER_SHARE * (pitch_mm - diameter_mm) / 2)
+    return Markers(pitch_mm, float(diameter_mm), float(jitter_mm), int(rng.integers(MAX_SEED)))
+
+
 @dataclass(frozen=True)
 class _Unit:
     """A DIGIT unit of a part, next to the CySkin. columns: of the rows of its presses."""
@@ -158,6 +181,10 @@ def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) 
                     rng = np.random.default_rng((recipe.seed, UNIT_STREAM, batch.part, number))
                     with watch.running("light"):
                         digit = digit.with_unit(sample_unit(rng, light.draw, center))
+                if recipe.motion:
+                    rng = np.random.default_rng((recipe.seed, MARKER_STREAM, batch.part, number))
+                    digit = replace(digit, markers=_markers(rng, recipe.motion.markers))
+                    columns |= {MARKERS: digit.markers is not None}
                 if recipe.untouched_frames:
                     rng = np.random.default_rng((recipe.seed, FRAME_STREAM, batch.part, number))
                     with watch.running("encoding"):

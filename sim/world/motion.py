@@ -34,8 +34,9 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
     slide_mm: length of a slide, in any direction. twist_deg: angle of a twist, either way. steps:
     touches of a path after its press. force_change: force at the end over the force at the start.
     gel_friction, cover_friction: coefficients of friction, sampled for each shape. All are sampled
-    uniformly in the logarithm, steps uniformly. The defaults of friction are those of
-    t2twin.sim.contact.tangential.sliding; the others are assumed.
+    uniformly in the logarithm, steps uniformly. markers: share of the DIGIT units that have markers
+    (t2twin.sim.digit.markers), on grids of sampled pitch and diameter. The defaults of friction are
+    those of t2twin.sim.contact.tangential.sliding; the others are assumed.
     """
 
     still: Share = 0.4
@@ -47,6 +48,7 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
     force_change: tuple[Ratio, Ratio] = (0.7, 1.4)
     gel_friction: tuple[Friction, Friction] = (0.4, 1.5)
     cover_friction: tuple[Friction, Friction] = (0.5, 1.5)
+    markers: Share = 0.0
 
     def __post_init__(self) -> None:
         if abs(self.still + self.slide + self.twist - 1.0) > SHARE_TOLERANCE:
@@ -54,7 +56,7 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
                 f"still, slide and twist of motion are {self.still:g}, {self.slide:g} and "
                 f"{self.twist:g}; expected shares whose sum is 1"
             )
-        for name in self.__struct_fields__[3:]:
+        for name in self.__struct_fields__[3:-1]:
             low, high = getattr(self, name)
             if low > high:
                 raise T2TwinError(f"{name} of motion is [{low:g}, {high:g}]; expected low first")

@@ -207,6 +207,11 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")
         if self.motion and len(own) == len(self.parts):
             raise T2TwinError("motion needs a part whose place is a distribution, not the grid")
+        if self.motion and self.light.kind == "fixed" and self.motion.markers not in (0.0, 1.0):
+            raise T2TwinError(
+                f"markers of motion is {self.motion.markers:g}; expected 0 or 1, as a fixed light "
+                "has one unit"
+            )
 
     @property
     def has_more(self) -> bool:
