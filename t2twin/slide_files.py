@@ -31,7 +31,6 @@ from t2twin.core.files import (
     write_csv,
 )
 from t2twin.report.html.figures import figure
-from t2twin.sim.contact.tangential.sliding import GEL_FRICTION, advance
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import Phi
@@ -138,18 +137,12 @@ def _row(step: int, touch: Touch) -> Row:
 
 
 def _write_contact(path: Path, contact: Contact) -> None:
-    if contact.motion is None:  # a press: the step without motion computes the displacement
-        force_n = contact.command.force_n
-        contact = advance(contact, 0.0, 0.0, 0.0, force_n, GEL_FRICTION)
-    motion = contact.motion
-    assert motion is not None
-    into_mm = contact.surface_mm + motion.sheared_mm[2]
     np.savez_compressed(
         path,
         pressure_kpa=contact.pressure_kpa,
         shear_kpa=contact.shear_kpa.astype(np.float32),
-        displacement_mm=np.stack([*motion.displacement_mm, into_mm]).astype(np.float32),
-        slip_mm=motion.slip_mm.astype(np.float32),
+        displacement_mm=contact.displacement_mm,
+        slip_mm=contact.slip_mm.astype(np.float32),
         x_mm=contact.x_mm,
         y_mm=contact.y_mm,
     )

@@ -130,8 +130,7 @@ def _sheared(
     """The surface where the shear has moved it, (y, x) float32, mm."""
     from scipy import ndimage  # slow to import
 
-    assert contact.motion is not None
-    sheared, pitch = contact.motion.sheared_mm, contact.pitch_mm
+    sheared, pitch = contact.sheared_mm, contact.pitch_mm
     places = np.indices(sheared.shape[1:], float)
     back = sheared[:2]  # along x and y, of the points that have come to each place
     for _ in range(BACKWARD_STEPS):
