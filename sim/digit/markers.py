@@ -96,10 +96,7 @@ class Markers:
 
 def surface_shift(contact: Contact) -> SurfaceShift:
     """The displacement of a contact's surface by pressure and shear."""
-    from t2twin.sim.contact.tangential.sliding import _still
-
-    motion = contact.motion or _still(contact, 0.0)
-    return SurfaceShift(contact.x_mm, contact.y_mm, motion.displacement_mm)
+    return SurfaceShift(contact.x_mm, contact.y_mm, contact.displacement_mm)
 
 
 def as_markers(markers: "Markers | bool | None") -> Markers | None:
