@@ -16,11 +16,11 @@ from t2twin.sim.contact.contact_solver import (
     CYSKIN_PITCH_MM,
     DIGIT_PITCH_MM,
     solve_contact,
-    surface_on,
 )
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import Survey
+from t2twin.sim.contact.surface import surface_on
 from t2twin.sim.contact.tangential.sliding import COVER_FRICTION, GEL_FRICTION, advance
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin import reading, taxels

@@ -8,7 +8,6 @@ pins where the shape penetrates the surface outside them.
 
 import time
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -22,7 +21,6 @@ from t2twin.sim.contact.grid import (
     block_max,
     block_means,
     center_values,
-    dilated,
     expanded,
     intersection,
     refined,
@@ -30,11 +28,10 @@ from t2twin.sim.contact.grid import (
     repeated,
     window_shape,
 )
-from t2twin.sim.contact.heights import heights_at, raise_to_shape
+from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import PinLayout, Survey
 from t2twin.sim.contact.types import Contact, PressCommand, SurfaceShift, check_force
-from t2twin.sim.splines import on_lines
 
 DIGIT_PITCH_MM = 0.25
 """Grid of the DIGIT's gel, mm: fine enough for features of 1 mm seen at 0.05 mm a pixel."""
@@ -47,14 +44,6 @@ BASE_TOLERANCE_MM = 1e-3
 
 FINE_CELLS = 2
 """Survey cells around the pins in which the surface is computed on the fine grid."""
-
-NEAR_CELLS = 3
-"""Cells of the contact's grid around the loaded ones in which `surface_on` samples the shape."""
-
-BACKWARD_STEPS = 40
-"""Fixed-point steps to the place from which a point of the surface has come. Each is half a step:
-behind a shape that has slid far the surface is stretched to twice its length, where full steps
-oscillate."""
 
 
 def solve_contact(
@@ -101,66 +90,6 @@ def solve_contact(
         compute_surface=lambda: _read_only(_surface_mm(survey, equilibrium).astype(np.float32)),
         shift=shift,
     )
-
-
-def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """A contact's surface deflection on other axes, (y, x) float32, mm.
-
-    Between the contact's grid points the surface is a bicubic spline. Under the shape it is raised
-    to the shape, which no surface may penetrate, so that edges finer than the grid stay sharp. The
-    surface of a contact that has moved is lowered and displaced by the shear.
-    """
-    surface = on_lines(contact.surface_mm, contact.y_mm, contact.x_mm, y_mm, x_mm)
-    axes = x_mm.tobytes(), y_mm.tobytes()
-    near = (
-        dilated(contact.pressure_kpa > 0, NEAR_CELLS),
-        _nearest_cells(contact.y_mm.tobytes(), axes[1]),
-        _nearest_cells(contact.x_mm.tobytes(), axes[0]),
-    )
-    apex = _rest_surface(contact.elastomer, *axes) + np.float32(contact.shape_depth_mm)
-    raise_to_shape(
-        surface, contact.shape.surface, contact.command, x_mm, y_mm, apex, near, contact.shift
-    )
-    return surface if contact.motion is None else _sheared(surface, contact, x_mm, y_mm)
-
-
-def _sheared(
-    surface: np.ndarray, contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray
-) -> np.ndarray:
-    """The surface where the shear has moved it, (y, x) float32, mm."""
-    from scipy import ndimage  # slow to import
-
-    sheared, pitch = contact.sheared_mm, contact.pitch_mm
-    places = np.indices(sheared.shape[1:], float)
-    back = sheared[:2]  # along x and y, of the points that have come to each place
-    for _ in range(BACKWARD_STEPS):
-        origin = places - back[::-1] / pitch
-        found = np.stack(
-            [ndimage.map_coordinates(each, origin, order=1, mode="nearest") for each in sheared[:2]]
-        )
-        back = (back + found) / 2
-    lowered = SurfaceShift(contact.x_mm, contact.y_mm, sheared).on(x_mm, y_mm)[2]
-    along_x, along_y = SurfaceShift(contact.x_mm, contact.y_mm, back).on(x_mm, y_mm)
-    rows, columns = np.indices(surface.shape, float)
-    rows -= along_y / (y_mm[1] - y_mm[0])
-    columns -= along_x / (x_mm[1] - x_mm[0])
-    moved = ndimage.map_coordinates(surface + lowered, [rows, columns], order=1, mode="nearest")
-    return moved.astype(np.float32)
-
-
-@lru_cache(maxsize=8)
-def _nearest_cells(centers: bytes, places: bytes) -> np.ndarray:
-    """(n,) int64 index of the nearest of equally spaced centers to each place; both float64."""
-    at = np.frombuffer(centers)
-    steps = np.rint((np.frombuffer(places) - at[0]) / (at[1] - at[0]))
-    return np.clip(steps, 0, at.size - 1).astype(np.int64)
-
-
-@lru_cache(maxsize=8)
-def _rest_surface(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
-    """(y, x) float32 undeformed surface over axes of float64, mm."""
-    x, y = np.meshgrid(np.frombuffer(x_mm), np.frombuffer(y_mm))
-    return elastomer.rest_surface_mm(x, y).astype(np.float32)
 
 
 @dataclass(frozen=True)

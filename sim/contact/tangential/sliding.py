@@ -19,19 +19,23 @@ import numpy as np
 
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.grid import Window, dilated, window_around
+from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.tangential.traction import DomedLayer, solve_traction
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
 
-COUPLING_TOLERANCE_MM, COUPLING_SHARE = 5e-3, 5e-3
+COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
 """Convergence of a step: mean error, weighted with the pressure, of the displacement by shear that
-the normal contact sees: along the surface, mm, and into the sensor, as a share of the depth."""
+the normal contact sees. Along the surface: mm, or a share of the mean displacement where that is
+more. Into the sensor: a share of the depth."""
 
-FIRST_RELAXATION, RELAXATION_RANGE = 0.7, (0.1, 1.0)
-"""Share of an error that the first correction removes, and the range of later ones, which follow
-Aitken's rule (Irons and Tuck 1969). Whole steps overshoot by 0.45 of the error."""
+RELAXATION = 0.6
+"""Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
+acceleration. Whole steps overshoot by 0.45 of the error, and by several times it where a wide
+contact twists."""
 
-MAX_ROUNDS = 20
-"""Limit on the solutions of the normal contact in a step (assumed; most steps need one or two)."""
+ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 8, 40, 0.2
+"""Rounds with acceleration, the limit on all rounds, and the share of an error that the others
+remove (assumed; most steps need one or two rounds)."""
 
 WINDOW_CELLS = 4
 """Cells around the contact in which a step computes the displacement by shear (assumed)."""
@@ -103,13 +107,13 @@ def _step(
     if share is None:
         pressure = 1e-3 * contact.pressure_kpa[window]
         shear, wanted, _ = _friction(layer, friction * pressure, follows - spread, before)
-        seen = sheared + FIRST_RELAXATION * (wanted - sheared)
+        seen = sheared + RELAXATION * (wanted - sheared)
     else:
         shear = before + share * (before - start.earlier_mpa[part])
         seen = layer.response_mm(shear)
-    normal, relaxation, last_error, converged = contact, FIRST_RELAXATION, None, False
+    normal, converged, acceleration = contact, False, Anderson(seen.size)
     rows, columns = window
-    for _ in range(MAX_ROUNDS):
+    for number in range(MAX_ROUNDS):
         shift = (
             SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen) if seen.any() else None
         )
@@ -121,12 +125,14 @@ def _step(
         spread = layer.spread_mm(pressure)
         shear, sheared, found = _friction(layer, friction * pressure, follows - spread, shear)
         error = sheared - seen
-        converged = found and _is_small(error, pressure, normal.depth_mm)
+        converged = found and _is_small(error, sheared, pressure, normal.depth_mm)
         if converged:
             break
-        if last_error is not None:
-            relaxation = _aitken(relaxation, last_error, error)
-        seen, last_error = seen + relaxation * error, error
+        if number < ACCELERATED_ROUNDS:
+            improved = acceleration.next(seen.ravel(), (seen + RELAXATION * error).ravel())
+            seen = improved.reshape(seen.shape)
+        else:
+            seen = seen + DAMPED_RELAXATION * error
     slip, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
     slip[window] += np.hypot(*(follows - sheared[:2] - spread)) * (normal.pressure_kpa[window] > 0)
     traction[part] = shear
@@ -148,17 +154,18 @@ def _share_of_last(
     return float(length / before)
 
 
-def _is_small(error_mm: np.ndarray, pressure: np.ndarray, depth_mm: float) -> bool:
-    """Whether an error of the displacement by shear, (3, rows, columns), is in the tolerance."""
-    along_x, along_y, into = (np.abs(error_mm) * pressure).sum(axis=(1, 2)) / pressure.sum()
-    return max(along_x, along_y) <= COUPLING_TOLERANCE_MM and into <= COUPLING_SHARE * depth_mm
+def _is_small(
+    error_mm: np.ndarray, sheared_mm: np.ndarray, pressure: np.ndarray, depth_mm: float
+) -> bool:
+    """Whether an error of the displacement by shear, both (3, rows, columns), is in the tolerance.
 
-
-def _aitken(relaxation: float, before: np.ndarray, error: np.ndarray) -> float:
-    """The share of an error to be removed, from the effect of the last correction."""
-    change = (error - before).ravel()
-    found = -relaxation * (before.ravel() @ change) / max(change @ change, 1e-30)
-    return float(np.clip(found, *RELAXATION_RANGE))
+    pressure: (rows, columns) weights of the means.
+    """
+    weights = pressure / pressure.sum()
+    along_x, along_y, into = (np.abs(error_mm) * weights).sum(axis=(1, 2))
+    displacement = (np.hypot(*sheared_mm[:2]) * weights).sum()
+    allowed = max(COUPLING_TOLERANCE_MM, COUPLING_SHARE * displacement)
+    return max(along_x, along_y) <= allowed and into <= DEFLECTION_SHARE * depth_mm
 
 
 def _friction(
