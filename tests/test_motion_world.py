@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from moving import WORLD, write_recipe
 from msgspec import structs
 
 from t2twin.core.errors import T2TwinError
@@ -24,46 +25,10 @@ from t2twin.sim.world.motion import Motion, MotionPath, sample_commands, sample_
 from t2twin.sim.world.plan import plan
 from t2twin.sim.world.recipe import load_recipe
 
-WORLD = """
-format = 1
-name = "tiny"
-seed = 4
-
-[[parts]]
-shapes = "random"
-count = 3
-presses = 5
-place = { normal_mm = 1.0 }
-force_n = { low = 2.0, high = 8.0 }
-val_share = 0.3
-
-[light]
-kind = "drawn"
-each = "press"
-
-[motion]
-still = 0.2
-slide = 0.5
-twist = 0.3
-slide_mm = [0.05, 0.2]
-twist_deg = [0.5, 2.0]
-steps = [1, 2]
-markers = 0.5
-"""
-
 
 @pytest.fixture(scope="module")
-def recipe_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("recipe") / "tiny.toml"
-    path.write_text(WORLD)
-    return path
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, shape_cache: Path, recipe_file: Path) -> Path:
-    folder = tmp_path_factory.mktemp("moving") / "data"
-    make_dataset(folder, world=recipe_file, workers=1, cache=shape_cache)
-    return folder
+def made(moving_world: Path) -> Path:
+    return moving_world
 
 
 @pytest.fixture(scope="module")
@@ -123,10 +88,9 @@ def test_the_field_contains_the_shear_as_the_taxels_do(made: Path, rows: pa.Tabl
 
 
 @pytest.mark.exhaustive
-def test_rows_do_not_depend_on_the_workers(
-    made: Path, recipe_file: Path, tmp_path: Path, shape_cache: Path
-) -> None:
-    make_dataset(tmp_path / "two", world=recipe_file, workers=2, cache=shape_cache)
+def test_rows_do_not_depend_on_the_workers(made: Path, tmp_path: Path, shape_cache: Path) -> None:
+    recipe = write_recipe(tmp_path)
+    make_dataset(tmp_path / "two", world=recipe, workers=2, cache=shape_cache)
     assert read_info(tmp_path / "two") == read_info(made)
     for path in read_info(made).shards:
         assert sha256_of(tmp_path / "two" / path) == sha256_of(made / path)
