@@ -140,8 +140,9 @@ def test_a_trained_run_predicts_it_in_both_engines(
     assert first.shear_n is not None and first.shear_n.shape == (2,)
     assert export_onnx(run, tmp_path / "run.onnx") < 1.0
     fast = load(run_dir, engine="onnx").estimate_pixels(pairs.inputs)
-    np.testing.assert_allclose(fast.shear_n, estimate.shear_n, atol=1e-3)
-    np.testing.assert_allclose(fast.force_n, estimate.force_n, rtol=1e-3)
+    for name, tolerance in (("shear_n", 1e-3), ("shear_std_n", 1e-3), ("force_n", 1e-2)):
+        own, other = getattr(estimate, name), getattr(fast, name)
+        np.testing.assert_allclose(other, own, atol=tolerance)
 
 
 def test_evaluation_separates_moving_touches(

@@ -84,7 +84,7 @@ def _nearest(cover: Elastomer, x_mm: tuple[float, ...], y_mm: tuple[float, ...])
     """(rows * columns,) the place nearest to each cell of a grid."""
     places = field_layout(cover)
     cells = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
-    return KDTree(np.column_stack([places.x_mm, places.y_mm])).query(cells)[1]
+    return np.asarray(KDTree(np.column_stack([places.x_mm, places.y_mm])).query(cells)[1])
 
 
 @lru_cache(maxsize=4)

@@ -166,9 +166,9 @@ def _pairing(
         yield "its presses are not the planned ones"
     for row, press in enumerate(presses):
         if press in expected:
-            path, attempts = expected[press]
+            start, attempts = expected[press]
             yield from _pose(rows.slice(row, 1), row, press, attempts)
-            if PATH in rows.column_names and rows[PATH][row].as_py() != path:
+            if PATH in rows.column_names and rows[PATH][row].as_py() != start:
                 yield f"row {row}: its path is not the planned one"
 
 

@@ -64,8 +64,8 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
 
 @dataclass(frozen=True)
 class MotionPath:
-    """A path of a shape. index: of its press among the shape's touches, of which it has the next
-    `steps` as well; 0 for a still press."""
+    """A path of a shape. index: of its press among the shape's touches; the next `steps`
+    touches belong to it as well, 0 for a still press."""
 
     index: int
     kind: Literal["still", "slide", "twist"] = "still"

@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from itertools import chain, islice
 from pathlib import Path
-from typing import Annotated, BinaryIO, Protocol
+from typing import Annotated, Any, BinaryIO, Protocol
 
 import numpy as np
 import torch
@@ -137,10 +137,11 @@ class Pairs:
         """The pairs with these indices, (b,), of a split with all of its images."""
         special = ("images", "backgrounds")
         arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in special}
+        own: dict[str, Any] = {n: None if a is None else a[places] for n, a in arrays.items()}
         return Pairs(
             images=ImageFile(self.images.path, places),
             backgrounds=None if self.backgrounds is None else self.backgrounds.subset(places),
-            **{name: None if array is None else array[places] for name, array in arrays.items()},
+            **own,
         )
 
 
