@@ -5,7 +5,7 @@ counts.csv                          the CySkin's counts, one row a step
 markers.csv                         the DIGIT's markers, if any: one row a step and marker
 frames/000.png                      the DIGIT's images
 contact_digit_000.npz, contact_cyskin_000.npz    each contact's fields
-slide.png                           tangential force over displacement, and the last contact
+slide.png                           tangential force, and what the sensors show in three steps
 slide.gif, slide.mp4                images and counts; the second with imageio-ffmpeg only
 """
 
@@ -36,7 +36,7 @@ from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.touch import MARKER_COLUMNS, MARKERS_CSV, Touch, marker_rows
-from t2twin.slide_figure import draw_slide
+from t2twin.slide_figure import SHOWN, draw_slide, page_size
 
 SLIDE_CSV, COUNTS_CSV, FRAMES = "slide.csv", "counts.csv", "frames"
 CONTACT_FILE = re.compile(r"contact_(digit|cyskin)_\d+\.npz")
@@ -71,12 +71,15 @@ def write_slide(folder: Path, touches: Iterable[Touch], number: int) -> list[Row
                 "folder, or one of an earlier slide"
             )
         with temporary_folder(folder, "slide") as temporary:
-            rows = _write(temporary, touches, max(MIN_DIGITS, len(str(number - 1))))
+            rows = _write(temporary, touches, number)
             _replace(folder, temporary)
     return rows
 
 
-def _write(folder: Path, touches: Iterable[Touch], digits: int) -> list[Row]:
+def _write(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
+    digits = max(MIN_DIGITS, len(str(number - 1)))
+    wanted = np.linspace(0, number - 1, SHOWN)
+    shown: list[tuple[int, Touch]] = []
     rows: list[Row] = []
     counts: list[np.ndarray] = []
     markers: list[list[Any]] = []
@@ -95,7 +98,9 @@ def _write(folder: Path, touches: Iterable[Touch], digits: int) -> list[Row]:
             phi = phi or Phi(layout.x_mm, layout.y_mm)
             counts.append(touch.counts)
         if touch.contacts:
-            last = touch
+            last = step, touch
+            if len(shown) < SHOWN - 1 and step >= wanted[len(shown)]:
+                shown.append(last)
     names = list(dict.fromkeys(name for row in rows for name in row))
     write_csv(folder / SLIDE_CSV, names, [[row.get(name) for name in names] for row in rows])
     if counts:
@@ -105,7 +110,10 @@ def _write(folder: Path, touches: Iterable[Touch], digits: int) -> list[Row]:
     if markers:
         write_csv(folder / MARKERS_CSV, ("step", *MARKER_COLUMNS), markers)
     assert last is not None  # a path has at least one contact
-    page = figure("png", 9.0, 3.6 * len(last.contacts), lambda page: draw_slide(page, rows, last))
+    if last is not shown[-1]:
+        shown.append(last)
+    steps, chosen = zip(*shown, strict=True)
+    page = figure("png", *page_size(chosen), lambda page: draw_slide(page, rows, steps, chosen))
     (folder / "slide.png").write_bytes(page)
     _write_animation(folder, counts, layout, phi)
     return rows

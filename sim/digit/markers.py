@@ -1,8 +1,8 @@
 """Markers printed on the gel's coating: dark dots that move with the surface.
 
 A point at X on the surface at rest moves to X + u(X), where u is the lateral displacement by
-pressure and shear. A marker's center and four points of its outline move so; the ellipse through
-the four moved points, seen by the camera on the deflected surface, is the marker in the image.
+pressure and shear. A marker's center and four points of its outline move so. The camera sees these
+points on the deflected surface, and the marker as the ellipse through the four.
 
 In linear light, a pixel's value is multiplied by 1 - c (1 - INK_REFLECTANCE), where c is the part
 of the pixel that markers cover. So the grey level is multiplied by that to the power of 1 / gamma.
@@ -93,6 +93,15 @@ class Markers:
         """(n, 2) x and y of the centers on a surface that is displaced; None is the gel at rest."""
         return self.rest_mm if shift is None else _moved(self.rest_mm, shift)
 
+    def seen_px(self, camera: Camera, contact: Contact) -> tuple[np.ndarray, np.ndarray]:
+        """Where a camera sees the centers at rest and under a contact: (n, 2) rows and columns."""
+        displacement = _displacement(self.rest_mm, surface_shift(contact))
+        x, y = self.rest_mm.T
+        z = contact.elastomer.rest_surface_mm(x, y) + camera.tilt_mm(x, y)
+        along_x, along_y, into = displacement.T
+        rest, moved = camera.project(x, y, z), camera.project(x + along_x, y + along_y, z - into)
+        return np.stack(rest, axis=-1), np.stack(moved, axis=-1)
+
 
 def surface_shift(contact: Contact) -> SurfaceShift:
     """The displacement of a contact's surface by pressure and shear."""
@@ -135,14 +144,19 @@ class MarkerImage:
         seen = np.stack(self._camera.project(points[:, 0], points[:, 1], z_mm), axis=-1)
         center, right, left, below, above = np.moveaxis(seen.reshape(-1, len(OUTLINE), 2), 1, 0)
         out = np.empty((ROWS, COLUMNS), dtype=np.float32)
-        _draw(center.copy(), (right - left) / 2, (below - above) / 2, self._factors, out)
+        _rasterize(center.copy(), (right - left) / 2, (below - above) / 2, self._factors, out)
         return out
 
 
 def _moved(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
     """(n, 2) points of a surface, (n, 2), where a shift has moved them."""
-    values = np.ascontiguousarray(shift.values_mm[:2], dtype=np.float32)
-    return points_mm + _bilinear(values, shift.x_mm, shift.y_mm, points_mm)
+    return points_mm + _displacement(points_mm, shift)[:, :2]
+
+
+def _displacement(points_mm: np.ndarray, shift: SurfaceShift) -> np.ndarray:
+    """(n, 2 or 3) displacement of points of a surface, (n, 2)."""
+    values = np.ascontiguousarray(shift.values_mm, dtype=np.float32)
+    return _bilinear(values, shift.x_mm, shift.y_mm, points_mm)
 
 
 @jit
@@ -167,7 +181,7 @@ def _bilinear(grids, x_mm, y_mm, points):
 
 
 @jit
-def _draw(center, one, other, factors, out):
+def _rasterize(center, one, other, factors, out):
     """Fill out (P) with the factors of the part of each pixel that is clear of markers.
 
     center: (n, 2) rows and columns of the markers, px. one, other: (n, 2) conjugate half diameters
