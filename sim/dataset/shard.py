@@ -110,10 +110,11 @@ def _rows(
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
             for index, touch in enumerate(touches, start=path.index):
                 columns = unit.columns
-                with watch.running("field"):
-                    if recipe.field:
+                if recipe.field:
+                    with watch.running("field"):
                         columns = columns | {FIELD: touch.field}
-                    if recipe.motion:
+                if recipe.motion:
+                    with watch.running("motion"):
                         columns = columns | motion_row(touch, path.index, friction, recipe.field)
                 with watch.running("encoding"):
                     image = encode_png(touch.image)
