@@ -7,6 +7,8 @@ the loss that Grella et al. 2023 call L3.
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from t2twin.translate.evaluation.motion_records import MotionFigures, ShearMetrics
+
 FORMAT = 5
 """Version of metrics.json."""
 
@@ -134,34 +136,6 @@ class UncertaintyMetrics:
         whole = self.retained_rmse_counts[self.retained.index(1.0)]
         part = self.retained_rmse_counts[self.retained.index(retained)]
         return 1.0 - part / whole if whole else 0.0
-
-
-@dataclass(frozen=True)
-class MotionFigures:
-    """Figures over still or moving pairs; see module metrics.motion. coverage_percent: of the 90 %
-    intervals of the counts, None without uncertainty."""
-
-    pairs: int
-    rmse_counts: float
-    rmse_percent: float
-    coverage_percent: float | None
-
-
-@dataclass(frozen=True)
-class ShearMetrics:
-    """Errors of the predicted shear force on the DIGIT; see module metrics.motion.
-
-    pairs: number of moving pairs with a true shear force above min_shear_n, N.
-    direction_error_deg, magnitude_error_percent: medians over these pairs, the magnitude's relative
-    to the true one; None without such pairs. coverage_percent: of the 90 % intervals of the
-    components, over all moving pairs.
-    """
-
-    pairs: int
-    min_shear_n: float
-    direction_error_deg: float | None
-    magnitude_error_percent: float | None
-    coverage_percent: float
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ import numpy as np
 
 from t2twin.translate.data.pairs import Pairs
 from t2twin.translate.evaluation.metrics.array_errors import PairFigures
-from t2twin.translate.evaluation.records import ModelRow, MotionFigures, ShearMetrics
+from t2twin.translate.evaluation.motion_records import MotionFigures, ShearMetrics
+from t2twin.translate.evaluation.records import ModelRow
 from t2twin.translate.uncertainty.estimate import Estimate, half_width
 
 LEVEL = 0.9
