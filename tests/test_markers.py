@@ -3,6 +3,7 @@
 import json
 import pickle
 from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -98,6 +99,9 @@ def test_the_record_is_a_value():
     one = Markers(2.0, 0.4, 0.1, 3)
     assert one.rest_mm.size  # cached values do not change the record
     assert pickle.loads(pickle.dumps(one)) == one == Markers(2.0, 0.4, 0.1, 3)
+    pitch: Any = np.float32(2.0)
+    seed: Any = np.int64(3)
+    assert json.loads(json.dumps(asdict(Markers(pitch, seed=seed))))["seed"] == 3
     assert hash(one) == hash(Markers(2.0, 0.4, 0.1, 3)) and one != Markers()
     digit = pickle.loads(pickle.dumps(Digit(markers=one)))
     assert digit == Digit(markers=one) and digit != Digit()

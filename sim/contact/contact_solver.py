@@ -23,6 +23,7 @@ from t2twin.sim.contact.grid import (
     center_values,
     expanded,
     intersection,
+    moved_by,
     refined,
     relative_window,
     repeated,
@@ -53,12 +54,14 @@ def solve_contact(
     pitch_mm: float,
     shift: SurfaceShift | None = None,
     start: Contact | None = None,
+    slip_mm: tuple[float, float] = (0.0, 0.0),
 ) -> Contact:
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
     Uses the command's pose and force, not its shape name. shift: of the surface by shear. start: a
-    contact of the same elastomer on the same grid, near to which the solution is expected. Safe to
-    call from several threads.
+    contact of the same elastomer on the same grid, near to which the solution is expected. slip_mm:
+    by which the contact is expected to have moved since, along x and y. Safe to call from several
+    threads.
     Raises T2TwinError for a force out of range or too large for a linear layer, and its OffPadError
     for a shape that does not lie over the pad.
     """
@@ -66,7 +69,7 @@ def solve_contact(
     layer = cached_layer(elastomer, pitch_mm)
     started = time.perf_counter() - compile_time_s()
     survey = Survey(shape, command, layer, shift)
-    equilibrium = _equilibrium(survey, start)
+    equilibrium = _equilibrium(survey, start, slip_mm)
     solution, pressure = equilibrium.solution, equilibrium.pressure_mpa
     if elastomer.law == "linear":
         _check_not_through(survey, pressure, _surface_mm(survey, equilibrium))
@@ -88,6 +91,7 @@ def solve_contact(
         pins=solution.pin_state(),
         milliseconds=1e3 * (time.perf_counter() - compile_time_s() - started - survey.preparing_s),
         compute_surface=lambda: _read_only(_surface_mm(survey, equilibrium).astype(np.float32)),
+        equilibrium=equilibrium,
         shift=shift,
     )
 
@@ -104,10 +108,13 @@ class _Equilibrium:
     converged: bool
 
 
-def _equilibrium(survey: Survey, start: Contact | None) -> _Equilibrium:
+def _equilibrium(
+    survey: Survey, start: Contact | None, slip_mm: tuple[float, float]
+) -> _Equilibrium:
     """Solves the rough and the last stage, adding pins where the shape touches outside them.
 
-    start: a contact near the solution, which makes the rough stage unnecessary.
+    start: a contact near the solution, which makes the rough stage unnecessary. slip_mm: by which
+    the contact has moved since.
     """
     if start is None:
         layout = PinLayout(survey, *survey.expected_contact(survey.command.force_n))
@@ -115,7 +122,7 @@ def _equilibrium(survey: Survey, start: Contact | None) -> _Equilibrium:
     else:
         touching = block_max(start.pressure_kpa, survey.per_side) > 0
         layout = PinLayout(survey, touching, start.depth_mm)
-        found = _solve_stage(layout, None, start)
+        found = _solve_stage(layout, start.equilibrium, slip_mm)
     while True:
         depth_mm = found.solution.depth_mm
         missed = survey.missed(layout.active, depth_mm, found.pressure_mpa)
@@ -127,17 +134,12 @@ def _equilibrium(survey: Survey, start: Contact | None) -> _Equilibrium:
 
 
 def _solve_stage(
-    layout: PinLayout, earlier: _Equilibrium | None, near: Contact | None = None
+    layout: PinLayout, earlier: _Equilibrium | None, slip_mm: tuple[float, float] = (0.0, 0.0)
 ) -> _Equilibrium:
-    """Solves the rough stage, or the last one starting from an earlier result or a contact."""
-    survey, window, last = layout.survey, layout.window, earlier is not None or near is not None
+    """Solves the rough stage, or the last one starting from an earlier result."""
+    survey, window, last = layout.survey, layout.window, earlier is not None
     pins, tolerance = layout.stage(last)
-    start = None
-    if earlier is not None:
-        start = _transferred(earlier, window, len(pins.cover))
-    elif near is not None:
-        coarse = 1e-3 * near.pressure_kpa[refined(window, survey.per_side)].astype(float)
-        start = InitialGuess(repeated(coarse, len(pins.cover) // len(coarse)), near.depth_mm)
+    start = None if earlier is None else _transferred(earlier, window, len(pins.cover), slip_mm)
     solution = FixedPoint(pins, survey.command.force_n, start, verify=last)
     converged = solution.solve(tolerance)
     survey.preparing_s += solution.compiling_s
@@ -147,8 +149,11 @@ def _solve_stage(
     return _Equilibrium(layout, last, solution, pressure, converged)
 
 
-def _transferred(earlier: _Equilibrium, window: Window, rows: int) -> InitialGuess:
-    """An earlier result as start in another window with this number of rows of fine cells."""
+def _transferred(
+    earlier: _Equilibrium, window: Window, rows: int, slip_mm: tuple[float, float]
+) -> InitialGuess:
+    """An earlier result as start in another window with this number of rows of fine cells, moved by
+    the nearest number of cells."""
     pressure = earlier.solution.fine_pressure_mpa()
     old_window = earlier.layout.window
     before, now = len(pressure) // window_shape(old_window)[0], rows // window_shape(window)[0]
@@ -156,11 +161,15 @@ def _transferred(earlier: _Equilibrium, window: Window, rows: int) -> InitialGue
         pressure = block_means(pressure, before // now)
     else:
         pressure = repeated(pressure, now // before)
+    survey = earlier.layout.survey
+    cell_mm = survey.layer.pitch_mm * survey.per_side / now
+    along_x, along_y = (round(slip / cell_mm) for slip in slip_mm)
     old, new = refined(old_window, now), refined(window, now)
+    old = moved_by(old[0], along_y), moved_by(old[1], along_x)
     both = intersection(old, new)
-    moved = np.zeros(window_shape(new))
-    moved[relative_window(both, new)] = pressure[relative_window(both, old)]
-    return InitialGuess(moved, earlier.solution.depth_mm)
+    guess = np.zeros(window_shape(new))
+    guess[relative_window(both, new)] = pressure[relative_window(both, old)]
+    return InitialGuess(guess, earlier.solution.depth_mm)
 
 
 def _surface_mm(survey: Survey, equilibrium: _Equilibrium) -> np.ndarray:

@@ -7,6 +7,7 @@ with y, the column index with x.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -131,6 +132,7 @@ class Contact:
     milliseconds: computing time without surface_mm.
     compute_surface: returns surface_mm. Called at its first use, as the CySkin needs only the
         pressure.
+    equilibrium: the solver's state, from which it solves a contact close to this one.
     shift: of the surface by shear when the shape was pressed; None without shear. surface_mm does
         not contain it.
     motion: the shear of a contact that has moved; None of a press, which has none.
@@ -151,6 +153,7 @@ class Contact:
     pins: PinState
     milliseconds: float
     compute_surface: Callable[[], np.ndarray] = field(repr=False, compare=False)
+    equilibrium: Any = field(repr=False, compare=False)
     shift: SurfaceShift | None = None
     motion: Motion | None = None
 

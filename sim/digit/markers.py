@@ -74,8 +74,12 @@ class Markers:
         diameter = arguments.number(
             self.diameter_mm, "the markers' diameter_mm", MIN_DIAMETER_MM, pitch
         )
-        arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, (pitch - diameter) / 2)
+        most = (pitch - diameter) / 2
+        jitter = arguments.number(self.jitter_mm, "the markers' jitter_mm", 0.0, most)
         arguments.check_seed(self.seed)
+        values = {"pitch_mm": pitch, "diameter_mm": diameter, "jitter_mm": jitter}
+        for name, value in (values | {"seed": int(self.seed)}).items():
+            object.__setattr__(self, name, value)  # plain numbers, for JSON
 
     @cached_property
     def rest_mm(self) -> np.ndarray:

@@ -99,31 +99,39 @@ def _step(
     part = (slice(None), *window)
     layer = contact.shear_layer.window(window)
     before = start.shear_mpa[part]
-    spread = layer.spread_mm(1e-3 * contact.pressure_kpa[window])
-    sheared = layer.response_mm(before)
+    pressure = 1e-3 * contact.pressure_kpa[window]
+    spread = layer.spread_mm(pressure)
+    middle, dome = layer.parts_mm(before)
+    sheared = middle + dome
     lateral = sheared[:2] + spread
     follows = lateral + _rigid(contact, lateral, step, window)
     share = _share_of_last(contact, start, step)
     if share is None:
-        pressure = 1e-3 * contact.pressure_kpa[window]
-        shear, wanted, _ = _friction(layer, friction * pressure, follows - spread, before)
-        seen = sheared + RELAXATION * (wanted - sheared)
+        shear, _ = _friction(layer, friction * pressure, follows - spread - dome[:2], before)
+        middle, dome = layer.parts_mm(shear)
+        seen = sheared + RELAXATION * (middle + dome - sheared)
     else:
         shear = before + share * (before - start.earlier_mpa[part])
-        seen = layer.response_mm(shear)
+        middle, dome = layer.parts_mm(shear)
+        seen = middle + dome
     normal, converged, acceleration = contact, False, Anderson(seen.size)
     rows, columns = window
     for number in range(MAX_ROUNDS):
-        shift = (
-            SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen) if seen.any() else None
-        )
-        near = normal if shift is not None else None
+        shift, near, moves = None, None, (0.0, 0.0)
+        if seen.any():
+            shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
+            near = normal
+            if number == 0:
+                moves = _mean(follows - seen[:2] - spread, pressure)
         normal = solve_contact(
-            contact.shape, moved, contact.elastomer, contact.pitch_mm, shift, near
+            contact.shape, moved, contact.elastomer, contact.pitch_mm, shift, near, moves
         )
         pressure = 1e-3 * normal.pressure_kpa[window]
         spread = layer.spread_mm(pressure)
-        shear, sheared, found = _friction(layer, friction * pressure, follows - spread, shear)
+        wanted = follows - spread - dome[:2]
+        shear, found = _friction(layer, friction * pressure, wanted, shear)
+        middle, dome = layer.parts_mm(shear)
+        sheared = middle + dome
         error = sheared - seen
         converged = found and _is_small(error, sheared, pressure, normal.depth_mm)
         if converged:
@@ -133,10 +141,12 @@ def _step(
             seen = improved.reshape(seen.shape)
         else:
             seen = seen + DAMPED_RELAXATION * error
-    slip, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
-    slip[window] += np.hypot(*(follows - sheared[:2] - spread)) * (normal.pressure_kpa[window] > 0)
+    slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
+    slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (
+        normal.pressure_kpa[window] > 0
+    )
     traction[part] = shear
-    motion = Motion(friction, traction, start.shear_mpa, slip, step)
+    motion = Motion(friction, traction, start.shear_mpa, slip_mm, step)
     return replace(normal, motion=motion, settled=normal.settled and converged)
 
 
@@ -168,24 +178,26 @@ def _is_small(
     return max(along_x, along_y) <= allowed and into <= DEFLECTION_SHARE * depth_mm
 
 
+def _mean(values: np.ndarray, pressure: np.ndarray) -> tuple[float, float]:
+    """Means of values along x and y, (2, rows, columns), weighted with the pressure."""
+    along_x, along_y = (values * pressure).sum(axis=(1, 2)) / pressure.sum()
+    return float(along_x), float(along_y)
+
+
 def _friction(
     layer: DomedLayer, limit_mpa: np.ndarray, wanted_mm: np.ndarray, start_mpa: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, bool]:
-    """The traction of a step, see solve_traction, on a domed layer.
-
-    Returns the traction, (2, rows, columns), MPa, the displacement by it, (3, rows, columns), mm,
-    and whether the solution converged.
-    """
+) -> tuple[np.ndarray, bool]:
+    """The traction of a step, (2, rows, columns), MPa, and whether it converged: see
+    solve_traction."""
+    traction = np.zeros_like(start_mpa)
     if not limit_mpa.any():  # without friction
-        return np.zeros_like(start_mpa), np.zeros((3, *limit_mpa.shape)), True
+        return traction, True
     loaded = (slice(None), *window_around(dilated(limit_mpa > 0, 1)))
-    wanted_mm = wanted_mm - layer.excess_response_mm(start_mpa)[:2]
     found = solve_traction(
         layer.middle, limit_mpa[loaded[1:]], wanted_mm[loaded], start_mpa[loaded]
     )
-    traction = np.zeros_like(start_mpa)
     traction[loaded] = found.q_mpa
-    return traction, layer.response_mm(traction), found.converged
+    return traction, found.converged
 
 
 def _still(contact: Contact, friction: float) -> Motion:

@@ -11,6 +11,7 @@ the shape slips over it, along the traction. The problem is convex, so its solut
 """
 
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from threading import Lock
@@ -80,17 +81,7 @@ class ShearLayer:
     def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
         """(3, rows, columns) displacement along x, along y and into the sensor, mm, by traction
         along x and y, (2, rows, columns), MPa."""
-        shape = traction_mpa.shape[1:]
-        kernels = self._transform(shape)
-        x, y = self._forward(traction_mpa)
-        spectrum = np.stack(
-            [
-                kernels.xx * x + kernels.xy * y,
-                kernels.xy * x + kernels.yy * y,
-                kernels.xz * x + kernels.yz * y,
-            ]
-        )
-        return self._backward(spectrum, shape)
+        return responses_mm((self,), traction_mpa)[0]
 
     def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
         """(2, rows, columns) displacement along x and y, mm, by pressure, MPa."""
@@ -153,14 +144,17 @@ class DomedLayer:
 
     def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
         """See ShearLayer.response_mm."""
-        return self.middle.response_mm(traction_mpa) + self.excess_response_mm(traction_mpa)
+        middle, dome = self.parts_mm(traction_mpa)
+        return middle + dome
 
-    def excess_response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
-        """The part of the response, (3, rows, columns), mm, by which the dome differs from the
-        layer of the middle."""
-        if self.slope is None or not traction_mpa.any():
-            return np.zeros((3, *self.excess_mm.shape))
-        return self.excess_mm * self.slope.response_mm(traction_mpa)
+    def parts_mm(self, traction_mpa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The response in two parts, each (3, rows, columns), mm: that of the layer of the middle,
+        and what the dome adds."""
+        if self.slope is None:
+            response = self.middle.response_mm(traction_mpa).astype(float)
+            return response, np.zeros_like(response)
+        middle, slope = responses_mm((self.middle, self.slope), traction_mpa)
+        return middle.astype(float), self.excess_mm * slope
 
     def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
         """See ShearLayer.spread_mm."""
@@ -214,6 +208,24 @@ def _cached_slope(
     )
     slope = [(b - a) / (2 * THICKNESS_STEP_MM) for a, b in zip(thinner, thicker, strict=True)]
     return ShearLayer(Kernels(*slope), pitch_mm)
+
+
+def responses_mm(layers: Sequence[ShearLayer], traction_mpa: np.ndarray) -> np.ndarray:
+    """(layers, 3, rows, columns) responses of layers; see ShearLayer.response_mm."""
+    shape = traction_mpa.shape[1:]
+    x, y = layers[0]._forward(traction_mpa)
+    spectrum = np.stack(
+        [
+            part
+            for kernels in (layer._transform(shape) for layer in layers)
+            for part in (
+                kernels.xx * x + kernels.xy * y,
+                kernels.xy * x + kernels.yy * y,
+                kernels.xz * x + kernels.yz * y,
+            )
+        ]
+    )
+    return layers[0]._backward(spectrum, shape).reshape(len(layers), 3, *shape)
 
 
 def _padded(shape: tuple[int, ...]) -> tuple[int, int]:
