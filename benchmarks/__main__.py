@@ -9,6 +9,7 @@ Exits with 1 if a benchmark fails or misses a limit, and if results are stale.
 """
 
 import argparse
+import os
 import sys
 
 from benchmarks.evidence.record import Benchmark, find_benchmarks
@@ -31,8 +32,12 @@ def main(arguments: list[str] | None = None) -> None:
     options = parser.parse_args(arguments)
     try:
         failure = _run(options)
+        sys.stdout.flush()
     except T2TwinError as error:
         sys.exit(str(error))
+    except BrokenPipeError:  # the reader, such as `head`, has ended
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return
     if failure:
         sys.exit(failure)
 

@@ -11,9 +11,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.frames import CROP_PX, contact_patch, crop, read_frames
+from t2twin.sim.digit.calibrate.scores import Score, mean_score, score
 
 BENCHMARK = Benchmark(
     name="calibration",
@@ -36,19 +40,62 @@ BALL_DIAMETER_MM = 4.70
 """Diameter of the ball in the frames, mm."""
 HELD_OUT = 7
 """Presses scored, the last ones; all earlier ones are fitted to."""
+SAME_POSE_MM = 0.05
+"""Largest difference of position and depth between two frames of one press, mm: a pixel."""
+
+
+def repeats_floor(frames: np.ndarray, poses: np.ndarray, places: np.ndarray) -> Score | None:
+    """Between two frames of one press, on the contact crop; None if there are none."""
+    scores = [
+        score(crop(frames[i], places[i]), crop(frames[j], places[i]))
+        for i in range(len(frames))
+        for j in range(i)
+        if np.abs(poses[i] - poses[j]).max() < SAME_POSE_MM
+    ]
+    return mean_score(scores) if scores else None
+
+
+def background_floor(frames: np.ndarray, places: np.ndarray) -> Score | None:
+    """Between consecutive frames, on the crop farthest from both contacts."""
+    if len(frames) < 2:
+        return None
+    half = CROP_PX // 2
+    rows, columns = frames.shape[1:3]
+    middles = np.array(
+        [
+            (row, column)
+            for row in range(half, rows - half + 1, 10)
+            for column in range(half, columns - half + 1, 10)
+        ]
+    )
+    scores = []
+    for i in range(len(frames) - 1):
+        away = [np.hypot(*(places[i : i + 2] - middle).T).min() for middle in middles]
+        middle = middles[int(np.argmax(away))]
+        scores.append(score(crop(frames[i], middle), crop(frames[i + 1], middle)))
+    return mean_score(scores)
 
 
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
-    scores = asdict(report.scores)
+    still, frames, names = read_frames(background, options.frames)
+    frames = frames[[names.index(name) for name in (*report.trained, *report.held_out)]]
+    poses = np.concatenate([report.training_poses, report.poses])
+    places = np.array([contact_patch(frame, still) for frame in frames])
+    held_out = slice(len(report.trained), None)
+    floors = {
+        "repeats_floor": repeats_floor(frames, poses, places),
+        "background_floor": background_floor(frames[held_out], places[held_out]),
+    }
     ours, pasted = report.scores.calibrated, report.scores.cut_and_paste
     return {
         "ball_diameter_mm": BALL_DIAMETER_MM,
         "trained": report.trained,
         "held_out": report.held_out,
         "repeated": report.repeated,
-        "scores": scores,
+        "scores": asdict(report.scores)
+        | {name: None if floor is None else asdict(floor) for name, floor in floors.items()},
         "over_cut_and_paste": {
             "psnr_db": ours.psnr_db - pasted.psnr_db,
             "ssim": ours.ssim - pasted.ssim,

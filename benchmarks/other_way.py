@@ -29,8 +29,8 @@ from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.sim.sensors import Digit
 
 if TYPE_CHECKING:
+    from benchmarks.image_metrics import ImageFigures
     from t2twin.translate.data.pairs import Pairs
-    from t2twin.translate.evaluation.metrics.image_metrics import ImageFigures
 
 BENCHMARK = Benchmark(
     name="other_way",
@@ -62,16 +62,16 @@ DRAWN, NEAREST, MEAN, UNTOUCHED = "drawn", "nearest_neighbour", "mean_picture", 
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from benchmarks.reverse_images import PICTURE, Split, draw
-    from t2twin.translate.data.images import to_pixels
-    from t2twin.translate.data.pairs import load_info, load_pairs
-    from t2twin.translate.evaluation.metrics.image_metrics import (
+    from benchmarks.image_metrics import (
         CONTACT_GREY,
         DETAILS_MM,
         compare_images,
         explained_by_detail,
         in_contact,
     )
+    from benchmarks.reverse_images import PICTURE, Split, draw
+    from t2twin.translate.data.images import to_pixels
+    from t2twin.translate.data.pairs import load_info, load_pairs
     from t2twin.translate.evaluation.scoring import training_steps
     from t2twin.translate.inference.load import load
     from t2twin.translate.inference.predictor import ImagePredictor, require
@@ -116,7 +116,7 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def _figures(figures: Mapping[str, ImageFigures], pairs: Pairs) -> dict[str, Any]:
     """Every row's scores with their intervals, and what is drawn less the nearest neighbor's."""
-    from t2twin.translate.evaluation.metrics.image_metrics import intervals, replicates, scores
+    from benchmarks.image_metrics import intervals, replicates, scores
 
     resampled = {name: replicates(one, pairs.shapes) for name, one in figures.items()}
     rows = {name: asdict(scores(one)) for name, one in figures.items()}

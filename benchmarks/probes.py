@@ -86,7 +86,7 @@ def rows(probes: Probes, runs: Sequence[Path], data: Path) -> dict[str, dict[str
         MEAN_ARRAY,
         NEAREST_NEIGHBOR,
         mean_array,
-        nearest_neighbor,
+        neighbors,
     )
     from t2twin.translate.evaluation.prepare import run_names
     from t2twin.translate.inference.load import load_run
@@ -96,7 +96,7 @@ def rows(probes: Probes, runs: Sequence[Path], data: Path) -> dict[str, dict[str
     loaded = [load_run(run) for run in runs]
     predictions = {
         MEAN_ARRAY: np.broadcast_to(mean_array(train), probes.counts.shape),
-        NEAREST_NEIGHBOR: nearest_neighbor(train, np.stack(small)),
+        NEAREST_NEIGHBOR: train.counts[neighbors(train.images, np.stack(small)).index[:, 0]],
     }
     for name, run in zip(run_names(loaded), loaded, strict=True):
         predictions[name] = run.predict(probes.images)

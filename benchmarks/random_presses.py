@@ -30,6 +30,7 @@ from tqdm import tqdm
 from benchmarks import ROOT
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
+from benchmarks.same_surface import tool_surfaces
 from t2twin.core.files import atomic_write
 from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
@@ -41,7 +42,6 @@ from t2twin.sim.dataset.rejection_sampling import press_until_accepted
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
 from t2twin.sim.world import protocol
-from t2twin.sim.world.held_out import test_surfaces
 from t2twin.sim.world.presses import PressSample, press_attempts, random_name, sample_force
 from t2twin.sim.world.recipe import Part, load_recipe
 
@@ -196,7 +196,7 @@ def press_some(first: int, last: int) -> Pressed:
         shape = catalogue.load(random_name(SEED, number))
         made.shape_ms.append(1e3 * (time.thread_time() - start))
         if number < LOOKED_AT:
-            same = test_surfaces().same_as(shape.surface)
+            same = tool_surfaces().same_as(shape.surface)
             made.same += [] if same is None else [(shape.name, same)]
         for press in range(A_SHAPE):
             _press(part, shape, number, press, sensors, made)

@@ -87,7 +87,7 @@ def _split(
             "mean": {name: float(np.mean([one[name] for one in each])) for name in FIGURES},
         }
         resampled[kind] = {
-            name: np.mean([getattr(one, name) for one in of_runs], axis=0) for name in FIGURES
+            name: np.mean([one[name] for one in of_runs], axis=0) for name in FIGURES
         }
     means = [content[kind]["mean"] for kind in ("shaped", "plain")]
     gains = {name: resampled["shaped"][name] - resampled["plain"][name] for name in FIGURES}

@@ -1,6 +1,6 @@
 """Meshes and height maps of the catalogue, which are bundled with the package.
 
-`python -m t2twin.primitives_cad.write_bundled` writes them from the CAD solids, so that a press
+`python -m maintenance.write_bundled` writes them from the CAD solids, so that a press
 does not need CadQuery. Each file is an .npz; its arrays are byte planes of differences between
 neighbors, which compress well.
 
@@ -74,17 +74,7 @@ def read_mesh(name: str) -> tuple[np.ndarray, np.ndarray]:
     return vertices @ transform[:3, :3].T + transform[:3, 3], faces
 
 
-def packed(values: np.ndarray) -> np.ndarray:
-    """Differences of values, their bits taken as unsigned integers, as byte planes.
-
-    Returns (bytes of a value, n) uint8.
-    """
-    numbers = np.ascontiguousarray(values).ravel().view(f"u{values.itemsize}")
-    differences = np.diff(numbers, prepend=numbers.dtype.type(0))
-    return np.ascontiguousarray(differences.view(np.uint8).reshape(-1, values.itemsize).T)
-
-
 def unpacked(planes: np.ndarray, kind: type[np.unsignedinteger]) -> np.ndarray:
-    """The values of `packed` as unsigned integers of a type, (n,)."""
+    """The values of maintenance.write_bundled.packed as unsigned integers of a type, (n,)."""
     differences = np.ascontiguousarray(planes.T).view(kind).ravel()
     return np.cumsum(differences, dtype=kind)

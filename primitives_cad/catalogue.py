@@ -6,8 +6,6 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from t2twin.core import arguments
 from t2twin.core.cache_dir import cache_dir
 from t2twin.core.errors import T2TwinError
@@ -72,7 +70,7 @@ def load(
     if scale is not None and name in NAMES:
         raise T2TwinError(f"{name} is a shape of the catalogue, in mm; a scale is for files only")
     if name in NAMES:
-        return bundled_shapes.BundledShape(name, **_properties(name))
+        return bundled_shapes.BundledShape(name, **properties(name))
     if (seed := seed_of(name)) is not None:
         if scale is not None:
             raise T2TwinError(f"{name} is a random shape, in mm; a scale is for files only")
@@ -161,30 +159,7 @@ def spacing_mm(name: str) -> tuple[float, float]:
     return OBJECT_SPACING_MM if name in OBJECTS else primitive_parameters.spacings_mm(name)
 
 
-def build(name: str, tool: "trimesh.Trimesh | None" = None) -> Shape:
-    """A catalogue shape computed from its CAD solid, as `write_bundled` does.
-
-    tool: the tool's mesh, for a tool's keypoint.
-    """
-    from t2twin.primitives_cad import height_map, solids
-    from t2twin.primitives_cad.solids import tessellate_symmetric
-
-    if name in PRIMITIVES:
-        mesh = tessellate_symmetric(solids.primitive(name))
-    else:
-        assert tool is not None
-        mesh = tool.copy().apply_transform(keypoint_transform(name))
-    mesh, heights = height_map.aligned(mesh)
-    return Shape(name=name, mesh=mesh, surface=heights, **_properties(name))
-
-
-def keypoint_transform(name: str) -> np.ndarray:
-    """(4, 4) transform from a tool's frame to the frame of one of its shapes, up to the height."""
-    tool, _, at = name.partition("/")
-    return align_to_z(next(each for each in keypoints(tool) if each.name == at))
-
-
-def _properties(name: str) -> dict[str, Any]:
+def properties(name: str) -> dict[str, Any]:
     """Fields of a catalogue shape besides its name, mesh and surface."""
     if name in OBJECTS:
         return {"spacing_mm": OBJECT_SPACING_MM}
@@ -210,24 +185,3 @@ def _file(path: Path, scale: float | None) -> Shape:
         base_mm=height_map.base_mm(heights),
         notes=notes,
     )
-
-
-def align_to_z(keypoint: Keypoint) -> np.ndarray:
-    """(4, 4) transform that moves a keypoint to the origin and rotates its direction to +z.
-
-    The smallest such rotation (Rodrigues' rotation formula); half a turn about x for -z.
-    """
-    direction = np.asarray(keypoint.direction, dtype=np.float64)
-    axis = np.cross(direction, (0.0, 0.0, 1.0))
-    cosine = float(direction[2])
-    if cosine <= -1.0 + 1.0e-12:
-        turn = np.diag((1.0, -1.0, -1.0))
-    else:
-        skew = np.array(
-            [[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]]
-        )
-        turn = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
-    transform = np.eye(4)
-    transform[:3, :3] = turn
-    transform[:3, 3] = -turn @ np.asarray(keypoint.point_mm)
-    return transform

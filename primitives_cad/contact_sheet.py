@@ -12,6 +12,7 @@ import numpy as np
 import trimesh
 from PIL import Image, ImageDraw, ImageFont
 from scipy import ndimage
+from scipy.spatial.transform import Rotation
 
 from t2twin.core.files import atomic_write
 from t2twin.core.progress import Progress
@@ -48,6 +49,7 @@ INK = (40, 40, 44)
 
 KEY_LIGHT = np.array([-0.45, 0.55, 0.70])
 FILL_LIGHT = np.array([0.70, -0.10, 0.70])
+TO_VIEWER = np.array([0.0, 0.0, 1.0])
 """Directions to the key and the fill light: to the right, up, towards the viewer."""
 AMBIENT, KEY, FILL, GLOSS = 0.26, 0.62, 0.22, 0.30
 """Intensities of the ambient light, of the two lights and of the gloss."""
@@ -109,17 +111,7 @@ def draw(
     from t2twin.primitives_cad.height_map import rasterize_triangles
 
     turn, height = np.radians(view_deg[0]), np.radians(90.0 - view_deg[1])
-    about_z = np.array(
-        [[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]]
-    )
-    about_x = np.array(
-        [
-            [1.0, 0.0, 0.0],
-            [0.0, np.cos(height), np.sin(height)],
-            [0.0, -np.sin(height), np.cos(height)],
-        ]
-    )
-    seen = about_x @ about_z
+    seen = Rotation.from_euler("zx", (turn, -height)).as_matrix()
     triangles = mesh.triangles @ seen.T
     flat = triangles[:, :, :2].reshape(-1, 2)
     low, high = flat.min(axis=0), flat.max(axis=0)
@@ -142,19 +134,19 @@ def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
     solid = depth != NOTHING_MM
     floor = float(depth[solid].min())
     filled = np.where(solid, depth, floor)
-    # The smaller one-sided difference keeps edges sharp.
-    slope_x, slope_y = (
-        _smaller(
-            np.diff(filled, axis=axis, prepend=floor), np.diff(filled, axis=axis, append=floor)
-        )
-        for axis in (1, 0)
-    )
+    slopes = []
+    for axis in (1, 0):  # the smaller one-sided difference keeps edges sharp
+        before = np.diff(filled, axis=axis, prepend=floor)
+        after = np.diff(filled, axis=axis, append=floor)
+        slopes.append(np.where(np.abs(before) < np.abs(after), before, after))
+    slope_x, slope_y = slopes
     normal = np.stack([-slope_x / pitch, slope_y / pitch, np.ones_like(depth)], axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    key = np.clip(normal @ (KEY_LIGHT / np.linalg.norm(KEY_LIGHT)), 0.0, None)
-    fill = np.clip(normal @ (FILL_LIGHT / np.linalg.norm(FILL_LIGHT)), 0.0, None)
-    halfway = KEY_LIGHT / np.linalg.norm(KEY_LIGHT) + (0.0, 0.0, 1.0)
-    gloss = np.clip(normal @ (halfway / np.linalg.norm(halfway)), 0.0, None) ** GLOSS_POWER
+    key, fill, halfway = (
+        np.clip(normal @ (to_light / np.linalg.norm(to_light)), 0.0, None)
+        for to_light in (KEY_LIGHT, FILL_LIGHT, KEY_LIGHT / np.linalg.norm(KEY_LIGHT) + TO_VIEWER)
+    )
+    gloss = halfway**GLOSS_POWER
     # The shading is smooth: a coarser grid suffices, and is many times faster.
     around = ndimage.gaussian_filter(
         filled[::CREASE_STEP, ::CREASE_STEP], CREASE_MM / pitch / CREASE_STEP
@@ -164,10 +156,6 @@ def _shade(depth: np.ndarray, pitch: float, color: np.ndarray) -> np.ndarray:
     light = (AMBIENT + KEY * key + FILL * fill) * crease
     shaded = light[..., None] * color + (GLOSS * gloss * crease)[..., None] * 255.0
     return np.where(solid[..., None], shaded, PAPER)
-
-
-def _smaller(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    return np.where(np.abs(first) < np.abs(second), first, second)
 
 
 def _label(pen: ImageDraw.ImageDraw, text: str, at: tuple[float, float]) -> None:

@@ -1,23 +1,21 @@
 """Writes STEP and STL files of all primitives, tools and the print plate, with a manifest."""
 
-from dataclasses import dataclass
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import cadquery as cq
-import msgspec
 import trimesh
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, locked, write_json
 from t2twin.core.progress import Progress
-from t2twin.primitives_cad import catalogue, primitive_parameters, shape_cache
+from t2twin.primitives_cad import catalogue, primitive_parameters
 from t2twin.primitives_cad.primitive_parameters import FAMILIES, PRIMITIVES
-from t2twin.primitives_cad.shape import Keypoint
 
 MANIFEST = "manifest.json"
 MOSAIC = "mosaic"
-SUFFIXES = (".step", ".stl")
 
 PLATE_PITCH_MM = (31.0, 56.0)
 """Distance of the primitives on the plate along x and y, mm. Assumed, so that no press touches a
@@ -30,98 +28,31 @@ PLATE_COLUMNS = len(FAMILIES)
 PLATE_ROWS = len(PRIMITIVES) // PLATE_COLUMNS
 
 
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """One shape in the manifest. The file omits fields that are None.
-
-    family, version, parameters_mm: of a primitive. keypoints: of a tool.
-    split, spacing_mm: split and spacings of the press grid, except of the plate.
-    places_mm: x, y of each primitive's axis on the plate. pitch_mm: their distance along x and y.
-    bounding_box_mm: lowest and highest corner of the mesh, (2, 3).
-    chordal_error_mm: requested from the mesher. bytes: sizes of the files. made_by:
-    shape_cache.key.
-    """
-
-    name: str
-    family: str | None = None
-    version: int | None = None
-    split: str | None = None
-    parameters_mm: dict[str, float] | None = None
-    spacing_mm: tuple[float, float] | None = None
-    keypoints: tuple[Keypoint, ...] | None = None
-    places_mm: dict[str, tuple[float, float]] | None = None
-    pitch_mm: tuple[float, float] | None = None
-    volume_mm3: float
-    bounding_box_mm: tuple[tuple[float, ...], ...]
-    triangles: int
-    chordal_error_mm: float
-    bytes: dict[str, int]
-    made_by: str
-
-
-@dataclass(frozen=True)
-class _Manifest:
-    units: str
-    shapes: tuple[Entry, ...]
-
-
 def export_shapes(out_dir: str | Path) -> Path:
     """Write NAME.step and NAME.stl of the 32 primitives, the 5 tools and the plate with all
     primitives (`mosaic`), in mm, and manifest.json, which describes them.
 
-    Skips shapes whose files were written by the same code. Returns the manifest's path.
-    Raises T2TwinError where the folder cannot be written.
+    Returns the manifest's path. Raises T2TwinError where the folder cannot be written.
     """
     folder = arguments.path(out_dir, "out_dir")
-    with locked(folder):
-        return _export(folder)
-
-
-def _export(folder: Path) -> Path:
-    path = folder / MANIFEST
-    before = _read(path)
-    entries: dict[str, Entry] = {}
     names = (*catalogue.PRIMITIVES, *catalogue.TOOLS, MOSAIC)
-    for name in Progress(names, desc="primitives and tools", unit="shape"):
-        entry = before.get(name)
-        if entry is None or not _is_current(folder, entry):
-            entry = _write_shape(folder, name)
-            # Written after each shape, so that an interrupted export continues.
-            _write_manifest(path, {**before, **entries, name: entry})
-        entries[name] = entry
-    if entries != before:
-        _write_manifest(path, entries)
-    return path
+    with locked(folder):
+        shapes = [
+            _write_shape(folder, name)
+            for name in Progress(names, desc="primitives and tools", unit="shape")
+        ]
+        write_json(folder / MANIFEST, {"units": "mm", "shapes": shapes})
+    return folder / MANIFEST
 
 
-def _read(path: Path) -> dict[str, Entry]:
-    """Entries of an existing manifest by name; empty without a complete one."""
-    try:
-        manifest = msgspec.json.decode(path.read_bytes(), type=_Manifest)
-    except (OSError, msgspec.DecodeError):
-        return {}
-    return {entry.name: entry for entry in manifest.shapes}
+def _write_shape(folder: Path, name: str) -> dict[str, Any]:
+    """Write both files of one shape; returns its entry in the manifest.
 
-
-def _write_manifest(path: Path, entries: dict[str, Entry]) -> None:
-    shapes = [
-        {name: value for name, value in msgspec.to_builtins(entry).items() if value is not None}
-        for entry in entries.values()
-    ]
-    write_json(path, {"units": "mm", "shapes": shapes})
-
-
-def _is_current(folder: Path, entry: Entry) -> bool:
-    if entry.made_by != shape_cache.key(entry.name):
-        return False
-    files = [folder / f"{entry.name}{suffix}" for suffix in SUFFIXES]
-    return all(
-        file.is_file() and file.stat().st_size == entry.bytes.get(file.name) for file in files
-    )
-
-
-def _write_shape(folder: Path, name: str) -> Entry:
-    """Write both files of one shape; returns its entry in the manifest."""
+    family, version, parameters_mm: of a primitive. keypoints: of a tool. split, spacing_mm: split
+    and spacings of the press grid. places_mm: x, y of each primitive's axis on the plate. pitch_mm:
+    their distance along x and y. bounding_box_mm: lowest and highest corner of the mesh, (2, 3).
+    chordal_error_mm: requested from the mesher.
+    """
     from t2twin.primitives_cad import solids, tools
 
     mesh: trimesh.Trimesh
@@ -135,7 +66,7 @@ def _write_shape(folder: Path, name: str) -> Entry:
         about = {
             "split": "test",
             "spacing_mm": catalogue.OBJECT_SPACING_MM,
-            "keypoints": catalogue.keypoints(name),
+            "keypoints": [asdict(keypoint) for keypoint in catalogue.keypoints(name)],
         }
     else:
         solid = solids.primitive(name)
@@ -155,18 +86,14 @@ def _write_shape(folder: Path, name: str) -> Entry:
         cq.exporters.export(cq.Workplane(bodies[0]), str(temporary))
     with atomic_write(folder / f"{name}.stl") as temporary:
         mesh.export(temporary, file_type="stl")
-    return Entry(
-        name=name,
+    return {
+        "name": name,
         **about,
-        volume_mm3=round(solid.Volume(), 3),
-        bounding_box_mm=tuple(tuple(round(float(x), 4) for x in corner) for corner in mesh.bounds),
-        triangles=len(mesh.faces),
-        chordal_error_mm=tools.CHORDAL_MM.get(name, solids.CHORDAL_MM),
-        bytes={
-            f"{name}{suffix}": (folder / f"{name}{suffix}").stat().st_size for suffix in SUFFIXES
-        },
-        made_by=shape_cache.key(name),
-    )
+        "volume_mm3": round(solid.Volume(), 3),
+        "bounding_box_mm": [[round(float(x), 4) for x in corner] for corner in mesh.bounds],
+        "triangles": len(mesh.faces),
+        "chordal_error_mm": tools.CHORDAL_MM.get(name, solids.CHORDAL_MM),
+    }
 
 
 def plate_positions() -> dict[str, tuple[float, float]]:

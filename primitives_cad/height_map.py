@@ -35,13 +35,6 @@ EDGE_MM = 1.0e-6
 (assumed: far below any length of a shape)."""
 
 
-def height_map(
-    mesh: "trimesh.Trimesh", pitch_mm: float | None = None, reach_mm: float = REACH_MM
-) -> HeightMap:
-    """The height map of a mesh; see `aligned`."""
-    return aligned(mesh, pitch_mm, reach_mm)[1]
-
-
 def aligned(
     mesh: "trimesh.Trimesh", pitch_mm: float | None = None, reach_mm: float = REACH_MM
 ) -> tuple["trimesh.Trimesh", HeightMap]:

@@ -23,8 +23,6 @@ NOT_MAKERS = (
     "contact_sheet.py",
     "export.py",
     "same_solid.py",
-    "same_surface.py",
-    "write_bundled.py",
 )
 """Sources of this package that do not affect meshes and surfaces."""
 

@@ -195,7 +195,7 @@ def _press_json(touch: Touch) -> dict[str, Any]:
         sensor: {
             "force_n": contact.force_n,
             "depth_mm": contact.depth_mm,
-            "settled": contact.settled,
+            "settled": bool(contact.settled),
             "bottomed": contact.bottomed,
             "contact_area_mm2": contact.contact_area_mm2,
             "milliseconds": contact.milliseconds,

@@ -1,6 +1,7 @@
 """Benchmarks: declared by their modules, run by one runner, results with provenance."""
 
 import ast
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -184,6 +185,15 @@ def test_the_list_names_every_benchmark(capsys):
     printed = capsys.readouterr().out
     assert all(benchmark.measures in printed for benchmark in BENCHMARKS.values())
     assert "--report DIR" in printed
+
+
+def test_the_list_ends_without_a_traceback_when_its_reader_has_ended():
+    reader, writer = os.pipe()
+    os.close(reader)
+    command_line = [sys.executable, "-m", "benchmarks", "--list"]
+    done = subprocess.run(command_line, stdout=writer, stderr=subprocess.PIPE)
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 def test_the_baseline_s_figures_are_the_committed_ones():

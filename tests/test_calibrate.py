@@ -10,6 +10,7 @@ import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES, save
 from PIL import Image
 
+from benchmarks.calibration import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit import probe_surfaces
@@ -21,7 +22,7 @@ from t2twin.sim.digit.calibrate.frames import (
     upright_frame,
 )
 from t2twin.sim.digit.calibrate.ridge import MAX_TERMS, Sums, select_terms
-from t2twin.sim.digit.calibrate.scores import background_floor, cut_and_paste, repeats_floor, score
+from t2twin.sim.digit.calibrate.scores import cut_and_paste, score
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
@@ -71,9 +72,6 @@ def test_held_out_presses_score_near_the_noise(report):
     assert scores.cut_and_paste.psnr_db > scores.do_nothing.psnr_db + 4
     assert scores.calibrated.ssim > scores.cut_and_paste.ssim
     assert min(each.psnr_db for each in report.each) > 30
-    assert scores.background_floor.l1 == pytest.approx(
-        2 / np.sqrt(np.pi) * NOISE_GREY, rel=0.15
-    )  # and shadows' tails
 
 
 def test_a_unit_of_another_make_is_not_what_ships(report, unit):

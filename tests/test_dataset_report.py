@@ -1,4 +1,4 @@
-"""The report of a dataset alone: what it holds, near-duplicates, outliers."""
+"""The report of a dataset alone: what it holds, near-duplicates."""
 
 import shutil
 from dataclasses import replace
@@ -15,7 +15,6 @@ from t2twin.report import dataset_report
 from t2twin.report.dataset import contents, pairs
 from t2twin.report.dataset.scan import (
     Scan,
-    deviations,
     near_duplicates,
     nearest_others,
     noise_grey,
@@ -38,7 +37,7 @@ def test_a_dataset_alone_has_a_page_of_its_own(data_dir: Path, tmp_path: Path) -
     sections = [attrs["id"] for tag, attrs in read.tags if tag == "section"]
     assert sections == ["summary", "about", *dataset_report.LINKS]
     images = [tag for tag, _ in read.tags if tag == "img"]
-    assert len(images) == 1 + 1 + 1 + pairs.PAIRS + 2 + 1 + 1 + 1
+    assert len(images) == 1 + 1 + 1 + pairs.PAIRS + 2 + 1 + 1
     assert "12 pairs of 4 shapes" in text and "2 pairs of 2 shapes" in text
     assert "none of 20 " in text  # without contact
     assert sum(len(table) for table in read_dataset(data_dir).tables.values()) == 20
@@ -93,14 +92,6 @@ def test_near_duplicates_are_found_and_no_others(data_dir: Path, tmp_path: Path)
     assert scanned.alike_counts[twins].max() == 0
     alike = np.flatnonzero(np.isfinite(scanned.alike_counts))
     assert {rows[0]["index"], 588} <= {int(dataset.column("index")[place]) for place in alike}
-
-
-def test_what_is_far_from_its_shape_is_an_outlier() -> None:
-    values = np.array([1.0, 1.1, 0.9, 1.05, 9.0, 5.0, 5.0, 5.0, 5.2])
-    groups = np.array(["a"] * 5 + ["b"] * 4)
-    far = deviations(values, groups)
-    assert far.argmax() == 4 and far[4] > 50
-    assert far[5:8].max() == 0 and far[8] == pytest.approx(0.2 / (0.02 * 5.0))
 
 
 def test_nearest_others_are_those_of_plain_arithmetic() -> None:

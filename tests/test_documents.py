@@ -28,7 +28,7 @@ NOT_RUN = {
     "torchrun ": "needs several processes; tests/test_training.py",
     "python -m benchmarks": "measures for minutes",
     "python -m pytest": "would run within itself",
-    "python -m t2twin.translate.evaluation.publish_pretrained": "tests/test_ship.py",
+    "python -m maintenance.publish_pretrained": "tests/test_ship.py",
     "t2twin adapt": "takes an hour; tests/test_adapt.py",
     "t2twin calibrate --background background.png --presses": "tests/test_calibrate.py",
     "t2twin press square-2 --calibration": "needs a calibration; tests/test_calibrate.py",

@@ -3,8 +3,9 @@
 import hashlib
 import json
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -24,7 +25,6 @@ from t2twin.translate.evaluation.files import METRICS, as_json, read_evaluation,
 from t2twin.translate.evaluation.metrics.baselines import (
     FEATURE_SIZE,
     mean_array,
-    nearest_neighbor,
     neighbors,
 )
 from t2twin.translate.evaluation.predictions import PREDICTIONS, read_predictions
@@ -33,6 +33,7 @@ from t2twin.translate.evaluation.records import (
     Bootstrap,
     Difference,
     Evaluation,
+    FigureName,
     Figures,
     Finding,
     Interval,
@@ -42,7 +43,6 @@ from t2twin.translate.evaluation.records import (
     ModelRow,
     NeighborPairs,
     PaperRow,
-    ShapeFloor,
     TaxelCounts,
     ViewSummary,
 )
@@ -80,13 +80,15 @@ def test_mean_array_is_the_best_constant(data_dir: Path) -> None:
 
 def test_nearest_neighbor_of_the_training_images_is_themselves(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
-    assert np.array_equal(nearest_neighbor(pairs, pairs.images), pairs.counts)
+    assert np.array_equal(
+        pairs.counts[neighbors(pairs.images, pairs.images).index[:, 0]], pairs.counts
+    )
 
 
 def test_nearest_neighbor_is_by_euclid(data_dir: Path) -> None:
     pairs = load_pairs(data_dir, "train", FEATURE_SIZE, grey=False)
     queries = load_pairs(data_dir, "val", FEATURE_SIZE, grey=False).images
-    nearest_counts = nearest_neighbor(pairs, queries)
+    nearest_counts = pairs.counts[neighbors(pairs.images, queries).index[:, 0]]
     stored = pairs.images[:].astype(float).reshape(len(pairs), -1)
     for image, counts in zip(queries[:].astype(float), nearest_counts, strict=True):
         nearest = np.linalg.norm(stored - image.ravel(), axis=1).argmin()
@@ -117,7 +119,8 @@ def test_evaluation_agrees_with_training(runs: list[Path], data_dir: Path, tmp_p
     pairs = load_pairs(data_dir, "val", FEATURE_SIZE, grey=False)
     assert np.array_equal(stored.truth, pairs.counts)
     assert list(stored.by_model) == list(models)
-    assert (stored.shapes == "square-3").all() and np.array_equal(stored.x_mm, pairs.x_mm)
+    assert (stored.presses["shape"] == "square-3").all()
+    assert np.array_equal(stored.presses["x_mm"], pairs.x_mm)
     for run in runs:
         best = best_epoch(read_log(run)).val_rmse_counts
         overall = models[run.name].overall
@@ -165,12 +168,13 @@ def test_metrics_json_has_its_keys(evaluated: Path) -> None:
 def test_records_come_back_from_their_file(tmp_path: Path) -> None:
     """Also those that the spots have none of: intervals, look-alikes, absent figures."""
     absent = Figures(3, 800.0, 2.0, 0.9, None, None, None, None, 700.0, None, 900.0)
-    spans = {field.name: None for field in fields(Intervals)} | {"ssim": Interval(0.25, 0.5)}
-    row = ModelRow(absent, {"bump-3": absent}, {"bump": absent}, Intervals(**spans))
+    spans: Intervals = dict.fromkeys(get_args(FigureName))
+    spans["ssim"] = Interval(0.25, 0.5)
+    row = ModelRow(absent, {"bump-3": absent}, {"bump": absent}, spans)
     alike = NeighborPairs(3, 0.5, 100.0)
     floor = IrreducibleErrorFloor(
-        alike, NeighborPairs(0, None, None), (alike, alike), 50.0, Interval(0.0, 60.0),
-        {"under": None, "near": 2.0}, {"bump-3": ShapeFloor(alike, None)},
+        alike, NeighborPairs(0, None, None), 50.0, Interval(0.0, 60.0),
+        {"under": None, "near": 2.0},
     )  # fmt: skip
     evaluation = Evaluation(
         format=FORMAT, split="val", pairs=3, full_scale_counts=40000.0, contact_level=0.1,

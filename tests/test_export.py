@@ -188,7 +188,7 @@ def test_onnxruntime_reports_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("module", "is_set"),
-    [("t2twin.translate", False), ("t2twin.translate.inference.load", True)],
+    [("t2twin", False), ("t2twin.translate.inference.load", True)],
 )
 def test_library_settings_are_set_where_the_libraries_are_used(module: str, is_set: bool) -> None:
     names = ("OMP_WAIT_POLICY", "ORT_DISABLE_TELEMETRY", "TORCHINDUCTOR_CACHE_DIR")

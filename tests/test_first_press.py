@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 
+from maintenance.write_bundled import build
 from t2twin.core.cache_dir import VARIABLE
 from t2twin.core.cached_files import cached_array
 from t2twin.primitives_cad import bundled_shapes, catalogue, tools
@@ -73,7 +74,7 @@ def test_a_refusal_comes_before_anything_is_compiled(tmp_path):
 
 
 def assert_as_made(name: str, tool=None) -> None:
-    made = catalogue.build(name, tool)
+    made = build(name, tool)
     bundled = bundled_shapes.read_surface(name)
     np.testing.assert_array_equal(bundled.heights_mm, made.surface.heights_mm)
     np.testing.assert_array_equal(bundled.x_mm, made.surface.x_mm)
@@ -87,7 +88,7 @@ def assert_as_made(name: str, tool=None) -> None:
 
 @pytest.mark.parametrize("name", QUICK)
 def test_bundled_shapes_are_those_of_the_cad(name):
-    """Run `python -m t2twin.primitives_cad.write_bundled` after a change of the CAD."""
+    """Run `python -m maintenance.write_bundled` after a change of the CAD."""
     is_tool = name in catalogue.OBJECTS
     assert_as_made(name, tools.mesh(name.partition("/")[0]) if is_tool else None)
 

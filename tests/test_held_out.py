@@ -1,4 +1,4 @@
-"""Tools in a user's world are found, whole or in part; what is none is not taken for one."""
+"""Tools in a user's world are found; what is none is not taken for one."""
 
 from typing import Literal
 
@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from benchmarks.same_surface import SHARED, KnownSurfaces, tool_surfaces
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.same_solid import KnownSolids, invariants
-from t2twin.primitives_cad.same_surface import KnownSurfaces
-from t2twin.sim.world.held_out import SHARED, check_held_out
+from t2twin.sim.world.held_out import check_held_out
 from t2twin.sim.world.recipe import Part, Place, Recipe
 
 
@@ -73,9 +73,7 @@ def test_a_tool_of_coarser_triangles_is_found(tools):
 @pytest.mark.exhaustive
 def test_no_primitive_is_taken_for_a_tool(tools, shapes):
     known = KnownSolids(tools)
-    surfaces = KnownSurfaces(
-        {name: shapes(name).surface for name in catalogue.OBJECTS if name not in SHARED}
-    )
+    surfaces = tool_surfaces()
     for name in catalogue.PRIMITIVES:
         assert known.same_as(shapes(name).mesh) is None, name
         assert surfaces.same_as(shapes(name).surface) is None, name
@@ -98,21 +96,6 @@ def test_a_tool_beside_another_body_is_refused(world, tools):
     both = trimesh.util.concatenate([block, tools["allen-key"]])
     with pytest.raises(T2TwinError, match="is the tool allen-key"):
         world(both=both)
-
-
-def test_a_part_of_a_tool_is_refused(world):
-    """Cut out about the keypoint, which lies 10 mm from the middle of what is left."""
-    import cadquery as cq
-
-    from t2twin.primitives_cad import solids as primitive_solids
-    from t2twin.primitives_cad import tools as solids
-
-    at = solids.keypoints("wrench")[2]
-    assert at.name == "shank"
-    block = cq.Workplane().box(60.0, 60.0, 60.0).translate((at.point_mm[0] + 10.0, 0.0, 0.0))
-    part = solids.solid("wrench").intersect(block.val())  # pyright: ignore[reportArgumentType]
-    with pytest.raises(T2TwinError, match="the same surface as wrench/shank"):
-        world(part=primitive_solids.tessellate(part))
 
 
 def test_only_a_part_that_is_for_the_test_alone_may_have_tools(world, tools, tmp_path):

@@ -66,7 +66,7 @@ def test_quarter_turn_of_the_mesh_turns_the_map(shapes):
     mesh.apply_translation((1.3, -0.7, 0.0))  # so that no symmetry hides a wrong turn
     turned = mesh.copy()
     turned.vertices = mesh.vertices[:, [1, 0, 2]] * (-1.0, 1.0, 1.0)
-    before, after = height_map.height_map(mesh), height_map.height_map(turned)
+    before, after = height_map.aligned(mesh)[1], height_map.aligned(turned)[1]
     # x' = -y, y' = x: rows of the new map are columns of the old one.
     np.testing.assert_allclose(after.heights_mm, before.heights_mm.T[:, ::-1], atol=1e-6)
     assert not np.array_equal(after.heights_mm, before.heights_mm)
@@ -87,16 +87,16 @@ def test_only_what_is_within_reach_counts():
 
 def test_large_maps_take_a_coarser_pitch():
     plate = trimesh.creation.box((400.0, 300.0, 2.0))
-    heights = height_map.height_map(plate)
+    heights = height_map.aligned(plate)[1]
     assert heights.pitch_mm == pytest.approx(0.1)
     assert heights.heights_mm.size <= height_map.MAX_CELLS
-    assert height_map.height_map(plate, pitch_mm=0.5).pitch_mm == pytest.approx(0.5)
+    assert height_map.aligned(plate, pitch_mm=0.5)[1].pitch_mm == pytest.approx(0.5)
 
 
 def test_nothing_within_reach_is_an_error():
     away = trimesh.creation.box((4.0, 4.0, 2.0))
     away.apply_translation((50.0, 0.0, 0.0))
     with pytest.raises(T2TwinError, match="no surface within"):
-        height_map.height_map(away)
+        height_map.aligned(away)[1]
     with pytest.raises(T2TwinError, match="positive"):
-        height_map.height_map(away, pitch_mm=-1.0)
+        height_map.aligned(away, pitch_mm=-1.0)[1]

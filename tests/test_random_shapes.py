@@ -3,13 +3,13 @@ import pickle
 import numpy as np
 import pytest
 
+from benchmarks.same_surface import KnownSurfaces
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, height_map
 from t2twin.primitives_cad.random_shapes import features, rasterize, seed_of
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
 from t2twin.primitives_cad.random_shapes.shape import BASE_DEPTH_MM, PITCH_MM, RandomShape
-from t2twin.primitives_cad.same_surface import KnownSurfaces
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 
 AXIS = np.arange(-200, 201) * 0.1
@@ -46,7 +46,7 @@ def test_surfaces_are_as_the_frame_has_them():
 def test_the_solid_presses_with_the_surface(seed):
     shape = RandomShape(seed)
     assert shape.mesh.is_watertight and shape.mesh.is_winding_consistent and shape.mesh.volume > 0
-    seen = height_map.height_map(shape.mesh, PITCH_MM)
+    seen = height_map.aligned(shape.mesh, PITCH_MM)[1]
     x, y = np.meshgrid(shape.surface.x_mm[1:-1], shape.surface.y_mm[1:-1])
     np.testing.assert_allclose(seen.sample(x, y), shape.surface.heights_mm[1:-1, 1:-1], atol=2e-3)
 

@@ -71,18 +71,8 @@ def test_the_page_of_runs_draws_the_error_by_force(
     reader, text = read_page(page)
     sections = [attrs["id"] for tag, attrs in reader.tags if tag == "section"]
     assert sections[2:5] == ["results", "finding", "by-force"]
-    rows = {row[0]: row[1:] for row in reader.rows["by-force"] if row[0]}
     evaluation = read_evaluation(page.parent / "evaluate-val")
     ours = evaluation.models["resnet18"].by_force
-    assert [title for title in rows if title.endswith("6 pairs")] == [
-        "no contact, 6 pairs", "0.5 N, 6 pairs", "2 N, 6 pairs", "8 N, 6 pairs",
-    ]  # fmt: skip
-    assert rows["no contact, 6 pairs"][-1] == (
-        f"{ours[0].rmse_counts:,.0f} ({ours[0].phantom_counts:,.0f})"
-    )
-    assert rows["8 N, 6 pairs"][-1] == (
-        f"{ours[3].rmse_counts:,.0f} ({100 * (ours[3].of_mean_array or 0):.0f} %)"
-    )
     assert f"at 8 N the RMSE is {100 * (ours[3].of_mean_array or 0):.0f} % of the mean" in text
     assert (
         f"Without contact the predicted counts have a sum of {ours[0].phantom_counts:,.0f}" in text
@@ -96,7 +86,6 @@ def test_the_page_of_data_with_many_shapes_stays_short(data_dir: Path, tmp_path:
     _, text = read_page(page)
     assert "The 256 shapes are grouped by family." in text
     assert "256 pairs of 256 shapes, pressed with 0.5, 2 and 8 N" in text
-    assert "the median of their family at similar forces" in text
     dataset = read_dataset(data_dir)
     counted = contents.counted_by_split(dataset, dataset.families)
     assert counted["train", "long"] == 72 and counted["val", "round"] == 16

@@ -5,9 +5,7 @@ from pathlib import Path
 import pytest
 
 from t2twin.cli import main
-from t2twin.core.errors import T2TwinError
 from t2twin.report import data, dataset_report
-from t2twin.report.html import page
 from t2twin.report.html.page import PAGE, check_out
 
 
@@ -53,20 +51,6 @@ def test_a_place_that_is_no_folder_is_found_first(
         and (out in said or "shorter path" in said)
     )
     assert files(tmp_path) == before
-
-
-def test_a_folder_without_the_right_to_write_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As on a disk that is only read from, where the owner of everything may not write either."""
-
-    def read_only(dir: Path) -> None:
-        raise OSError(30, "Read-only file system")
-
-    monkeypatch.setattr(page.tempfile, "TemporaryFile", read_only)
-    with pytest.raises(T2TwinError, match=r"read-only file system.*writable folder"):
-        check_out(tmp_path / "report")
-    assert files(tmp_path) == []
 
 
 def test_evaluation_without_runs_is_refused(

@@ -9,11 +9,11 @@ import pytest
 from safetensors.torch import load_file
 from spots import write_spots
 
+from maintenance.publish_pretrained import publish_pretrained
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, uncertainty_metrics
-from t2twin.translate.evaluation.publish_pretrained import publish_pretrained
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import require

@@ -3,10 +3,9 @@ which order things come."""
 
 import base64
 
-import numpy as np
 import pytest
 import trimesh
-from browser import PATIENCE_MS, browser, canvas, chromium
+from browser import PATIENCE_MS, browser, chromium
 from trimesh.exchange.stl import export_stl
 from waiting import wait_until
 
@@ -128,24 +127,6 @@ def test_a_depth_is_pressed_and_the_force_follows(opened):
     assert page.wait(60)
     assert page.state == PressState(SHAPE, force_n=4.0)
     assert depth.value == pytest.approx(page.result.touch.digit.depth_mm)
-
-
-@pytest.mark.exhaustive
-def test_it_is_dark_where_the_browser_is(opened):
-    tab, _ = opened(PressState(SHAPE), color_scheme="dark")
-    wait_until(lambda: np.median(canvas(tab)) < 60)
-
-
-@pytest.mark.exhaustive
-def test_what_was_chosen_is_remembered(opened, chrome):
-    context = chrome.new_context(viewport=WIDE)
-    tab, _ = opened(PressState(SHAPE), context)
-    assert np.median(canvas(tab)) > 200
-    tab.get_by_text("View", exact=True).first.click()
-    tab.get_by_text("Dark", exact=True).click()
-    wait_until(lambda: np.median(canvas(tab)) < 60)
-    again, _ = opened(PressState(SHAPE), context)
-    wait_until(lambda: np.median(canvas(again)) < 60)
 
 
 def test_pictures_come_before_the_scene_and_alone(opened):

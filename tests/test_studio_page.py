@@ -211,7 +211,7 @@ def test_on_a_phone_all_of_it_fits_and_each_client_has_its_own_press(desk, opene
     assert (page.state, other.state.force_n) == (STATE, 3.0)
     assert counts_on(tab) == page.result.touch.counts.tolist()
     assert counts_on(other_tab) == other.result.touch.counts.tolist()
-    known = other.folder
+    known = other.files.folder
     assert known.exists()
     other_tab.close()
     wait_until(lambda: not known.exists())

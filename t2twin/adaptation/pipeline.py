@@ -13,7 +13,7 @@ import hashlib
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from t2twin.adaptation.real_frame_evaluation import (
@@ -23,17 +23,17 @@ from t2twin.adaptation.real_frame_evaluation import (
 )
 from t2twin.adaptation.record import (
     CALIBRATION,
+    RECORD,
     AdaptationResult,
     FittedCalibration,
     read_fitted,
     record_of,
     write_fitted,
-    write_record,
 )
 from t2twin.adaptation.report import write_adapt_page
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, is_empty, locked
+from t2twin.core.files import atomic_write, is_empty, locked, write_json
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.primitives_cad.shape import Shape
@@ -193,7 +193,7 @@ def adapt(
         comparisons = evaluate_frames(run, _references(config, inputs, fitted), background_frame)
         result = record_of(run, comparisons, background_frame, fitted, timer.minutes)
         write_adapt_page(config.out, run, comparisons, result)
-    write_record(config.out, result)
+    write_json(config.out / RECORD, asdict(result))
     return result
 
 

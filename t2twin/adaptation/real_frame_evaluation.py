@@ -5,7 +5,8 @@ the position and depth that the calibration found in each frame.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -84,29 +85,18 @@ def simulate_reference(
     poses: (n, 3) x_mm, y_mm, depth_mm. frames: (n, 320, 240, 3). balls: pressed shapes, one a
     frame. Raises T2TwinError for a depth that no force reaches.
     """
-    return [
-        _simulate(name, pose, frame, ball, sensors, np.random.default_rng((seed, number)))
-        for number, (name, pose, frame, ball) in enumerate(
-            zip(names, poses, frames, balls, strict=True)
+    references = []
+    pressed = zip(names, poses.tolist(), frames, balls, strict=True)
+    for number, (name, pose, frame, ball) in enumerate(pressed):
+        rng, (x_mm, y_mm, depth_mm) = np.random.default_rng((seed, number)), pose
+        command = PressCommand(ball.name, x_mm, y_mm, 0.0, 1.0)
+        force_n = force_at_depth(partial(sensors.digit.press, ball), command, depth_mm)
+        sample = sensors.press(ball, replace(command, force_n=force_n))
+        noisy, counts = sensors.digit.image(sample.digit, rng), sample.counts.astype(float)
+        references.append(
+            SimulatedReference(name, (x_mm, y_mm, depth_mm), force_n, frame, noisy, counts)
         )
-    ]
-
-
-def _simulate(
-    name: str,
-    pose: np.ndarray,
-    frame: np.ndarray,
-    ball: Shape,
-    sensors: SensorPair,
-    rng: np.random.Generator,
-) -> SimulatedReference:
-    x_mm, y_mm, depth_mm = (float(value) for value in pose)
-    command = PressCommand(ball.name, x_mm, y_mm, 0.0, 1.0)
-    force_n = force_at_depth(lambda at: sensors.digit.press(ball, at), command, depth_mm)
-    command = PressCommand(ball.name, x_mm, y_mm, 0.0, force_n)
-    sample = sensors.press(ball, command)
-    noisy, counts = sensors.digit.image(sample.digit, rng), sample.counts.astype(float)
-    return SimulatedReference(name, (x_mm, y_mm, depth_mm), force_n, frame, noisy, counts)
+    return references
 
 
 def evaluate_frames(

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from t2twin.adaptation.real_frame_evaluation import (
@@ -19,7 +18,7 @@ from t2twin.adaptation.real_frame_evaluation import (
     predict_counts,
 )
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, read_file
+from t2twin.core.files import read_file, write_json
 from t2twin.core.records import convert, decode_json
 from t2twin.core.renames import translated
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
@@ -160,15 +159,6 @@ def baseline_rmse_percent(
     return zero, mean_array
 
 
-def write_record(folder: Path, result: AdaptationResult) -> None:
-    _write_json(folder / RECORD, result)
-
-
-def _write_json(path: Path, record: FittedCalibration | AdaptationResult) -> None:
-    with atomic_write(path) as temporary:
-        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(asdict(record)), indent=1))
-
-
 def write_fitted(
     folder: Path, report: CalibrationReport, inputs_digest: str, ball_diameter_mm: float
 ) -> FittedCalibration:
@@ -193,7 +183,7 @@ def write_fitted(
         uncertainty=report.uncertainty,
     )
     report.calibration.save(folder / CALIBRATION)
-    _write_json(folder / PRESSES, fitted)
+    write_json(folder / PRESSES, asdict(fitted))
     return fitted
 
 

@@ -15,7 +15,7 @@ from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertaint
 from t2twin.translate.inference.predictor import CountsPredictor
 
 TITLE = "Translator adapted to this DIGIT"
-LINKS = {"presses": "Presses", "uncertainty": "Uncertainty", "steps": "Steps"}
+LINKS = {"presses": "Presses", "uncertainty": "Uncertainty"}
 BAR_IN = 0.6
 """Width of the color bar, inches."""
 
@@ -31,7 +31,6 @@ def write_adapt_page(
         "summary": lambda: _summary(result),
         "presses": lambda: {"presses": [(one, _figure(run, one)) for one in comparisons]},
         "uncertainty": lambda: _uncertainty(result.uncertainty),
-        "steps": dict,
     }
     sections: Sections = {
         name: (f"adaptation/templates/{name}.html", compute) for name, compute in values.items()

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from t2twin.cli.calibrate import FitOptions
+
 if TYPE_CHECKING:
     from t2twin.adaptation.record import AdaptationResult
 
@@ -13,17 +15,11 @@ def adapt(
     background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
     presses: Annotated[Path, tyro.conf.arg(metavar="DIR")],
     ball_diameter_mm: float,
+    fit: Annotated[FitOptions, tyro.conf.arg(name="")],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/adapted"),
     minutes: float = 60.0,
     model: Annotated[str, tyro.conf.arg(metavar="MODEL")] = "field",
     init_from: Annotated[Path | None, tyro.conf.arg(metavar="RUN")] = None,
-    held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
-    scale_px_per_mm: float = 19.2,
-    ball_tolerance_mm: float = 0.1,
-    scale_tolerance_px_per_mm: float = 2.0,
-    depth_tolerance_mm: float = 0.03,
-    force_tolerance_n: float = 0.05,
-    young_tolerance_mpa: float = 0.1,
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
 ) -> None:
     """Adapt a translator to your own DIGIT, from its background frame and presses of one ball.
@@ -40,27 +36,14 @@ def adapt(
         minutes: Approximate total duration on two cores.
         model: Model to train: field, resnet18 or touch2touch.
         init_from: Run whose weights initialize the training; the pretrained run unless given.
-        held_out: Presses, the last by name, held out for the evaluation; a third unless given.
-        scale_px_per_mm: Image scale at the center of the gel, 17.2 to 19.6 depending on the unit;
-            estimated if displacements are known.
-        ball_tolerance_mm: Tolerance of the diameters.
-        scale_tolerance_px_per_mm: Tolerance of the scale, without known displacements.
-        depth_tolerance_mm: Tolerance of known displacements.
-        force_tolerance_n: Tolerance of known forces.
-        young_tolerance_mpa: Tolerance of the gel's modulus (0.5 MPa), without known forces.
         workers: Processes that press at once; one per core unless given.
     """
     from t2twin.adaptation.pipeline import adapt as run_adaptation
-    from t2twin.sim.digit.calibrate.measurements import Tolerance
     from t2twin.sim.digit.camera.pinhole import Camera
 
-    tolerance = Tolerance(
-        ball_tolerance_mm, scale_tolerance_px_per_mm, depth_tolerance_mm, force_tolerance_n,
-        young_tolerance_mpa,
-    )  # fmt: skip
     result = run_adaptation(
-        background, presses, ball_diameter_mm, out, held_out, minutes, Camera(scale_px_per_mm),
-        model, init_from, workers, tolerance=tolerance,
+        background, presses, ball_diameter_mm, out, fit.held_out, minutes,
+        Camera(fit.scale_px_per_mm), model, init_from, workers, tolerance=fit.tolerance,
     )  # fmt: skip
     _print(result)
     print(f"written to {out}: run {model}, calibration.npz, index.html")

@@ -1,31 +1,24 @@
 """t2twin calibrate"""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
-    from t2twin.sim.digit.camera.pinhole import Camera
+    from t2twin.sim.digit.calibrate.measurements import Tolerance
 
 FILES = ("calibration_strip.png", "calibration.json", "calibration.npz")
 """Files written to --out with presses."""
 
 
 @dataclass(frozen=True)
-class CalibrateOptions:
-    """Options of `t2twin calibrate`.
+class FitOptions:
+    """Options of a fit to presses, of `t2twin calibrate` and `t2twin adapt`.
 
     Args:
-        background: A background frame of the sensor, 240 wide, 320 high or larger, or rotated.
-        presses: Folder of frames of the ball at different places and depths, which need not be
-            known. Measurements are read from a table in it, forces.csv: a column file, and any of
-            force_n, depth_mm (from first contact) and ball_diameter_mm.
-        ball_diameter_mm: The ball's diameter, mm.
         held_out: Number of presses, the last by name, that are scored and not fitted; default: a
             third.
         scale_px_per_mm: Image scale in the middle of the gel, 17.2 to 19.6 between units; fitted if
@@ -36,13 +29,8 @@ class CalibrateOptions:
         force_tolerance_n: Largest error of measured forces, N.
         young_tolerance_mpa: Largest error of the gel's default modulus, 0.5 MPa, without measured
             forces.
-        out: Folder for calibration.npz and, with presses, calibration.json and
-            calibration_strip.png.
     """
 
-    background: Annotated[Path, tyro.conf.arg(metavar="PNG")]
-    presses: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    ball_diameter_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None
     held_out: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
     scale_px_per_mm: float = 19.2
     ball_tolerance_mm: float = 0.1
@@ -50,70 +38,86 @@ class CalibrateOptions:
     depth_tolerance_mm: float = 0.03
     force_tolerance_n: float = 0.05
     young_tolerance_mpa: float = 0.1
-    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/calibration")
+
+    @property
+    def tolerance(self) -> "Tolerance":
+        """The tolerances. Raises T2TwinError for a value that is negative or not finite."""
+        from t2twin.sim.digit.calibrate.measurements import Tolerance
+
+        return Tolerance(
+            self.ball_tolerance_mm, self.scale_tolerance_px_per_mm, self.depth_tolerance_mm,
+            self.force_tolerance_n, self.young_tolerance_mpa,
+        )  # fmt: skip
 
 
-def calibrate(options: Annotated[CalibrateOptions, tyro.conf.arg(name="")]) -> None:
+def calibrate(
+    background: Annotated[Path, tyro.conf.arg(metavar="PNG")],
+    fit: Annotated[FitOptions, tyro.conf.arg(name="")],
+    presses: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None,
+    ball_diameter_mm: Annotated[float | None, tyro.conf.arg(metavar="FLOAT")] = None,
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("runs/calibration"),
+) -> None:
     """Fit the DIGIT's light to your sensor, from its background and presses of one ball.
 
     From the background alone, without presses, the light is a rough guess.
+
+    Args:
+        background: A background frame of the sensor, 240 wide, 320 high or larger, or rotated.
+        presses: Folder of frames of the ball at different places and depths, which need not be
+            known. Measurements are read from a table in it, forces.csv: a column file, and any of
+            force_n, depth_mm (from first contact) and ball_diameter_mm.
+        ball_diameter_mm: The ball's diameter, mm.
+        out: Folder for calibration.npz and, with presses, calibration.json and
+            calibration_strip.png.
     """
     from t2twin.core.errors import T2TwinError
     from t2twin.core.files import check_replaceable, locked
-    from t2twin.sim.digit.calibrate.calibrate import calibrate as fit
-    from t2twin.sim.digit.calibrate.measurements import Tolerance
+    from t2twin.sim.digit.calibrate.background_light import guess_light
+    from t2twin.sim.digit.calibrate.calibrate import calibrate as calibrate_optics
     from t2twin.sim.digit.camera.pinhole import Camera
 
-    camera, out = Camera(options.scale_px_per_mm), options.out
-    if options.presses is None:
-        if options.ball_diameter_mm is not None or options.held_out is not None:
+    camera = Camera(fit.scale_px_per_mm)
+    if presses is None:
+        if ball_diameter_mm is not None or fit.held_out is not None:
             raise T2TwinError(
                 "--presses is missing, the folder of frames of the ball; the background alone "
                 "takes neither --ball-diameter-mm nor --held-out"
             )
-        _guess(options.background, camera, out)
+        with locked(out):
+            guess_light(background, camera, print).save(out / "calibration.npz")
+        print(f"written to {out}: calibration.npz, for press and simdata as --calibration. It has")
+        print("your background and the mean light of sampled units; a fit needs presses of a ball")
         return
-    if options.ball_diameter_mm is None:
+    if ball_diameter_mm is None:
         raise T2TwinError("--ball-diameter-mm is missing: that of the ball of --presses")
-    tolerance = Tolerance(
-        options.ball_tolerance_mm,
-        options.scale_tolerance_px_per_mm,
-        options.depth_tolerance_mm,
-        options.force_tolerance_n,
-        options.young_tolerance_mpa,
-    )
     with locked(out):
         for name in FILES:  # before a fit, which takes minutes
             check_replaceable(out / name)
-        report = fit(
-            options.background, options.presses, options.ball_diameter_mm, options.held_out,
-            camera, print, tolerance,
-        )  # fmt: skip
+        report = calibrate_optics(
+            background, presses, ball_diameter_mm, fit.held_out, camera, print, fit.tolerance
+        )
         _write(report, out)
     print(f"written to {out}: calibration.npz, for press and simdata as --calibration;")
     print("calibration.json, the printed results; calibration_strip.png, the held-out presses:")
     print("real above, simulated below")
 
 
-def _guess(background: Path, camera: "Camera", out: Path) -> None:
-    from t2twin.core.files import locked
-    from t2twin.sim.digit.calibrate.background_light import guess_light
-
-    with locked(out):
-        guess_light(background, camera, print).save(out / "calibration.npz")
-    print(f"written to {out}: calibration.npz, for press and simdata as --calibration. It has your")
-    print("background and the mean light of sampled DIGIT units; a fit needs presses of a ball")
-
-
 def _write(report: "CalibrationReport", out: Path) -> None:
-    """Write the files and print the results."""
+    """Write the files and print the results.
+
+    The strip has the held-out frames above, and the simulated ones with one frame's noise below.
+    """
     import numpy as np
     from PIL import Image
 
     from t2twin.core.files import atomic_write
     from t2twin.sim.digit.calibrate.record import uncertainty_lines, write_record
 
-    strip = np.concatenate([np.concatenate([*row], axis=1) for row in _strip(report)])
+    simulated, noise, rng = report.simulated, report.calibration.noise, np.random.default_rng(0)
+    if noise is not None:
+        noisy = [image + noise.sample(rng) for image in simulated]
+        simulated = np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+    strip = np.concatenate([np.concatenate(row, axis=1) for row in (report.real, simulated)])
     with atomic_write(out / "calibration_strip.png") as temporary:
         Image.fromarray(strip).save(temporary)
     write_record(out / "calibration.json", report)
@@ -121,17 +125,6 @@ def _write(report: "CalibrationReport", out: Path) -> None:
     lines = [] if report.uncertainty is None else uncertainty_lines(report.uncertainty)
     for line in (*_score_lines(report), *lines):
         print(line)
-
-
-def _strip(report: "CalibrationReport") -> "tuple[np.ndarray, np.ndarray]":
-    """The held-out frames, and the simulated ones with one frame's noise, (n, 320, 240, 3) each."""
-    import numpy as np
-
-    noise, rng = report.calibration.noise, np.random.default_rng(0)
-    if noise is None:
-        return report.real, report.simulated
-    noisy = [image + noise.sample(rng) for image in report.simulated]
-    return report.real, np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
 def _score_lines(report: "CalibrationReport") -> list[str]:
@@ -154,15 +147,7 @@ def _score_lines(report: "CalibrationReport") -> list[str]:
         )
     lines += ["", f"{'mean, contact crop of 100 x 100 px':34s} {'':21s} {'L1':>6s} {'SSIM':>6s} "
               f"{'PSNR dB':>8s}"]  # fmt: skip
-    rows = {
-        "calibrated": report.scores.calibrated,
-        "cut and paste": report.scores.cut_and_paste,
-        "do nothing": report.scores.do_nothing,
-        "noise floor: one press, two frames": report.scores.repeats_floor,
-        "noise floor: background": report.scores.background_floor,
-    }
-    for name, score in rows.items():
-        if score is None:
-            continue
+    for field in fields(report.scores):
+        name, score = field.name.replace("_", " "), getattr(report.scores, field.name)
         lines.append(f"{name:34s} {'':21s} {score.l1:6.2f} {score.ssim:6.3f} {score.psnr_db:8.2f}")
     return [*lines, ""]

@@ -7,6 +7,8 @@ import sys
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 
+from t2twin.core.machine import cores
+
 PACKAGES = (
     "cadquery",
     "mujoco",
@@ -35,18 +37,17 @@ SPRING_ERROR_MM = 1e-2
 
 
 def doctor() -> None:
-    """Check this machine: Python, packages, headless OpenGL, MuJoCo, processor and memory."""
+    """Check this machine: Python, packages, headless OpenGL, MuJoCo, memory and disk."""
     sys.exit(0 if run_checks() else 1)
 
 
 def run_checks() -> bool:
     """Print one line for each check; returns whether all passed."""
     checks: list[tuple[str, Callable[[], str]]] = [
-        ("python", _python),
+        ("python", lambda: f"{platform.python_version()} on {platform.system()}, {cores()} cores"),
         ("packages", _packages),
         ("contact", _contact),
         ("rendering", _rendering),
-        ("processor", _processor),
         ("memory", _memory),
         ("disk", _disk),
         ("cache", _cache),
@@ -59,10 +60,6 @@ def run_checks() -> bool:
             passed = False
             print(f"FAIL  {name:10} {error}")
     return passed
-
-
-def _python() -> str:
-    return f"Python {platform.python_version()} on {platform.system()} {platform.machine()}"
 
 
 def _packages() -> str:
@@ -104,12 +101,6 @@ def _rendering() -> str:
     if image.max() == 0:
         raise RuntimeError("pyrender rendered a black image; the OpenGL driver is not usable")
     return "pyrender renders the gel without a display (EGL)"
-
-
-def _processor() -> str:
-    from t2twin.core.machine import cores
-
-    return f"{cores()} cores"
 
 
 def _memory() -> str:

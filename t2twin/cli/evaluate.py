@@ -39,6 +39,11 @@ def evaluate(
             pair's own, or that of the default calibration, if the dataset was made with either.
     """
     from t2twin.core.errors import T2TwinError
+    from t2twin.sim.dataset.store import read_info
+    from t2twin.translate.evaluation import cross_dataset
+    from t2twin.translate.evaluation import evaluate as one_dataset
+    from t2twin.translate.evaluation.findings import gap_between
+    from t2twin.translate.evaluation.table import findings_text
     from t2twin.translate.models.distributed import use_all_cores
 
     if not runs:
@@ -49,43 +54,23 @@ def evaluate(
         raise T2TwinError("there is no dataset to evaluate on; give its folder with --data")
     folder = out or Path("runs/evaluate") / ("" if split == "both" or len(data) > 1 else split)
     use_all_cores()
-    first, *others = list(data)
-    if others:
-        _evaluate_worlds(runs, data, split, folder, background)
+    if len(data) > 1:
+        worlds = cross_dataset.evaluate_worlds(runs, data, split, folder, background)
+        for name, evaluations in worlds.items():
+            print(f"{name}\n")
+            _print(evaluations)
+        print(cross_dataset.worlds_markdown(worlds))
     else:
-        _evaluate_one(runs, first, split, folder, background)
-    print(f"written to {folder}")
-
-
-def _evaluate_worlds(
-    runs: tuple[Path, ...], data: tuple[Path, ...], split: Split, out: Path, background: Path | None
-) -> None:
-    from t2twin.translate.evaluation.cross_dataset import evaluate_worlds, worlds_markdown
-
-    worlds = evaluate_worlds(runs, data, split, out, background)
-    for name, evaluations in worlds.items():
-        print(f"{name}\n")
+        only = next(iter(data))
+        if split == "both":
+            evaluations = one_dataset.evaluate_both(runs, only, folder, background)
+        else:
+            one = one_dataset.evaluate(runs, only, split, folder, background)
+            evaluations = {split: one}
         _print(evaluations)
-    print(worlds_markdown(worlds))
-
-
-def _evaluate_one(
-    runs: tuple[Path, ...], data: Path, split: Split, out: Path, background: Path | None
-) -> None:
-    from t2twin.sim.dataset.store import read_info
-    from t2twin.translate.evaluation.evaluate import evaluate as evaluate_split
-    from t2twin.translate.evaluation.evaluate import evaluate_both
-    from t2twin.translate.evaluation.findings import gap_between
-    from t2twin.translate.evaluation.table import findings_text
-
-    if split == "both":
-        evaluations = evaluate_both(runs, data, out, background)
-    else:
-        evaluations = {split: evaluate_split(runs, data, split, out, background)}
-    _print(evaluations)
-    gap = gap_between(evaluations, read_info(data))
-    if gap:
-        print(findings_text(gap))
+        if gap := gap_between(evaluations, read_info(only)):
+            print(findings_text(gap))
+    print(f"written to {folder}")
 
 
 def _print(evaluations: "dict[str, Evaluation]") -> None:

@@ -5,6 +5,7 @@ interface. Therefore pyproject.toml pins the version of tyro.
 """
 
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -36,6 +37,9 @@ def one_sentence(commands: Commands, given: Sequence[str]) -> Iterator[None]:
     """
     error = ParserError(commands, given)
     error.check_completion()
+    for word in given:
+        if not word or re.fullmatch(r"--[\w-]+=", word):
+            raise T2TwinError(f"{word[:-1] or 'an argument'} is empty; expected a value")
     with _errors.on_parse_error(error.raise_for):
         yield
 
@@ -94,17 +98,13 @@ class ParserError:
         elif token.startswith("-"):
             kind, names = "option", self._options()
         else:
-            return self._unexpected(token)
+            run = "; give a run with --run RUN" if self._command in TAKES_RUN else ""
+            return f"unexpected argument {token!r}{run}"
         renamed = message(kind, f"{self._command} {name}") or message(kind, name)
         if renamed is not None:
             return renamed
         near = get_close_matches(name.lower(), names, 1)
         return f"there is no {kind} {name!r}" + (f" (did you mean {near[0]}?)" if near else "")
-
-    def _unexpected(self, token: str) -> str:
-        if self._command in TAKES_RUN:
-            return f"unexpected argument {token!r}; give a run with --run RUN"
-        return f"unexpected argument {token!r}"
 
     def _missing(self, event: _errors.MissingArgs) -> str:
         names = [_name(each.arg) for each in event.missing_arguments]

@@ -31,7 +31,10 @@ def real(value: object, name: str) -> float:
         return value
     if not isinstance(value, Real) or isinstance(value, bool):
         raise _wrong(value, name, "a number")
-    return _as_float(value)
+    try:
+        return float(value)
+    except OverflowError:  # a whole number beyond the largest float
+        return math.inf if value > 0 else -math.inf  # pyright: ignore[reportOperatorIssue]
 
 
 def number(value: object, name: str, low: float = -math.inf, high: float = math.inf) -> float:
@@ -169,13 +172,6 @@ def _short_repr(value: object) -> str:
     text = str(value) if isinstance(value, Path | np.generic) else repr(value)
     text = "".join(letter if letter.isprintable() else "?" for letter in text)
     return text if len(text) <= MAX_VALUE_CHARACTERS else f"{text[:MAX_VALUE_CHARACTERS]}..."
-
-
-def _as_float(value: Any) -> float:
-    try:
-        return float(value)
-    except OverflowError:  # a whole number beyond the largest float
-        return math.inf if value > 0 else -math.inf
 
 
 def _items(values: object, name: str, of: str) -> Sequence[object]:

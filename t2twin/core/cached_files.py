@@ -54,7 +54,12 @@ def cached_file(
         return
     with atomic_write(path) as temporary, temporary.open("w+b") as file:
         write(file)
-        _add_checksum(file, path.name)
+        file.flush()
+        file.seek(0)
+        checksum = _start(path.name)
+        while block := file.read(BLOCK_BYTES):
+            checksum = zlib.crc32(block, checksum)
+        file.write(_trailer(checksum))
 
 
 def _has_shape(path: Path, shape: tuple[int | None, ...]) -> bool:
@@ -67,16 +72,6 @@ def _has_shape(path: Path, shape: tuple[int | None, ...]) -> bool:
     return len(found) == len(shape) and all(
         expected in (None, length) for length, expected in zip(found, shape, strict=True)
     )
-
-
-def _add_checksum(file: BinaryIO, name: str) -> None:
-    """Append the checksum to a file open for reading and writing. name: its final name."""
-    file.flush()
-    file.seek(0)
-    checksum = _start(name)
-    while block := file.read(BLOCK_BYTES):
-        checksum = zlib.crc32(block, checksum)
-    file.write(_trailer(checksum))
 
 
 def write_checked(path: Path, content: bytes) -> None:

@@ -63,7 +63,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        replace(temporary, path)
+        check_replaceable(path)
+        temporary.replace(path)
     except OSError as error:
         raise write_error(path, error) from error
     finally:
@@ -91,12 +92,6 @@ def _csv_cell(value: Any) -> Any:
     if isinstance(value, bool):
         return str(value).lower()
     return f"{value:.6g}" if isinstance(value, float) else value
-
-
-def replace(temporary: Path, path: Path) -> None:
-    """Rename a finished file. Raises T2TwinError where the path is a folder or a device."""
-    check_replaceable(path)
-    temporary.replace(path)
 
 
 def move_into(folder: Path, files: Sequence[Path]) -> None:

@@ -20,7 +20,7 @@ from t2twin.translate.evaluation.prepare import run_names, splits_with_pairs
 from t2twin.translate.evaluation.records import Evaluation, Finding
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import CountsPredictor
-from t2twin.translate.runs.config import BEST, RunConfig, load_config
+from t2twin.translate.runs.config import BEST, load_config
 from t2twin.translate.runs.log import EpochRecord, read_log
 from t2twin.translate.runs.pretrained import resolve_run
 from t2twin.translate.training.early_stopping import stop_reason
@@ -51,21 +51,12 @@ class ReportData(Dataset):
         return next(iter(self.evaluations.values()))
 
 
-@dataclass(frozen=True)
-class SplitResults:
-    """Evaluation of one split, and the folder that contains it."""
-
-    folder: Path
-    evaluation: Evaluation
-    predictions: Predictions
-
-
 def read_report_data(
     out: Path, data: Path, runs: list[Path], evaluation: Path | None = None
 ) -> ReportData:
     """Reads the dataset, the runs and their evaluation; writes out/findings.json.
 
-    evaluation: a folder of `t2twin evaluate --split both`; see `find_or_evaluate`. Raises
+    evaluation: a folder of `t2twin evaluate --split both`; see `_find_or_evaluate`. Raises
     T2TwinError, before anything is written, for a dataset, a run or a folder that cannot be used.
     """
     check_out(out)
@@ -77,12 +68,16 @@ def read_report_data(
     dataset, splits = read_dataset(data), splits_with_pairs(data)
     histories = [read_log(run) for run in runs]
     for run, history in zip(runs, histories, strict=True):
-        _check_finished(run, load_config(run), history)
+        config = load_config(run)
+        if stop_reason(config, history) is None:
+            raise T2TwinError(
+                f"{run} is unfinished after {len(history)} of {config.planned_epochs} epochs; the "
+                "same `t2twin train` command resumes it"
+            )
     loaded = [load_run(run) for run in runs]
     names = run_names(loaded)
-    sha256 = dataset.layout.sha256
-    results = {s: find_or_evaluate(loaded, data, sha256, s, out, evaluation) for s in splits}
-    evaluations = {split: each.evaluation for split, each in results.items()}
+    found = {s: _find_or_evaluate(loaded, names, dataset, s, out, evaluation) for s in splits}
+    evaluations = {split: each for split, (_, each, _) in found.items()}
     gap = gap_between(evaluations, dataset.info)
     write_findings(out, evaluations, gap)
     return ReportData(
@@ -90,62 +85,45 @@ def read_report_data(
         runs=dict(zip(names, loaded, strict=True)),
         histories=dict(zip(names, histories, strict=True)),
         evaluations=evaluations,
-        predictions={split: each.predictions for split, each in results.items()},
-        folders={split: each.folder for split, each in results.items()},
+        predictions={split: each for split, (_, _, each) in found.items()},
+        folders={split: folder for split, (folder, _, _) in found.items()},
         gap=gap,
     )
 
 
-def _check_finished(run_dir: Path, config: RunConfig, history: list[EpochRecord]) -> None:
-    if stop_reason(config, history) is None:
-        raise T2TwinError(
-            f"{run_dir} is unfinished after {len(history)} of {config.planned_epochs} epochs; the "
-            "same `t2twin train` command resumes it"
-        )
-
-
-def find_or_evaluate(
+def _find_or_evaluate(
     runs: Sequence[CountsPredictor],
-    data: Path,
-    info_sha256: str,
+    names: Sequence[str],
+    dataset: Dataset,
     split: str,
     out: Path,
-    given: Path | None = None,
-) -> SplitResults:
-    """Evaluation of runs on one split.
+    given: Path | None,
+) -> tuple[Path, Evaluation, Predictions]:
+    """Evaluation of runs on one split, and its folder.
 
-    data: folder of the dataset. info_sha256: of its info.json. out: folder of the report. given: a
-    folder of `t2twin evaluate --split both`. Searches given, the sibling folder of `out`, and
-    out/evaluate-SPLIT; if none matches, evaluates the runs into the last.
-
-    Raises T2TwinError as `evaluate` does.
+    names: of the runs. out: folder of the report. given: a folder of `t2twin evaluate --split
+    both`. Searches given, the sibling folder of `out`, and out/evaluate-SPLIT for an evaluation of
+    these weights, in this order, on this split of this dataset; if none matches, evaluates the runs
+    into the last. Raises T2TwinError as `evaluate` does.
     """
+    weights = [sha256_of(run.run_dir / BEST) for run in runs]
     own = out / f"evaluate-{split}"
     folders = [out.parent / SIBLING_FOLDER / split, own]
     if given is not None:
         folders.insert(0, given / split)
     for folder in folders:
         try:
-            results = SplitResults(folder, read_evaluation(folder), read_predictions(folder))
+            evaluation, predictions = read_evaluation(folder), read_predictions(folder)
         except T2TwinError:
             continue  # there is no evaluation that this version can read
-        if _matches(results, runs, info_sha256, split):
-            return results
-    evaluation = evaluate([run.run_dir for run in runs], data, split, own)
-    return SplitResults(own, evaluation, read_predictions(own))
-
-
-def _matches(
-    results: SplitResults, runs: Sequence[CountsPredictor], info_sha256: str, split: str
-) -> bool:
-    """Whether results are of these weights, in this order, on this split of this dataset."""
-    evaluation, predictions = results.evaluation, results.predictions
-    return (
-        evaluation.split == split
-        and evaluation.info_sha256 == info_sha256
-        and list(evaluation.runs) == run_names(runs)
-        and list(predictions.by_model) == list(evaluation.models)
-        and len(predictions.truth) == evaluation.pairs
-        and [row.weights_sha256 for row in evaluation.runs.values()]
-        == [sha256_of(run.run_dir / BEST) for run in runs]
-    )
+        if (
+            evaluation.split == split
+            and evaluation.info_sha256 == dataset.layout.sha256
+            and list(evaluation.runs) == names
+            and [row.weights_sha256 for row in evaluation.runs.values()] == weights
+            and list(predictions.by_model) == list(evaluation.models)
+            and len(predictions.truth) == evaluation.pairs
+        ):
+            return folder, evaluation, predictions
+    evaluation = evaluate([run.run_dir for run in runs], dataset.data, split, own)
+    return own, evaluation, read_predictions(own)

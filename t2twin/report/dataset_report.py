@@ -14,7 +14,6 @@ LINKS = {
     "forces": "Forces, depths, counts",
     "saturation": "Saturation",
     "duplicates": "Near-duplicates",
-    "outliers": "Outliers",
 }
 
 
@@ -37,7 +36,6 @@ def write_data_report(out: str | Path, data: str | Path) -> Path:
         "forces": lambda: forces.section(dataset),
         "saturation": lambda: contents.saturation_chart(dataset),
         "duplicates": lambda: scan.duplicates(dataset, scanned),
-        "outliers": lambda: scan.outlier_images(dataset, scanned),
     }
     if not dataset.info.is_simulated:
         del values["forces"]  # imported pairs have neither contact forces nor depths

@@ -7,7 +7,7 @@ from typing import Any
 
 from t2twin.core import arguments
 from t2twin.report.data import ReportData, read_report_data
-from t2twin.report.dataset import contents, forces, pairs
+from t2twin.report.dataset import forces, pairs
 from t2twin.report.html.page import Sections, write_page
 from t2twin.report.sections import (
     breakdowns,
@@ -30,12 +30,9 @@ SECTIONS: dict[str, tuple[str, str, Callable[[ReportData], Mapping[str, Any]]]] 
     "results": ("Results", RUNS, results.section),
     "finding": ("The paper's finding", RUNS, results.finding),
     "by-force": ("By force", RUNS, breakdowns.by_force),
-    "by-view": ("By view", RUNS, breakdowns.by_view),
     "uncertainty": ("Uncertainty", RUNS, uncertainty.section),
-    "irreducible-error": ("Irreducible error", RUNS, uncertainty.irreducible_error),
     "samples": ("Samples", RUNS, qualitative.section),
     "pairs": ("Pairs", DATASET, pairs.section),
-    "shapes": ("Shapes", RUNS, lambda _: contents.contact_sheet()),
     "curves": ("Learning", RUNS, learning_curves.section),
     "forces": ("Forces", DATASET, forces.section),
     "by-shape": ("By shape", RUNS, breakdowns.by_shape),
@@ -44,13 +41,6 @@ SECTIONS: dict[str, tuple[str, str, Callable[[ReportData], Mapping[str, Any]]]] 
 """Title of the link, folder of the template, and function that computes the values."""
 
 LINKS = {name: title for name, (title, _, _) in SECTIONS.items() if title}
-
-SIMULATED_ONLY = {
-    "by-view": "position of the image relative to the taxels",
-    "shapes": "the shapes",
-    "forces": "contact forces and depths",
-}
-"""Sections of simulated datasets only, with the data that imported pairs lack."""
 
 
 def write_report(
@@ -77,8 +67,11 @@ def write_report(
 
 def draw_report(out: Path, report: ReportData) -> Path:
     """Writes out/index.html and returns its path."""
-    info, omitted = report.info, omitted_sections(report)
-    hidden = set(omitted)
+    info, hidden = report.info, set()
+    if not info.is_simulated:
+        hidden.add("forces")  # imported pairs have neither contact forces nor depths
+    if not report.gap and not any(one.findings for one in report.evaluations.values()):
+        hidden.add("finding")  # about both translators
     if not any(one.has_forces for one in report.evaluations.values()):
         hidden.add("by-force")
     if not uncertainty.has_uncertainty(report.evaluations):
@@ -91,21 +84,4 @@ def draw_report(out: Path, report: ReportData) -> Path:
     title = TITLE if info.is_simulated else IMPORTED_TITLE.format(report.data)
     if info.is_simulated and not info.is_protocol:
         title += f", world {info.world_name}"
-    missing = [f"{LINKS[name]} ({what})" for name, what in omitted.items()]
-    return write_page(out, title, sections, LINKS, report=report, dataset=report, omitted=missing)
-
-
-def omitted_sections(report: ReportData) -> dict[str, str]:
-    """Names of the omitted sections, with the data that they would require.
-
-    The contact sheet shows the shapes of the paper's protocol. The sections on force and
-    uncertainty are not listed.
-    """
-    omitted = {} if report.info.is_simulated else dict(SIMULATED_ONLY)
-    if not report.info.is_protocol:
-        omitted["shapes"] = SIMULATED_ONLY["shapes"]
-    if any(evaluation.irreducible_error is None for evaluation in report.evaluations.values()):
-        omitted["irreducible-error"] = "noise of the images"
-    if not report.gap and not any(one.findings for one in report.evaluations.values()):
-        omitted["finding"] = "runs of both translators"
-    return omitted
+    return write_page(out, title, sections, LINKS, report=report, dataset=report)

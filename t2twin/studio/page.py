@@ -1,10 +1,8 @@
 """The page of one client: its controls, scene, cards and press."""
 
-import time
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
-from threading import Event, Lock, Thread
+from threading import Event, Lock
 from typing import Any
 
 import viser
@@ -13,7 +11,7 @@ from t2twin.studio.controls.files import FileTasks
 from t2twin.studio.controls.press import MAX_SLIDER_N, MIN_SLIDER_N, Controls
 from t2twin.studio.controls.translate_tab import TranslateTab
 from t2twin.studio.controls.view_options import ViewOptions
-from t2twin.studio.press_state import PressState, is_file
+from t2twin.studio.press_state import PressState
 from t2twin.studio.session import PressResult, Session
 from t2twin.studio.view.cards import Scales, press_html, reproduce_html, scales_of, welcome_html
 from t2twin.studio.view.notices import Notices
@@ -41,8 +39,9 @@ CONTROLS_PX, CARDS_PX = 320, 420
 class Page:
     """The page of one client.
 
-    A change requests a press from the worker, which always uses the latest state. controls: the
-    panel. result: the shown press, None before the first.
+    A change requests a press from the worker, which always uses the latest state. A slide takes
+    several presses, so that the page shows its parts. controls: the panel. files: of the client.
+    state: the requested press. result: the shown press, None before the first.
     """
 
     def __init__(
@@ -54,27 +53,33 @@ class Page:
     ) -> None:
         self._client, self._shared, self._link = client, shared, link
         self._lock = Lock()
-        self._state, self._drag_start, self._drag_force_n = state, state, state.force_n
+        self.state, self._drag_start, self._drag_force_n = state, state, state.force_n
         self._runs: tuple[str, ...] = ()
+        self._lifted = False
         self._session: Session | None = None
-        self._loading: Thread | None = None
         self.result: PressResult | None = None
         self._notices = Notices(client)
         folder = shared.folder / str(client.client_id)
-        self._files = FileTasks(client, self._notices, folder, lambda: self.result)
+        self.files = FileTasks(client, self._notices, folder, lambda: self.result)
         self._loop = client.gui._event_loop
         self._scene = Scene(client, self._drag)
         self._build()
-        self._worker = LatestOnlyWorker(self._show_latest, self._hide_old_surfaces)
+        self._worker = LatestOnlyWorker(
+            lambda: self._notices.guard(self._press_and_show),
+            lambda: self._notices.guard(self._scene.hide_old_surfaces),
+        )
+        # Loads in a thread of its own, so that the page still follows its sliders.
+        self._loader = LatestOnlyWorker(lambda: self._notices.guard(self._load), lambda: None)
         self.update_runs()
         self._worker.request()
 
     def close(self) -> None:
         """Stops the page of a disconnected client and removes its files."""
         self._worker.stop()
+        self._loader.stop()
         self._tab.close()
         self._shared.uploads.remove_client(self._client)
-        self._files.remove()
+        self.files.remove()
 
     def join(self, timeout_s: float) -> None:
         """Waits for the press that began before `close`."""
@@ -83,31 +88,25 @@ class Page:
     def wait(self, timeout_s: float) -> bool:
         """Waits until the page shows its latest state, including files and translators.
 
-        Returns False after the timeout.
+        timeout_s: of each. Returns False after a timeout.
         """
-        until_s = time.monotonic() + timeout_s
-        done = self._files.wait(timeout_s)
-        done = self._worker.wait(max(until_s - time.monotonic(), 0.0)) and done
-        if self._loading is not None:
-            self._loading.join(max(until_s - time.monotonic(), 0.0))
-        return done and self._worker.wait(max(until_s - time.monotonic(), 0.0))
-
-    @property
-    def state(self) -> PressState:
-        """The requested press; `result` follows."""
-        return self._state
-
-    @property
-    def folder(self) -> Path:
-        """Folder of the client's files."""
-        return self._files.folder
+        works = (self.files, self._worker, self._loader, self._worker)
+        return all(each.wait(timeout_s) for each in works)
 
     def change(self, changes: dict[str, Any]) -> PressState:
         """Changes fields of the state and requests its press."""
         with self._lock:
-            self._state = state = self._state.with_changes(changes)
+            before, self.state = self.state, self.state.with_changes(changes)
+            self._lifted |= not self.state.continues(before)
+            state = self.state
         self._worker.request()
         return state
+
+    def lift_off(self) -> None:
+        """Ends the slide and presses again."""
+        with self._lock:
+            self._lifted = True
+        self._worker.request()
 
     def update_runs(self) -> None:
         """Adds a checkbox for each new run."""
@@ -141,12 +140,16 @@ class Page:
         gui.main_panel.dock_left()
         gui.main_panel.set_width(CONTROLS_PX)
         gui.add_html(welcome_html())
-        self.controls = Controls(self._client, self._state, self.change, self._notices.guard)
-        self._view = ViewOptions(self._client, self._scene.arrange, lambda: self._worker.request())
+        self.controls = Controls(
+            self._client, self.state, self.change, self.lift_off, self._notices
+        )
+        self._view = ViewOptions(
+            self._client, self._notices, self._scene.arrange, lambda: self._worker.request()
+        )
         self._runs_folder = gui.add_folder("Translators", expand_by_default=False, visible=False)
         self._run_boxes: dict[str, viser.GuiCheckboxHandle] = {}
         with gui.add_folder("Export", expand_by_default=False):
-            self._files.add_export_button()
+            self.files.add_export_button()
             self._reproduce = gui.add_html("")
         cards = gui.add_panel()
         with cards.add_tab("Images", viser.Icon.PHOTO):
@@ -160,17 +163,18 @@ class Page:
                 self._shared.background,
                 lambda: self.result,
             )
-        self._files.connect(self.controls, self._tab)
+        self.files.connect(self.controls, self._tab)
         cards.dock_right()
         cards.set_width(CARDS_PX)
         cards.expand()
+        self._scene.arrange("both", CONTROLS_PX + CARDS_PX)
 
     def _drag(self, drag: Drag) -> None:
         if drag.is_start:
-            self._drag_start = self._state
-            self._drag_force_n = self._state.force_n
+            self._drag_start = self.state
+            self._drag_force_n = self.state.force_n
             result = self.result  # contains the force of a given depth
-            if result is not None and result.state == self._state:
+            if result is not None and result.state == self.state:
                 self._drag_force_n = result.touch.command.force_n
         start, (along_x, along_y, along_z) = self._drag_start, drag.by_mm
         if drag.keys is None:
@@ -183,25 +187,27 @@ class Page:
         # Rounded to tenths, the resolution of the sliders.
         self.controls.apply({name: round(float(value), 1) for name, value in changes.items()})
 
-    def _hide_old_surfaces(self) -> None:
-        self._notices.guard(self._scene.hide_old_surfaces)
-
-    def _show_latest(self) -> None:
-        self._notices.guard(self._press_and_show)
-
     def _press_and_show(self) -> None:
         session = self._get_session()
-        state, runs = self._state, self._runs
+        with self._lock:
+            state, lifted, self._lifted = self.state, self._lifted, False
+        if lifted:
+            session.lift_off()
+        runs = self._runs
         loaded = self._shared.translators.are_loaded(runs)
         result = session.press(state, runs if loaded else ())
         scales = scales_of(result)
         self._send_cards(result, scales, loading=not loaded)
         self.result = result
         max_kpa = {"digit": scales.digit_kpa, "cyskin": scales.cyskin_kpa}
-        self._scene.draw(result, self._view.shape_style, max_kpa, scales.counts)
+        self._scene.draw(
+            result, self._view.shape_style.value, max_kpa, scales.counts, self._view.arrows.value
+        )
+        if result.is_behind:
+            self._worker.request()
         self._shared.page_shown.set()
         if not loaded:
-            self._load(runs)
+            self._loader.request()
 
     def _get_session(self) -> Session:
         """The client's session; waits for the first press of the studio."""
@@ -212,17 +218,9 @@ class Page:
             self._session = Session(self._shared.translators, self._shared.sensors)
         return self._session
 
-    def _load(self, runs: tuple[str, ...]) -> None:
-        """Loads runs in a thread of its own, so that the page still follows its sliders."""
-        if self._loading is not None and self._loading.is_alive():
-            return  # requests another press at its end, which loads these
-
-        def load() -> None:
-            if self._notices.guard(lambda: self._shared.translators.load(runs)):
-                self._worker.request()
-
-        self._loading = Thread(target=load, daemon=True)
-        self._loading.start()
+    def _load(self) -> None:
+        self._shared.translators.load(self._runs)
+        self._worker.request()
 
     def _send_cards(self, result: PressResult, scales: Scales, loading: bool) -> None:
         """Sends the cards before the scene: a browser applies all changes of one message together,
@@ -230,14 +228,12 @@ class Page:
         state, translators = result.state, self._shared.translators
         loading = loading or not translators.is_searched
         cards = press_html(result, scales, bool(translators.names), loading)
-        files = [s for s in (state.shape, state.layout, state.calibration) if s and is_file(s)]
         with self._client.atomic():
             self._notices.clear()
             self.controls.show_solved_values(result)
             self._cards.content = cards
-            self._reproduce.content = reproduce_html(
-                state.command_line(), None if files else self._link(state)
-            )
+            link = None if state.files or result.has_slid else self._link(state)
+            self._reproduce.content = reproduce_html(result.command_line(), link)
         self._client.flush()
         self._wait_until_sent()
 

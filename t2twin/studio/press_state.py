@@ -2,9 +2,9 @@
 protocol."""
 
 import shlex
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
@@ -16,6 +16,7 @@ from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, LAYOUTS
 from t2twin.sim.cyskin.reading import PRESETS
+from t2twin.sim.slide import check_friction
 from t2twin.sim.world.protocol import FORCE_N, indices, press_of, scale_of
 
 FIRST_SHAPE = "square-2"
@@ -23,6 +24,12 @@ FIRST_SHAPE = "square-2"
 
 MAX_QUERY = 2000
 """Maximum length of a link's query, characters (assumed: ten times the usual length)."""
+
+Motion = Literal["jump", "slide"]
+"""What a changed pose does: a press at the new pose, or sliding there with friction."""
+
+CONTACT = ("shape", "scale", "calibration", "motion", "friction")
+"""Fields whose change lifts the shape off."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +40,8 @@ class PressState:
     `t2twin press`. depth_mm: replaces the force, which then remains at its default. layout: a name
     or a file. calibration: a file, None for the default. imperfections: of the CySkin, applied with
     a seed. seed: of camera noise and imperfections, None for neither. scale: millimeters per unit
-    of a file, None for the unit stated in the file.
+    of a file, None for the unit stated in the file. friction: as for `Twin.slide`.
+    markers: whether markers are printed on the DIGIT's gel.
     """
 
     shape: str = FIRST_SHAPE
@@ -47,6 +55,9 @@ class PressState:
     imperfections: str = "white"
     seed: int | None = None
     scale: float | None = None
+    motion: Motion = "jump"
+    friction: float | None = None
+    markers: bool = False
 
     def with_changes(self, changes: dict[str, Any]) -> "PressState":
         """The press with changed fields. A changed force replaces the depth, and vice versa."""
@@ -56,13 +67,39 @@ class PressState:
             changes = changes | {"depth_mm": None}
         return replace(self, **changes)
 
-    def command_line(self) -> str:
-        """The command line of this press; a file is represented by its name."""
-        words = ["t2twin", "press", file_name(self.shape)]
-        for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "scale", "seed"):
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The user's files."""
+        sources = (self.shape, self.layout, self.calibration)
+        return tuple(each for each in sources if each is not None and is_file(each))
+
+    def continues(self, before: "PressState") -> bool:
+        """Whether the contact of another state can slide to this one.
+
+        A change of CONTACT or to another depth lifts the shape off. A changed pose, force, layout
+        or noise continues the contact.
+        """
+        return (
+            self.motion == "slide"
+            and all(getattr(self, name) == getattr(before, name) for name in CONTACT)
+            and self.depth_mm in (None, before.depth_mm)
+        )
+
+    def command_line(self, path: str | None = None) -> str:
+        """The command line of this press or, with a file of its path, of this slide.
+
+        A file is represented by its name.
+        """
+        words = ["t2twin", "press" if path is None else "slide", file_name(self.shape)]
+        pose = ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm")
+        if path is not None:
+            words, pose = [*words, "--path", path], ("friction",)
+        for name in (*pose, "scale", "seed"):
             value = getattr(self, name)
             if value != getattr(_DEFAULT, name):
                 words += [f"--{name.replace('_', '-')}", _shortest(value)]
+        if self.markers:
+            words.append("--markers")
         if self.layout != _DEFAULT.layout:
             words += ["--layout", file_name(self.layout)]
         if self.calibration is not None:
@@ -76,19 +113,16 @@ class PressState:
 
         Raises T2TwinError for a press with a user's file, which a link cannot contain.
         """
-        for source in (self.shape, self.layout, self.calibration):
-            if source is not None and is_file(source):
-                raise T2TwinError(
-                    f"a link cannot contain the file {file_name(source)}; download the press "
-                    "instead"
-                )
-        values = {each.name: getattr(self, each.name) for each in fields(self)}
-        changed = {
+        if self.files:
+            raise T2TwinError(
+                f"a link cannot contain the file {file_name(self.files[0])}; download the press "
+                "instead"
+            )
+        return urlencode({
             name: value if isinstance(value, str) else _shortest(value)
-            for name, value in values.items()
+            for name, value in vars(self).items()
             if value is not None and (name == "shape" or value != getattr(_DEFAULT, name))
-        }
-        return urlencode(changed)
+        })  # fmt: skip
 
 
 def read_query(query: str) -> PressState:
@@ -98,24 +132,31 @@ def read_query(query: str) -> PressState:
     """
     if len(query) > MAX_QUERY:
         raise T2TwinError(f"the link is longer than {MAX_QUERY:,} characters")
-    given = dict(parse_qsl(query))
     values: dict[str, Any] = {}
-    for name in ("shape", "layout", "imperfections"):
-        if name in given:
-            values[name] = given[name]
-    for name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm"):
-        if name in given:
-            values[name] = _read_number(name, given[name])
-    if "seed" in given:
-        values["seed"] = _read_seed(given["seed"])
+    for name, text in parse_qsl(query):
+        if name in ("shape", "layout", "imperfections", "motion"):
+            values[name] = text
+        elif name in ("x_mm", "y_mm", "yaw_deg", "force_n", "depth_mm", "friction"):
+            values[name] = _read_number(name, text)
+        elif name == "markers":
+            if text not in ("0", "1"):
+                raise T2TwinError(f"markers is {text[:20]!r}; expected 0 or 1")
+            values[name] = text == "1"
+        elif name == "seed":
+            if not (text.isascii() and text.isdigit()):
+                raise T2TwinError(f"seed is {text[:20]!r}; expected a whole number, 0 or more")
+            values[name] = int(text)
     state = _DEFAULT.with_changes(values)
     check_names(state)
     check_force(state.force_n)
+    check_friction(state.friction)
+    if state.seed is not None:
+        check_seed(state.seed)
     return state
 
 
 def check_names(state: PressState) -> None:
-    """Raises T2TwinError unless shape, layout and imperfections are known names.
+    """Raises T2TwinError unless shape, layout, imperfections and motion are known names.
 
     A link must not refer to files of this machine.
     """
@@ -123,14 +164,13 @@ def check_names(state: PressState) -> None:
         raise T2TwinError(
             f"there is no shape {state.shape!r}; `t2twin shapes` lists all but the random ones"
         )
-    if state.layout not in layout_names():
-        raise T2TwinError(
-            f"no taxel layout {state.layout!r}; expected one of {', '.join(layout_names())}"
-        )
-    if state.imperfections not in PRESETS:
-        raise T2TwinError(
-            f"no imperfections {state.imperfections!r}; expected one of {', '.join(PRESETS)}"
-        )
+    for value, name, known in (
+        (state.layout, "taxel layout", layout_names()),
+        (state.imperfections, "imperfections", PRESETS),
+        (state.motion, "motion", get_args(Motion)),
+    ):
+        if value not in known:
+            raise T2TwinError(f"no {name} {value!r}; expected one of {', '.join(known)}")
 
 
 def protocol_press(state: PressState, scale: str, number: int) -> PressState:
@@ -148,14 +188,9 @@ def protocol_press(state: PressState, scale: str, number: int) -> PressState:
         )
     index = indices(state.shape, scale_of(scale))[number]
     command = press_of(state.shape, catalogue.spacing_mm(state.shape), index)
-    return replace(
-        state,
-        x_mm=command.x_mm,
-        y_mm=command.y_mm,
-        yaw_deg=float(np.rad2deg(command.yaw_rad)),
-        force_n=command.force_n,
-        depth_mm=None,
-    )
+    yaw_deg = float(np.rad2deg(command.yaw_rad))
+    pose = {"x_mm": command.x_mm, "y_mm": command.y_mm, "yaw_deg": yaw_deg}
+    return state.with_changes(pose | {"force_n": command.force_n})
 
 
 def protocol_presses(shape: str, scale: str) -> int:
@@ -191,13 +226,6 @@ def _read_number(name: str, text: str) -> float:
     if not np.isfinite(value):
         raise T2TwinError(f"{name} is {text[:20]!r}; expected a finite number")
     return value
-
-
-def _read_seed(text: str) -> int:
-    if not (text.isascii() and text.isdigit()):
-        raise T2TwinError(f"seed is {text[:20]!r}; expected a whole number, 0 or more")
-    check_seed(int(text))
-    return int(text)
 
 
 _DEFAULT = PressState()

@@ -94,23 +94,21 @@ class Studio:
         from t2twin.studio.page import Page
         from t2twin.studio.press_state import PressState, read_query
 
-        connection = self._connection(client)
-        if connection is None:
+        connection = self._server._websock_server._live_connections.get(client.client_id)
+        if not isinstance(connection, Connection):
             return  # already disconnected
         buffer = client._websock_connection.get_message_buffer()
         buffer._warned_push_after_done = True  # a press may end after its page is closed
         connection.unsent = lambda: len(buffer.message_from_id)
         connection.check = partial(self._check, client)
-        request = connection.request
-        assert request is not None
-        address = request.headers.get("Origin", self.address)
-        query = urlsplit(request.path).query
+        assert connection.request is not None
+        address = connection.request.headers.get("Origin", self.address)
         state, error = PressState(), None
         try:
-            state = read_query(query)
+            state = read_query(urlsplit(connection.request.path).query)
         except T2TwinError as refused:
             error = refused
-        page = Page(client, self._shared, state, lambda state: _link(address, state))
+        page = Page(client, self._shared, state, partial(_link, address))
         self.pages[client.client_id] = page
         page.update_runs()  # runs found during the creation of the page
         if error is not None:
@@ -124,12 +122,9 @@ class Studio:
             page.close()
             page.join(LAST_PRESS_S)
             del page
-            _release_memory()
-
-    def _connection(self, client: viser.ClientHandle) -> Connection | None:
-        """A client's connection from viser's internal state; None if it is closed."""
-        connection = self._server._websock_server._live_connections.get(client.client_id)
-        return connection if isinstance(connection, Connection) else None
+            gc.collect()  # a page contains reference cycles
+            with suppress(OSError, AttributeError):  # C libraries other than glibc
+                ctypes.CDLL(None).malloc_trim(0)  # malloc retains freed memory, 50 MB a page
 
     def _check(self, client: viser.ClientHandle, message: object) -> bool:
         """Whether a message is passed to viser. Raises T2TwinError for one that no page sends."""
@@ -178,17 +173,10 @@ def studio(
         folder.chmod(0o700)
         shared = SharedState(translators, folder, frames, frame)
         served = Studio(host, port, shared, origin_check)
-        threading.Thread(target=_warm_up, args=(shared, served, not runs), daemon=True).start()
+        warm = partial(warm_up, shared, not runs, served.update_runs)
+        threading.Thread(target=warm, daemon=True).start()
         yield served
         served.close()  # skipped after a signal, because it takes seconds
-
-
-def _release_memory() -> None:
-    """Releases the memory of a closed page: it contains reference cycles, and malloc retains freed
-    memory (measured: 50 MB a page)."""
-    gc.collect()
-    with suppress(OSError, AttributeError):  # C libraries other than glibc
-        ctypes.CDLL(None).malloc_trim(0)
 
 
 def is_loopback(host: str) -> bool:
@@ -217,11 +205,6 @@ def _check_address(host: str, port: int) -> None:
             f"cannot listen on {host}, port {port} ({(error.strerror or 'refused').lower()}); "
             "choose others with --host and --port"
         ) from error
-
-
-def _warm_up(shared: SharedState, served: Studio, search: bool) -> None:
-    warm_up(shared, search)
-    served.update_runs()
 
 
 def _link(address: str, state: "PressState") -> str:

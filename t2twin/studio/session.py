@@ -1,12 +1,12 @@
-"""The studio's core: presses both sensors and translates the image, for one client.
+"""The studio's core: presses and slides a shape on both sensors and translates the image, for one
+client.
 
 It has no part of the web page. Shape letters: R rows and C columns of a tactile image.
 """
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from threading import Lock
 
 import numpy as np
@@ -15,17 +15,13 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.cyskin.phi import Phi
-from t2twin.sim.sensors import CySkin, Digit, SensorPair
+from t2twin.sim.digit.markers import Markers
+from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
 from t2twin.studio.press_state import PressState
+from t2twin.studio.slide import PATH_FILE, Slide
 from t2twin.studio.translators import Translation, Translators
 from t2twin.twin import load_shape, press_command
-
-TRANSLATING = "translate"
-"""Step of the translators, next to the stages of t2twin.sim.sensors.SensorPair.press."""
-
-STEPS = ("press digit", "picture", "press cyskin", "taxels", "tactile image", TRANSLATING)
-"""Steps of a press, in their order."""
 
 _catalogue_lock = Lock()
 """Held while a shape of the catalogue is loaded, so that two sessions do not build the same one."""
@@ -33,10 +29,10 @@ _catalogue_lock = Lock()
 
 @dataclass(frozen=True)
 class PressResult:
-    """The results of one press.
+    """The results of one press or of one part of a slide.
 
     tactile_image: (R, C) float32, counts; None for a layout without one, for the reason `no_image`.
-    steps_ms: milliseconds of each of STEPS.
+    slide: the slide so far, None in the motion "jump".
     """
 
     state: PressState
@@ -44,15 +40,25 @@ class PressResult:
     tactile_image: np.ndarray | None
     no_image: str
     translations: tuple[Translation, ...]
-    steps_ms: dict[str, float]
+    slide: Slide | None = None
 
     @property
-    def milliseconds(self) -> float:
-        return sum(self.steps_ms.values())
+    def has_slid(self) -> bool:
+        """Whether the contact has moved since its press."""
+        return self.slide is not None and len(self.slide.points) > 1
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether a part of the slide remains."""
+        return self.slide is not None and any(self.slide.remaining)
+
+    def command_line(self) -> str:
+        """The command line of this press, or of this slide with its path in PATH_FILE."""
+        return self.state.command_line(PATH_FILE if self.has_slid else None)
 
 
 class Session:
-    """One client's shape and sensors; a press rebuilds only those that changed.
+    """One client's shape, sensors and slide; a press rebuilds only those that changed.
 
     sensors: the default ones, which sessions may share. Not thread-safe.
     """
@@ -62,66 +68,66 @@ class Session:
         self._sensors = sensors or SensorPair()
         self._made_for = PressState()
         self._shape: tuple[tuple[str, float | None], Shape] | None = None
-        self._background: tuple[Digit, np.ndarray] | None = None
-        self._phi: tuple[CySkin, Phi | T2TwinError] | None = None
+        self._slide: Slide | None = None
 
-    def shape(self, state: PressState) -> Shape:
-        """The shape of a press. Raises T2TwinError as load_shape does."""
+    def lift_off(self) -> None:
+        """Ends the slide: the next contact is a press, without tangential traction."""
+        self._slide = None
+
+    def press(self, state: PressState, runs: tuple[str, ...] = ()) -> PressResult:
+        """Press or slide, and translate the image with the runs of these names.
+
+        In the motion "slide" a contact continues towards the state, if the state allows it, see
+        `PressState.continues`. One call moves it by at most slide.MAX_STEPS steps; `is_behind` of
+        the result states whether the same call would move it further.
+        Raises T2TwinError with the messages of `t2twin press` and `t2twin slide`.
+        """
+        sensors = self._sensors_for(state)
+        rng = None if state.seed is None else np.random.default_rng(state.seed)
+        if self._slide is not None and state.continues(self._slide.state):
+            self._slide = self._slide.toward(state, sensors)
+            layout, markers = sensors.cyskin.layout, sensors.digit.markers
+            touch = replace(self._slide.touch, layout=layout, markers=markers)
+            touch = sensors.with_readings(touch, rng)
+        else:
+            self._slide = None
+            touch = self._press(state, sensors, rng)
+            self._slide = Slide.begin(state, touch) if state.motion == "slide" else None
+        tactile, no_image = None, ""
+        try:
+            tactile = _phi(tuple(touch.layout.x_mm), tuple(touch.layout.y_mm))(touch.counts)
+        except T2TwinError as error:
+            no_image = str(error)
+        background = sensors.digit.background_frame() if runs else None
+        translations = self.translators.translate(touch.image, runs, background, touch)
+        return PressResult(state, touch, tactile, no_image, translations, self._slide)
+
+    def _press(
+        self, state: PressState, sensors: SensorPair, rng: np.random.Generator | None
+    ) -> Touch:
         source = (state.shape, state.scale)
         if self._shape is None or self._shape[0] != source:
             with _catalogue_lock if state.shape in catalogue.NAMES else nullcontext():
                 self._shape = (source, load_shape(*source))
-        return self._shape[1]
-
-    def press(self, state: PressState, runs: tuple[str, ...] = ()) -> PressResult:
-        """Press, and translate the image with the runs of these names.
-
-        Raises T2TwinError with the messages of `t2twin press`.
-        """
-        steps: dict[str, float] = dict.fromkeys(STEPS, 0.0)
-        shape, sensors = self.shape(state), self._sensors_for(state)
+        shape = self._shape[1]
         force_n = state.force_n if state.depth_mm is None else None
         command = press_command(
             shape, force_n, state.x_mm, state.y_mm, state.yaw_deg, state.depth_mm, sensors.digit
         )
-        rng = None if state.seed is None else np.random.default_rng(state.seed)
-
-        @contextmanager
-        def timed(step: str) -> Iterator[None]:
-            started = time.perf_counter()
-            yield
-            steps[step] += 1e3 * (time.perf_counter() - started)
-
-        touch = sensors.press(shape, command, rng, timed)
-        with timed("tactile image"):
-            phi = self._phi_of(sensors.cyskin)
-            tactile = None if isinstance(phi, T2TwinError) else phi(touch.counts)
-        with timed(TRANSLATING):
-            background = self._background_of(sensors.digit) if runs else None
-            translations = self.translators.translate_touch(touch, runs, background)
-        no_image = str(phi) if isinstance(phi, T2TwinError) else ""
-        return PressResult(state, touch, tactile, no_image, translations, steps)
+        return sensors.press(shape, command, rng)
 
     def _sensors_for(self, state: PressState) -> SensorPair:
         digit, cyskin, before = self._sensors.digit, self._sensors.cyskin, self._made_for
-        if state.calibration != before.calibration:
-            digit = replace(digit, calibration=state.calibration)
+        if (state.calibration, state.markers) != (before.calibration, before.markers):
+            markers = Markers() if state.markers else None
+            digit = replace(digit, calibration=state.calibration, markers=markers)
         if (state.layout, state.imperfections) != (before.layout, before.imperfections):
             cyskin = replace(cyskin, layout_source=state.layout, imperfections=state.imperfections)
         self._sensors, self._made_for = SensorPair(digit, cyskin), state
         return self._sensors
 
-    def _background_of(self, digit: Digit) -> np.ndarray:
-        """The background frame of a DIGIT, cached for the last DIGIT."""
-        if self._background is None or self._background[0] is not digit:
-            self._background = (digit, digit.background_frame())
-        return self._background[1]
 
-    def _phi_of(self, cyskin: CySkin) -> Phi | T2TwinError:
-        """phi of an array, or the reason why it has none, cached for the last array."""
-        if self._phi is None or self._phi[0] is not cyskin:
-            try:
-                self._phi = (cyskin, Phi(cyskin.layout.x_mm, cyskin.layout.y_mm))
-            except T2TwinError as error:
-                self._phi = (cyskin, error)
-        return self._phi[1]
+@lru_cache(maxsize=8)
+def _phi(x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> Phi:
+    """phi of a layout, which takes 50 ms to create."""
+    return Phi(np.array(x_mm), np.array(y_mm))

@@ -5,8 +5,8 @@ use, so that a page does not wait for them. Shape letters: R rows and C columns 
 N taxels of a run.
 """
 
-import time
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
@@ -32,13 +32,8 @@ LEVEL = 0.9
 """Nominal coverage of the intervals."""
 
 
-@dataclass(frozen=True)
-class ForceInterval:
-    """A predicted force and the bounds of its interval of LEVEL, N."""
-
-    value: float
-    low: float
-    high: float
+ForceInterval = tuple[float, float, float]
+"""A predicted force and the bounds of its interval of LEVEL, N."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +53,6 @@ class Translation:
     layout: "Layout"
     tactile_image: np.ndarray
     in_distribution: bool
-    milliseconds: float
     truth: np.ndarray | None = None
     interval: tuple[np.ndarray, np.ndarray] | None = None
     force: ForceInterval | None = None
@@ -79,14 +73,6 @@ class Translation:
             return None
         return float(np.sqrt(np.mean(np.square(self.counts - self.truth))))
 
-    @property
-    def rmse_percent(self) -> float | None:
-        """RMSE over the taxels, percent of full scale."""
-        from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
-
-        rmse = self.rmse_counts
-        return None if rmse is None else 100.0 * rmse / FULL_SCALE_COUNTS
-
 
 class Translators:
     """Runs by name. Several threads may use one instance.
@@ -98,8 +84,7 @@ class Translators:
         self.is_searched = False
         self._folders: dict[str, Path] = {}
         self._models: dict[str, str] = {}
-        self._pretrained: tuple[str, ...] = ()
-        self._given: tuple[str, ...] = ()
+        self._fixed: tuple[str, ...] = ()
         self._loaded: dict[str, CountsPredictor] = {}
         self._loading = Lock()
 
@@ -115,17 +100,14 @@ class Translators:
         pretrained = [DEFAULT_RUN] if DEFAULT_RUN in pretrained_runs() else []
         folders = {_name(folder): folder for folder in map(resolve_run, (*pretrained, *given))}
         models = {name: _model_of(folder) for name, folder in folders.items()}
-        names = tuple(folders)
-        self._pretrained, self._given = names[: len(pretrained)], names[len(pretrained) :]
+        self._fixed = tuple(folders) if given else ()
         weights = [path.with_name(BEST) for path in below.glob("**/" + CONFIG)]
         existing = [path for path in weights if path.is_file()]
         for path in sorted(existing, key=lambda path: -path.stat().st_mtime):
-            try:
-                model = _model_of(path.parent)
-            except T2TwinError:
-                continue
-            if folders.setdefault(_name(path.parent), path.parent) == path.parent:
-                models[_name(path.parent)] = model
+            name = _name(path.parent)
+            with suppress(T2TwinError):
+                if name not in folders:
+                    models[name], folders[name] = _model_of(path.parent), path.parent
         self._folders, self._models = folders, models
         self.is_searched = True
 
@@ -138,12 +120,10 @@ class Translators:
     def default_names(self) -> tuple[str, ...]:
         """Runs of a new page: the pretrained run with the given runs or, without these, with the
         latest run of each other model."""
-        if self._given:
-            return (*self._pretrained, *self._given)
         latest: dict[str, str] = {}
         for name, model in self._models.items():
             latest.setdefault(model, name)
-        return tuple(latest.values())
+        return self._fixed or tuple(latest.values())
 
     def are_loaded(self, runs: Sequence[str]) -> bool:
         """Whether all of these runs are loaded."""
@@ -154,33 +134,27 @@ class Translators:
         for name in runs:
             self._load(name)
 
-    def translate_touch(
-        self, touch: "Touch", runs: Sequence[str], background: np.ndarray | None = None
+    def translate(
+        self,
+        image: np.ndarray,
+        runs: Sequence[str],
+        background: np.ndarray | None = None,
+        touch: "Touch | None" = None,
     ) -> tuple[Translation, ...]:
-        """Predictions of these runs for the image of a touch, with the true counts.
+        """Predictions of these runs for a frame, (h, w, 3) or (h, w) uint8.
 
-        background: as for `translate_image`. Raises T2TwinError for a run that cannot be loaded.
+        background: background frame of the same DIGIT, for field runs. touch: of the frame, for the
+        true counts. Raises T2TwinError for a run that cannot be loaded.
         """
-        return tuple(self._translate(name, touch.image, touch, background) for name in runs)
-
-    def translate_image(
-        self, image: np.ndarray, runs: Sequence[str], background: np.ndarray | None = None
-    ) -> tuple[Translation, ...]:
-        """Predictions of these runs for a frame, (h, w, 3) or (h, w) uint8, without true counts.
-
-        background: background frame of the same DIGIT, for field runs. Raises T2TwinError for a run
-        that cannot be loaded.
-        """
-        return tuple(self._translate(name, image, None, background) for name in runs)
+        return tuple(self._translate(name, image, background, touch) for name in runs)
 
     def _translate(
-        self, name: str, image: np.ndarray, touch: "Touch | None", background: np.ndarray | None
+        self, name: str, image: np.ndarray, background: np.ndarray | None, touch: "Touch | None"
     ) -> Translation:
         from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM, Layout
         from t2twin.translate.inference.field_predictor import FieldPredictor
 
         run = self._load(name)
-        started = time.perf_counter()
         data, interval, force = run.config.data, None, None
         background_used = isinstance(run, FieldPredictor) and background is not None
         pixels = run.pixels_of(image, background if background_used else None)
@@ -191,21 +165,19 @@ class Translators:
             interval, force = (low[0], high[0]), _force(estimate)
         else:
             counts, tactile = run.counts_and_tactile_images(pixels)
-        milliseconds = 1e3 * (time.perf_counter() - started)
         pads = np.full(data.x_mm.size, PAD_DIAMETER_MM)
         layout = Layout(data.layout, data.x_mm, data.y_mm, pads)
         return Translation(
-            name,
-            run.config.model,
-            counts[0],
-            layout,
-            tactile[0],
-            bool(run.in_distribution(pixels)[0]),
-            milliseconds,
-            None if touch is None else _truth(touch, layout),
-            interval,
-            force,
-            background_used,
+            name=name,
+            model=run.config.model,
+            counts=counts[0],
+            layout=layout,
+            tactile_image=tactile[0],
+            in_distribution=bool(run.in_distribution(pixels)[0]),
+            truth=None if touch is None else _truth(touch, layout),
+            interval=interval,
+            force=force,
+            background_used=background_used,
         )
 
     def _load(self, name: str) -> "CountsPredictor":
@@ -237,7 +209,7 @@ def _force(estimate: "Estimate") -> ForceInterval | None:
     if estimate.force_n is None or estimate.force_std_n is None:
         return None
     value, half = float(estimate.force_n[0]), half_width(LEVEL) * float(estimate.force_std_n[0])
-    return ForceInterval(value, max(value - half, 0.0), value + half)
+    return value, max(value - half, 0.0), value + half
 
 
 def _model_of(folder: Path) -> str:

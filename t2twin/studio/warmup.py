@@ -1,9 +1,10 @@
 """Preparation while the browser starts: a first press, then the search and loading of runs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from threading import Event, Lock
+from threading import Event
 from typing import TYPE_CHECKING
 
 from t2twin.core.compile_ahead import compile_optics_ahead
@@ -34,25 +35,21 @@ class SharedState:
     press_ready: Event = field(default_factory=Event)
     page_shown: Event = field(default_factory=Event)
     uploads: Uploads = field(default_factory=Uploads, repr=False)
-    _lock: Lock = field(default_factory=Lock, repr=False)
-
-    @property
-    def sensors(self) -> "SensorPair":
-        """The default sensors, created on first use."""
-        with self._lock:
-            return self._sensors
 
     @cached_property
-    def _sensors(self) -> "SensorPair":
+    def sensors(self) -> "SensorPair":
+        """The default sensors; created by the first press, which pages wait for."""
         from t2twin.sim.sensors import SensorPair
 
         return SensorPair()
 
 
-def warm_up(state: SharedState, search: bool) -> None:
+def warm_up(
+    state: SharedState, search: bool, when_done: Callable[[], object] = lambda: None
+) -> None:
     """Presses once, then loads the default translators.
 
-    search: whether to search for runs in the folder `runs`.
+    search: whether to search for runs in the folder `runs`. when_done: called at the end.
     """
     compile_optics_ahead()
     try:
@@ -63,12 +60,11 @@ def warm_up(state: SharedState, search: bool) -> None:
     if search:
         state.translators.search()
     state.translators.load(state.translators.default_names)
+    when_done()
 
 
 def _press(state: SharedState) -> None:
     from t2twin.studio.press_state import PressState
     from t2twin.studio.session import Session
-    from t2twin.twin import load_shape
 
-    load_shape(PressState().shape)
     Session(state.translators, state.sensors).press(PressState())

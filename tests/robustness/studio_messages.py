@@ -24,11 +24,9 @@ UPLOAD = {
 }  # fmt: skip
 PART = {"type": "FileTransferPart", "source_component_uuid": "$Upload a shape",
         "transfer_uuid": "never begun", "part_index": 0, "content": b"\0"}  # fmt: skip
-KEPT = {"type": "LocalStorageGetItemResponseMessage", "value": None, "error": None,
-        "request_uuid": "a"}  # fmt: skip
 UPDATE = {"type": "GuiUpdateMessage", "uuid": "$force, N", "updates": {"value": 5.0}}
 GOOD: dict[str, dict[str, Any]] = {
-    "camera": CAMERA, "drag": DRAG, "part": PART, "kept": KEPT, "update": UPDATE, "upload": UPLOAD,
+    "camera": CAMERA, "drag": DRAG, "part": PART, "update": UPDATE, "upload": UPLOAD,
 }  # fmt: skip
 """Valid messages. A $ and a label stand for the identifier of a control."""
 
@@ -42,13 +40,16 @@ TEXTS = ("", "hello", '{"type": "GuiUpdateMessage"}', "\u202e\x1b[31m")
 TYPES = (
     None, 5, "", "Message", "_Message", "object", "__class__", "RunJavascriptMessage",
     "GuiRemoveMessage", "ShareUrlRequest", "ShareUrlDisconnect", "ReplayDoneMessage",
-    "ResetGuiMessage", "GetRenderResponseMessage", "CommandTriggerMessage", "x" * 5000,
+    "ResetGuiMessage", "LocalStorageGetItemResponseMessage", "GetRenderResponseMessage",
+    "CommandTriggerMessage", "x" * 5000,
 )  # fmt: skip
 NUMBERS = (NAN, INF, -INF, 1e308, -1e308, "5", None, True, [5.0], {"a": 5.0})
 VALUES: dict[str, tuple[Any, ...]] = {
-    **dict.fromkeys(("x, mm", "y, mm", "yaw, °", "force, N", "depth, mm"), NUMBERS),
+    **dict.fromkeys(("x, mm", "y, mm", "yaw, °", "force, N", "depth, mm", "friction"), NUMBERS),
+    "Markers": (1, None, "on"),
     "Noise": (1, 0.0, "yes", None, [], NAN), "Taxels": ("/etc/passwd", "../cyskin-20", "", None, 3),
     "Kind": (5, None, "no such kind", "/etc/passwd", ["square"], {"a": 1}, True),
+    "Motion": ("fly", "", None, 1, ["slide"]), "Lift off and press again": (1, "true", None),
     "Array": ("nothing", "ALL", None, 7), "Shape as": ("wire", None, 1),
     "Seed": (-1, 1.5, 2**60, "1", None, NAN), "Number": (-1, 0.5, 1e300, "17", None),
     "mm per unit": (0.0, -1.0, NAN, INF, "25.4"), "Download this press (zip)": (1, "true", None),

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info, sha256_of
@@ -49,7 +50,7 @@ class Background:
         return FixedBackground(to_pixels(self.image, size, grey=False))
 
 
-def background_of(data_dir: Path, file: Path | None = None) -> Background | None:
+def background_of(data_dir: Path, file: str | Path | None = None) -> Background | None:
     """The background frames of a dataset, None if none are known.
 
     They are those of the pairs, if the pairs have them. Otherwise they are `file`, an image of the
@@ -65,7 +66,7 @@ def background_of(data_dir: Path, file: Path | None = None) -> Background | None
             )
         return Background(OF_PAIRS, None)
     if file is not None:
-        return Background(str(file), open_image(file))
+        return Background(str(file), open_image(arguments.path(file, "background")))
     if is_of_default_calibration(info):
         return Background(OF_CALIBRATION, Image.fromarray(DigitOptics.load().background))
     return None

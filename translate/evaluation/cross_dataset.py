@@ -12,7 +12,7 @@ from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NE
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE
 from t2twin.translate.evaluation.prepare import prepare, splits_with_pairs
 from t2twin.translate.evaluation.records import Evaluation, ModelRow
-from t2twin.translate.evaluation.table import interval_text, training_data
+from t2twin.translate.evaluation.table import interval_text, markdown_table, training_data
 
 TABLE = "worlds.md"
 BOTH = "both"
@@ -81,43 +81,31 @@ def worlds_markdown(worlds: Mapping[str, BothSplits]) -> str:
     )
 
 
-def _markdown(worlds: Mapping[str, BothSplits], cell: Callable[[Evaluation, str], str]) -> str:
-    columns = [
-        (f"{_title(name, worlds)}, {split}", evaluation)
-        for name, splits in worlds.items()
-        for split, evaluation in splits.items()
-    ]
-    known = {one.info_sha256: one.world for _, one in columns if one.world is not None}
-    first = columns[0][1]
-    heads = ["", "trained on", "pairs", "steps", *(title for title, _ in columns)]
-    lines = [heads, ["---"] * len(heads)]
-    names = [*(name for name in TRIVIAL if any(name in one.models for _, one in columns))]
-    for name in (*names, *first.runs):
-        what = training_data(first.runs[name], known) if name in first.runs else ("", "", "")
-        lines.append([name, *what, *(cell(one, name) for _, one in columns)])
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+def _markdown(worlds: Mapping[str, BothSplits], cell: Callable[[Evaluation, ModelRow], str]) -> str:
+    shown = {name: next(iter(splits.values())).world_shown for name, splits in worlds.items()}
+    columns = {}
+    for name, splits in worlds.items():
+        # The name of the world, with the folder for several datasets of one world.
+        unique = list(shown.values()).count(shown[name]) == 1
+        title = shown[name] if unique else f"{shown[name]} ({name})"
+        columns |= {f"{title}, {split}": evaluation for split, evaluation in splits.items()}
+    evaluations = columns.values()
+    known = {one.info_sha256: one.world for one in evaluations if one.world is not None}
+    runs = next(iter(evaluations)).runs
+    lines = [["", "trained on", "pairs", "steps", *columns]]
+    for name in (*(name for name in TRIVIAL if any(name in e.models for e in evaluations)), *runs):
+        cells = [cell(e, e.models[name]) if name in e.models else "-" for e in evaluations]
+        what = training_data(runs[name], known) if name in runs else ("", "", "")
+        lines.append([name, *what, *cells])
+    return markdown_table(lines)
 
 
-def _title(name: str, worlds: Mapping[str, BothSplits]) -> str:
-    """The name of the world, with the folder for several datasets of one world."""
-    shown = {each: next(iter(splits.values())).world_shown for each, splits in worlds.items()}
-    unique = list(shown.values()).count(shown[name]) == 1
-    return shown[name] if unique else f"{shown[name]} ({name})"
-
-
-def _percent(evaluation: Evaluation, name: str) -> str:
-    row = evaluation.models.get(name)
-    if row is None:
-        return "-"
-    interval = interval_text(row.interval.rmse_percent, "{:.2f}")
+def _percent(evaluation: Evaluation, row: ModelRow) -> str:
+    interval = interval_text(row.interval["rmse_percent"], "{:.2f}")
     return f"{row.overall.rmse_percent:.2f}" + (f" ({interval})" if interval else "")
 
 
-def _of_mean_array(evaluation: Evaluation, name: str) -> str:
-    row, level = evaluation.models.get(name), _level(evaluation.models)
-    return "-" if row is None or not level else f"{row.overall.rmse_counts / level:.2f}"
-
-
-def _level(models: Mapping[str, ModelRow]) -> float:
-    best = models.get(MEAN_ARRAY_OF_FORCE, models[MEAN_ARRAY])
-    return best.overall.rmse_counts
+def _of_mean_array(evaluation: Evaluation, row: ModelRow) -> str:
+    models = evaluation.models
+    level = models.get(MEAN_ARRAY_OF_FORCE, models[MEAN_ARRAY]).overall.rmse_counts
+    return f"{row.overall.rmse_counts / level:.2f}" if level else "-"

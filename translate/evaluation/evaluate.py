@@ -6,12 +6,10 @@ The steps are: prepare (module prepare), predict (predictions), score (scoring),
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from t2twin.core import arguments
 from t2twin.core.files import atomic_write, locked
 from t2twin.sim.dataset.info import SPLITS as ALL_SPLITS
-from t2twin.translate.data.pairs import Pairs, load_pairs, usable_cache
+from t2twin.translate.data.pairs import load_pairs, usable_cache
 from t2twin.translate.evaluation.files import TABLE, write_evaluation, write_findings
 from t2twin.translate.evaluation.findings import findings, gap_between
 from t2twin.translate.evaluation.metrics.array_errors import CONTACT_LEVEL
@@ -21,7 +19,7 @@ from t2twin.translate.evaluation.metrics.baselines import (
     PAPER,
     neighbors,
 )
-from t2twin.translate.evaluation.metrics.floors import FieldOfView, view_on
+from t2twin.translate.evaluation.metrics.floors import view_on
 from t2twin.translate.evaluation.metrics.forces import force_bins
 from t2twin.translate.evaluation.metrics.irreducible_error import (
     NEIGHBORS,
@@ -37,7 +35,6 @@ from t2twin.translate.evaluation.prepare import EvaluationInputs, prepare, split
 from t2twin.translate.evaluation.records import FORMAT, Evaluation, TaxelCounts, ViewSummary
 from t2twin.translate.evaluation.scoring import bootstrap_settings, score
 from t2twin.translate.evaluation.table import markdown
-from t2twin.translate.uncertainty.estimate import Estimate
 
 
 def evaluate(
@@ -130,7 +127,12 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         contact_level=CONTACT_LEVEL,
         info_sha256=info.sha256,
         layout=info.layout,
-        view=_view_summary(view),
+        view=ViewSummary(
+            width_mm=2 * view.half_width_mm,
+            height_mm=2 * view.half_height_mm,
+            pitch_mm=view.pitch_mm,
+            taxels=TaxelCounts(**{name: int(mask.sum()) for name, mask in view.groups.items()}),
+        ),
         models=rows,
         bootstrap=bootstrap_settings(pairs),
         paired=differences,
@@ -140,29 +142,10 @@ def _evaluate(inputs: EvaluationInputs, split: str, cache: Path) -> tuple[Evalua
         world=info.world,
         background=None if inputs.background is None else inputs.background.source,
     )
-    return evaluation, _predictions(predictions, estimates, pairs)
-
-
-def _view_summary(view: FieldOfView) -> ViewSummary:
-    return ViewSummary(
-        width_mm=2 * view.half_width_mm,
-        height_mm=2 * view.half_height_mm,
-        pitch_mm=view.pitch_mm,
-        taxels=TaxelCounts(**{name: int(mask.sum()) for name, mask in view.groups.items()}),
-    )
-
-
-def _predictions(
-    predictions: dict[str, np.ndarray], estimates: dict[str, Estimate], pairs: Pairs
-) -> Predictions:
-    return Predictions(
+    return evaluation, Predictions(
         truth=pairs.counts,
         by_model=predictions,
-        shapes=pairs.shapes,
-        families=pairs.families,
-        x_mm=pairs.x_mm,
-        y_mm=pairs.y_mm,
-        yaw_rad=pairs.yaw_rad,
-        force_n=pairs.force_n,
+        presses={"shape": pairs.shapes, "family": pairs.families}
+        | {name: getattr(pairs, name) for name in ("x_mm", "y_mm", "yaw_rad", "force_n")},
         std_by_model={name: each.counts_std for name, each in estimates.items()},
     )

@@ -48,8 +48,8 @@ def paired(
         return {}
     differences = {}
     for figure in get_args(FigureName):
-        one, two = (models[name].overall.value(figure) for name in (TOUCH2TOUCH, RESNET18))
-        samples = (getattr(resampled[name], figure) for name in (TOUCH2TOUCH, RESNET18))
+        one, two = (getattr(models[name].overall, figure) for name in (TOUCH2TOUCH, RESNET18))
+        samples = (resampled[name][figure] for name in (TOUCH2TOUCH, RESNET18))
         if one is not None and two is not None:
             differences[figure] = Difference(one - two, interval(np.subtract(*samples)))
     return differences
@@ -65,11 +65,9 @@ def findings(
     answers = {}
     for name, (figure, question) in DIFFERENCES.items():
         if figure in differences:
-            values = {
-                model: models[model].overall.value(figure) for model in (TOUCH2TOUCH, RESNET18)
-            }
-            known = {model: value for model, value in values.items() if value is not None}
-            answers[name] = _finding(question, figure, differences[figure], known)
+            both = (TOUCH2TOUCH, RESNET18)
+            values = {model: getattr(models[model].overall, figure) for model in both}
+            answers[name] = _finding(question, figure, differences[figure], values)
     return answers
 
 

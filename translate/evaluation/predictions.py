@@ -49,19 +49,14 @@ PAIR_ARRAYS = ("shape", "family", "x_mm", "y_mm", "yaw_rad", "force_n")
 class Predictions:
     """Predicted and true counts of P pairs.
 
-    truth: (P, N), counts. by_model: the same by the model's name. shapes, families: (P,) names.
-    x_mm, y_mm, yaw_rad, force_n: (P,) the presses. std_by_model: (P, N), counts, the standard
-    deviations of models that predict them.
+    truth: (P, N), counts. by_model: the same by the model's name. presses: (P,) arrays by the names
+    in PAIR_ARRAYS. std_by_model: (P, N), counts, the standard deviations of models that predict
+    them.
     """
 
     truth: np.ndarray
     by_model: dict[str, np.ndarray]
-    shapes: np.ndarray
-    families: np.ndarray
-    x_mm: np.ndarray
-    y_mm: np.ndarray
-    yaw_rad: np.ndarray
-    force_n: np.ndarray
+    presses: dict[str, np.ndarray]
     std_by_model: dict[str, np.ndarray] = field(default_factory=dict)
 
     def rmse_counts(self, model: str) -> np.ndarray:
@@ -126,26 +121,18 @@ def read_predictions(folder: Path) -> Predictions:
     try:
         with path.open("rb") as file, np.load(file) as arrays:
             truth = arrays[TRUTH]
-            of_pairs = [arrays[name] for name in PAIR_ARRAYS]
+            presses = {name: arrays[name] for name in PAIR_ARRAYS}
             known = (TRUTH, *PAIR_ARRAYS)
             models = {name: arrays[name] for name in arrays.files if name not in known}
     except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
         raise T2TwinError(f"{path} is damaged; evaluate the runs again") from None
     stds = {name: models.pop(name) for name in list(models) if name.startswith(STD)}
     stds = {name.removeprefix(STD): std for name, std in stds.items()}
-    return Predictions(truth, models, *of_pairs, std_by_model=stds)
+    return Predictions(truth, models, presses, stds)
 
 
 def write_predictions(folder: Path, predictions: Predictions) -> None:
     """Writes folder/predictions.npz."""
-    of_pairs = (
-        predictions.shapes,
-        predictions.families,
-        predictions.x_mm,
-        predictions.y_mm,
-        predictions.yaw_rad,
-        predictions.force_n,
-    )
     with atomic_write(folder / PREDICTIONS) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
@@ -153,5 +140,5 @@ def write_predictions(folder: Path, predictions: Predictions) -> None:
             **{TRUTH: predictions.truth},
             **predictions.by_model,
             **{f"{STD}{name}": stds for name, stds in predictions.std_by_model.items()},
-            **dict(zip(PAIR_ARRAYS, of_pairs, strict=True)),
+            **predictions.presses,
         )

@@ -57,21 +57,14 @@ def prepare(
         name: run.at_layout(info.x_mm, info.y_mm, info.layout, info.pad_diameter_mm)
         for name, run in trained.items()
     }
-    frames = _background(loaded, data_dir, background)
-    return EvaluationInputs(data_dir, dataset, info, trained, applied, frames)
-
-
-def _background(
-    runs: Sequence[CountsPredictor], data_dir: Path, file: str | Path | None
-) -> Background | None:
-    """The background frames for field runs. Raises T2TwinError for a file without a field run."""
-    if any(isinstance(run, FieldPredictor) for run in runs):
-        return background_of(data_dir, None if file is None else arguments.path(file, "background"))
-    if file is not None:
+    has_field = any(isinstance(run, FieldPredictor) for run in loaded)
+    if background is not None and not has_field:
         raise T2TwinError(
-            f"{file} is a background frame, which only field runs use; none of the runs is one"
+            f"{background} is a background frame, which only field runs use; none of the runs is "
+            "one"
         )
-    return None
+    frames = background_of(data_dir, background) if has_field else None
+    return EvaluationInputs(data_dir, dataset, info, trained, applied, frames)
 
 
 def run_names(runs: Sequence[CountsPredictor]) -> list[str]:

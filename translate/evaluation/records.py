@@ -59,29 +59,9 @@ class Figures:
     rmse_near_counts: float | None
     rmse_beyond_counts: float | None
 
-    def value(self, name: FigureName) -> float | None:
-        """A figure by its name, for tables."""
-        return getattr(self, name)
 
-
-@dataclass(frozen=True)
-class Intervals:
-    """The interval of each overall figure, or None."""
-
-    rmse_counts: Interval | None
-    rmse_percent: Interval | None
-    ssim: Interval | None
-    ssim_contact: Interval | None
-    contact_iou: Interval | None
-    centroid_error_mm: Interval | None
-    total_error_percent: Interval | None
-    rmse_under_counts: Interval | None
-    rmse_near_counts: Interval | None
-    rmse_beyond_counts: Interval | None
-
-    def value(self, name: FigureName) -> Interval | None:
-        """A figure's interval by its name, for tables."""
-        return getattr(self, name)
+Intervals = dict[FigureName, Interval | None]
+"""The interval of each overall figure, or None."""
 
 
 @dataclass(frozen=True)
@@ -240,29 +220,19 @@ class NeighborPairs:
 
 
 @dataclass(frozen=True)
-class ShapeFloor:
-    """The estimate for one shape."""
-
-    nearest: NeighborPairs
-    extrapolated_rmse_counts: float | None
-
-
-@dataclass(frozen=True)
 class IrreducibleErrorFloor:
     """The estimate from one set of neighbors; see module metrics.irreducible_error.
 
-    nearest: each press and its nearest neighbor. close: those within the noise. curve: groups of
-    all neighbors by distance. extrapolated_rmse_counts, with its interval over shapes: the
-    difference at the noise's distance; parts: the same for each group of taxels.
+    nearest: each press and its nearest neighbor. close: those within the noise.
+    extrapolated_rmse_counts, with its interval over shapes: the difference at the noise's distance;
+    parts: the same for each group of taxels.
     """
 
     nearest: NeighborPairs
     close: NeighborPairs
-    curve: tuple[NeighborPairs, ...]
     extrapolated_rmse_counts: float | None
     interval: Interval | None
     parts: dict[str, float | None]
-    by_shape: dict[str, ShapeFloor]
 
 
 @dataclass(frozen=True)
@@ -286,10 +256,6 @@ class PaperRow:
     rmse_counts: float
     rmse_percent: float
     ssim: float | None = None
-
-    def value(self, name: FigureName) -> float | None:
-        """A figure by its name, None if the paper does not report it."""
-        return getattr(self, name, None)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from t2twin.translate.evaluation.metrics.array_errors import compare
 from t2twin.translate.evaluation.metrics.floors import FieldOfView
 from t2twin.translate.evaluation.metrics.forces import ForceBin, by_force
 from t2twin.translate.evaluation.metrics.motion import by_motion, shear_metrics
-from t2twin.translate.evaluation.metrics.reliability import with_uncertainty
+from t2twin.translate.evaluation.metrics.reliability import uncertainty_metrics
 from t2twin.translate.evaluation.prepare import EvaluationInputs
 from t2twin.translate.evaluation.records import Bootstrap, Difference, ModelRow
 from t2twin.translate.inference.predictor import CountsPredictor, TrainedTranslator
@@ -62,7 +62,10 @@ def score(
         )
     differences = paired(rows, resampled)
     rows |= {name: _with_run(rows[name], run, info) for name, run in inputs.trained.items()}
-    return with_uncertainty(rows, estimates, pairs.counts, pairs.force_n), differences
+    for name, estimate in estimates.items():
+        metrics = uncertainty_metrics(estimate, pairs.counts, pairs.force_n)
+        rows[name] = replace(rows[name], uncertainty=metrics)
+    return rows, differences
 
 
 def bootstrap_settings(pairs: Pairs) -> Bootstrap:

@@ -18,7 +18,6 @@ from t2twin.translate.evaluation.records import (
     Interval,
     IrreducibleError,
     ModelRow,
-    PaperRow,
 )
 
 
@@ -66,13 +65,14 @@ def table(evaluation: Evaluation) -> str:
     """The overall figures with their intervals below them, the paper's rows, and notes."""
     cells = [["", *(column.title for column in FIGURES)]]
     for name, model in evaluation.models.items():
-        cells.append([name, *(_cell(model.overall.value(c.figure), c.form) for c in FIGURES)])
-        cells.append(
-            ["", *(interval_text(model.interval.value(c.figure), c.form) for c in FIGURES)]
-        )
+        cells.append([name, *(_cell(getattr(model.overall, c.figure), c.form) for c in FIGURES)])
+        cells.append(["", *(interval_text(model.interval[c.figure], c.form) for c in FIGURES)])
     for name, row in evaluation.paper.items():
         cells.append(
-            [f"{name} (paper, hardware)", *(_cell(row.value(c.figure), c.form) for c in FIGURES)]
+            [
+                f"{name} (paper, hardware)",
+                *(_cell(getattr(row, c.figure, None), c.form) for c in FIGURES),
+            ]
         )
     head = f"{evaluation.split}, {evaluation.pairs} pairs"
     return "\n".join([head, *_aligned(cells), *_notes(evaluation)])
@@ -112,7 +112,7 @@ def markdown(evaluations: Mapping[str, Evaluation]) -> str:
         lines.append([name, *(cell for row in rows for cell in _short_cells(row))])
     for name in first.paper:
         rows = [evaluation.paper.get(name) for evaluation in evaluations.values()]
-        cells = [cell for row in rows for cell in _paper_cells(row)]
+        cells = [_cell(getattr(row, c.figure, None), c.form) for row in rows for c in SHORT]
         lines.append([f"*{name}, Grella et al. 2023, hardware*", *cells])
     by_force = "".join(by_force_markdown(evaluation) for evaluation in evaluations.values())
     uncertainty = "".join(
@@ -121,23 +121,19 @@ def markdown(evaluations: Mapping[str, Evaluation]) -> str:
         for line in notes_on_runs(evaluation)
     )
     runs = (*training_lines(first), *background_lines(first))
-    return _markdown_table(lines) + uncertainty + "".join(f"\n{line}\n" for line in runs) + by_force
+    return markdown_table(lines) + uncertainty + "".join(f"\n{line}\n" for line in runs) + by_force
 
 
 def _short_cells(row: ModelRow | None) -> list[str]:
     """The figures of a row in one split, dashes if the split lacks it."""
     cells = []
     for column in SHORT:
-        cell = _cell(None if row is None else row.overall.value(column.figure), column.form)
-        interval = None if row is None else row.interval.rmse_counts
+        cell = _cell(row and getattr(row.overall, column.figure), column.form)
+        interval = None if row is None else row.interval["rmse_counts"]
         if column.figure == "rmse_counts" and interval is not None:
             cell += f" ({interval_text(interval, column.form)})"
         cells.append(cell)
     return cells
-
-
-def _paper_cells(row: PaperRow | None) -> list[str]:
-    return [_cell(None if row is None else row.value(c.figure), c.form) for c in SHORT]
 
 
 def findings_text(findings: Mapping[str, Finding]) -> str:
@@ -196,7 +192,7 @@ def training_data(row: ModelRow, worlds: Mapping[str, str] | None = None) -> tup
     sha256 = row.trained_data or ""
     world = row.trained_world or (worlds or {}).get(sha256)
     unnamed = f"dataset {sha256[:8]}" if sha256 else UNKNOWN
-    return world or unnamed, _number(row.trained_pairs), _number(row.trained_steps)
+    return world or unnamed, _cell(row.trained_pairs, "{:,}"), _cell(row.trained_steps, "{:,}")
 
 
 def training_lines(evaluation: Evaluation) -> list[str]:
@@ -231,7 +227,7 @@ def by_force_markdown(evaluation: Evaluation) -> str:
     if not evaluation.has_forces:
         return ""
     notes = " ".join(_force_notes(evaluation))
-    return f"\n{evaluation.split}: {notes}\n\n{_markdown_table(force_rows(evaluation))}"
+    return f"\n{evaluation.split}: {notes}\n\n{markdown_table(force_rows(evaluation))}"
 
 
 def force_rows(evaluation: Evaluation) -> list[list[str]]:
@@ -294,14 +290,10 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-def _markdown_table(rows: Sequence[Sequence[str]]) -> str:
+def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     heads, *others = rows
     return "".join(f"| {' | '.join(row)} |\n" for row in (heads, ["---"] * len(heads), *others))
 
 
 def _cell(value: float | None, form: str) -> str:
-    return "-" if value is None else form.format(value)
-
-
-def _number(value: int | None) -> str:
-    return UNKNOWN if value is None else f"{value:,}"
+    return UNKNOWN if value is None else form.format(value)

@@ -1,7 +1,7 @@
 """Pretrained runs, which are part of the package.
 
-Their names are accepted wherever a run's folder is. Module evaluation.publish_pretrained writes
-them.
+Their names are accepted wherever a run's folder is. `python -m maintenance.publish_pretrained`
+writes them.
 """
 
 from pathlib import Path

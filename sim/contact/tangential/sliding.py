@@ -1,7 +1,7 @@
 """A contact in motion: the shape slides and turns while it is pressed.
 
 `advance` moves a contact by one small step. The normal contact and the friction are solved in turn
-until the traction no longer changes:
+until the displacement by shear no longer changes:
 
 - The normal contact sees the shape over the sheared surface. A point of the surface that is
   displaced by u meets the shape at its place plus u, and shear has lowered or raised it.
@@ -9,8 +9,8 @@ until the traction no longer changes:
   the last step. Elsewhere the traction is at its limit.
 
 The tangential response is linear: a neo-Hookean solid in simple shear has a stress proportional to
-the strain (Treloar, The Physics of Rubber Elasticity, 1975). The layer has the thickness at the
-middle of the contact. A press starts without tangential traction.
+the strain (Treloar, The Physics of Rubber Elasticity, 1975). A press starts without tangential
+traction.
 """
 
 from dataclasses import replace
@@ -108,24 +108,19 @@ def _step(
     share = _share_of_last(contact, start, step)
     if share is None:
         shear, _ = _friction(layer, friction * pressure, follows - spread - dome[:2], before)
-        middle, dome = layer.parts_mm(shear)
-        seen = sheared + RELAXATION * (middle + dome - sheared)
     else:
         shear = before + share * (before - start.earlier_mpa[part])
-        middle, dome = layer.parts_mm(shear)
-        seen = middle + dome
+    middle, dome = layer.parts_mm(shear)
+    seen = middle + dome
+    if share is None:
+        seen = sheared + RELAXATION * (seen - sheared)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
     rows, columns = window
     for number in range(MAX_ROUNDS):
-        shift, near, moves = None, None, (0.0, 0.0)
-        if seen.any():
-            shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
-            near = normal
-            if number == 0:
-                moves = _mean(follows - seen[:2] - spread, pressure)
-        normal = solve_contact(
-            contact.shape, moved, contact.elastomer, contact.pitch_mm, shift, near, moves
-        )
+        shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
+        moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
+        near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
+        normal = solve_contact(contact.shape, moved, contact.elastomer, contact.pitch_mm, *near)
         pressure = 1e-3 * normal.pressure_kpa[window]
         spread = layer.spread_mm(pressure)
         wanted = follows - spread - dome[:2]
@@ -137,8 +132,8 @@ def _step(
         if converged:
             break
         if number < ACCELERATED_ROUNDS:
-            improved = acceleration.next(seen.ravel(), (seen + RELAXATION * error).ravel())
-            seen = improved.reshape(seen.shape)
+            corrected = seen + RELAXATION * error
+            seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
         else:
             seen = seen + DAMPED_RELAXATION * error
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)

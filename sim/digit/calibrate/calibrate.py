@@ -20,11 +20,9 @@ from t2twin.sim.digit.calibrate.scale import Fit, Presses, fit_presses
 from t2twin.sim.digit.calibrate.scores import (
     CalibrationScores,
     Score,
-    background_floor,
     crop_scores,
     cut_and_paste,
     mean_score,
-    repeats_floor,
 )
 from t2twin.sim.digit.calibrate.uncertainty import (
     CalibrationUncertainty,
@@ -100,16 +98,6 @@ class Inputs:
         return [self.names[index] for index in indices]
 
 
-@dataclass(frozen=True)
-class _Posed:
-    """Frames (n, ROWS, COLUMNS, 3) uint8, their contacts (n, 2), row and column, px, and their
-    poses (n, 3)."""
-
-    frames: np.ndarray
-    patches: np.ndarray
-    poses: np.ndarray
-
-
 def read_inputs(
     background: Path,
     presses: Path,
@@ -123,9 +111,23 @@ def read_inputs(
     measurements = read_measurements(presses, names, ball_diameter_mm)
     if tolerance is not None:
         check_tolerance(measurements, camera, tolerance)
-    first_held_out = _first_held_out(len(frames), held_out, presses)
+    count = len(frames) // HELD_OUT_SHARE if held_out is None else held_out
+    if count < 1 or len(frames) - count < MIN_TRAINING:
+        raise T2TwinError(
+            f"{presses} holds {len(frames)} presses and {count} of them are held out; at least "
+            f"{MIN_TRAINING} must be left to fit to, and at least 1 held out"
+        )
     patches = _patches(frames, background_frame, names)
-    train, test = _without_duplicates(frames, first_held_out, presses)
+    first: dict[bytes, int] = {}  # of each different frame
+    for index, frame in enumerate(frames):
+        first.setdefault(frame.tobytes(), index)
+    train = [index for index in first.values() if index < len(frames) - count]
+    test = [index for index in first.values() if index >= len(frames) - count]
+    if len(train) < MIN_TRAINING or not test:
+        raise T2TwinError(
+            f"{len(frames) - len(first)} presses of {presses} are copies of others; at least "
+            f"{MIN_TRAINING} different ones must be left to fit to, and at least 1 held out"
+        )
     if measurements.has_depths and not measurements.subset(train).has_depths:
         raise T2TwinError(
             f"{presses / FORCES} has displacements of held-out presses only; add some of earlier "
@@ -182,9 +184,14 @@ def _evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
     calibration = fit.model.calibration(fit.state)
     optics = DigitOptics(calibration)
     simulated = np.array([optics.render(surface_mm) for surface_mm in surfaces_mm])
-    fitted = _Posed(training.frames, training.patches, fit.state.poses)
-    scored = _Posed(held_out.frames, held_out.patches, poses)
-    scores = _scores(inputs.background, fitted, scored, simulated, fit.model.camera)
+    from_px, to_px = (_pixels(each, fit.model.camera) for each in (fit.state.poses, poses))
+    pasted = cut_and_paste(inputs.background, training.frames, from_px, to_px)
+    still = np.broadcast_to(inputs.background, held_out.frames.shape)
+    each, *baselines = (
+        crop_scores(held_out.frames, other, held_out.patches)
+        for other in (simulated, pasted, still)
+    )
+    scores = CalibrationScores(*(mean_score(scored) for scored in (each, *baselines)))
     _check_explains(scores)
     return CalibrationReport(
         calibration=calibration,
@@ -195,10 +202,10 @@ def _evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
         repeated=[name for i, name in enumerate(inputs.names) if i not in (*train, *test)],
         poses=poses,
         surfaces_mm=surfaces_mm,
-        real=scored.frames,
+        real=held_out.frames,
         simulated=simulated,
         scores=scores,
-        each=crop_scores(scored.frames, simulated, scored.patches),
+        each=each,
         uncertainty=None,
     )
 
@@ -235,37 +242,6 @@ def _check_explains(scores: CalibrationScores) -> None:
         )
 
 
-def _first_held_out(frames: int, held_out: int | None, presses: Path) -> int:
-    """Index of the first held-out frame. Raises T2TwinError if too few frames are left to fit."""
-    count = frames // HELD_OUT_SHARE if held_out is None else held_out
-    if count < 1 or frames - count < MIN_TRAINING:
-        raise T2TwinError(
-            f"{presses} holds {frames} presses and {count} of them are held out; at least "
-            f"{MIN_TRAINING} must be left to fit to, and at least 1 held out"
-        )
-    return frames - count
-
-
-def _without_duplicates(
-    frames: np.ndarray, first_held_out: int, presses: Path
-) -> tuple[list[int], list[int]]:
-    """Indices of the frames to fit to and of those held out, without duplicates.
-
-    Raises T2TwinError if too few are left.
-    """
-    first: dict[bytes, int] = {}
-    for index, frame in enumerate(frames):
-        first.setdefault(frame.tobytes(), index)
-    train = [i for i in first.values() if i < first_held_out]
-    test = [i for i in first.values() if i >= first_held_out]
-    if len(train) < MIN_TRAINING or not test:
-        raise T2TwinError(
-            f"{len(frames) - len(first)} presses of {presses} are copies of others; at least "
-            f"{MIN_TRAINING} different ones must be left to fit to, and at least 1 held out"
-        )
-    return train, test
-
-
 def _patches(frames: np.ndarray, background: np.ndarray, names: list[str]) -> np.ndarray:
     """(n, 2) the contact of each frame. Raises T2TwinError with the names of frames without."""
     patches = [contact_patch(frame, background) for frame in frames]
@@ -276,32 +252,6 @@ def _patches(frames: np.ndarray, background: np.ndarray, names: list[str]) -> np
             "background; remove these frames"
         )
     return np.array(patches)
-
-
-def _scores(
-    background: np.ndarray,
-    trained: _Posed,
-    held_out: _Posed,
-    simulated: np.ndarray,
-    camera: Camera,
-) -> CalibrationScores:
-    """Scores of the simulated held-out frames, baselines and noise floors."""
-    real, places = held_out.frames, held_out.patches
-    pasted = cut_and_paste(
-        background, trained.frames, _pixels(trained.poses, camera), _pixels(held_out.poses, camera)
-    )
-    still = np.broadcast_to(background, real.shape)
-    return CalibrationScores(
-        calibrated=mean_score(crop_scores(real, simulated, places)),
-        cut_and_paste=mean_score(crop_scores(real, pasted, places)),
-        do_nothing=mean_score(crop_scores(real, still, places)),
-        repeats_floor=repeats_floor(
-            np.concatenate([trained.frames, real]),
-            np.concatenate([trained.poses, held_out.poses]),
-            np.concatenate([trained.patches, places]),
-        ),
-        background_floor=background_floor(real, places),
-    )
 
 
 def _pixels(poses: np.ndarray, camera: Camera) -> np.ndarray:

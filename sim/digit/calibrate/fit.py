@@ -90,18 +90,17 @@ class BallFit:
         light = linear(background, GAMMA)
         self._changes = [samples_of(linear(frame, GAMMA) - light) for frame in frames]
         self._squares = [square_about(patch) for patch in patches]
-        self._start_poses = np.array(
-            [
-                self._initial_pose(patch, radius_mm)
-                for patch, radius_mm in zip(patches, radii_mm, strict=True)
-            ]
-        )
+        # At the middles of the contacts, at a medium depth.
+        middle_px = np.array([(ROWS - 1) / 2, (COLUMNS - 1) / 2])
+        y_mm, x_mm = ((patches - middle_px) / camera.scale_px_per_mm).T
+        self._start_poses = np.stack([x_mm, y_mm, 0.45 * np.asarray(radii_mm)], axis=1)
 
     def fit(self, start: State | None = None) -> State:
         """Fit all parameters. start: state of another fit, for the initial LEDs and the terms."""
         if start is None:
             state = self._solved(START, self._start_poses, FIRST_TERMS)
-            state = self._refined(self.with_poses(state))
+            poses = [self.pose(state, index, pose) for index, pose in enumerate(state.poses)]
+            state = self._refined(self._solved(state.geometry, np.array(poses), state.terms))
             terms = select_terms(self._sums(state.geometry, state.poses, MAX_TERMS))
             return self._refined(self._solved(state.geometry, state.poses, terms))
         poses = np.array([self.pose(start, index) for index in range(len(self._changes))])
@@ -116,11 +115,6 @@ class BallFit:
             if before - state.error < MIN_GAIN * before:
                 break
         return state
-
-    def with_poses(self, state: State) -> State:
-        """The state with refitted poses and the same model."""
-        poses = np.array([self.pose(state, index, pose) for index, pose in enumerate(state.poses)])
-        return self._solved(state.geometry, poses, state.terms)
 
     def pose(self, state: State, index: int, start: np.ndarray | None = None) -> np.ndarray:
         """(x_mm, y_mm, depth_mm) of one frame, the model fixed.
@@ -180,12 +174,6 @@ class BallFit:
         depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
         hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
         return probe_surfaces.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
-
-    def _initial_pose(self, patch: np.ndarray, radius_mm: float) -> np.ndarray:
-        """The pose at a contact's middle, at a medium depth."""
-        x_mm = (patch[1] - (COLUMNS - 1) / 2) / self.camera.scale_px_per_mm
-        y_mm = (patch[0] - (ROWS - 1) / 2) / self.camera.scale_px_per_mm
-        return np.array([x_mm, y_mm, 0.45 * radius_mm])
 
     def _target(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""

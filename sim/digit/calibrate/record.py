@@ -3,9 +3,7 @@
 from dataclasses import asdict
 from pathlib import Path
 
-import msgspec
-
-from t2twin.core.files import atomic_write
+from t2twin.core.files import write_json
 from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.digit.calibrate.calibrate import CalibrationReport
 from t2twin.sim.digit.calibrate.measurements import FORCES
@@ -33,8 +31,7 @@ def write_record(path: Path, report: CalibrationReport) -> None:
         "scores": asdict(report.scores),
         "uncertainty": None if report.uncertainty is None else asdict(report.uncertainty),
     }
-    with atomic_write(path) as temporary:
-        temporary.write_bytes(msgspec.json.format(msgspec.json.encode(content), indent=1))
+    write_json(path, content)
 
 
 def uncertainty_lines(uncertainty: CalibrationUncertainty) -> list[str]:

@@ -1,14 +1,11 @@
-"""Scores of a calibration on held-out presses, with baselines and noise floors."""
+"""Scores of a calibration on held-out presses, with baselines."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from skimage.metrics import structural_similarity
 
-from t2twin.sim.digit.calibrate.frames import CROP_PX, crop
-
-SAME_POSE_MM = 0.05
-"""Largest difference of position and depth between two frames of one press, mm: a pixel."""
+from t2twin.sim.digit.calibrate.frames import crop
 
 
 @dataclass(frozen=True)
@@ -25,16 +22,12 @@ class CalibrationScores:
     """Mean scores on the contact crops of the held-out frames.
 
     calibrated: of the simulated frames. cut_and_paste: of the training presses' mean change, moved
-    to the held-out positions. do_nothing: of the background frame. repeats_floor: between two real
-    frames of one press. background_floor: between two real frames away from their contacts. The
-    floors are None where no two such frames exist.
+    to the held-out positions. do_nothing: of the background frame.
     """
 
     calibrated: Score
     cut_and_paste: Score
     do_nothing: Score
-    repeats_floor: Score | None
-    background_floor: Score | None
 
 
 def score(real: np.ndarray, other: np.ndarray) -> Score:
@@ -85,35 +78,3 @@ def cut_and_paste(
         top, left = rows + rows // 2 - row, columns + columns // 2 - column
         pasted.append(background + mean[top : top + rows, left : left + columns])
     return np.clip(np.rint(pasted), 0, 255).astype(np.uint8)
-
-
-def repeats_floor(frames: np.ndarray, poses: np.ndarray, places: np.ndarray) -> Score | None:
-    """Between two frames of one press, on the contact crop; None if there are none."""
-    scores = [
-        score(crop(frames[i], places[i]), crop(frames[j], places[i]))
-        for i in range(len(frames))
-        for j in range(i)
-        if np.abs(poses[i] - poses[j]).max() < SAME_POSE_MM
-    ]
-    return mean_score(scores) if scores else None
-
-
-def background_floor(frames: np.ndarray, places: np.ndarray) -> Score | None:
-    """Between consecutive frames, on the crop farthest from both contacts."""
-    if len(frames) < 2:
-        return None
-    half = CROP_PX // 2
-    rows, columns = frames.shape[1:3]
-    middles = np.array(
-        [
-            (row, column)
-            for row in range(half, rows - half + 1, 10)
-            for column in range(half, columns - half + 1, 10)
-        ]
-    )
-    scores = []
-    for i in range(len(frames) - 1):
-        away = [np.hypot(*(places[i : i + 2] - middle).T).min() for middle in middles]
-        middle = middles[int(np.argmax(away))]
-        scores.append(score(crop(frames[i], middle), crop(frames[i + 1], middle)))
-    return mean_score(scores)

@@ -5,7 +5,7 @@ are fitted twice more: with all inputs at the end of their tolerances where pres
 deepest, and at the end where they come out shallowest.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,17 +110,21 @@ def estimate_uncertainty(
         young_mpa = DIGIT_GEL.young_mpa - sign * tolerance.young_mpa
         shifted_fit = fit_presses(shifted, camera, fit.state)
         estimates.append(_estimate(shifted.measurements, shifted_fit, forces, young_mpa))
+    depths_mm, forces_n = (
+        np.array([getattr(each, name) for each in estimates]) for name in ("depths_mm", "forces_n")
+    )
+    press_bounds = (
+        PressBounds(
+            name,
+            float(measurements.diameters_mm[i]),
+            _bounds(depths_mm[:, i]),
+            _bounds(forces_n[:, i]) if np.isfinite(forces_n[:, i]).all() else None,
+        )
+        for i, name in enumerate(names)
+    )
     return CalibrationUncertainty(
         tolerance=tolerance,
-        presses=tuple(
-            PressBounds(
-                name,
-                float(measurements.diameters_mm[i]),
-                _bounds([each.depths_mm[i] for each in estimates]),
-                _force_bounds([each.forces_n[i] for each in estimates]),
-            )
-            for i, name in enumerate(names)
-        ),
+        presses=tuple(press_bounds),
         scale_px_per_mm=_bounds([each.scale_px_per_mm for each in estimates]),
         depth_measurements=int(np.isfinite(measurements.depths_mm).sum()),
         depth_residual_mm=_residual(nominal.depths_mm, measurements.depths_mm),
@@ -159,13 +163,9 @@ def _estimate(
     return _Estimate(fit.depths_mm, forces_n, fit.model.camera.scale_px_per_mm, young_mpa)
 
 
-def _bounds(values: list[float]) -> Bounds:
+def _bounds(values: Sequence[float] | np.ndarray) -> Bounds:
     """The first of these values, their minimum and their maximum."""
     return Bounds(float(values[0]), float(min(values)), float(max(values)))
-
-
-def _force_bounds(values: list[float]) -> Bounds | None:
-    return _bounds(values) if np.isfinite(values).all() else None
 
 
 def _residual(fitted: np.ndarray, measured: np.ndarray) -> float | None:

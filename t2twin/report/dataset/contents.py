@@ -1,21 +1,16 @@
-"""Content of a dataset: summary, pairs and images of the shapes, saturation, contact sheet."""
+"""Content of a dataset: summary, pairs and images of the shapes, saturation."""
 
-import io
-import tempfile
 from collections import Counter
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from PIL import Image
 
-from t2twin.primitives_cad.contact_sheet import draw_sheet
 from t2twin.report.dataset.pairs import example, sample_in_turn
 from t2twin.report.dataset.scan import Scan, near_duplicates
 from t2twin.report.dataset.tables import Dataset
-from t2twin.report.html.figures import draw_digit_grid, figure
+from t2twin.report.html.figures import figure
 from t2twin.report.html.labels import SPLIT_COLORS, SPLIT_NAMES, shape_name
 
 MIN_CONTACT_COUNTS = 100
@@ -32,7 +27,6 @@ BARS_WIDTH_IN, BAR_IN, MARGINS_IN = 4.4, 0.17, 0.8
 
 SATURATION_IN = 2.8
 TILE_IN = 1.42
-JPEG_QUALITY = 85
 
 
 def summary(dataset: Dataset, scan: Scan) -> dict[str, Any]:
@@ -113,19 +107,6 @@ def saturation_chart(dataset: Dataset) -> dict[str, Any]:
     return {"saturated": dataset.saturated, "chart": chart}
 
 
-def contact_sheet() -> dict[str, Any]:
-    """Contact sheet of all primitives and tools: a JPEG file, several times smaller than a PNG."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "contact-sheet.png"
-        draw_sheet(path)
-        buffer = io.BytesIO()
-        with Image.open(path) as image:
-            image.convert("RGB").save(
-                buffer, format="JPEG", quality=JPEG_QUALITY, optimize=True, progressive=True
-            )
-    return {"sheet": buffer.getvalue()}
-
-
 def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
     """counted: number of pairs by split and name, in the order of the bars."""
     axes = page.subplots()
@@ -141,9 +122,12 @@ def bars(page: Figure, counted: Mapping[tuple[str, str], int]) -> None:
 
 def tiles(page: Figure, dataset: Dataset, rows: list[tuple[str, int]]) -> None:
     """rows: splits and rows of the images."""
-    shown = [dataset.image(split, row) for split, row in rows]
-    titles = [shape_name(dataset.row(split, row)["shape"]) for split, row in rows]
-    draw_digit_grid(page, shown, titles, GALLERY_COLUMNS, font_size=6)
+    grid = page.subplots(-(-len(rows) // GALLERY_COLUMNS), GALLERY_COLUMNS, squeeze=False)
+    for axes in grid.flat:
+        axes.set_axis_off()
+    for axes, (split, row) in zip(grid.flat, rows, strict=False):
+        axes.imshow(dataset.image(split, row))
+        axes.set_title(shape_name(dataset.row(split, row)["shape"]), fontsize=6)
 
 
 def saturation(page: Figure, dataset: Dataset) -> None:

@@ -1,4 +1,4 @@
-"""Near-duplicates and outliers, from the distances between the images of a dataset.
+"""Near-duplicates, from the distances between the images of a dataset.
 
 Shape letters: n pairs of a shape, B values of a coarse image.
 """
@@ -14,8 +14,7 @@ from t2twin.core.images import decode_png
 from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.report.dataset.tables import Dataset
-from t2twin.report.html.figures import draw_digit_grid, figure
-from t2twin.report.html.labels import shape_name
+from t2twin.report.html.figures import figure
 from t2twin.sim.dataset.store import iter_images, split_shards
 
 BLOCK_PX = 8
@@ -31,31 +30,9 @@ DUPLICATE_SHARE = 0.0005
 """Difference of the counts of two equal pairs, relative to full scale (assumed: 20 of 40,000
 counts, four times the difference of two readings of one press)."""
 
-MAX_LISTED = 5
-"""Number of listed shapes."""
-
 BINS = 60
 WIDTH_IN, HEIGHT_IN = 9.0, 2.6
 """Bins and size of the histogram, inches."""
-
-OUTLIERS = 12
-"""Number of shown outliers."""
-
-MAX_SHAPES = 200
-"""Maximum number of shapes for comparison within a shape (assumed: with more shapes, each has too
-few presses for a median). Otherwise pairs are compared within their family."""
-
-MIN_N = 0.01
-"""Smallest commanded force, N (sim.contact)."""
-
-MAD_TO_SIGMA = 1.4826
-"""Ratio of standard deviation and median absolute deviation of a normal distribution."""
-
-MIN_SCALE = 0.02
-"""Minimum standard deviation, relative to the median (assumed)."""
-
-PANELS, PANEL_IN, LINE_IN = 6, 1.5, 2.3
-"""Panels per row, their width and the height of a row, inches."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +41,11 @@ class Scan:
 
     nearest_grey: to the nearest coarse image of the same shape in the same shard, grey levels;
     infinite without another image. alike_counts: smallest difference of counts to another such pair
-    whose image differs by less than the noise; infinite without one. residual_grey: to the median
-    image of the shape.
+    whose image differs by less than the noise; infinite without one.
     """
 
     nearest_grey: np.ndarray
     alike_counts: np.ndarray
-    residual_grey: np.ndarray
 
 
 def scan(dataset: Dataset, noise_grey: float) -> Scan:
@@ -79,7 +54,7 @@ def scan(dataset: Dataset, noise_grey: float) -> Scan:
     ends = np.cumsum([dataset.info.shards[path].pairs for path in paths])
     shards = dict(zip(paths, np.split(np.arange(ends[-1]), ends[:-1]), strict=True))
     shapes, counts = dataset.shapes, dataset.counts
-    nearest_grey, alike_counts, residual_grey = np.zeros((3, len(shapes)))
+    nearest_grey, alike_counts = np.zeros((2, len(shapes)))
 
     def scan_shard(path: str) -> None:
         images = iter_images(dataset.data, path)
@@ -92,13 +67,12 @@ def scan(dataset: Dataset, noise_grey: float) -> Scan:
             residual = coarse[members] - np.median(coarse[members], axis=0)
             near = nearest_others(residual, counts[at].astype(float), noise_grey)
             nearest_grey[at], alike_counts[at] = near
-            residual_grey[at] = np.sqrt(np.square(residual).mean(axis=1))
 
     with ThreadPoolExecutor(cores()) as pool:
         done = pool.map(scan_shard, shards)
         for _ in Progress(done, total=len(shards), desc="images", unit="shard"):
             pass
-    return Scan(nearest_grey, alike_counts, residual_grey)
+    return Scan(nearest_grey, alike_counts)
 
 
 def nearest_others(
@@ -146,7 +120,6 @@ def duplicates(dataset: Dataset, scan: Scan) -> dict[str, Any]:
         "same_counts": same_counts(dataset),
         "duplicates": near,
         "ambiguous": ambiguous,
-        "most_frequent": lambda which: _most_frequent(dataset, which),
         "chart": figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _histogram(page, scan, noise)),
     }
 
@@ -167,13 +140,6 @@ def same_counts(dataset: Dataset) -> float:
     return DUPLICATE_SHARE * dataset.layout.full_scale_counts
 
 
-def _most_frequent(dataset: Dataset, which: np.ndarray) -> list[tuple[str, int]]:
-    """The most frequent shapes of the pairs `which`, (P,) bool, with their numbers."""
-    names, numbers = np.unique(dataset.shapes[which], return_counts=True)
-    order = np.argsort(-numbers, kind="stable")[:MAX_LISTED]
-    return [(str(names[i]), int(numbers[i])) for i in order]
-
-
 def _histogram(page: Figure, scan: Scan, noise: float) -> None:
     axes = page.subplots()
     values = scan.nearest_grey[np.isfinite(scan.nearest_grey)]
@@ -184,68 +150,3 @@ def _histogram(page: Figure, scan: Scan, noise: float) -> None:
     axes.axvline(noise, color="#d55e00", linewidth=1.0)
     difference = "difference from the nearest image of the same shape, grey levels"
     axes.set(xlabel=f"{difference}; line: noise of one image", ylabel="pairs", xscale="log")
-
-
-def outlier_images(dataset: Dataset, scan: Scan) -> dict[str, Any]:
-    """Images of the pairs with the largest deviations."""
-    found = outliers(dataset, scan)
-    images, titles = [], []
-    for pair, quantity, deviation in found:
-        split, number = dataset.places[pair]
-        row = dataset.row(split, number)
-        images.append(dataset.image(split, number))
-        titles.append(f"{shape_name(row['shape'])}, {row['index']}\n{quantity} {deviation:.1f}")
-    height = LINE_IN * -(-len(found) // PANELS)
-    return {
-        "group": "family" if np.unique(dataset.shapes).size > MAX_SHAPES else "shape",
-        "images": figure(
-            "png",
-            PANEL_IN * PANELS,
-            height,
-            lambda page: draw_digit_grid(page, images, titles, PANELS, font_size=7.5),
-        ),
-    }
-
-
-def outliers(dataset: Dataset, scan: Scan) -> list[tuple[int, str, float]]:
-    """Index of each pair, the deviating quantity, and its deviation."""
-    quantities = {"counts": dataset.counts.sum(axis=1), "image": scan.residual_grey}
-    if dataset.info.is_simulated:
-        for sensor in ("digit", "cyskin"):
-            quantities[f"{sensor} depth"] = dataset.column(f"{sensor}_depth_mm")
-    groups = _groups(dataset)
-    names = list(quantities)
-    table = np.stack([deviations(values, groups) for values in quantities.values()])
-    which, largest = table.argmax(axis=0), table.max(axis=0)
-    order = np.argsort(-largest, kind="stable")[:OUTLIERS]
-    return [(int(pair), names[which[pair]], float(largest[pair])) for pair in order]
-
-
-def _groups(dataset: Dataset) -> np.ndarray:
-    """(P,) group in which each pair is compared: its shape, or its family if there are many shapes.
-
-    With several forces, the group includes the force, rounded down to a power of two.
-    """
-    few = np.unique(dataset.shapes).size <= MAX_SHAPES
-    groups = dataset.shapes if few else dataset.families
-    if dataset.forces_n.size < 2:
-        return groups
-    force_n = np.nan_to_num(dataset.column("force_n").astype(float))
-    doubling = np.where(force_n > 0, np.floor(np.log2(np.maximum(force_n, MIN_N))), np.nan)
-    return np.char.add(np.char.add(groups, " "), doubling.astype(str))
-
-
-def deviations(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    """(P,) deviation of each value from its group's median, in robust standard deviations.
-
-    The standard deviation is at least MIN_SCALE times the median.
-    """
-    result = np.zeros(values.size)
-    in_order = np.argsort(groups, kind="stable")
-    starts = np.unique(groups[in_order], return_index=True)[1]
-    for members in np.split(in_order, starts[1:]):
-        residual = np.abs(values[members] - np.median(values[members]))
-        min_scale = MIN_SCALE * abs(np.median(values[members]))
-        scale = max(MAD_TO_SIGMA * float(np.median(residual)), min_scale)
-        result[members] = residual / scale if scale > 0 else 0.0
-    return result

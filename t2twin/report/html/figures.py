@@ -191,23 +191,6 @@ def draw_panels(
         color_bar(page, image, axes[-1], BAR_WIDTH, title)
 
 
-def draw_digit_grid(
-    page: Figure,
-    images: Sequence[np.ndarray],
-    titles: Sequence[str],
-    columns: int,
-    font_size: float,
-) -> None:
-    """Draws DIGIT images, (R, C, 3) uint8 each, in rows of `columns`."""
-    lines = -(-len(images) // columns)
-    axes: list[Axes] = list(np.ravel(page.subplots(lines, columns, squeeze=False)))
-    for place in axes:
-        place.set_axis_off()
-    for place, image, title in zip(axes, images, titles, strict=False):
-        draw_digit_image(place, image)
-        place.set_title(title, fontsize=font_size)
-
-
 def extent_mm(phi: Phi) -> tuple[float, float, float, float]:
     """Left, right, bottom and top of a tactile image, mm; y points down."""
     columns, rows = phi.centers_mm

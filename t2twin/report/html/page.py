@@ -1,12 +1,10 @@
 """Writes a self-contained HTML page from the templates of its sections."""
 
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from t2twin.core.errors import T2TwinError
-from t2twin.core.files import atomic_write, locked
+from t2twin.core.files import atomic_write, check_replaceable, locked
 from t2twin.core.progress import Progress
 from t2twin.core.templates import environment, render
 from t2twin.report.html.labels import LABELS
@@ -19,24 +17,9 @@ Sections = Mapping[str, tuple[str, Callable[[], Mapping[str, Any]]]]
 
 
 def check_out(out: Path) -> None:
-    """Checks that out/index.html can be written, without leaving files behind.
-
-    Creates a temporary file in `out` or its nearest existing parent. Raises T2TwinError if `out` is
-    a file, the page is a folder, or the folder is not writable.
-    """
-    try:
-        if out.exists() and not out.is_dir():
-            raise T2TwinError(f"{out} is a file; expected a folder for the report")
-        if (out / PAGE).is_dir():
-            raise T2TwinError(f"{out / PAGE} is a folder; choose another folder for the report")
-        existing = next(folder for folder in (out, *out.parents) if folder.exists())
-        with tempfile.TemporaryFile(dir=existing):
-            pass
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise T2TwinError(
-            f"{out} cannot be written to ({reason}); choose a writable folder for the report"
-        ) from error
+    """Raises T2TwinError if out/index.html cannot be written. Leaves no files behind."""
+    with locked(out):
+        check_replaceable(out / PAGE)
 
 
 def write_page(

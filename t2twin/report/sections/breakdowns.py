@@ -1,4 +1,4 @@
-"""Errors by force, by shape, and by position of the taxels relative to the field of view."""
+"""Errors by force and by shape."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -14,14 +14,8 @@ from t2twin.report.data import ReportData
 from t2twin.report.html.figures import figure, force_axis
 from t2twin.report.html.labels import BASELINE_COLORS, SPLIT_NAMES, colors, name_of, shape_name
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
-from t2twin.translate.evaluation.metrics.floors import GROUPS, NOISE_FLOOR
 from t2twin.translate.evaluation.metrics.forces import MEAN_ARRAY_OF_FORCE, MIN_PRESSES
-from t2twin.translate.evaluation.records import (
-    Evaluation,
-    Figures,
-    ForceFigures,
-)
-from t2twin.translate.evaluation.table import force_cell, force_rows
+from t2twin.translate.evaluation.records import Evaluation, ForceFigures
 
 FORCE_IN, SPLIT_IN, LEGEND_IN = 9.0, 2.7, 0.4
 """Width of the chart by force, height per split and of the legend, inches."""
@@ -38,7 +32,7 @@ TITLES = {"val": "validation primitives", "test": "tools at their keypoints"}
 """Titles of the splits of the paper's protocol."""
 
 MAX_SHAPES = 60
-"""Maximum number of bars of a chart, and of rows of a table (assumed: a printed page)."""
+"""Maximum number of bars of a chart (assumed: a printed page)."""
 
 COUNTS_TICKS = 4
 MARKS: dict[str, dict[str, Any]] = {
@@ -48,7 +42,7 @@ MARKS: dict[str, dict[str, Any]] = {
 
 
 def by_force(report: ReportData) -> dict[str, Any]:
-    """Chart and tables of the splits with several forces."""
+    """Chart of the splits with several forces."""
     evaluations = {s: one for s, one in report.evaluations.items() if one.has_forces}
     height = LEGEND_IN + SPLIT_IN * len(evaluations)
     return {
@@ -56,24 +50,7 @@ def by_force(report: ReportData) -> dict[str, Any]:
         "chart": figure("svg", FORCE_IN, height, lambda page: _forces(page, report, evaluations)),
         "max_percent": MAX_PERCENT,
         "min_presses": MIN_PRESSES,
-        "tables": [_force_table(split, one) for split, one in evaluations.items()],
     }
-
-
-def _force_table(split: str, evaluation: Evaluation) -> tuple[list, list]:
-    """Forces (rows) and models (columns), with intervals in additional rows."""
-    rows = {name: row for name, row in evaluation.models.items() if name != NOISE_FLOOR}
-    titles = force_rows(evaluation)[0][1:]
-    lines = []
-    for place, title in enumerate(titles):
-        cells = [row.by_force[place] for row in rows.values()]
-        lines.append([title.replace("-", "–"), *(force_cell(one) for one in cells)])
-        lines.append(["", *(_span(one) for one in cells)])
-    return [[SPLIT_NAMES[split].capitalize(), *map(name_of, rows)]], [("", lines)]
-
-
-def _span(one: ForceFigures) -> str:
-    return "" if one.interval is None else f"{one.interval.low:,.0f}–{one.interval.high:,.0f}"
 
 
 def _forces(page: Figure, report: ReportData, evaluations: dict[str, Evaluation]) -> None:
@@ -130,10 +107,10 @@ def _by_family(evaluation: Evaluation) -> bool:
     return not 0 < len(evaluation.models[MEAN_ARRAY].by_shape) <= MAX_SHAPES
 
 
-def _names(evaluation: Evaluation, by_family: bool = False) -> list[str]:
+def _names(evaluation: Evaluation) -> list[str]:
     """Shapes in the order of the catalogue, or the families with the most pairs."""
     row = evaluation.models[MEAN_ARRAY]
-    if by_family or _by_family(evaluation):
+    if _by_family(evaluation):
         return sorted(row.by_family, key=lambda name: -row.by_family[name].pairs)[:MAX_SHAPES]
     order = {name: place for place, name in enumerate(catalogue.NAMES)}
     return sorted(row.by_shape, key=lambda name: order.get(name, len(order)))
@@ -172,34 +149,3 @@ def _shape_bars(page: Figure, report: ReportData, split: str) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(COUNTS_TICKS))
     axes.xaxis.set_major_formatter("{x:,.0f}")
     page.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
-
-
-def by_view(report: ReportData) -> dict[str, Any]:
-    """A table per split: shapes (rows), models and groups of taxels (columns)."""
-    models = report.evaluation.models.values()
-    return {
-        "view": report.evaluation.view,
-        "max_rows": MAX_SHAPES,
-        "shortened": any(len(row.by_family) > MAX_SHAPES for row in models),
-        "tables": [_view_table(one, split) for split, one in report.evaluations.items()],
-    }
-
-
-def _view_table(evaluation: Evaluation, split: str) -> tuple[list, list]:
-    """Errors by shape; of the test split and of too many shapes, by family."""
-    models = {name: row for name, row in evaluation.models.items() if name != NOISE_FLOOR}
-    by_family = split == "test" or _by_family(evaluation)
-    rows = [_view_row("all", [row.overall for row in models.values()])]
-    for name in _names(evaluation, by_family):
-        parts = [row.by_family if by_family else row.by_shape for row in models.values()]
-        rows.append(_view_row(shape_name(name), [part[name] for part in parts]))
-    heads = [
-        ["", *((name_of(name), len(GROUPS)) for name in models)],
-        ["", *[*GROUPS] * len(models)],
-    ]
-    return heads, [(SPLIT_NAMES[split].capitalize(), rows)]
-
-
-def _view_row(name: str, figures: Sequence[Figures]) -> list[str]:
-    values = [getattr(one, f"rmse_{group}_counts") for one in figures for group in GROUPS]
-    return [name, *("–" if value is None else f"{value:,.0f}" for value in values)]

@@ -1,9 +1,9 @@
 """Learning curves from the logs of the runs."""
 
 import math
+from functools import partial
 from typing import Any
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -17,19 +17,13 @@ WIDTH_IN, HEIGHT_IN = 9.0, 3.4
 
 
 def section(report: ReportData) -> dict[str, Any]:
-    """Charts of RMSE and, of adversarial trainings, of the losses by epoch."""
-    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _draw(page, report))}
+    """Chart of the RMSE by epoch."""
+    draw = partial(_errors, report=report)
+    return {"chart": figure("svg", WIDTH_IN, HEIGHT_IN, draw)}
 
 
-def _draw(page: Figure, report: ReportData) -> None:
-    adversarial = [name for name in report.runs if "l1" in report.histories[name][0].train]
-    axes = page.subplots(1, 2 if adversarial else 1, squeeze=False)[0]
-    _errors(axes[0], report)
-    if adversarial:
-        _losses(axes[1], report, adversarial)
-
-
-def _errors(axes: Axes, report: ReportData) -> None:
+def _errors(page: Figure, report: ReportData) -> None:
+    axes = page.subplots()
     color_of = colors(list(report.runs))
     full_scale = report.layout.full_scale_counts
     for name, history in report.histories.items():
@@ -54,24 +48,5 @@ def _errors(axes: Axes, report: ReportData) -> None:
             )  # fmt: skip
     axes.set(xlabel="epoch", ylabel="RMSE, counts", ylim=(0, None))
     axes.yaxis.set_major_formatter("{x:,.0f}")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.legend()
-
-
-def _losses(axes: Axes, report: ReportData, names: list[str]) -> None:
-    color_of = colors(list(report.runs))
-    for name in names:
-        history, weight = report.histories[name], report.runs[name].config.preset.l1_weight
-        for loss, factor, label, style in (
-            ("adversarial", 1.0, "generator, adversarial", "-"),
-            ("l1", weight, f"generator, {weight:g} × L1", "--"),
-            ("discriminator", 1.0, "discriminator", ":"),
-        ):
-            axes.plot(
-                [record.epoch for record in history],
-                [factor * record.train[loss] for record in history],
-                style, color=color_of[name], label=f"{name_of(name)}, {label}",
-            )  # fmt: skip
-    axes.set(xlabel="epoch", ylabel="training loss", yscale="log")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend()

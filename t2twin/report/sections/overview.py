@@ -14,7 +14,6 @@ from t2twin.sim.digit.calibration import DEFAULT_PATH
 from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
 from t2twin.translate.evaluation.records import Evaluation
 from t2twin.translate.evaluation.table import training_data
-from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.runs.log import best_epoch
 
 UNSEEN_SHAPES = {
@@ -79,30 +78,19 @@ def _ratio(evaluation: Evaluation) -> float:
 
 def about(report: ReportData) -> dict[str, Any]:
     """Shapes by split, table of the runs, and runs with other training data."""
-    models, layout = report.evaluation.runs, report.layout.layout
+    models = report.evaluation.runs
     return {
         "shapes": {s: len(table["shape"].unique()) for s, table in report.tables.items()},
         "cores": cores(),
         "processor": processor(),
         "heads": HEADS,
         "rows": [_run(report, name) for name in report.runs],
-        "other_layout": [
-            f"{name_of(name)} ({model.trained_layout}, read from {_output(report, name)})"
-            for name, model in models.items()
-            if model.trained_layout != layout
-        ],
         "other_data": [
             f"{name_of(name)} ({training_data(model)[0]})"
             for name, model in models.items()
             if not model.same_data
         ],
     }
-
-
-def _output(report: ReportData, name: str) -> str:
-    """Output from which the counts of another layout are computed."""
-    is_field = isinstance(report.runs[name], FieldPredictor)
-    return "the predicted field" if is_field else "the generated tactile images"
 
 
 def _run(report: ReportData, name: str) -> list[str]:

@@ -9,13 +9,13 @@ from typing import Any
 
 from t2twin.report.data import ReportData
 from t2twin.report.html.labels import SPLIT_NAMES, name_of
-from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+from t2twin.translate.evaluation.findings import DIFFERENCES
 from t2twin.translate.evaluation.records import (
     Evaluation,
+    FigureName,
     Figures,
     Finding,
     Interval,
-    ModelRow,
     PaperRow,
 )
 from t2twin.translate.evaluation.table import FORMS, background_lines
@@ -26,32 +26,28 @@ TITLES = {"val": "Validation, unseen versions", "test": "Test, objects"}
 
 NONE = "–"
 
-MAIN = (
+Columns = tuple[tuple[FigureName, str, str], ...]
+"""Figures of the tables: name, title and format."""
+
+MAIN: Columns = (
     ("rmse_counts", "RMSE, counts", "{:,.0f}"),
     ("rmse_percent", "% of {full_scale:,.0f}", "{:.2f} %"),
     ("ssim", "SSIM", "{:.3f}"),
 )
-FURTHER = (
+FURTHER: Columns = (
     ("ssim_contact", "SSIM in contact", "{:.3f}"),
     ("contact_iou", "Contact IoU", "{:.3f}"),
     ("centroid_error_mm", "Centroid, mm", "{:.2f}"),
     ("total_error_percent", "Total, %", "{:.1f}"),
+    ("rmse_under_counts", "Under view", "{:,.0f}"),
+    ("rmse_near_counts", "Near it", "{:,.0f}"),
+    ("rmse_beyond_counts", "Beyond", "{:,.0f}"),
 )
-PAPER_MAIN = (*MAIN[:2], ("ssim", "SSIM", "{:.2f}"))
-Columns = tuple[tuple[str, str, str], ...]
-"""Figures of the tables: name, title and format."""
-
-STATEMENTS = {
-    "lower-error": "ResNet18 has the lower error (RMSE, counts)",
-    "better-shape-ssim": "touch2touch preserves the shape of the contact better (SSIM)",
-    "better-shape-iou": "touch2touch preserves the shape of the contact better (contact IoU)",
-}
-GAP = "Novel objects are worse than validation (RMSE, counts)"
-"""The paper's statements: on each split, and on the difference of the splits."""
+PAPER_MAIN: Columns = (*MAIN[:2], ("ssim", "SSIM", "{:.2f}"))
 
 
 def section(report: ReportData) -> dict[str, Any]:
-    """Two tables, and the names of the models that the text defines or compares."""
+    """Two tables of the figures."""
     evaluations, first = report.evaluations, report.evaluation
     titles = {
         split: TITLES[split] if report.info.is_protocol else SPLIT_NAMES[split].capitalize()
@@ -69,33 +65,7 @@ def section(report: ReportData) -> dict[str, Any]:
         "main": (_heads(with_pairs, MAIN, first.full_scale_counts), main),
         "further": (_heads(titles, FURTHER), [("", _rows(evaluations, FURTHER))]),
         "background_lines": background_lines(first),
-        "comparisons": comparisons({split: one.models for split, one in evaluations.items()}),
     }
-
-
-def comparisons(
-    models: Mapping[str, Mapping[str, ModelRow]],
-) -> list[tuple[str, str, str, str]]:
-    """Split and name of each run, and its RMSE compared with both baselines.
-
-    models: by split and name.
-    """
-    return [
-        (split, name, _against(row, rows[MEAN_ARRAY]), _against(row, rows[NEAREST_NEIGHBOR]))
-        for split, rows in models.items()
-        for name, row in rows.items()
-        if row.run is not None
-    ]
-
-
-def _against(model: ModelRow, other: ModelRow) -> str:
-    """Relative difference of the RMSE, such as "12.0 % below"."""
-    if other.overall.rmse_counts == 0:
-        return "above" if model.overall.rmse_counts else "equal to"
-    difference = model.overall.rmse_counts / other.overall.rmse_counts - 1.0
-    if abs(difference) < 0.0005:
-        return "equal to"
-    return f"{100 * abs(difference):.1f} % {'below' if difference < 0 else 'above'}"
 
 
 def _heads(titles: Mapping[str, str], figures: Columns, full_scale: float = 0.0) -> list[list]:
@@ -115,7 +85,7 @@ def _rows(evaluations: Mapping[str, Evaluation], figures: Columns) -> list[list[
         if all(name in one.models for one in each):
             models = [one.models[name] for one in each]
             rows.append([name_of(name), *_cells([model.overall for model in models], figures)])
-            spans = ((getattr(m.interval, key), how) for m in models for key, _, how in figures)
+            spans = ((m.interval[key], how) for m in models for key, _, how in figures)
             rows.append(["", *(_span(span, how.removesuffix(" %")) for span, how in spans)])
     return rows
 
@@ -140,24 +110,21 @@ def finding(report: ReportData) -> dict[str, Any]:
 def finding_rows(
     evaluations: Mapping[str, Evaluation], gap: Mapping[str, Finding]
 ) -> list[tuple[str, list[list[str]]]]:
-    """Rows by statement of the paper: split or model, answer, difference, interval, figures.
+    """Rows by question: split or model, answer, difference, interval, figures.
 
-    evaluations: by split. gap: differences between the splits. Statements about both models require
+    evaluations: by split. gap: differences between the splits. Questions about both models require
     both.
     """
-    groups = [
-        (
-            statement,
-            [
-                _finding(SPLIT_NAMES[split], evaluation.findings[name])
-                for split, evaluation in evaluations.items()
-                if name in evaluation.findings
-            ],
-        )
-        for name, statement in STATEMENTS.items()
+    found = [
+        (SPLIT_NAMES[split], evaluation.findings[name])
+        for name in DIFFERENCES
+        for split, evaluation in evaluations.items()
+        if name in evaluation.findings
     ]
-    gaps = [_finding(name_of(one.model or ""), one) for one in gap.values()]
-    return [group for group in (*groups, (GAP, gaps)) if group[1]]
+    groups: dict[str, list[list[str]]] = {}
+    for title, one in (*found, *((name_of(one.model or ""), one) for one in gap.values())):
+        groups.setdefault(one.question, []).append(_finding(title, one))
+    return list(groups.items())
 
 
 def _finding(title: str, finding: Finding) -> list[str]:

@@ -11,17 +11,11 @@ from viser import _messages
 
 from t2twin.studio.transport.uploads import suffixes_of
 
-DROPPED = "t2-drop"
-"""CSS class of the page while a file is held over it."""
-
-CLOSED = "The panel of controls is closed; open it to drop a file."
-"""Message if there is no button, because viser removes those of a closed panel."""
-
 SCRIPT = """
 window.t2twinDrop?.abort();  // listeners of the previous connection, whose buttons are gone
 window.t2twinDrop = new AbortController();
 const buttons = BUTTONS, options = {signal: window.t2twinDrop.signal};
-const show = (held) => document.documentElement.classList.toggle("DROPPED", held);
+const show = (held) => document.documentElement.classList.toggle("t2-drop", held);
 const listen = (name, handle) => window.addEventListener(name, (event) => {
   if (!event.dataTransfer?.types.includes("Files")) return;
   event.preventDefault();
@@ -37,12 +31,13 @@ listen("drop", (event) => {
   const kind = Object.keys(buttons).find(accepts);
   const button = find(kind) ?? find("shape");
   if (!files.length) return;
-  if (button === null) return alert("CLOSED");
+  if (button === null) return alert("The panel of controls is closed; open it to drop a file.");
   button.files = files;
   button.dispatchEvent(new Event("change", {bubbles: true}));
 });
 """
-"""Script of the page. The shape button receives files of an unknown kind and reports the error."""
+"""Script of the page. The class t2-drop marks it while a file is held over it. The shape button
+receives files of an unknown kind and reports the error. viser removes buttons of a closed panel."""
 
 
 def accept_dropped_files(
@@ -56,12 +51,5 @@ def accept_dropped_files(
         kind: {"id": button._impl.uuid, "suffixes": suffixes_of(kind)}
         for kind, button in buttons.items()
     }
-    script = SCRIPT.replace("BUTTONS", json.dumps(known)).replace("CLOSED", CLOSED)
-    script = script.replace("DROPPED", DROPPED)
-    run_script(client, script)
-
-
-def run_script(client: viser.ClientHandle, script: str) -> None:
-    """Runs a script in a client's page."""
-    message = _messages.RunJavascriptMessage(source=script)
-    client.gui._websock_interface.queue_message(message)
+    script = SCRIPT.replace("BUTTONS", json.dumps(known))
+    client.gui._websock_interface.queue_message(_messages.RunJavascriptMessage(source=script))

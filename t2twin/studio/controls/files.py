@@ -20,18 +20,18 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.cyskin.taxels import pad_weights
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.studio.controls.file_drop import accept_dropped_files
-from t2twin.studio.controls.press import BUTTON_COLOR, Controls
+from t2twin.studio.controls.inputs import Inputs
+from t2twin.studio.controls.press import Controls
 from t2twin.studio.controls.translate_tab import TranslateTab
 from t2twin.studio.press_state import file_name
 from t2twin.studio.session import PressResult
+from t2twin.studio.slide import PATH_FILE
 from t2twin.studio.transport.uploads import remove_uploads, save_upload
 from t2twin.studio.view.notices import Notices
 from t2twin.twin import load_shape
 
 COMMAND_FILE = "command.txt"
 """File of the zip archive with the command line of the press."""
-
-GetResult = Callable[[], PressResult | None]
 
 
 class FileTasks:
@@ -41,7 +41,11 @@ class FileTasks:
     """
 
     def __init__(
-        self, client: viser.ClientHandle, notices: Notices, folder: Path, get_result: GetResult
+        self,
+        client: viser.ClientHandle,
+        notices: Notices,
+        folder: Path,
+        get_result: Callable[[], PressResult | None],
     ) -> None:
         self._client, self._notices = client, notices
         self._folder, self._get_result = folder, get_result
@@ -66,27 +70,18 @@ class FileTasks:
 
     def add_export_button(self) -> None:
         """Adds the button that downloads the shown press."""
-        button = self._client.gui.add_button(
-            "Download this press (zip)", icon=viser.Icon.DOWNLOAD, color=BUTTON_COLOR,
+        Inputs(self._client.gui, self._notices).button(
+            "Download this press (zip)", viser.Icon.DOWNLOAD, lambda: self._run(self._export),
             hint="The folder that t2twin press writes: images, counts, contacts, scenes",
         )  # fmt: skip
 
-        @button.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            self._run(self._export)
-
     def connect(self, controls: Controls, tab: TranslateTab) -> None:
         """Handles files from the upload buttons and files dropped on the page."""
+        use = partial(partial, self._use, controls)
         handlers: dict[str, tuple[viser.GuiUploadButtonHandle, Callable[[Path], object]]] = {
-            "shape": (controls.upload_shape, partial(self._use, controls, "shape", load_shape)),
-            "layout": (
-                controls.upload_layout,
-                partial(self._use, controls, "layout", self._check_layout),
-            ),
-            "calibration": (
-                controls.upload_calibration,
-                partial(self._use, controls, "calibration", Calibration.load),
-            ),
+            "shape": (controls.upload_shape, use("shape", load_shape)),
+            "layout": (controls.upload_layout, use("layout", self._check_layout)),
+            "calibration": (controls.upload_calibration, use("calibration", Calibration.load)),
             "frame": (tab.upload, tab.show_file),
             "background": (tab.upload_background, tab.use_background),
         }
@@ -158,8 +153,9 @@ class FileTasks:
 def zip_press(result: PressResult, folder: Path) -> tuple[str, bytes]:
     """Name and content of a zip archive of the folder that `t2twin press` writes.
 
-    folder: temporary folder to write into. Raises T2TwinError if it cannot be written, and for a
-    layout without a tactile image.
+    For a slide it contains the last touch, and the path that the command line needs. folder:
+    temporary folder to write into. Raises T2TwinError if it cannot be written, and for a layout
+    without a tactile image.
     """
     name = result.touch.shape.name.replace("/", "-")
     calibration = result.state.calibration
@@ -168,7 +164,9 @@ def zip_press(result: PressResult, folder: Path) -> tuple[str, bytes]:
     )
     place = folder / "press"
     touch.save(place)
-    (place / COMMAND_FILE).write_text(result.state.command_line() + "\n")
+    (place / COMMAND_FILE).write_text(result.command_line() + "\n")
+    if result.slide is not None and result.has_slid:
+        (place / PATH_FILE).write_text(result.slide.path_csv())
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
         for path in sorted(place.iterdir()):

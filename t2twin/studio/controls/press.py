@@ -1,17 +1,20 @@
 """Controls of one client: shape, position, force and sensors of the press."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, get_args
 
 import viser
 
 from t2twin.primitives_cad import catalogue, primitive_parameters
 from t2twin.primitives_cad.random_shapes import PREFIX, seed_of
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
+from t2twin.sim.contact.tangential.sliding import COVER_FRICTION, GEL_FRICTION
 from t2twin.sim.cyskin.reading import PRESETS
 from t2twin.sim.world.presses import MAX_SHAPE_SEED
 from t2twin.sim.world.protocol import SCALES
+from t2twin.studio.controls.inputs import Inputs, markdown_safe
 from t2twin.studio.press_state import (
+    Motion,
     PressState,
     file_name,
     is_file,
@@ -20,6 +23,7 @@ from t2twin.studio.press_state import (
     protocol_presses,
 )
 from t2twin.studio.session import PressResult
+from t2twin.studio.view.notices import Notices
 
 RANDOM, OWN_FILE = "random shapes", "uploaded file"
 """Groups of shapes in addition to the families and the tools."""
@@ -35,11 +39,12 @@ A link may contain any valid depth."""
 STEP_MM, STEP_DEG, STEP_N, STEP_DEPTH_MM = 0.1, 1.0, 0.1, 0.01
 """Steps of the sliders."""
 
+MAX_SLIDER_FRICTION, STEP_FRICTION = 2.0, 0.05
+"""Range and step of the friction slider (assumed: rubber on dry solids). A link may contain any
+valid coefficient."""
+
 MAX_YAW_DEG = 180.0
 """Range of the yaw slider in both directions, degrees."""
-
-BUTTON_COLOR = "gray"
-"""Color of all buttons, less prominent than the sliders."""
 
 DEFAULT_CALIBRATION = "default"
 """Name of the default calibration of the DIGIT."""
@@ -47,31 +52,33 @@ DEFAULT_CALIBRATION = "default"
 Change = Callable[[dict[str, Any]], PressState]
 """Changes fields of the state; returns the new state."""
 
-Guard = Callable[[Callable[[], object]], object]
-"""Runs a task and shows its error to the client."""
-
 
 class Controls:
     """The panel of the press. Inputs of the client are passed to `change` as fields of PressState.
 
     sliders: by their field of PressState. number: of the protocol's press. noise: checkbox. A state
     may contain values between the steps of a slider, such as those of the protocol's presses; they
-    remain until the slider is moved.
+    remain until the slider is moved. lift_off: called before a press without tangential traction.
     """
 
     def __init__(
-        self, client: viser.ClientHandle, state: PressState, change: Change, guard: Guard
+        self,
+        client: viser.ClientHandle,
+        state: PressState,
+        change: Change,
+        lift_off: Callable[[], None],
+        notices: Notices,
     ) -> None:
-        self._gui, self._change, self._guard = client.gui, change, guard
-        self._state = state
-        with self._gui.add_folder("Shape"):
-            self._add_shape()
-        with self._gui.add_folder("Press"):
-            self._add_press()
-        with self._gui.add_folder("Press of the paper's protocol", expand_by_default=False):
-            self._add_protocol()
-        with self._gui.add_folder("Sensors", expand_by_default=False):
-            self._add_sensors()
+        self._inputs, self._change, self._lift_off = Inputs(client.gui, notices), change, lift_off
+        self._state, gui = state, client.gui
+        with gui.add_folder("Shape"):
+            self._add_shape(gui)
+        with gui.add_folder("Press"):
+            self._add_press(gui)
+        with gui.add_folder("Press of the paper's protocol", expand_by_default=False):
+            self._add_protocol(gui)
+        with gui.add_folder("Sensors", expand_by_default=False):
+            self._add_sensors(gui)
         self.show(state)
 
     def show(self, state: PressState) -> None:
@@ -85,7 +92,7 @@ class Controls:
         self._own.visible = self._scale.visible = group == OWN_FILE
         self._own.content = f"**{markdown_safe(file_name(state.shape))}**, +z side pressed"
         if self._shape.visible:
-            self._shape.options = shapes_of(group)
+            self._shape.options = GROUPS[group]
             self._shape.value = state.shape
         if group == RANDOM:
             self._random.value = int(state.shape.removeprefix(PREFIX))
@@ -94,10 +101,14 @@ class Controls:
         for name, slider in self.sliders.items():
             if getattr(state, name) is not None:
                 _set_clipped(slider, getattr(state, name))
+        self.motion.value = state.motion
+        self.friction.visible = self._lift.visible = state.motion == "slide"
+        _set_clipped(self.friction, GEL_FRICTION if state.friction is None else state.friction)
         self._layout.options = (*layout_names(), *([OWN_FILE] if is_file(state.layout) else []))
         self._layout.value = OWN_FILE if is_file(state.layout) else state.layout
         calibration = markdown_safe(file_name(state.calibration or DEFAULT_CALIBRATION))
         self._calibration.content = f"Calibration: **{calibration}**"
+        self._markers.value = state.markers
         self.noise.value = state.seed is not None
         self._imperfections.value = state.imperfections
         self._imperfections.visible = self._seed.visible = state.seed is not None
@@ -116,13 +127,12 @@ class Controls:
         else:
             _set_clipped(self.sliders["force_n"], result.touch.command.force_n)
 
-    def _add_shape(self) -> None:
-        gui = self._gui
+    def _add_shape(self, gui: viser.GuiApi) -> None:
         self._group = gui.add_dropdown(
             "Kind", groups(self._state.shape), hint="Primitive families, tools, random shapes"
         )
         self._shape = gui.add_dropdown(
-            "Shape", shapes_of(catalogue.NAMES[0].rsplit("-", 1)[0]), hint="Version or keypoint"
+            "Shape", next(iter(GROUPS.values())), hint="Version or keypoint"
         )
         self._random = gui.add_number(
             "Number", 17, min=0, max=MAX_SHAPE_SEED, step=1, hint="Seed of the random shape"
@@ -131,70 +141,70 @@ class Controls:
         self._scale = gui.add_number(
             "mm per unit", 1.0, min=1e-6, hint="25.4 for inches, 1000 for meters"
         )
-        self.upload_shape = gui.add_upload_button(
+        self.upload_shape = self._inputs.upload(
             "Upload a shape",
-            icon=viser.Icon.UPLOAD,
-            color=BUTTON_COLOR,
-            hint="STL, STEP, OBJ, PLY, 3MF or GLB, pressing side up (+z); at most 64 MB",
+            "STL, STEP, OBJ, PLY, 3MF or GLB, pressing side up (+z); at most 64 MB",
         )
-        self._on(self._group, self._group_changed)
-        self._on(self._shape, self._shape_changed)
-        self._on(self._random, lambda number: self._set(shape=f"{PREFIX}{number}"))
-        self._on(self._scale, lambda scale: self._set(scale=scale))
+        self._inputs.on(self._group, self._group_changed)
+        self._inputs.on(self._shape, lambda name: self.apply({"shape": name, "scale": None}))
+        self._inputs.on(self._random, lambda number: self._set(shape=f"{PREFIX}{number}"))
+        self._inputs.on(self._scale, lambda scale: self._set(scale=scale))
 
-    def _add_press(self) -> None:
+    def _add_press(self, gui: viser.GuiApi) -> None:
         across, along = CYSKIN_COVER.width_mm / 2, CYSKIN_COVER.length_mm / 2
-        add = self._gui.add_slider
+        self.motion = gui.add_dropdown(
+            "Motion", get_args(Motion),
+            hint="jump: each pose is a new press; slide: the contact moves there with friction",
+        )  # fmt: skip
         self.sliders = {
-            "x_mm": add("x, mm", -across, across, STEP_MM, 0.0, hint="To the right in the image"),
-            "y_mm": add("y, mm", -along, along, STEP_MM, 0.0, hint="Downwards in the image"),
-            "yaw_deg": add(
-                "yaw, °", -MAX_YAW_DEG, MAX_YAW_DEG, STEP_DEG, 0.0,
-                hint="Rotation about the press axis, clockwise in the image",
-            ),
-            "force_n": add(
-                "force, N", MIN_SLIDER_N, MAX_SLIDER_N, STEP_N, 8.0,
-                hint="Commanded force; 8 N in the paper's protocol",
-            ),
-            "depth_mm": add(
-                "depth, mm", MIN_SLIDER_MM, MAX_SLIDER_MM, STEP_DEPTH_MM, MIN_SLIDER_MM,
-                hint="Depth in the DIGIT's gel, instead of a force; the force is computed",
-            ),
+            name: gui.add_slider(label, low, high, step, initial_value=max(low, 0.0), hint=hint)
+            for name, label, low, high, step, hint in (
+                ("x_mm", "x, mm", -across, across, STEP_MM, "To the right in the image"),
+                ("y_mm", "y, mm", -along, along, STEP_MM, "Downwards in the image"),
+                ("yaw_deg", "yaw, °", -MAX_YAW_DEG, MAX_YAW_DEG, STEP_DEG,
+                 "Rotation about the press axis, clockwise in the image"),
+                ("force_n", "force, N", MIN_SLIDER_N, MAX_SLIDER_N, STEP_N,
+                 "Commanded force; 8 N in the paper's protocol"),
+                ("depth_mm", "depth, mm", MIN_SLIDER_MM, MAX_SLIDER_MM, STEP_DEPTH_MM,
+                 "Depth in the DIGIT's gel, instead of a force; the force is computed"),
+            )
         }  # fmt: skip
-        for name, slider in self.sliders.items():
-            self._on(slider, lambda value, name=name: self._set(**{name: value}))
-        reset = self._gui.add_button(
-            "Reset to the center, 8 N", icon=viser.Icon.REFRESH, color=BUTTON_COLOR
+        self.friction = gui.add_slider(
+            "friction", 0.0, MAX_SLIDER_FRICTION, STEP_FRICTION, GEL_FRICTION,
+            hint=f"Coefficient of friction of both sensors; until it is moved, {GEL_FRICTION} for "
+            f"the gel and {COVER_FRICTION} for the cover",
+        )  # fmt: skip
+        self._lift = self._inputs.button(
+            "Lift off and press again", viser.Icon.ARROW_UP, self._lift_off
         )
-        default = PressState()
-        self._on_click(reset, lambda: self.apply({n: getattr(default, n) for n in self.sliders}))
+        self._inputs.button("Reset to the center, 8 N", viser.Icon.REFRESH, self._reset)
+        self._inputs.on(self.motion, lambda motion: self.apply({"motion": motion}))
+        for name, slider in (*self.sliders.items(), ("friction", self.friction)):
+            self._inputs.on(slider, lambda value, name=name: self._set(**{name: value}))
 
-    def _add_protocol(self) -> None:
-        gui = self._gui
+    def _add_protocol(self, gui: viser.GuiApi) -> None:
         gui.add_markdown("Presses of the simulated datasets.")
         self._scale_name = gui.add_dropdown("Scale", tuple(SCALES), initial_value="paper")
         self.number = gui.add_slider(
             "Press", 0, 1, 1, 0, hint="Number among the shape's presses at this scale"
         )
-        self._on(self._scale_name, lambda _: self.show(self._state))
-        self._on(self.number, self._number_changed)
+        self._inputs.on(self._scale_name, lambda _: self.show(self._state))
+        self._inputs.on(self.number, self._number_changed)
 
-    def _add_sensors(self) -> None:
-        gui = self._gui
+    def _add_sensors(self, gui: viser.GuiApi) -> None:
         self._layout = gui.add_dropdown("Taxels", layout_names(), hint="Taxel layout")
-        self.upload_layout = gui.add_upload_button(
-            "Upload a layout",
-            icon=viser.Icon.UPLOAD,
-            color=BUTTON_COLOR,
-            hint="JSON or CSV with x_mm and y_mm",
+        self.upload_layout = self._inputs.upload(
+            "Upload a layout", "JSON or CSV with x_mm and y_mm"
         )
         self._calibration = gui.add_markdown("")
-        self.upload_calibration = gui.add_upload_button(
-            "Upload a calibration", icon=viser.Icon.UPLOAD, color=BUTTON_COLOR,
-            hint="The .npz file of t2twin calibrate, for the light of your DIGIT",
-        )  # fmt: skip
-        default_calibration = gui.add_button(
-            "Default calibration", icon=viser.Icon.REFRESH, color=BUTTON_COLOR
+        self.upload_calibration = self._inputs.upload(
+            "Upload a calibration", "The .npz file of t2twin calibrate, for the light of your DIGIT"
+        )
+        self._inputs.button(
+            "Default calibration", viser.Icon.REFRESH, lambda: self.apply({"calibration": None})
+        )
+        self._markers = gui.add_checkbox(
+            "Markers", False, hint="Markers printed on the gel of the DIGIT"
         )
         self.noise = gui.add_checkbox(
             "Noise", False, hint="Camera noise and imperfections of the array"
@@ -204,31 +214,13 @@ class Controls:
             hint="white: reading noise; baseline: also drift; all: also hysteresis and gain",
         )  # fmt: skip
         self._seed = gui.add_number("Seed", 0, min=0, max=2**53, step=1, hint="Seed of the noise")
-        # A page may send any text; only offered names are accepted.
-        self._on(self._layout, lambda name: self._set(layout=name) if name in layout_names() else 0)
-        self._on_click(default_calibration, lambda: self.apply({"calibration": None}))
-        self._on(self.noise, lambda on: self.apply({"seed": self._seed.value if on else None}))
-        self._on(self._seed, lambda seed: self._set(seed=seed))
-        self._on(
-            self._imperfections,
-            lambda name: self._set(imperfections=name) if name in PRESETS else 0,
+        self._inputs.on(self._layout, self._layout_changed)
+        self._inputs.on(self._markers, lambda on: self._set(markers=on))
+        self._inputs.on(
+            self.noise, lambda on: self.apply({"seed": self._seed.value if on else None})
         )
-
-    def _on(self, handle: viser.GuiInputHandle, use: Callable[[Any], object]) -> None:
-        """Calls `use` with values from the client, not with values set here. The callback runs in
-        viser's event loop, which preserves the order of values."""
-
-        async def changed(event: viser.GuiEvent) -> None:
-            if event.client is not None:
-                self._guard(lambda: use(event.target.value))
-
-        handle.on_update(changed)
-
-    def _on_click(self, button: viser.GuiButtonHandle, action: Callable[[], None]) -> None:
-        async def clicked(event: viser.GuiEvent) -> None:
-            self._guard(action)
-
-        button.on_click(clicked)
+        self._inputs.on(self._seed, lambda seed: self._set(seed=seed))
+        self._inputs.on(self._imperfections, lambda name: self._set(imperfections=name))
 
     def _set(self, **changes: Any) -> None:
         """Applies changes that the client's controls already show."""
@@ -238,15 +230,20 @@ class Controls:
         """Applies changes and shows them in the controls."""
         self.show(self._change(changes))
 
+    def _reset(self) -> None:
+        default = PressState()
+        self._lift_off()
+        self.apply({name: getattr(default, name) for name in (*self.sliders, "friction")})
+
     def _group_changed(self, group: str) -> None:
         if group == RANDOM:
             self.apply({"shape": f"{PREFIX}{self._random.value}", "scale": None})
-        elif group in GROUPS:
-            self.apply({"shape": shapes_of(group)[0], "scale": None})
+        elif group != OWN_FILE:
+            self.apply({"shape": GROUPS[group][0], "scale": None})
 
-    def _shape_changed(self, name: str) -> None:
-        if name in shapes_of(self._group.value):
-            self.apply({"shape": name, "scale": None})
+    def _layout_changed(self, name: str) -> None:
+        if name != OWN_FILE:
+            self._set(layout=name)
 
     def _number_changed(self, number: int) -> None:
         state = protocol_press(self._state, self._scale_name.value, number)
@@ -281,16 +278,6 @@ def group_of(shape: str) -> str:
     return OWN_FILE if is_file(shape) or seed_of(shape) is None else RANDOM
 
 
-def shapes_of(group: str) -> tuple[str, ...]:
-    """Shapes of a group; empty for random shapes and files."""
-    return GROUPS.get(group, ())
-
-
 def _set_clipped(slider: viser.GuiSliderHandle, value: float) -> None:
     """Sets a slider to a value, clipped to its range."""
     slider.value = min(max(value, slider.min), slider.max)
-
-
-def markdown_safe(text: str) -> str:
-    """Text for Markdown, with special characters replaced by underscores."""
-    return "".join(c if c.isalnum() or c in " .-_" else "_" for c in text)

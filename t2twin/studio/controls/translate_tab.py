@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 
@@ -9,7 +10,7 @@ import numpy as np
 import viser
 
 from t2twin.sim.digit.optics import NOISE_GREY
-from t2twin.studio.controls.press import BUTTON_COLOR, markdown_safe
+from t2twin.studio.controls.inputs import Inputs, markdown_safe
 from t2twin.studio.frame_source import FrameSource, NamedFrame, read_frame
 from t2twin.studio.session import PressResult
 from t2twin.studio.translators import Translators
@@ -41,29 +42,25 @@ class TranslateTab:
     ) -> None:
         self._translators, self._notices, self._get_result = translators, notices, get_result
         self._runs: tuple[str, ...] = ()
-        self._background = background
         self._get_frame: Callable[[], NamedFrame | None] = lambda: None
         self._live: Event | None = None  # set to stop following the source
         self._worker = LatestOnlyWorker(lambda: notices.guard(self._translate), lambda: None)
-        gui = client.gui
+        gui, inputs = client.gui, Inputs(client.gui, notices)
         gui.add_markdown(
             "Predicts CySkin counts from an upright frame of a DIGIT (rows along its length)."
         )
-        self.upload = gui.add_upload_button(
-            "Upload a frame", icon=viser.Icon.UPLOAD, color=BUTTON_COLOR,
-            hint="PNG or JPEG of any size",
-        )  # fmt: skip
-        current = gui.add_button(
-            "Current image, with noise", icon=viser.Icon.PHOTO, color=BUTTON_COLOR
+        self.upload = inputs.upload("Upload a frame", "PNG or JPEG of any size")
+        inputs.button("Current image, with noise", viser.Icon.PHOTO, self._show_current)
+        self._background_name = gui.add_markdown("")
+        self.upload_background = inputs.upload(
+            "Upload a background frame", "Frame of the same DIGIT without contact, PNG or JPEG"
         )
-
-        @current.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            notices.guard(self._show_current)
-
-        self._add_background(gui)
+        self._no_background = inputs.button(
+            "Remove the background frame", viser.Icon.X, lambda: self._set_background(None)
+        )
+        self._set_background(background)
         if frame_source is not None:
-            self._add_source(gui, frame_source)
+            self._add_source(inputs, frame_source)
         self._shown = gui.add_html("")
 
     def close(self) -> None:
@@ -79,8 +76,7 @@ class TranslateTab:
 
     def show_file(self, path: Path) -> None:
         """Translates a stored file and removes it. Raises T2TwinError if it is not an image."""
-        frame = _read_and_remove(path)
-        self._show(lambda: frame)
+        self._show(_read_and_remove(path))
 
     def use_background(self, path: Path) -> None:
         """Uses a stored file as the background frame of field runs and removes it.
@@ -88,22 +84,6 @@ class TranslateTab:
         Raises T2TwinError if it is not an image.
         """
         self._set_background(_read_and_remove(path))
-
-    def _add_background(self, gui: viser.GuiApi) -> None:
-        self._background_name = gui.add_markdown("")
-        self.upload_background = gui.add_upload_button(
-            "Upload a background frame", icon=viser.Icon.UPLOAD, color=BUTTON_COLOR,
-            hint="Frame of the same DIGIT without contact, PNG or JPEG",
-        )  # fmt: skip
-        self._no_background = gui.add_button(
-            "Remove the background frame", icon=viser.Icon.X, color=BUTTON_COLOR
-        )
-
-        @self._no_background.on_click
-        async def _(event: viser.GuiEvent) -> None:
-            self._notices.guard(lambda: self._set_background(None))
-
-        self._set_background(self._background)
 
     def _set_background(self, frame: NamedFrame | None) -> None:
         self._background = frame
@@ -113,32 +93,25 @@ class TranslateTab:
         )
         self._worker.request()
 
-    def _add_source(self, gui: viser.GuiApi, source: FrameSource) -> None:
+    def _add_source(self, inputs: Inputs, source: FrameSource) -> None:
         files = source.files()
         if len(files) > 1:
-            slider = gui.add_slider(
+            slider = inputs.gui.add_slider(
                 "Frame", 0, len(files) - 1, 1, 0, hint="Number of the file, sorted by name"
             )
-
-            @slider.on_update
-            async def _(event: viser.GuiEvent) -> None:
-                if 0 <= slider.value < len(files):
-                    self._show(lambda: read_frame(files[slider.value]))
-
-        live = gui.add_checkbox(
+            inputs.on(slider, lambda number: self._request(lambda: read_frame(files[number])))
+        live = inputs.gui.add_checkbox(
             f"Live: {source.name}", False, hint="Translate frames as they arrive"
         )
+        inputs.on(live, lambda is_on: self._set_live(source, is_on))
 
-        @live.on_update
-        async def _(event: viser.GuiEvent) -> None:
-            if self._live is not None:
-                self._live.set()
-            self._live = Event() if live.value else None
-            if self._live is not None:
-                Thread(target=self._follow, args=(source, self._live), daemon=True).start()
-
-    def _follow(self, source: FrameSource, ended: Event) -> None:
-        self._notices.guard(lambda: self._show_live(source, ended))
+    def _set_live(self, source: FrameSource, is_on: bool) -> None:
+        if self._live is not None:
+            self._live.set()
+        self._live = ended = Event() if is_on else None
+        if ended is not None:
+            follow = partial(self._show_live, source, ended)
+            Thread(target=self._notices.guard, args=(follow,), daemon=True).start()
 
     def _show_live(self, source: FrameSource, ended: Event) -> None:
         latest, last = source.latest(), -1
@@ -147,19 +120,21 @@ class TranslateTab:
             if frame is None and latest.ended:
                 return
             if frame is not None:
-                last, named = frame.number, (frame.image, f"frame {frame.number}")
-                self._show(lambda named=named: named)
+                last = frame.number
+                self._show((frame.image, f"frame {frame.number}"))
                 ended.wait(1.0 / MAX_SHOWN_HZ)
 
     def _show_current(self) -> None:
         result = self._get_result()
-        if result is None:
-            return
-        noise = np.random.default_rng().normal(0.0, NOISE_GREY, result.touch.image.shape)
-        noisy = np.clip(np.rint(result.touch.image + noise), 0, 255).astype(np.uint8)
-        self._show(lambda: (noisy, f"{result.touch.shape.name}, one frame with noise"))
+        if result is not None:
+            noise = np.random.default_rng().normal(0.0, NOISE_GREY, result.touch.image.shape)
+            noisy = np.clip(np.rint(result.touch.image + noise), 0, 255).astype(np.uint8)
+            self._show((noisy, f"{result.touch.shape.name}, one frame with noise"))
 
-    def _show(self, get_frame: Callable[[], NamedFrame | None]) -> None:
+    def _show(self, frame: NamedFrame) -> None:
+        self._request(lambda: frame)
+
+    def _request(self, get_frame: Callable[[], NamedFrame | None]) -> None:
         self._get_frame = get_frame
         self._worker.request()
 
@@ -167,7 +142,7 @@ class TranslateTab:
         frame = self._get_frame()
         if frame is not None:
             background = None if self._background is None else self._background[0]
-            translations = self._translators.translate_image(frame[0], self._runs, background)
+            translations = self._translators.translate(frame[0], self._runs, background)
             self._shown.content = frame_html(frame, self._background, translations)
 
 

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from functools import partial
 from http import HTTPStatus
 from threading import Lock
-from typing import Any, cast
+from typing import Any, NoReturn, cast
 
 import viser
 from websockets.asyncio import server as websocket_server
@@ -57,20 +57,17 @@ POLICY_VIOLATION = 1008
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 """WebSocket subprotocol of viser's page; any other is of another version."""
 
-Check = Callable[[Any], bool]
-"""Returns whether a valid message is passed to viser; raises T2TwinError for one that no page
-sends."""
-
 
 class Connection(ServerConnection):
     """A WebSocket connection with limits.
 
-    check: check of messages, set by the studio. unsent: returns the number of unsent messages.
+    The studio sets check, which returns whether a valid message is passed to viser and raises
+    T2TwinError for one that no page sends, and unsent, the number of unsent messages.
     """
 
     def __init__(self, *arguments: Any, sockets: set["Connection"], **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self.check: Check = lambda message: True
+        self.check: Callable[[Any], bool] = lambda message: True
         self.unsent: Callable[[], int] = lambda: 0
         self._sockets = sockets
         self._received_first, self._refused = False, 0
@@ -95,16 +92,17 @@ class Connection(ServerConnection):
                 async with asyncio.timeout(timeout_s):
                     raw = await super().recv(decode)
             except TimeoutError:
-                log(f"a client was disconnected; it sent nothing for {timeout_s:g} s")
-                await self.close(POLICY_VIOLATION)
-                raise ConnectionClosedError(None, None) from None
+                await self._disconnect(f"it sent nothing for {timeout_s:g} s")
             self._received_first = True
             await self._throttle()
             try:
                 if self.check(read_message(raw)):
                     return raw
             except T2TwinError as error:
-                await self._refuse(error)
+                self._refused += 1
+                if self._refused >= MAX_REFUSED:
+                    await self._disconnect(f"it sent {MAX_REFUSED} invalid messages: {error}")
+                log(f"a message of a client was ignored: {error}")
 
     async def send(self, message: Any, text: bool | None = None) -> None:
         """Sends a message; disconnects a client that does not read it in time."""
@@ -116,6 +114,11 @@ class Connection(ServerConnection):
             self.transport.abort()
             raise ConnectionClosedError(None, None) from None
 
+    async def _disconnect(self, reason: str) -> NoReturn:
+        log(f"a client was disconnected; {reason}")
+        await self.close(POLICY_VIOLATION)
+        raise ConnectionClosedError(None, None)
+
     async def _throttle(self) -> None:
         """Waits until the next message may be read. By then viser has handled the previous ones,
         because it handles them in tasks of the same event loop."""
@@ -126,15 +129,6 @@ class Connection(ServerConnection):
         await asyncio.sleep(max(0.0, -self._tokens / MESSAGES_PER_S))
         while self.unsent() > MAX_UNSENT:
             await asyncio.sleep(UNSENT_POLL_S)
-
-    async def _refuse(self, error: T2TwinError) -> None:
-        self._refused += 1
-        if self._refused < MAX_REFUSED:
-            log(f"a message of a client was ignored: {error}")
-            return
-        log(f"a client was disconnected after {MAX_REFUSED} invalid messages: {error}")
-        await self.close(POLICY_VIOLATION)
-        raise ConnectionClosedError(None, None)
 
 
 _serving = Lock()
@@ -154,11 +148,13 @@ def guarded_server(origin_check: OriginCheck) -> Iterator[None]:
             refusal = _refuse(origin_check, connection, request, sockets)
             return refusal or _with_policy(page(connection, request), request, origin_check)
 
+        logger = logging.Logger("t2twin.studio", logging.WARNING)
+        logger.addHandler(_Lines())
         asyncio.get_running_loop().set_exception_handler(_log_unexpected)
         return serve(handler, host, port, **options | {
             "process_request": process_request,
             "max_size": MAX_MESSAGE,
-            "logger": _quiet_logger(),
+            "logger": logger,
             "create_connection": partial(Connection, sockets=sockets),
         })  # fmt: skip
 
@@ -177,10 +173,8 @@ def _refuse(
     sockets: set[Connection],
 ) -> Response | None:
     """The response to a refused request, which is logged; None for an accepted request."""
-    refusal, status = (
-        origin_check.refusal(request, connection.local_address[0]),
-        HTTPStatus.FORBIDDEN,
-    )
+    status = HTTPStatus.FORBIDDEN
+    refusal = origin_check.refusal(request, connection.local_address[0])
     if not refusal and request.headers.get_all("Upgrade"):
         protocols = ",".join(request.headers.get_all("Sec-WebSocket-Protocol"))
         if PROTOCOL not in [each.strip() for each in protocols.split(",")]:
@@ -206,7 +200,7 @@ def _with_policy(
     """
     if response is not None:
         host = cast(str, request.headers["Host"])
-        sites = " ".join(map(str, origin_check.allowed))
+        sites = " ".join(origin_check.allowed)
         sockets = f"ws://{host} wss://{host} {sites.replace('http', 'ws')}"
         response.headers["Content-Security-Policy"] = (
             f"connect-src 'self' data: blob: {sites} {sockets}; frame-ancestors 'self' {sites}"
@@ -214,18 +208,13 @@ def _with_policy(
     return response
 
 
-def _quiet_logger() -> logging.Logger:
-    """Logger of the WebSocket server that prints lines instead of tracebacks."""
+class _Lines(logging.Handler):
+    """Prints errors of the WebSocket server as lines instead of tracebacks."""
 
-    class Lines(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            error = record.exc_info[1] if record.exc_info else None
-            if record.levelno >= logging.ERROR and record.msg != "opening handshake failed":
-                _log_unexpected(None, {"message": record.getMessage(), "exception": error})
-
-    logger = logging.Logger("t2twin.studio", logging.WARNING)
-    logger.addHandler(Lines())
-    return logger
+    def emit(self, record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        if record.levelno >= logging.ERROR and record.msg != "opening handshake failed":
+            _log_unexpected(None, {"message": record.getMessage(), "exception": error})
 
 
 def _log_unexpected(loop: Any, context: dict[str, Any]) -> None:

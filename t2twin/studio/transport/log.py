@@ -13,37 +13,26 @@ MAX_LINE = 300
 
 
 class Log:
-    """Prints messages, at most `burst` at once and `per_s` a second after that.
+    """Prints messages at the limited rate. Several threads may use one log."""
 
-    The next line states the number of suppressed lines. Several threads may use one log.
-    """
-
-    def __init__(self, burst: float = BURST, per_s: float = LINES_PER_S) -> None:
-        self._burst, self._per_s = burst, per_s
-        self._tokens, self._refilled_s = burst, time.monotonic()
-        self._suppressed = 0
+    def __init__(self) -> None:
+        self._tokens, self._refilled_s, self._suppressed = BURST, time.monotonic(), 0
         self._lock = Lock()
 
     def __call__(self, message: str) -> None:
-        with self._lock:
-            now_s = time.monotonic()
-            refill = (now_s - self._refilled_s) * self._per_s
-            self._tokens, self._refilled_s = min(self._burst, self._tokens + refill), now_s
+        text = "".join(c if c.isprintable() else " " for c in message)
+        text = text if len(text) <= MAX_LINE else text[: MAX_LINE - 3] + "..."
+        with self._lock, suppress(OSError, ValueError):  # of a closed standard error
+            refill = (time.monotonic() - self._refilled_s) * LINES_PER_S
+            self._tokens, self._refilled_s = min(BURST, self._tokens + refill), time.monotonic()
             if self._tokens < 1.0:
                 self._suppressed += 1
                 return
-            self._tokens -= 1.0
-            suppressed, self._suppressed = self._suppressed, 0
-        more = f" ({suppressed} earlier lines were suppressed)" if suppressed else ""
-        # A closed standard error must not end the studio.
-        with suppress(OSError, ValueError):
-            print(f"t2twin: {one_line(message)}{more}", file=sys.stderr, flush=True)
-
-
-def one_line(text: str) -> str:
-    """Text without line breaks and control characters, at most MAX_LINE characters."""
-    text = "".join(c if c.isprintable() else " " for c in text)
-    return text if len(text) <= MAX_LINE else text[: MAX_LINE - 3] + "..."
+            more = (
+                f" ({self._suppressed} earlier lines were suppressed)" if self._suppressed else ""
+            )
+            self._tokens, self._suppressed = self._tokens - 1.0, 0
+            print(f"t2twin: {text}{more}", file=sys.stderr, flush=True)
 
 
 log = Log()

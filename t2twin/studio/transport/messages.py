@@ -92,14 +92,6 @@ class FileTransferPart(_Message):
     content: bytes
 
 
-class LocalStorageGetItemResponseMessage(_Message):
-    """A value in the browser's local storage."""
-
-    value: Content | None
-    error: Content | None
-    request_uuid: Name
-
-
 MESSAGE_TYPES: dict[str, type[_Message]] = {
     kind.__name__: kind
     for kind in (
@@ -108,7 +100,6 @@ MESSAGE_TYPES: dict[str, type[_Message]] = {
         SceneNodeDragMessage,
         FileTransferStartUpload,
         FileTransferPart,
-        LocalStorageGetItemResponseMessage,
     )
 }
 """Messages that the studio's page sends, by name."""

@@ -7,7 +7,6 @@ resolved, which a hostile name server may direct to this machine (DNS rebinding)
 
 import socket
 from collections.abc import Sequence
-from dataclasses import dataclass
 from ipaddress import IPv6Address, ip_address
 from urllib.parse import urlsplit
 
@@ -22,35 +21,22 @@ PORTS = {"http": 80, "https": 443}
 """Default ports (RFC 9110)."""
 
 
-@dataclass(frozen=True)
-class Origin:
-    """Scheme, host and port of a page, as in the Origin header."""
-
-    scheme: str
-    host: str
-    port: int
-
-    def __str__(self) -> str:
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{self.scheme}://{host}" + (
-            "" if PORTS[self.scheme] == self.port else f":{self.port}"
-        )
-
-
-def read_origin(text: str) -> Origin:
-    """Parses an origin such as https://lab.example. Raises T2TwinError for anything else."""
+def read_origin(text: str) -> str:
+    """An origin such as https://lab.example as browsers send it: in lower case, without the default
+    port. Raises T2TwinError for anything else."""
     try:
-        parts = urlsplit(text)
+        parts = urlsplit(text.lower())
         host, port = parts.hostname, parts.port
     except ValueError:
         host, port, parts = None, None, urlsplit("")
     whole = f"{parts.scheme}://{parts.netloc}"
-    if not host or parts.scheme not in PORTS or text.lower() != whole.lower() or "@" in text:
+    if not host or parts.scheme not in PORTS or text.lower() != whole or "@" in text:
         raise T2TwinError(
             f"{text[:80]!r} is not an origin; expected a scheme (http or https), a host and an "
             "optional port, such as https://lab.example:8443"
         )
-    return Origin(parts.scheme, host.rstrip("."), port or PORTS[parts.scheme])
+    default = port is None or port == PORTS[parts.scheme]
+    return whole.removesuffix(f":{port}") if default else whole
 
 
 class OriginCheck:
@@ -61,8 +47,10 @@ class OriginCheck:
     """
 
     def __init__(self, host: str, allowed: Sequence[str] = ()) -> None:
-        self.allowed = frozenset(read_origin(each) for each in allowed)
-        self._names = OWN_NAMES | {each.host for each in self.allowed} | {host.lower()}
+        self.allowed = frozenset(map(read_origin, allowed))
+        self._names = (
+            OWN_NAMES | {urlsplit(each).hostname for each in self.allowed} | {host.lower()}
+        )
         if host not in OWN_NAMES:
             name = socket.gethostname().lower()
             self._names |= {name, f"{name}.local"}
@@ -72,37 +60,26 @@ class OriginCheck:
 
         local_address: address of this machine that received the request.
         """
-        names = self._names | {_plain_address(local_address)}
         hosts = request.headers.get_all("Host")
         try:
             (given,) = hosts
-            host = read_origin(f"http://{given}")
+            name = urlsplit(read_origin(f"http://{given}")).hostname
         except (ValueError, T2TwinError):
             return f"a request for the host {', '.join(hosts)[:80]!r} was refused"
-        if host.host not in names:
+        if name not in self._names | {_plain_address(local_address)}:
             return (
                 f"a request for the host {given[:80]!r} was refused; if this is the address of the "
                 f"studio, start it with --allow-origin http://{given[:80]}"
             )
-        for text in request.headers.get_all("Origin"):
-            if not self._may_connect(text, host, names):
+        # The Host header has no scheme, so it may be that of either scheme.
+        own = {read_origin(f"{scheme}://{given}") for scheme in PORTS}
+        for origin in request.headers.get_all("Origin"):
+            if origin.lower() not in self.allowed | own:
                 return (
-                    f"a request of a page of {text[:80]!r} was refused; to allow such pages, start "
-                    "the studio with --allow-origin"
+                    f"a request of a page of {origin[:80]!r} was refused; to allow such pages, "
+                    "start the studio with --allow-origin"
                 )
         return ""
-
-    def _may_connect(self, text: str, host: Origin, names: frozenset[str]) -> bool:
-        """Whether an origin is that of the studio or an allowed one."""
-        try:
-            origin = read_origin(text)
-        except T2TwinError:
-            return False
-        if origin in self.allowed:
-            return True
-        # The Host header has no scheme, so a missing port may be that of either scheme.
-        ports = {host.port, PORTS["https"] if host.port == PORTS["http"] else host.port}
-        return origin.host in names and origin.port in ports
 
 
 def _plain_address(address: str) -> str:

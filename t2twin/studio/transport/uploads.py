@@ -44,9 +44,8 @@ class Uploads:
         self._clients[client.client_id] = (client, refuse)
 
     def remove_client(self, client: viser.ClientHandle) -> None:
-        """Discards the unfinished uploads of a client that has disconnected."""
+        """Forgets a client that has disconnected; viser discards its unfinished uploads."""
         self._clients.pop(client.client_id, None)
-        _unfinished(client).clear()
 
     def accepts_start(self, client: viser.ClientHandle, start: FileTransferStartUpload) -> bool:
         """Whether an upload may start. Raises T2TwinError for a message that no page sends."""
@@ -56,21 +55,15 @@ class Uploads:
                 f"an upload of {start.size_bytes:,} bytes in {start.part_count:,} parts; expected "
                 f"at most {MAX_PARTS} parts, and none of an empty file"
             )
-        if start.transfer_uuid in _unfinished(client):
-            raise T2TwinError("an upload started twice")
         try:
             check_size(start.filename, start.size_bytes)
-            self._check_capacity(client, start)
+            self._check_capacity(client, start.size_bytes)
         except T2TwinError as error:
             # Acknowledged as complete, because the page would wait otherwise.
-            client.gui._websock_interface.queue_message(
-                _messages.FileTransferPartAck(
-                    start.source_component_uuid,
-                    start.transfer_uuid,
-                    start.size_bytes,
-                    start.size_bytes,
-                )
+            done = _messages.FileTransferPartAck(
+                start.source_component_uuid, start.transfer_uuid, start.size_bytes, start.size_bytes
             )
+            client.gui._websock_interface.queue_message(done)
             self._clients[client.client_id][1](error)
             return False
         return True
@@ -78,36 +71,30 @@ class Uploads:
     def accepts_part(self, client: viser.ClientHandle, part: FileTransferPart) -> bool:
         """Whether a part belongs to an accepted upload; a page continues to send refused files.
 
-        Raises T2TwinError for a part that no page sends, and discards the upload.
+        Raises T2TwinError for a part that no page sends. viser ignores repeated parts.
         """
         file = _unfinished(client).get(part.transfer_uuid)
         if file is None:
             return False
-        try:
-            _check_button(client, part.source_component_uuid)
-            if part.part_index in file["parts"] or part.part_index >= file["part_count"]:
-                raise T2TwinError(f"part {part.part_index} of an upload is repeated or unexpected")
-            received = file["transferred_bytes"] + len(part.content)
-            is_last = len(file["parts"]) + 1 == file["part_count"]
-            if received > file["total_bytes"] or (is_last and received < file["total_bytes"]):
-                raise T2TwinError(
-                    f"an upload does not have its announced {file['total_bytes']:,} bytes"
-                )
-        except T2TwinError:
-            _unfinished(client).pop(part.transfer_uuid, None)
-            raise
+        _check_button(client, part.source_component_uuid)
+        missing = file["total_bytes"] - file["transferred_bytes"] - len(part.content)
+        is_last = len(file["parts"]) + 1 == file["part_count"]
+        if missing < 0 or (is_last and missing):
+            del _unfinished(client)[part.transfer_uuid]
+            raise T2TwinError(
+                f"an upload does not have its announced {file['total_bytes']:,} bytes"
+            )
         return True
 
-    def _check_capacity(self, client: viser.ClientHandle, start: FileTransferStartUpload) -> None:
-        """Raises T2TwinError if unfinished uploads leave no capacity for another."""
-        own = [file["total_bytes"] for file in list(_unfinished(client).values())]
-        clients = [each for each, _ in list(self._clients.values())]
-        of_all = sum(
-            file["total_bytes"] for each in clients for file in list(_unfinished(each).values())
+    def _check_capacity(self, client: viser.ClientHandle, size: int) -> None:
+        """Raises T2TwinError if unfinished uploads leave no capacity for a file."""
+        own, of_all = (
+            [file["total_bytes"] for each in clients for file in list(_unfinished(each).values())]
+            for clients in ([client], [each for each, _ in list(self._clients.values())])
         )
-        if len(own) >= MAX_UPLOADS or sum(own) + start.size_bytes > MAX_BYTES:
+        if len(own) >= MAX_UPLOADS or sum(own) + size > MAX_BYTES:
             raise T2TwinError("other files are being uploaded; try again when they are complete")
-        if of_all + start.size_bytes > MAX_BYTES_OF_ALL:
+        if sum(of_all) + size > MAX_BYTES_OF_ALL:
             raise T2TwinError("other users are uploading files; try again in a moment")
 
 

@@ -3,6 +3,7 @@
 import base64
 import io
 from functools import cache
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -40,12 +41,12 @@ def color_image_url(values: np.ndarray, high: float) -> str:
     """
     image = Image.fromarray(_levels(values, high, SEQUENTIAL))
     image.putpalette(color_table().tobytes())
-    return _data_url(image)
+    return data_url(image)
 
 
 def image_url(pixels: np.ndarray) -> str:
     """Data URL of a PNG of (h, w, 3) or (h, w) uint8."""
-    return _data_url(Image.fromarray(pixels))
+    return data_url(Image.fromarray(pixels))
 
 
 @cache
@@ -63,7 +64,8 @@ def _levels(values: np.ndarray, high: float, name: str) -> np.ndarray:
     return np.clip(np.rint(levels), 0, LEVELS - 1).astype(np.uint8)
 
 
-def _data_url(image: Image.Image) -> str:
+def data_url(image: Image.Image, **options: Any) -> str:
+    """Data URL of a PNG. options: of `Image.save`."""
     buffer = io.BytesIO()
-    image.save(buffer, "PNG", compress_level=PNG_COMPRESSION)
+    image.save(buffer, "PNG", compress_level=PNG_COMPRESSION, **options)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")

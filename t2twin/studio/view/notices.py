@@ -32,21 +32,19 @@ class Notices:
 
     def show_error(self, error: Exception) -> None:
         """Shows an error with the message of the command line."""
-        if isinstance(error, T2TwinError):
-            message = str(error)
-        elif isinstance(error, OSError):
+        message = str(error)
+        if isinstance(error, OSError):
             message = f"{error.filename or 'a file'} cannot be used: {error.strerror or error}"
-        else:
+        elif not isinstance(error, T2TwinError):
             message = UNEXPECTED
-            (*_, place) = traceback.extract_tb(error.__traceback__) or [None]
-            at = "" if place is None else f" at {place.filename}:{place.lineno}"
+            places = traceback.extract_tb(error.__traceback__)
+            at = f" at {places[-1].filename}:{places[-1].lineno}" if places else ""
             log(f"the studio continues after an error{at}: {error!r}")
         with self._lock:
-            if message == self._shown:
-                return
-            self.clear()
-            self._shown = message
-            self._error = self._client.add_notification("Not possible", message, color="red")
+            if message != self._shown:
+                self.clear()
+                self._shown = message
+                self._error = self._client.add_notification("Not possible", message, color="red")
 
     def guard(self, task: Callable[[], object]) -> bool:
         """Runs a task and shows its error; True if there was none."""

@@ -20,11 +20,14 @@ from t2twin.studio.view.solids import (
     as_glb,
     cut_open,
     elastomer_part,
+    linear_values,
     near_mesh,
     shape_pose,
+    surface_mm,
     taxels_part,
     without_plate,
 )
+from t2twin.studio.view.traction import SLIP_RGB, STICK_RGB, arrows_of
 
 Sensors = Literal["both", "DIGIT", "CySkin"]
 """Visible sensors."""
@@ -46,15 +49,22 @@ SEEN_FROM_MM, LOOKING_AT_MM = np.array([2.0, -55.0, 54.0]), np.array([2.0, -4.0,
 ONE_SENSOR = 0.62
 """Relative distance of the camera with one visible sensor."""
 
-NARROW, HIDDEN_MM = 0.62, 64.0
-"""Aspect ratio below which the camera is moved away, and shift of its target, mm: on a phone the
-controls hide the lower half of the scene."""
+NARROW = 0.72
+"""Aspect ratio of the scene below which the camera is moved away."""
+
+PHONE_PX, NARROW_PHONE, HIDDEN_MM = 576, 0.62, 64.0
+"""Width below which viser shows the controls over the lower half of the scene; NARROW there, and
+shift of the camera's target, mm."""
 
 NEAR_PLANE_MM = 1.0
 """Near plane of the camera, mm, large enough for the precision of the depth buffer."""
 
 LIFT_MM = 0.03
 """Height by which the drawn shape is raised, mm, which avoids flicker with the surface below."""
+
+ARROWS, ARROW_LENGTH, ARROW_ABOVE_MM = 5, 1.6, 0.3
+"""Number of arrows of tangential traction along the longer side of a contact, their length relative
+to their spacing at the largest traction, and their height above the surface, mm."""
 
 MIN_SLOPE = 0.05
 """Slope of a ray below which its intersection with a height is undefined."""
@@ -95,20 +105,29 @@ class Scene:
             )
         self._surfaces: dict[str, list[viser.GlbHandle]] = {"digit": [], "cyskin": []}
         self._shapes: dict[str, viser.MeshHandle] = {}
+        self._arrows: dict[str, viser.ArrowsHandle] = {}
         self._drawn: tuple[Shape, ShapeStyle, float] | None = None
         self._mesh: tuple[Shape, trimesh.Trimesh] | None = None
         self._grabbed = np.zeros(3)
+        self._is_phone = client.camera.image_width < PHONE_PX
         client.scene.configure_default_lights(enabled=True, cast_shadow=False)
 
-    def arrange(self, sensors: Sensors) -> None:
-        """Shows the selected sensors and moves the camera to them."""
+    def arrange(self, sensors: Sensors, hidden_px: int = 0) -> None:
+        """Shows the selected sensors and moves the camera to them.
+
+        hidden_px: width that panels will hide.
+        """
         both = sensors == "both"
         for name, side in (("digit", -0.5), ("cyskin", 0.5)):
             self._places[name].visible = both or sensors.lower() == name
             self._places[name].position = (side * SENSOR_SPACING_MM if both else 0.0, 0.0, 0.0)
-        camera = self._client.camera
-        far = (1.0 if both else ONE_SENSOR) * max(1.0, NARROW / camera.aspect)
-        looking_at = LOOKING_AT_MM - (0.0, HIDDEN_MM if camera.aspect < NARROW else 0.0, 0.0)
+        camera, far, looking_at = self._client.camera, 1.0 if both else ONE_SENSOR, LOOKING_AT_MM
+        narrow = NARROW
+        if self._is_phone:
+            narrow, hidden_px = NARROW_PHONE, 0
+            looking_at = LOOKING_AT_MM - (0.0, HIDDEN_MM, 0.0)
+        width = max(camera.image_width - hidden_px, 1)
+        far *= max(1.0, narrow * camera.image_height / width)
         with self._client.atomic():
             camera.near = NEAR_PLANE_MM
             camera.position = looking_at + far * (SEEN_FROM_MM - LOOKING_AT_MM)
@@ -120,9 +139,11 @@ class Scene:
         shape_style: ShapeStyle,
         max_kpa: dict[str, float],
         max_counts: float,
+        with_arrows: bool,
     ) -> None:
-        """Draws a result. max_kpa, max_counts: upper ends of the color scales."""
-        contacts = {"digit": result.touch.digit, "cyskin": result.touch.cyskin}
+        """Draws a result. max_kpa, max_counts: upper ends of the color scales. with_arrows: draws
+        the tangential traction."""
+        contacts = result.touch.contacts
         parts = {name: [elastomer_part(contacts[name], max_kpa[name])] for name in contacts}
         parts["cyskin"].append(
             taxels_part(result.touch.cyskin, result.touch.layout, result.touch.counts, max_counts)
@@ -134,6 +155,7 @@ class Scene:
             )
             for name in contacts:
                 self._draw_surface(name, surfaces[name])
+                self._draw_arrows(name, contacts[name], with_arrows)
         self._client.flush()
 
     def hide_old_surfaces(self) -> None:
@@ -151,6 +173,25 @@ class Scene:
         surfaces.reverse()
         surfaces[-1].glb_data = glb
         surfaces[-1].visible = True
+
+    def _draw_arrows(self, name: str, contact: Contact, visible: bool) -> None:
+        if name in self._arrows:
+            self._arrows.pop(name).remove()
+        if not visible or contact.motion is None:
+            return
+        arrows = arrows_of(contact, ARROWS)
+        along = ARROW_LENGTH * arrows.along_mm / 2
+        height = surface_mm(contact)[arrows.rows, arrows.columns] + ARROW_ABOVE_MM
+        x, y = arrows.x_mm, arrows.y_mm
+        ends = [np.stack([x + s * along[0], y + s * along[1], height], axis=-1) for s in (-1, 1)]
+        self._arrows[name] = self._client.scene.add_arrows(
+            f"/{name}/traction",
+            np.stack(ends, axis=1),
+            linear_values(np.where(arrows.slips[:, None], SLIP_RGB, STICK_RGB)),
+            shaft_radius=0.1,
+            head_radius=0.3,
+            head_length=0.5,
+        )
 
     def _draw_shape(
         self, shape: Shape, shape_style: ShapeStyle, yaw_rad: float, contacts: dict[str, Contact]

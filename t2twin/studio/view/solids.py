@@ -57,7 +57,7 @@ class SceneMesh:
 
 def elastomer_part(contact: Contact, max_kpa: float) -> SceneMesh:
     """Deformed surface of an elastomer in colors from 0 to max_kpa, with its sides."""
-    z = _surface_mm(contact)
+    z = surface_mm(contact)
     x, y = np.meshgrid(contact.x_mm, contact.y_mm)
     top = np.stack([x, y, z], axis=-1).reshape(-1, 3)
     faces, rim = _grid_faces(*z.shape)
@@ -88,7 +88,7 @@ def taxels_part(
     radius = layout.pad_diameter_mm / 2
     x, y = np.meshgrid(contact.x_mm, contact.y_mm)
     far = np.hypot(x - layout.x_mm[:, None, None], y - layout.y_mm[:, None, None])
-    under = np.where(far <= RIM * radius[:, None, None], _surface_mm(contact), -np.inf)
+    under = np.where(far <= RIM * radius[:, None, None], surface_mm(contact), -np.inf)
     places = np.stack([layout.x_mm, layout.y_mm, under.max(axis=(1, 2))], axis=-1)
     disc, faces = _disc()
     colors = color_values(counts.astype(np.float32), max_counts)
@@ -111,16 +111,20 @@ def taxels_part(
 def as_glb(parts: Sequence[SceneMesh]) -> bytes:
     """Parts as one GLB file with unlit colors."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts[:-1])])
-    # Vertex colors of glTF are linear, those of screens sRGB (IEC 61966-2-1).
-    srgb = np.concatenate([part.colors for part in parts]) / 255.0
-    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
     mesh = trimesh.Trimesh(
         np.concatenate([part.vertices for part in parts]),
         np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=True)]),
-        vertex_colors=np.rint(255.0 * linear).astype(np.uint8),
+        vertex_colors=linear_values(np.concatenate([part.colors for part in parts])),
         process=False,
     )
     return export_glb(mesh.scene(), include_normals=False, tree_postprocessor=_unlit)
+
+
+def linear_values(colors: np.ndarray) -> np.ndarray:
+    """(..., 3) uint8: linear values of sRGB colors (IEC 61966-2-1), which glTF and arrows have."""
+    srgb = colors / 255.0
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    return np.rint(255.0 * linear).astype(np.uint8)
 
 
 def cut_open(mesh: trimesh.Trimesh, yaw_rad: float) -> trimesh.Trimesh:
@@ -184,7 +188,7 @@ def _half(
     return trimesh.Trimesh(vertices, faces, process=False) if len(faces) else mesh
 
 
-def _surface_mm(contact: Contact) -> np.ndarray:
+def surface_mm(contact: Contact) -> np.ndarray:
     """(ny, nx) heights of the deformed surface in the sensor frame, mm."""
     rest = contact.elastomer.rest_surface_mm(*np.meshgrid(contact.x_mm, contact.y_mm))
     return rest - contact.surface_mm

@@ -8,7 +8,7 @@ Shape letters: P pairs, N taxels, K groups of pairs.
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.translate.evaluation.metrics.floors import GROUPS
 from t2twin.translate.evaluation.metrics.ssim import image_scores
-from t2twin.translate.evaluation.records import Figures
+from t2twin.translate.evaluation.records import FigureName, Figures
 
 CONTACT_LEVEL = 0.1
 """Fraction of its image's maximum above which a pixel is in contact (assumed)."""
@@ -26,34 +26,22 @@ BATCH_SIZE = 64
 """Pairs whose tactile images are computed together; bounds memory to 50 MB."""
 
 
-@dataclass(frozen=True)
-class Sum:
-    """Sum of a quantity over groups of pairs, and number of pairs that have it; (K,) each."""
+QUANTITIES = (
+    "squared_error",
+    "ssim",
+    "ssim_contact",
+    "contact_iou",
+    "centroid_error_mm",
+    "total_error",
+    "total",
+)
+"""Fields of PairFigures, (P,) each."""
 
-    total: np.ndarray
-    pairs: np.ndarray
+Sums = dict[str, tuple[np.ndarray, np.ndarray]]
+"""Sum of each quantity over groups of pairs, and number of pairs that have it; (K,) each."""
 
-    @property
-    def mean(self) -> np.ndarray:
-        """Mean; NaN if no pair has the quantity."""
-        nothing = np.full(self.total.shape, np.nan)
-        return np.divide(self.total, self.pairs, out=nothing, where=self.pairs > 0)
-
-
-@dataclass(frozen=True)
-class GroupedFigures:
-    """The figures of records.Figures for K groups of pairs: (K,) each, NaN for none."""
-
-    rmse_counts: np.ndarray
-    rmse_percent: np.ndarray
-    ssim: np.ndarray
-    ssim_contact: np.ndarray
-    contact_iou: np.ndarray
-    centroid_error_mm: np.ndarray
-    total_error_percent: np.ndarray
-    rmse_under_counts: np.ndarray
-    rmse_near_counts: np.ndarray
-    rmse_beyond_counts: np.ndarray
+GroupedFigures = dict[FigureName, np.ndarray]
+"""The figures of records.Figures for K groups of pairs: (K,) each, NaN for none."""
 
 
 @dataclass(frozen=True)
@@ -90,59 +78,51 @@ class PairFigures:
     def _summaries(self, full_scale: float, place: np.ndarray, groups: int) -> list[Figures]:
         """place, groups: as for `sums`."""
         grouped = figures_of(self.sums(place, groups), full_scale)
-        pairs = np.bincount(place, minlength=groups)
         summaries = []
-        for group in range(groups):
-            values = {f.name: float(getattr(grouped, f.name)[group]) for f in fields(grouped)}
+        for group, pairs in enumerate(np.bincount(place, minlength=groups)):
+            values = {name: float(figure[group]) for name, figure in grouped.items()}
             known = {name: None if np.isnan(value) else value for name, value in values.items()}
-            summaries.append(Figures(pairs=int(pairs[group]), **known))  # pyright: ignore[reportArgumentType]
+            summaries.append(Figures(pairs=int(pairs), **known))  # pyright: ignore[reportArgumentType]
         return summaries
 
-    def sums(self, place: np.ndarray, groups: int) -> dict[str, Sum]:
-        """Sums by group, (K,) each, by attribute; figures of any union of groups follow from them.
+    def sums(self, place: np.ndarray, groups: int) -> Sums:
+        """Sums by group, (K,); figures of any union of groups follow from them.
 
         place: (P,) the group of each pair, 0 to groups - 1.
         """
-        columns = {
-            "squared_error": self.squared_error,
-            "ssim": self.ssim,
-            "ssim_contact": self.ssim_contact,
-            "contact_iou": self.contact_iou,
-            "centroid_error_mm": self.centroid_error_mm,
-            "total_error": self.total_error,
-            "total": self.total,
-        }
+        columns = {name: getattr(self, name) for name in QUANTITIES}
         nothing = np.full(self.total.shape, np.nan)
         for group in GROUPS:
-            columns[_squared_error(group)] = self.squared_error_of.get(group, nothing)
+            columns[f"squared_error_{group}"] = self.squared_error_of.get(group, nothing)
         sums = {}
         for name, values in columns.items():
             known = ~np.isnan(values)
-            sums[name] = Sum(
-                np.bincount(place[known], values[known], groups),
-                np.bincount(place[known], minlength=groups).astype(float),
-            )
+            pairs = np.bincount(place[known], minlength=groups).astype(float)
+            sums[name] = np.bincount(place[known], values[known], groups), pairs
         return sums
 
 
-def figures_of(sums: Mapping[str, Sum], full_scale: float) -> GroupedFigures:
+def mean_of(total: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+    """total / pairs; NaN without pairs."""
+    return np.divide(total, pairs, out=np.full(total.shape, np.nan), where=pairs > 0)
+
+
+def figures_of(sums: Sums, full_scale: float) -> GroupedFigures:
     """Figures from PairFigures.sums. full_scale: counts."""
-    rmse = np.sqrt(sums["squared_error"].mean)
-    error, total = sums["total_error"].total, sums["total"].total
-    nothing = np.full(total.shape, np.nan)
-    under, near, beyond = (np.sqrt(sums[_squared_error(group)].mean) for group in GROUPS)
-    return GroupedFigures(
-        rmse_counts=rmse,
-        rmse_percent=100.0 * rmse / full_scale,
-        ssim=sums["ssim"].mean,
-        ssim_contact=sums["ssim_contact"].mean,
-        contact_iou=sums["contact_iou"].mean,
-        centroid_error_mm=sums["centroid_error_mm"].mean,
-        total_error_percent=np.divide(100.0 * error, total, out=nothing, where=total > 0),
-        rmse_under_counts=under,
-        rmse_near_counts=near,
-        rmse_beyond_counts=beyond,
-    )
+    means = {name: mean_of(*of_name) for name, of_name in sums.items()}
+    rmse = np.sqrt(means["squared_error"])
+    return {
+        "rmse_counts": rmse,
+        "rmse_percent": 100.0 * rmse / full_scale,
+        "ssim": means["ssim"],
+        "ssim_contact": means["ssim_contact"],
+        "contact_iou": means["contact_iou"],
+        "centroid_error_mm": means["centroid_error_mm"],
+        "total_error_percent": mean_of(100.0 * sums["total_error"][0], sums["total"][0]),
+        "rmse_under_counts": np.sqrt(means["squared_error_under"]),
+        "rmse_near_counts": np.sqrt(means["squared_error_near"]),
+        "rmse_beyond_counts": np.sqrt(means["squared_error_beyond"]),
+    }
 
 
 def compare(
@@ -174,10 +154,6 @@ def compare(
         total_error=np.abs(predicted.sum(axis=1) - true.sum(axis=1)),
         total=true.sum(axis=1),
     )
-
-
-def _squared_error(group: str) -> str:
-    return f"squared_error_{group}"
 
 
 def _scores_of_images(

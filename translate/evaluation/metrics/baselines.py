@@ -51,15 +51,6 @@ def mean_array(train: Pairs) -> np.ndarray:
     return train.counts.mean(axis=0, dtype=float).astype(np.float32)
 
 
-def nearest_neighbor(train: Pairs, images: ImageFile | np.ndarray) -> np.ndarray:
-    """Counts of the training pair with the nearest image in Euclidean distance.
-
-    train: with images at FEATURE_SIZE in RGB. images: the P queries, of equal size. Returns (P, N)
-    float32, counts.
-    """
-    return train.counts[neighbors(train.images, images).index[:, 0]]
-
-
 def neighbors(
     stored: ImageFile,
     queries: ImageFile | np.ndarray,
@@ -72,7 +63,9 @@ def neighbors(
     shapes: (M,) and (P,) names; stored images of the query's own shape are excluded. progress:
     title of a progress bar, or None.
     """
-    mean = _mean_image(stored)
+    # The mean image, (F,); subtracting it reduces rounding errors of distances.
+    total = sum(_pixels(stored, part).sum(axis=0, dtype=float) for part in _parts(len(stored)))
+    mean = np.asarray(total / len(stored), dtype=np.float32)
     features = np.empty((len(stored), mean.size), np.float32)
     for part in _parts(len(stored)):
         features[part] = _features(stored, part, mean)
@@ -96,12 +89,6 @@ def neighbors(
         index[part] = np.take_along_axis(near, order, axis=1)
         distance[part] = np.take_along_axis(exact, order, axis=1)
     return Neighbors(index, distance)
-
-
-def _mean_image(images: ImageFile) -> np.ndarray:
-    """The mean image, (F,) float32; subtracting it reduces rounding errors of distances."""
-    total = sum(_pixels(images, part).sum(axis=0, dtype=float) for part in _parts(len(images)))
-    return np.asarray(total / len(images), dtype=np.float32)
 
 
 def _features(images: ImageFile | np.ndarray, part: slice, mean: np.ndarray) -> np.ndarray:

@@ -7,15 +7,14 @@ Shape letters: B resamples, K shapes, P pairs.
 """
 
 from collections.abc import Iterator
-from dataclasses import fields
 
 import numpy as np
 
 from t2twin.translate.evaluation.metrics.array_errors import (
     GroupedFigures,
     PairFigures,
-    Sum,
     figures_of,
+    mean_of,
 )
 from t2twin.translate.evaluation.records import Interval, Intervals
 
@@ -43,20 +42,15 @@ def replicates(
     """
     names, place = np.unique(shapes, return_inverse=True)
     sums = figures.sums(place, names.size)
-    parts = [
-        {name: Sum(weights @ one.total, weights @ one.pairs) for name, one in sums.items()}
-        for weights in _weights_in_parts(names.size, seed)
-    ]
-    return figures_of(
-        {
-            name: Sum(
-                np.concatenate([part[name].total for part in parts]),
-                np.concatenate([part[name].pairs for part in parts]),
-            )
-            for name in sums
-        },
-        full_scale,
-    )
+    weights = list(_weights_in_parts(names.size, seed))
+    resampled = {
+        name: (
+            np.concatenate([part @ total for part in weights]),
+            np.concatenate([part @ pairs for part in weights]),
+        )
+        for name, (total, pairs) in sums.items()
+    }
+    return figures_of(resampled, full_scale)
 
 
 def rmse_by_group(
@@ -71,10 +65,10 @@ def rmse_by_group(
     cell, cells = of_shape * groups + place, names.size * groups
     total = np.bincount(cell, squared_error, cells).reshape(-1, groups)
     pairs = np.bincount(cell, minlength=cells).reshape(-1, groups).astype(float)
-    sums = [
-        Sum(weights @ total, weights @ pairs) for weights in _weights_in_parts(names.size, SEED)
+    means = [
+        mean_of(weights @ total, weights @ pairs) for weights in _weights_in_parts(names.size, SEED)
     ]
-    return np.sqrt(np.concatenate([one.mean for one in sums]))
+    return np.sqrt(np.concatenate(means))
 
 
 def _weights_in_parts(shapes: int, seed: int, resamples: int = RESAMPLES) -> Iterator[np.ndarray]:
@@ -101,6 +95,4 @@ def interval(values: np.ndarray) -> Interval | None:
 
 def intervals(resampled: GroupedFigures) -> Intervals:
     """The intervals of all figures of `replicates`."""
-    return Intervals(
-        **{each.name: interval(getattr(resampled, each.name)) for each in fields(Intervals)}
-    )
+    return {name: interval(values) for name, values in resampled.items()}

@@ -16,7 +16,6 @@ Shape letters: P presses, k neighbors, N taxels, K shapes.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -39,7 +38,6 @@ from t2twin.translate.evaluation.records import (
     IrreducibleError,
     IrreducibleErrorFloor,
     NeighborPairs,
-    ShapeFloor,
 )
 
 NEIGHBORS = 8
@@ -51,46 +49,15 @@ CLOSE = 2.0
 FITTED_SHARE = 0.5
 """Share of the pairs, the nearest ones, that the line is fitted to."""
 
-BINS = 12
-"""Groups of equal numbers of pairs, by distance, for the curve."""
-
 MAX_PRESSES = 5000
 """Maximum number of presses whose neighbors are searched (assumed: the error of a median is then
 1 %)."""
-
-MAX_SHAPES = 200
-"""Maximum number of shapes with figures of their own (assumed: more are not read)."""
 
 NOISE_IMAGES = 64
 """Images for the measurement of the distance due to noise."""
 
 SEED = 2
 """Seed of that noise, and of the selection among more than MAX_PRESSES presses."""
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Presses and their neighbors.
-
-    shapes: (P,) the presses' shapes. distance_grey: (P, k) distances of the images, infinite if
-    there are fewer than k. half_squares: (P, k, N) half the squared difference of the counts,
-    counts^2.
-    """
-
-    shapes: np.ndarray
-    distance_grey: np.ndarray
-    half_squares: np.ndarray
-
-
-@dataclass(frozen=True)
-class AtNoise:
-    """Extrapolations of the shapes to the distance due to noise.
-
-    presses: (K,) presses of each shape, 0 without extrapolation. half_squares: (K,) counts^2.
-    """
-
-    presses: np.ndarray
-    half_squares: np.ndarray
 
 
 def estimate_irreducible_error(
@@ -175,7 +142,6 @@ def floor_of(
 
     near: the presses' k nearest of the others. noise_grey: the distance due to noise. The record's
 
-    - curve has BINS groups of all k neighbors by distance.
     - extrapolated_rmse_counts is the root of the mean over presses of an extrapolation by shape. A
       line of half the squared difference over the squared distance is fitted to FITTED_SHARE of the
       shape's pairs, with a slope of at least 0. It is evaluated at the distance due to noise. The
@@ -183,109 +149,69 @@ def floor_of(
     - interval is over resampled shapes.
     - parts are the extrapolations of groups of taxels.
     """
-    known = np.isfinite(near.distance_grey[:, 0])
+    distance = near.distance_grey
+    known = np.isfinite(distance[:, 0])
     if not known.any():
         return None
-    compared = Comparison(
-        shapes=pairs.shapes,
-        distance_grey=near.distance_grey,
-        half_squares=np.square(pairs.counts[:, None] - others.counts[near.index]) / 2,
-    )
-    names = np.unique(pairs.shapes[known])
-    whole = _at_noise(compared, names, noise_grey)
-    close = near.distance_grey[:, 0] <= CLOSE * noise_grey
+    half_squares = np.square(pairs.counts[:, None] - others.counts[near.index]) / 2
+
+    def at_noise(taxels: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
+        half = half_squares[:, :, taxels].mean(axis=2, dtype=float)
+        return _at_noise(pairs.shapes[known], distance[known], half[known], noise_grey)
+
+    def nearest(which: np.ndarray) -> NeighborPairs:
+        half = half_squares[which, 0].mean(axis=-1, dtype=float)
+        if not half.size:
+            return NeighborPairs(0, None, None)
+        median = float(np.median(distance[which, 0]))
+        return NeighborPairs(half.size, median, float(np.sqrt(half.mean())))
+
+    whole = at_noise(slice(None))
     return IrreducibleErrorFloor(
-        nearest=_nearest(compared, known),
-        close=_nearest(compared, known & close),
-        curve=_curve(compared),
-        extrapolated_rmse_counts=_root_of_mean(whole),
-        interval=_interval(whole),
+        nearest=nearest(known),
+        close=nearest(known & (distance[:, 0] <= CLOSE * noise_grey)),
+        extrapolated_rmse_counts=_root_of_mean(*whole),
+        interval=_interval(*whole),
         parts={
-            name: _root_of_mean(_at_noise(compared, names, noise_grey, mask))
+            name: _root_of_mean(*at_noise(mask))
             for name, mask in taxel_groups.items()
             if mask.any()
         },
-        by_shape={
-            str(name): ShapeFloor(
-                nearest=_nearest(compared, known & (pairs.shapes == name)),
-                extrapolated_rmse_counts=_root_of_mean(
-                    AtNoise(whole.presses[[place]], whole.half_squares[[place]])
-                ),
-            )
-            for place, name in enumerate(names)
-            if names.size <= MAX_SHAPES
-        },
     )
-
-
-def _nearest(compared: Comparison, which: np.ndarray) -> NeighborPairs:
-    """The presses `which`, (P,) bool, with their nearest neighbors."""
-    return _neighbor_pairs(
-        compared.distance_grey[which, 0],
-        compared.half_squares[which, 0].mean(axis=-1, dtype=float),
-    )
-
-
-def _curve(compared: Comparison) -> tuple[NeighborPairs, ...]:
-    known = np.isfinite(compared.distance_grey)
-    distance = compared.distance_grey[known]
-    half = compared.half_squares.mean(axis=2, dtype=float)[known]
-    in_order = np.argsort(distance, kind="stable")
-    return tuple(
-        _neighbor_pairs(distance[part], half[part])
-        for part in np.array_split(in_order, BINS)
-        if part.size
-    )
-
-
-def _neighbor_pairs(distance: np.ndarray, half: np.ndarray) -> NeighborPairs:
-    """distance: grey levels. half: half the squared difference, counts^2. One number per pair."""
-    if not distance.size:
-        return NeighborPairs(0, None, None)
-    return NeighborPairs(distance.size, float(np.median(distance)), float(np.sqrt(half.mean())))
 
 
 def _at_noise(
-    compared: Comparison, names: np.ndarray, noise_grey: float, taxels: np.ndarray | None = None
-) -> AtNoise:
-    """Extrapolations by shape. names: (K,) shapes. taxels: (N,) bool, by default all.
+    shapes: np.ndarray, distance: np.ndarray, half: np.ndarray, noise_grey: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Extrapolations of the K shapes: their presses, 0 without one, and values, counts^2, (K,).
 
+    shapes: (P,). distance, half: (P, k) grey levels and half the squared differences, counts^2.
     Each shape has its own line, because shapes differ in the distances of their images and counts.
     """
-    squares = compared.half_squares if taxels is None else compared.half_squares[:, :, taxels]
-    half, distance = squares.mean(axis=2, dtype=float), compared.distance_grey
-    presses, at_noise = np.zeros((2, names.size))
-    for place, members in enumerate(_members(compared.shapes, names)):
-        distances, values = distance[members], half[members]
-        known = np.isfinite(distances)
-        fitted = known & (distances <= np.quantile(distances[known], FITTED_SHARE))
-        x, y = np.square(distances[fitted]), values[fitted]
+    names = np.unique(shapes)
+    presses, values = np.zeros((2, names.size))
+    for place, name in enumerate(names):
+        own = shapes == name
+        known = np.isfinite(distance[own])
+        fitted = known & (distance[own] <= np.quantile(distance[own][known], FITTED_SHARE))
+        x, y = np.square(distance[own][fitted]), half[own][fitted]
         spread = np.square(x - x.mean()).sum()
         if spread > 0:
             slope = max(0.0, float(((x - x.mean()) * (y - y.mean())).sum() / spread))
-            presses[place] = known[:, 0].sum()
-            at_noise[place] = y.mean() - slope * (x.mean() - noise_grey**2)
-    return AtNoise(presses, at_noise)
+            presses[place] = own.sum()
+            values[place] = y.mean() - slope * (x.mean() - noise_grey**2)
+    return presses, values
 
 
-def _members(shapes: np.ndarray, names: np.ndarray) -> list[np.ndarray]:
-    """Indices of the presses of each name, in ascending order. names: (K,), sorted."""
-    in_order = np.argsort(shapes, kind="stable")
-    ends = [np.searchsorted(shapes[in_order], names, side) for side in ("left", "right")]
-    return [in_order[start:end] for start, end in zip(*ends, strict=True)]
-
-
-def _root_of_mean(of_shapes: AtNoise) -> float | None:
+def _root_of_mean(presses: np.ndarray, values: np.ndarray) -> float | None:
     """Over presses, counts; None if no shape has an extrapolation."""
-    presses, values = of_shapes.presses, of_shapes.half_squares
     if not presses.any():
         return None
     return float(np.sqrt(max(0.0, (presses * values).sum() / presses.sum())))
 
 
-def _interval(of_shapes: AtNoise) -> Interval | None:
-    known = of_shapes.presses > 0
-    presses, values = of_shapes.presses[known], of_shapes.half_squares[known]
+def _interval(presses: np.ndarray, values: np.ndarray) -> Interval | None:
+    presses, values = presses[presses > 0], values[presses > 0]
     if presses.size < 2:
         return None
     weights = resample_weights(presses.size)

@@ -8,7 +8,6 @@ Shape letters: P pairs, N taxels.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -57,21 +56,6 @@ def _force_metrics(estimate: Estimate, force_n: np.ndarray) -> dict[str, float |
     return {
         "force_median_error_percent": float(100.0 * np.median(errors / force_n[touching])),
         "force_coverage_percent": float(100.0 * within.mean()),
-    }
-
-
-def with_uncertainty(
-    models: Mapping[str, ModelRow],
-    estimates: Mapping[str, Estimate],
-    counts: np.ndarray,
-    force_n: np.ndarray,
-) -> dict[str, ModelRow]:
-    """The rows with the metrics of the estimates. counts: (P, N), true. force_n: (P,), true."""
-    return {
-        name: replace(row, uncertainty=uncertainty_metrics(estimates[name], counts, force_n))
-        if name in estimates
-        else row
-        for name, row in models.items()
     }
 
 

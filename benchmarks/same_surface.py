@@ -6,11 +6,17 @@ rotation: first on a coarse grid by Fourier transforms, then finely at the best 
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy import fft, ndimage, optimize
 
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap
+
+SHARED = ("clamp/handle",)
+"""Keypoints with the surface of a primitive of the training set: the ball at the end of the clamp's
+handle is hemisphere-4's."""
 
 PATCH_MM = 13.0
 """Radius of the compared patch, mm: about half the width of the cover, 28 mm."""
@@ -120,6 +126,13 @@ class KnownSurfaces:
         """Sums over the patch at each of its positions in the window."""
         sums = np.asarray(fft.irfft2(product, (self._size, self._size)))
         return sums[..., : self._shifts, : self._shifts]
+
+
+@cache
+def tool_surfaces() -> KnownSurfaces:
+    """The surfaces of all tools at their keypoints, except SHARED."""
+    names = [name for name in catalogue.OBJECTS if name not in SHARED]
+    return KnownSurfaces({name: catalogue.load(name).surface for name in names})
 
 
 def _turned(

@@ -19,7 +19,7 @@ from websockets.typing import Subprotocol
 
 from t2twin.core.errors import T2TwinError
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[1]
 PROTOCOL = Subprotocol(f"viser-v{viser.__version__}")
 
 PATIENCE_S = 60.0
@@ -40,12 +40,14 @@ class Client:
     """A connection to a studio.
 
     controls: messages with identifier and properties, by label. images: number of updates of the
-    images. has_intervals: whether one had the intervals of the pretrained run.
+    images. cards: the last update. has_intervals: whether one had the intervals of the pretrained
+    run.
     """
 
     def __init__(self, address: str, **options: Any) -> None:
         self.controls: dict[str, dict[str, Any]] = {}
         self.images, self.has_intervals, self._force_n = 0, False, 5.0
+        self.cards = ""
         self._socket = websockets.sync.client.connect(
             address.replace("http", "ws", 1), subprotocols=[PROTOCOL], compression=None,
             max_size=None, open_timeout=PATIENCE_S, close_timeout=1.0, proxy=None, **options,
@@ -113,7 +115,7 @@ class Client:
                 self.controls[label] = message
             updates = message.get("updates")
             if isinstance(updates, dict) and "data-name" in str(updates.get("content")):
-                self.images += 1
+                self.images, self.cards = self.images + 1, updates["content"]
                 self.has_intervals |= 'data-name="intervals"' in updates["content"]
 
 

@@ -1,6 +1,6 @@
 """Writes the bundled meshes and height maps from the CAD solids.
 
-    python -m t2twin.primitives_cad.write_bundled [NAME ...]
+    python -m maintenance.write_bundled [NAME ...]
 
 Run it after a change to a solid, its tessellation or the height maps. Without names it writes all.
 """
@@ -11,11 +11,12 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import trimesh
 
 from t2twin.core.files import atomic_write
-from t2twin.primitives_cad import catalogue, tools
-from t2twin.primitives_cad.bundled_shapes import packed, path_of
-from t2twin.primitives_cad.shape import HeightMap
+from t2twin.primitives_cad import catalogue, height_map, solids, tools
+from t2twin.primitives_cad.bundled_shapes import path_of
+from t2twin.primitives_cad.shape import HeightMap, Keypoint, Shape
 
 
 def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
@@ -25,11 +26,11 @@ def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
         _write(path_of(tool), _mesh_arrays(mesh.vertices, mesh.faces))
     for name in names:
         tool = meshes.get(_tool(name))
-        shape = catalogue.build(name, tool)
+        shape = build(name, tool)
         if tool is None:
             arrays = _mesh_arrays(shape.mesh.vertices, shape.mesh.faces)
         else:
-            transform = catalogue.keypoint_transform(name)
+            transform = keypoint_transform(name)
             upright = tool.vertices @ transform[:3, :3].T + transform[:3, 3]
             # the height by which `height_map.aligned` has moved the mesh
             transform[2, 3] += (shape.mesh.vertices[0] - upright[0])[2]
@@ -37,9 +38,60 @@ def write(names: tuple[str, ...] = catalogue.NAMES) -> None:
         _write(path_of(name), arrays | _surface_arrays(shape.surface))
 
 
+def build(name: str, tool: trimesh.Trimesh | None = None) -> Shape:
+    """A catalogue shape computed from its CAD solid, as `write` does.
+
+    tool: the tool's mesh, for a tool's keypoint.
+    """
+    if name in catalogue.PRIMITIVES:
+        mesh = solids.tessellate_symmetric(solids.primitive(name))
+    else:
+        assert tool is not None
+        mesh = tool.copy().apply_transform(keypoint_transform(name))
+    mesh, heights = height_map.aligned(mesh)
+    return Shape(name=name, mesh=mesh, surface=heights, **catalogue.properties(name))
+
+
+def keypoint_transform(name: str) -> np.ndarray:
+    """(4, 4) transform from a tool's frame to the frame of one of its shapes, up to the height."""
+    tool, _, at = name.partition("/")
+    return align_to_z(next(each for each in catalogue.keypoints(tool) if each.name == at))
+
+
+def align_to_z(keypoint: Keypoint) -> np.ndarray:
+    """(4, 4) transform that moves a keypoint to the origin and rotates its direction to +z.
+
+    The smallest such rotation (Rodrigues' rotation formula); half a turn about x for -z.
+    """
+    direction = np.asarray(keypoint.direction, dtype=np.float64)
+    axis = np.cross(direction, (0.0, 0.0, 1.0))
+    cosine = float(direction[2])
+    if cosine <= -1.0 + 1.0e-12:
+        turn = np.diag((1.0, -1.0, -1.0))
+    else:
+        skew = np.array(
+            [[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]]
+        )
+        turn = np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+    transform = np.eye(4)
+    transform[:3, :3] = turn
+    transform[:3, 3] = -turn @ np.asarray(keypoint.point_mm)
+    return transform
+
+
 def _tool(name: str) -> str:
     """The tool of a shape, "" for a primitive."""
     return name.partition("/")[0] if name in catalogue.OBJECTS else ""
+
+
+def packed(values: np.ndarray) -> np.ndarray:
+    """Differences of values, their bits taken as unsigned integers, as byte planes.
+
+    Returns (bytes of a value, n) uint8.
+    """
+    numbers = np.ascontiguousarray(values).ravel().view(f"u{values.itemsize}")
+    differences = np.diff(numbers, prepend=numbers.dtype.type(0))
+    return np.ascontiguousarray(differences.view(np.uint8).reshape(-1, values.itemsize).T)
 
 
 def _mesh_arrays(vertices: np.ndarray, faces: np.ndarray) -> dict[str, np.ndarray]:

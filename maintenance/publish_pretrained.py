@@ -1,7 +1,7 @@
 """Makes a pretrained run of a trained run and its evaluations.
 
     t2twin evaluate RUN --data data/paper data/forces --split both --out EVALUATION
-    python -m t2twin.translate.evaluation.publish_pretrained RUN EVALUATION/paper EVALUATION/forces
+    python -m maintenance.publish_pretrained RUN EVALUATION/paper EVALUATION/forces
 
 Files that only training needs are left out. Trained weights are stored in half precision, three
 decimal digits; buffers keep their precision. The card contains the figures of the evaluations.
@@ -17,7 +17,7 @@ from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
-from t2twin.core.templates import render
+from t2twin.core.templates import environment
 from t2twin.translate.evaluation.files import read_evaluation
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPORTED_SHARE
 from t2twin.translate.evaluation.records import Evaluation, ModelRow
@@ -31,6 +31,9 @@ hundredth of all numbers)."""
 
 FULL_PRECISION = ("correlation", "mean_frame", "running_mean", "running_var")
 """Ends of the names of buffers, which keep their precision."""
+
+TABLE = Path(__file__).with_name("measured.md")
+"""Template of the table in the card."""
 
 SPLITS = {"val": "new versions of primitives", "test": "hand tools"}
 """Shapes in the splits of the protocol."""
@@ -70,9 +73,8 @@ def _with_figures(card: str, rows: Sequence[tuple[str, ModelRow]]) -> str:
     """The card with a table before the section on limits. rows: with their titles."""
     if not rows:
         return card
-    table = render(
-        "translate/evaluation/measured.md", rows=rows, level=REPORTED_LEVEL, share=REPORTED_SHARE
-    )
+    template = environment().from_string(TABLE.read_text(encoding="utf-8"))
+    table = template.render(rows=rows, level=REPORTED_LEVEL, share=REPORTED_SHARE)
     before, limits, after = card.partition(LIMITS)
     return before + table + limits + after
 

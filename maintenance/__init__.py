@@ -1,0 +1,1 @@
+"""Commands that write the files bundled with the package, from a clone."""

@@ -1,0 +1,244 @@
+"""Slides with friction: in a session, and through the protocol of the page."""
+
+import csv
+import io
+import zipfile
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from studio_client import Client
+from waiting import wait_until
+
+import t2twin
+from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.slide import MAX_STEP_MM
+from t2twin.studio.controls.files import zip_press
+from t2twin.studio.press_state import PressState, read_query
+from t2twin.studio.server import studio
+from t2twin.studio.session import Session
+from t2twin.studio.slide import MAX_STEPS, PATH_FILE
+from t2twin.studio.translators import Translators
+from t2twin.studio.view import cards, traction
+
+SHAPE = "hemisphere-4"
+STATE = PressState(SHAPE, force_n=4.0, motion="slide", friction=0.6)
+NO_TRACTION = [0.0, 0.0]
+
+
+@pytest.fixture
+def session(shape_cache):
+    return Session(Translators())
+
+
+def slide(session, state):
+    """The results of all parts of a slide."""
+    results = [session.press(state)]
+    while results[-1].is_behind:
+        results.append(session.press(state))
+    return results
+
+
+@pytest.fixture(scope="module")
+def slid(shape_cache):
+    """A slide to the right and a turn, then more force."""
+    session = Session(Translators())
+    session.press(STATE)
+    slide(session, STATE.with_changes({"x_mm": 1.0, "yaw_deg": 5.0}))
+    (result,) = slide(session, STATE.with_changes({"x_mm": 1.0, "yaw_deg": 5.0, "force_n": 6.0}))
+    return result
+
+
+def test_a_slide_has_the_shear_of_the_twin(slid):
+    twin = t2twin.Twin()
+    touch = twin.press(SHAPE, force_n=4.0)
+    (touch,) = twin.slide(touch, dx_mm=1.0, dyaw_deg=5.0, steps=1, friction=0.6)
+    (touch,) = twin.slide(touch, steps=1, force_n=6.0, friction=0.6)
+    for own, other in ((slid.touch.digit, touch.digit), (slid.touch.cyskin, touch.cyskin)):
+        assert own.shear_n == pytest.approx(other.shear_n, rel=1e-6, abs=1e-9)
+        assert own.torque_nmm == pytest.approx(other.torque_nmm, rel=1e-6)
+        assert np.hypot(*own.shear_n) > 0.3
+    assert np.abs(slid.touch.image.astype(int) - touch.image).max() <= 1
+
+
+def test_the_path_repeats_the_slide(slid):
+    rows = [astuple(point.row) for point in slid.slide.points]
+    assert len(rows) == 7 and rows[-1] == (1.0, 0.0, 5.0, 6.0)
+    touch = t2twin.Twin().follow(SHAPE, rows, friction=0.6)[-1]
+    assert np.array_equal(slid.touch.image, touch.image)
+    assert np.array_equal(slid.touch.counts, touch.counts)
+    assert slid.slide.points[-1].force_n["digit"] == np.hypot(*touch.digit.shear_n)
+
+
+def test_the_zip_of_a_slide_has_its_path_and_the_command_that_repeats_it(
+    slid, tmp_path, monkeypatch
+):
+    (tmp_path / "zip").mkdir()
+    _, content = zip_press(slid, tmp_path / "zip")
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        (tmp_path / PATH_FILE).write_bytes(archive.read(f"{SHAPE}/{PATH_FILE}"))
+    monkeypatch.chdir(tmp_path)
+    words = slid.command_line().split()
+    assert words[:3] == ["t2twin", "slide", SHAPE]
+    main([*words[1:], "--sensor", "digit", "--out", "out"])
+    with (tmp_path / "out/slide.csv").open() as file:
+        *_, last = csv.DictReader(file)
+    assert float(last["digit_shear_x_n"]) == pytest.approx(slid.touch.digit.shear_n[0], rel=1e-5)
+
+
+def test_one_call_moves_the_shape_by_few_steps(session):
+    session.press(STATE)
+    far = STATE.with_changes({"x_mm": (MAX_STEPS + 2) * MAX_STEP_MM})
+    first = session.press(far)
+    assert first.is_behind and first.touch.command.x_mm == pytest.approx(MAX_STEPS * MAX_STEP_MM)
+    assert first.slide.remaining == pytest.approx((far.x_mm - first.touch.command.x_mm, 0.0))
+    page = cards.press_html(first, cards.scales_of(first), has_runs=True)
+    assert "The slide is behind: 0.4 mm and 0° remain." in page
+    back = session.press(STATE.with_changes({"x_mm": MAX_STEP_MM}))  # the target has changed
+    assert not back.is_behind and back.touch.command.x_mm == MAX_STEP_MM
+    places = [point.row.x_mm for point in back.slide.points]
+    assert places == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.4, 0.2])
+
+
+def test_a_jump_has_no_shear(session):
+    session.press(STATE)
+    assert session.press(STATE.with_changes({"x_mm": 0.2})).touch.digit.shear_n[0] > 0.1
+    result = session.press(STATE.with_changes({"x_mm": 0.2, "motion": "jump"}))
+    assert result.slide is None and not result.has_slid
+    for contact in result.touch.contacts.values():
+        assert contact.shear_n.tolist() == NO_TRACTION
+    page = cards.press_html(result, cards.scales_of(result), has_runs=True)
+    assert "traction" not in page and "tangential" not in page
+
+
+@pytest.mark.parametrize(
+    "changes, continues",
+    [
+        ({"y_mm": 1.0}, True),
+        ({"yaw_deg": 1.0}, True),
+        ({"force_n": 5.0}, True),
+        ({"layout": "cyskin-63"}, True),
+        ({"markers": True}, True),
+        ({"seed": 1, "imperfections": "all"}, True),
+        ({"shape": "square-2"}, False),
+        ({"scale": 2.0}, False),
+        ({"calibration": "other.npz"}, False),
+        ({"friction": 0.5}, False),
+        ({"motion": "jump"}, False),
+        ({"depth_mm": 0.5}, False),
+    ],
+)
+def test_what_lifts_the_shape_off(changes, continues):
+    assert STATE.with_changes(changes).continues(STATE) == continues
+
+
+def test_a_depth_is_that_of_the_press_and_its_force_stays(session):
+    state = PressState(SHAPE, depth_mm=0.5, motion="slide")
+    first = session.press(state)
+    result = session.press(state.with_changes({"x_mm": 0.2}))
+    assert result.touch.command.force_n == first.touch.command.force_n != state.force_n
+    assert session.press(state.with_changes({"force_n": 5.0, "x_mm": 0.2})).has_slid
+
+
+def test_a_slide_off_the_pads_is_refused_and_the_contact_remains(session):
+    session.press(STATE)
+    before = session.press(STATE.with_changes({"x_mm": 0.2}))
+    with pytest.raises(T2TwinError):
+        session.press(STATE.with_changes({"x_mm": 60.0}))
+    after = session.press(STATE.with_changes({"x_mm": 0.2}))
+    assert after.slide.points == before.slide.points
+
+
+def test_readings_of_another_layout_are_of_the_same_contact(session):
+    session.press(STATE)
+    state = STATE.with_changes({"x_mm": 0.2})
+    first = session.press(state)
+    other = session.press(state.with_changes({"layout": "cyskin-63"}))
+    assert other.touch.counts.shape == (63,) and other.touch.cyskin is first.touch.cyskin
+
+
+def test_markers_move_with_the_gel(session):
+    session.press(STATE)
+    state = STATE.with_changes({"x_mm": 0.4, "markers": True})
+    result = session.press(state)
+    twin = t2twin.Twin(markers=True)
+    (touch,) = twin.slide(twin.press(SHAPE, force_n=4.0), dx_mm=0.4, steps=1, friction=0.6)
+    assert np.array_equal(result.touch.image, touch.image)
+    assert np.allclose(result.touch.markers_mm, touch.markers_mm)
+    without = session.press(state.with_changes({"markers": False}))
+    assert without.has_slid and without.touch.markers is None
+    assert not np.array_equal(without.touch.image, touch.image)
+
+
+def test_a_link_contains_the_motion():
+    state = STATE.with_changes({"markers": True})
+    assert read_query(state.query()) == state
+    assert "--markers" in state.command_line()
+    for query, words in (
+        ("motion=fly", "no motion"),
+        ("friction=-1", "friction"),
+        ("friction=nan", "finite"),
+        ("markers=yes", "expected 0 or 1"),
+    ):
+        with pytest.raises(T2TwinError, match=words):
+            read_query(query)
+
+
+def test_arrows_show_the_traction_and_where_the_shape_slips(slid):
+    contact = slid.touch.digit
+    arrows = traction.arrows_of(contact)
+    at = arrows.rows, arrows.columns
+    assert np.array_equal(arrows.slips, contact.slipping[at])
+    assert 0 < arrows.slips.sum() < arrows.slips.size
+    shear = contact.shear_kpa[:, *at]
+    share = np.hypot(*arrows.along_mm).max() / np.hypot(*shear).max()
+    assert np.allclose(arrows.along_mm, share * shear)
+    page = cards.press_html(slid, cards.scales_of(slid), has_runs=True)
+    assert page.count("-traction") == 2 and 'data-name="slide"' in page
+
+
+@pytest.fixture(scope="module")
+def opened(shape_cache):
+    """A page of a studio without a browser, and its client."""
+    with studio((), port=0) as served:
+        client = Client(served.address).open_page()
+        (page,) = served.pages.values()
+        yield page, client
+        client.close()
+
+
+def send(opened, **values):
+    """Sends values of controls; returns the result when the page shows it."""
+    page, client = opened
+    for label, value in values.items():
+        client.set(label, value)
+    wait_until(lambda: not client.take() and all(
+        getattr(page.state, FIELDS[label]) == value
+        for label, value in values.items() if label in FIELDS
+    ))  # fmt: skip
+    assert page.wait(60)
+    client.take()
+    return page.result
+
+
+FIELDS = {"Motion": "motion", "x, mm": "x_mm", "y, mm": "y_mm", "friction": "friction",
+          "force, N": "force_n"}  # fmt: skip
+
+
+def test_a_page_slides_and_lifts_off(opened):
+    page, client = opened
+    send(opened, **{"Motion": "slide", "friction": 0.5, "force, N": 6.0})
+    result = send(opened, **{"x, mm": 1.2})
+    twin = t2twin.Twin()
+    start = twin.press(page.state.shape, force_n=6.0)
+    (touch,) = twin.slide(start, dx_mm=1.2, steps=1, friction=0.5)
+    assert result.touch.digit.shear_n == pytest.approx(touch.digit.shear_n, rel=1e-6, abs=1e-9)
+    assert result.touch.cyskin.shear_n == pytest.approx(touch.cyskin.shear_n, rel=1e-6, abs=1e-9)
+    assert f"<td>{np.hypot(*touch.digit.shear_n):.2f}</td>" in client.cards
+    client.set("Lift off and press again", True)
+    wait_until(lambda: not client.take() and page.wait(60) and not page.result.has_slid)
+    assert page.result.touch.command.x_mm == 1.2
+    assert page.result.touch.digit.shear_n.tolist() == NO_TRACTION
+    result = send(opened, **{"Motion": "jump", "x, mm": 0.4})
+    assert result.touch.digit.shear_n.tolist() == NO_TRACTION
