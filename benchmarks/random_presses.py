@@ -42,7 +42,7 @@ from t2twin.sim.dataset.rejection_sampling import press_until_accepted
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.touch import Touch
 from t2twin.sim.world import protocol
-from t2twin.sim.world.presses import press_attempts, random_name, sample_force
+from t2twin.sim.world.presses import PressSample, press_attempts, random_name, sample_force
 from t2twin.sim.world.recipe import Part, load_recipe
 
 if TYPE_CHECKING:
@@ -209,16 +209,16 @@ def _press(
     """One press, drawn until it touches the features, as a dataset's."""
     took_ms = 0.0
 
-    def press_it(shape: Shape, command: PressCommand, rng: np.random.Generator) -> Touch:
+    def press_it(shape: Shape, sample: PressSample) -> list[Touch]:
         nonlocal took_ms
         start = time.thread_time()
-        touch = sensors.press(shape, command, rng)
+        touch = sensors.press(shape, sample.command, sample.rng)
         took_ms = 1e3 * (time.thread_time() - start)
-        return touch
+        return [touch]
 
     attempts = press_attempts(part, shape.name, number, press, (SEED, 0))
     try:
-        touch, _ = press_until_accepted(attempts, shape, press_it, made.again)
+        (touch,), _ = press_until_accepted(attempts, shape, press_it, made.again)
     except Exception as error:
         made.exceptions.append(f"{shape.name}: {type(error).__name__}: {error}")
         return

@@ -27,7 +27,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
 from t2twin.sim.contact.elastomer import elastomer_json
 from t2twin.sim.contact.types import Contact, PressCommand
-from t2twin.sim.cyskin.field import field_counts, field_layout
+from t2twin.sim.cyskin.field import field_counts, field_layout, field_tractions
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
@@ -104,6 +104,14 @@ class Touch:
         if self.cyskin is None:
             return np.zeros(field_layout().size, np.uint16)
         return field_counts(self.cyskin)
+
+    @cached_property
+    def tractions(self) -> np.ndarray:
+        """(3, n) float32, kPa: pressure and shear along x and y on the cover at the field's places
+        (t2twin.sim.cyskin.field)."""
+        if self.cyskin is None:
+            return np.zeros((3, field_layout().size), np.float32)
+        return field_tractions(self.cyskin)
 
     def save(self, folder: str | Path) -> None:
         """Write all files of the folder, or none.

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ball_frames import write_frames
+from moving import write_recipe
 from session import SESSION, Products, start
 
 from t2twin.primitives_cad import catalogue
@@ -169,6 +170,15 @@ def small_dataset(products):
     return products.make(
         "small", lambda folder: make_dataset(folder, "smoke", workers=1, shapes=REPORT_SHAPES)
     )
+
+
+@pytest.fixture(scope="session")
+def moving_world(products, tmp_path_factory):
+    """A simulated dataset with motion, 15 pairs; not to be written to."""
+    from t2twin.sim.dataset.generate import make_dataset
+
+    recipe = write_recipe(tmp_path_factory.mktemp("recipe"))
+    return products.make("moving", lambda to: make_dataset(to, world=recipe, workers=1))
 
 
 @pytest.fixture(scope="session")

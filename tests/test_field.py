@@ -334,7 +334,15 @@ def test_certainty_of_what_is_right_by_half() -> None:
 
     def estimate(part: float) -> Estimate:
         return Estimate(
-            said, part * std, nothing, nothing, np.full(500, 8.8), np.full(500, 1.0), 4e4
+            said,
+            part * std,
+            nothing,
+            nothing,
+            np.full(500, 8.8),
+            np.full(500, 1.0),
+            None,
+            None,
+            4e4,
         )
 
     right, bold = (uncertainty_metrics(estimate(part), truth, force) for part in (1.0, 0.5))

@@ -97,6 +97,7 @@ def test_what_ships_can_be_planned():
         "forces",
         "shipped",
         "shipped-2",
+        "moving",
     }
     open_world = load_recipe("open")
     batches = plan(open_world)

@@ -7,6 +7,7 @@ with the default layout's first taxel o, and contains all 20 taxels of that layo
 from functools import lru_cache
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from t2twin.core.jit import compiled
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, Elastomer
@@ -23,6 +24,10 @@ EDGE_MM = 0.25
 
 STEPS_MM = np.array([[SPACING_MM * np.sqrt(0.75), SPACING_MM / 2], [0.0, SPACING_MM]])
 """The grid's two steps b and a, (2, 2), x and y each, mm."""
+
+
+CELL_MM2 = SPACING_MM**2 * np.sqrt(0.75)
+"""Area of the surface for each place, mm^2."""
 
 
 @lru_cache(maxsize=4)
@@ -50,7 +55,36 @@ def field_counts(contact: Contact) -> np.ndarray:
     weights = _weights(contact.elastomer, contact.pitch_mm, contact.x_mm.size, contact.y_mm.size)
     pressure_mpa = np.zeros(weights.shape[1])
     _add_stress(weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64), pressure_mpa)
+    if contact.motion is not None:
+        places = field_layout(contact.elastomer)
+        of_shear = taxels.shear_weights(contact.elastomer, contact.x_mm, contact.y_mm, places)
+        shear_mpa = contact.motion.shear_mpa.reshape(2, -1)
+        loaded = np.flatnonzero(shear_mpa.any(axis=0))
+        pressure_mpa += np.einsum("cij,cj->i", of_shear[:, :, loaded], shear_mpa[:, loaded])
     return np.rint(taxels.counts(pressure_mpa)).astype(np.uint16)
+
+
+def field_tractions(contact: Contact) -> np.ndarray:
+    """Normal pressure and traction along x and y on the cover, (3, n) float32, kPa.
+
+    Each value is the force on the part of the surface that is nearest to a place of field_layout,
+    over CELL_MM2. Their sums times CELL_MM2 are the forces on the sensor.
+    """
+    places = field_layout(contact.elastomer)
+    nearest = _nearest(contact.elastomer, tuple(contact.x_mm), tuple(contact.y_mm))
+    share = contact.pitch_mm**2 / CELL_MM2
+    stresses = (contact.pressure_kpa, *contact.shear_kpa)
+    return np.stack(
+        [share * np.bincount(nearest, each.ravel(), places.size) for each in stresses]
+    ).astype(np.float32)
+
+
+@lru_cache(maxsize=4)
+def _nearest(cover: Elastomer, x_mm: tuple[float, ...], y_mm: tuple[float, ...]) -> np.ndarray:
+    """(rows * columns,) the place nearest to each cell of a grid."""
+    places = field_layout(cover)
+    cells = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
+    return np.asarray(KDTree(np.column_stack([places.x_mm, places.y_mm])).query(cells)[1])
 
 
 @lru_cache(maxsize=4)

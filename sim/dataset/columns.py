@@ -11,6 +11,8 @@ from t2twin.sim.world.recipe import Recipe
 if TYPE_CHECKING:  # the sensors take a second to import, and reading a dataset needs none
     from t2twin.sim.touch import Touch
 
+SENSORS = ("digit", "cyskin")
+
 POSE = ("x_mm", "y_mm", "yaw_rad", "force_n")
 """Columns of the press: fields of PressCommand."""
 
@@ -44,9 +46,25 @@ UNIT, FIELD, BACKGROUND = "unit", "field", "untouched"
 """Further columns of most worlds: the number of the DIGIT unit in its part, the field's counts, and
 the unit's background frame."""
 
+PATH = "path"
+"""Column of worlds with motion: index of the press that a path started with. Rows of one shape with
+the same are touches of one path, in their order."""
+
+MARKERS = "markers"
+"""Column of worlds with motion: whether the DIGIT unit has markers."""
+
+MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
+"""Further columns of worlds with motion, of each sensor: its name, "_" and one of these."""
+
+TRACTIONS = ("cover_pressure_kpa", "cover_shear_x_kpa", "cover_shear_y_kpa")
+"""Further columns of worlds with motion and field: t2twin.sim.cyskin.field.field_tractions."""
+
 _HUGGING_FACE = {
     IMAGE_TYPE: {"_type": "Image"},
-    pa.list_(pa.uint16()): {"feature": {"dtype": "uint16", "_type": "Value"}, "_type": "Sequence"},
+    **{
+        pa.list_(kind): {"feature": {"dtype": name, "_type": "Value"}, "_type": "Sequence"}
+        for kind, name in ((pa.uint16(), "uint16"), (pa.float32(), "float32"))
+    },
 }
 """Column types of Hugging Face's `datasets`. Versions 3 to 5 read "Sequence"; "List" needs 4."""
 
@@ -60,6 +78,13 @@ def schema_of(recipe: Recipe | None) -> pa.Schema:
             schema = schema.append(pa.field(FIELD, pa.list_(pa.uint16())))
         if recipe.untouched_frames:
             schema = schema.append(pa.field(BACKGROUND, IMAGE_TYPE))
+        if recipe.motion:
+            schema = schema.append(pa.field(MARKERS, pa.bool_()))
+            schema = schema.append(pa.field(PATH, pa.int32()))
+            for name in (f"{sensor}_{each}" for sensor in SENSORS for each in MOTION):
+                schema = schema.append(pa.field(name, pa.float64()))
+            for name in TRACTIONS if recipe.field else ():
+                schema = schema.append(pa.field(name, pa.list_(pa.float32())))
     return schema.with_metadata({"huggingface": json.dumps(_hugging_face(schema))})
 
 
@@ -94,7 +119,7 @@ def row(touch: "Touch", index: int, split: str, image: bytes) -> dict[str, Any]:
         "image": {"bytes": image, "path": f"{file_stem(command.shape)}-{index}.png"},
         "taxels": touch.counts,
     }
-    for sensor in ("digit", "cyskin"):
+    for sensor in SENSORS:
         contact = contacts.get(sensor)
         columns |= {
             f"{sensor}_depth_mm": 0.0 if contact is None else contact.depth_mm,
@@ -103,6 +128,23 @@ def row(touch: "Touch", index: int, split: str, image: bytes) -> dict[str, Any]:
             f"{sensor}_bottomed": contact is not None and contact.bottomed,
         }
     return columns
+
+
+def motion_row(
+    touch: "Touch", path: int, friction: dict[str, float], with_field: bool
+) -> dict[str, Any]:
+    """The columns of motion of one touch, zero without contact.
+
+    path: index of the first touch of its path. friction: by sensor. with_field: adds TRACTIONS.
+    """
+    columns: dict[str, Any] = {PATH: path}
+    for sensor in SENSORS:
+        contact = touch.contacts.get(sensor)
+        values = [friction[sensor]] + [0.0] * (len(MOTION) - 1)
+        if contact is not None:
+            values[1:] = *contact.shear_n.tolist(), contact.torque_nmm, contact.slip_share
+        columns |= {f"{sensor}_{n}": value for n, value in zip(MOTION, values, strict=True)}
+    return columns | (dict(zip(TRACTIONS, touch.tractions, strict=True)) if with_field else {})
 
 
 def family_of(shape: str) -> str:

@@ -46,6 +46,9 @@ SECONDS_PER_PAIR, SECONDS_PER_SAMPLED_PAIR, SECONDS_PER_SHAPE = 0.015, 0.024, 0.
 """Time of one pair of the protocol, of one with a sampled press or light, and of preparing one
 shape, s. Used for the estimate before the start; measured on one core of a server."""
 
+SECONDS_PER_MOVING_PAIR = 0.2
+"""Further time of a pair of a path with motion, s (assumed: two sensors, two steps of 50 ms)."""
+
 STATE = ("shards", "complete")
 """Fields of info.json that change while a dataset is made; the others are its parameters."""
 
@@ -299,6 +302,8 @@ def _estimated_seconds(todo: list[Batch], recipe: Recipe, workers: int) -> float
     for batch in todo:
         is_sampled = recipe.light.kind != "fixed" or batch.indices is None
         seconds += batch.pairs * (SECONDS_PER_SAMPLED_PAIR if is_sampled else SECONDS_PER_PAIR)
+        if recipe.motion and batch.indices is None:
+            seconds += batch.pairs * (1.0 - recipe.motion.still) * SECONDS_PER_MOVING_PAIR
     seconds /= workers
     if recipe.light.optics == "pyrender":
         seconds += sum(batch.pairs for batch in todo) * FRAME_SECONDS

@@ -3,26 +3,23 @@
 from collections import Counter
 from collections.abc import Callable, Iterable
 
-import numpy as np
-
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.pin_layout import OffPadError
-from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.touch import Touch
 from t2twin.sim.world.presses import PressSample
 
-Press = Callable[[Shape, PressCommand, np.random.Generator], Touch]
-"""t2twin.sim.sensors.SensorPair.press."""
+Press = Callable[[Shape, PressSample], list[Touch]]
+"""Makes a press and the touches of its path; the last one is rejected, or none."""
 
 
 def press_until_accepted(
     attempts: Iterable[PressSample], shape: Shape, press: Press, rejected: Counter[str]
-) -> tuple[Touch, int]:
-    """The first accepted attempt at a press, and its number.
+) -> tuple[list[Touch], int]:
+    """The touches of the first accepted attempt at a path, and its number.
 
-    attempts: from presses.press_attempts. shape: the planned one. rejected: counts the rejected
+    attempts: from presses.path_attempts. shape: the planned one. rejected: counts the rejected
     attempts by reason. A press on the grid is not sampled: it may bottom out, and must settle.
     Raises T2TwinError where no attempt is accepted.
     """
@@ -31,20 +28,20 @@ def press_until_accepted(
         if sample.command.shape != shape.name:
             shape = catalogue.load(sample.command.shape)
         if sample.attempt is None:
-            touch = press(shape, sample.command, sample.rng)
-            if not all(contact.settled for contact in touch.contacts.values()):
+            touches = press(shape, sample)
+            if not all(contact.settled for contact in touches[0].contacts.values()):
                 raise T2TwinError(
                     f"press {sample.index} of {planned} did not settle; use another grid"
                 )
-            return touch, 0
+            return touches, 0
         try:
-            touch = press(shape, sample.command, sample.rng)
+            touches = press(shape, sample)
         except OffPadError:
             reason = "off the pad"
         else:
-            reason = rejection_reason(touch)
+            reason = rejection_reason(touches[-1])
             if reason is None:
-                return touch, sample.attempt
+                return touches, sample.attempt
         rejected[reason] += 1
     raise T2TwinError(
         f"no attempt at a press touched {planned}; use places nearer to the middle of the shapes"

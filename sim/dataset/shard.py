@@ -10,17 +10,40 @@ from typing import Any
 
 import numpy as np
 
+from t2twin.core.arguments import MAX_SEED
 from t2twin.core.images import encode_png
 from t2twin.primitives_cad import catalogue
-from t2twin.sim.dataset.columns import BACKGROUND, FIELD, UNIT, row, schema_of
-from t2twin.sim.dataset.rejection_sampling import press_until_accepted
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, MARKERS, UNIT, motion_row, row, schema_of
+from t2twin.sim.dataset.rejection_sampling import press_until_accepted, rejection_reason
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
+from t2twin.sim.digit.markers import Markers
+from t2twin.sim.digit.randomization.ranges import log_uniform
 from t2twin.sim.digit.randomization.unit import sample_unit
 from t2twin.sim.sensors import SensorPair
-from t2twin.sim.world.plan import Batch, name_of
-from t2twin.sim.world.presses import FRAME_STREAM, MAX_ATTEMPTS, UNIT_STREAM, press_attempts
+from t2twin.sim.slide import slide_to
+from t2twin.sim.touch import Touch
+from t2twin.sim.world.motion import sample_friction
+from t2twin.sim.world.plan import Batch, name_of, paths_of
+from t2twin.sim.world.presses import (
+    FRAME_STREAM,
+    MAX_ATTEMPTS,
+    UNIT_STREAM,
+    PressSample,
+    path_attempts,
+)
 from t2twin.sim.world.recipe import Recipe
+
+MARKER_STREAM = 18
+"""Random stream of a seed: markers of the units."""
+
+MARKER_PITCHES_MM = (1.0, 2.5)
+"""Range of the markers' pitches, mm (assumed)."""
+
+MARKER_SHARES, MAX_JITTER_SHARE = (0.25, 0.45), 0.3
+"""Range of the markers' diameters over their pitch, and largest jitter over the free distance
+(assumed)."""
 
 
 @dataclass(frozen=True)
@@ -70,28 +93,70 @@ def _rows(
     rejected: Counter[str],
     progress: Callable[[], object],
 ) -> Iterator[dict[str, Any]]:
-    """The rows of a shard, shape by shape, press by press."""
+    """The rows of a shard, shape by shape, path by path."""
     recipe = context.recipe
-    part, seed = recipe.parts[batch.part], (recipe.seed, batch.part)
     units = _units(batch, recipe, context.sensors, watch)
     for source, number in zip(batch.shapes, batch.numbers, strict=True):
         with watch.running("shape"):
             shape = catalogue.load(source, context.cache)
-        first = 0
-        for index in batch.press_indices:
+        first, friction = 0, {}
+        if recipe.motion:
+            friction = sample_friction(recipe.motion, (recipe.seed, batch.part), number)
+        for path in paths_of(recipe, batch, number):
             unit = next(units)
-            attempts = press_attempts(part, name_of(source), number, index, seed, first)
-            press = partial(unit.sensors.press, timed=watch.running)
-            touch, accepted = press_until_accepted(attempts, shape, press, rejected)
+            attempts = path_attempts(recipe, batch.part, name_of(source), number, path, first)
+            press = partial(_touches, unit.sensors, friction, watch)
+            touches, accepted = press_until_accepted(attempts, shape, press, rejected)
             first = accepted - accepted % MAX_ATTEMPTS  # no earlier stand-in can be touched
-            columns = unit.columns
-            if recipe.field:
-                with watch.running("field"):
-                    columns = columns | {FIELD: touch.field}
-            with watch.running("encoding"):
-                image = encode_png(touch.image)
-            yield row(touch, index, batch.split, image) | columns
-            progress()
+            for index, touch in enumerate(touches, start=path.index):
+                columns = unit.columns
+                if recipe.field:
+                    with watch.running("field"):
+                        columns = columns | {FIELD: touch.field}
+                if recipe.motion:
+                    with watch.running("motion"):
+                        columns = columns | motion_row(touch, path.index, friction, recipe.field)
+                with watch.running("encoding"):
+                    image = encode_png(touch.image)
+                yield row(touch, index, batch.split, image) | columns
+                progress()
+
+
+def _touches(
+    sensors: SensorPair,
+    friction: dict[str, float],
+    watch: Stopwatch,
+    shape: Shape,
+    sample: PressSample,
+) -> list[Touch]:
+    """The touches of a path, up to the first that is rejected.
+
+    friction: by sensor. Raises OffPadError if the path leaves a pad.
+    """
+    touch = sensors.press(shape, sample.command, sample.rng, timed=watch.running)
+    touches = [touch]
+    for command in sample.further:
+        sensors.check_over_pads(touch, command)
+    for command in sample.further:
+        if rejection_reason(touch):
+            return touches
+        with watch.running("motion"):
+            digit = slide_to(sensors, replace(touch, cyskin=None), command, friction["digit"])
+            cyskin = slide_to(sensors, replace(touch, digit=None), command, friction["cyskin"])
+        touch = replace(digit, cyskin=cyskin.cyskin)
+        touches.append(touch)
+    with watch.running("picture"):
+        return touches[:1] + [sensors.with_readings(each, sample.rng) for each in touches[1:]]
+
+
+def _markers(rng: np.random.Generator, share: float) -> Markers | None:
+    """Sampled markers of a DIGIT unit. share: of the units that have markers."""
+    if rng.random() >= share:
+        return None
+    pitch_mm = float(log_uniform(rng, MARKER_PITCHES_MM))
+    diameter_mm = pitch_mm * rng.uniform(*MARKER_SHARES)
+    jitter_mm = rng.uniform(0.0, MAX_JITTER_SHARE * (pitch_mm - diameter_mm) / 2)
+    return Markers(pitch_mm, float(diameter_mm), float(jitter_mm), int(rng.integers(MAX_SEED)))
 
 
 @dataclass(frozen=True)
@@ -104,12 +169,12 @@ class _Unit:
 
 
 def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) -> Iterator[_Unit]:
-    """The unit of each press of a shard: the same for all, or one per shape or press."""
+    """The unit of each path of a shard: the same for all, or one per shape or path."""
     light, unit = recipe.light, None
     center = None if light.calibration is None else sensors.digit.light
     for shape in batch.numbers:
-        for index in batch.press_indices:
-            sampled = shape if light.each == "shape" else shape * batch.presses + index
+        for path in paths_of(recipe, batch, shape):
+            sampled = shape if light.each == "shape" else shape * batch.presses + path.index
             number = 0 if light.kind == "fixed" else sampled
             if unit is None or unit.number != number:
                 digit, columns = sensors.digit, {UNIT: number} if recipe.has_more else {}
@@ -117,6 +182,10 @@ def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) 
                     rng = np.random.default_rng((recipe.seed, UNIT_STREAM, batch.part, number))
                     with watch.running("light"):
                         digit = digit.with_unit(sample_unit(rng, light.draw, center))
+                if recipe.motion:
+                    rng = np.random.default_rng((recipe.seed, MARKER_STREAM, batch.part, number))
+                    digit = replace(digit, markers=_markers(rng, recipe.motion.markers))
+                    columns |= {MARKERS: digit.markers is not None}
                 if recipe.untouched_frames:
                     rng = np.random.default_rng((recipe.seed, FRAME_STREAM, batch.part, number))
                     with watch.running("encoding"):

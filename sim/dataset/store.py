@@ -30,7 +30,7 @@ from t2twin.core.files import atomic_write
 from t2twin.core.records import read_json
 from t2twin.core.templates import render
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
-from t2twin.sim.dataset.columns import BACKGROUND, FIELD, IMAGE_TYPE, schema_of
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, IMAGE_TYPE, TRACTIONS, schema_of
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
 
 INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
@@ -187,6 +187,9 @@ def check_table(
     for name, places in (("taxels", info.layout_x_mm), (FIELD, info.field_x_mm or ())):
         if name in columns:
             _check_counts(table[name], name, len(places), info.full_scale_counts)
+    for name in TRACTIONS:
+        if name in columns:
+            _check_tractions(table[name], name, len(info.field_x_mm or ()))
 
 
 def _check_counts(column: pa.ChunkedArray, name: str, places: int, full_scale: int) -> None:
@@ -201,6 +204,15 @@ def _check_counts(column: pa.ChunkedArray, name: str, places: int, full_scale: i
     largest = counts.to_numpy().max(initial=0)
     if largest > full_scale:
         raise ValueError(f"it has a count of {largest}, over the full scale of {full_scale}")
+
+
+def _check_tractions(column: pa.ChunkedArray, name: str, places: int) -> None:
+    rows = column.combine_chunks()
+    values = rows.flatten()
+    if set(rows.value_lengths().to_pylist()) - {places}:
+        raise ValueError(f"it has rows without {places} places in {name}")
+    if values.null_count or not np.isfinite(values.to_numpy()).all():
+        raise ValueError(f"its {name} has values that are not finite")
 
 
 def taxels(table: pa.Table) -> np.ndarray:

@@ -13,6 +13,7 @@ STAGES = (
     "press digit",
     "press cyskin",
     "picture",
+    "motion",
     "taxels",
     "field",
     "light",
@@ -20,8 +21,8 @@ STAGES = (
     "writing",
     "shape",
 )
-"""Stages of a shard. "shape" is done once for all presses of a shape; "field" and "light" only
-where the recipe has a field or samples the light."""
+"""Stages of a shard. "shape" is done once for all presses of a shape; "field", "light" and
+"motion" only where the recipe has a field, samples the light or has motion."""
 
 
 @dataclass

@@ -8,8 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from msgspec import structs
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
@@ -19,11 +21,12 @@ from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import seed_of
 from t2twin.sim.contact.types import PressCommand
-from t2twin.sim.dataset.columns import BACKGROUND, FIELD, POSE, schema_of
+from t2twin.sim.dataset.columns import BACKGROUND, FIELD, PATH, POSE, TRACTIONS, schema_of
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import BATCH_ROWS, INFO, read_info, sha256_of
-from t2twin.sim.world.plan import Batch, name_of, plan, shard_path
-from t2twin.sim.world.presses import planned_name, press_attempts
+from t2twin.sim.world.motion import MotionPath
+from t2twin.sim.world.plan import Batch, name_of, paths_of, plan, shard_path
+from t2twin.sim.world.presses import path_attempts, planned_name
 from t2twin.sim.world.recipe import PAPER, RANDOM, Recipe, load_recipe
 
 ARRAYS = ("image", "taxels")
@@ -121,7 +124,7 @@ def _content(
             return
         if file.metadata.num_rows != pairs:
             yield Fault(path, f"it has {file.metadata.num_rows} rows instead of {pairs}")
-        arrays = [name for name in (*ARRAYS, FIELD, BACKGROUND) if name in schema.names]
+        arrays = [name for name in (*ARRAYS, FIELD, BACKGROUND, *TRACTIONS) if name in schema.names]
         scalars = file.read([name for name in schema.names if name not in arrays])
         yield from (Fault(path, reason) for reason in _pairing(path, scalars, info, planned))
         row = 0
@@ -163,7 +166,10 @@ def _pairing(
         yield "its presses are not the planned ones"
     for row, press in enumerate(presses):
         if press in expected:
-            yield from _pose(rows.slice(row, 1), row, press, expected[press])
+            start, attempts = expected[press]
+            yield from _pose(rows.slice(row, 1), row, press, attempts)
+            if PATH in rows.column_names and rows[PATH][row].as_py() != start:
+                yield f"row {row}: its path is not the planned one"
 
 
 def _planned(shape: str) -> str:
@@ -200,18 +206,20 @@ def recipe_of(info: DatasetInfo) -> Recipe:
 
 def planned_presses(
     info: DatasetInfo, batch: Batch
-) -> dict[tuple[str, int], Callable[[], Iterator[PressCommand]]]:
-    """The presses of a shard by shape and index, each with the commands of its attempts."""
-    recipe = recipe_of(info)
-    part, seed = recipe.parts[batch.part], (info.seed or 0, batch.part)
+) -> dict[tuple[str, int], tuple[int, Callable[[], Iterator[PressCommand]]]]:
+    """The touches of a shard by shape and index: the index of the path, and the commands of the
+    attempts."""
+    recipe = structs.replace(recipe_of(info), seed=info.seed or 0)
 
-    def commands(name: str, number: int, index: int) -> Iterator[PressCommand]:
-        return (press.command for press in press_attempts(part, name, number, index, seed))
+    def commands(name: str, number: int, path: MotionPath, step: int) -> Iterator[PressCommand]:
+        attempts = path_attempts(recipe, batch.part, name, number, path)
+        return ((each.command, *each.further)[step] for each in attempts)
 
     return {
-        (name, index): partial(commands, name, number, index)
+        (name, path.index + step): (path.index, partial(commands, name, number, path, step))
         for name, number in zip(map(name_of, batch.shapes), batch.numbers, strict=True)
-        for index in batch.press_indices
+        for path in paths_of(recipe, batch, number)
+        for step in range(1 + path.steps)
     }
 
 
@@ -239,3 +247,9 @@ def _sample(row: dict[str, Any], info: DatasetInfo) -> Iterator[str]:
             count is not None and 0 <= count <= info.full_scale_counts for count in counts
         ):
             yield f"it has a count outside of 0 to {info.full_scale_counts}"
+    for column in TRACTIONS:
+        values = np.array(row.get(column) or [], float)
+        if column in row and values.shape != (len(info.field_x_mm or ()),):
+            yield f"it has {values.size} values of {column}"
+        elif not np.isfinite(values).all():
+            yield f"its {column} has values that are not finite"

@@ -8,6 +8,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io import read
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
+from t2twin.sim.world.motion import MotionPath, sample_paths
 from t2twin.sim.world.presses import MAX_SHAPE_SEED, grid_indices, random_name
 from t2twin.sim.world.recipe import RANDOM, Part, Recipe, Split
 
@@ -40,6 +41,13 @@ class Batch:
     def press_indices(self) -> Sequence[int]:
         """Indices of the presses of each shape."""
         return range(self.presses) if self.indices is None else self.indices
+
+
+def paths_of(recipe: Recipe, batch: Batch, number: int) -> tuple[MotionPath, ...]:
+    """The paths of a shape of a shard. number: of the shape in the part."""
+    if not recipe.motion or batch.indices is not None:
+        return tuple(map(MotionPath, batch.press_indices))
+    return sample_paths(recipe.motion, batch.presses, (recipe.seed, batch.part), number)
 
 
 def file_stem(shape: str) -> str:

@@ -5,15 +5,17 @@ miss the shape's features, then the next attempt is another sample of the same p
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from msgspec import structs
 
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes import PREFIX
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.world import protocol
-from t2twin.sim.world.recipe import RANDOM, ForceRange, Part, Place
+from t2twin.sim.world.motion import MotionPath, sample_commands
+from t2twin.sim.world.recipe import RANDOM, ForceRange, Part, Place, Recipe
 
 PRESS_STREAM, FORCE_STREAM, UNIT_STREAM, FRAME_STREAM = 11, 12, 13, 14
 """Random streams of one seed: presses, forces on a grid, DIGIT units, noise of their background
@@ -41,13 +43,15 @@ class PressSample:
     """One press of a part, or one attempt at it.
 
     index: its number among the shape's presses. command: of 0 N without contact. rng: generator of
-    the sensors' noise. attempt: None for a press on the grid, which is not sampled.
+    the sensors' noise. attempt: None for a press on the grid, which is not sampled. further: the
+    touches of its path after it.
     """
 
     index: int
     command: PressCommand
     rng: np.random.Generator
     attempt: int | None
+    further: tuple[PressCommand, ...] = ()
 
 
 def random_name(seed: int, number: int) -> str:
@@ -97,6 +101,25 @@ def press_attempts(
         return
     for attempt in range(first, max_attempts(part)):
         yield sample_press(part, name, number, index, seed, attempt)
+
+
+def path_attempts(
+    recipe: Recipe, part: int, name: str, number: int, path: MotionPath, first: int = 0
+) -> Iterator[PressSample]:
+    """The attempts at a path, in their order. A path with motion has contact.
+
+    part: its number in the recipe. name, number, first: as for press_attempts.
+    """
+    seed, own = (recipe.seed, part), recipe.parts[part]
+    if not path.steps:
+        yield from press_attempts(own, name, number, path.index, seed, first)
+        return
+    assert recipe.motion
+    own = structs.replace(own, untouched_share=0.0)
+    for each in press_attempts(own, name, number, path.index, seed, first):
+        assert each.attempt is not None
+        further = sample_commands(recipe.motion, path, each.command, seed, number, each.attempt)
+        yield replace(each, further=further)
 
 
 def sample_press(

@@ -23,7 +23,7 @@ from math import log
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from msgspec import Meta, Struct, to_builtins
+from msgspec import UNSET, Meta, Struct, UnsetType, to_builtins
 from msgspec.structs import force_setattr
 
 from t2twin.core import arguments
@@ -36,6 +36,7 @@ from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 from t2twin.sim.digit.optics import FRAMES
 from t2twin.sim.digit.randomization.ranges import UnitRanges
+from t2twin.sim.world.motion import Motion
 
 RECIPES = Path(__file__).parent / "recipes"
 PAPER = "paper"
@@ -181,7 +182,8 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
 
     name: for tables. seed: of all samples. layout, imperfections: the CySkin's. field: whether
     pairs contain the field (t2twin.sim.cyskin.field). untouched_frames: whether pairs contain the
-    background frame of their DIGIT unit.
+    background frame of their DIGIT unit. motion: of the sampled presses; without it all stay still,
+    and info.json does not contain it.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=60)]
@@ -193,6 +195,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     light: Light = Light()
     field: bool = True
     untouched_frames: bool = True
+    motion: Motion | UnsetType = UNSET
 
     def __post_init__(self) -> None:
         for number, part in enumerate(arguments.instance(self.parts, "parts", tuple)):
@@ -202,11 +205,18 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
         own = [part.shapes for part in self.parts if part.place == "grid"]
         if len(own) != len(set(own)):
             raise T2TwinError("two parts press the same shapes on the grid; expected at most one")
+        if self.motion and len(own) == len(self.parts):
+            raise T2TwinError("motion needs a part whose place is a distribution, not the grid")
+        if self.motion and self.light.kind == "fixed" and self.motion.markers not in (0.0, 1.0):
+            raise T2TwinError(
+                f"markers of motion is {self.motion.markers:g}; expected 0 or 1, as a fixed light "
+                "has one unit"
+            )
 
     @property
     def has_more(self) -> bool:
         """Whether its pairs have more columns than the protocol's."""
-        return self.field or self.untouched_frames
+        return self.field or self.untouched_frames or bool(self.motion)
 
 
 def bundled_worlds() -> tuple[str, ...]:

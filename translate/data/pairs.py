@@ -13,11 +13,11 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from itertools import chain, islice
 from pathlib import Path
-from typing import Annotated, BinaryIO, Protocol
+from typing import Annotated, Any, BinaryIO, Protocol
 
 import numpy as np
 import torch
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 from msgspec import field as renamed
 from numpy.lib import format as npy
 from PIL import Image
@@ -27,7 +27,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.core.progress import Progress
 from t2twin.sim.cyskin.layout import LARGEST_PAD_MM, PAD_DIAMETER_MM, Layout
-from t2twin.sim.dataset.columns import FIELD, POSE
+from t2twin.sim.dataset.columns import FIELD, PATH, POSE
 from t2twin.sim.dataset.info import MAX_COUNTS, check_layout, is_sha256
 from t2twin.sim.dataset.store import (
     INFO,
@@ -47,6 +47,9 @@ from t2twin.translate.data.background_frames import (
 from t2twin.translate.data.images import to_pixels
 
 CACHE = "cache"
+SHEAR = ("digit_shear_x_n", "digit_shear_y_n")
+"""Columns of the shear force on the DIGIT, of worlds with motion."""
+
 BATCH_SIZE = 256
 """Images decoded together; bounds memory to 60 MB."""
 
@@ -105,7 +108,8 @@ class Pairs:
 
     images: the P DIGIT images, (S, S, c) each. counts: (P, N) float32.
     shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
-    field: (P, F) uint16, counts, and backgrounds, if they were loaded.
+    field: (P, F) uint16, counts, and backgrounds, if they were loaded. shear_n: (P, 2), N, along x
+    and y on the DIGIT, and is_moving: (P,) bool, of worlds with motion.
     """
 
     images: ImageFile
@@ -118,6 +122,8 @@ class Pairs:
     force_n: np.ndarray
     field: np.ndarray | None = None
     backgrounds: PairBackgrounds | None = None
+    shear_n: np.ndarray | None = None
+    is_moving: np.ndarray | None = None
 
     def __len__(self) -> int:
         return self.counts.shape[0]
@@ -129,13 +135,13 @@ class Pairs:
 
     def subset(self, places: np.ndarray) -> "Pairs":
         """The pairs with these indices, (b,), of a split with all of its images."""
-        special = ("images", "field", "backgrounds")
-        names = [f.name for f in fields(self) if f.name not in special]
+        special = ("images", "backgrounds")
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in special}
+        own: dict[str, Any] = {n: None if a is None else a[places] for n, a in arrays.items()}
         return Pairs(
             images=ImageFile(self.images.path, places),
-            field=None if self.field is None else self.field[places],
             backgrounds=None if self.backgrounds is None else self.backgrounds.subset(places),
-            **{name: getattr(self, name)[places] for name in names},
+            **own,
         )
 
 
@@ -145,8 +151,9 @@ class DataInfo(Struct, frozen=True):
     layout: name of the taxel layout. x_mm, y_mm: (N,) its positions. full_scale_counts: where the
     taxels saturate. world: name of the world, None for imported pairs and in runs of older
     versions. train_pairs: number of training pairs. field_x_mm, field_y_mm: (F,) places of the
-    field, None without field. pad_diameter_mm: (N,) of the taxels, None if unknown. The part
-    "data" of a run's config.json, in which some fields have other names.
+    field, None without field. pad_diameter_mm: (N,) of the taxels, None if unknown. has_shear:
+    whether the pairs contain the shear force; only present if true. The part "data" of a run's
+    config.json, in which some fields have other names.
     """
 
     sha256: str = renamed(name="info_sha256")
@@ -159,6 +166,7 @@ class DataInfo(Struct, frozen=True):
     field_x_mm: np.ndarray | None = None
     field_y_mm: np.ndarray | None = None
     pad_diameter_mm: np.ndarray | None = None
+    has_shear: bool | UnsetType = UNSET
 
     def check(self) -> None:
         """Raises ValueError for an invalid layout, places or SHA-256."""
@@ -207,6 +215,7 @@ def load_info(data_dir: Path) -> DataInfo:
         field_x_mm=_optional_array(info.field_x_mm),
         field_y_mm=_optional_array(info.field_y_mm),
         pad_diameter_mm=_optional_array(pads),
+        has_shear=True if info.world is not None and info.world.motion else UNSET,
     )
 
 
@@ -236,7 +245,7 @@ def load_pairs(
             f"the pairs in {data_dir} have no field; make a world with field, such as "
             "`t2twin simdata --world union`"
         )
-    optional = [FIELD] if with_field else []
+    optional = ([FIELD] if with_field else []) + (["index", PATH, *SHEAR] if info.has_shear else [])
     table = read_split(data_dir, split, ["shape", "family", *POSE, "taxels", *optional])
     counts = taxels(table)
     color, name = "grey" if grey else "rgb", info.sha256[:12]
@@ -259,6 +268,10 @@ def load_pairs(
         backgrounds=load_backgrounds(data_dir, split, size, folder, name)
         if with_field and has_backgrounds(stored)
         else None,
+        shear_n=np.column_stack([table[name].to_numpy() for name in SHEAR])
+        if info.has_shear
+        else None,
+        is_moving=table["index"].to_numpy() > table[PATH].to_numpy() if info.has_shear else None,
         **{name: table[name].to_numpy() for name in POSE},
     )
 
@@ -313,9 +326,11 @@ class Examples:
 
     images: as `images.to_input` returns them, (B, c, S, S). counts: (B, N) float32. field: (B, F)
     float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
+    shear_n: (B, 2) float32, of worlds with motion.
     """
 
     images: torch.Tensor
     counts: torch.Tensor
     field: torch.Tensor | None = None
     force_n: torch.Tensor | None = None
+    shear_n: torch.Tensor | None = None

@@ -7,6 +7,8 @@ the loss that Grella et al. 2023 call L3.
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from t2twin.translate.evaluation.motion_records import MotionFigures, ShearMetrics
+
 FORMAT = 5
 """Version of metrics.json."""
 
@@ -126,7 +128,8 @@ class ModelRow:
     weights_sha256: of its best.safetensors. same_data: whether it was trained on the dataset of the
     evaluation. trained_layout, trained_data, trained_world, trained_pairs, trained_steps: the
     layout of its training dataset, SHA-256 of info.json, world and number of pairs, and the number
-    of steps; None if unknown. uncertainty: of runs that predict it.
+    of steps; None if unknown. uncertainty: of runs that predict it. by_motion: figures of "still"
+    and "moving" pairs, and shear: of runs that predict it; None for a dataset without motion.
     """
 
     overall: Figures
@@ -143,6 +146,8 @@ class ModelRow:
     trained_steps: int | None = None
     by_force: tuple[ForceFigures, ...] = ()
     uncertainty: UncertaintyMetrics | None = None
+    by_motion: dict[str, MotionFigures] | None = None
+    shear: ShearMetrics | None = None
 
 
 @dataclass(frozen=True)

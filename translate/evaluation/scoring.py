@@ -17,6 +17,7 @@ from t2twin.translate.evaluation.metrics import bootstrap
 from t2twin.translate.evaluation.metrics.array_errors import compare
 from t2twin.translate.evaluation.metrics.floors import FieldOfView
 from t2twin.translate.evaluation.metrics.forces import ForceBin, by_force
+from t2twin.translate.evaluation.metrics.motion import by_motion, shear_metrics
 from t2twin.translate.evaluation.metrics.reliability import uncertainty_metrics
 from t2twin.translate.evaluation.prepare import EvaluationInputs
 from t2twin.translate.evaluation.records import Bootstrap, Difference, ModelRow
@@ -56,6 +57,8 @@ def score(
             by_family=figures.by_name(full_scale, pairs.families),
             interval=bootstrap.intervals(resampled[name]),
             by_force=by_force(predicted, figures, pairs, bins, full_scale),
+            by_motion=by_motion(figures, pairs, full_scale, estimates.get(name)),
+            shear=shear_metrics(estimates[name], pairs) if name in estimates else None,
         )
     differences = paired(rows, resampled)
     rows |= {name: _with_run(rows[name], run, info) for name, run in inputs.trained.items()}

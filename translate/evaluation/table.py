@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from t2twin.translate.evaluation.metrics.floors import NOISE_FLOOR
+from t2twin.translate.evaluation.metrics.motion import motion_text
 from t2twin.translate.evaluation.metrics.reliability import uncertainty_text
 from t2twin.translate.evaluation.records import (
     Evaluation,
@@ -85,11 +86,16 @@ def _notes(evaluation: Evaluation) -> list[str]:
         f"Of the taxels, {view.taxels.under} lie under the DIGIT's view, {view.taxels.near} within "
         f"one pitch of it ({view.pitch_mm:.1f} mm), {view.taxels.beyond} beyond.",
     ]
-    notes += uncertainty_text(evaluation.models)
+    notes += notes_on_runs(evaluation)
     notes += training_lines(evaluation) + background_lines(evaluation)
     if evaluation.paper:
         notes.append("The paper's rows are from real sensors and not directly comparable.")
     return notes
+
+
+def notes_on_runs(evaluation: Evaluation) -> list[str]:
+    """Lines on uncertainty, motion and shear force of runs that have them."""
+    return uncertainty_text(evaluation.models) + motion_text(evaluation.models)
 
 
 def markdown(evaluations: Mapping[str, Evaluation]) -> str:
@@ -112,7 +118,7 @@ def markdown(evaluations: Mapping[str, Evaluation]) -> str:
     uncertainty = "".join(
         f"\n{split}: {line}\n"
         for split, evaluation in evaluations.items()
-        for line in uncertainty_text(evaluation.models)
+        for line in notes_on_runs(evaluation)
     )
     runs = (*training_lines(first), *background_lines(first))
     return markdown_table(lines) + uncertainty + "".join(f"\n{line}\n" for line in runs) + by_force

@@ -14,6 +14,7 @@ A field run also has
     outputs  counts_std      (B, N) float32, counts, standard deviations
              field, field_std    (B, F) float32, counts, at the places of the field
              force_n, force_std_n    (B,) float32, N, of a run trained on several forces
+             shear_n, shear_std_n    (B, 2) float32, N, of a run trained on motion
 
 B is free. The metadata of the file contain the model, its preset, and the layout with its positions
 and full scale. Shape letters: c channels, S image side of the run, N taxels, F places of the field,
@@ -40,13 +41,12 @@ from t2twin.translate.inference.predictor import (
     require,
 )
 from t2twin.translate.models.field import FromPixels
+from t2twin.translate.models.field_readout import FieldPrediction
 
 INPUT, BACKGROUND = "images", "background"
 TACTILE_IMAGES = "tactile_images"
-OUTPUTS = (
-    COUNTS, TACTILE_IMAGES, "counts_std", "field", "field_std", "force_n", "force_std_n"
-)  # fmt: skip
-"""Outputs in order; a run has the first of them."""
+OUTPUTS = (COUNTS, TACTILE_IMAGES, *FieldPrediction._fields[1:])
+"""Outputs in order; only a field run has more than two, those that it predicts."""
 
 OPSET = 17
 """Version of the ONNX operators, not the latest, so that older runtimes can read the file."""
@@ -95,8 +95,8 @@ def _write(run: CountsPredictor, pixels: np.ndarray, path: Path) -> None:
     module = run.translator.as_module().eval()
     frame = [module.mean_frame] if isinstance(module, FromPixels) else []
     images = _to_tensor(pixels)
-    with torch.inference_mode():
-        outputs = OUTPUTS[: len(module(images, *frame))]
+    missing = module.missing if isinstance(module, FromPixels) else set(OUTPUTS[2:])
+    outputs = tuple(name for name in OUTPUTS if name not in missing)
     with warnings.catch_warnings():
         # The tracing exporter is deprecated, but its successor needs onnxscript as well.
         warnings.simplefilter("ignore", DeprecationWarning)

@@ -109,6 +109,9 @@ def _entry(result: TranslationResult, number: int, image: str, name: str | None)
         if estimate.force_n is not None and estimate.force_std_n is not None:
             entry["force_n"] = round(float(estimate.force_n[number]), 3)
             entry["force_std_n"] = round(float(estimate.force_std_n[number]), 3)
+        if estimate.shear_n is not None and estimate.shear_std_n is not None:
+            entry["shear_n"] = [round(n, 3) for n in estimate.shear_n[number].tolist()]
+            entry["shear_std_n"] = [round(n, 3) for n in estimate.shear_std_n[number].tolist()]
     return entry | ood_entry(ood_class)
 
 

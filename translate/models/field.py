@@ -6,7 +6,8 @@ likelihood is Student's t: most presses have small errors and a few have large o
 a Gaussian likelihood. Factors fitted on validation presses calibrate the spread (module
 uncertainty.calibration), and a correlation matrix of the errors allows sampling of whole fields.
 
-The force is predicted as a logarithm, if the training presses have several forces.
+The force is predicted as a logarithm, if the training presses have several forces. The shear force
+on the DIGIT is predicted if the training presses have motion.
 
 Shape letters: B batch, S image side, N taxels, F places of the field, R rows and C columns of a
 tactile image.
@@ -45,6 +46,9 @@ FORCE_WEIGHT = 0.1
 """Weight of the force's squared error relative to the field's, both divided by their variance
 (assumed)."""
 
+SHEAR_WEIGHT = 0.3
+"""The same of the shear force (assumed: it is as hard to see as the force and has two parts)."""
+
 MEAN_FRAME_SHARE = 0.25
 """Share of the training pairs whose background frame is replaced by the world's mean frame
 (assumed), so that the network also works without a background frame."""
@@ -53,6 +57,9 @@ DEGREES_OF_FREEDOM = 4.0
 """Of the t distribution of the likelihood. After 2,000 steps on fixed features, validation without
 the least certain fifth has a 13 % lower RMSE, with a Gaussian 4 %; 3 and 8 are equally good
 (measured)."""
+
+MIN_SHEAR_SCALE_N = 1e-3
+"""Least scale of the shear force, N (assumed), for presses that all stay still."""
 
 MEAN_FRAME_IMAGES = 2000
 """Images averaged to the mean frame if the pairs have no background frames (assumed)."""
@@ -75,7 +82,9 @@ class FieldTranslator(CountsTranslator):
         self.device = device
         self.bf16 = bf16
         view_mm = DIGIT_CAMERA.seen_half_extent_mm()
-        self.network = FieldNet(*self.places_mm, view_mm, preset.size, preset.filters)
+        self.network = FieldNet(
+            *self.places_mm, view_mm, preset.size, preset.filters, bool(info.has_shear)
+        )
         self.network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         self.networks = {"field": self.network}
         self.optimizers = {"field": adamw(self.network, preset)}
@@ -85,7 +94,7 @@ class FieldTranslator(CountsTranslator):
         )
 
     def prepare(self, pairs: Pairs) -> None:
-        """Sets the mean frame, and the scales of field and force if loaded weights lack them."""
+        """Sets the mean frame, and the scales of the outputs if loaded weights lack them."""
         assert pairs.field is not None
         field = pairs.field / np.float32(self.full_scale)
         forces = log_force(torch.tensor(pairs.force_n))
@@ -101,6 +110,10 @@ class FieldTranslator(CountsTranslator):
                 network.field_variance.fill_(float(field.var(axis=0).mean()))
             if not predicts_force(network):
                 network.force_scale.copy_(torch.stack([forces.mean(), forces.std(correction=0)]))
+            if network.predicts_shear and not network.shear_scale:
+                assert pairs.shear_n is not None
+                rms_n = float(np.sqrt(np.square(pairs.shear_n).mean()))
+                network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
 
     def step(self, examples: Examples) -> dict[str, float]:
         """One step on the squared errors of field and force and the likelihoods of their spreads.
@@ -125,6 +138,14 @@ class FieldTranslator(CountsTranslator):
                 error.detach(), outputs.force_log_spread
             )
             loss = loss + FORCE_WEIGHT * losses["force"] + losses["force_spread"]
+        if outputs.shear is not None and outputs.shear_log_spread is not None:
+            assert examples.shear_n is not None
+            error = outputs.shear - examples.shear_n.to(self.device) / self.network.shear_scale
+            losses["shear"] = error.square().mean()
+            losses["shear_spread"] = _negative_log_likelihood(
+                error.detach(), outputs.shear_log_spread
+            )
+            loss = loss + SHEAR_WEIGHT * losses["shear"] + losses["shear_spread"]
         loss.backward()
         average_gradients(self.network)
         optimizer.step()
@@ -154,6 +175,8 @@ class FieldTranslator(CountsTranslator):
         network.press_knots.copy_(found.press)
         if predicts_force(network):
             network.force_knots.copy_(found.force)
+        if found.shear is not None:
+            network.shear_knots.copy_(found.shear)
         network.correlation.copy_(found.correlation)
         vars(self).pop("readout", None)
 
@@ -190,7 +213,13 @@ class FieldTranslator(CountsTranslator):
             error = field / self.full_scale - outputs.mean.clamp(0.0, 1.0)
             force_error = self._force_target(force) - outputs.force
             spreads = outputs.log_spread.exp(), outputs.force_log_spread.exp()
-            parts.append((error, spreads[0], force_error, spreads[1]))
+            values = [error, spreads[0], force_error, spreads[1]]
+            if pairs.shear_n is not None and outputs.shear is not None:
+                assert outputs.shear_log_spread is not None
+                shear = torch.from_numpy(pairs.shear_n[part].astype(np.float32)).to(self.device)
+                values.append(shear / self.predictor.shear_scale - outputs.shear)
+                values.append(outputs.shear_log_spread.exp())
+            parts.append(values)
         return Errors(*(torch.cat(part).cpu() for part in zip(*parts, strict=True)))
 
     def _outputs(self, images: torch.Tensor) -> FieldOutputs:
@@ -221,7 +250,8 @@ class FromPixels(nn.Module):
     """The whole prediction in float32 on the CPU.
 
     Inputs: RGB pixels in [0, 1], (B, 3, S, S), and a background frame, (1, 3, S, S). Outputs:
-    counts, tactile images, counts_std, field, field_std, and, if predicted, force_n, force_std_n.
+    counts, tactile images, counts_std, field, field_std, and, if predicted, force_n, force_std_n,
+    shear_n, shear_std_n.
     """
 
     mean: torch.Tensor
@@ -243,9 +273,15 @@ class FromPixels(nn.Module):
     def forward(self, pixels: torch.Tensor, background: torch.Tensor) -> tuple[torch.Tensor, ...]:
         both = [(each - self.mean) / self.std for each in (pixels, background.expand_as(pixels))]
         found = self.readout(self.network(torch.cat(both, dim=1)))
-        force = () if found.force_n is None else (found.force_n, found.force_std_n)
-        image = self.field_image(found.field)
-        return found.counts, image, found.counts_std, found.field, found.field_std, *force
+        predicted = [each for each in found[1:] if each is not None]
+        return found.counts, self.field_image(found.field), *predicted
+
+    @property
+    def missing(self) -> set[str]:
+        """Names of the predictions that the network does not have."""
+        force = () if self.readout.predicts_force else ("force_n", "force_std_n")
+        shear = () if self.network.predicts_shear else ("shear_n", "shear_std_n")
+        return {*force, *shear}
 
 
 def _negative_log_likelihood(error: torch.Tensor, log_spread: torch.Tensor) -> torch.Tensor:

@@ -25,7 +25,8 @@ class FieldPrediction(NamedTuple):
     """Predictions for B images.
 
     counts, counts_std: (B, N), counts. field, field_std: (B, F), counts. force_n, force_std_n:
-    (B,), N, or None if the run was trained on presses of one force.
+    (B,), N, or None if the run was trained on presses of one force. shear_n, shear_std_n: (B, 2),
+    N, or None if it was trained without.
     """
 
     counts: torch.Tensor
@@ -34,6 +35,8 @@ class FieldPrediction(NamedTuple):
     field_std: torch.Tensor
     force_n: torch.Tensor | None
     force_std_n: torch.Tensor | None
+    shear_n: torch.Tensor | None = None
+    shear_std_n: torch.Tensor | None = None
 
 
 class FieldReadout(nn.Module):
@@ -48,6 +51,8 @@ class FieldReadout(nn.Module):
     press_knots: torch.Tensor
     force_knots: torch.Tensor
     force_scale: torch.Tensor
+    shear_knots: torch.Tensor
+    shear_scale: torch.Tensor
 
     def __init__(self, network: FieldNet, reading: np.ndarray, full_scale: float) -> None:
         super().__init__()
@@ -56,7 +61,8 @@ class FieldReadout(nn.Module):
         factor = torch.linalg.cholesky(network.correlation.cpu().double()).float()
         self.register_buffer("reading", torch.from_numpy(reading).float())
         self.register_buffer("factor", factor)
-        for name in (*KNOTS, "force_scale"):
+        shear = ("shear_knots", "shear_scale") if network.predicts_shear else ()
+        for name in (*KNOTS, "force_scale", *shear):
             self.register_buffer(name, getattr(network, name).detach().clone())
         self.to(network.correlation.device)
 
@@ -69,15 +75,22 @@ class FieldReadout(nn.Module):
         # A taxel averages several places, whose errors are correlated.
         parts = (field_std[:, None, :] * self.reading) @ self.factor
         counts_std = parts.square().sum(dim=2).sqrt()
+        found = FieldPrediction(counts, counts_std, field, field_std, None, None)
+        if outputs.shear is not None and outputs.shear_log_spread is not None:
+            factor = interpolate_scale(outputs.shear_log_spread, self.shear_knots)
+            spread = outputs.shear_log_spread.exp() * factor
+            found = found._replace(
+                shear_n=self.shear_scale * outputs.shear, shear_std_n=self.shear_scale * spread
+            )
         if not self.predicts_force:
-            return FieldPrediction(counts, counts_std, field, field_std, None, None)
+            return found
         shifted = torch.exp(outputs.force * self.force_scale[1] + self.force_scale[0])
         spread = outputs.force_log_spread.exp() * interpolate_scale(
             outputs.force_log_spread, self.force_knots
         )
         spread = spread * self.force_scale[1]
         force = (shifted - FORCE_OFFSET_N).clamp(min=0.0)
-        return FieldPrediction(counts, counts_std, field, field_std, force, shifted * spread)
+        return found._replace(force_n=force, force_std_n=shifted * spread)
 
     def sample(self, prediction: FieldPrediction, number: int, seed: int) -> torch.Tensor:
         """(B, number, F) fields sampled from the predicted distributions, counts."""

@@ -25,6 +25,7 @@ from t2twin.translate.uncertainty.calibration import (
     FORCE_SHARES,
     PLACE_SHARES,
     PRESS_SHARES,
+    SHEAR_SHARES,
     identity_knots,
 )
 
@@ -46,6 +47,12 @@ MIN_FORCE_SPREAD = 0.01
 """Minimum spread of the force, in standard deviations of the training forces' logarithms
 (assumed)."""
 
+MIN_SHEAR_SPREAD = 0.01
+"""Minimum spread of the shear force, in root mean squares of the training presses (assumed)."""
+
+SHEAR = "shear"
+"""First letters of the names of the weights and buffers of the shear force."""
+
 KNOTS = {"place_knots": PLACE_SHARES, "press_knots": PRESS_SHARES, "force_knots": FORCE_SHARES}
 """Buffers with the knots of the calibration, and the shares of the errors in their bins."""
 
@@ -58,19 +65,24 @@ class FieldOutputs(NamedTuple):
 
     mean, log_spread: (B, F), field as a fraction of full scale, and logarithm of its raw spread.
     force, force_log_spread: (B,), standardized logarithm of the force, and the same of its spread.
+    shear, shear_log_spread: (B, 2), standardized shear force along x and y, and logarithm of its
+    raw spread; None if it is not predicted.
     """
 
     mean: torch.Tensor
     log_spread: torch.Tensor
     force: torch.Tensor
     force_log_spread: torch.Tensor
+    shear: torch.Tensor | None = None
+    shear_log_spread: torch.Tensor | None = None
 
 
 class FieldNet(nn.Module):
     """The network of one field and image size.
 
     x_mm, y_mm: (F,) the field's places, column by column, mm. view_mm: half the width and half the
-    height of the DIGIT's view, mm. size: S. filters: base width of the ResNet18.
+    height of the DIGIT's view, mm. size: S. filters: base width of the ResNet18. predicts_shear:
+    whether it predicts the shear force on the DIGIT.
 
     Buffers:
 
@@ -78,7 +90,9 @@ class FieldNet(nn.Module):
     - field_mean, (F,), and field_variance, its mean over the places, fractions of full scale and of
       its square;
     - force_scale, (2,), mean and standard deviation of the forces' logarithms;
-    - place_knots, press_knots, force_knots, (2, K), and correlation, (F, F), the calibration.
+    - place_knots, press_knots, force_knots, (2, K), and correlation, (F, F), the calibration;
+    - shear_scale, (), root mean square of the training presses' shear force, N, and shear_knots,
+      if it is predicted.
 
     Raises T2TwinError for places that form no such columns, and for too few filters.
     """
@@ -93,6 +107,8 @@ class FieldNet(nn.Module):
     press_knots: torch.Tensor
     force_knots: torch.Tensor
     correlation: torch.Tensor
+    shear_scale: torch.Tensor
+    shear_knots: torch.Tensor
 
     def __init__(
         self,
@@ -101,6 +117,7 @@ class FieldNet(nn.Module):
         view_mm: tuple[float, float],
         size: int,
         filters: int,
+        predicts_shear: bool = False,
     ) -> None:
         super().__init__()
         self.grid = grid_of(x_mm)
@@ -136,6 +153,12 @@ class FieldNet(nn.Module):
         for name, shares in KNOTS.items():
             self.register_buffer(name, identity_knots(len(shares)))
         self.register_buffer("correlation", torch.eye(x_mm.size))
+        self.predicts_shear = predicts_shear
+        if predicts_shear:  # last, so that the other weights start as without it
+            self.shear = nn.Linear(vector, 2)
+            self.shear_spread = nn.Linear(vector, 2)
+            self.register_buffer("shear_scale", torch.zeros(()))
+            self.register_buffer("shear_knots", identity_knots(len(SHEAR_SHARES)))
 
     def _load_from_state_dict(
         self, state_dict: dict[str, torch.Tensor], prefix: str, *rest
@@ -176,6 +199,10 @@ class FieldNet(nn.Module):
             _log_add(MIN_SPREAD, scale.log() + spread),
             self.force(vector).float()[:, 0],
             _log_add(MIN_FORCE_SPREAD, self.force_spread(detached).float()[:, 0]),
+            self.shear(vector).float() if self.predicts_shear else None,
+            _log_add(MIN_SHEAR_SPREAD, self.shear_spread(detached).float())
+            if self.predicts_shear
+            else None,
         )
 
     def _resample(self, view_map: torch.Tensor, places: torch.Tensor) -> torch.Tensor:

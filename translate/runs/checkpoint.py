@@ -27,9 +27,10 @@ def save_weights(path: Path, network: nn.Module) -> None:
     _save(path, network.state_dict())
 
 
-def load_weights(path: Path, network: nn.Module) -> None:
+def load_weights(path: Path, network: nn.Module, optional: tuple[str, ...] = ()) -> None:
     """Reads the weights of one network.
 
+    optional: first letters of names that the file may lack, or may have in addition.
     Raises T2TwinError if the file is missing, is of another network or has non-finite numbers.
     """
     if not path.is_file():
@@ -37,7 +38,9 @@ def load_weights(path: Path, network: nn.Module) -> None:
     try:
         weights = load_file(path)
         _check_finite(path, weights)
-        network.load_state_dict(weights)
+        own = {n: each for n, each in network.state_dict().items() if n.startswith(optional)}
+        required = {n: each for n, each in weights.items() if not n.startswith(optional)}
+        network.load_state_dict(required | {n: weights.get(n, own[n]) for n in own})
     except (SafetensorError, RuntimeError):
         raise T2TwinError(f"{path} does not fit the networks of its config.json") from None
 

@@ -246,7 +246,7 @@ def load_examples(
     pairs: Pairs, batch: np.ndarray, preset: Preset, rng: np.random.Generator | None
 ) -> Examples:
     """The pairs with these indices; with rng, their images are augmented as the preset defines."""
-    batch, field = np.sort(batch), pairs.field  # the order on disk
+    batch, field, shear = np.sort(batch), pairs.field, pairs.shear_n  # the order on disk
     pixels = pairs.inputs[batch].astype(np.float32) / 255.0
     if rng is not None and (preset.brightness or preset.contrast or preset.noise):
         pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
@@ -255,6 +255,7 @@ def load_examples(
         torch.from_numpy(pairs.counts[batch]),
         None if field is None else torch.from_numpy(field[batch].astype(np.float32)),
         torch.from_numpy(pairs.force_n[batch].astype(np.float32)),
+        None if shear is None else torch.from_numpy(shear[batch].astype(np.float32)),
     )
 
 

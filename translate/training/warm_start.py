@@ -15,6 +15,7 @@ from t2twin.translate.data.pairs import DataInfo
 from t2twin.translate.models.base import Translator
 from t2twin.translate.models.layouts import same_layout
 from t2twin.translate.models.presets import DIGIT_TO_CYSKIN, Preset
+from t2twin.translate.networks.field_net import SHEAR
 from t2twin.translate.runs.checkpoint import load_weights
 from t2twin.translate.runs.config import BEST, RunConfig, load_config
 from t2twin.translate.runs.pretrained import resolve_run
@@ -83,8 +84,11 @@ def run_of_model(run: str | Path, model: str) -> tuple[Path, RunConfig]:
 
 
 def apply_warm_start(start: WarmStart, translator: Translator) -> None:
-    """Loads the weights. Raises T2TwinError for a file with the weights of another network."""
-    load_weights(start.weights, translator.predictor)
+    """Loads the weights; those of the shear only if both networks predict it.
+
+    Raises T2TwinError for a file with the weights of another network.
+    """
+    load_weights(start.weights, translator.predictor, optional=(SHEAR,))
     trained = next(iter(translator.networks.values()))
     if trained is not translator.predictor:  # the predictor is its weight average
         trained.load_state_dict(translator.predictor.state_dict())

@@ -13,7 +13,7 @@ Shape letters: P presses, F places of the field, K knots.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -32,6 +32,9 @@ need the finest bins (assumed)."""
 
 PRESS_SHARES = FORCE_SHARES = (0.125,) * 8
 """Share of all presses in the bin of each knot of press and force (assumed)."""
+
+SHEAR_SHARES = (0.125,) * 8
+"""Share of all components of the shear force in the bin of each knot (assumed)."""
 
 MIN_ERRORS = 100
 """Minimum number of errors in a bin (assumed: a 90 % quantile of fewer is unreliable)."""
@@ -56,23 +59,27 @@ class Errors:
 
     field: (P, F), errors as a fraction of full scale. spread: (P, F), raw spreads of the network.
     force: (P,), errors of the force's logarithm. force_spread: (P,), raw spreads of these.
+    shear, shear_spread: (P, 2), the same of the shear force, if it is predicted and known.
     """
 
     field: torch.Tensor
     spread: torch.Tensor
     force: torch.Tensor
     force_spread: torch.Tensor
+    shear: torch.Tensor | None = None
+    shear_spread: torch.Tensor | None = None
 
 
 @dataclass(frozen=True)
 class UncertaintyCalibration:
-    """place, press, force: (2, K) knots: ascending logarithms of spreads, and of their factors.
-    correlation: (F, F), of the standardized field errors."""
+    """place, press, force, shear: (2, K) knots: ascending logarithms of spreads, and of their
+    factors. correlation: (F, F), of the standardized field errors. shear: None if unknown."""
 
     place: torch.Tensor
     press: torch.Tensor
     force: torch.Tensor
     correlation: torch.Tensor
+    shear: torch.Tensor | None = None
 
 
 def fit_calibration(worlds: Sequence[Errors]) -> UncertaintyCalibration:
@@ -96,9 +103,15 @@ def fit_calibration(worlds: Sequence[Errors]) -> UncertaintyCalibration:
     correlation = (1.0 - SHRINKAGE) * inverse_std[:, None] * moment * inverse_std
     correlation.fill_diagonal_(1.0)
     force_knots = _fit_knots(force_spread, force, FORCE_SHARES, MIN_ERRORS)
-    return UncertaintyCalibration(
+    found = UncertaintyCalibration(
         place.float(), press.float(), force_knots.float(), correlation.float()
     )
+    shear = [world.shear.double() for world in worlds if world.shear is not None]
+    spread = [world.shear_spread.double() for world in worlds if world.shear_spread is not None]
+    if not shear:
+        return found
+    knots = _fit_knots(torch.cat(spread), torch.cat(shear), SHEAR_SHARES, MIN_ERRORS)
+    return replace(found, shear=knots.float())
 
 
 def standard_deviation(

@@ -19,7 +19,9 @@ class Estimate:
 
     counts, counts_std: (N,) float32, counts and their standard deviations. field, field_std: (F,)
     float32, the same at the places of the field. force_n, force_std_n: () float32, N, or None if
-    the run was trained on presses of one force. full_scale_counts: where taxels saturate.
+    the run was trained on presses of one force. shear_n, shear_std_n: (2,) float32, N, shear force
+    on the DIGIT along x and y, or None if the run was trained without. full_scale_counts: where
+    taxels saturate.
     """
 
     counts: np.ndarray
@@ -28,6 +30,8 @@ class Estimate:
     field_std: np.ndarray
     force_n: np.ndarray | None
     force_std_n: np.ndarray | None
+    shear_n: np.ndarray | None
+    shear_std_n: np.ndarray | None
     full_scale_counts: float
 
     def interval(self, level: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +68,7 @@ def half_width(level: float) -> float:
 def concatenate(parts: list[Estimate]) -> Estimate:
     """Concatenates one or more estimates of several images."""
     values: dict[str, Any] = {}
-    for name in ("counts", "counts_std", "field", "field_std", "force_n", "force_std_n"):
+    for name in vars(parts[0]).keys() - {"full_scale_counts"}:
         of_parts = [getattr(part, name) for part in parts]
         values[name] = None if of_parts[0] is None else np.concatenate(of_parts)
     return Estimate(**values, full_scale_counts=parts[0].full_scale_counts)

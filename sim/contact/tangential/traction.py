@@ -317,7 +317,8 @@ def take_step(displacement, moved, fraction, wanted, limit, gradient):
 
 
 def _dot(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.vdot(a.astype(np.float64), b))
+    # A BLAS product depends on the number of threads in its last bits.
+    return float((a.astype(np.float64) * b).sum())
 
 
 def _typical_compliance(layer: ShearLayer, inside: np.ndarray) -> float:

@@ -1,0 +1,37 @@
+"""A small world with motion."""
+
+from pathlib import Path
+
+WORLD = """
+format = 1
+name = "tiny"
+seed = 4
+
+[[parts]]
+shapes = "random"
+count = 3
+presses = 5
+place = { normal_mm = 1.0 }
+force_n = { low = 2.0, high = 8.0 }
+val_share = 0.3
+
+[light]
+kind = "drawn"
+each = "press"
+
+[motion]
+still = 0.2
+slide = 0.5
+twist = 0.3
+slide_mm = [0.05, 0.2]
+twist_deg = [0.5, 2.0]
+steps = [1, 2]
+markers = 0.5
+"""
+
+
+def write_recipe(folder: Path) -> Path:
+    """Writes the recipe to a folder."""
+    path = folder / "moving.toml"
+    path.write_text(WORLD)
+    return path

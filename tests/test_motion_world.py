@@ -1,0 +1,184 @@
+"""Worlds whose presses slide and twist."""
+
+import json
+import shutil
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from moving import WORLD, write_recipe
+from msgspec import structs
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.cyskin.field import CELL_MM2
+from t2twin.sim.dataset.columns import MOTION, PATH, SENSORS, TRACTIONS
+from t2twin.sim.dataset.generate import make_dataset
+from t2twin.sim.dataset.info import Shard
+from t2twin.sim.dataset.store import read_info, read_split, sha256_of, taxels, write_info
+from t2twin.sim.dataset.verify import verify_dataset
+from t2twin.sim.world.motion import Motion, MotionPath, sample_commands, sample_paths
+from t2twin.sim.world.plan import plan
+from t2twin.sim.world.recipe import load_recipe
+
+
+@pytest.fixture(scope="module")
+def made(moving_world: Path) -> Path:
+    return moving_world
+
+
+@pytest.fixture(scope="module")
+def rows(made: Path) -> pa.Table:
+    return pa.concat_tables([read_split(made, split) for split in ("train", "val")])
+
+
+def column(rows: pa.Table, name: str) -> np.ndarray:
+    return rows[name].to_numpy()
+
+
+def test_a_dataset_with_motion_is_complete(made: Path, rows: pa.Table) -> None:
+    assert verify_dataset(made) == []
+    assert rows.num_rows == 15
+    card = (made / "README.md").read_text()
+    columns = [PATH, "markers", *TRACTIONS, *(f"{s}_{n}" for s in SENSORS for n in MOTION)]
+    assert set(columns) <= set(rows.column_names)
+    assert all(name in card for name in columns) and f"{CELL_MM2:.3f} mm^2" in card
+    assert len(set(rows["markers"].to_pylist())) == 2
+
+
+def test_a_path_starts_with_a_press_and_has_one_unit(rows: pa.Table) -> None:
+    index, path = column(rows, "index"), column(rows, PATH)
+    still = index == path
+    assert 3 <= still.sum() < 15
+    for sensor in SENSORS:
+        shear = np.hypot(*(column(rows, f"{sensor}_shear_{axis}_n") for axis in "xy"))
+        torque = column(rows, f"{sensor}_torque_nmm")
+        assert not shear[still].any() and not torque[still].any()
+        assert (shear[~still] + np.abs(torque[~still]) > 0.0).all()
+        limit = column(rows, f"{sensor}_friction") * column(rows, f"{sensor}_force_n")
+        assert (shear <= 1.001 * limit).all()
+        slip = column(rows, f"{sensor}_slip_share")
+        assert (slip >= 0.0).all() and (slip <= 1.0).all() and slip[~still].any()
+    units = {}
+    for shape, of, unit, friction in zip(
+        *(rows[name].to_pylist() for name in ("shape", PATH, "unit", "digit_friction")), strict=True
+    ):
+        units.setdefault((shape, of), set()).add((unit, friction))
+    assert all(len(each) == 1 for each in units.values())
+    assert len(set(rows["digit_friction"].to_pylist())) == 3  # one for each shape
+
+
+def test_tractions_add_up_to_the_forces(rows: pa.Table) -> None:
+    for name, force in zip(TRACTIONS, ("force_n", "shear_x_n", "shear_y_n"), strict=True):
+        sums = 1e-3 * CELL_MM2 * np.array(rows[name].to_pylist()).sum(axis=1)
+        np.testing.assert_allclose(sums, column(rows, f"cyskin_{force}"), atol=2e-3)
+
+
+def test_the_field_contains_the_shear_as_the_taxels_do(made: Path, rows: pa.Table) -> None:
+    info, field = read_info(made), np.array(rows["field"].to_pylist())
+    places = np.hypot(
+        np.subtract.outer(info.layout_x_mm, info.field_x_mm or ()),
+        np.subtract.outer(info.layout_y_mm, info.field_y_mm or ()),
+    ).argmin(axis=1)
+    assert np.abs(taxels(rows) - field[:, places]).max() < 40  # the noise of a reading
+
+
+@pytest.mark.exhaustive
+def test_rows_do_not_depend_on_the_workers(made: Path, tmp_path: Path, shape_cache: Path) -> None:
+    recipe = write_recipe(tmp_path)
+    make_dataset(tmp_path / "two", world=recipe, workers=2, cache=shape_cache)
+    assert read_info(tmp_path / "two") == read_info(made)
+    for path in read_info(made).shards:
+        assert sha256_of(tmp_path / "two" / path) == sha256_of(made / path)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "said"),
+    [
+        (PATH, lambda values: [value + 1 for value in values], "its path is not the planned one"),
+        ("x_mm", lambda values: [value + 1 for value in values], "its x_mm is not the planned one"),
+        (TRACTIONS[1], lambda values: [value[1:] for value in values], "values of cover_shear_x"),
+        (TRACTIONS[2], lambda values: [[np.nan] * 216 for _ in values], "not finite"),
+    ],
+)
+def test_a_changed_row_is_a_fault(made: Path, tmp_path: Path, name: str, change, said: str) -> None:
+    folder = tmp_path / "changed"
+    shutil.copytree(made, folder)
+    info = read_info(folder)
+    path = next(path for path in info.shards if path.startswith("val/"))
+    table = pq.read_table(folder / path)
+    values = pa.array(change(table[name].to_pylist()), table.schema.field(name).type)
+    at = table.column_names.index(name)
+    pq.write_table(table.set_column(at, table.schema.field(name), values), folder / path)
+    shard = Shard(sha256_of(folder / path), table.num_rows)
+    write_info(folder, replace(info, shards=info.shards | {path: shard}))
+    assert any(said in str(fault) for fault in verify_dataset(folder))
+
+
+def test_paths_cover_each_touch_once() -> None:
+    motion = Motion(still=0.5, slide=0.3, twist=0.2, steps=(2, 3))
+    kinds = Counter()
+    for number in range(200):
+        paths = sample_paths(motion, 40, (0, 0), number)
+        covered = [path.index + step for path in paths for step in range(1 + path.steps)]
+        assert covered == list(range(40))
+        assert all(2 <= path.steps <= 3 for path in paths[:-1] if path.kind != "still")
+        kinds.update(path.kind for path in paths[:-1])
+    shares = {kind: count / kinds.total() for kind, count in kinds.items()}
+    assert shares == pytest.approx({"still": 0.5, "slide": 0.3, "twist": 0.2}, abs=0.03)
+
+
+@pytest.mark.parametrize("kind", ["slide", "twist"])
+def test_a_path_ends_at_its_sampled_length(kind) -> None:
+    motion, start = Motion(force_change=(0.5, 0.5)), PressCommand("a", 1.0, 2.0, 3.0, 4.0)
+    lengths = []
+    for number in range(100):
+        *_, middle, end = sample_commands(motion, MotionPath(0, kind, 4), start, (0, 0), number, 0)
+        moved = np.hypot(end.x_mm - 1.0, end.y_mm - 2.0), np.rad2deg(abs(end.yaw_rad - 3.0))
+        lengths.append(moved[kind == "twist"])
+        assert moved[kind != "twist"] == 0.0 and end.force_n == pytest.approx(2.0)
+        assert middle.x_mm == pytest.approx(1.0 + 0.75 * (end.x_mm - 1.0))
+    low, high = motion.slide_mm if kind == "slide" else motion.twist_deg
+    assert low <= min(lengths) and max(lengths) <= high
+    assert np.median(lengths) == pytest.approx(np.sqrt(low * high), rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("twist = 0.3", "twist = 0.4", "expected shares whose sum is 1"),
+        ("[0.05, 0.2]", "[0.2, 0.05]", "slide_mm of motion is [0.2, 0.05]; expected low first"),
+        ("[0.05, 0.2]", "[0.05, 200]", "motion.slide_mm[1] must be a number at most 25"),
+        ("steps = [1, 2]", "steps = [0, 2]", "motion.steps[0] must be a whole number at least 1"),
+        ("steps = [1, 2]", "steps = 3", "motion.steps is a whole number; it must be a list"),
+        ("markers = 0.5", "marker = 0.5", "motion has no field marker; did you mean markers"),
+        ("markers = 0.5", "gel_friction = [0, 1]", "gel_friction[0] must be a number at least"),
+        ('kind = "drawn"\neach = "press"', "", "a fixed light has one unit"),
+    ],
+)
+def test_wrong_motion_is_one_sentence(old: str, new: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(WORLD.replace(old, new))
+    with pytest.raises(T2TwinError) as error:
+        load_recipe(path)
+    assert said in str(error.value) and "\n" not in str(error.value)
+
+
+def test_motion_needs_sampled_places(tmp_path: Path) -> None:
+    path = tmp_path / "grid.toml"
+    path.write_text('format = 1\nname = "a"\n[[parts]]\nshapes = "primitives"\n[motion]\n')
+    with pytest.raises(T2TwinError, match="motion needs a part whose place is a distribution"):
+        load_recipe(path)
+
+
+def test_worlds_without_motion_do_not_mention_it(made: Path, tmp_path: Path) -> None:
+    info = read_info(made)
+    assert info.world is not None
+    still = structs.replace(info.world, motion=load_recipe("open").motion)
+    write_info(tmp_path, replace(info, world=still))
+    assert "motion" not in json.loads((tmp_path / "info.json").read_text())["world"]
+    assert [batch.pairs for batch in plan(still)] == [batch.pairs for batch in plan(info.world)]

@@ -1,0 +1,192 @@
+"""The shear force that field runs predict, and the evaluation of moving touches."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from msgspec import structs
+
+from t2twin.core.errors import T2TwinError
+from t2twin.translate.data.pairs import Examples, Pairs, load_info, load_pairs
+from t2twin.translate.evaluation.evaluate import evaluate
+from t2twin.translate.evaluation.files import read_evaluation
+from t2twin.translate.evaluation.metrics.motion import motion_text, shear_metrics
+from t2twin.translate.inference.field_predictor import FieldPredictor
+from t2twin.translate.inference.load import load, load_run
+from t2twin.translate.inference.onnx_export import export_onnx
+from t2twin.translate.inference.predictor import require
+from t2twin.translate.models.field import FieldTranslator
+from t2twin.translate.models.presets import PRESETS
+from t2twin.translate.networks.field_net import SHEAR, FieldNet
+from t2twin.translate.runs.build import build
+from t2twin.translate.runs.checkpoint import load_weights, save_weights
+from t2twin.translate.runs.config import BEST, CONFIG, RunConfig
+from t2twin.translate.training.train import train
+from t2twin.translate.uncertainty.calibration import (
+    HALF_WIDTH,
+    Errors,
+    fit_calibration,
+    interpolate_scale,
+)
+from t2twin.translate.uncertainty.estimate import Estimate
+
+SMOKE = PRESETS["field"]["smoke"]
+
+
+def config_for(data_dir: Path, *, shear: bool) -> RunConfig:
+    info = load_info(data_dir)
+    if not shear:
+        info = structs.replace(info, has_shear=False)
+    return RunConfig("field", SMOKE, 0, info, None, None, 1, False, 1)
+
+
+def network(data_dir: Path, *, shear: bool) -> FieldNet:
+    torch.manual_seed(0)
+    translator = build(config_for(data_dir, shear=shear))
+    assert isinstance(translator, FieldTranslator)
+    return translator.network
+
+
+@pytest.fixture(scope="module")
+def still_run(moving_world: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An untrained run that does not predict the shear force."""
+    folder = tmp_path_factory.mktemp("still")
+    config = config_for(moving_world, shear=False)
+    structs.replace(config, data=structs.replace(config.data, world="still")).save(folder)
+    translator = build(config)
+    translator.prepare(load_pairs(moving_world, "train", SMOKE.size, False, folder / "c", True))
+    save_weights(folder / BEST, translator.predictor)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run_dir(moving_world: Path, still_run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that predicts the shear force, from the weights of one that does not."""
+    folder = tmp_path_factory.mktemp("trained") / "run"
+    train("field", moving_world, "smoke", folder, epochs=1, init_from=still_run)
+    return folder
+
+
+def test_pairs_contain_the_shear_force(moving_world: Path, tmp_path: Path) -> None:
+    pairs = load_pairs(moving_world, "train", 64, False, tmp_path, True)
+    assert pairs.shear_n is not None and pairs.is_moving is not None
+    assert pairs.shear_n.shape == (10, 2) and pairs.is_moving.any()
+    assert not pairs.shear_n[~pairs.is_moving].any()
+    part = pairs.subset(np.array([3, 5]))
+    np.testing.assert_array_equal(part.shear_n, pairs.shear_n[[3, 5]])
+
+
+def test_the_shear_force_leaves_the_other_weights(moving_world: Path) -> None:
+    plain, shear = (network(moving_world, shear=each).state_dict() for each in (False, True))
+    assert all(torch.equal(shear[name], each) for name, each in plain.items())
+    added = sum(each.numel() for name, each in shear.items() if name not in plain)
+    vector = 8 * SMOKE.filters
+    assert added == 2 * 2 * (vector + 1) + 1 + shear["shear_knots"].numel()
+    assert all(name.startswith(SHEAR) for name in shear.keys() - plain.keys())
+
+
+def test_a_run_of_other_data_does_not_mention_it(small_dataset: Path, still_run: Path) -> None:
+    assert load_info(small_dataset).has_shear is not True
+    config = RunConfig("resnet18", SMOKE, 0, load_info(small_dataset), None, None, 1, False, 1)
+    config.save(still_run.parent)
+    assert "has_shear" not in json.loads((still_run.parent / CONFIG).read_text())["data"]
+
+
+def test_overfits_one_batch(moving_world: Path, tmp_path: Path) -> None:
+    translator = build(config_for(moving_world, shear=True))
+    assert isinstance(translator, FieldTranslator)
+    pairs = load_pairs(moving_world, "train", SMOKE.size, False, tmp_path, True)
+    assert pairs.field is not None and pairs.shear_n is not None
+    translator.prepare(pairs)
+    rms = np.sqrt(np.square(pairs.shear_n).mean())
+    assert float(translator.network.shear_scale) == pytest.approx(rms, rel=1e-6)
+    images = torch.from_numpy(pairs.inputs[:].astype(np.float32).transpose(0, 3, 1, 2) / 255.0)
+    arrays = (pairs.counts, pairs.field.astype(np.float32), pairs.force_n, pairs.shear_n)
+    batch = Examples(images - 0.5, *(torch.from_numpy(each.astype(np.float32)) for each in arrays))
+    losses = [translator.step(batch)["shear"] for _ in range(100)]
+    assert losses[-1] < 0.3 * losses[0]
+
+
+def test_weights_without_shear_are_a_start_but_not_a_run(
+    moving_world: Path, still_run: Path
+) -> None:
+    target = network(moving_world, shear=True)
+    with pytest.raises(T2TwinError, match="does not fit"):
+        load_weights(still_run / BEST, target)
+    load_weights(still_run / BEST, target, optional=(SHEAR,))
+    assert torch.equal(target.mean_frame, build_still(moving_world, still_run).mean_frame)
+
+
+def build_still(data_dir: Path, run: Path) -> FieldNet:
+    plain = network(data_dir, shear=False)
+    load_weights(run / BEST, plain)
+    return plain
+
+
+def test_a_trained_run_predicts_it_in_both_engines(
+    run_dir: Path, moving_world: Path, tmp_path: Path
+) -> None:
+    pytest.importorskip("onnxruntime")
+    run = require(load_run(run_dir), FieldPredictor, "the test")
+    pairs = load_pairs(moving_world, "val", SMOKE.size, False, tmp_path, True)
+    estimate = run.estimate_pixels(pairs.inputs)
+    assert estimate.shear_n is not None and estimate.shear_std_n is not None
+    assert estimate.shear_n.shape == estimate.shear_std_n.shape == (5, 2)
+    assert (estimate.shear_std_n > 0.0).all()
+    first = estimate.first()
+    assert first.shear_n is not None and first.shear_n.shape == (2,)
+    assert export_onnx(run, tmp_path / "run.onnx") < 1.0
+    fast = load(run_dir, engine="onnx").estimate_pixels(pairs.inputs)
+    for name, tolerance in (("shear_n", 1e-3), ("shear_std_n", 1e-3), ("force_n", 1e-2)):
+        own, other = getattr(estimate, name), getattr(fast, name)
+        np.testing.assert_allclose(other, own, atol=tolerance)
+
+
+def test_evaluation_separates_moving_touches(
+    run_dir: Path, moving_world: Path, tmp_path: Path
+) -> None:
+    result = evaluate([run_dir], moving_world, "val", tmp_path)
+    row = result.models["field"]
+    assert row.by_motion is not None and row.shear is not None
+    still, moving = (row.by_motion[name] for name in ("still", "moving"))
+    whole = row.overall.rmse_counts**2 * result.pairs
+    assert still.pairs + moving.pairs == result.pairs
+    parts = sum(each.pairs * each.rmse_counts**2 for each in (still, moving))
+    assert parts == pytest.approx(whole)
+    assert read_evaluation(tmp_path) == result
+    lines = motion_text(result.models)
+    assert f"{moving.pairs} moving pairs" in lines[0] and len(lines) == 2
+
+
+def test_shear_metrics_of_known_errors() -> None:
+    rng = np.random.default_rng(0)
+    angle = rng.uniform(0.0, 2.0 * np.pi, 400)
+    true = np.stack([np.cos(angle), np.sin(angle)], axis=1) * rng.uniform(1.0, 5.0, 400)[:, None]
+    turn = np.deg2rad(10.0)
+    turned = true @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    found, nothing = 1.2 * turned, np.zeros((400, 1))
+    pairs = Pairs(None, nothing, *[nothing] * 6, shear_n=true, is_moving=angle < 6.0)  # pyright: ignore[reportArgumentType]
+    estimate = Estimate(nothing, nothing, nothing, nothing, None, None, found, found, 4e4)
+    estimate = replace(estimate, shear_std_n=np.abs(found - true) / np.array([1.0, 2.0]))
+    metrics = shear_metrics(estimate, pairs)
+    assert metrics is not None and metrics.pairs == (angle < 6.0).sum()
+    assert metrics.direction_error_deg == pytest.approx(10.0)
+    assert metrics.magnitude_error_percent == pytest.approx(20.0)
+    assert metrics.coverage_percent == pytest.approx(50.0)
+
+
+def test_calibrated_intervals_of_the_shear_cover_ninety_percent() -> None:
+    generator = torch.Generator().manual_seed(0)
+    spread = torch.exp(torch.randn(4000, 2, generator=generator))
+    errors = 3.0 * spread * torch.randn(4000, 2, generator=generator)
+    one = torch.ones(4000)
+    field = torch.randn(4000, 3, generator=generator)
+    still = Errors(field, torch.ones(4000, 3), one, one)
+    found = fit_calibration([still, replace(still, shear=errors, shear_spread=spread)])
+    assert found.shear is not None and fit_calibration([still]).shear is None
+    std = spread * interpolate_scale(spread.log(), found.shear)
+    assert float((errors.abs() <= HALF_WIDTH * std).float().mean()) == pytest.approx(0.9, abs=0.01)
+    np.testing.assert_allclose(std / spread, 3.0, rtol=0.1)
