@@ -39,7 +39,7 @@ from t2twin.core.machine import cores
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.contact.tangential.sliding import advance
+from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.sensors import SensorPair
 from t2twin.sim.slide import slide_to

@@ -36,7 +36,7 @@ class Motion(Struct, frozen=True, forbid_unknown_fields=True):
     gel_friction, cover_friction: coefficients of friction, sampled for each shape. All are sampled
     uniformly in the logarithm, steps uniformly. markers: share of the DIGIT units that have markers
     (t2twin.sim.digit.markers), on grids of sampled pitch and diameter. The defaults of friction are
-    those of t2twin.sim.contact.tangential.sliding; the others are assumed.
+    those of t2twin.sim.contact.sliding; the others are assumed.
     """
 
     still: Share = 0.4
