@@ -18,6 +18,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.store import read_info
+from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE
+from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.sensors import SensorPair
 from t2twin.translate.runs.pretrained import HOME
 from t2twin.translate.training.train import train
@@ -80,14 +82,24 @@ def test_the_reference_has_the_pose_found_in_the_frame(tmp_path):
 def briefly(model, data_dir, preset, out_dir, minutes, init_from):
     """As many steps on every machine."""
     assert preset == "cpu" and minutes == 0.5 and init_from == HOME / "field"
-    return train(model, data_dir, "smoke", out_dir, epochs=6)
+    return train(model, data_dir, "smoke", out_dir, epochs=3)
 
 
 @pytest.fixture(scope="module")
-def adapted_run(unit, tmp_path_factory):
+def adapted_run(unit, calibrated, tmp_path_factory):
+    """An adaptation on fewer shapes, with the calibration of the session."""
     out = tmp_path_factory.mktemp("adapted") / "out"
+
+    def calibrate(background, presses, ball_diameter_mm, held_out, camera, report, tolerance):
+        assert (background, presses) == (unit / "background.png", unit)
+        assert (ball_diameter_mm, held_out) == (BALL_MM, HELD_OUT)
+        assert (camera, tolerance) == (Camera(), DEFAULT_TOLERANCE)
+        return calibrated
+
+    world = pipeline.WORLD_TEXT.replace("{shapes}", "12").replace("presses = 4", "presses = 2")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "SHAPES_PER_MINUTE", 25)
+        patch.setattr(pipeline, "WORLD_TEXT", world)
+        patch.setattr(pipeline, "calibrate", calibrate)
         patch.setattr(pipeline, "train", briefly)
         said: list[str] = []
         adapted = adapt(
