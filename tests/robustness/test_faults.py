@@ -13,15 +13,13 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import pytest
 from cases import Content, laid
 from forked import end_of, start
-from pairs import PAIRS
-from pictures import PNG, encoded, frame
-from recipes import RECIPE
 from session import Products
 
 pytestmark = pytest.mark.exhaustive
@@ -49,12 +47,6 @@ class Command:
     resumes: bool = False
 
 
-WORLD = RECIPE.replace("count = 1", "count = 6").replace("presses = 1", "presses = 4")
-"""Recipe of a world of a few pairs."""
-
-INPUTS: dict[str, Content] = {**PAIRS, "mine.toml": WORLD, "frames/last.png": PNG}
-INPUTS |= {f"frames/{n}.png": encoded(frame(n)) for n in range(40)}
-
 COMMANDS = {
     "simdata": Command("simdata --world mine.toml --workers 2", kilobytes=600, resumes=True),
     "train": Command("train resnet18 --data {data} --preset smoke --epochs 4", "out", 4000, True),
@@ -64,6 +56,18 @@ COMMANDS = {
     "import-pairs": Command("import-pairs pairs.csv", kilobytes=8),
     "report": Command("report --data {data}"),
 }
+
+
+@cache
+def inputs() -> dict[str, Content]:
+    """Pairs, frames, and the recipe of a world of a few pairs."""
+    from pairs import PAIRS
+    from pictures import PNG, encoded, frame
+    from recipes import RECIPE
+
+    world = RECIPE.replace("count = 1", "count = 6").replace("presses = 1", "presses = 4")
+    frames = {f"frames/{n}.png": encoded(frame(n)) for n in range(40)}
+    return {**PAIRS, "mine.toml": world, "frames/last.png": PNG, **frames}
 
 
 class Bench:
@@ -86,7 +90,7 @@ class Bench:
         self._number += 1
         box = box or self._folder / str(self._number)
         box.mkdir(parents=True)
-        laid(INPUTS)(box, None)  # pyright: ignore[reportArgumentType]
+        laid(inputs())(box, None)  # pyright: ignore[reportArgumentType]
         return box
 
     def start(self, box: Path, out: str = "") -> ForkServerProcess:
