@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from cases import DAMAGES, Base, Case, Copy, edit, laid, put
+from cases import DAMAGES, Base, Case, Copy, laid
 from files import DATA, RUN
 from pictures import PNG
 from solids import STL
@@ -15,7 +15,7 @@ from stored import USERS
 
 import t2twin
 from t2twin.core.cache_dir import VARIABLE
-from t2twin.core.cached_files import cached_array, write_checked
+from t2twin.core.cached_files import cached_array
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact import mujoco_pins
 from t2twin.sim.dataset.store import sha256_of
@@ -37,22 +37,9 @@ def _machine_code(box: Path, base) -> np.ndarray:
     return np.array([module.twice(1.5), module.thrice(1.5)])
 
 
-def _other(path: Path) -> None:
-    """Takes the content of another cached file, or that of a valid file of its kind."""
-    others = [each for each in path.parent.iterdir() if each != path and each.is_file()]
-    if others:
-        put(path, others[0].read_bytes())
-    else:
-        write_checked(path.with_name("other"), b"another file")
-        path.with_name("other").replace(path)
+FEW = {name: DAMAGES[name] for name in ("half", "noise", "a pipe")}
+"""Damages; tests/test_checksum.py has more."""
 
-
-CACHED_DAMAGES = DAMAGES | {
-    "cut": edit(lambda c: c[:-1]), "longer": edit(lambda c: c + b"x"), "another": _other,
-    "flipped": edit(lambda c: c[:-40] + bytes([c[-40] ^ 16]) + c[-39:]),
-}  # fmt: skip
-FEW = ("half", "noise", "flipped", "another", "a pipe")
-"""Those of a file that takes a second to make."""
 CACHED: dict[str, Callable[[Path, Base], np.ndarray]] = {
     "shape": lambda box, base: catalogue.load(
         box / "x.stl", box / "cache/shapes").surface.heights_mm,
@@ -106,8 +93,7 @@ def _decoded(write: Callable[[Path], object]) -> Callable[[Path], object]:
 
 def cases() -> Iterator[Case]:
     for what, compute in CACHED.items():
-        for name in FEW if what == "ONNX file" else CACHED_DAMAGES:
-            damage = CACHED_DAMAGES[name]
+        for name, damage in FEW.items():
             call = partial(_again, compute, damage)
             files = laid({"x.stl": STL, "loops.py": LOOPS})
             yield Case(f"cached {what}: {name}", "", files, fine=True, call=call)

@@ -81,74 +81,40 @@ ODD_FOLDERS: tuple[dict[str, Content], ...] = (
 """Files next to the newest frame."""
 
 
-def _frame(number: int) -> bytes:
+def _frame(number: int, size: tuple[int, int] = (240, 320)) -> bytes:
     """A frame whose upper half has the grey level 100 + number; noise makes the file large."""
-    image = np.asarray(frame(number)).copy()
-    image[:160] = 100 + number
+    image = np.asarray(frame(number, size)).copy()
+    image[: max(size[1] // 2, 1)] = 100 + number
     return encoded(Image.fromarray(image))
 
 
-Step = Callable[[Path, int], None]
-"""Writes the frame of a number to a path."""
+SIZES = ((240, 320), (320, 240), (64, 48), (1, 1))
+CHANGING: dict[str, list[dict[str, Content]]] = {
+    "new files": [{f"{n}.png": _frame(n)} for n in range(9)],
+    "one file": [{"latest.png": _frame(n)} for n in range(9)],
+    "three files": [{f"{n % 3}.png": _frame(n)} for n in range(9)],
+    "sizes": [{"latest.png": _frame(n, size)} for n, size in enumerate(SIZES)],
+    "an old file": [{"a.png": _frame(0)}, {"b.png": _frame(1), "./b.png": lambda path: os.utime(
+        path, (1000, 1000))}],
+    "deleted files": [*({f"{n}.png": _frame(n), f"./{n}.png": None} for n in range(9)),
+                      {"9.png": _frame(9)}],
+    "others": [{"0.png": _frame(0)}, {"p.png": os.mkfifo, "f.png": Path.mkdir, "d.png": PNG[:500],
+               "l.png": link("/dev/zero")}, {"2.png": _frame(2)}],
+}  # fmt: skip
+"""Files that are written to a folder, step by step, while it is read. A step whose only file is
+a frame is followed by the next one when the frame has come."""
 
 
-def in_place(path: Path, number: int) -> None:
-    with path.open("wb") as file:
-        for part in np.array_split(np.frombuffer(_frame(number), np.uint8), 4):
-            file.write(part.tobytes())
-            file.flush()
-
-
-def renamed(path: Path, number: int) -> None:
-    path.with_suffix(".tmp").write_bytes(_frame(number))
-    path.with_suffix(".tmp").replace(path)
-
-
-def resized(path: Path, number: int) -> None:
-    size = ((240, 320), (320, 240), (64, 48), (1, 1))[number]
-    path.with_suffix(".tmp").write_bytes(encoded(Image.new("RGB", size, (100 + number,) * 3)))
-    path.with_suffix(".tmp").replace(path)
-
-
-def old(path: Path, number: int) -> None:
-    """A frame that is copied with its time of change."""
-    path.with_suffix(".tmp").write_bytes(_frame(number))
-    os.utime(path.with_suffix(".tmp"), (1000, 1000))
-    path.with_suffix(".tmp").replace(path)
-
-
-def vanishing(path: Path, number: int) -> None:
-    path.write_bytes(_frame(number))
-    path.unlink()
-
-
-def other(path: Path, number: int) -> None:
-    """Entries that are no frames, and a damaged frame."""
-    laid({f"{number}p.png": os.mkfifo, f"{number}f.png": Path.mkdir, f"{number}d.png": PNG[:500],
-          f"{number}l.png": link("/dev/zero")})(path.parent, None)  # pyright: ignore[reportArgumentType]  # fmt: skip
-
-
-CHANGING: tuple[list[tuple[str, Step, bool]], ...] = (
-    *([(name.replace("N", str(n)), write, True) for n in range(9)]
-      for write in (in_place, renamed) for name in ("N.png", "latest.png")),
-    [(f"{n % 3}.png", renamed, True) for n in range(9)], [("latest.png", resized, True)] * 4,
-    [("a.png", renamed, True), ("b.png", old, True)],
-    [(f"{n}.png", vanishing if n < 9 else renamed, n == 9) for n in range(10)],
-    [(f"{n}.png", other if n % 2 else renamed, n % 2 == 0) for n in range(9)],
-)  # fmt: skip
-"""Steps that write to a folder while it is read: file, function, and whether the frame must come
-before the next step."""
-
-
-def _change(steps: list[tuple[str, Step, bool]], box: Path, base: Base) -> None:
+def _change(steps: list[dict[str, Content]], box: Path, base: Base) -> None:
     (box / "frames").mkdir()
     source = FolderSource(box / "frames", 0, lambda report: None, SHORT_PATIENCE_S)
     seen: list[int] = []
     is_seen = threading.Semaphore(0)
+    awaited = [len(files) == 1 or "b.png" in files for files in steps]
 
     def write() -> None:
-        for number, (name, step, is_awaited) in enumerate(steps):
-            step(box / "frames" / name, number)
+        for files, is_awaited in zip(steps, awaited, strict=True):
+            laid(files)(box / "frames", base)
             if is_awaited:
                 is_seen.acquire()
 
@@ -158,7 +124,7 @@ def _change(steps: list[tuple[str, Step, bool]], box: Path, base: Base) -> None:
         seen.append(int(each.image[0, 0, 0]))
         is_seen.release()
     writer.join()
-    expected = {100 + number for number, (_, _, is_awaited) in enumerate(steps) if is_awaited}
+    expected = {100 + number for number, is_awaited in enumerate(awaited) if is_awaited}
     assert seen == sorted(set(seen)) and expected <= set(seen), f"{seen} came, not {expected}"
 
 
@@ -208,9 +174,8 @@ def cases() -> Iterator[Case]:
         yield Case(f"folder {number}", f"{LIVE} d --frames 1", make, fine=True)
     linked = laid(FRAME | {"link": link("d")})
     yield Case("a linked folder", f"{LIVE} link --frames 1", linked, fine=True)
-    for steps in CHANGING:
-        name = f"changes by {steps[0][1].__name__} of {steps[-1][0]}"
-        yield Case(name, call=partial(_change, steps), fine=True)
+    for name, steps in CHANGING.items():
+        yield Case(f"a folder that changes: {name}", call=partial(_change, steps), fine=True)
     for change in (lambda path: None, lambda path: path.write_text("a file")):
         yield Case("a folder that is deleted", call=partial(_gone, change), fine=True)
     for write, says in ((video(0.01, 2), "frames/s"), (video(500.0, 40, part=0.5), "ends after")):
