@@ -1,7 +1,6 @@
 """Sources and options of `live`: no frames, odd videos, folders that change meanwhile."""
 
 import os
-import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from cases import NOISE, Base, Case, Content, laid, link
 from pictures import JPEG, PNG, bomb, encoded, frame, grey16
-from PIL import Image
 
 from t2twin.core.errors import T2TwinError
 from t2twin.live.folder import FolderSource
@@ -81,53 +79,6 @@ ODD_FOLDERS: tuple[dict[str, Content], ...] = (
 """Files next to the newest frame."""
 
 
-def _frame(number: int, size: tuple[int, int] = (240, 320)) -> bytes:
-    """A frame whose upper half has the grey level 100 + number; noise makes the file large."""
-    image = np.asarray(frame(number, size)).copy()
-    image[: max(size[1] // 2, 1)] = 100 + number
-    return encoded(Image.fromarray(image))
-
-
-SIZES = ((240, 320), (320, 240), (64, 48), (1, 1))
-CHANGING: dict[str, list[dict[str, Content]]] = {
-    "new files": [{f"{n}.png": _frame(n)} for n in range(9)],
-    "one file": [{"latest.png": _frame(n)} for n in range(9)],
-    "three files": [{f"{n % 3}.png": _frame(n)} for n in range(9)],
-    "sizes": [{"latest.png": _frame(n, size)} for n, size in enumerate(SIZES)],
-    "an old file": [{"a.png": _frame(0)}, {"b.png": _frame(1), "./b.png": lambda path: os.utime(
-        path, (1000, 1000))}],
-    "deleted files": [*({f"{n}.png": _frame(n), f"./{n}.png": None} for n in range(9)),
-                      {"9.png": _frame(9)}],
-    "others": [{"0.png": _frame(0)}, {"p.png": os.mkfifo, "f.png": Path.mkdir, "d.png": PNG[:500],
-               "l.png": link("/dev/zero")}, {"2.png": _frame(2)}],
-}  # fmt: skip
-"""Files that are written to a folder, step by step, while it is read. A step whose only file is
-a frame is followed by the next one when the frame has come."""
-
-
-def _change(steps: list[dict[str, Content]], box: Path, base: Base) -> None:
-    (box / "frames").mkdir()
-    source = FolderSource(box / "frames", 0, lambda report: None, SHORT_PATIENCE_S)
-    seen: list[int] = []
-    is_seen = threading.Semaphore(0)
-    awaited = [len(files) == 1 or "b.png" in files for files in steps]
-
-    def write() -> None:
-        for files, is_awaited in zip(steps, awaited, strict=True):
-            laid(files)(box / "frames", base)
-            if is_awaited:
-                is_seen.acquire()
-
-    writer = threading.Thread(target=write, daemon=True)
-    writer.start()
-    while (not seen or seen[-1] < 99 + len(steps)) and (each := source.read()) is not None:
-        seen.append(int(each.image[0, 0, 0]))
-        is_seen.release()
-    writer.join()
-    expected = {100 + number for number, is_awaited in enumerate(awaited) if is_awaited}
-    assert seen == sorted(set(seen)) and expected <= set(seen), f"{seen} came, not {expected}"
-
-
 def _gone(change: Callable[[Path], object], box: Path, base: Base) -> None:
     folder = box / "frames"
     folder.mkdir()
@@ -174,8 +125,6 @@ def cases() -> Iterator[Case]:
         yield Case(f"folder {number}", f"{LIVE} d --frames 1", make, fine=True)
     linked = laid(FRAME | {"link": link("d")})
     yield Case("a linked folder", f"{LIVE} link --frames 1", linked, fine=True)
-    for name, steps in CHANGING.items():
-        yield Case(f"a folder that changes: {name}", call=partial(_change, steps), fine=True)
     for change in (lambda path: None, lambda path: path.write_text("a file")):
         yield Case("a folder that is deleted", call=partial(_gone, change), fine=True)
     for write, says in ((video(0.01, 2), "frames/s"), (video(500.0, 40, part=0.5), "ends after")):

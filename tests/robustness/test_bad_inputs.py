@@ -13,7 +13,7 @@ from cases import REFUSED, Base, Case
 from t2twin.core.errors import T2TwinError
 
 KINDS = {"command_lines": 20, "pictures": 4, "files": 16, "frames": 10, "pairs": 5, "stored": 18,
-         "solids": 5, "caches": 4, "places": 9, "recipes": 5, "python_api": 26, "live_sources": 5,
+         "solids": 5, "caches": 1, "places": 9, "recipes": 5, "python_api": 26, "live_sources": 5,
          "studio_messages": 10}  # fmt: skip
 """Modules with a function `cases`, imported by their tests, and the number of these tests: about
 20 cases each, so that the workers end at about the same time."""
