@@ -172,6 +172,7 @@ def test_a_stopped_command_can_be_repeated(bench, number, moment):
     process = bench.start(box)
     process.join(moment * bench.seconds)
     if process.is_alive():
+        assert process.pid is not None
         os.kill(process.pid, number)
     status, printed = end_of(process, box)
     out = box / bench.command.out
