@@ -82,12 +82,12 @@ def test_the_reference_has_the_pose_found_in_the_frame(tmp_path):
 def briefly(model, data_dir, preset, out_dir, minutes, init_from):
     """As many steps on every machine."""
     assert preset == "cpu" and minutes == 0.5 and init_from == HOME / "field"
-    return train(model, data_dir, "smoke", out_dir, epochs=3)
+    return train(model, data_dir, "smoke", out_dir, epochs=6)
 
 
 @pytest.fixture(scope="module")
 def adapted_run(unit, calibrated, tmp_path_factory):
-    """An adaptation on fewer shapes, with the calibration of the session."""
+    """An adaptation on few shapes, with the calibration that other tests use too."""
     out = tmp_path_factory.mktemp("adapted") / "out"
 
     def calibrate(background, presses, ball_diameter_mm, held_out, camera, report, tolerance):
@@ -96,9 +96,8 @@ def adapted_run(unit, calibrated, tmp_path_factory):
         assert (camera, tolerance) == (Camera(), DEFAULT_TOLERANCE)
         return calibrated
 
-    world = pipeline.WORLD_TEXT.replace("{shapes}", "12").replace("presses = 4", "presses = 2")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "WORLD_TEXT", world)
+        patch.setattr(pipeline, "SHAPES_PER_MINUTE", 25)
         patch.setattr(pipeline, "calibrate", calibrate)
         patch.setattr(pipeline, "train", briefly)
         said: list[str] = []
