@@ -19,8 +19,9 @@ from tqdm import tqdm
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from t2twin.primitives_cad.catalogue import NAMES, load
-from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact, surface_on
+from t2twin.sim.contact.contact_solver import DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.surface import surface_on
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
 from t2twin.sim.digit.optics import DigitOptics

@@ -16,11 +16,11 @@ from t2twin.sim.contact.contact_solver import (
     CYSKIN_PITCH_MM,
     DIGIT_PITCH_MM,
     solve_contact,
-    surface_on,
 )
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import Survey
+from t2twin.sim.contact.surface import surface_on
 from t2twin.sim.contact.tangential.sliding import COVER_FRICTION, GEL_FRICTION, advance
 from t2twin.sim.contact.types import Contact, PressCommand
 from t2twin.sim.cyskin import reading, taxels
@@ -28,6 +28,7 @@ from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout, load_layout
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera.pinhole import optical_grid
 from t2twin.sim.digit.light.leds import DIGIT_LEDS
+from t2twin.sim.digit.markers import Markers, surface_shift
 from t2twin.sim.digit.optics import FRAMES, NOISE_GREY, DigitOptics, Renderer
 from t2twin.sim.digit.randomization.unit import Unit
 from t2twin.sim.digit.rendered import RenderedOptics
@@ -45,12 +46,12 @@ def _untimed(stage: str) -> AbstractContextManager[None]:
 
 @dataclass(frozen=True)
 class Digit:
-    """A DIGIT: its gel, its light, its camera noise.
+    """A DIGIT: its gel, its light, its camera noise, its markers.
 
     calibration: file of the light, None for the default calibration. renderer: what makes the
-    images. unit: a sampled unit, whose light replaces the file's. elastomer: the gel that is
-    pressed. It has the calibration's Young's modulus, if the calibration has one and `gel` has the
-    default modulus and law.
+    images. unit: a sampled unit, whose light replaces the file's. markers: printed on the gel; None
+    for none. elastomer: the gel that is pressed. It has the calibration's Young's modulus, if the
+    calibration has one and `gel` has the default modulus and law.
 
     Raises T2TwinError for a file that is not a calibration, and for renderer "pyrender" with a
     calibration file, which has no LEDs to render.
@@ -62,6 +63,7 @@ class Digit:
     noise_grey: float = NOISE_GREY / np.sqrt(FRAMES)
     renderer: Renderer = "baked"
     unit: Unit | None = field(default=None, repr=False)
+    markers: Markers | None = None
     light: Calibration = field(init=False, repr=False, compare=False)
     optics: DigitOptics | RenderedOptics = field(init=False, repr=False, compare=False)
     elastomer: Elastomer = field(init=False, repr=False, compare=False)
@@ -69,6 +71,8 @@ class Digit:
     def __post_init__(self) -> None:
         arguments.instance(self.gel, "gel", Elastomer)
         arguments.choice(self.renderer, "optics", get_args(Renderer))
+        if self.markers is not None:
+            arguments.instance(self.markers, "markers", Markers)
         light = self.unit.calibration if self.unit else Calibration.load(self._file)
         object.__setattr__(self, "light", light)
         object.__setattr__(self, "optics", self._optics(light))
@@ -76,15 +80,15 @@ class Digit:
 
     def _optics(self, light: Calibration) -> DigitOptics | RenderedOptics:
         if self.renderer == "baked":
-            return DigitOptics(light, gel=self.gel)
+            return DigitOptics(light, gel=self.gel, markers=self.markers)
         if self.unit is None and self.calibration is None:
-            return RenderedOptics(light, DIGIT_LEDS, self.gel)
+            return RenderedOptics(light, DIGIT_LEDS, self.gel, self.markers)
         if self.unit is None or self.unit.leds is None:
             raise T2TwinError(
                 "pyrender cannot render a calibration file, which has no description of single "
                 "LEDs; it renders the default calibration and units sampled without a calibration"
             )
-        return RenderedOptics(light, self.unit.leds, self.gel)
+        return RenderedOptics(light, self.unit.leds, self.gel, self.markers)
 
     def _elastomer(self, light: Calibration) -> Elastomer:
         default = (DIGIT_GEL.young_mpa, DIGIT_GEL.law)
@@ -117,12 +121,15 @@ class Digit:
 
         rng: of the camera noise; None for none.
         """
+        shift = None
         if contact is None:
             x, y = optical_grid(self.gel)
             surface = np.zeros((y.size, x.size))
         else:
             surface = surface_on(contact, *optical_grid())
-        return self.optics.render(surface, rng=rng, noise_grey=self.noise_grey)
+            if self.markers is not None:
+                shift = surface_shift(contact)
+        return self.optics.render(surface, rng, self.noise_grey, shift)
 
     def background_frame(self, rng: np.random.Generator | None = None) -> np.ndarray:
         """(320, 240, 3) uint8: the image without contact. rng: as for image."""
@@ -217,6 +224,7 @@ class SensorPair:
             layout=None if sensor == "digit" else cyskin.layout,
             calibration=digit.calibration,
             optics=digit.renderer,
+            markers=None if sensor == "cyskin" else digit.markers,
         )
 
     def check_over_pads(self, touch: Touch, command: PressCommand) -> None:

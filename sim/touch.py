@@ -5,11 +5,12 @@ digit.png, contact_digit.npz     the DIGIT's image, its surface and pressure
 cyskin.json, contact_cyskin.npz  the CySkin's counts, its surface and pressure
 tactile_image.png                the counts as an image, 16 bits a pixel
 tactile_picture.png              the same in colors, with the taxels
+markers.csv                      centers of the DIGIT's markers, if its gel has any
 scene_digit.xml, scene_cyskin.xml    each contact as a MuJoCo scene
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
@@ -20,7 +21,7 @@ from PIL import Image
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import locked, move_into, temporary_folder
+from t2twin.core.files import locked, move_into, temporary_folder, write_csv
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
@@ -31,10 +32,14 @@ from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.digit.markers import Markers, surface_shift
 from t2twin.sim.digit.optics import Renderer
 
 VERSIONS = ("t2twin", "mujoco", "numpy")
 """Packages whose versions press.json contains."""
+
+MARKERS_CSV = "markers.csv"
+MARKER_COLUMNS = ("marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm")
 
 MaybeNone = Any
 """None, which type checkers need not exclude: most touches are of both sensors (as in typeshed)."""
@@ -48,6 +53,7 @@ class Touch:
     counts: (n,) uint16, one for each taxel of the layout. digit, cyskin: the contacts, with
     depth_mm, force_n, surface_mm, pressure_kpa and more. layout: the CySkin's taxels. calibration:
     file of the DIGIT's light, None for the default calibration. optics: what rendered the image.
+    markers: those on the DIGIT's gel, None for none.
 
     The fields of a sensor that was not pressed are None. A press of 0 N, which datasets contain,
     has an image and counts but no contacts.
@@ -62,12 +68,24 @@ class Touch:
     layout: Layout | MaybeNone
     calibration: str | None = None
     optics: Renderer = "baked"
+    markers: Markers | None = None
 
     @cached_property
     def contacts(self) -> dict[str, Contact]:
         """The contacts there are, by sensor: "digit", then "cyskin"."""
         contacts = {"digit": self.digit, "cyskin": self.cyskin}
         return {sensor: contact for sensor, contact in contacts.items() if contact is not None}
+
+    @cached_property
+    def markers_mm(self) -> np.ndarray:
+        """(n, 2) x and y of the markers' centers on the deformed gel, mm, x right and y down.
+
+        They are in the order of `markers.rest_mm`, and some are outside the image.
+        Raises T2TwinError if the gel has no markers, or the DIGIT was not pressed.
+        """
+        if self.markers is None:
+            raise T2TwinError("the touch has no markers; expected a twin with markers=True")
+        return self.markers.moved_mm(None if self.digit is None else surface_shift(self.digit))
 
     @cached_property
     def tactile_image(self) -> np.ndarray:
@@ -105,7 +123,16 @@ class Touch:
                 Image.fromarray(self.image).save(temporary / "digit.png")
             if self.layout is not None:
                 _write_cyskin(temporary, self.layout, self.counts, self.tactile_image)
+            if self.markers is not None:
+                write_csv(temporary / MARKERS_CSV, MARKER_COLUMNS, marker_rows(self))
             move_into(folder, sorted(temporary.iterdir()))
+
+
+def marker_rows(touch: Touch) -> list[list[Any]]:
+    """Rows of MARKER_COLUMNS, one for each marker of a touch with markers."""
+    assert touch.markers is not None
+    places = np.hstack([touch.markers.rest_mm, touch.markers_mm]).tolist()
+    return [[number, *row] for number, row in enumerate(places)]
 
 
 def scene_path(folder: Path, sensor: str) -> Path:
@@ -142,10 +169,12 @@ def _write_cyskin(folder: Path, layout: Layout, counts: np.ndarray, image: np.nd
 
 
 def _press_json(touch: Touch) -> dict[str, Any]:
-    setup: dict[str, dict[str, str]] = {
+    setup: dict[str, dict[str, Any]] = {
         "digit": {"calibration": touch.calibration or "default", "optics": touch.optics},
         "cyskin": {} if touch.layout is None else {"layout": touch.layout.name},
     }
+    if touch.markers is not None:
+        setup["digit"]["markers"] = asdict(touch.markers)
     command = touch.command
     return {
         "shape": command.shape,

@@ -14,6 +14,7 @@ from .sim.dataset.import_pairs import import_pairs as import_pairs
 from .sim.dataset.verify import verify_dataset as verify_dataset
 from .sim.digit.calibrate.background_light import guess_light as guess_light
 from .sim.digit.calibrate.calibrate import calibrate as calibrate
+from .sim.digit.markers import Markers as Markers
 from .sim.touch import Touch as Touch
 from .sim.world.recipe import Recipe as Recipe
 from .sim.world.recipe import load_recipe as load_recipe

@@ -1,5 +1,6 @@
-"""The figure of a slide: tangential force over displacement, and the last contact."""
+"""The figure of a slide: tangential force over displacement, and what both sensors show."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,13 +9,17 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from t2twin.report.html.figures import COUNTS_MAP
 from t2twin.sim.contact.types import Contact
+from t2twin.sim.cyskin.phi import PX_PER_MM
+from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.touch import Touch
 
 NAMES = {"digit": "DIGIT's gel", "cyskin": "CySkin's cover"}
 
 FORCE_COLOR, TORQUE_COLOR, LIMIT_COLOR = "#1f5fa8", "#b8561b", "#888888"
 STICK_COLOR, SLIP_COLOR = "#9ec5e8", "#f2b880"
+MARKER_COLOR = "white"
 
 MARGIN_MM = 1.0
 """Margin around the contact, mm."""
@@ -22,25 +27,61 @@ MARGIN_MM = 1.0
 LEGEND_PT = 20
 """Height of the legend between a panel and its title, points."""
 
+KEY_SHARE = 0.1
+"""Height below the contact for the key of the arrows, as a share of the panel (assumed)."""
+
 ARROWS = 10
 """Arrows along the longer side of the contact, about."""
 
+MIN_ARROW_PX = 3.0
+"""Shortest displacement of a marker that has an arrow, px."""
 
-def draw_slide(page: Figure, rows: list[dict[str, Any]], last: Touch) -> None:
-    """Draw both panels of each sensor that the last touch contacts.
+SHOWN = 3
+"""Steps that the figure shows: the first, the middle and the last one."""
 
-    rows: of slide.csv, see t2twin.slide_files. last: the last touch with contact.
+PANEL_WIDTH, PANEL_HEIGHT, FORCE_HEIGHT = 2.5, 2.6, 2.4
+"""Sizes of a panel of a step and of the panels of the force, inches."""
+
+
+def page_size(shown: Sequence[Touch]) -> tuple[float, float]:
+    """Width and height of the figure, inches."""
+    width = 2 * PANEL_WIDTH * len(shown[-1].contacts)
+    return width, FORCE_HEIGHT + PANEL_HEIGHT * len(shown)
+
+
+def draw_slide(
+    page: Figure, rows: list[dict[str, Any]], steps: Sequence[int], shown: Sequence[Touch]
+) -> None:
+    """Draw the tangential force of each sensor, and below it a row of panels for each shown step.
+
+    rows: of slide.csv, see t2twin.slide_files. steps, shown: touches with contact, and their
+    numbers.
     """
-    page.set_layout_engine("constrained", wspace=0.06, hspace=0.06)
-    panels = page.subplots(len(last.contacts), 2, squeeze=False)
-    for (left, right), (sensor, contact) in zip(panels, last.contacts.items(), strict=True):
-        left.set_title(NAMES[sensor], loc="left", pad=LEGEND_PT)
-        _draw_force(left, rows, sensor, contact)
-        step = max(row["step"] for row in rows if f"{sensor}_slip_share" in row)
-        right.set_title(
-            f"step {step}: {100 * contact.slip_share:.0f} % of the contact slips", loc="left"
-        )
-        _draw_contact(right, contact)
+    page.set_layout_engine("constrained", wspace=0.04, hspace=0.04)
+    sensors = list(shown[-1].contacts)
+    heights = [FORCE_HEIGHT, PANEL_HEIGHT * len(shown)]
+    top, bottom = page.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
+    panels = top.subplots(1, len(sensors), squeeze=False)[0]
+    for axes, sensor in zip(panels, sensors, strict=True):
+        axes.set_title(NAMES[sensor], loc="left", pad=LEGEND_PT)
+        _draw_force(axes, rows, sensor, shown[-1].contacts[sensor])
+    columns = bottom.subplots(len(shown), 2 * len(sensors), squeeze=False).T
+    for number, sensor in enumerate(sensors):
+        pair = columns[2 * number : 2 * number + 2]
+        readings, contacts = pair if sensor == "digit" else pair[::-1]
+        _draw_contacts(contacts, [touch.contacts[sensor] for touch in shown])
+        contacts[0].set_title(f"{NAMES[sensor]}\n{contacts[0].get_title('left')}", loc="left")
+        if sensor == "digit":
+            _draw_images(readings, shown)
+        else:
+            _draw_counts(readings, shown)
+    for axes, step in zip(columns[0], steps, strict=True):
+        axes.set_ylabel(f"step {step}\n{axes.get_ylabel()}".strip())
+    bottom.legend(
+        handles=[Patch(color=STICK_COLOR, label="stick"), Patch(color=SLIP_COLOR, label="slip")],
+        loc="outside lower center",
+        ncols=2,
+    )
 
 
 def _draw_force(axes: Axes, rows: list[dict[str, Any]], sensor: str, contact: Contact) -> None:
@@ -86,37 +127,77 @@ def _draw_force(axes: Axes, rows: list[dict[str, Any]], sensor: str, contact: Co
     axes.legend(handles=lines, loc="lower left", bbox_to_anchor=(0, 1), ncols=3)
 
 
-def _draw_contact(axes: Axes, contact: Contact) -> None:
-    """Stick and slip regions, and the tangential traction on the sensor as arrows."""
-    x_mm, y_mm, inside = contact.x_mm, contact.y_mm, contact.pressure_kpa > 0
-    half = contact.pitch_mm / 2
-    axes.imshow(
-        np.where(inside, 1.0 + contact.slipping, np.nan),
-        cmap=ListedColormap([STICK_COLOR, SLIP_COLOR]),
-        vmin=1,
-        vmax=2,
-        extent=(x_mm[0] - half, x_mm[-1] + half, y_mm[-1] + half, y_mm[0] - half),
-    )
-    columns, rows = np.flatnonzero(inside.any(axis=0)), np.flatnonzero(inside.any(axis=1))
-    left, right = x_mm[columns[0]] - MARGIN_MM, x_mm[columns[-1]] + MARGIN_MM
-    top, bottom = y_mm[rows[0]] - MARGIN_MM, y_mm[rows[-1]] + MARGIN_MM
-    axes.set(xlim=(left, right), ylim=(bottom, top), xlabel="x, mm", ylabel="y (down), mm")
-    axes.legend(
-        handles=[Patch(color=STICK_COLOR, label="stick"), Patch(color=SLIP_COLOR, label="slip")],
-        loc="upper left",
-        bbox_to_anchor=(1, 1),
-    )
-    shear = contact.shear_kpa
-    peak = float(np.hypot(*shear).max())
-    if peak == 0:
-        return
+def _draw_images(panels: Sequence[Axes], shown: Sequence[Touch]) -> None:
+    """The DIGIT's images; arrows from the markers at rest to the displaced ones."""
+    panels[0].set_title("DIGIT's image", loc="left")
+    for axes, touch in zip(panels, shown, strict=True):
+        axes.imshow(touch.image)
+        axes.set(xticks=[], yticks=[])
+        if touch.markers is None:
+            continue
+        panels[0].set_title("DIGIT's image\narrows: marker displacement", loc="left")
+        camera = Calibration.load(touch.calibration or DEFAULT_PATH).camera
+        rest, moved = touch.markers.seen_px(camera, touch.digit)
+        by = moved - rest
+        kept = np.hypot(*by.T) >= MIN_ARROW_PX
+        axes.quiver(
+            rest[kept, 1], rest[kept, 0], by[kept, 1], by[kept, 0],
+            angles="xy", scale_units="xy", scale=1, width=0.01, color=MARKER_COLOR,
+        )  # fmt: skip
+        axes.set(xlim=(-0.5, touch.image.shape[1] - 0.5), ylim=(touch.image.shape[0] - 0.5, -0.5))
+
+
+def _draw_counts(panels: Sequence[Axes], shown: Sequence[Touch]) -> None:
+    """The CySkin's tactile images on one scale, with a circle on each taxel."""
+    largest = max(float(touch.tactile_image.max()) for touch in shown)
+    for axes, touch in zip(panels, shown, strict=True):
+        rows, columns = (size / PX_PER_MM / 2 for size in touch.tactile_image.shape)
+        image = axes.imshow(
+            touch.tactile_image, cmap=COUNTS_MAP, vmin=0, vmax=max(largest, 1.0),
+            extent=(-columns, columns, rows, -rows),
+        )  # fmt: skip
+        axes.plot(touch.layout.x_mm, touch.layout.y_mm, "o", ms=4, mfc="none", mec="white", mew=0.5)
+        axes.set(xticks=[], yticks=[])
+        axes.figure.colorbar(image, ax=axes, fraction=0.07, label="counts")
+    panels[0].set_title("CySkin's tactile image", loc="left")
+
+
+def _draw_contacts(panels: Sequence[Axes], contacts: Sequence[Contact]) -> None:
+    """Stick and slip regions, and the tangential traction on the sensor as arrows of one scale."""
+    first = contacts[0]
+    touched = np.any([contact.pressure_kpa > 0 for contact in contacts], axis=0)
+    columns, rows = np.flatnonzero(touched.any(axis=0)), np.flatnonzero(touched.any(axis=1))
+    left, right = first.x_mm[columns[[0, -1]]] + (-MARGIN_MM, MARGIN_MM)
+    top, bottom = first.y_mm[rows[[0, -1]]] + (-MARGIN_MM, MARGIN_MM)
+    bottom += KEY_SHARE * (bottom - top)
+    peak = max(float(np.hypot(*contact.shear_kpa).max()) for contact in contacts)
     every = max(1, round(max(columns.size, rows.size) / ARROWS))
-    rows_at, columns_at = np.nonzero(inside)
-    kept = (rows_at % every == every // 2) & (columns_at % every == every // 2)
-    at = rows_at[kept], columns_at[kept]
+    for axes, contact in zip(panels, contacts, strict=True):
+        half = contact.pitch_mm / 2
+        x_mm, y_mm, inside = contact.x_mm, contact.y_mm, contact.pressure_kpa > 0
+        axes.imshow(
+            np.where(inside, 1.0 + contact.slipping, np.nan),
+            cmap=ListedColormap([STICK_COLOR, SLIP_COLOR]),
+            vmin=1,
+            vmax=2,
+            extent=(x_mm[0] - half, x_mm[-1] + half, y_mm[-1] + half, y_mm[0] - half),
+        )
+        axes.set(xlim=(left, right), ylim=(bottom, top), ylabel="y (down), mm")
+        axes.set_title(f"{100 * contact.slip_share:.0f} % of the contact slips", loc="left")
+        if contact.shear_kpa.any():
+            _draw_traction(axes, contact, peak, every)
+    panels[-1].set_xlabel("x, mm")
+
+
+def _draw_traction(axes: Axes, contact: Contact, peak_kpa: float, every: int) -> None:
+    """Arrows at each `every`-th cell in contact. peak_kpa: traction of the longest one."""
+    rows, columns = np.nonzero(contact.pressure_kpa > 0)
+    kept = (rows % every == every // 2) & (columns % every == every // 2)
+    at = rows[kept], columns[kept]
+    along_x, along_y = contact.shear_kpa
     arrows = axes.quiver(
-        x_mm[at[1]], y_mm[at[0]], shear[0][at], shear[1][at],
-        angles="xy", scale_units="xy", scale=peak / (1.1 * every * contact.pitch_mm), width=0.006,
+        contact.x_mm[at[1]], contact.y_mm[at[0]], along_x[at], along_y[at], angles="xy",
+        scale_units="xy", scale=peak_kpa / (1.1 * every * contact.pitch_mm), width=0.008,
     )  # fmt: skip
-    label = f"{peak:.2g} kPa" if peak < 10 else f"{peak:.0f} kPa"
-    axes.quiverkey(arrows, 1.14, 0.1, peak, label, labelpos="N")
+    label = f"{peak_kpa:.2g} kPa" if peak_kpa < 10 else f"{peak_kpa:.0f} kPa"
+    axes.quiverkey(arrows, 0.72, 0.05, peak_kpa, label, labelpos="E")

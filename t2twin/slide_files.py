@@ -2,17 +2,18 @@
 
 slide.csv                           pose, force, shear and slip, one row a step
 counts.csv                          the CySkin's counts, one row a step
+markers.csv                         the DIGIT's markers, if any: one row a step and marker
 frames/000.png                      the DIGIT's images
 contact_digit_000.npz, contact_cyskin_000.npz    each contact's fields
-slide.png                           tangential force over displacement, and the last contact
+slide.png                           tangential force, and what the sensors show in three steps
 slide.gif, slide.mp4                images and counts; the second with imageio-ffmpeg only
 """
 
-import csv
 import importlib
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,15 +22,21 @@ import numpy as np
 from PIL import Image
 
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import check_replaceable, is_empty, locked, move_into, temporary_folder
+from t2twin.core.files import (
+    check_replaceable,
+    is_empty,
+    locked,
+    move_into,
+    temporary_folder,
+    write_csv,
+)
 from t2twin.report.html.figures import figure
-from t2twin.sim.contact.tangential.sliding import GEL_FRICTION, advance
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
-from t2twin.sim.touch import Touch
-from t2twin.slide_figure import draw_slide
+from t2twin.sim.touch import MARKER_COLUMNS, MARKERS_CSV, Touch, marker_rows
+from t2twin.slide_figure import SHOWN, draw_slide, page_size
 
 SLIDE_CSV, COUNTS_CSV, FRAMES = "slide.csv", "counts.csv", "frames"
 CONTACT_FILE = re.compile(r"contact_(digit|cyskin)_\d+\.npz")
@@ -64,14 +71,18 @@ def write_slide(folder: Path, touches: Iterable[Touch], number: int) -> list[Row
                 "folder, or one of an earlier slide"
             )
         with temporary_folder(folder, "slide") as temporary:
-            rows = _write(temporary, touches, max(MIN_DIGITS, len(str(number - 1))))
+            rows = _write(temporary, touches, number)
             _replace(folder, temporary)
     return rows
 
 
-def _write(folder: Path, touches: Iterable[Touch], digits: int) -> list[Row]:
+def _write(folder: Path, touches: Iterable[Touch], number: int) -> list[Row]:
+    digits = max(MIN_DIGITS, len(str(number - 1)))
+    wanted = np.linspace(0, number - 1, SHOWN)
+    shown: list[tuple[int, Touch]] = []
     rows: list[Row] = []
     counts: list[np.ndarray] = []
+    markers: list[list[Any]] = []
     layout = last = phi = None
     (folder / FRAMES).mkdir()
     for step, touch in enumerate(touches):
@@ -80,20 +91,29 @@ def _write(folder: Path, touches: Iterable[Touch], digits: int) -> list[Row]:
             _write_contact(folder / f"contact_{sensor}_{step:0{digits}}.npz", contact)
         if touch.image is not None:
             Image.fromarray(touch.image).save(folder / FRAMES / f"{step:0{digits}}.png")
+        if touch.markers is not None:
+            markers += [[step, *row] for row in marker_rows(touch)]
         if touch.layout is not None:
             layout = touch.layout
             phi = phi or Phi(layout.x_mm, layout.y_mm)
             counts.append(touch.counts)
         if touch.contacts:
-            last = touch
+            last = step, touch
+            if len(shown) < SHOWN - 1 and step >= wanted[len(shown)]:
+                shown.append(last)
     names = list(dict.fromkeys(name for row in rows for name in row))
-    _write_csv(folder / SLIDE_CSV, names, [[row.get(name) for name in names] for row in rows])
+    write_csv(folder / SLIDE_CSV, names, [[row.get(name) for name in names] for row in rows])
     if counts:
         names = ["step", *(f"taxel_{n}" for n in range(counts[0].size))]
         lines = [[step, *values.tolist()] for step, values in enumerate(counts)]
-        _write_csv(folder / COUNTS_CSV, names, lines)
+        write_csv(folder / COUNTS_CSV, names, lines)
+    if markers:
+        write_csv(folder / MARKERS_CSV, ("step", *MARKER_COLUMNS), markers)
     assert last is not None  # a path has at least one contact
-    page = figure("png", 9.0, 3.6 * len(last.contacts), lambda page: draw_slide(page, rows, last))
+    if last is not shown[-1]:
+        shown.append(last)
+    steps, chosen = zip(*shown, strict=True)
+    page = figure("png", *page_size(chosen), lambda page: draw_slide(page, rows, steps, chosen))
     (folder / "slide.png").write_bytes(page)
     _write_animation(folder, counts, layout, phi)
     return rows
@@ -119,35 +139,18 @@ def _row(step: int, touch: Touch) -> Row:
             f"{sensor}_settled": bool(contact.settled),
             f"{sensor}_bottomed": bool(contact.bottomed),
         }
+    if touch.markers is not None:
+        row |= {f"marker_{name}": value for name, value in asdict(touch.markers).items()}
     return row
 
 
-def _write_csv(path: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(names)
-        writer.writerows([_cell(value) for value in row] for row in rows)
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"{value:.6g}" if isinstance(value, float) else value
-
-
 def _write_contact(path: Path, contact: Contact) -> None:
-    if contact.motion is None:  # a press: the step without motion computes the displacement
-        force_n = contact.command.force_n
-        contact = advance(contact, 0.0, 0.0, 0.0, force_n, GEL_FRICTION)
-    motion = contact.motion
-    assert motion is not None
-    into_mm = contact.surface_mm + motion.sheared_mm[2]
     np.savez_compressed(
         path,
         pressure_kpa=contact.pressure_kpa,
         shear_kpa=contact.shear_kpa.astype(np.float32),
-        displacement_mm=np.stack([*motion.displacement_mm, into_mm]).astype(np.float32),
-        slip_mm=motion.slip_mm.astype(np.float32),
+        displacement_mm=contact.displacement_mm,
+        slip_mm=contact.slip_mm.astype(np.float32),
         x_mm=contact.x_mm,
         y_mm=contact.y_mm,
     )
@@ -211,7 +214,7 @@ def _replace(folder: Path, temporary: Path) -> None:
     for path in (*new, *frames.iterdir()):
         check_replaceable(folder / path.relative_to(temporary))
     old = [path for path in folder.iterdir() if CONTACT_FILE.fullmatch(path.name)]
-    old += [folder / COUNTS_CSV, folder / "slide.mp4"]
+    old += [folder / COUNTS_CSV, folder / MARKERS_CSV, folder / "slide.mp4"]
     if old_frames.is_dir():
         old += [path for path in old_frames.iterdir() if FRAME_FILE.fullmatch(path.name)]
     for path in old:

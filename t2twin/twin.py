@@ -17,6 +17,7 @@ from t2twin.sim.contact.depth import force_at_depth
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.types import PressCommand, check_force
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT, Layout
+from t2twin.sim.digit.markers import Markers, as_markers
 from t2twin.sim.digit.optics import Renderer
 from t2twin.sim.sensors import CySkin, Digit, SensorPair
 from t2twin.sim.slide import (
@@ -38,9 +39,10 @@ class Twin:
     layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
     imperfections: the CySkin's errors in a press with a seed: "none", "white", "baseline" or
     "all". gel, cover: the sensors' elastomers. optics: what renders the DIGIT's images: "baked" in
-    milliseconds, or "pyrender" in seconds and for the default calibration only.
+    milliseconds, or "pyrender" in seconds and for the default calibration only. markers: printed on
+    the gel, `t2twin.Markers`; True for the default ones.
     Several threads may use one twin at the same time.
-    Raises T2TwinError for an invalid calibration, layout or imperfections.
+    Raises T2TwinError for an invalid calibration, layout, imperfections or markers.
     """
 
     def __init__(
@@ -51,11 +53,12 @@ class Twin:
         gel: Elastomer = DIGIT_GEL,
         cover: Elastomer = CYSKIN_COVER,
         optics: Renderer = "baked",
+        markers: Markers | bool | None = None,
     ) -> None:
         light = None if calibration is None else str(arguments.path(calibration, "calibration"))
         taxels = str(arguments.path(layout, "layout"))
         self.sensors = SensorPair(
-            Digit(gel=gel, calibration=light, renderer=optics),
+            Digit(gel=gel, calibration=light, renderer=optics, markers=as_markers(markers)),
             CySkin(cover=cover, layout_source=taxels, imperfections=imperfections),
         )
 
@@ -66,7 +69,7 @@ class Twin:
 
     @property
     def background(self) -> np.ndarray:
-        """(320, 240, 3) uint8: the DIGIT's background frame, without noise."""
+        """(320, 240, 3) uint8: the DIGIT's background frame, with markers, without noise."""
         return self.sensors.digit.optics.background
 
     def press(

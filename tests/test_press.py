@@ -19,13 +19,13 @@ from t2twin.sim.contact.contact_solver import (
     CYSKIN_PITCH_MM,
     DIGIT_PITCH_MM,
     solve_contact,
-    surface_on,
 )
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.footprint import footprint
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.mujoco_pins import MujocoPins
 from t2twin.sim.contact.solver_loops import Anderson, spring_depth
+from t2twin.sim.contact.surface import surface_on
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.splines import on_lines
 from t2twin.sim.world import protocol

@@ -8,7 +8,6 @@ pins where the shape penetrates the surface outside them.
 
 import time
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -22,19 +21,18 @@ from t2twin.sim.contact.grid import (
     block_max,
     block_means,
     center_values,
-    dilated,
     expanded,
     intersection,
+    moved_by,
     refined,
     relative_window,
     repeated,
     window_shape,
 )
-from t2twin.sim.contact.heights import heights_at, raise_to_shape
+from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import PinLayout, Survey
 from t2twin.sim.contact.types import Contact, PressCommand, SurfaceShift, check_force
-from t2twin.sim.splines import on_lines
 
 DIGIT_PITCH_MM = 0.25
 """Grid of the DIGIT's gel, mm: fine enough for features of 1 mm seen at 0.05 mm a pixel."""
@@ -48,14 +46,6 @@ BASE_TOLERANCE_MM = 1e-3
 FINE_CELLS = 2
 """Survey cells around the pins in which the surface is computed on the fine grid."""
 
-NEAR_CELLS = 3
-"""Cells of the contact's grid around the loaded ones in which `surface_on` samples the shape."""
-
-BACKWARD_STEPS = 40
-"""Fixed-point steps to the place from which a point of the surface has come. Each is half a step:
-behind a shape that has slid far the surface is stretched to twice its length, where full steps
-oscillate."""
-
 
 def solve_contact(
     shape: Shape,
@@ -64,12 +54,14 @@ def solve_contact(
     pitch_mm: float,
     shift: SurfaceShift | None = None,
     start: Contact | None = None,
+    slip_mm: tuple[float, float] = (0.0, 0.0),
 ) -> Contact:
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
     Uses the command's pose and force, not its shape name. shift: of the surface by shear. start: a
-    contact of the same elastomer on the same grid, near to which the solution is expected. Safe to
-    call from several threads.
+    contact of the same elastomer on the same grid, near to which the solution is expected. slip_mm:
+    by which the contact is expected to have moved since, along x and y. Safe to call from several
+    threads.
     Raises T2TwinError for a force out of range or too large for a linear layer, and its OffPadError
     for a shape that does not lie over the pad.
     """
@@ -77,7 +69,7 @@ def solve_contact(
     layer = cached_layer(elastomer, pitch_mm)
     started = time.perf_counter() - compile_time_s()
     survey = Survey(shape, command, layer, shift)
-    equilibrium = _equilibrium(survey, start)
+    equilibrium = _equilibrium(survey, start, slip_mm)
     solution, pressure = equilibrium.solution, equilibrium.pressure_mpa
     if elastomer.law == "linear":
         _check_not_through(survey, pressure, _surface_mm(survey, equilibrium))
@@ -99,69 +91,9 @@ def solve_contact(
         pins=solution.pin_state(),
         milliseconds=1e3 * (time.perf_counter() - compile_time_s() - started - survey.preparing_s),
         compute_surface=lambda: _read_only(_surface_mm(survey, equilibrium).astype(np.float32)),
+        equilibrium=equilibrium,
         shift=shift,
     )
-
-
-def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """A contact's surface deflection on other axes, (y, x) float32, mm.
-
-    Between the contact's grid points the surface is a bicubic spline. Under the shape it is raised
-    to the shape, which no surface may penetrate, so that edges finer than the grid stay sharp. The
-    surface of a contact that has moved is lowered and displaced by the shear.
-    """
-    surface = on_lines(contact.surface_mm, contact.y_mm, contact.x_mm, y_mm, x_mm)
-    axes = x_mm.tobytes(), y_mm.tobytes()
-    near = (
-        dilated(contact.pressure_kpa > 0, NEAR_CELLS),
-        _nearest_cells(contact.y_mm.tobytes(), axes[1]),
-        _nearest_cells(contact.x_mm.tobytes(), axes[0]),
-    )
-    apex = _rest_surface(contact.elastomer, *axes) + np.float32(contact.shape_depth_mm)
-    raise_to_shape(
-        surface, contact.shape.surface, contact.command, x_mm, y_mm, apex, near, contact.shift
-    )
-    return surface if contact.motion is None else _sheared(surface, contact, x_mm, y_mm)
-
-
-def _sheared(
-    surface: np.ndarray, contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray
-) -> np.ndarray:
-    """The surface where the shear has moved it, (y, x) float32, mm."""
-    from scipy import ndimage  # slow to import
-
-    assert contact.motion is not None
-    sheared, pitch = contact.motion.sheared_mm, contact.pitch_mm
-    places = np.indices(sheared.shape[1:], float)
-    back = sheared[:2]  # along x and y, of the points that have come to each place
-    for _ in range(BACKWARD_STEPS):
-        origin = places - back[::-1] / pitch
-        found = np.stack(
-            [ndimage.map_coordinates(each, origin, order=1, mode="nearest") for each in sheared[:2]]
-        )
-        back = (back + found) / 2
-    lowered = SurfaceShift(contact.x_mm, contact.y_mm, sheared).on(x_mm, y_mm)[2]
-    along_x, along_y = SurfaceShift(contact.x_mm, contact.y_mm, back).on(x_mm, y_mm)
-    rows, columns = np.indices(surface.shape, float)
-    rows -= along_y / (y_mm[1] - y_mm[0])
-    columns -= along_x / (x_mm[1] - x_mm[0])
-    moved = ndimage.map_coordinates(surface + lowered, [rows, columns], order=1, mode="nearest")
-    return moved.astype(np.float32)
-
-
-@lru_cache(maxsize=8)
-def _nearest_cells(centers: bytes, places: bytes) -> np.ndarray:
-    """(n,) int64 index of the nearest of equally spaced centers to each place; both float64."""
-    at = np.frombuffer(centers)
-    steps = np.rint((np.frombuffer(places) - at[0]) / (at[1] - at[0]))
-    return np.clip(steps, 0, at.size - 1).astype(np.int64)
-
-
-@lru_cache(maxsize=8)
-def _rest_surface(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
-    """(y, x) float32 undeformed surface over axes of float64, mm."""
-    x, y = np.meshgrid(np.frombuffer(x_mm), np.frombuffer(y_mm))
-    return elastomer.rest_surface_mm(x, y).astype(np.float32)
 
 
 @dataclass(frozen=True)
@@ -176,10 +108,13 @@ class _Equilibrium:
     converged: bool
 
 
-def _equilibrium(survey: Survey, start: Contact | None) -> _Equilibrium:
+def _equilibrium(
+    survey: Survey, start: Contact | None, slip_mm: tuple[float, float]
+) -> _Equilibrium:
     """Solves the rough and the last stage, adding pins where the shape touches outside them.
 
-    start: a contact near the solution, which makes the rough stage unnecessary.
+    start: a contact near the solution, which makes the rough stage unnecessary. slip_mm: by which
+    the contact has moved since.
     """
     if start is None:
         layout = PinLayout(survey, *survey.expected_contact(survey.command.force_n))
@@ -187,7 +122,7 @@ def _equilibrium(survey: Survey, start: Contact | None) -> _Equilibrium:
     else:
         touching = block_max(start.pressure_kpa, survey.per_side) > 0
         layout = PinLayout(survey, touching, start.depth_mm)
-        found = _solve_stage(layout, None, start)
+        found = _solve_stage(layout, start.equilibrium, slip_mm)
     while True:
         depth_mm = found.solution.depth_mm
         missed = survey.missed(layout.active, depth_mm, found.pressure_mpa)
@@ -199,17 +134,12 @@ def _equilibrium(survey: Survey, start: Contact | None) -> _Equilibrium:
 
 
 def _solve_stage(
-    layout: PinLayout, earlier: _Equilibrium | None, near: Contact | None = None
+    layout: PinLayout, earlier: _Equilibrium | None, slip_mm: tuple[float, float] = (0.0, 0.0)
 ) -> _Equilibrium:
-    """Solves the rough stage, or the last one starting from an earlier result or a contact."""
-    survey, window, last = layout.survey, layout.window, earlier is not None or near is not None
+    """Solves the rough stage, or the last one starting from an earlier result."""
+    survey, window, last = layout.survey, layout.window, earlier is not None
     pins, tolerance = layout.stage(last)
-    start = None
-    if earlier is not None:
-        start = _transferred(earlier, window, len(pins.cover))
-    elif near is not None:
-        coarse = 1e-3 * near.pressure_kpa[refined(window, survey.per_side)].astype(float)
-        start = InitialGuess(repeated(coarse, len(pins.cover) // len(coarse)), near.depth_mm)
+    start = None if earlier is None else _transferred(earlier, window, len(pins.cover), slip_mm)
     solution = FixedPoint(pins, survey.command.force_n, start, verify=last)
     converged = solution.solve(tolerance)
     survey.preparing_s += solution.compiling_s
@@ -219,8 +149,11 @@ def _solve_stage(
     return _Equilibrium(layout, last, solution, pressure, converged)
 
 
-def _transferred(earlier: _Equilibrium, window: Window, rows: int) -> InitialGuess:
-    """An earlier result as start in another window with this number of rows of fine cells."""
+def _transferred(
+    earlier: _Equilibrium, window: Window, rows: int, slip_mm: tuple[float, float]
+) -> InitialGuess:
+    """An earlier result as start in another window with this number of rows of fine cells, moved by
+    the nearest number of cells."""
     pressure = earlier.solution.fine_pressure_mpa()
     old_window = earlier.layout.window
     before, now = len(pressure) // window_shape(old_window)[0], rows // window_shape(window)[0]
@@ -228,11 +161,15 @@ def _transferred(earlier: _Equilibrium, window: Window, rows: int) -> InitialGue
         pressure = block_means(pressure, before // now)
     else:
         pressure = repeated(pressure, now // before)
+    survey = earlier.layout.survey
+    cell_mm = survey.layer.pitch_mm * survey.per_side / now
+    along_x, along_y = (round(slip / cell_mm) for slip in slip_mm)
     old, new = refined(old_window, now), refined(window, now)
+    old = moved_by(old[0], along_y), moved_by(old[1], along_x)
     both = intersection(old, new)
-    moved = np.zeros(window_shape(new))
-    moved[relative_window(both, new)] = pressure[relative_window(both, old)]
-    return InitialGuess(moved, earlier.solution.depth_mm)
+    guess = np.zeros(window_shape(new))
+    guess[relative_window(both, new)] = pressure[relative_window(both, old)]
+    return InitialGuess(guess, earlier.solution.depth_mm)
 
 
 def _surface_mm(survey: Survey, equilibrium: _Equilibrium) -> np.ndarray:

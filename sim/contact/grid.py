@@ -51,10 +51,16 @@ def expanded(window: Window, cells: int, shape: tuple[int, ...]) -> Window:
     return rows, columns
 
 
+def moved_by(side: slice, cells: int) -> slice:
+    """A window's side, moved by a number of cells."""
+    return slice(side.start + cells, side.stop + cells)
+
+
 def intersection(one: Window, other: Window) -> Window:
-    """The common part of two windows that overlap."""
+    """The common part of two windows; empty where they do not overlap."""
     rows, columns = (
-        slice(max(a.start, b.start), min(a.stop, b.stop)) for a, b in zip(one, other, strict=True)
+        slice(max(a.start, b.start), max(a.start, b.start, min(a.stop, b.stop)))
+        for a, b in zip(one, other, strict=True)
     )
     return rows, columns
 

@@ -5,6 +5,7 @@ C(k) p cos(k.x), and a normal stress T(k) p cos(k.x) at the base.
 """
 
 from collections import OrderedDict
+from collections.abc import Callable
 from functools import lru_cache
 from threading import Lock
 
@@ -29,6 +30,9 @@ SMOOTH_REACH = 30.0
 
 HANKEL_POINTS_A_WAVE = 25
 """Points per wave of the Hankel transform's integrand at the largest distance."""
+
+MIN_HANKEL_POINTS = 1000
+"""Points of the transform up to SMOOTH_REACH of the thickest layer."""
 
 HANKEL_RADII = 500
 """Number of distances at which the transform is computed; splines interpolate between them."""
@@ -275,19 +279,7 @@ def _hankel(
     """`_base_part` for a modulus of 1 MPa, by a Hankel transform."""
     from scipy import special
 
-    reach = SMOOTH_REACH / float(thicknesses_mm.min())
-    step = min(
-        2 * np.pi / radii_mm[-1] / HANKEL_POINTS_A_WAVE,
-        SMOOTH_REACH / float(thicknesses_mm.max()) / 1000,
-    )
-    k = np.arange(1e-9, reach, step)
-    k = k[: len(k) - 1 + len(k) % 2]
-    # Simpson's rule, times the average over both cells to second order: sinc^4 is about
-    # exp(-k^2 a^2 / 12).
-    rule = np.full(k.size, 2.0)
-    rule[1::2] = 4.0
-    rule[[0, -1]] = 1.0
-    rule *= step / 3 * np.exp(-((k * pitch_mm) ** 2) / 12) / (2 * np.pi)
+    k, rule = hankel_rule(thicknesses_mm, float(radii_mm[-1]), pitch_mm)
     difference = np.stack(
         [
             k * compliance_mm_per_mpa(k, float(thickness), 1.0, poisson) - 2 * (1 - poisson**2)
@@ -298,14 +290,50 @@ def _hankel(
     return np.einsum("tk,kr->tr", difference * rule, special.j0(k[:, None] * radii_mm))
 
 
+def hankel_rule(
+    thicknesses_mm: np.ndarray, farthest_mm: float, pitch_mm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Wavenumbers k, rad/mm, and weights of a Hankel transform over them, both (k,).
+
+    Simpson's rule, times the average over both cells to second order: sinc^4 is about
+    exp(-k^2 a^2 / 12). The integrand is without the factor k.
+    """
+    reach = SMOOTH_REACH / float(thicknesses_mm.min())
+    step = min(
+        2 * np.pi / farthest_mm / HANKEL_POINTS_A_WAVE,
+        SMOOTH_REACH / float(thicknesses_mm.max()) / MIN_HANKEL_POINTS,
+    )
+    k = np.arange(1e-9, reach, step)
+    k = k[: len(k) - 1 + len(k) % 2]
+    rule = np.full(k.size, 2.0)
+    rule[1::2] = 4.0
+    rule[[0, -1]] = 1.0
+    rule *= step / 3 * np.exp(-((k * pitch_mm) ** 2) / 12) / (2 * np.pi)
+    return k, rule
+
+
 def mean_inverse_distance(x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
     """Integral of 1 / distance over a square cell, averaged over a cell at (x, y), mm; (y, x).
 
-    The fourth difference of a function whose derivative d^4 / dx^2 dy^2 is 1 / r.
+    The potential's derivative d^4 / dx^2 dy^2 is 1 / r.
+    """
+    return cell_mean(_inverse_distance, x_mm, y_mm, pitch_mm)
+
+
+def _inverse_distance(x: np.ndarray, y: np.ndarray, r: np.ndarray) -> np.ndarray:
+    ax, ay = np.maximum(np.abs(x), 1e-12), np.maximum(np.abs(y), 1e-12)
+    potential = ax**2 * ay / 2 * np.arcsinh(ay / ax) + ay**2 * ax / 2 * np.arcsinh(ax / ay)
+    return potential - r**3 / 6
+
+
+def cell_mean(
+    potential: Callable[..., np.ndarray], x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float
+) -> np.ndarray:
+    """Integral of a function over a square cell, averaged over a cell at (x, y); (y, x).
+
+    potential: its integral, twice over x and twice over y, of x, y and the distance r.
     """
     x = np.concatenate([[x_mm[0] - pitch_mm], x_mm, [x_mm[-1] + pitch_mm]])[None, :]
     y = np.concatenate([[y_mm[0] - pitch_mm], y_mm, [y_mm[-1] + pitch_mm]])[:, None]
-    r = np.hypot(x, y)
-    ax, ay = np.maximum(np.abs(x), 1e-12), np.maximum(np.abs(y), 1e-12)
-    potential = ax**2 * ay / 2 * np.arcsinh(ay / ax) + ay**2 * ax / 2 * np.arcsinh(ax / ay)
-    return np.diff(np.diff(potential - r**3 / 6, n=2, axis=0), n=2, axis=1) / pitch_mm**2
+    values = potential(x, y, np.maximum(np.hypot(x, y), 1e-12))
+    return np.diff(np.diff(values, n=2, axis=0), n=2, axis=1) / pitch_mm**2

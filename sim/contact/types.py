@@ -7,6 +7,7 @@ with y, the column index with x.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.tangential.traction import DomedLayer, domed_layer
 
 FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""
@@ -101,16 +103,15 @@ class Motion:
     """What sliding and turning have done to a contact, on its grid.
 
     friction: coefficient of friction. shear_mpa: (2, ny, nx) traction on the sensor along x and y.
-    sheared_mm: (3, ny, nx) displacement of the surface by the shear alone, along x, along y, and
-    into the sensor. displacement_mm: (2, ny, nx) along x and y, with that by the pressure.
-    slip_mm: (ny, nx) length of the shape's path over the surface so far.
+    earlier_mpa: the same before the last step. slip_mm: (ny, nx) length of the shape's path over
+    the surface so far. last: (dx_mm, dy_mm, dyaw_rad) of the last step.
     """
 
     friction: float
     shear_mpa: np.ndarray
-    sheared_mm: np.ndarray
-    displacement_mm: np.ndarray
+    earlier_mpa: np.ndarray
     slip_mm: np.ndarray
+    last: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -131,6 +132,7 @@ class Contact:
     milliseconds: computing time without surface_mm.
     compute_surface: returns surface_mm. Called at its first use, as the CySkin needs only the
         pressure.
+    equilibrium: the solver's state, from which it solves a contact close to this one.
     shift: of the surface by shear when the shape was pressed; None without shear. surface_mm does
         not contain it.
     motion: the shear of a contact that has moved; None of a press, which has none.
@@ -151,6 +153,7 @@ class Contact:
     pins: PinState
     milliseconds: float
     compute_surface: Callable[[], np.ndarray] = field(repr=False, compare=False)
+    equilibrium: Any = field(repr=False, compare=False)
     shift: SurfaceShift | None = None
     motion: Motion | None = None
 
@@ -159,6 +162,32 @@ class Contact:
         """(ny, nx) float32 deflection of the surface into the sensor, mm; negative where it bulges
         out."""
         return self.compute_surface()
+
+    @cached_property
+    def shear_layer(self) -> DomedLayer:
+        """The tangential response of the elastomer under the contact, on the contact's grid."""
+        return domed_layer(self.elastomer, self.x_mm, self.y_mm, self.pressure_kpa)
+
+    @cached_property
+    def sheared_mm(self) -> np.ndarray:
+        """(3, ny, nx) displacement of the surface along x, along y and into the sensor, mm, by the
+        shear alone."""
+        if self.motion is None:
+            return np.zeros((3, *self.pressure_kpa.shape))
+        return self.shear_layer.response_mm(self.motion.shear_mpa)
+
+    @cached_property
+    def displacement_mm(self) -> np.ndarray:
+        """(3, ny, nx) float32 displacement of the surface along x, along y and into the sensor, mm,
+        by pressure and shear."""
+        spread = self.shear_layer.spread_mm(1e-3 * self.pressure_kpa)
+        by_pressure = np.stack([*spread, self.surface_mm])
+        return (by_pressure + self.sheared_mm).astype(np.float32)
+
+    @property
+    def slip_mm(self) -> np.ndarray:
+        """(ny, nx) length of the shape's path over the surface since the press, mm."""
+        return np.zeros(self.pressure_kpa.shape) if self.motion is None else self.motion.slip_mm
 
     @property
     def pitch_mm(self) -> float:

@@ -24,12 +24,14 @@ from functools import cached_property
 import numpy as np
 
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.digit.calibration import Calibration, place_terms
 from t2twin.sim.digit.camera import gaussian_noise, response
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
 from t2twin.sim.digit.light import illumination
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.ray_casting import Leds, Rays, Region
+from t2twin.sim.digit.markers import NO_SHADE, MarkerImage, Markers
 
 NO_KEYS: gaussian_noise.Keys = (np.uint32(0), np.uint32(0))
 NO_NOISE = np.zeros((0, 0, 0), dtype=np.float32)
@@ -37,16 +39,23 @@ NO_NOISE = np.zeros((0, 0, 0), dtype=np.float32)
 
 
 class BakedModel:
-    """Renders deflections of a gel with one calibration. shadows: whether LEDs cast shadows."""
+    """Renders deflections of a gel with one calibration.
+
+    shadows: whether LEDs cast shadows. markers: printed on the gel; None for none.
+    """
 
     def __init__(
-        self, calibration: Calibration, shadows: bool = True, gel: Elastomer = DIGIT_GEL
+        self,
+        calibration: Calibration,
+        shadows: bool = True,
+        gel: Elastomer = DIGIT_GEL,
+        markers: Markers | None = None,
     ) -> None:
         self.calibration = calibration
         self._leds = Leds(calibration.leds_mm, calibration.sizes_mm)
         self._table = response.encoding_table(calibration.gamma)
         self._light = response.light_of_greys(calibration.gamma)
-        self._shadows, self._gel = shadows, gel
+        self._shadows, self._gel, self._markers = shadows, gel, markers
 
     # Computed at the first image: many presses need none, and compiling the loops takes long.
 
@@ -64,7 +73,21 @@ class BakedModel:
 
     @cached_property
     def background(self) -> np.ndarray:
-        """(ROWS, COLUMNS, 3) uint8: the background frame of this gel."""
+        """(ROWS, COLUMNS, 3) uint8: the background frame of this gel, with its markers."""
+        if self._markers is None:
+            return self._unmarked
+        return self.render(np.zeros_like(self._rays.rest_mm))
+
+    @cached_property
+    def _marker_image(self) -> MarkerImage | None:
+        if self._markers is None:
+            return None
+        camera, gamma = self.calibration.camera, self.calibration.gamma
+        return MarkerImage(self._markers, camera, self._gel, self._rays.rest_mm, gamma)
+
+    @cached_property
+    def _unmarked(self) -> np.ndarray:
+        """(ROWS, COLUMNS, 3) uint8: the background frame without markers."""
         of_own_gel = np.ascontiguousarray(self.calibration.background)
         if self._gel == DIGIT_GEL:
             return of_own_gel
@@ -89,31 +112,37 @@ class BakedModel:
         keys: gaussian_noise.Keys = NO_KEYS,
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
+        shift: SurfaceShift | None = None,
     ) -> np.ndarray:
         """(ROWS, COLUMNS, 3) uint8 image.
 
         surface_mm: on optical_grid(), rows x columns, positive into the sensor.
         noise_grey: standard deviation of Gaussian white noise from keys, grey levels; 0 for none.
         noise: (ROWS, COLUMNS, 3) float32, multiplied by noise_grey and added instead.
+        shift: lateral displacement of the surface, which moves markers; None for none.
         Raises T2TwinError for another shape or values that are not finite.
         """
-        change, pixels = self._change(self._rays.coated(surface_mm))
-        return self._encoded(self.background, change, pixels, keys, noise_grey, noise)
+        coated_mm = self._rays.coated(surface_mm)
+        change, pixels = self._change(coated_mm)
+        image = self._marker_image
+        shade = NO_SHADE if image is None else image.shade(coated_mm, shift)
+        return self._encoded(self._unmarked, change, pixels, shade, keys, noise_grey, noise)
 
     def _encoded(
         self,
         background: np.ndarray,
         change: np.ndarray,
         pixels: Region,
+        shade: np.ndarray = NO_SHADE,
         keys: gaussian_noise.Keys = NO_KEYS,
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
     ) -> np.ndarray:
-        """Grey levels of a background and a change of its light (RGB, S) in a region."""
+        """Grey levels of a background and a change of its light (RGB, S) in a region, shaded."""
         out = np.empty((ROWS, COLUMNS, 3), dtype=np.uint8)
         response.encode(
-            change, background, self._light, self._table, pixels, keys, gaussian_noise.quantiles(),
-            np.float32(noise_grey), noise, out,
+            change, background, self._light, self._table, pixels, shade, keys,
+            gaussian_noise.quantiles(), np.float32(noise_grey), noise, out,
         )  # fmt: skip
         return out
 

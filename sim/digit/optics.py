@@ -7,9 +7,11 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.digit.baked import BakedModel
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.camera import gaussian_noise
+from t2twin.sim.digit.markers import Markers
 
 NOISE_GREY = 2.8
 """Standard deviation of one frame's noise, grey levels. The mean absolute difference of two real
@@ -29,13 +31,17 @@ class DigitOptics:
     """Images in the format of the maker's interface, for one calibration and one gel.
 
     The background of a gel with another dome is computed from the calibration's background and
-    LEDs.
+    LEDs. markers: printed on the gel; None for none.
     """
 
     def __init__(
-        self, calibration: Calibration, shadows: bool = True, gel: Elastomer = DIGIT_GEL
+        self,
+        calibration: Calibration,
+        shadows: bool = True,
+        gel: Elastomer = DIGIT_GEL,
+        markers: Markers | None = None,
     ) -> None:
-        self._model = BakedModel(calibration, shadows, gel)
+        self._model = BakedModel(calibration, shadows, gel, markers)
         self._noise = calibration.noise
 
     @classmethod
@@ -48,7 +54,7 @@ class DigitOptics:
 
     @property
     def background(self) -> np.ndarray:
-        """(320, 240, 3) uint8: the background frame, without noise."""
+        """(320, 240, 3) uint8: the background frame, with markers, without noise."""
         return self._model.background
 
     def render(
@@ -56,6 +62,7 @@ class DigitOptics:
         surface_mm: np.ndarray,
         rng: np.random.Generator | None = None,
         noise_grey: float = NOISE_GREY,
+        shift: SurfaceShift | None = None,
     ) -> np.ndarray:
         """(320, 240, 3) uint8: the image of the gel deflected by surface_mm.
 
@@ -64,15 +71,17 @@ class DigitOptics:
         rng: of the noise; None for none.
         noise_grey: standard deviation of the noise, grey levels, in every pixel and channel. A
             calibration's own noise is scaled by noise_grey / NOISE_GREY instead.
+        shift: lateral displacement of the surface, which moves markers; None for none.
         Raises T2TwinError for another shape, values that are not finite, and invalid noise.
         """
         noise_grey = checked_noise(noise_grey)
         if rng is None or noise_grey == 0:
-            return self._model.render(surface_mm)
+            return self._model.render(surface_mm, shift=shift)
         if self._noise is not None:
             factor = noise_grey / NOISE_GREY
-            return self._model.render(surface_mm, noise_grey=factor, noise=self._noise.sample(rng))
-        return self._model.render(surface_mm, gaussian_noise.keys(rng), noise_grey)
+            noise = self._noise.sample(rng)
+            return self._model.render(surface_mm, noise_grey=factor, noise=noise, shift=shift)
+        return self._model.render(surface_mm, gaussian_noise.keys(rng), noise_grey, shift=shift)
 
 
 def checked_noise(noise_grey: float) -> float:

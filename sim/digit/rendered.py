@@ -20,11 +20,15 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
+from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.digit.camera import response
 from t2twin.sim.digit.camera.gaussian_noise import standard_normal
 from t2twin.sim.digit.camera.pinhole import Camera, optical_grid
+from t2twin.sim.digit.light.coating import coated
 from t2twin.sim.digit.light.leds import AMBIENT, Led
+from t2twin.sim.digit.light.ray_casting import rest_surface_mm
+from t2twin.sim.digit.markers import MarkerImage, Markers
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics, checked_noise
 from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
 
@@ -40,23 +44,34 @@ LED_POINTS = 8
 class RenderedOptics:
     """As DigitOptics, but pyrender renders each image, in about FRAME_SECONDS.
 
-    leds: in the order of the calibration's. calibration: for camera, background and gamma. Raises
-    T2TwinError at the first image if there is no OpenGL.
+    leds: in the order of the calibration's. calibration: for camera, background and gamma. markers:
+    printed on the gel; None for none. Raises T2TwinError at the first image if there is no OpenGL.
     """
 
     def __init__(
-        self, calibration: Calibration, leds: tuple[Led, ...], gel: Elastomer = DIGIT_GEL
+        self,
+        calibration: Calibration,
+        leds: tuple[Led, ...],
+        gel: Elastomer = DIGIT_GEL,
+        markers: Markers | None = None,
     ) -> None:
         self.calibration = calibration
         self.leds, self.gel = leds, gel
-        self.background = DigitOptics(calibration, gel=gel).background
-        """(320, 240, 3) uint8: the background frame, without noise."""
+        self._unmarked = self.background = DigitOptics(calibration, gel=gel).background
+        """(320, 240, 3) uint8: the background frame, with markers, without noise."""
+        self._marker_image = None
+        if markers is not None:
+            camera, gamma = calibration.camera, calibration.gamma
+            rest_mm = rest_surface_mm(camera, gel)
+            self._marker_image = MarkerImage(markers, camera, gel, rest_mm, gamma)
+            self.background = self.render(np.zeros_like(rest_mm))
 
     def render(
         self,
         surface_mm: np.ndarray,
         rng: np.random.Generator | None = None,
         noise_grey: float = NOISE_GREY,
+        shift: SurfaceShift | None = None,
     ) -> np.ndarray:
         """(320, 240, 3) uint8: see DigitOptics.render."""
         noise_grey = checked_noise(noise_grey)
@@ -70,18 +85,21 @@ class RenderedOptics:
         if not np.isfinite(surface_mm).all():
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
         grey = self._grey(surface_mm)
+        if self._marker_image is not None:
+            coated_mm = coated(np.ascontiguousarray(surface_mm, dtype=np.float32))
+            grey *= self._marker_image.shade(coated_mm, shift)[..., None]
         if rng is not None and noise_grey > 0:
             grey += noise_grey * standard_normal(rng, grey.shape)
         return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
 
     def _grey(self, surface_mm: np.ndarray) -> np.ndarray:
-        """(320, 240, 3) float64 grey levels, without noise."""
+        """(320, 240, 3) float64 grey levels, without markers and noise."""
         if not surface_mm.any():
-            return self.background.astype(float)
+            return self._unmarked.astype(float)
         thread = _thread(os.getpid())
         change = thread.submit(_change, self.leds, self.calibration.camera, self.gel, surface_mm)
         gamma = self.calibration.gamma
-        light = response.linear(self.background, gamma) + change.result()
+        light = response.linear(self._unmarked, gamma) + change.result()
         return 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / gamma)
 
 

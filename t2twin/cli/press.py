@@ -46,6 +46,8 @@ class TouchOptions:
             t2twin calibrate; default: the default calibration.
         seed: Seed of the camera noise and of the CySkin's imperfections; none without a seed.
         imperfections: The CySkin's errors if there is a seed: none, white, baseline or all.
+        markers: Print markers on the DIGIT's gel.
+        marker_pitch_mm: Distance of neighboring markers, mm; default 1.4. Implies markers.
     """
 
     shape: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="SHAPE")]]
@@ -64,6 +66,8 @@ class TouchOptions:
     calibration: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     seed: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
     imperfections: Annotated[str, tyro.conf.arg(metavar="NAME")] = "white"
+    markers: bool = False
+    marker_pitch_mm: Float = None
 
     def load_shape(self) -> "Shape":
         """The shape; prints its notes."""
@@ -77,11 +81,14 @@ class TouchOptions:
     def sensors(self, optics: Optics = "baked") -> "SensorPair":
         """The sensors. optics: what renders the DIGIT's image."""
         from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
+        from t2twin.sim.digit.markers import Markers
         from t2twin.twin import Twin, other_elastomer
 
         changes = (self.thickness_mm, self.young_mpa, self.poisson, self.flat)
         gel, cover = (other_elastomer(own, *changes) for own in (DIGIT_GEL, CYSKIN_COVER))
-        twin = Twin(self.calibration, self.layout, self.imperfections, gel, cover, optics)
+        pitch = self.marker_pitch_mm
+        markers = self.markers if pitch is None else Markers(pitch)
+        twin = Twin(self.calibration, self.layout, self.imperfections, gel, cover, optics, markers)
         return twin.sensors
 
     def command(

@@ -5,6 +5,7 @@ into a folder holds the folder's lock. `pending_writes` lists what `t2twin.core.
 remove when the process is ended.
 """
 
+import csv
 import errno
 import json
 import os
@@ -76,6 +77,20 @@ def write_json(path: Path, content: Any) -> None:
     """Write content as JSON, indented by two. Raises T2TwinError where that fails."""
     with atomic_write(path) as temporary:
         temporary.write_text(json.dumps(content, indent=2) + "\n")
+
+
+def write_csv(path: Path, names: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Write a table to a new file in a temporary folder, numbers with six digits."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(names)
+        writer.writerows([_csv_cell(value) for value in row] for row in rows)
+
+
+def _csv_cell(value: Any) -> Any:
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.6g}" if isinstance(value, float) else value
 
 
 def replace(temporary: Path, path: Path) -> None:

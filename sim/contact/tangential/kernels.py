@@ -12,17 +12,9 @@ import numpy as np
 
 from t2twin.core.cached_files import cached_array
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.layer import (
-    HANKEL_POINTS_A_WAVE,
-    HANKEL_RADII,
-    SMOOTH_REACH,
-    mean_inverse_distance,
-)
+from t2twin.sim.contact.layer import HANKEL_RADII, cell_mean, hankel_rule, mean_inverse_distance
 from t2twin.sim.contact.tangential.spectra import spectra
 from t2twin.sim.splines import CubicSpline
-
-MIN_POINTS = 1000
-"""Points of the Hankel transform up to SMOOTH_REACH of the layer."""
 
 
 class Kernels(NamedTuple):
@@ -70,11 +62,11 @@ def _half_space(
     nu = elastomer.poisson
     unit = (1 + nu) / np.pi / elastomer.young_mpa
     inverse = mean_inverse_distance(x_mm, y_mm, pitch_mm)
-    along_x = _cell_mean(_x2_over_r3, x_mm, y_mm, pitch_mm)
+    along_x = cell_mean(_x2_over_r3, x_mm, y_mm, pitch_mm)
     along_y = inverse - along_x
-    across = _cell_mean(_xy_over_r3, x_mm, y_mm, pitch_mm)
-    odd_x = _cell_mean(_x_over_r2, x_mm, y_mm, pitch_mm)
-    odd_y = _cell_mean(_x_over_r2, y_mm, x_mm, pitch_mm).T
+    across = cell_mean(_xy_over_r3, x_mm, y_mm, pitch_mm)
+    odd_x = cell_mean(_x_over_r2, x_mm, y_mm, pitch_mm)
+    odd_y = cell_mean(_x_over_r2, y_mm, x_mm, pitch_mm).T
     return Kernels(
         xx=unit * ((1 - nu) * inverse + nu * along_x),
         xy=unit * nu * across,
@@ -82,17 +74,6 @@ def _half_space(
         xz=unit * (1 - 2 * nu) / 2 * odd_x,
         yz=unit * (1 - 2 * nu) / 2 * odd_y,
     )
-
-
-def _cell_mean(potential, x_mm: np.ndarray, y_mm: np.ndarray, pitch_mm: float) -> np.ndarray:
-    """Integral of a function over a square cell, averaged over a cell at (x, y); (y, x).
-
-    potential: its integral, twice over x and twice over y.
-    """
-    x = np.concatenate([[x_mm[0] - pitch_mm], x_mm, [x_mm[-1] + pitch_mm]])[None, :]
-    y = np.concatenate([[y_mm[0] - pitch_mm], y_mm, [y_mm[-1] + pitch_mm]])[:, None]
-    values = potential(x, y, np.maximum(np.hypot(x, y), 1e-12))
-    return np.diff(np.diff(values, n=2, axis=0), n=2, axis=1) / pitch_mm**2
 
 
 def _x2_over_r3(x: np.ndarray, y: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -128,16 +109,8 @@ def _hankel(
 ) -> np.ndarray:
     from scipy import special
 
-    reach = SMOOTH_REACH / thickness_mm
-    step = min(2 * np.pi / radii_mm[-1] / HANKEL_POINTS_A_WAVE, reach / MIN_POINTS)
-    k = np.arange(1e-9, reach, step)
-    k = k[: len(k) - 1 + len(k) % 2]
-    # Simpson's rule, times the average over both cells to second order: sinc^4 is about
-    # exp(-k^2 a^2 / 12).
-    rule = np.full(k.size, 2.0)
-    rule[1::2] = 4.0
-    rule[[0, -1]] = 1.0
-    rule *= k * step / 3 * np.exp(-((k * pitch_mm) ** 2) / 12) / (2 * np.pi)
+    k, rule = hankel_rule(np.array([thickness_mm]), float(radii_mm[-1]), pitch_mm)
+    rule = k * rule
     of_layer, unit = spectra(k, thickness_mm, 1.0, poisson), 2 * (1 + poisson) / k
     mean = (of_layer.longitudinal + of_layer.transverse) / 2 - unit * (2 - poisson) / 2
     difference = (of_layer.longitudinal - of_layer.transverse) / 2 + unit * poisson / 2

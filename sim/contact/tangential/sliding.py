@@ -1,7 +1,7 @@
 """A contact in motion: the shape slides and turns while it is pressed.
 
 `advance` moves a contact by one small step. The normal contact and the friction are solved in turn
-until the traction no longer changes:
+until the displacement by shear no longer changes:
 
 - The normal contact sees the shape over the sheared surface. A point of the surface that is
   displaced by u meets the shape at its place plus u, and shear has lowered or raised it.
@@ -9,8 +9,8 @@ until the traction no longer changes:
   the last step. Elsewhere the traction is at its limit.
 
 The tangential response is linear: a neo-Hookean solid in simple shear has a stress proportional to
-the strain (Treloar, The Physics of Rubber Elasticity, 1975). The layer has the thickness at the
-middle of the contact. A press starts without tangential traction.
+the strain (Treloar, The Physics of Rubber Elasticity, 1975). A press starts without tangential
+traction.
 """
 
 from dataclasses import replace
@@ -18,18 +18,31 @@ from dataclasses import replace
 import numpy as np
 
 from t2twin.sim.contact.contact_solver import solve_contact
-from t2twin.sim.contact.grid import dilated, window_around
-from t2twin.sim.contact.tangential.traction import ShearLayer, cached_shear_layer, solve_traction
-from t2twin.sim.contact.types import Contact, Motion, SurfaceShift
+from t2twin.sim.contact.grid import Window, dilated, window_around
+from t2twin.sim.contact.solver_loops import Anderson
+from t2twin.sim.contact.tangential.traction import DomedLayer, solve_traction
+from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
 
-COUPLING_TOLERANCE = 1e-2
-"""Change of the traction in a round, over friction times the force, below which a step has
-converged. The pressure of the normal contact has a tolerance of half of it."""
+COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
+"""Convergence of a step: mean error, weighted with the pressure, of the displacement by shear that
+the normal contact sees. Along the surface: mm, or a share of the mean displacement where that is
+more. Into the sensor: a share of the depth."""
 
-RELAXATION = (1.0,) + (0.7,) * 7 + (0.3,) * 12
-"""Share of the new sheared surface that the normal contact of each round sees; the rest is the one
-of the round before. Full steps overshoot by 0.45 of the change; at a sharp edge two solutions may
-alternate, which small steps prevent."""
+RELAXATION = 0.6
+"""Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
+acceleration. Whole steps overshoot by 0.45 of the error, and by several times it where a wide
+contact twists."""
+
+ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 8, 40, 0.2
+"""Rounds with acceleration, the limit on all rounds, and the share of an error that the others
+remove (assumed; most steps need one or two rounds)."""
+
+WINDOW_CELLS = 4
+"""Cells around the contact in which a step computes the displacement by shear (assumed)."""
+
+PREDICTABLE = 0.9
+"""Cosine of the angle between the motions of two steps above which the second one starts from the
+change in the first (assumed)."""
 
 GEL_FRICTION = 0.8
 """Coefficient of friction of the DIGIT's gel (assumed, range 0.4 to 1.5)."""
@@ -39,9 +52,6 @@ COVER_FRICTION = 1.0
 
 MAX_FRICTION = 5.0
 """Largest allowed coefficient of friction (assumed: above any rubber's on a dry solid)."""
-
-THICKNESS_STEP_MM = 0.25
-"""Thicknesses are rounded to this, mm, so that few kernels are computed (assumed)."""
 
 
 def advance(
@@ -57,7 +67,7 @@ def advance(
     dx_mm, dy_mm: motion of the shape's origin. dyaw_rad: rotation about it. friction: coefficient
     of friction. The given contact does not change. Raises T2TwinError as solve_contact does.
     """
-    command = contact.command
+    command, step = contact.command, (dx_mm, dy_mm, dyaw_rad)
     moved = replace(
         command,
         x_mm=command.x_mm + dx_mm,
@@ -66,77 +76,138 @@ def advance(
         force_n=force_n,
     )
     start = contact.motion or _still(contact, friction)
-    follows = start.displacement_mm + _rigid(contact, start, dx_mm, dy_mm, dyaw_rad)
-    normal, seen, converged = contact, start.sheared_mm, False
-    shear, sheared, spread, _ = _sheared(normal, follows, friction, start.shear_mpa)
-    for share in RELAXATION:
-        seen = seen + share * (sheared - seen)
-        shift = SurfaceShift(contact.x_mm, contact.y_mm, seen) if shear.any() else None
-        near = normal if shear.any() else None
-        normal = solve_contact(
-            contact.shape, moved, contact.elastomer, contact.pitch_mm, shift, near
-        )
-        before = shear
-        shear, sheared, spread, found = _sheared(normal, follows, friction, before)
-        change = np.abs(shear - before).sum() * normal.pitch_mm**2
-        converged = found and change <= COUPLING_TOLERANCE * friction * force_n
+    window = window_around(dilated(contact.pressure_kpa > 0, WINDOW_CELLS))
+    while True:
+        found = _step(contact, start, moved, step, friction, window)
+        outside = found.pressure_kpa > 0
+        outside[window] = False
+        if not outside.any():
+            return found
+        outside[window] = True
+        window = window_around(dilated(outside, WINDOW_CELLS))
+
+
+def _step(
+    contact: Contact,
+    start: Motion,
+    moved: PressCommand,
+    step: tuple[float, float, float],
+    friction: float,
+    window: Window,
+) -> Contact:
+    """The contact after a step, see advance, whose shear is known within a window of the grid."""
+    part = (slice(None), *window)
+    layer = contact.shear_layer.window(window)
+    before = start.shear_mpa[part]
+    pressure = 1e-3 * contact.pressure_kpa[window]
+    spread = layer.spread_mm(pressure)
+    middle, dome = layer.parts_mm(before)
+    sheared = middle + dome
+    lateral = sheared[:2] + spread
+    follows = lateral + _rigid(contact, lateral, step, window)
+    share = _share_of_last(contact, start, step)
+    if share is None:
+        shear, _ = _friction(layer, friction * pressure, follows - spread - dome[:2], before)
+    else:
+        shear = before + share * (before - start.earlier_mpa[part])
+    middle, dome = layer.parts_mm(shear)
+    seen = middle + dome
+    if share is None:
+        seen = sheared + RELAXATION * (seen - sheared)
+    normal, converged, acceleration = contact, False, Anderson(seen.size)
+    rows, columns = window
+    for number in range(MAX_ROUNDS):
+        shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
+        moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
+        near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
+        normal = solve_contact(contact.shape, moved, contact.elastomer, contact.pitch_mm, *near)
+        pressure = 1e-3 * normal.pressure_kpa[window]
+        spread = layer.spread_mm(pressure)
+        wanted = follows - spread - dome[:2]
+        shear, found = _friction(layer, friction * pressure, wanted, shear)
+        middle, dome = layer.parts_mm(shear)
+        sheared = middle + dome
+        error = sheared - seen
+        converged = found and _is_small(error, sheared, pressure, normal.depth_mm)
         if converged:
             break
-    pressure = normal.pressure_kpa
-    displacement = sheared[:2] + spread
-    slip = np.hypot(*(follows - displacement)) * (pressure > 0)
-    motion = Motion(friction, shear, sheared, displacement, start.slip_mm + slip)
+        if number < ACCELERATED_ROUNDS:
+            corrected = seen + RELAXATION * error
+            seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
+        else:
+            seen = seen + DAMPED_RELAXATION * error
+    slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
+    slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (
+        normal.pressure_kpa[window] > 0
+    )
+    traction[part] = shear
+    motion = Motion(friction, traction, start.shear_mpa, slip_mm, step)
     return replace(normal, motion=motion, settled=normal.settled and converged)
 
 
-def _sheared(
-    normal: Contact, follows_mm: np.ndarray, friction: float, start_mpa: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
-    """Friction under a pressure.
+def _share_of_last(
+    contact: Contact, motion: Motion, step: tuple[float, float, float]
+) -> float | None:
+    """The step as a share of the last one; None where it has another direction."""
+    radius = np.sqrt(contact.contact_area_mm2 / np.pi)
+    now, last = np.array(step) * (1, 1, radius), np.array(motion.last) * (1, 1, radius)
+    length, before = np.linalg.norm(now), np.linalg.norm(last)
+    if length == 0:
+        return 0.0
+    if before == 0 or now @ last < PREDICTABLE * length * before:
+        return None
+    return float(length / before)
 
-    follows_mm: (2, ny, nx) displacement of the surface where it sticks. start_mpa: initial guess.
-    Returns the traction, (2, ny, nx), MPa, the displacement by it, (3, ny, nx), mm, that by the
-    pressure, (2, ny, nx), mm, and whether the solution converged.
+
+def _is_small(
+    error_mm: np.ndarray, sheared_mm: np.ndarray, pressure: np.ndarray, depth_mm: float
+) -> bool:
+    """Whether an error of the displacement by shear, both (3, rows, columns), is in the tolerance.
+
+    pressure: (rows, columns) weights of the means.
     """
-    pressure, layer = 1e-3 * normal.pressure_kpa.astype(float), _layer(normal)
-    window = window_around(dilated(pressure > 0, 1))
-    inside = (slice(None), *window)
-    spread = layer.spread_mm(pressure)
+    weights = pressure / pressure.sum()
+    along_x, along_y, into = (np.abs(error_mm) * weights).sum(axis=(1, 2))
+    displacement = (np.hypot(*sheared_mm[:2]) * weights).sum()
+    allowed = max(COUPLING_TOLERANCE_MM, COUPLING_SHARE * displacement)
+    return max(along_x, along_y) <= allowed and into <= DEFLECTION_SHARE * depth_mm
+
+
+def _mean(values: np.ndarray, pressure: np.ndarray) -> tuple[float, float]:
+    """Means of values along x and y, (2, rows, columns), weighted with the pressure."""
+    along_x, along_y = (values * pressure).sum(axis=(1, 2)) / pressure.sum()
+    return float(along_x), float(along_y)
+
+
+def _friction(
+    layer: DomedLayer, limit_mpa: np.ndarray, wanted_mm: np.ndarray, start_mpa: np.ndarray
+) -> tuple[np.ndarray, bool]:
+    """The traction of a step, (2, rows, columns), MPa, and whether it converged: see
+    solve_traction."""
+    traction = np.zeros_like(start_mpa)
+    if not limit_mpa.any():  # without friction
+        return traction, True
+    loaded = (slice(None), *window_around(dilated(limit_mpa > 0, 1)))
     found = solve_traction(
-        layer, friction * pressure[window], (follows_mm - spread)[inside], start_mpa[inside]
+        layer.middle, limit_mpa[loaded[1:]], wanted_mm[loaded], start_mpa[loaded]
     )
-    shear = np.zeros_like(start_mpa)
-    shear[inside] = found.q_mpa
-    sheared = np.stack([*layer.displacement_mm(shear), layer.deflection_mm(shear)])
-    return shear, sheared, spread, found.converged
+    traction[loaded] = found.q_mpa
+    return traction, found.converged
 
 
 def _still(contact: Contact, friction: float) -> Motion:
-    """The start of a motion: no traction, and the surface displaced by the pressure alone."""
+    """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
-    spread = _layer(contact).spread_mm(1e-3 * contact.pressure_kpa.astype(float))
-    return Motion(friction, np.zeros((2, *shape)), np.zeros((3, *shape)), spread, np.zeros(shape))
+    none = np.zeros((2, *shape))
+    return Motion(friction, none, none, np.zeros(shape), (0.0, 0.0, 0.0))
 
 
 def _rigid(
-    contact: Contact, motion: Motion, dx_mm: float, dy_mm: float, dyaw_rad: float
+    contact: Contact, lateral_mm: np.ndarray, step: tuple[float, float, float], window: Window
 ) -> np.ndarray:
-    """(2, ny, nx) motion of the shape at the displaced points of the surface."""
-    command = contact.command
-    x = contact.x_mm + motion.displacement_mm[0] - command.x_mm
-    y = contact.y_mm[:, None] + motion.displacement_mm[1] - command.y_mm
+    """(2, rows, columns) motion of the shape at the displaced points of the surface."""
+    (dx_mm, dy_mm, dyaw_rad), command, (rows, columns) = step, contact.command, window
+    x = contact.x_mm[columns] + lateral_mm[0] - command.x_mm
+    y = contact.y_mm[rows, None] + lateral_mm[1] - command.y_mm
     cos, sin = np.cos(dyaw_rad) - 1, np.sin(dyaw_rad)
     return np.stack([dx_mm + cos * x - sin * y, dy_mm + sin * x + cos * y])
-
-
-def _layer(contact: Contact) -> ShearLayer:
-    """The tangential layer of a contact, of the thickness at its middle."""
-    pressure, elastomer = contact.pressure_kpa, contact.elastomer
-    share = pressure / pressure.sum()
-    middle = (contact.x_mm * share).sum(), (contact.y_mm[:, None] * share).sum()
-    thickness = float(elastomer.thickness_at_mm(*np.array(middle)[:, None])[0])
-    if abs(thickness - elastomer.thickness_mm) > THICKNESS_STEP_MM / 2:
-        thickness = round(thickness / THICKNESS_STEP_MM) * THICKNESS_STEP_MM
-    else:
-        thickness = elastomer.thickness_mm
-    return cached_shear_layer(elastomer, thickness, contact.pitch_mm, pressure.shape)

@@ -33,14 +33,14 @@ def light_of_greys(gamma: float) -> np.ndarray:
 
 
 @jit_finite
-def encode(change, background, light, table, region, keys, quantiles, sigma, noise, out):
+def encode(change, background, light, table, region, shade, keys, quantiles, sigma, noise, out):
     """Fill out (P, RGB) uint8: the encoded sum of background light and change, plus noise.
 
     P is the image (rows, columns), S its lattice of samples as in
     t2twin.sim.digit.light.illumination. change: (RGB, S) linear light, interpolated to the pixels
     of a region (first row, end row, first column, end column). The other pixels show the background
     (P, RGB), grey levels. light: (256,) linear light of each grey level. table: grey levels over
-    the square root of linear light, 0 to 1.
+    the square root of linear light, 0 to 1. shade: (P) factors of the grey levels, or empty.
     noise: (P, RGB), multiplied by sigma; if it is empty, Gaussian white noise of standard deviation
     sigma, grey levels, from keys and quantiles.
     """
@@ -68,6 +68,11 @@ def encode(change, background, light, table, region, keys, quantiles, sigma, noi
                 entry[n] = np.uint32(np.int32(root * last + _HALF))
             for n in range(under.size):
                 shown[n] = table[entry[n]]
+        if shade.size > 0:
+            factors = shade[row]
+            for n in range(columns):
+                for color in range(3):
+                    grey[3 * n + color] *= factors[n]
         if is_white:
             choose(3 * columns * row, keys[0], keys[1], chosen)
             for n in range(3 * columns):

@@ -57,7 +57,7 @@ class Rays:
         self._shadows = shadows
         self.x_mm, self.y_mm = optical_grid(gel)
         self.pitch_mm = float(self.x_mm[1] - self.x_mm[0])
-        self.rest_mm = _rest_mm(camera, gel)
+        self.rest_mm = rest_surface_mm(camera, gel)
         self._highest_mm = max(0.0, float(self.rest_mm.max()))
         self._across = _sample_slopes(COLUMNS, camera.middle[1], camera.focal_px)
         self._down = _sample_slopes(ROWS, camera.middle[0], camera.focal_px)
@@ -216,7 +216,7 @@ def _level_mm(gel: Elastomer) -> np.ndarray:
     return gel.rest_surface_mm(*np.meshgrid(*optical_grid(gel)))
 
 
-def _rest_mm(camera: Camera, gel: Elastomer) -> np.ndarray:
+def rest_surface_mm(camera: Camera, gel: Elastomer) -> np.ndarray:
     """(G) float32 z of the gel at rest, mm."""
     level = _level_mm(gel)
     if camera.is_level:

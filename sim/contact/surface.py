@@ -1,0 +1,113 @@
+"""The surface of a contact on other axes than the contact's grid, for images."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from t2twin.core.jit import compiled
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.grid import dilated
+from t2twin.sim.contact.heights import raise_to_shape
+from t2twin.sim.contact.types import Contact
+from t2twin.sim.splines import on_lines
+
+NEAR_CELLS = 3
+"""Cells of the contact's grid around the loaded ones in which `surface_on` samples the shape."""
+
+BACKWARD_STEPS, BACKWARD_MM = 40, 1e-4
+"""Limit on the fixed-point steps to the place from which a point of the surface has come, and the
+change, mm, at which they end. Each is half a step: behind a shape that has slid far the surface is
+stretched to twice its length, where full steps oscillate."""
+
+
+def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """A contact's surface deflection on other axes, (y, x) float32, mm.
+
+    Between the contact's grid points the surface is a bicubic spline. Under the shape it is raised
+    to the shape, which no surface may penetrate, so that edges finer than the grid stay sharp. The
+    surface of a contact that has moved is lowered and displaced by the shear.
+    """
+    surface = on_lines(contact.surface_mm, contact.y_mm, contact.x_mm, y_mm, x_mm)
+    axes = x_mm.tobytes(), y_mm.tobytes()
+    near = (
+        dilated(contact.pressure_kpa > 0, NEAR_CELLS),
+        _nearest_cells(contact.y_mm.tobytes(), axes[1]),
+        _nearest_cells(contact.x_mm.tobytes(), axes[0]),
+    )
+    apex = _rest_surface(contact.elastomer, *axes) + np.float32(contact.shape_depth_mm)
+    raise_to_shape(
+        surface, contact.shape.surface, contact.command, x_mm, y_mm, apex, near, contact.shift
+    )
+    return surface if contact.motion is None else _sheared(surface, contact, x_mm, y_mm)
+
+
+def _sheared(
+    surface: np.ndarray, contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray
+) -> np.ndarray:
+    """The surface where the shear has moved it, (y, x) float32, mm."""
+    sheared = np.ascontiguousarray(contact.sheared_mm, np.float32)
+    back = np.empty((2, *sheared.shape[1:]), np.float32)
+    _origins(sheared, contact.pitch_mm, back)
+    moved = np.empty_like(surface)
+    coarse = float(contact.x_mm[0]), float(contact.y_mm[0]), contact.pitch_mm
+    _resample(surface, sheared[2], back, *coarse, x_mm, y_mm, moved)
+    return moved
+
+
+@compiled("f4(f4[:, :], f8, f8)", nogil=True)
+def _between(values, row, column):
+    """Linear interpolation; beyond the rim the value at the rim."""
+    row = min(max(row, 0.0), values.shape[0] - 1.0)
+    column = min(max(column, 0.0), values.shape[1] - 1.0)
+    i, j = min(int(row), values.shape[0] - 2), min(int(column), values.shape[1] - 2)
+    down, across = np.float32(row - i), np.float32(column - j)
+    left = values[i, j] + down * (values[i + 1, j] - values[i, j])
+    right = values[i, j + 1] + down * (values[i + 1, j + 1] - values[i, j + 1])
+    return left + across * (right - left)
+
+
+@compiled("void(f4[:, :, ::1], f8, f4[:, :, ::1])", nogil=True)
+def _origins(sheared, pitch, back):
+    """Write the displacement along x and y, mm, of the points that have come to each grid point."""
+    for i in range(sheared.shape[1]):
+        for j in range(sheared.shape[2]):
+            x, y = sheared[0, i, j], sheared[1, i, j]
+            for _ in range(BACKWARD_STEPS):
+                row, column = i - y / pitch, j - x / pitch
+                dx = (_between(sheared[0], row, column) - x) / 2
+                dy = (_between(sheared[1], row, column) - y) / 2
+                x, y = x + dx, y + dy
+                if abs(dx) + abs(dy) < BACKWARD_MM:
+                    break
+            back[0, i, j], back[1, i, j] = x, y
+
+
+@compiled(
+    "void(f4[:, ::1], f4[:, ::1], f4[:, :, ::1], f8, f8, f8, f8[::1], f8[::1], f4[:, ::1])",
+    nogil=True,
+)
+def _resample(surface, lowered, back, first_x, first_y, pitch, x_mm, y_mm, moved):
+    """Write the surface, lowered by the shear, where its points have come from."""
+    fine = x_mm[1] - x_mm[0]
+    for i in range(y_mm.size):
+        row = (y_mm[i] - first_y) / pitch
+        for j in range(x_mm.size):
+            column = (x_mm[j] - first_x) / pitch
+            x, y = _between(back[0], row, column), _between(back[1], row, column)
+            moved[i, j] = _between(surface, i - y / fine, j - x / fine)
+            moved[i, j] += _between(lowered, row - y / pitch, column - x / pitch)
+
+
+@lru_cache(maxsize=8)
+def _nearest_cells(centers: bytes, places: bytes) -> np.ndarray:
+    """(n,) int64 index of the nearest of equally spaced centers to each place; both float64."""
+    at = np.frombuffer(centers)
+    steps = np.rint((np.frombuffer(places) - at[0]) / (at[1] - at[0]))
+    return np.clip(steps, 0, at.size - 1).astype(np.int64)
+
+
+@lru_cache(maxsize=8)
+def _rest_surface(elastomer: Elastomer, x_mm: bytes, y_mm: bytes) -> np.ndarray:
+    """(y, x) float32 undeformed surface over axes of float64, mm."""
+    x, y = np.meshgrid(np.frombuffer(x_mm), np.frombuffer(y_mm))
+    return elastomer.rest_surface_mm(x, y).astype(np.float32)

@@ -1,0 +1,265 @@
+"""Markers on the DIGIT's gel: their places, how images show them, and where they are recorded."""
+
+import json
+import pickle
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from t2twin import Markers, Twin
+from t2twin.cli import main
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.contact.types import SurfaceShift
+from t2twin.sim.digit import rendered
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera import response
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, optical_grid
+from t2twin.sim.digit.markers import INK_REFLECTANCE, MarkerImage
+from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.sensors import Digit
+
+X_MM, Y_MM = optical_grid()
+FLAT = np.zeros((Y_MM.size, X_MM.size), dtype=np.float32)
+FLAT_GEL = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
+GAMMA = 2.2
+HALF = 10
+"""Half the side of a window around a marker, px: less than half the pitch, more than a radius."""
+
+
+def uniform(x_mm: float, y_mm: float) -> SurfaceShift:
+    """A shift of the whole surface."""
+    values = np.zeros((2, Y_MM.size, X_MM.size))
+    values[0], values[1] = x_mm, y_mm
+    return SurfaceShift(X_MM, Y_MM, values)
+
+
+def covered(shade: np.ndarray) -> np.ndarray:
+    """The part of each pixel that markers cover, from the factors of the grey levels."""
+    return (1.0 - shade.astype(float) ** GAMMA) / (1.0 - INK_REFLECTANCE)
+
+
+def spots(dark: np.ndarray, centers_px: np.ndarray):
+    """Sums and centroids, px, of the darkness around markers inside the image, and which these are.
+
+    centers_px: (n, 2) rows and columns.
+    """
+    first = np.rint(centers_px).astype(int) - HALF
+    size = 2 * HALF + 1
+    inside = ((first >= 0) & (first + size <= (ROWS, COLUMNS))).all(axis=1)
+    sums, centroids = [], []
+    for row, column in first[inside]:
+        part = dark[row : row + size, column : column + size]
+        rows, columns = np.indices(part.shape)
+        sums.append(part.sum())
+        centroids.append(
+            (row + (part * rows).sum() / sums[-1], column + (part * columns).sum() / sums[-1])
+        )
+    return np.array(sums), np.array(centroids), inside
+
+
+def seen(places_mm: np.ndarray, gel=DIGIT_GEL) -> np.ndarray:
+    """(n, 2) rows and columns of points of the gel at rest."""
+    x, y = places_mm.T
+    return np.stack(DIGIT_CAMERA.project(x, y, gel.rest_surface_mm(x, y)), axis=-1)
+
+
+@pytest.fixture(scope="module")
+def optics():
+    return {m: DigitOptics(Calibration.load(), markers=m) for m in (None, Markers())}
+
+
+# the pattern
+
+
+def test_markers_at_rest_lie_on_the_pitch_grid_and_cover_the_image():
+    markers = Markers(pitch_mm=1.1)
+    steps = markers.rest_mm / 1.1
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-9)
+    assert len(np.unique(np.rint(steps), axis=0)) == len(steps)
+    half = np.array(DIGIT_CAMERA.seen_half_extent_mm())
+    assert (markers.rest_mm.max(axis=0) > half).all()
+    assert (markers.rest_mm.min(axis=0) < -half).all()
+
+
+def test_jitter_is_of_the_seed_and_limited():
+    grid, one, other = (
+        Markers(jitter_mm=j, seed=s).rest_mm for j, s in ((0, 1), (0.2, 1), (0.2, 2))
+    )
+    offset = one - grid
+    assert 0.15 < np.abs(offset).max() <= 0.2
+    assert offset.std() == pytest.approx(0.2 / np.sqrt(3), rel=0.1)
+    assert not np.array_equal(one, other)
+    np.testing.assert_array_equal(one, Markers(jitter_mm=0.2, seed=1).rest_mm)
+
+
+def test_the_record_is_a_value():
+    one = Markers(2.0, 0.4, 0.1, 3)
+    assert one.rest_mm.size  # cached values do not change the record
+    assert pickle.loads(pickle.dumps(one)) == one == Markers(2.0, 0.4, 0.1, 3)
+    pitch: Any = np.float32(2.0)
+    seed: Any = np.int64(3)
+    assert json.loads(json.dumps(asdict(Markers(pitch, seed=seed))))["seed"] == 3
+    assert hash(one) == hash(Markers(2.0, 0.4, 0.1, 3)) and one != Markers()
+    digit = pickle.loads(pickle.dumps(Digit(markers=one)))
+    assert digit == Digit(markers=one) and digit != Digit()
+    np.testing.assert_array_equal(digit.background_frame(), Digit(markers=one).optics.background)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"pitch_mm": 0.1}, "pitch_mm is 0.1; expected a number from 0.5 to 8"),
+        ({"pitch_mm": np.nan}, "pitch_mm is nan; expected a finite number"),
+        ({"pitch_mm": "1"}, "pitch_mm is '1' of type str; expected a number"),
+        ({"diameter_mm": 1.5}, "diameter_mm is 1.5; expected a number from 0.05 to 1.4"),
+        ({"jitter_mm": 0.5}, "jitter_mm is 0.5; expected a number from 0 to 0.45"),
+        ({"seed": -1}, "the seed is -1; it must be a whole number"),
+    ],
+)
+def test_invalid_patterns_are_refused(given, message):
+    with pytest.raises(T2TwinError, match=message):
+        Markers(**given)
+
+
+@pytest.mark.parametrize("markers", [1.4, "yes", {"pitch_mm": 1.4}])
+def test_anything_but_a_pattern_is_refused(markers):
+    for make in (Twin, Digit):
+        with pytest.raises(T2TwinError, match="expected an object of the class Markers"):
+            make(markers=markers)
+
+
+# how the image shows them
+
+
+def test_each_marker_has_its_area_wherever_it_lies_between_pixels():
+    image = MarkerImage(Markers(), DIGIT_CAMERA, FLAT_GEL, FLAT, GAMMA)
+    area = np.pi * (Markers().diameter_mm / 2 * DIGIT_CAMERA.scale_px_per_mm) ** 2
+    for shift in np.random.default_rng(0).uniform(-0.1, 0.1, (20, 2)):
+        dark = covered(image.shade(FLAT, uniform(*shift)))
+        sums, _, _ = spots(dark, seen(Markers().rest_mm + shift, FLAT_GEL))
+        assert sums.size > 60
+        np.testing.assert_allclose(sums, area, rtol=2e-3)
+
+
+def test_stretch_and_shear_make_ellipses_of_their_area_and_axes():
+    gradient = np.array([[0.3, 0.4], [-0.1, -0.2]])  # du/dX
+    values = np.einsum("ij,jyx->iyx", gradient, np.stack(np.meshgrid(X_MM, Y_MM)))
+    image = MarkerImage(Markers(), DIGIT_CAMERA, FLAT_GEL, FLAT, GAMMA)
+    dark = covered(image.shade(FLAT, SurfaceShift(X_MM, Y_MM, values)))
+    radius_px = Markers().diameter_mm / 2 * DIGIT_CAMERA.scale_px_per_mm
+    deformation = np.eye(2) + gradient
+    middle = dark[ROWS // 2 - HALF : ROWS // 2 + HALF, COLUMNS // 2 - HALF : COLUMNS // 2 + HALF]
+    rows, columns = np.indices(middle.shape) - (HALF - 0.5)
+    area = np.pi * radius_px**2 * np.linalg.det(deformation)
+    assert middle.sum() == pytest.approx(area, rel=5e-3)
+    places = np.stack([columns, rows])
+    moments = np.einsum("iyx,jyx,yx->ij", places, places, middle) / middle.sum()
+    # of an ellipse that is the image of a disc; each pixel adds 1/12 along both axes
+    expected = radius_px**2 / 4 * deformation @ deformation.T + np.eye(2) / 12
+    np.testing.assert_allclose(moments, expected, rtol=0.02)
+
+
+def test_a_shift_of_the_surface_moves_the_markers_in_the_image_by_it(optics):
+    marked = optics[Markers()]
+    for x_mm, y_mm in ((0.0, 0.0), (0.37, 0.0), (-0.21, 0.53)):
+        image = marked.render(FLAT, shift=uniform(x_mm, y_mm))
+        light, plain = (
+            response.linear(i, GAMMA).sum(axis=2) for i in (image, optics[None].background)
+        )
+        places = Markers().moved_mm(uniform(x_mm, y_mm))
+        np.testing.assert_allclose(
+            places - Markers().rest_mm, [[x_mm, y_mm]] * len(places), atol=1e-6
+        )
+        expected = seen(places)
+        _, found, inside = spots(1.0 - light / plain, expected)
+        assert inside.sum() > 60
+        np.testing.assert_allclose(found, expected[inside], atol=0.1)
+
+
+def test_without_markers_images_keep_their_bytes(optics):
+    surface = 0.8 * np.exp(-(np.hypot(X_MM, Y_MM[:, None]) ** 2) / 4).astype(np.float32)
+    plain, marked = (optics[m].render(surface) for m in (None, Markers()))
+    shifted = optics[None].render(surface, shift=uniform(0.5, 0.5))
+    np.testing.assert_array_equal(shifted, plain)
+    np.testing.assert_array_equal(Digit(markers=None).background_frame(), optics[None].background)
+    changed = (marked != plain).any(axis=2)
+    assert 0.08 < changed.mean() < 0.15  # of the area: pi / 4 (0.5 / 1.4)^2 is 0.10
+    assert (marked[changed] <= plain[changed]).all()
+
+
+def test_both_renderers_show_the_markers_at_the_same_places(shapes, monkeypatch):
+    monkeypatch.setattr(rendered, "LED_POINTS", 1)
+    twins = [Twin(optics=optics, markers=True) for optics in ("baked", "pyrender")]
+    plain = [Twin(optics=optics) for optics in ("baked", "pyrender")]
+    found = []
+    for marked, bare in zip(twins, plain, strict=True):
+        touch, without = (
+            t.press(shapes("hemisphere-4"), force_n=3.0, y_mm=1.0) for t in (marked, bare)
+        )
+        light, full = (response.linear(t.image, GAMMA).sum(axis=2) for t in (touch, without))
+        rest, moved = Markers().seen_px(DIGIT_CAMERA, touch.digit)
+        np.testing.assert_allclose(rest, seen(Markers().rest_mm))
+        _, centroids, inside = spots(1.0 - light / full, moved)
+        np.testing.assert_allclose(centroids, moved[inside], atol=0.5)
+        found.append(centroids)
+    assert len(found[0]) > 60
+    np.testing.assert_allclose(found[0], found[1], atol=0.1)
+    np.testing.assert_array_equal(twins[0].background, twins[1].background)
+
+
+# touches, folders and commands
+
+
+def test_a_slide_drags_the_markers_along(shapes):
+    markers = Markers(pitch_mm=2.0)
+    twin = Twin(markers=markers)
+    touch = twin.press(shapes("hemisphere-4"), force_n=3.0)
+    press_mm = touch.markers_mm
+    middle = np.hypot(*markers.rest_mm.T) == 0
+    np.testing.assert_allclose(press_mm[middle], 0.0, atol=1e-3)
+    assert 0.01 < np.abs(press_mm - markers.rest_mm).max() < 0.5
+    moved = twin.slide(touch, dx_mm=0.2, steps=1)[0]
+    change = moved.markers_mm - press_mm
+    assert change[middle][0] == pytest.approx([0.2, 0.0], abs=0.01)  # it sticks to the shape
+    far = np.abs(markers.rest_mm[:, 1]) > 7
+    assert np.abs(change[far]).max() < 0.03
+    lifted = twin.follow(shapes("hemisphere-4"), [(0, 0, 0, 3.0), (0, 0, 0, 0)])[-1]
+    np.testing.assert_array_equal(lifted.markers_mm, markers.rest_mm)
+    np.testing.assert_array_equal(lifted.image, twin.background)
+
+
+def test_a_touch_without_markers_has_no_places(shapes):
+    touch = Twin().press(shapes("hemisphere-4"), force_n=1.0)
+    with pytest.raises(T2TwinError, match="has no markers; expected a twin with markers=True"):
+        _ = touch.markers_mm
+
+
+def table(path):
+    """The header and the values of a CSV file."""
+    return path.read_text().splitlines()[0].split(","), np.loadtxt(path, delimiter=",", skiprows=1)
+
+
+def test_press_and_slide_record_the_markers(shape_cache, tmp_path, capsys):
+    given = ["hemisphere-4", "--force-n", "2", "--sensor", "digit", "--marker-pitch-mm", "2"]
+    main(["press", *given, "--out", "press"])
+    press = json.loads((tmp_path / "press" / "press.json").read_text())
+    assert press["digit"]["markers"] == asdict(Markers(2.0))
+    names, values = table(tmp_path / "press" / "markers.csv")
+    assert names == ["marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm"]
+    np.testing.assert_allclose(values[:, 1:3], Markers(2.0).rest_mm)
+    main(["slide", *given, "--dx-mm", "0.2", "--steps", "2", "--out", "slide"])
+    names, values = table(tmp_path / "slide" / "markers.csv")
+    assert names == ["step", "marker", "rest_x_mm", "rest_y_mm", "x_mm", "y_mm"]
+    count = len(Markers(2.0).rest_mm)
+    np.testing.assert_array_equal(values[:, 0], np.repeat([0, 1, 2], count))
+    first, last = values[:count], values[-count:]
+    assert np.abs(last[:, 4:] - first[:, 4:]).max() == pytest.approx(0.2, abs=0.02)
+    header = (tmp_path / "slide" / "slide.csv").read_text().splitlines()[0]
+    assert header.endswith("marker_pitch_mm,marker_diameter_mm,marker_jitter_mm,marker_seed")
+    with pytest.raises(SystemExit):
+        main(["press", *given[:-1], "0.1", "--out", "bad"])
+    errors = [line for line in capsys.readouterr().err.splitlines() if "pitch_mm" in line]
+    assert len(errors) == 1 and "pitch_mm is 0.1; expected a number from 0.5 to 8" in errors[0]
