@@ -1,11 +1,12 @@
 import os
+import pickle
 import shutil
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from ball_frames import write_frames
+from ball_frames import BALL_MM, HELD_OUT, write_frames
 from moving import write_recipe
 from session import SESSION, Products, start
 
@@ -87,6 +88,19 @@ def shape_cache(session_folder):
 def unit(products):
     """Frames of a DIGIT whose light is known."""
     return products.make("unit", write_frames)
+
+
+@pytest.fixture(scope="session")
+def calibrated(unit, products):
+    """What is fitted to the unit's frames, with its uncertainty."""
+    from t2twin.sim.digit.calibrate.calibrate import calibrate
+
+    def build(folder):
+        folder.mkdir()
+        fitted = calibrate(unit / "background.png", unit, BALL_MM, HELD_OUT)
+        (folder / "report.pickle").write_bytes(pickle.dumps(fitted))
+
+    return pickle.loads((products.make("calibrated", build) / "report.pickle").read_bytes())
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.ball import write_ball
 from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.dataset.store import read_info
+from t2twin.sim.digit.calibrate.calibrate import DEFAULT_TOLERANCE
+from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.sensors import SensorPair
 from t2twin.translate.runs.pretrained import HOME
 from t2twin.translate.training.train import train
@@ -84,10 +86,19 @@ def briefly(model, data_dir, preset, out_dir, minutes, init_from):
 
 
 @pytest.fixture(scope="module")
-def adapted_run(unit, tmp_path_factory):
+def adapted_run(unit, calibrated, tmp_path_factory):
+    """An adaptation on few shapes, with the calibration that other tests use too."""
     out = tmp_path_factory.mktemp("adapted") / "out"
+
+    def calibrate(background, presses, ball_diameter_mm, held_out, camera, report, tolerance):
+        assert (background, presses) == (unit / "background.png", unit)
+        assert (ball_diameter_mm, held_out) == (BALL_MM, HELD_OUT)
+        assert (camera, tolerance) == (Camera(), DEFAULT_TOLERANCE)
+        return calibrated
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pipeline, "SHAPES_PER_MINUTE", 25)
+        patch.setattr(pipeline, "calibrate", calibrate)
         patch.setattr(pipeline, "train", briefly)
         said: list[str] = []
         adapted = adapt(

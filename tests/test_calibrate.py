@@ -40,9 +40,9 @@ def run(*arguments, code=0):
     assert status == code
 
 
-@pytest.fixture(scope="session")
-def report(unit):
-    return calibrate(unit / "background.png", unit, BALL_MM, HELD_OUT, tolerance=None)
+@pytest.fixture
+def report(calibrated):
+    return calibrated
 
 
 def test_places_and_depths_are_found_again(report):

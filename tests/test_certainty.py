@@ -14,9 +14,12 @@ from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.fit import BallFit, State
 from t2twin.sim.digit.calibrate.forces import BallForces, fit_young_mpa
 from t2twin.sim.digit.calibrate.measurements import FORCES, Tolerance, read_measurements
 from t2twin.sim.digit.calibrate.record import uncertainty_lines
+from t2twin.sim.digit.calibrate.ridge import FIRST_TERMS
+from t2twin.sim.digit.calibrate.samples import START
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit
@@ -214,7 +217,11 @@ def test_displacements_of_held_out_presses_alone_are_refused(twin_frames, tmp_pa
     assert "held-out presses only" in refused(folder)
 
 
-def test_displacements_in_another_unit_are_refused(twin_frames, tmp_path_factory):
+def test_displacements_in_another_unit_are_refused(twin_frames, tmp_path_factory, monkeypatch):
+    """The depths that a fit would find are given, as the fit takes long."""
+    poses = TRUE_POSES[: PRESSES - 1]
+    found = State(START, poses, FIRST_TERMS, np.zeros((3, FIRST_TERMS.entries)), 0.0)
+    monkeypatch.setattr(BallFit, "fit", lambda self, start=None: found)
     folder = copy_of(twin_frames, tmp_path_factory)
     table(folder, ("depth_mm", TRUE_POSES[:, 2] / 10))
     assert "do not fit the frames at any scale" in refused(folder)

@@ -2,24 +2,20 @@
 
 import os
 import re
-import signal
 import socket
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator
-from contextlib import chdir, contextmanager
+from contextlib import chdir
 from functools import cache
 from pathlib import Path
 
 import pytest
 from cases import REFUSED, Base, Case
+from waiting import no_hang
 
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
-
-PATIENCE_S = 120
-"""Longest duration of a case, s; longer is a hang. Other processes may share the cores."""
 
 EXCEPTION = re.compile(r"\b[A-Z]\w*[a-z](?:Error|Exception|Warning)\b")
 """Names of Python's exceptions, which no message may contain."""
@@ -32,10 +28,6 @@ LOCAL: set[int] = set()
 
 connections: list[str] = []
 """Other addresses that this process looked up or connected to, without local sockets."""
-
-
-class HangError(BaseException):
-    """A case took too long."""
 
 
 def attempt(case: Case, base: Base, box: Path, capfd: pytest.CaptureFixture) -> list[str]:
@@ -72,7 +64,7 @@ def _run(case: Case, base: Base, box: Path) -> tuple[int, list[str]]:
     """Exit status and faults."""
     faults: list[str] = []
     status = 0
-    with chdir(box), _time_limit(), warnings.catch_warnings():
+    with chdir(box), no_hang(), warnings.catch_warnings():
         warnings.simplefilter("always")
         try:
             if case.call is None:
@@ -84,8 +76,6 @@ def _run(case: Case, base: Base, box: Path) -> tuple[int, list[str]]:
             status = REFUSED
         except SystemExit as stop:
             status = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
-        except HangError:
-            faults.append(f"took more than {PATIENCE_S} s")
         except BaseException:  # a fault of this case must not stop the next
             faults.append("traceback: " + traceback.format_exc().strip()[-600:])
     return status, faults
@@ -131,17 +121,3 @@ def _listing(box: Path) -> dict[str, tuple]:
             () if is_folder else (about.st_size, about.st_mtime_ns)
         )
     return listing
-
-
-@contextmanager
-def _time_limit() -> Iterator[None]:
-    def stop(number: int, frame: object) -> None:
-        raise HangError
-
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(PATIENCE_S)
-    try:
-        yield
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)

@@ -1,66 +1,17 @@
-"""Cached files that are damaged: they are made again, without a message."""
+"""Caches and results that are damaged: they are made again; tests/test_checksum.py has more."""
 
-import importlib.util
 import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-from cases import DAMAGES, Base, Case, Copy, edit, laid, put
+from cases import Case, Copy, laid
 from files import DATA, RUN
 from pictures import PNG
-from solids import STL
 from stored import USERS
 
-import t2twin
-from t2twin.core.cache_dir import VARIABLE
-from t2twin.core.cached_files import cached_array, write_checked
-from t2twin.primitives_cad import catalogue
-from t2twin.sim.contact import mujoco_pins
 from t2twin.sim.dataset.store import sha256_of
-
-LOOPS = "from t2twin.core.jit import compiled\n" + "".join(
-    f"@compiled('f8(f8)')\ndef {name}(x):\n    return {factor} * x\n"
-    for name, factor in (("twice", 2.0), ("thrice", 3.0))
-)
-
-
-def _machine_code(box: Path, base) -> np.ndarray:
-    specification = importlib.util.spec_from_file_location("loops", box / "loops.py")
-    assert specification is not None and specification.loader is not None
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    (box / "cache/code").mkdir(parents=True, exist_ok=True)
-    for loop in (module.twice, module.thrice):
-        loop._cache._folder = box / "cache/code"  # not the folder of this process
-    return np.array([module.twice(1.5), module.thrice(1.5)])
-
-
-def _other(path: Path) -> None:
-    """Takes the content of another cached file, or that of a valid file of its kind."""
-    others = [each for each in path.parent.iterdir() if each != path and each.is_file()]
-    if others:
-        put(path, others[0].read_bytes())
-    else:
-        write_checked(path.with_name("other"), b"another file")
-        path.with_name("other").replace(path)
-
-
-CACHED_DAMAGES = DAMAGES | {
-    "cut": edit(lambda c: c[:-1]), "longer": edit(lambda c: c + b"x"), "another": _other,
-    "flipped": edit(lambda c: c[:-40] + bytes([c[-40] ^ 16]) + c[-39:]),
-}  # fmt: skip
-CACHED: dict[str, Callable[[Path, Base], np.ndarray]] = {
-    "shape": lambda box, base: catalogue.load(
-        box / "x.stl", box / "cache/shapes").surface.heights_mm,
-    "array": lambda box, base: cached_array("arrays", "key", __file__, lambda: np.arange(5.0)),
-    "pins": lambda box, base: mujoco_pins._model(mujoco_pins.MIN_CACHED_PINS).geom_pos,
-    "ONNX file": lambda box, base: t2twin.load(base.resnet18, engine="onnx").predict(
-        np.full((32, 24, 3), 90, np.uint8)).round(-1),  # as PyTorch may replace it
-    "machine code": _machine_code,
-}  # fmt: skip
-"""Functions whose results are cached."""
 
 ARRAYS = (
     b"", b"hello", b"\x93NUMPY\x01\x00v\x00", np.lib.format.magic(1, 0) + b"\x10\x00" + b"{" * 16,
@@ -71,23 +22,6 @@ ARRAYS = (
 
 DECODED = "evaluate {resnet18} --data data --split val --out out"
 REPORT = "report --data {data} --runs {touch2touch} {resnet18} --evaluation evaluation --out out"
-
-
-def _again(compute: Callable, damage: Callable[[Path], object], box: Path, base) -> None:
-    """Computes, damages the cached file, and computes twice again."""
-    before = os.environ.get(VARIABLE)
-    os.environ[VARIABLE] = str(box / "cache")
-    try:
-        first = compute(box, base)
-        files = sorted(path for path in (box / "cache").rglob("*") if path.is_file())
-        assert files, "nothing is cached"
-        damage(files[0])
-        for _ in range(2):
-            np.testing.assert_array_equal(compute(box, base), first)
-    finally:
-        os.environ.pop(VARIABLE)
-        if before is not None:
-            os.environ[VARIABLE] = before
 
 
 def _decoded(write: Callable[[Path], object]) -> Callable[[Path], object]:
@@ -103,11 +37,6 @@ def _decoded(write: Callable[[Path], object]) -> Callable[[Path], object]:
 
 
 def cases() -> Iterator[Case]:
-    for what, compute in CACHED.items():
-        for name, damage in CACHED_DAMAGES.items():
-            call = partial(_again, compute, damage)
-            files = laid({"x.stl": STL, "loops.py": LOOPS})
-            yield Case(f"cached {what}: {name}", "", files, fine=True, call=call)
     for number, array in enumerate(ARRAYS):
         write = partial(np.save, arr=array) if isinstance(array, np.ndarray) else (
             lambda path, array=array: path.write_bytes(array))  # fmt: skip
@@ -116,9 +45,8 @@ def cases() -> Iterator[Case]:
     for write, says in ((os.mkfifo, "a pipe"), (Path.mkdir, "a folder")):
         make = laid(DATA | {"data/info.json": _decoded(write)})
         yield Case(f"decoded images: {says}", DECODED, make, says)
-    for file, content in (("val/metrics.json", ""), ("val/predictions.npz", b"PK")):
-        make = laid({"evaluation": Copy("evaluation"), f"evaluation/{file}": content})
-        yield Case(f"evaluation: {file}", REPORT, make, fine=True)
+    damaged = {"evaluation/val/metrics.json": "", "evaluation/test/predictions.npz": b"PK"}
+    yield Case("evaluation", REPORT, laid({"evaluation": Copy("evaluation")} | damaged), fine=True)
     for content in ("", "[]", '{"images": 3}', '{"images": [{"tactile_image": "../mine.png"}]}',
                     "[" * 100_000):  # fmt: skip
         make = laid(RUN | {"out/counts.json": content, "mine.png": PNG})

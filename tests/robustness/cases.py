@@ -36,8 +36,7 @@ class Case:
 
     command: as in a shell; {data}, {touch2touch}, {resnet18} and {evaluation} are paths of the
     Base. make: writes the files. says: part of the expected sentence, in any case. fine: odd but
-    valid input, so that the call must succeed. statuses: allowed exit statuses of a refusal.
-    call: Python to call instead of a command.
+    valid input, so that the call must succeed. call: Python to call instead of a command.
     """
 
     name: str
@@ -45,8 +44,12 @@ class Case:
     make: Make = lambda box, base: None
     says: str = ""
     fine: bool = False
-    statuses: tuple[int, ...] = (REFUSED,)
     call: Make | None = None
+
+    @property
+    def statuses(self) -> tuple[int, ...]:
+        """Allowed exit statuses of a refusal."""
+        return (REFUSED, BROKEN) if "--verify" in self.command else (REFUSED,)
 
     def words(self, base: Base) -> list[str]:
         words = shlex.split(self.command)

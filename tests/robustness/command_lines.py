@@ -146,8 +146,8 @@ press circle-1 --out 'mein Ordner/für später' | press circle-1 --out ./a/../ou
 TRAIN --seed 9223372036854775807 --epochs 1 | TRAIN --minutes 0.001
 PRESS --seed 0 --imperfections all | PRESS --x-mm 14 --depth-mm 0.5
 PRESS --yaw_deg 3 --sensor=cyskin | PRESS --sensor digit --sensor cyskin
-shapes | --version | --help | simdata --help | doctor | --tyro-print-completion bash
-simdata --verify {data} | export --run {touch2touch} --out x.onnx | report --data {data} --out out
+shapes | --version | --help | simdata --help | --tyro-print-completion bash
+simdata --verify {data} | export --run {touch2touch} --out x.onnx
 """
 
 

@@ -1,7 +1,6 @@
 """Sources and options of `live`: no frames, odd videos, folders that change meanwhile."""
 
 import os
-import threading
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from cases import NOISE, Base, Case, Content, laid, link
 from pictures import JPEG, PNG, bomb, encoded, frame, grey16
-from PIL import Image
 
 from t2twin.core.errors import T2TwinError
 from t2twin.live.folder import FolderSource
@@ -81,87 +79,6 @@ ODD_FOLDERS: tuple[dict[str, Content], ...] = (
 """Files next to the newest frame."""
 
 
-def _frame(number: int) -> bytes:
-    """A frame whose upper half has the grey level 100 + number; noise makes the file large."""
-    image = np.asarray(frame(number)).copy()
-    image[:160] = 100 + number
-    return encoded(Image.fromarray(image))
-
-
-Step = Callable[[Path, int], None]
-"""Writes the frame of a number to a path."""
-
-
-def in_place(path: Path, number: int) -> None:
-    with path.open("wb") as file:
-        for part in np.array_split(np.frombuffer(_frame(number), np.uint8), 4):
-            file.write(part.tobytes())
-            file.flush()
-
-
-def renamed(path: Path, number: int) -> None:
-    path.with_suffix(".tmp").write_bytes(_frame(number))
-    path.with_suffix(".tmp").replace(path)
-
-
-def resized(path: Path, number: int) -> None:
-    size = ((240, 320), (320, 240), (64, 48), (1, 1))[number]
-    path.with_suffix(".tmp").write_bytes(encoded(Image.new("RGB", size, (100 + number,) * 3)))
-    path.with_suffix(".tmp").replace(path)
-
-
-def old(path: Path, number: int) -> None:
-    """A frame that is copied with its time of change."""
-    path.with_suffix(".tmp").write_bytes(_frame(number))
-    os.utime(path.with_suffix(".tmp"), (1000, 1000))
-    path.with_suffix(".tmp").replace(path)
-
-
-def vanishing(path: Path, number: int) -> None:
-    path.write_bytes(_frame(number))
-    path.unlink()
-
-
-def other(path: Path, number: int) -> None:
-    """Entries that are no frames, and a damaged frame."""
-    laid({f"{number}p.png": os.mkfifo, f"{number}f.png": Path.mkdir, f"{number}d.png": PNG[:500],
-          f"{number}l.png": link("/dev/zero")})(path.parent, None)  # pyright: ignore[reportArgumentType]  # fmt: skip
-
-
-CHANGING: tuple[list[tuple[str, Step, bool]], ...] = (
-    *([(name.replace("N", str(n)), write, True) for n in range(9)]
-      for write in (in_place, renamed) for name in ("N.png", "latest.png")),
-    [(f"{n % 3}.png", renamed, True) for n in range(9)], [("latest.png", resized, True)] * 4,
-    [("a.png", renamed, True), ("b.png", old, True)],
-    [(f"{n}.png", vanishing if n < 9 else renamed, n == 9) for n in range(10)],
-    [(f"{n}.png", other if n % 2 else renamed, n % 2 == 0) for n in range(9)],
-)  # fmt: skip
-"""Steps that write to a folder while it is read: file, function, and whether the frame must come
-before the next step."""
-
-
-def _change(steps: list[tuple[str, Step, bool]], box: Path, base: Base) -> None:
-    (box / "frames").mkdir()
-    source = FolderSource(box / "frames", 0, lambda report: None, SHORT_PATIENCE_S)
-    seen: list[int] = []
-    is_seen = threading.Semaphore(0)
-
-    def write() -> None:
-        for number, (name, step, is_awaited) in enumerate(steps):
-            step(box / "frames" / name, number)
-            if is_awaited:
-                is_seen.acquire()
-
-    writer = threading.Thread(target=write, daemon=True)
-    writer.start()
-    while (not seen or seen[-1] < 99 + len(steps)) and (each := source.read()) is not None:
-        seen.append(int(each.image[0, 0, 0]))
-        is_seen.release()
-    writer.join()
-    expected = {100 + number for number, (_, _, is_awaited) in enumerate(steps) if is_awaited}
-    assert seen == sorted(set(seen)) and expected <= set(seen), f"{seen} came, not {expected}"
-
-
 def _gone(change: Callable[[Path], object], box: Path, base: Base) -> None:
     folder = box / "frames"
     folder.mkdir()
@@ -208,9 +125,6 @@ def cases() -> Iterator[Case]:
         yield Case(f"folder {number}", f"{LIVE} d --frames 1", make, fine=True)
     linked = laid(FRAME | {"link": link("d")})
     yield Case("a linked folder", f"{LIVE} link --frames 1", linked, fine=True)
-    for steps in CHANGING:
-        name = f"changes by {steps[0][1].__name__} of {steps[-1][0]}"
-        yield Case(name, call=partial(_change, steps), fine=True)
     for change in (lambda path: None, lambda path: path.write_text("a file")):
         yield Case("a folder that is deleted", call=partial(_gone, change), fine=True)
     for write, says in ((video(0.01, 2), "frames/s"), (video(500.0, 40, part=0.5), "ends after")):

@@ -146,22 +146,18 @@ GOOD_COLUMNS: tuple[tuple[str, Any], ...] = (
 )  # fmt: skip
 
 BAD_PARQUET: tuple[tuple[Content, str], ...] = (
-    (_whole()[:2000], "parquet"),
-    (_whole()[2000:], "parquet"),
-    (_repeated, "MB of rows"),
-    (_parquet(lambda columns: columns.pop("image")), "image"),
-    (_parquet(_empty), ""),
+    (_whole()[:2000], "parquet"), (_whole()[2000:], "parquet"), (_repeated, "MB of rows"),
+    (_parquet(lambda columns: columns.pop("image")), "image"), (_parquet(_empty), ""),
     (_parquet(lambda columns: columns.pop("taxels")), "taxel"),
-)
+)  # fmt: skip
 
 
 def cases() -> Iterator[Case]:
     for number, (content, says) in enumerate(BAD_CSV):
         yield Case(f"pairs.csv {number}, {says}", CSV, laid(PAIRS | {"pairs.csv": content}), says)
     for number, content in enumerate(GOOD_CSV):
-        yield Case(
-            f"valid pairs.csv {number}", CSV, laid(PAIRS | {"pairs.csv": content}), fine=True
-        )
+        files = PAIRS | {"pairs.csv": content}
+        yield Case(f"valid pairs.csv {number}", CSV, laid(files), fine=True)
     bad = [*BAD_PARQUET]
     bad += [(_parquet(lambda c, n=n, v=v: c[n].__setitem__(2, v)), "row 3") for n, v in THIRD]
     bad += [(_parquet(lambda c, n=n, v=v: c.update({n: v})), says) for n, v, says in COLUMNS]

@@ -34,19 +34,14 @@ def encoded(image: Image.Image, kind: str = "PNG", **options: object) -> bytes:
 
 def chunk(name: bytes, content: bytes) -> bytes:
     """A chunk of a PNG file."""
-    return (
-        struct.pack(">I", len(content))
-        + name
-        + content
-        + struct.pack(">I", zlib.crc32(name + content))
-    )
+    check = zlib.crc32(name + content)
+    return struct.pack(">I", len(content)) + name + content + struct.pack(">I", check)
 
 
 def header(width: int, height: int, depth: int = 8, color: int = 2, packing: int = 0) -> bytes:
     """Signature and header chunk of a PNG file."""
-    return SIGNATURE + chunk(
-        b"IHDR", struct.pack(">IIBBBBB", width, height, depth, color, packing, 0, 0)
-    )
+    about = struct.pack(">IIBBBBB", width, height, depth, color, packing, 0, 0)
+    return SIGNATURE + chunk(b"IHDR", about)
 
 
 def black_png(width: int, height: int, rows: int) -> bytes:

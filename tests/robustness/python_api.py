@@ -25,14 +25,11 @@ def _press(number: int) -> bytes:
     return encoded(Image.fromarray(image), compress_level=1)
 
 
+HEAD = "image," + ",".join(f"taxel_{n}" for n in range(20))
 FILES: dict[str, Content] = {
-    "x.png": encoded(Image.fromarray(FRAME)),
-    "pairs.csv": "image,"
-    + ",".join(f"taxel_{n}" for n in range(20))
-    + "\nx.png"
-    + ",1" * 20
-    + "\n",
-} | {f"presses/{number}.png": _press(number) for number in range(9)}
+    "x.png": encoded(Image.fromarray(FRAME)), "pairs.csv": f"{HEAD}\nx.png{',1' * 20}\n",
+    **{f"presses/{number}.png": _press(number) for number in range(9)},
+}  # fmt: skip
 
 VALUES: dict[str, dict[str, object]] = {
     "number": {"text": "8", "a list": [8.0], "an array": np.ones(3), "complex": 8j, "True": True,
@@ -51,12 +48,8 @@ VALUES: dict[str, dict[str, object]] = {
 VALUES["optional path"] = {k: v for k, v in VALUES["path"].items() if v is not None}
 """Bad values by the kind of an argument."""
 
-SAYS = {
-    "path": "expected a",
-    "optional path": "expected a",
-    "list": "expected",
-    "object": "expected",
-}
+SAYS = {"path": "expected a", "optional path": "expected a", "list": "expected",
+        "object": "expected"}  # fmt: skip
 
 
 @cache
@@ -213,17 +206,13 @@ FINE: tuple[Callable[[Base], object], ...] = (
 
 
 def _call(function: str, name: str, value: object, box: Path, base: Base) -> object:
+    def filled(good: Any) -> Any:
+        if isinstance(good, list):
+            return [filled(each) for each in good]
+        return str(getattr(base, good[1:-1])) if str(good)[:1] == "{" else good
+
     call, arguments, _ = FUNCTIONS[function]
-    paths = {f"{{{key}}}": str(path) for key, path in vars(base).items()}
-    valid = {
-        key: [paths.get(each, each) for each in good]
-        if isinstance(good, list)
-        else paths.get(good, good)
-        if isinstance(good, str)
-        else good
-        for key, good in arguments.items()
-    }
-    return call(**valid | {name: value})
+    return call(**{key: filled(good) for key, good in arguments.items()} | {name: value})
 
 
 def _check(call: Callable[[Base], object], box: Path, base: Base) -> None:

@@ -8,24 +8,23 @@ import json
 import os
 import signal
 import subprocess
-import sys
+import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
+from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import pytest
 from cases import Content, laid
-from pairs import PAIRS
-from pictures import PNG, encoded, frame
-from recipes import RECIPE
+from forked import end_of, start
+from session import Products
 
 pytestmark = pytest.mark.exhaustive
 
 STATUS = {signal.SIGKILL: -9, signal.SIGTERM: 143, signal.SIGINT: 130}
-PATIENCE_S = 120
-"""Longest duration of a command, s; longer is a hang."""
 
 STOPS = ((signal.SIGKILL, 0.6), (signal.SIGTERM, 0.7), (signal.SIGINT, 0.4))
 """Signals, and their moments as parts of the undisturbed duration."""
@@ -48,9 +47,6 @@ class Command:
     resumes: bool = False
 
 
-WORLD = RECIPE.replace("count = 1", "count = 6").replace("presses = 1", "presses = 4")
-"""Recipe of a world of a few pairs."""
-
 COMMANDS = {
     "simdata": Command("simdata --world mine.toml --workers 2", kilobytes=600, resumes=True),
     "train": Command("train resnet18 --data {data} --preset smoke --epochs 4", "out", 4000, True),
@@ -62,64 +58,53 @@ COMMANDS = {
 }
 
 
+@cache
+def inputs() -> dict[str, Content]:
+    """Pairs, frames, and the recipe of a world of a few pairs."""
+    from pairs import PAIRS
+    from pictures import PNG, encoded, frame
+    from recipes import RECIPE
+
+    world = RECIPE.replace("count = 1", "count = 6").replace("presses = 1", "presses = 4")
+    frames = {f"frames/{n}.png": encoded(frame(n)) for n in range(40)}
+    return {**PAIRS, "mine.toml": world, "frames/last.png": PNG, **frames}
+
+
 class Bench:
-    """A command with its undisturbed results and duration."""
+    """A command with its undisturbed results and duration, which all workers share."""
 
-    def __init__(self, command: Command, words: list[str], folder: Path) -> None:
-        self.command, self._words, self._folder, self._number = command, words, folder, 0
-        self._files: dict[str, Content] = PAIRS | {"mine.toml": WORLD}
-        self._files |= {f"frames/{n}.png": encoded(frame(n)) for n in range(40)}
-        self._files |= {"frames/last.png": PNG}
-        box = self.box()
-        process = self.start(box)
-        started = os.times().elapsed
-        assert end_of(process)[0] == 0
-        self.seconds, self.wanted = os.times().elapsed - started, box / command.out
+    def __init__(self, name: str, words: list[str], folder: Path, products: Products) -> None:
+        self.command, self._words, self._folder, self._number = COMMANDS[name], words, folder, 0
+        done = products.make(f"undisturbed/{name}", self._run_undisturbed)
+        self.wanted = done / "box" / self.command.out
+        self.seconds = float((done / "seconds").read_text())
 
-    def box(self) -> Path:
+    def _run_undisturbed(self, folder: Path) -> None:
+        box, started = self.box(folder / "box"), time.monotonic()
+        status, printed = end_of(self.start(box), box)
+        assert status == 0, printed
+        (folder / "seconds").write_text(str(time.monotonic() - started))
+
+    def box(self, box: Path | None = None) -> Path:
         """A new folder with the inputs."""
         self._number += 1
-        box = self._folder / str(self._number)
-        box.mkdir()
-        laid(self._files)(box, None)  # pyright: ignore[reportArgumentType]
+        box = box or self._folder / str(self._number)
+        box.mkdir(parents=True)
+        laid(inputs())(box, None)  # pyright: ignore[reportArgumentType]
         return box
 
-    def start(self, box: Path, out: str = "") -> subprocess.Popen[str]:
-        return subprocess.Popen(
-            [sys.executable, "-m", "t2twin", *self._words, "--out", out or self.command.out],
-            cwd=box, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            start_new_session=True, preexec_fn=_default_signals,
-        )  # fmt: skip
+    def start(self, box: Path, out: str = "") -> ForkServerProcess:
+        return start([*self._words, "--out", out or self.command.out], box)
 
     def check_again(self, box: Path, out: str = "") -> None:
         """Runs the command once more, undisturbed, and compares the results."""
-        status, printed = end_of(self.start(box, out))
+        status, printed = end_of(self.start(box, out), box)
         assert status == 0, printed
         self.check_results(box, out)
 
     def check_results(self, box: Path, out: str = "") -> None:
         assert digests(box / (out or self.command.out)) == digests(self.wanted)
         assert left_overs(box) == []
-
-
-def _default_signals() -> None:
-    """In the child process: signals stop it, though a shell had it ignore some."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, signal.SIG_DFL)
-
-
-def end_of(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Exit status and printed text, once no process of the command is left."""
-    try:
-        out, err = process.communicate(timeout=PATIENCE_S)
-        with pytest.raises(ProcessLookupError):
-            for _ in range(PATIENCE_S * 20):
-                os.killpg(process.pid, 0)
-                signal.sigtimedwait([], 0.05)
-    except BaseException:
-        os.killpg(process.pid, signal.SIGKILL)
-        raise
-    return process.returncode, out + err
 
 
 def left_overs(box: Path) -> list[str]:
@@ -167,11 +152,10 @@ RESUMING = [name for name, command in COMMANDS.items() if command.resumes]
 
 
 @pytest.fixture(scope="module")
-def bench(request, small_dataset, trained, tmp_path_factory):
-    command = COMMANDS[request.param]
+def bench(request, small_dataset, trained, products, tmp_path_factory):
     paths = {"{data}": small_dataset, "{run}": trained("resnet18", small_dataset, 1)}
-    words = [str(paths.get(word, word)) for word in command.words.split()]
-    return Bench(command, words, tmp_path_factory.mktemp(request.param))
+    words = [str(paths.get(word, word)) for word in COMMANDS[request.param].words.split()]
+    return Bench(request.param, words, tmp_path_factory.mktemp(request.param), products)
 
 
 @pytest.mark.parametrize(
@@ -186,11 +170,11 @@ def bench(request, small_dataset, trained, tmp_path_factory):
 def test_a_stopped_command_can_be_repeated(bench, number, moment):
     box = bench.box()
     process = bench.start(box)
-    try:
-        process.wait(moment * bench.seconds)
-    except subprocess.TimeoutExpired:
-        process.send_signal(number)
-    status, printed = end_of(process)
+    process.join(moment * bench.seconds)
+    if process.is_alive():
+        assert process.pid is not None
+        os.kill(process.pid, number)
+    status, printed = end_of(process, box)
     out = box / bench.command.out
     is_complete = out.exists() and digests(out) == digests(bench.wanted)
     # At its very end Python has given the signals back to the system.
@@ -217,7 +201,7 @@ def test_a_full_and_a_read_only_disk_are_reported(bench, is_full):
     with small_disk(box, bench.command.kilobytes if is_full else 1000) as disk:
         if not is_full:
             _mount("-o", "remount,ro", str(disk))
-        status, printed = end_of(bench.start(box, out))
+        status, printed = end_of(bench.start(box, out), box)
         says = ("no space left", "no room") if is_full else ("read-only",)
         assert status == 2 and any(each in printed.lower() for each in says), printed
         assert "Traceback" not in printed and printed.count("t2twin: ") == 1, printed
@@ -231,7 +215,7 @@ def test_a_full_and_a_read_only_disk_are_reported(bench, is_full):
 @pytest.mark.parametrize("bench", RESUMING, indirect=True)
 def test_two_commands_at_once_give_complete_results(bench):
     box = bench.box()
-    ends = [end_of(process) for process in [bench.start(box), bench.start(box)]]
+    ends = [end_of(process, box) for process in [bench.start(box), bench.start(box)]]
     assert 0 in [status for status, _ in ends]
     for status, printed in ends:
         refused = "another t2twin is writing" in printed or "is not empty" in printed

@@ -81,18 +81,15 @@ def status(studio: Target, *headers: str, path: str = "/") -> int:
 
 def begin(client: Client, transfer: str, size: int, parts: int, to: str = "Upload a shape",
           name: str = "a.stl") -> None:  # fmt: skip
-    client.send({
-        "type": "FileTransferStartUpload", "transfer_uuid": transfer, "filename": name,
-        "source_component_uuid": client.controls[to]["uuid"], "mime_type": "",
-        "part_count": parts, "size_bytes": size,
-    })  # fmt: skip
+    client.send({"type": "FileTransferStartUpload", "transfer_uuid": transfer, "filename": name,
+                 "source_component_uuid": client.controls[to]["uuid"], "mime_type": "",
+                 "part_count": parts, "size_bytes": size})  # fmt: skip
 
 
 def part(client: Client, transfer: str, index: int, content: bytes, to: str = "Upload a shape"):
-    client.send({
-        "type": "FileTransferPart", "transfer_uuid": transfer, "part_index": index,
-        "source_component_uuid": client.controls[to]["uuid"], "content": content,
-    })  # fmt: skip
+    client.send({"type": "FileTransferPart", "transfer_uuid": transfer, "part_index": index,
+                 "source_component_uuid": client.controls[to]["uuid"],
+                 "content": content})  # fmt: skip
 
 
 def test_pages_of_other_sites_are_refused(studio):
@@ -121,14 +118,6 @@ def junk(studio: Target, client: Client) -> None:
     assert client.wait_closed()
 
 
-def clicks(studio: Target, client: Client) -> None:
-    for _ in range(300):
-        client.set("Download this press (zip)", True)
-        client.set("Current image, with noise", True)
-        client.set("x, mm", 1.0)
-        client.take()
-
-
 def large_messages(studio: Target, client: Client) -> None:
     for raw in (bytes(8_000_000), "x" * 8_000_000, b"\x91" * 2_000_000):
         with page(studio) as other:
@@ -141,15 +130,6 @@ def unfinished_uploads(studio: Target, client: Client) -> None:
         begin(client, f"u{number}", 57_000_000, 109)
         for index in range(4 if number else 108):
             part(client, f"u{number}", index, bytes(PART_BYTES))
-
-
-def unfinished_uploads_of_several(studio: Target, client: Client) -> None:
-    with contextlib.ExitStack() as stack:
-        for each in [stack.enter_context(page(studio)) for _ in range(4)]:
-            begin(each, "a", 60_000_000, 115)
-            for index in range(110):
-                part(each, "a", index, bytes(PART_BYTES))
-            assert each.serves()
 
 
 def wrong_uploads(studio: Target, client: Client) -> None:
@@ -194,12 +174,7 @@ def unread_answers(studio: Target, client: Client) -> None:
 
 
 def no_http(studio: Target, client: Client) -> None:
-    for raw in (
-        b"\x16\x03\x01\x00",
-        b"POST / HTTP/1.1\r\n\r\n",
-        b"\n" * 100,
-        b"GET " + b"x" * 9999,
-    ):
+    for raw in (b"\x16\x03\x01\0", b"POST / HTTP/1.1\r\n\r\n", b"\n" * 100, b"GET " + b"x" * 9999):
         with connection(studio) as own, contextlib.suppress(ConnectionError):
             own.sendall(raw + b"\r\n\r\n")
             own.shutdown(socket.SHUT_WR)
@@ -214,13 +189,6 @@ def half_requests(studio: Target, client: Client) -> None:
         assert client.serves()
 
 
-def silent_connections(studio: Target, client: Client) -> None:
-    with contextlib.ExitStack() as stack:
-        for _ in range(400):
-            stack.enter_context(connection(studio))
-    wait_for_room(studio)
-
-
 def many_pages(studio: Target, client: Client) -> None:
     clients = []
     with contextlib.suppress(WebSocketException):
@@ -233,8 +201,8 @@ def many_pages(studio: Target, client: Client) -> None:
 
 
 SLOW: tuple[Callable[[Target, Client], None], ...] = (
-    junk, clicks, large_messages, unfinished_uploads, unfinished_uploads_of_several,
-    small_uploads, unread_answers, half_requests, silent_connections, many_pages,
+    junk, large_messages, unfinished_uploads, small_uploads, unread_answers, half_requests,
+    many_pages,
 )  # fmt: skip
 QUICK = (wrong_uploads, no_http)
 
