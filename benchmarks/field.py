@@ -37,10 +37,10 @@ BENCHMARK = Benchmark(
         *(
             Figure(f"on.{kind}.*.{name}", "%")
             for kind in ("*.val", "paper.test", "dense.test", "forces.test")
-            for name in ("overall.rmse_percent", "held_percent", "falls_by_percent")
+            for name in ("overall.rmse_percent", "coverage_percent", "falls_by_percent")
         ),
         Figure("probes.*.rmse_percent", "%"),
-        Figure("probes.*.held_percent", "%"),
+        Figure("probes.*.coverage_percent", "%"),
         Figure("runs.*.minutes", "minutes"),
     ),
     arguments=(
@@ -126,7 +126,7 @@ def _add_ranking(rows: dict[str, Any], folder: Path) -> None:
         tenths = np.array_split(np.argsort(std, axis=None), 10)
         held = (off <= half_width(REPORTED_LEVEL) * std).ravel()
         rmse = predictions.rmse_counts(name)
-        row["tenths_held_percent"] = [100.0 * float(held[part].mean()) for part in tenths]
+        row["tenths_coverage_percent"] = [100.0 * float(held[part].mean()) for part in tenths]
         row["said_over_rmse"] = row["certainty"]["predicted_rmse_counts"] / float(_rms(rmse))
         row["falls_by_at_best_percent"] = _falls_by(rmse, rmse)
         others = [other for other in rows if other != run]
@@ -169,7 +169,7 @@ def _on_probes(folder: Path, probes: Probes) -> tuple[str, dict[str, Any], dict[
     trained = {"minutes": _minutes(folder)}
     found = {
         "rmse_percent": errors(told.counts, probes, data.full_scale_counts)["all"],
-        "held_percent": 100.0 * sure.coverage_at(REPORTED_LEVEL),
+        "coverage_percent": 100.0 * sure.coverage_at(REPORTED_LEVEL),
     }
     return f"{run.config.model}-of-{data.world}", trained, found
 

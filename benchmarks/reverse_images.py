@@ -1,4 +1,4 @@
-"""docs/pictures/other_way.png: counts, the real image, the predicted image and the baselines."""
+"""docs/pictures/reverse.png: counts, the real image, the predicted image and the baselines."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,26 +14,26 @@ from t2twin.sim.cyskin.phi import Phi
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
 from t2twin.translate.data.pairs import DataInfo, Pairs
 
-PICTURE = ROOT / "docs" / "pictures" / "other_way.png"
+PICTURE = ROOT / "docs" / "pictures" / "reverse.png"
 
 QUANTILES = (0.9, 0.5, 0.1)
-"""Of what is drawn, by PSNR over the contact: which samples of each split are shown."""
+"""Of the predicted images, by PSNR over the contact: which samples of each split are shown."""
 
 TITLES = {
-    "drawn": "drawn from\nthe counts",
-    "nearest_neighbour": "nearest counts\nof the training",
-    "mean_picture": "mean picture\nof the training",
+    "network": "predicted from\nthe counts",
+    "nearest_neighbor": "nearest counts\nof the training",
+    "mean_image": "mean image\nof the training",
 }
 SPLITS = {"val": "validation", "test": "hand tool"}
 
 WIDTH_IN, ROW_IN = 6.6, 1.6
 
 GREYS = (40, 180)
-"""Grey levels that are drawn black and white, in all pictures alike (assumed: those that pictures
-of the shipped light hold, so that a touch is seen on paper)."""
+"""Grey levels that are black and white, in all images alike (assumed: those that images
+of the default light have)."""
 
 ASPECT = 320 / 240
-"""Height over width of a DIGIT picture."""
+"""Height over width of a DIGIT image."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ def draw(splits: Sequence[Split], info: DataInfo) -> bytes:
 
 
 def _chosen(split: Split) -> list[int]:
-    psnr_db = split.psnr_db["drawn"]
+    psnr_db = split.psnr_db["network"]
     known = np.flatnonzero(~np.isnan(psnr_db))
     order = known[np.argsort(psnr_db[known], kind="stable")]
     return [int(order[round(quantile * (order.size - 1))]) for quantile in QUANTILES]

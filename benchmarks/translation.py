@@ -36,7 +36,7 @@ BENCHMARK = Benchmark(
         # A quarter of the mean array's, and the nearest neighbor's, on validation; three quarters
         # of the better of the two on the objects.
         Figure("ratios.val.*.of_mean_array", most=0.25),
-        Figure("ratios.val.*.of_nearest_neighbour", most=1.0),
+        Figure("ratios.val.*.of_nearest_neighbor", most=1.0),
         Figure("ratios.test.*.of_best_trivial", most=0.75),
         Figure("ratios.test.*.of_lookalikes"),
         Figure("val.*.overall.rmse_percent", "%"),
@@ -107,7 +107,7 @@ def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | Non
         alike = content["lookalikes"][split]["split"]["extrapolated_rmse_counts"]
         bounds = {
             "of_mean_array": errors[MEAN_ARRAY],
-            "of_nearest_neighbour": errors[NEAREST_NEIGHBOR],
+            "of_nearest_neighbor": errors[NEAREST_NEIGHBOR],
             "of_best_trivial": min(errors[MEAN_ARRAY], errors[NEAREST_NEIGHBOR]),
             "of_lookalikes": alike,
         }

@@ -92,7 +92,7 @@ def _sureness(row: ModelRow) -> dict[str, Any]:
     if sure is None:
         return {}
     return {
-        "held_percent": 100.0 * sure.coverage_at(REPORTED_LEVEL),
+        "coverage_percent": 100.0 * sure.coverage_at(REPORTED_LEVEL),
         "falls_by_percent": 100.0 * sure.sparsification_gain(REPORTED_SHARE),
         "certainty": msgspec.to_builtins(sure),
     }

@@ -1,6 +1,6 @@
 """Accuracy of lights that are estimated from the background frame of a real DIGIT.
 
-    python -m benchmarks.untouched FRAMES
+    python -m benchmarks.background_frames FRAMES
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project. Every light renders the presses at the places and depths that the fitted light finds.
@@ -37,7 +37,7 @@ from t2twin.sim.digit.optics import DigitOptics
 from t2twin.sim.digit.randomization.lighting import SampledLight, light_at_rest
 
 BENCHMARK = Benchmark(
-    name="untouched",
+    name="background_frames",
     measures="Accuracy of lights estimated from the background frame of a real DIGIT.",
     minutes=2,
     sources=("sim/digit",),
@@ -94,23 +94,23 @@ class Shown:
 def measure(options: Namespace) -> dict[str, Any]:
     background = options.frames / "background.png"
     report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
-    untouched, frames, names = read_frames(background, options.frames)
-    last = _shown(untouched, report.real, report.surfaces_mm)
+    background, frames, names = read_frames(background, options.frames)
+    last = _shown(background, report.real, report.surfaces_mm)
     balls = [
         probe_surfaces.ball(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
         for x_mm, y_mm, depth_mm in report.training_poses
     ]
     trained = frames[[names.index(name) for name in report.trained]]
-    first = _shown(untouched, trained, np.array(balls))
-    explained = sorted(_explained(untouched), key=lambda one: one.off_grey)
+    first = _shown(background, trained, np.array(balls))
+    explained = sorted(_explained(background), key=lambda one: one.off_grey)
     shipped, best = Calibration.load(), [one.light for one in explained[:NEAREST]]
     lights = {
         "shipped": shipped,
-        "shipped_on_own_background": replace(shipped, background=untouched),
+        "shipped_on_own_background": replace(shipped, background=background),
         "nearest": best[0],
         "nearest_bent": explained[0].bent,
         "mean_of_nearest": mean_light(best),
-        "mean_of_all": mean_light(sample_lights(untouched, DIGIT_CAMERA)),
+        "mean_of_all": mean_light(sample_lights(background, DIGIT_CAMERA)),
         "fitted": report.scored_by,
     }
     return {
@@ -127,8 +127,8 @@ def measure(options: Namespace) -> dict[str, Any]:
     }
 
 
-def _shown(untouched: np.ndarray, frames: np.ndarray, surfaces_mm: np.ndarray) -> Shown:
-    patches = [contact_patch(frame, untouched) for frame in frames]
+def _shown(background: np.ndarray, frames: np.ndarray, surfaces_mm: np.ndarray) -> Shown:
+    patches = [contact_patch(frame, background) for frame in frames]
     return Shown(frames, surfaces_mm, np.array(patches))
 
 
@@ -137,12 +137,12 @@ def _mean_psnr_db(shown: Shown, lights: Iterable[Calibration]) -> float:
     return float(np.mean([shown.score(light).psnr_db for light in lights]))
 
 
-def _explained(untouched: np.ndarray) -> list[Explained]:
-    blocks = untouched.reshape(ROWS // BLOCK_PX, BLOCK_PX, COLUMNS // BLOCK_PX, BLOCK_PX, 3)
+def _explained(background: np.ndarray) -> list[Explained]:
+    blocks = background.reshape(ROWS // BLOCK_PX, BLOCK_PX, COLUMNS // BLOCK_PX, BLOCK_PX, 3)
     grey = blocks.mean(axis=(1, 3))
     rows, columns = (BLOCK_PX * np.arange(n) + (BLOCK_PX - 1) / 2 for n in grey.shape[:2])
     explained = []
-    for unit in sample_lights(untouched, DIGIT_CAMERA, DRAWN):
+    for unit in sample_lights(background, DIGIT_CAMERA, DRAWN):
         light = SampledLight(unit.leds_mm, unit.sizes_mm, unit.response)
         lit = light_at_rest(light, DIGIT_CAMERA, columns, rows).reshape(-1, 3)
         wanted = linear(grey, unit.gamma).reshape(-1, 3)

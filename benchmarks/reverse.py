@@ -1,12 +1,12 @@
 """Accuracy of DIGIT images that are predicted from 20 counts.
 
     t2twin train touch2touch --direction cyskin-to-digit --data data/paper --steps 6000 --out RUN
-    python -m benchmarks.other_way RUN --data data/paper
+    python -m benchmarks.reverse RUN --data data/paper
 
 The run is compared with three baselines: the mean image of the training pairs, the image of the
 training pair with the nearest counts (Euclidean), and the background image. Scores are
 those of the contact region, on the validation and test splits, with intervals over shapes. Writes
-docs/pictures/other_way.png (module reverse_images).
+docs/pictures/reverse.png (module reverse_images).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from t2twin.translate.data.pairs import Pairs
 
 BENCHMARK = Benchmark(
-    name="other_way",
+    name="reverse",
     measures="Accuracy of DIGIT images predicted from 20 counts.",
     minutes=2,
     sources=("primitives_cad", "sim", "translate"),
@@ -57,7 +57,7 @@ BENCHMARK = Benchmark(
 
 SPLITS = ("val", "test")
 
-DRAWN, NEAREST, MEAN, UNTOUCHED = "drawn", "nearest_neighbour", "mean_picture", "untouched"
+NETWORK, NEAREST, MEAN, BACKGROUND = "network", "nearest_neighbor", "mean_image", "background_frame"
 """The rows."""
 
 
@@ -82,22 +82,22 @@ def measure(options: Namespace) -> dict[str, Any]:
     size = run.config.preset.size
     train, *rest = (load_pairs(options.data, s, size, grey=True) for s in ("train", *SPLITS))
     mean = _mean(train)
-    untouched = to_pixels(Image.fromarray(Digit().background_frame()), size, grey=True)[..., 0]
+    background = to_pixels(Image.fromarray(Digit().background_frame()), size, grey=True)[..., 0]
     content, splits = {}, []
     for split, pairs in zip(SPLITS, rest, strict=True):
         real = pairs.images[:][..., 0]
         rows = {
-            DRAWN: run.predict_image(pairs.counts),
+            NETWORK: run.predict_image(pairs.counts),
             NEAREST: _nearest(train, pairs),
             MEAN: np.broadcast_to(mean, real.shape),
-            UNTOUCHED: np.broadcast_to(untouched, real.shape),
+            BACKGROUND: np.broadcast_to(background, real.shape),
         }
-        figures = {name: compare_images(row, real, untouched) for name, row in rows.items()}
+        figures = {name: compare_images(row, real, background) for name, row in rows.items()}
         content[split] = _figures(figures, pairs) | {
-            "contact_percent": 100.0 * float(in_contact(real, untouched).mean()),
+            "contact_percent": 100.0 * float(in_contact(real, background).mean()),
             "explained": {
                 name: explained_by_detail(rows[name], real, mean, _mm_per_px(size))
-                for name in (DRAWN, NEAREST)
+                for name in (NETWORK, NEAREST)
             },
         }
         psnr_db = {name: one.psnr_contact_db for name, one in figures.items()}
@@ -115,13 +115,13 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 
 def _figures(figures: Mapping[str, ImageFigures], pairs: Pairs) -> dict[str, Any]:
-    """Every row's scores with their intervals, and what is drawn less the nearest neighbor's."""
+    """Scores with their intervals, and the network's less those of the nearest neighbor."""
     from benchmarks.image_metrics import intervals, replicates, scores
 
     resampled = {name: replicates(one, pairs.shapes) for name, one in figures.items()}
     rows = {name: asdict(scores(one)) for name, one in figures.items()}
-    over = {name: rows[DRAWN][name] - value for name, value in rows[NEAREST].items()}
-    apart = {name: values - resampled[NEAREST][name] for name, values in resampled[DRAWN].items()}
+    over = {name: rows[NETWORK][name] - value for name, value in rows[NEAREST].items()}
+    apart = {name: values - resampled[NEAREST][name] for name, values in resampled[NETWORK].items()}
     return {
         "rows": {n: {"overall": rows[n], "interval": intervals(resampled[n])} for n in rows},
         "over_nearest": {"overall": over, "interval": intervals(apart)},
