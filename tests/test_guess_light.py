@@ -63,7 +63,7 @@ def test_the_command_writes_what_the_function_gives(background, tmp_path, capsys
     Image.fromarray(background).save(path)
     main(["calibrate", "--background", str(path), "--out", str(tmp_path / "out")])
     said = capsys.readouterr().out
-    assert "mean light of sampled DIGIT units" in said
+    assert "mean light of sampled units" in said
     written = Calibration.load(tmp_path / "out" / "calibration.npz")
     given = t2twin.guess_light(path)
     for name in ("background", "leds_mm", "sizes_mm", "response"):

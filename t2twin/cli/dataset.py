@@ -119,7 +119,7 @@ def _verify(folder: Path) -> int:
 
 
 def import_pairs(
-    source: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="PAIRS")]],
+    source: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="PAIRS")]],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
     layout: str = "cyskin-20",
     full_scale: int = 40_000,

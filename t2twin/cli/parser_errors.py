@@ -5,7 +5,6 @@ interface. Therefore pyproject.toml pins the version of tyro.
 """
 
 import inspect
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -37,9 +36,6 @@ def one_sentence(commands: Commands, given: Sequence[str]) -> Iterator[None]:
     """
     error = ParserError(commands, given)
     error.check_completion()
-    for word in given:
-        if not word or re.fullmatch(r"--[\w-]+=", word):
-            raise T2TwinError(f"{word[:-1] or 'an argument'} is empty; expected a value")
     with _errors.on_parse_error(error.raise_for):
         yield
 
