@@ -120,7 +120,7 @@ export --out x.onnx --run {resnet18} | --layout none => layout | --layout cyskin
 report | x => unexpected argument 'x' | --runs => no dataset | --data nowhere => nowhere
 report --data {data} | --runs nowhere => nowhere | --evaluation {evaluation} => --runs
 import-pairs | x.csv => --out is missing
-import-pairs --out out | nowhere => nowhere | nowhere.csv => nowhere.csv | '' => csv
+import-pairs --out out | nowhere => nowhere | nowhere.csv => nowhere.csv | '' => expected a path
 import-pairs --out out | /dev/null => csv
 calibrate | => --background is missing | --background => --background has no value; expected PNG
 calibrate --out out --background none.png | => none.png | --ball-diameter-mm 4 => --presses
