@@ -15,9 +15,15 @@ from t2twin.sim.contact.layer import base_stress, compliance_mm_per_mpa
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.tangential.kernels import shear_kernels
 from t2twin.sim.contact.tangential.spectra import spectra
-from t2twin.sim.contact.tangential.traction import cached_shear_layer, solve_traction
-from t2twin.sim.contact.types import PressCommand
+from t2twin.sim.contact.tangential.traction import (
+    DomedLayer,
+    cached_shear_layer,
+    domed_layer,
+    solve_traction,
+)
+from t2twin.sim.contact.types import PressCommand, SurfaceShift
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa
+from t2twin.sim.digit.surface import surface_on
 
 YOUNG, THICK = 1.0, 200.0
 """Modulus, MPa, and thickness of a layer that is a half-space for contacts of 1 mm."""
@@ -355,3 +361,43 @@ def test_only_a_touch_with_contact_can_slide():
     touch = twin.press("square-2", force_n=2.0)
     with pytest.raises(T2TwinError, match="the touch has no contact"):
         twin.slide(replace(touch, digit=None, cyskin=None))
+
+
+@pytest.mark.parametrize("excess_mm", [-0.5, 0.3])
+def test_a_dome_responds_as_a_layer_of_its_thickness(excess_mm):
+    rng, shape = np.random.default_rng(0), (24, 20)
+    middle = domed_layer(DIGIT_GEL, *axes(shape), np.ones(shape)).middle
+    slope = domed_layer(DIGIT_GEL, *axes(shape), np.ones(shape)).slope
+    thickness = 4.0
+    assert middle is cached_shear_layer(DIGIT_GEL, thickness, 0.25, shape) and slope is not None
+    dome = DomedLayer(middle, slope, np.full(shape, excess_mm))
+    expected = cached_shear_layer(DIGIT_GEL, thickness + excess_mm, 0.25, shape)
+    traction, pressure = rng.uniform(size=(2, *shape)), rng.uniform(size=shape)
+    for one, other in (
+        (dome.response_mm(traction), expected.response_mm(traction)),
+        (dome.spread_mm(pressure), expected.spread_mm(pressure)),
+    ):
+        assert np.abs(one - other).max() < 0.015 * np.abs(other).max()
+    assert sum(dome.parts_mm(traction))[0, 3, 4] == dome.response_mm(traction)[0, 3, 4]
+
+
+def axes(shape):
+    return tuple((np.arange(n) - (n - 1) / 2) * 0.25 for n in shape[::-1])
+
+
+def test_the_image_shows_each_point_where_it_has_moved():
+    contact = solve_contact(
+        catalogue.load("hemisphere-4"), PressCommand("", 0.0, 0.0, 0.0, 4.0), DIGIT_GEL, 0.25
+    )
+    contact = advance(contact, 0.2, 0.1, 0.0, 4.0, 0.8)
+    x, y = contact.x_mm.copy(), contact.y_mm.copy()
+    still = replace(contact, motion=None)
+    moved, rest = surface_on(contact, x, y), surface_on(still, x, y)
+    at_rest = SurfaceShift(x, y, np.stack([rest, rest]))
+    at_motion = SurfaceShift(x, y, np.stack([moved, moved]))
+    u, v, into = contact.sheared_mm
+    for i, j in ((50, 36), (46, 40), (54, 30), (20, 20)):
+        place = np.array([x[j] + u[i, j]]), np.array([y[i] + v[i, j]])
+        own = np.array([x[j]]), np.array([y[i]])
+        expected = at_rest.on(*own)[0, 0, 0] + into[i, j]
+        assert at_motion.on(*place)[0, 0, 0] == pytest.approx(expected, abs=0.01)
