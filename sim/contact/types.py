@@ -21,8 +21,8 @@ FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""
 
 AT_LIMIT = 1e-3
-"""Share by which a traction may be below the limit of friction where the shape slips: ten times the
-tolerance of the traction."""
+"""Share by which a traction may be below the limit of friction where the shape slips: three times
+the tolerance of the traction."""
 
 
 @dataclass(frozen=True)
