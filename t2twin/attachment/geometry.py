@@ -1,0 +1,254 @@
+"""Height maps of the bodies of a MuJoCo model, as a sensor meets them.
+
+The sensor frame and the shape frame are those of t2twin.primitives_cad.shape. A height map of a
+body is in the shape frame at x = y = yaw = 0: its x is the sensor's x, its y is minus the sensor's
+y, and its height is minus the sensor's z.
+"""
+
+import weakref
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+
+import numpy as np
+
+from t2twin.attachment.rasterize import (
+    BLOCK,
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    ELLIPSOID,
+    PLANE,
+    SPHERE,
+    lower_to_top,
+    raise_to_primitive,
+    raise_to_triangles,
+)
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.height_map import EDGE_MM, PITCH_MM
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
+from t2twin.sim.contact.elastomer import Elastomer
+
+if TYPE_CHECKING:
+    import mujoco
+
+Geometry = Literal["collision", "visual"]
+
+HFIELD, MESH, SDF = 1, 7, 8
+"""Values of MuJoCo's mjtGeom."""
+
+MM_PER_M = 1000.0
+
+MARGIN_MM = 1.0
+"""Width of a map beyond the pad's outline, mm (assumed: more than a surface moves by shear)."""
+
+BEHIND_MM = 10.0
+"""Depth below the apex, mm, from which on surfaces belong to other parts of a body (assumed: more
+than MuJoCo's contacts penetrate)."""
+
+CODE_BITS = 10
+"""Bits an axis of a triangle's place in the order of the blocks (assumed)."""
+
+SHAPE_FROM_SENSOR = np.array([[1.0], [-1.0], [-1.0]])
+"""Signs of the shape frame's axes in the sensor frame."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """The part of a sensor's surroundings in which a body can touch it.
+
+    half_x_mm, half_y_mm: half extents, centered on the sensor frame's origin. depth_mm: depth below
+    a body's highest point that the map includes. pitch_mm: of the map.
+    """
+
+    half_x_mm: float
+    half_y_mm: float
+    depth_mm: float
+    pitch_mm: float = PITCH_MM
+
+    @classmethod
+    def of(cls, elastomer: Elastomer, pitch_mm: float = PITCH_MM) -> "Region":
+        """The region of a layer: its outline and MARGIN_MM, and twice its thickness."""
+        half_x, half_y = elastomer.width_mm / 2, elastomer.length_mm / 2
+        depth_mm = 2 * elastomer.thickness_mm
+        return cls(half_x + MARGIN_MM, half_y + MARGIN_MM, depth_mm, pitch_mm)
+
+
+class BodySurface(NamedTuple):
+    """The surface of a body that faces a sensor.
+
+    surface: in the shape frame at x = y = yaw = 0. z_mm: place of its highest point along the
+    sensor's z; negative where MuJoCo's contacts penetrate.
+    """
+
+    surface: HeightMap
+    z_mm: float
+
+
+def body_surface(
+    model: "mujoco.MjModel",
+    data: "mujoco.MjData",
+    body_id: int,
+    rotation: np.ndarray,
+    position_m: np.ndarray,
+    region: Region,
+    geometry: Geometry = "collision",
+    excluded: Collection[int] = (),
+) -> BodySurface | None:
+    """The surface of a body, and of all bodies welded to it, over a sensor; None without any.
+
+    rotation: (3, 3), its columns the sensor's x, y and z in the world. position_m: (3,) of the
+    sensor's origin in the world, m. geometry: see `body_geoms`. excluded: ids of geoms that are
+    left out. Poses are those of the last forward kinematics of `data`, which is not changed.
+    A plane is a half space. A mesh has its own faces, not those of its convex hull.
+    """
+    geoms = body_geoms(model, body_id, geometry)
+    to_shape = SHAPE_FROM_SENSOR * np.asarray(rotation, float).T
+    centers_mm = MM_PER_M * (data.geom_xpos[geoms] - position_m) @ to_shape.T
+    half_mm = np.array((region.half_x_mm, region.half_y_mm))
+    near = _near(model, geoms, centers_mm, half_mm)
+    geoms, centers_mm = geoms[near], centers_mm[near]
+    rotations = np.ascontiguousarray(to_shape @ data.geom_xmat[geoms].reshape(-1, 3, 3))
+    pitch = region.pitch_mm
+    columns, rows = np.floor(half_mm / pitch + EDGE_MM).astype(int)
+    heights = np.full((2 * rows + 3, 2 * columns + 3), NOTHING_MM, np.float32)
+    top = NOTHING_MM
+    for geom, center, turn in zip(geoms.tolist(), centers_mm, rotations, strict=True):
+        if geom in excluded:
+            continue
+        place = turn, center, pitch, BEHIND_MM, top, heights
+        kind = int(model.geom_type[geom])
+        if kind in (PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX):
+            top = raise_to_primitive(kind, MM_PER_M * model.geom_size[geom], *place)
+        else:
+            mesh = _blocks(model, kind, int(model.geom_dataid[geom]))
+            top = raise_to_triangles(mesh.triangles_mm, mesh.boxes_mm, region.depth_mm, *place)
+    if top == NOTHING_MM:
+        return None
+    first_row, last_row, first, last = lower_to_top(heights, top, region.depth_mm)
+    surface = HeightMap(
+        heights[first_row - 1 : last_row + 2, first - 1 : last + 2].copy(),
+        x_mm=np.arange(first - 1, last + 2) * pitch - (columns + 1) * pitch,
+        y_mm=np.arange(first_row - 1, last_row + 2) * pitch - (rows + 1) * pitch,
+    )
+    return BodySurface(surface, -top)
+
+
+def body_geoms(model: "mujoco.MjModel", body_id: int, geometry: Geometry) -> np.ndarray:
+    """Ids of the geoms of a body and of all bodies welded to it.
+
+    geometry: "collision" for those that can collide; "visual" for those that cannot, or all of a
+    body that has only geoms that can.
+    """
+    arguments.choice(geometry, "geometry", get_args(Geometry))
+    welded = model.body_weldid[model.geom_bodyid] == model.body_weldid[body_id]
+    collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    if geometry == "collision":
+        return np.flatnonzero(welded & collides)
+    has_visual = np.zeros(model.nbody, bool)
+    has_visual[model.geom_bodyid[~collides]] = True
+    return np.flatnonzero(welded & ~(collides & has_visual[model.geom_bodyid]))
+
+
+def _near(
+    model: "mujoco.MjModel", geoms: np.ndarray, centers_mm: np.ndarray, half_mm: np.ndarray
+) -> np.ndarray:
+    """Which geoms may be over the region; the radius of a plane is 0."""
+    radius_mm = MM_PER_M * model.geom_rbound[geoms]
+    reached = (np.abs(centers_mm[:, :2]) <= half_mm + radius_mm[:, None]).all(axis=1)
+    reached &= centers_mm[:, 2] - radius_mm <= BEHIND_MM
+    return reached | (model.geom_type[geoms] == PLANE)
+
+
+class _Blocks(NamedTuple):
+    """Triangles of a mesh or a height field in its geom's frame, mm; see `raise_to_triangles`."""
+
+    triangles_mm: np.ndarray
+    boxes_mm: np.ndarray
+    source: np.ndarray
+
+
+_known: dict[int, tuple[weakref.ref, dict[tuple[int, int], _Blocks]]] = {}
+"""Results of `_blocks` for living models, by the model's identity, the type and the asset."""
+
+
+def _blocks(model: "mujoco.MjModel", kind: int, asset: int) -> _Blocks:
+    """The triangles of a geom of type MESH, SDF or HFIELD. Computed once, and again for a height
+    field whose data has changed."""
+    if asset < 0 or kind not in (HFIELD, MESH, SDF):
+        raise T2TwinError(
+            f"a geom of MuJoCo's type {kind} has no surface; expected a plane, sphere, capsule, "
+            "ellipsoid, cylinder or box, or a mesh, sdf or hfield with its asset"
+        )
+    place = id(model)
+    if place not in _known or _known[place][0]() is not model:
+        _known[place] = weakref.ref(model, lambda _: _known.pop(place, None)), {}
+    found = _known[place][1]
+    source = _hfield_data(model, asset) if kind == HFIELD else np.empty(0)
+    blocks = found.get((kind, asset))
+    if blocks is None or not np.array_equal(blocks.source, source):
+        triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset)
+        blocks = found[kind, asset] = _in_blocks(triangles, source.copy())
+    return blocks
+
+
+def _hfield_data(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
+    start, size = model.hfield_adr[hfield], model.hfield_nrow[hfield] * model.hfield_ncol[hfield]
+    return model.hfield_data[start : start + size]
+
+
+def _of_mesh(model: "mujoco.MjModel", mesh: int) -> np.ndarray:
+    """Triangles of a mesh, (n, 3, 3), m."""
+    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
+    return vertices[model.mesh_face[face : face + model.mesh_facenum[mesh]]]
+
+
+def _of_hfield(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
+    """Triangles of a height field's top, (n, 3, 3), m, and of its sides and bottom."""
+    rows, columns = int(model.hfield_nrow[hfield]), int(model.hfield_ncol[hfield])
+    half_x, half_y, scale, base = model.hfield_size[hfield]
+    x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
+    z = scale * _hfield_data(model, hfield).reshape(rows, columns)
+    top = np.stack((x, y, z), axis=2)
+    bottom = np.stack((x, y, np.full_like(z, -base)), axis=2)
+    walls = [
+        np.stack((upper, lower))
+        for upper, lower in (
+            (top[0], bottom[0]),
+            (top[-1], bottom[-1]),
+            (top[:, 0], bottom[:, 0]),
+            (top[:, -1], bottom[:, -1]),
+        )
+    ]
+    floor = bottom[:: rows - 1, :: columns - 1]
+    return np.concatenate([_of_grid(points) for points in (top, *walls, floor)])
+
+
+def _of_grid(points: np.ndarray) -> np.ndarray:
+    """Two triangles a cell of a grid of points, (rows, columns, 3): (n, 3, 3)."""
+    first, right = points[:-1, :-1], points[:-1, 1:]
+    below, across = points[1:, :-1], points[1:, 1:]
+    halves = np.stack((first, right, across)), np.stack((first, across, below))
+    return np.stack(halves).transpose(0, 2, 3, 1, 4).reshape(-1, 3, 3)
+
+
+def _in_blocks(triangles: np.ndarray, source: np.ndarray) -> _Blocks:
+    """Triangles, (n, 3, 3), m, in blocks of BLOCK that are close to each other."""
+    centers = triangles.mean(axis=1)
+    low = centers.min(axis=0)
+    extent = max(float((centers - low).max()), np.finfo(float).tiny)
+    cells = ((centers - low) / extent * (2**CODE_BITS - 1)).astype(np.int64)
+    # Interleaved bits: the Morton order.
+    code = sum(
+        ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
+        for bit in range(CODE_BITS)
+        for axis in range(3)
+    )
+    triangles_mm = np.ascontiguousarray(MM_PER_M * triangles[np.argsort(code)], np.float32)
+    starts = np.arange(0, len(triangles_mm), BLOCK)
+    low = np.minimum.reduceat(triangles_mm.min(axis=1), starts).astype(float)
+    high = np.maximum.reduceat(triangles_mm.max(axis=1), starts).astype(float)
+    boxes_mm = np.ascontiguousarray(np.stack(((low + high) / 2, (high - low) / 2), axis=1))
+    return _Blocks(triangles_mm, boxes_mm, source)
