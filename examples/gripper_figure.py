@@ -16,7 +16,8 @@ from PIL import Image
 
 SIZE_IN, DPI = (8.0, 3.6), 100
 SCENE_PX = (304, 336)
-FULL_SCALE_COUNTS = 40_000
+MAX_COUNTS, MAX_N = 10_000, 10.0
+"""Ends of the axes. Full scale is 40,000 counts."""
 READ_COLOR, PREDICTED_COLOR, DIGIT_COLOR = "#9aa5b1", "#c2410c", "#1d4ed8"
 COLORS = 96
 """Colors of a GIF."""
@@ -27,8 +28,8 @@ class Moment:
     """What one picture shows.
 
     scene: (h, w, 3) uint8. image: the DIGIT's. counts, predicted, low, high: (n,) the counts read
-    and predicted, with the ends of their intervals. time_s, shear_n: (k,) until now, the shear
-    forces of DIGIT and CySkin in two rows.
+    and predicted, with the ends of their intervals. times_s: (k,) until now. forces_n: (3, k) shear
+    on the DIGIT, shear on the CySkin, and grip force.
     """
 
     title: str
@@ -38,25 +39,21 @@ class Moment:
     predicted: np.ndarray
     low: np.ndarray
     high: np.ndarray
-    time_s: Sequence[float]
-    shear_n: Sequence[Sequence[float]]
-    grip_n: Sequence[float]
+    times_s: Sequence[float]
+    forces_n: np.ndarray
 
 
 class Page:
-    """Draws moments one after another.
+    """Draws moments one after another. end_s: end of the time axis."""
 
-    end_s: end of the time axis. top_n: largest shear force.
-    """
-
-    def __init__(self, taxels: int, end_s: float, top_n: float) -> None:
+    def __init__(self, taxels: int, end_s: float) -> None:
         self.figure = Figure(SIZE_IN, DPI)
         self.canvas = FigureCanvasAgg(self.figure)
         self.scene = self._picture([0.0, 0.0, 0.38, 0.93])
         self.image = self._picture([0.40, 0.10, 0.20, 0.77])
         self.image.axes.set_title("DIGIT's image", fontsize=9)
         self._add_counts(taxels)
-        self._add_forces(end_s, top_n)
+        self._add_forces(end_s)
         self.title = self.figure.text(0.012, 0.945, "", fontsize=10, weight="bold")
 
     def _picture(self, place: list[float]):
@@ -71,12 +68,12 @@ class Page:
         (self.points,) = axes.plot([], [], "o", ms=3, color=PREDICTED_COLOR, label="predicted")
         self.intervals = LineCollection([], colors=PREDICTED_COLOR, linewidths=1.2)
         axes.add_collection(self.intervals)
-        axes.set(xlim=(-0.8, taxels - 0.2), ylim=(0, FULL_SCALE_COUNTS), xticks=[])
-        axes.set_yticks([0, 20_000, 40_000], ["0", "20,000", "40,000"])
+        axes.set(xlim=(-0.8, taxels - 0.2), ylim=(0, MAX_COUNTS), xticks=[])
+        axes.set_yticks([0, 5_000, 10_000], ["0", "5,000", "10,000"])
         axes.set_xlabel("taxel", fontsize=8)
         self._finish(axes)
 
-    def _add_forces(self, end_s: float, top_n: float) -> None:
+    def _add_forces(self, end_s: float) -> None:
         axes = self.figure.add_axes([0.685, 0.13, 0.305, 0.28])
         axes.set_title("shear and grip force, N", fontsize=9)
         self.forces = [
@@ -87,7 +84,7 @@ class Page:
                 ("black", "grip"),
             )
         ]
-        axes.set(xlim=(0, end_s), ylim=(0, top_n), xlabel="time, s")
+        axes.set(xlim=(0, end_s), ylim=(0, MAX_N), xlabel="time, s")
         axes.xaxis.label.set_size(8)
         self._finish(axes)
 
@@ -108,8 +105,8 @@ class Page:
         self.points.set_data(taxels, moment.predicted)
         ends = zip(taxels, moment.low, moment.high, strict=True)
         self.intervals.set_segments([[(n, low), (n, high)] for n, low, high in ends])
-        for line, force in zip(self.forces, (*moment.shear_n, moment.grip_n), strict=True):
-            line.set_data(moment.time_s, force)
+        for line, force_n in zip(self.forces, moment.forces_n, strict=True):
+            line.set_data(moment.times_s, force_n)
         self.canvas.draw()
         return Image.fromarray(np.asarray(self.canvas.buffer_rgba())[..., :3])
 

@@ -1,0 +1,165 @@
+"""A Gymnasium environment: grasp an object of unknown mass and friction by touch.
+
+    pip install '.[gym]'
+    python examples/gymnasium_grasp.py --objects 200
+
+The gripper of examples/gripper.py holds an object on a post with a small force, then lifts it. An
+action is the grip force. An observation is what both sensors read. One policy grips harder when the
+DIGIT's contact begins to slip, the other does not react. An object counts as held if it is still in
+the fingers 2 s after the lift.
+"""
+
+import argparse
+from typing import Any
+
+import gymnasium as gym
+import mujoco
+import numpy as np
+from gripper import GEOM, add_gripper, add_room
+from gymnasium import spaces
+
+import t2twin
+
+RATE_HZ = 20.0
+"""Actions and observations per second."""
+START_N, MAX_N = 2.0, 15.0
+"""Grip force at the start, and the largest one, N."""
+CLOSE_S, LIFT_S, HOLD_S = 0.9, 1.5, 2.0
+LIFT_M, POST_M, DROPPED_M = 0.04, 0.06, 0.012
+"""Height of the lift, height of the post, and slip that counts as dropped, m."""
+MASS_KG, FRICTION = (0.05, 0.5), (0.2, 1.0)
+"""Ranges of the objects' masses and coefficients of friction, uniform (assumed)."""
+HALF_M = ((0.008, 0.016), (0.010, 0.018), (0.018, 0.026))
+"""Ranges of the half extents along x, y and z, m (assumed)."""
+SHAPES = (GEOM.mjGEOM_BOX, GEOM.mjGEOM_CYLINDER, GEOM.mjGEOM_CAPSULE)
+TORSION_M = 0.005
+"""Torsional friction over friction, m (assumed)."""
+OBJECT, POST = 3, 2
+"""Collision bits: objects touch the sensors and the post, which does not touch the sensors."""
+SLIPPING, TIGHTER = 0.5, 1.3
+"""Slip share at which the reacting policy grips harder, and by which factor."""
+
+
+class GraspEnv(gym.Env):
+    """Lift one random object by its grip force, in N.
+
+    An observation has the DIGIT's image, (320, 240, 3) uint8, the CySkin's counts, (20,), the shear
+    force on the DIGIT, (2,) N, and its slip share, (1,). The reward is 1 for each step in which the
+    object is in the fingers. info["held"] is whether it still is.
+    """
+
+    def __init__(self) -> None:
+        taxels = t2twin.load_layout().size
+        self.observation_space = spaces.Dict(
+            image=spaces.Box(0, 255, (320, 240, 3), np.uint8),
+            counts=spaces.Box(0, 65_535, (taxels,), np.float32),
+            shear_n=spaces.Box(-np.inf, np.inf, (2,), np.float32),
+            slip_share=spaces.Box(0.0, 1.0, (1,), np.float32),
+        )
+        self.action_space = spaces.Box(0.0, MAX_N, (1,), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Close the gripper on a random object with START_N."""
+        super().reset(seed=seed)
+        spec = mujoco.MjSpec()
+        add_room(spec)
+        half_height = self._add_object(spec)
+        self.digit, self.cyskin = add_gripper(spec, POST_M + half_height)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self._simulate(CLOSE_S, START_N)
+        return self._observation(), {"held": True}
+
+    def _add_object(self, spec: mujoco.MjSpec) -> float:
+        """A random object on a post; returns half its height, m."""
+        random = self.np_random
+        x, y, z = (float(random.uniform(*half)) for half in HALF_M)
+        shape = SHAPES[random.integers(len(SHAPES))]
+        friction, mass = random.uniform(*FRICTION), random.uniform(*MASS_KG)
+        size, quat, half_height = [x, y, z], [1.0, 0.0, 0.0, 0.0], z
+        if shape == GEOM.mjGEOM_CYLINDER:
+            size = [x, z, 0.0]
+        elif shape == GEOM.mjGEOM_CAPSULE:  # lies along y
+            size, quat, half_height = [x, y, 0.0], [0.5**0.5, 0.5**0.5, 0.0, 0.0], x
+        body = spec.worldbody.add_body(name="object", pos=[0, 0, POST_M + half_height], quat=quat)
+        body.add_freejoint()
+        body.add_geom(
+            type=shape, size=size, mass=mass, condim=4, priority=1, contype=OBJECT,
+            conaffinity=OBJECT, friction=[friction, TORSION_M * friction, 0.0001],
+        )  # fmt: skip
+        spec.worldbody.add_geom(
+            type=GEOM.mjGEOM_BOX, size=[0.006, 0.02, POST_M / 2], pos=[0, 0, POST_M / 2],
+            contype=POST, conaffinity=POST,
+        )  # fmt: skip
+        return half_height
+
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
+        """Simulate one period with a grip force."""
+        self._simulate(1 / RATE_HZ, float(np.clip(action, 0.0, MAX_N)[0]))
+        slip_m = self.data.body("hand").xpos[2] - self.data.body("object").xpos[2]
+        held = bool(slip_m < DROPPED_M)
+        is_over = self.data.time >= CLOSE_S + LIFT_S + HOLD_S
+        return self._observation(), float(held), not held, bool(is_over), {"held": held}
+
+    def _simulate(self, duration_s: float, grip_n: float) -> None:
+        for _ in range(round(duration_s / self.model.opt.timestep)):
+            share = np.clip((self.data.time - CLOSE_S) / LIFT_S, 0.0, 1.0)
+            self.data.ctrl[:] = grip_n, grip_n, LIFT_M * share**2 * (3 - 2 * share)
+            mujoco.mj_step(self.model, self.data)
+
+    def _observation(self) -> dict[str, np.ndarray]:
+        touch = self.digit.read(self.model, self.data)
+        contact = touch.digit
+        return {
+            "image": touch.image,
+            "counts": self.cyskin.read(self.model, self.data).counts.astype(np.float32),
+            "shear_n": np.zeros(2, np.float32) if contact is None else np.float32(contact.shear_n),
+            "slip_share": np.float32([0.0 if contact is None else contact.slip_share]),
+        }
+
+
+def success(env: GraspEnv, number: int, reacts: bool) -> tuple[bool, float]:
+    """Lift one object; returns whether it is held, and the grip force at the end, N."""
+    observation, info = env.reset(seed=number)
+    grip_n, is_over = START_N, False
+    while not is_over:
+        if reacts and observation["slip_share"][0] > SLIPPING:
+            grip_n = min(TIGHTER * grip_n, MAX_N)
+        observation, _, dropped, ended, info = env.step(np.float32([grip_n]))
+        is_over = dropped or ended
+    return info["held"], grip_n
+
+
+def wilson(successes: int, trials: int) -> tuple[float, float]:
+    """95 % interval of a rate (Wilson, J. Am. Stat. Assoc. 1927)."""
+    z, rate = 1.96, successes / trials
+    middle = (rate + z**2 / (2 * trials)) / (1 + z**2 / trials)
+    half = np.sqrt(rate * (1 - rate) / trials + (z / (2 * trials)) ** 2) * z / (1 + z**2 / trials)
+    return middle - half, middle + half
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--objects", type=int, default=200, help="number of random objects")
+    options = parser.parse_args()
+    env = GraspEnv()
+    print("policy           held           95 % interval    mean grip force at the end, N")
+    for name, reacts in (("does not react", False), ("reacts to slip", True)):
+        lifts = [success(env, number, reacts) for number in range(options.objects)]
+        held, grips = zip(*lifts, strict=True)
+        low, high = (100 * end for end in wilson(sum(held), len(held)))
+        rate = 100 * sum(held) / len(held)
+        print(
+            f"{name}   {sum(held):3} of {len(held):3}, {rate:3.0f} %   {low:.0f} to {high:.0f} %"
+            f"        {np.mean(grips):.1f}"
+        )
+
+
+if __name__ == "__main__":
+    main()
