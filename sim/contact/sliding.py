@@ -91,7 +91,7 @@ def advance(
         yaw_rad=command.yaw_rad + dyaw_rad,
         force_n=force_n,
     )
-    start = contact.motion or _still(contact, friction)
+    start = contact.motion or still_motion(contact, friction)
     share = _share_of_last(contact, start, step)
 
     def drive(
@@ -245,7 +245,7 @@ def _friction(
     return traction, found.converged
 
 
-def _still(contact: Contact, friction: float) -> Motion:
+def still_motion(contact: Contact, friction: float) -> Motion:
     """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
     none = np.zeros((2, *shape))
