@@ -119,17 +119,19 @@ def step_contact(
     command: PressCommand,
     drive: Drive,
     share: float | None = None,
+    relaxation: float = RELAXATION,
 ) -> Contact:
     """The contact after a step.
 
     start: the motion of the contact before, with the friction and the rigid motion of this step.
     shape, command: those of the contact after. drive: what moves the shape. share: the expected
-    change of the traction as a share of the last step's; None if it is not known.
+    change of the traction as a share of the last step's; None if it is not known. relaxation: see
+    RELAXATION.
     Raises T2TwinError as solve_contact does.
     """
     window = window_around(dilated(contact.pressure_kpa > 0, WINDOW_CELLS))
     while True:
-        found = _step(contact, start, shape, command, drive, share, window)
+        found = _step(contact, start, shape, command, drive, share, relaxation, window)
         outside = found.pressure_kpa > 0
         outside[window] = False
         if not outside.any():
@@ -145,6 +147,7 @@ def _step(
     command: PressCommand,
     drive: Drive,
     share: float | None,
+    relaxation: float,
     window: Window,
 ) -> Contact:
     """The contact after a step, see step_contact, whose shear is known within a window of the
@@ -164,7 +167,7 @@ def _step(
     middle, dome = layer.parts_mm(shear)
     seen = middle + dome
     if share is None:
-        seen = sheared + RELAXATION * (seen - sheared)
+        seen = sheared + relaxation * (seen - sheared)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
     rows, columns = window
     for number in range(MAX_ROUNDS):
@@ -182,7 +185,7 @@ def _step(
         if converged:
             break
         if number < ACCELERATED_ROUNDS:
-            corrected = seen + RELAXATION * error
+            corrected = seen + relaxation * error
             seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
         else:
             seen = seen + DAMPED_RELAXATION * error

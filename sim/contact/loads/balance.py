@@ -13,7 +13,7 @@ from t2twin.core.jit import compiled
 MAX_NEWTON_STEPS = 100
 """Limit on Newton steps for the rigid motion of a body (assumed: most need one or two)."""
 
-EXACT, EXACT_SHARE = 1e-7, 1e-5
+EXACT, EXACT_SHARE = 1e-8, 1e-6
 """Tolerance of a wrench: a share of the force that friction can carry, and of the wrench itself
 (assumed: far below the tolerance of the traction)."""
 
@@ -161,7 +161,8 @@ def balanced_step(
     see `t2twin.sim.contact.tangential.traction.step_towards`.
 
     levers, wrenches, rigid: (bodies, 3), see `balance`. slides: (bodies,), bodies whose traction is
-    at the limit, along their rigid motion, whatever the gradient.
+    at the limit, along their rigid motion, whatever the gradient. The returned product is with the
+    gradient less the displacement by the rigid motions.
     """
     for body in range(levers.shape[0]):
         if not slides[body]:
@@ -181,9 +182,9 @@ def balanced_step(
             radius = levers[body, 2]
             a = rigid[body, 0] + (levers[body, 1] - y[i]) / radius * rigid[body, 2]
             b = rigid[body, 1] + (x[j] - levers[body, 0]) / radius * rigid[body, 2]
+            against_x, against_y = gradient[0, i, j] - a, gradient[1, i, j] - b
             if not slides[body]:
-                a = q[0, i, j] + length * (a - gradient[0, i, j])
-                b = q[1, i, j] + length * (b - gradient[1, i, j])
+                a, b = q[0, i, j] - length * against_x, q[1, i, j] - length * against_y
             size = np.sqrt(a * a + b * b)
             if size > bound or (slides[body] and size > 0.0):
                 a, b = a * bound / size, b * bound / size
@@ -192,5 +193,5 @@ def balanced_step(
             direction[0, i, j], direction[1, i, j] = a, b
             largest = max(largest, abs(a), abs(b))
             square += a * a + b * b
-            slope += a * gradient[0, i, j] + b * gradient[1, i, j]
+            slope += a * against_x + b * against_y
     return largest, square, slope
