@@ -43,6 +43,10 @@ MM_PER_M = 1000.0
 MARGIN_MM = 1.0
 """Width of a map beyond the pad's outline, mm (assumed: more than a surface moves by shear)."""
 
+DEPTH = 1.5
+"""Depth of a map below the highest point, in thicknesses of the layer (assumed: the surface of a
+layer is nowhere lower than its thickness; the rest is for points beyond the pad)."""
+
 BEHIND_MM = 10.0
 """Depth below the apex, mm, from which on surfaces belong to other parts of a body (assumed: more
 than MuJoCo's contacts penetrate)."""
@@ -69,9 +73,9 @@ class Region:
 
     @classmethod
     def of(cls, elastomer: Elastomer, pitch_mm: float = PITCH_MM) -> "Region":
-        """The region of a layer: its outline and MARGIN_MM, and twice its thickness."""
+        """The region of a layer: its outline and MARGIN_MM, and DEPTH times its thickness."""
         half_x, half_y = elastomer.width_mm / 2, elastomer.length_mm / 2
-        depth_mm = 2 * elastomer.thickness_mm
+        depth_mm = DEPTH * elastomer.thickness_mm
         return cls(half_x + MARGIN_MM, half_y + MARGIN_MM, depth_mm, pitch_mm)
 
 
@@ -123,7 +127,8 @@ def body_surface(
             top = raise_to_primitive(kind, MM_PER_M * model.geom_size[geom], *place)
         else:
             mesh = _blocks(model, kind, int(model.geom_dataid[geom]))
-            top = raise_to_triangles(mesh.triangles_mm, mesh.boxes_mm, region.depth_mm, *place)
+            facing = mesh.triangles_mm, mesh.boxes_mm, mesh.closed, region.depth_mm
+            top = raise_to_triangles(*facing, *place)
     if top == NOTHING_MM:
         return None
     first_row, last_row, first, last = lower_to_top(heights, top, region.depth_mm)
@@ -162,10 +167,14 @@ def _near(
 
 
 class _Blocks(NamedTuple):
-    """Triangles of a mesh or a height field in its geom's frame, mm; see `raise_to_triangles`."""
+    """Triangles of a mesh or a height field in its geom's frame, mm; see `raise_to_triangles`.
+
+    closed: whether they enclose a volume, facing outward. source: data of a height field.
+    """
 
     triangles_mm: np.ndarray
     boxes_mm: np.ndarray
+    closed: bool
     source: np.ndarray
 
 
@@ -251,4 +260,16 @@ def _in_blocks(triangles: np.ndarray, source: np.ndarray) -> _Blocks:
     low = np.minimum.reduceat(triangles_mm.min(axis=1), starts).astype(float)
     high = np.maximum.reduceat(triangles_mm.max(axis=1), starts).astype(float)
     boxes_mm = np.ascontiguousarray(np.stack(((low + high) / 2, (high - low) / 2), axis=1))
-    return _Blocks(triangles_mm, boxes_mm, source)
+    return _Blocks(triangles_mm, boxes_mm, _is_closed(triangles), source)
+
+
+def _is_closed(triangles: np.ndarray) -> bool:
+    """Whether every side of triangles, (n, 3, 3), is met in the other direction equally often, and
+    the enclosed volume is positive."""
+    _, points = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    start = points.reshape(-1, 3).astype(np.int64)
+    end = np.roll(start, -1, axis=1)
+    sides, reversed_sides = (start * points.size + end).ravel(), (end * points.size + start).ravel()
+    a, b, c = triangles.astype(float).transpose(1, 0, 2)
+    volume = np.einsum("ni,ni->", a, np.cross(b, c))
+    return bool(volume > 0.0 and np.array_equal(np.sort(sides), np.sort(reversed_sides)))

@@ -8,6 +8,8 @@ geom's pose is its rotation to the shape frame, (3, 3), and its center, (3,). Su
 `behind` are left out. Each loop takes the greatest height so far and returns the new one.
 """
 
+from typing import Any
+
 import numpy as np
 
 from t2twin.core.jit import compiled
@@ -24,8 +26,11 @@ PARALLEL = 1.0e-9
 """Smallest component of the vertical in a geom's frame, in place of smaller ones (assumed: it moves
 no surface of a meter by more than 1e-6 mm)."""
 
-LEVEL_MM = 1.0e-12
-"""Extent along y, mm, below which a triangle's side is parallel to x (assumed)."""
+LEVEL = 1.0e-10
+"""Rows, below which the extent of a triangle's side is replaced by it (assumed)."""
+
+FAST: dict[str, Any] = {"nogil": True, "fastmath": {"nnan", "nsz"}}
+"""Options of loops that take a maximum; without a case for NaN they use vector instructions."""
 
 POSE = "f8[:, ::1], f8[::1]"
 MAP = "f8, f8, f8, f4[:, ::1]"
@@ -69,12 +74,20 @@ def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights
             _ball(x, y, rotation[:, 2] * size[1], size[0], found)
             _ball(x, y, rotation[:, 2] * -size[1], size[0], found)
         out = heights[row + rows + 1, first + columns + 1 : last + columns + 2]
-        for n in range(x.size):
-            height = np.float32(found[n] + center[2])
-            if out[n] < height <= behind and found[n] > NOTHING_MM:
-                out[n] = height
-                top = max(top, height)
+        top = _raise_row(found, center[2], behind, top, out)
     return top
+
+
+@compiled("f8(f8[::1], f8, f8, f8, f4[::1])", **FAST)
+def _raise_row(found, middle, behind, top, out):
+    """Raise a row of a map to heights above `middle`; a NOTHING_MM among them is left out."""
+    highest = np.float32(top)
+    for n in range(out.size):
+        height = np.float32(found[n] + middle if found[n] > NOTHING_MM else NOTHING_MM)
+        height = height if height <= behind else np.float32(NOTHING_MM)
+        out[n] = out[n] if out[n] > height else height
+        highest = highest if highest > height else height
+    return highest
 
 
 @compiled(inline="always")
@@ -189,35 +202,50 @@ def _tube(x, start, along, up, size, found):
                 found[n] = side
 
 
-@compiled(f"f8(f4[:, :, ::1], f8[:, :, ::1], f8, {POSE}, {MAP})", nogil=True)
-def raise_to_triangles(triangles, boxes, depth, rotation, center, pitch, behind, top, heights):
+@compiled(f"f8(f4[:, :, ::1], f8[:, :, ::1], b1, f8, {POSE}, {MAP})", nogil=True)
+def raise_to_triangles(
+    triangles, boxes, closed, depth, rotation, center, pitch, behind, top, heights
+):
     """Raise a map to the parts of a mesh that are at most `depth` below the greatest height.
 
     triangles: (n, 3, 3), in blocks of BLOCK. boxes: (blocks, 2, 3) centers and half extents of the
-    blocks' bounding boxes. All in mm in the geom frame.
+    blocks' bounding boxes. Both in mm in the geom frame. closed: whether triangles that face down
+    are left out.
     """
-    reach_y, reach_x = pitch * heights.shape[0] / 2, pitch * heights.shape[1] / 2
+    # From here on x is in columns and y in rows of the map.
+    per_cell = np.array([1 / pitch, 1 / pitch, 1.0])
+    rotation, middle = rotation * per_cell[:, None], center * per_cell
+    middle[0] += heights.shape[1] // 2
+    middle[1] += heights.shape[0] // 2
     upper = np.empty(boxes.shape[0])
     for block in range(upper.size):
-        x, y, z = _moved(rotation, center, boxes[block, 0])
-        half_x, half_y, half_z = _half_extents(rotation, boxes[block, 1])
-        inside = abs(x) - half_x <= reach_x and abs(y) - half_y <= reach_y
+        x, y, z = _moved(rotation, middle, boxes[block, 0])
+        half_x, half_y, half_z = _moved(np.abs(rotation), np.zeros(3), boxes[block, 1])
+        inside = x + half_x >= 0.0 and x - half_x <= heights.shape[1]
+        inside &= y + half_y >= 0.0 and y - half_y <= heights.shape[0]
         upper[block] = z + half_z if inside and z - half_z <= behind else -np.inf
     for block in np.argsort(-upper):
         if upper[block] < top - depth or upper[block] == -np.inf:
             break
         for n in range(BLOCK * block, min(BLOCK * block + BLOCK, triangles.shape[0])):
-            a = _moved(rotation, center, triangles[n, 0])
-            b = _moved(rotation, center, triangles[n, 1])
-            c = _moved(rotation, center, triangles[n, 2])
-            if max(a[2], b[2], c[2]) >= top - depth:
-                top = _raise_to_triangle(a, b, c, pitch, behind, top, heights)
+            a = _moved(rotation, middle, triangles[n, 0])
+            b = _moved(rotation, middle, triangles[n, 1])
+            c = _moved(rotation, middle, triangles[n, 2])
+            area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            if area == 0.0:
+                continue  # seen edge-on: its neighbors include its outline
+            if max(a[2], b[2], c[2]) < top - depth:
+                continue
+            if area > 0.0:
+                top = _raise_to_triangle(a, b, c, area, EDGE_MM / pitch, behind, top, heights)
+            elif not closed:
+                top = _raise_to_triangle(a, c, b, -area, EDGE_MM / pitch, behind, top, heights)
     return top
 
 
 @compiled(inline="always")
 def _moved(rotation, center, point):
-    """A point of the geom frame in the shape frame, (x, y, z)."""
+    """A point of the geom frame in the frame of the map, (x, y, z)."""
     x, y, z = np.float64(point[0]), np.float64(point[1]), np.float64(point[2])
     return (
         center[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
@@ -227,62 +255,54 @@ def _moved(rotation, center, point):
 
 
 @compiled(inline="always")
-def _half_extents(rotation, half):
-    """Half extents of a turned box along the shape frame's axes."""
-    return (
-        abs(rotation[0, 0]) * half[0]
-        + abs(rotation[0, 1]) * half[1]
-        + abs(rotation[0, 2]) * half[2],
-        abs(rotation[1, 0]) * half[0]
-        + abs(rotation[1, 1]) * half[1]
-        + abs(rotation[1, 2]) * half[2],
-        abs(rotation[2, 0]) * half[0]
-        + abs(rotation[2, 1]) * half[1]
-        + abs(rotation[2, 2]) * half[2],
-    )
+def _side(a, b, edge):
+    """Bounds of rows by a side from a to b of a triangle on its left: x at y = 0 and change with y,
+    of the left and of the right bound; infinite where the side is on the other side of the row."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    room = edge * (abs(dx) + abs(dy))
+    dy = LEVEL if abs(dy) < LEVEL else dy
+    start, change = a[0] + (room - dx * a[1]) / dy, dx / dy
+    if dy > 0.0:
+        return -np.inf, 0.0, start, change
+    return start, change, np.inf, 0.0
 
 
-@compiled(inline="always")
-def _left_and_right(a, b, turn, y, left, right):
-    """The interval from left to right, cut by a triangle's side from a to b at a height y."""
-    dx, dy = turn * (b[0] - a[0]), turn * (b[1] - a[1])
-    room = dx * (y - a[1]) + EDGE_MM * np.sqrt(dx * dx + dy * dy)
-    if abs(dy) < LEVEL_MM:
-        return left, right if room >= 0.0 else -np.inf
-    cut = a[0] + room / dy
-    return (left, min(right, cut)) if dy > 0.0 else (max(left, cut), right)
+TRIANGLE = "UniTuple(f8, 3), UniTuple(f8, 3), UniTuple(f8, 3), f8, f8"
+"""Types of a triangle's corners, counterclockwise, its double area, and its outline's tolerance."""
 
 
-@compiled(f"f8(UniTuple(f8, 3), UniTuple(f8, 3), UniTuple(f8, 3), {MAP})", nogil=True)
-def _raise_to_triangle(a, b, c, pitch, behind, top, heights):
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    area = ux * vy - uy * vx
-    if area == 0.0:
-        return top  # seen edge-on: its neighbors include its outline
-    turn = 1.0 if area > 0.0 else -1.0
-    along_x, along_y = (uz * vy - vz * uy) / area, (ux * vz - vx * uz) / area
+@compiled(f"f8({TRIANGLE}, f8, f8, f4[:, ::1])", **FAST)
+def _raise_to_triangle(a, b, c, area, edge, behind, top, heights):
+    """Raise a map to a triangle whose x is in columns and y in rows."""
+    highest = np.float32(top)
+    first_row = max(int(np.ceil(min(a[1], b[1], c[1]) - edge)), 1)
+    last_row = min(int(np.floor(max(a[1], b[1], c[1]) + edge)), heights.shape[0] - 2)
+    lowest_x = max(np.ceil(min(a[0], b[0], c[0]) - edge), 1.0)
+    greatest_x = min(np.floor(max(a[0], b[0], c[0]) + edge), heights.shape[1] - 2.0)
+    if last_row < first_row or greatest_x < lowest_x:
+        return top
+    left_0, left_1, right_0, right_1 = _side(a, b, edge)
+    left_2, left_3, right_2, right_3 = _side(b, c, edge)
+    left_4, left_5, right_4, right_5 = _side(c, a, edge)
     low, high = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
-    rows, columns = (heights.shape[0] - 3) // 2, (heights.shape[1] - 3) // 2
-    first_row, last_row = _grid_lines(min(a[1], b[1], c[1]), max(a[1], b[1], c[1]), pitch, rows)
-    x_low, x_high = min(a[0], b[0], c[0]) - EDGE_MM, max(a[0], b[0], c[0]) + EDGE_MM
+    uz, vz = b[2] - a[2], c[2] - a[2]
+    along_x = (uz * (c[1] - a[1]) - vz * (b[1] - a[1])) / area
+    along_y = (vz * (b[0] - a[0]) - uz * (c[0] - a[0])) / area
     for row in range(first_row, last_row + 1):
-        y = row * pitch
-        left, right = _left_and_right(a, b, turn, y, x_low, x_high)
-        left, right = _left_and_right(b, c, turn, y, left, right)
-        left, right = _left_and_right(c, a, turn, y, left, right)
-        if left > right:
-            continue
-        first = int(np.ceil(max(left, -columns * pitch - EDGE_MM) / pitch))
-        last = int(np.floor(min(right, columns * pitch + EDGE_MM) / pitch))
+        y = np.float64(row)
+        left = max(left_0 + left_1 * y, left_2 + left_3 * y, left_4 + left_5 * y, lowest_x)
+        right = min(right_0 + right_1 * y, right_2 + right_3 * y, right_4 + right_5 * y, greatest_x)
         start = a[2] + along_y * (y - a[1]) - along_x * a[0]
-        out = heights[row + rows + 1]
-        for column in range(first, last + 1):
-            z = np.float32(min(max(start + along_x * (column * pitch), low), high))
-            if out[column + columns + 1] < z <= behind:
-                out[column + columns + 1] = z
-                top = max(top, z)
-    return top
+        out = heights[row]
+        for column in range(int(np.ceil(left)), int(np.floor(right)) + 1):
+            height = start + along_x * column
+            height = low if height < low else height
+            height = np.float32(high if height > high else height)
+            height = height if height <= behind else np.float32(NOTHING_MM)
+            at = np.uintp(column)
+            out[at] = out[at] if out[at] > height else height
+            highest = highest if highest > height else height
+    return highest
 
 
 @compiled("UniTuple(i8, 4)(f4[:, ::1], f8, f8)", nogil=True)
@@ -291,14 +311,17 @@ def lower_to_top(heights, top, depth):
 
     Returns the first and last row, and the first and last column that are not empty.
     """
-    first_row, last_row, first_column, last_column = heights.shape[0], -1, heights.shape[1], -1
+    nothing, by, least = np.float32(NOTHING_MM), np.float32(top), np.float32(-depth)
+    used, first_row, last_row = np.zeros(heights.shape[1], np.bool_), -1, -1
     for row in range(heights.shape[0]):
-        for column in range(heights.shape[1]):
-            height = np.float32(heights[row, column] - top)
-            if height < -depth:
-                heights[row, column] = NOTHING_MM
-                continue
-            heights[row, column] = height
-            first_row, last_row = min(first_row, row), row
-            first_column, last_column = min(first_column, column), max(last_column, column)
-    return first_row, last_row, first_column, last_column
+        out, any_used = heights[row], False
+        for column in range(out.size):
+            height = out[column] - by
+            kept = height >= least
+            out[column] = height if kept else nothing
+            used[column] |= kept
+            any_used |= kept
+        if any_used:
+            first_row, last_row = row if first_row < 0 else first_row, row
+    columns = np.flatnonzero(used)
+    return first_row, last_row, columns[0], columns[-1]
