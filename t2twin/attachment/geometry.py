@@ -127,15 +127,20 @@ def body_surface(
             top = raise_to_primitive(kind, MM_PER_M * model.geom_size[geom], *place)
         else:
             mesh = _blocks(model, kind, int(model.geom_dataid[geom]))
-            facing = mesh.triangles_mm, mesh.boxes_mm, mesh.closed, region.depth_mm
-            top = raise_to_triangles(*facing, *place)
+            blocks, upper = _blocks_near(mesh, turn, center, half_mm, top - region.depth_mm)
+            kept = blocks, upper, mesh.closed, region.depth_mm
+            top = raise_to_triangles(mesh.triangles_mm, *kept, *place)
     if top == NOTHING_MM:
         return None
-    first_row, last_row, first, last = lower_to_top(heights, top, region.depth_mm)
+    used_rows, used_columns = (np.zeros(size, bool) for size in heights.shape)
+    lower_to_top(heights, top, region.depth_mm, used_rows, used_columns)
+    (first_row, last_row), (first, last) = (
+        np.flatnonzero(used)[[0, -1]] for used in (used_rows, used_columns)
+    )
     surface = HeightMap(
         heights[first_row - 1 : last_row + 2, first - 1 : last + 2].copy(),
-        x_mm=np.arange(first - 1, last + 2) * pitch - (columns + 1) * pitch,
-        y_mm=np.arange(first_row - 1, last_row + 2) * pitch - (rows + 1) * pitch,
+        x_mm=(np.arange(first - 1, last + 2) - (columns + 1)) * pitch,
+        y_mm=(np.arange(first_row - 1, last_row + 2) - (rows + 1)) * pitch,
     )
     return BodySurface(surface, -top)
 
@@ -200,6 +205,20 @@ def _blocks(model: "mujoco.MjModel", kind: int, asset: int) -> _Blocks:
         triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset)
         blocks = found[kind, asset] = _in_blocks(triangles, source.copy())
     return blocks
+
+
+def _blocks_near(
+    mesh: _Blocks, rotation: np.ndarray, center: np.ndarray, half_mm: np.ndarray, lowest_mm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Blocks that may be over the region and above a height, and their upper bounds, falling."""
+    centers = mesh.boxes_mm[:, 0] @ rotation.T + center
+    halves = mesh.boxes_mm[:, 1] @ np.abs(rotation).T
+    upper = centers[:, 2] + halves[:, 2]
+    near = (np.abs(centers[:, :2]) <= halves[:, :2] + half_mm).all(axis=1)
+    near &= (centers[:, 2] - halves[:, 2] <= BEHIND_MM) & (upper >= lowest_mm)
+    blocks = np.flatnonzero(near)
+    blocks = blocks[np.argsort(-upper[blocks])]
+    return blocks, upper[blocks]
 
 
 def _hfield_data(model: "mujoco.MjModel", hfield: int) -> np.ndarray:

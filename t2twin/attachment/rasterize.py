@@ -44,36 +44,45 @@ x, and the vertical, in the geom frame; and the geom's size."""
 @compiled(f"f8(i8, f8[::1], {POSE}, {MAP})", nogil=True)
 def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights):
     """Raise a map to a geom with a formula. size: (3,) as geom_size, mm."""
-    half_x, half_y = _half_extent(kind, size, rotation[0]), _half_extent(kind, size, rotation[1])
-    rows, columns = (heights.shape[0] - 3) // 2, (heights.shape[1] - 3) // 2
-    first_row, last_row = _grid_lines(center[1] - half_y, center[1] + half_y, pitch, rows)
-    first, last = _grid_lines(center[0] - half_x, center[0] + half_x, pitch, columns)
+    middle_row, middle_column = heights.shape[0] // 2, heights.shape[1] // 2
+    reach = _half_extent(kind, size, rotation[1])
+    first_row, last_row = _grid_lines(center[1], reach, pitch, middle_row)
+    reach = _half_extent(kind, size, rotation[0])
+    first, last = _grid_lines(center[0], reach, pitch, middle_column)
     if last < first:
         return top
-    x = np.arange(first, last + 1) * pitch - center[0]
-    found, along, up = np.empty(x.size), rotation[0].copy(), rotation[2].copy()
+    x, found = np.empty(last - first + 1), np.empty(last - first + 1)
+    for n in range(x.size):
+        x[n] = (first + n) * pitch - center[0]
+    start, up = np.empty(3), np.empty(3)
     for axis in range(3):
-        if abs(up[axis]) < PARALLEL:
-            up[axis] = PARALLEL
+        up[axis] = rotation[2, axis] if abs(rotation[2, axis]) > PARALLEL else PARALLEL
     for row in range(first_row, last_row + 1):
         y = row * pitch - center[1]
-        start = rotation[1] * y
-        found[:] = NOTHING_MM
+        for axis in range(3):
+            start[axis] = rotation[1, axis] * y
+        for n in range(x.size):
+            found[n] = NOTHING_MM
         if kind == SPHERE:
-            _ball(x, y, np.zeros(3), size[0], found)
+            _ball(x, y, 0.0, 0.0, 0.0, size[0], found)
         elif kind == ELLIPSOID:
-            _ellipsoid(x, start, along, up, size, found)
+            _ellipsoid(x, start, rotation[0], up, size, found)
         elif kind == BOX:
-            _box(x, start, along, up, size, found)
+            _box(x, start, rotation[0], up, size, found)
         elif kind == PLANE:
-            _plane(x, start, along, up, size, found)
+            _plane(x, start, rotation[0], up, size, found)
         elif kind == CYLINDER:
-            _cylinder(x, start, along, up, size, found)
+            _cylinder(x, start, rotation[0], up, size, found)
         else:
-            _tube(x, start, along, up, size, found)
-            _ball(x, y, rotation[:, 2] * size[1], size[0], found)
-            _ball(x, y, rotation[:, 2] * -size[1], size[0], found)
-        out = heights[row + rows + 1, first + columns + 1 : last + columns + 2]
+            dx, dy, dz = (
+                rotation[0, 2] * size[1],
+                rotation[1, 2] * size[1],
+                rotation[2, 2] * size[1],
+            )
+            _tube(x, start, rotation[0], up, size, found)
+            _ball(x, y, dx, dy, dz, size[0], found)
+            _ball(x, y, -dx, -dy, -dz, size[0], found)
+        out = heights[row + middle_row, first + middle_column : last + middle_column + 1]
         top = _raise_row(found, center[2], behind, top, out)
     return top
 
@@ -90,156 +99,144 @@ def _raise_row(found, middle, behind, top, out):
     return highest
 
 
-@compiled(inline="always")
-def _grid_lines(low, high, pitch, limit):
-    """First and last grid line between two coordinates, within -limit to limit."""
-    outside = (limit + 1) * pitch
-    first = np.ceil((min(max(low, -outside), outside) - EDGE_MM) / pitch)
-    last = np.floor((min(max(high, -outside), outside) + EDGE_MM) / pitch)
-    return max(int(first), -limit), min(int(last), limit)
+@compiled("UniTuple(i8, 2)(f8, f8, f8, i8)", nogil=True)
+def _grid_lines(center, reach, pitch, limit):
+    """First and last grid line within reach of a center, which are within -limit and limit."""
+    low, high = max(center - reach, -limit * pitch), min(center + reach, limit * pitch)
+    first, last = int(np.ceil((low - EDGE_MM) / pitch)), int(np.floor((high + EDGE_MM) / pitch))
+    return max(first, 1 - limit), min(last, limit - 1)
 
 
 @compiled("f8(i8, f8[::1], f8[::1])", nogil=True)
 def _half_extent(kind, size, direction):
     """Half the extent of a geom, mm, along a unit vector in its frame."""
+    x, y, z = abs(direction[0]), abs(direction[1]), abs(direction[2])
     if kind == PLANE:
         return np.inf
     if kind == SPHERE:
         return size[0]
     if kind == CAPSULE:
-        return size[0] + size[1] * abs(direction[2])
+        return size[0] + size[1] * z
     if kind == CYLINDER:
-        return size[0] * np.hypot(direction[0], direction[1]) + size[1] * abs(direction[2])
-    if kind == ELLIPSOID:
-        return np.sqrt(np.sum((size * direction) ** 2))
-    return np.sum(size * np.abs(direction))
+        return size[0] * np.sqrt(x * x + y * y) + size[1] * z
+    x, y, z = size[0] * x, size[1] * y, size[2] * z
+    return np.sqrt(x * x + y * y + z * z) if kind == ELLIPSOID else x + y + z
 
 
-@compiled("void(f8[::1], f8, f8[::1], f8, f8[::1])", nogil=True)
-def _ball(x, y, middle, radius, found):
-    """middle: (3,) of the ball, from the geom's center, along the shape frame's axes."""
+@compiled("void(f8[::1], f8, f8, f8, f8, f8, f8[::1])", **FAST)
+def _ball(x, y, dx, dy, dz, radius, found):
+    """dx, dy, dz: place of the ball from the geom's center, along the shape frame's axes."""
+    most = radius * radius - (y - dy) * (y - dy)
     for n in range(x.size):
-        square = radius**2 - (x[n] - middle[0]) ** 2 - (y - middle[1]) ** 2
-        if square >= 0.0:
-            found[n] = max(found[n], middle[2] + np.sqrt(square))
+        square = most - (x[n] - dx) * (x[n] - dx)
+        height = dz + np.sqrt(square if square > 0.0 else 0.0)
+        height = height if square >= 0.0 else NOTHING_MM
+        found[n] = found[n] if found[n] > height else height
 
 
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
+@compiled(f"void({ROW}, f8[::1])", **FAST)
 def _ellipsoid(x, start, along, up, size, found):
     """Upper intersections with the unit sphere of the coordinates divided by the half axes."""
     o0, o1, o2 = start[0] / size[0], start[1] / size[1], start[2] / size[2]
     a0, a1, a2 = along[0] / size[0], along[1] / size[1], along[2] / size[2]
     u0, u1, u2 = up[0] / size[0], up[1] / size[1], up[2] / size[2]
     square = u0 * u0 + u1 * u1 + u2 * u2
-    dot, change = o0 * u0 + o1 * u1 + o2 * u2, a0 * u0 + a1 * u1 + a2 * u2
+    dot, change, per_square = o0 * u0 + o1 * u1 + o2 * u2, a0 * u0 + a1 * u1 + a2 * u2, 1 / square
     for n in range(x.size):
         p0, p1, p2 = o0 + a0 * x[n], o1 + a1 * x[n], o2 + a2 * x[n]
         c0, c1, c2 = p1 * u2 - p2 * u1, p2 * u0 - p0 * u2, p0 * u1 - p1 * u0
         root = square - c0 * c0 - c1 * c1 - c2 * c2
-        if root >= 0.0:
-            found[n] = (np.sqrt(root) - dot - change * x[n]) / square
+        height = (np.sqrt(root if root > 0.0 else 0.0) - dot - change * x[n]) * per_square
+        found[n] = height if root >= 0.0 else NOTHING_MM
 
 
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
+@compiled(f"void({ROW}, f8[::1])", **FAST)
 def _box(x, start, along, up, size, found):
     """Upper ends of the intervals between all three pairs of faces."""
-    r0, r1, r2 = (
-        (size[0] + EDGE_MM) / abs(up[0]),
-        (size[1] + EDGE_MM) / abs(up[1]),
-        (size[2] + EDGE_MM) / abs(up[2]),
-    )
+    per_0, per_1, per_2 = -1 / up[0], -1 / up[1], -1 / up[2]
+    half_0, half_1 = (size[0] + EDGE_MM) * abs(per_0), (size[1] + EDGE_MM) * abs(per_1)
+    half_2 = (size[2] + EDGE_MM) * abs(per_2)
     for n in range(x.size):
-        m0 = -(start[0] + along[0] * x[n]) / up[0]
-        m1 = -(start[1] + along[1] * x[n]) / up[1]
-        m2 = -(start[2] + along[2] * x[n]) / up[2]
-        upper = min(m0 + r0, m1 + r1, m2 + r2)
-        if upper >= max(m0 - r0, m1 - r1, m2 - r2):
-            found[n] = upper
+        middle_0 = (start[0] + along[0] * x[n]) * per_0
+        middle_1 = (start[1] + along[1] * x[n]) * per_1
+        middle_2 = (start[2] + along[2] * x[n]) * per_2
+        upper = min(middle_0 + half_0, middle_1 + half_1, middle_2 + half_2)
+        lower = max(middle_0 - half_0, middle_1 - half_1, middle_2 - half_2)
+        found[n] = upper if upper >= lower else NOTHING_MM
 
 
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
+@compiled(f"void({ROW}, f8[::1])", **FAST)
 def _plane(x, start, along, up, size, found):
     """A half space below z = 0 of its frame; nothing where its surface faces away."""
-    if up[2] > PARALLEL:
-        for n in range(x.size):
-            found[n] = -(start[2] + along[2] * x[n]) / up[2]
-
-
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
-def _cylinder(x, start, along, up, size, found):
-    """Upper end of each vertical line's interval within the side and between the caps."""
-    radius, half = size[0] + EDGE_MM, (size[1] + EDGE_MM) / abs(up[2])
-    square = up[0] ** 2 + up[1] ** 2
+    per = -1 / up[2]
     for n in range(x.size):
-        o0, o1, o2 = (
-            start[0] + along[0] * x[n],
-            start[1] + along[1] * x[n],
-            start[2] + along[2] * x[n],
-        )
-        root = square * radius**2 - (o0 * up[1] - o1 * up[0]) ** 2
-        if root >= 0.0:
-            side, cap = -(o0 * up[0] + o1 * up[1]) / square, -o2 / up[2]
-            reach = np.sqrt(root) / square
-            upper = min(side + reach, cap + half)
-            if upper >= max(side - reach, cap - half):
-                found[n] = upper
+        found[n] = (start[2] + along[2] * x[n]) * per if up[2] > PARALLEL else NOTHING_MM
 
 
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
+@compiled(f"void({ROW}, f8[::1])", **FAST)
+def _cylinder(x, start, along, up, size, found):
+    """Upper ends of the intervals within the side and between the caps."""
+    radius, half = size[0] + EDGE_MM, (size[1] + EDGE_MM) / abs(up[2])
+    square, per_up = up[0] * up[0] + up[1] * up[1], 1 / up[2]
+    most, per_square = square * radius * radius, 1 / square
+    for n in range(x.size):
+        o0, o1 = start[0] + along[0] * x[n], start[1] + along[1] * x[n]
+        cross = o0 * up[1] - o1 * up[0]
+        root = most - cross * cross
+        reach = np.sqrt(root if root > 0.0 else 0.0) * per_square
+        side, cap = -(o0 * up[0] + o1 * up[1]) * per_square, -(start[2] + along[2] * x[n]) * per_up
+        upper, lower = min(side + reach, cap + half), max(side - reach, cap - half)
+        found[n] = upper if root >= 0.0 and upper >= lower else NOTHING_MM
+
+
+@compiled(f"void({ROW}, f8[::1])", **FAST)
 def _tube(x, start, along, up, size, found):
     """The side of a capsule."""
-    square = up[0] ** 2 + up[1] ** 2
+    square = up[0] * up[0] + up[1] * up[1]
+    most, per_square = square * size[0] * size[0], 1 / square
     for n in range(x.size):
-        o0, o1, o2 = (
-            start[0] + along[0] * x[n],
-            start[1] + along[1] * x[n],
-            start[2] + along[2] * x[n],
-        )
-        root = square * size[0] ** 2 - (o0 * up[1] - o1 * up[0]) ** 2
-        if root >= 0.0:
-            side = (np.sqrt(root) - o0 * up[0] - o1 * up[1]) / square
-            if abs(o2 + side * up[2]) <= size[1]:
-                found[n] = side
+        o0, o1 = start[0] + along[0] * x[n], start[1] + along[1] * x[n]
+        cross = o0 * up[1] - o1 * up[0]
+        root = most - cross * cross
+        side = (np.sqrt(root if root > 0.0 else 0.0) - o0 * up[0] - o1 * up[1]) * per_square
+        inside = root >= 0.0 and abs(start[2] + along[2] * x[n] + side * up[2]) <= size[1]
+        found[n] = side if inside else NOTHING_MM
 
 
-@compiled(f"f8(f4[:, :, ::1], f8[:, :, ::1], b1, f8, {POSE}, {MAP})", nogil=True)
+@compiled(f"f8(f4[:, :, ::1], i8[::1], f8[::1], b1, f8, {POSE}, {MAP})", nogil=True)
 def raise_to_triangles(
-    triangles, boxes, closed, depth, rotation, center, pitch, behind, top, heights
+    triangles, blocks, upper, closed, depth, rotation, center, pitch, behind, top, heights
 ):
     """Raise a map to the parts of a mesh that are at most `depth` below the greatest height.
 
-    triangles: (n, 3, 3), in blocks of BLOCK. boxes: (blocks, 2, 3) centers and half extents of the
-    blocks' bounding boxes. Both in mm in the geom frame. closed: whether triangles that face down
-    are left out.
+    triangles: (n, 3, 3), mm in the geom frame. blocks: numbers of the blocks of BLOCK triangles
+    over the map, in falling order of upper, their upper bounds. closed: whether triangles that face
+    down are left out.
     """
     # From here on x is in columns and y in rows of the map.
-    per_cell = np.array([1 / pitch, 1 / pitch, 1.0])
-    rotation, middle = rotation * per_cell[:, None], center * per_cell
+    turned, middle = np.empty((3, 3)), np.empty(3)
+    for axis in range(3):
+        scale = 1.0 if axis == 2 else 1.0 / pitch
+        middle[axis] = center[axis] * scale
+        for n in range(3):
+            turned[axis, n] = rotation[axis, n] * scale
     middle[0] += heights.shape[1] // 2
     middle[1] += heights.shape[0] // 2
-    upper = np.empty(boxes.shape[0])
-    for block in range(upper.size):
-        x, y, z = _moved(rotation, middle, boxes[block, 0])
-        half_x, half_y, half_z = _moved(np.abs(rotation), np.zeros(3), boxes[block, 1])
-        inside = x + half_x >= 0.0 and x - half_x <= heights.shape[1]
-        inside &= y + half_y >= 0.0 and y - half_y <= heights.shape[0]
-        upper[block] = z + half_z if inside and z - half_z <= behind else -np.inf
-    for block in np.argsort(-upper):
-        if upper[block] < top - depth or upper[block] == -np.inf:
+    for m in range(blocks.size):
+        if upper[m] < top - depth:
             break
-        for n in range(BLOCK * block, min(BLOCK * block + BLOCK, triangles.shape[0])):
-            a = _moved(rotation, middle, triangles[n, 0])
-            b = _moved(rotation, middle, triangles[n, 1])
-            c = _moved(rotation, middle, triangles[n, 2])
+        for n in range(BLOCK * blocks[m], min(BLOCK * blocks[m] + BLOCK, triangles.shape[0])):
+            a = _moved(turned, middle, triangles[n, 0])
+            b = _moved(turned, middle, triangles[n, 1])
+            c = _moved(turned, middle, triangles[n, 2])
             area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-            if area == 0.0:
-                continue  # seen edge-on: its neighbors include its outline
-            if max(a[2], b[2], c[2]) < top - depth:
-                continue
-            if area > 0.0:
-                top = _raise_to_triangle(a, b, c, area, EDGE_MM / pitch, behind, top, heights)
-            elif not closed:
-                top = _raise_to_triangle(a, c, b, -area, EDGE_MM / pitch, behind, top, heights)
+            if area == 0.0 or max(a[2], b[2], c[2]) < top - depth:
+                continue  # seen edge-on, its neighbors include its outline
+            if area < 0.0:
+                if closed:
+                    continue
+                b, c, area = c, b, -area
+            top = _raise_to_triangle(a, b, c, area, EDGE_MM / pitch, behind, top, heights)
     return top
 
 
@@ -305,23 +302,19 @@ def _raise_to_triangle(a, b, c, area, edge, behind, top, heights):
     return highest
 
 
-@compiled("UniTuple(i8, 4)(f4[:, ::1], f8, f8)", nogil=True)
-def lower_to_top(heights, top, depth):
+@compiled("void(f4[:, ::1], f8, f8, b1[::1], b1[::1])", nogil=True)
+def lower_to_top(heights, top, depth, used_rows, used_columns):
     """Lower a map so that its highest point is at 0, and clear what is deeper than `depth`.
 
-    Returns the first and last row, and the first and last column that are not empty.
+    used_rows, used_columns: False; set where a row or column is not empty.
     """
     nothing, by, least = np.float32(NOTHING_MM), np.float32(top), np.float32(-depth)
-    used, first_row, last_row = np.zeros(heights.shape[1], np.bool_), -1, -1
     for row in range(heights.shape[0]):
-        out, any_used = heights[row], False
+        out, used = heights[row], False
         for column in range(out.size):
             height = out[column] - by
             kept = height >= least
             out[column] = height if kept else nothing
-            used[column] |= kept
-            any_used |= kept
-        if any_used:
-            first_row, last_row = row if first_row < 0 else first_row, row
-    columns = np.flatnonzero(used)
-    return first_row, last_row, columns[0], columns[-1]
+            used_columns[column] |= kept
+            used |= kept
+        used_rows[row] = used
