@@ -43,6 +43,10 @@ MM_PER_M = 1000.0
 MARGIN_MM = 1.0
 """Width of a map beyond the pad's outline, mm (assumed: more than a surface moves by shear)."""
 
+DEPTH = 1.5
+"""Depth of a map below the highest point, in thicknesses of the layer (assumed: the surface of a
+layer is nowhere lower than its thickness; the rest is for points beyond the pad)."""
+
 BEHIND_MM = 10.0
 """Depth below the apex, mm, from which on surfaces belong to other parts of a body (assumed: more
 than MuJoCo's contacts penetrate)."""
@@ -69,9 +73,9 @@ class Region:
 
     @classmethod
     def of(cls, elastomer: Elastomer, pitch_mm: float = PITCH_MM) -> "Region":
-        """The region of a layer: its outline and MARGIN_MM, and twice its thickness."""
+        """The region of a layer: its outline and MARGIN_MM, and DEPTH times its thickness."""
         half_x, half_y = elastomer.width_mm / 2, elastomer.length_mm / 2
-        depth_mm = 2 * elastomer.thickness_mm
+        depth_mm = DEPTH * elastomer.thickness_mm
         return cls(half_x + MARGIN_MM, half_y + MARGIN_MM, depth_mm, pitch_mm)
 
 
@@ -123,14 +127,20 @@ def body_surface(
             top = raise_to_primitive(kind, MM_PER_M * model.geom_size[geom], *place)
         else:
             mesh = _blocks(model, kind, int(model.geom_dataid[geom]))
-            top = raise_to_triangles(mesh.triangles_mm, mesh.boxes_mm, region.depth_mm, *place)
+            blocks, upper = _blocks_near(mesh, turn, center, half_mm, top - region.depth_mm)
+            kept = blocks, upper, mesh.closed, region.depth_mm
+            top = raise_to_triangles(mesh.triangles_mm, *kept, *place)
     if top == NOTHING_MM:
         return None
-    first_row, last_row, first, last = lower_to_top(heights, top, region.depth_mm)
+    used_rows, used_columns = (np.zeros(size, bool) for size in heights.shape)
+    lower_to_top(heights, top, region.depth_mm, used_rows, used_columns)
+    (first_row, last_row), (first, last) = (
+        np.flatnonzero(used)[[0, -1]] for used in (used_rows, used_columns)
+    )
     surface = HeightMap(
         heights[first_row - 1 : last_row + 2, first - 1 : last + 2].copy(),
-        x_mm=np.arange(first - 1, last + 2) * pitch - (columns + 1) * pitch,
-        y_mm=np.arange(first_row - 1, last_row + 2) * pitch - (rows + 1) * pitch,
+        x_mm=(np.arange(first - 1, last + 2) - (columns + 1)) * pitch,
+        y_mm=(np.arange(first_row - 1, last_row + 2) - (rows + 1)) * pitch,
     )
     return BodySurface(surface, -top)
 
@@ -162,10 +172,14 @@ def _near(
 
 
 class _Blocks(NamedTuple):
-    """Triangles of a mesh or a height field in its geom's frame, mm; see `raise_to_triangles`."""
+    """Triangles of a mesh or a height field in its geom's frame, mm; see `raise_to_triangles`.
+
+    closed: whether they enclose a volume, facing outward. source: data of a height field.
+    """
 
     triangles_mm: np.ndarray
     boxes_mm: np.ndarray
+    closed: bool
     source: np.ndarray
 
 
@@ -191,6 +205,20 @@ def _blocks(model: "mujoco.MjModel", kind: int, asset: int) -> _Blocks:
         triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset)
         blocks = found[kind, asset] = _in_blocks(triangles, source.copy())
     return blocks
+
+
+def _blocks_near(
+    mesh: _Blocks, rotation: np.ndarray, center: np.ndarray, half_mm: np.ndarray, lowest_mm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Blocks that may be over the region and above a height, and their upper bounds, falling."""
+    centers = mesh.boxes_mm[:, 0] @ rotation.T + center
+    halves = mesh.boxes_mm[:, 1] @ np.abs(rotation).T
+    upper = centers[:, 2] + halves[:, 2]
+    near = (np.abs(centers[:, :2]) <= halves[:, :2] + half_mm).all(axis=1)
+    near &= (centers[:, 2] - halves[:, 2] <= BEHIND_MM) & (upper >= lowest_mm)
+    blocks = np.flatnonzero(near)
+    blocks = blocks[np.argsort(-upper[blocks])]
+    return blocks, upper[blocks]
 
 
 def _hfield_data(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
@@ -251,4 +279,16 @@ def _in_blocks(triangles: np.ndarray, source: np.ndarray) -> _Blocks:
     low = np.minimum.reduceat(triangles_mm.min(axis=1), starts).astype(float)
     high = np.maximum.reduceat(triangles_mm.max(axis=1), starts).astype(float)
     boxes_mm = np.ascontiguousarray(np.stack(((low + high) / 2, (high - low) / 2), axis=1))
-    return _Blocks(triangles_mm, boxes_mm, source)
+    return _Blocks(triangles_mm, boxes_mm, _is_closed(triangles), source)
+
+
+def _is_closed(triangles: np.ndarray) -> bool:
+    """Whether every side of triangles, (n, 3, 3), is met in the other direction equally often, and
+    the enclosed volume is positive."""
+    _, points = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
+    start = points.reshape(-1, 3).astype(np.int64)
+    end = np.roll(start, -1, axis=1)
+    sides, reversed_sides = (start * points.size + end).ravel(), (end * points.size + start).ravel()
+    a, b, c = triangles.astype(float).transpose(1, 0, 2)
+    volume = np.einsum("ni,ni->", a, np.cross(b, c))
+    return bool(volume > 0.0 and np.array_equal(np.sort(sides), np.sort(reversed_sides)))

@@ -8,6 +8,8 @@ geom's pose is its rotation to the shape frame, (3, 3), and its center, (3,). Su
 `behind` are left out. Each loop takes the greatest height so far and returns the new one.
 """
 
+from typing import Any
+
 import numpy as np
 
 from t2twin.core.jit import compiled
@@ -24,8 +26,11 @@ PARALLEL = 1.0e-9
 """Smallest component of the vertical in a geom's frame, in place of smaller ones (assumed: it moves
 no surface of a meter by more than 1e-6 mm)."""
 
-LEVEL_MM = 1.0e-12
-"""Extent along y, mm, below which a triangle's side is parallel to x (assumed)."""
+LEVEL = 1.0e-10
+"""Rows, below which the extent of a triangle's side is replaced by it (assumed)."""
+
+FAST: dict[str, Any] = {"nogil": True, "fastmath": {"nnan", "nsz"}}
+"""Options of loops that take a maximum; without a case for NaN they use vector instructions."""
 
 POSE = "f8[:, ::1], f8[::1]"
 MAP = "f8, f8, f8, f4[:, ::1]"
@@ -39,185 +44,205 @@ x, and the vertical, in the geom frame; and the geom's size."""
 @compiled(f"f8(i8, f8[::1], {POSE}, {MAP})", nogil=True)
 def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights):
     """Raise a map to a geom with a formula. size: (3,) as geom_size, mm."""
-    half_x, half_y = _half_extent(kind, size, rotation[0]), _half_extent(kind, size, rotation[1])
-    rows, columns = (heights.shape[0] - 3) // 2, (heights.shape[1] - 3) // 2
-    first_row, last_row = _grid_lines(center[1] - half_y, center[1] + half_y, pitch, rows)
-    first, last = _grid_lines(center[0] - half_x, center[0] + half_x, pitch, columns)
+    middle_row, middle_column = heights.shape[0] // 2, heights.shape[1] // 2
+    reach = _half_extent(kind, size, rotation[1])
+    first_row, last_row = _grid_lines(center[1], reach, pitch, middle_row)
+    reach = _half_extent(kind, size, rotation[0])
+    first, last = _grid_lines(center[0], reach, pitch, middle_column)
     if last < first:
         return top
-    x = np.arange(first, last + 1) * pitch - center[0]
-    found, along, up = np.empty(x.size), rotation[0].copy(), rotation[2].copy()
+    x, found = np.empty(last - first + 1), np.empty(last - first + 1)
+    for n in range(x.size):
+        x[n] = (first + n) * pitch - center[0]
+    start, up = np.empty(3), np.empty(3)
     for axis in range(3):
-        if abs(up[axis]) < PARALLEL:
-            up[axis] = PARALLEL
+        up[axis] = rotation[2, axis] if abs(rotation[2, axis]) > PARALLEL else PARALLEL
     for row in range(first_row, last_row + 1):
         y = row * pitch - center[1]
-        start = rotation[1] * y
-        found[:] = NOTHING_MM
-        if kind == SPHERE:
-            _ball(x, y, np.zeros(3), size[0], found)
-        elif kind == ELLIPSOID:
-            _ellipsoid(x, start, along, up, size, found)
-        elif kind == BOX:
-            _box(x, start, along, up, size, found)
-        elif kind == PLANE:
-            _plane(x, start, along, up, size, found)
-        elif kind == CYLINDER:
-            _cylinder(x, start, along, up, size, found)
-        else:
-            _tube(x, start, along, up, size, found)
-            _ball(x, y, rotation[:, 2] * size[1], size[0], found)
-            _ball(x, y, rotation[:, 2] * -size[1], size[0], found)
-        out = heights[row + rows + 1, first + columns + 1 : last + columns + 2]
+        for axis in range(3):
+            start[axis] = rotation[1, axis] * y
         for n in range(x.size):
-            height = np.float32(found[n] + center[2])
-            if out[n] < height <= behind and found[n] > NOTHING_MM:
-                out[n] = height
-                top = max(top, height)
+            found[n] = NOTHING_MM
+        if kind == SPHERE:
+            _ball(x, y, 0.0, 0.0, 0.0, size[0], found)
+        elif kind == ELLIPSOID:
+            _ellipsoid(x, start, rotation[0], up, size, found)
+        elif kind == BOX:
+            _box(x, start, rotation[0], up, size, found)
+        elif kind == PLANE:
+            _plane(x, start, rotation[0], up, size, found)
+        elif kind == CYLINDER:
+            _cylinder(x, start, rotation[0], up, size, found)
+        else:
+            dx, dy, dz = (
+                rotation[0, 2] * size[1],
+                rotation[1, 2] * size[1],
+                rotation[2, 2] * size[1],
+            )
+            _tube(x, start, rotation[0], up, size, found)
+            _ball(x, y, dx, dy, dz, size[0], found)
+            _ball(x, y, -dx, -dy, -dz, size[0], found)
+        out = heights[row + middle_row, first + middle_column : last + middle_column + 1]
+        top = _raise_row(found, center[2], behind, top, out)
     return top
 
 
-@compiled(inline="always")
-def _grid_lines(low, high, pitch, limit):
-    """First and last grid line between two coordinates, within -limit to limit."""
-    outside = (limit + 1) * pitch
-    first = np.ceil((min(max(low, -outside), outside) - EDGE_MM) / pitch)
-    last = np.floor((min(max(high, -outside), outside) + EDGE_MM) / pitch)
-    return max(int(first), -limit), min(int(last), limit)
+@compiled("f8(f8[::1], f8, f8, f8, f4[::1])", **FAST)
+def _raise_row(found, middle, behind, top, out):
+    """Raise a row of a map to heights above `middle`; a NOTHING_MM among them is left out."""
+    highest = np.float32(top)
+    for n in range(out.size):
+        height = np.float32(found[n] + middle if found[n] > NOTHING_MM else NOTHING_MM)
+        height = height if height <= behind else np.float32(NOTHING_MM)
+        out[n] = out[n] if out[n] > height else height
+        highest = highest if highest > height else height
+    return highest
+
+
+@compiled("UniTuple(i8, 2)(f8, f8, f8, i8)", nogil=True)
+def _grid_lines(center, reach, pitch, limit):
+    """First and last grid line within reach of a center, which are within -limit and limit."""
+    low, high = max(center - reach, -limit * pitch), min(center + reach, limit * pitch)
+    first, last = int(np.ceil((low - EDGE_MM) / pitch)), int(np.floor((high + EDGE_MM) / pitch))
+    return max(first, 1 - limit), min(last, limit - 1)
 
 
 @compiled("f8(i8, f8[::1], f8[::1])", nogil=True)
 def _half_extent(kind, size, direction):
     """Half the extent of a geom, mm, along a unit vector in its frame."""
+    x, y, z = abs(direction[0]), abs(direction[1]), abs(direction[2])
     if kind == PLANE:
         return np.inf
     if kind == SPHERE:
         return size[0]
     if kind == CAPSULE:
-        return size[0] + size[1] * abs(direction[2])
+        return size[0] + size[1] * z
     if kind == CYLINDER:
-        return size[0] * np.hypot(direction[0], direction[1]) + size[1] * abs(direction[2])
-    if kind == ELLIPSOID:
-        return np.sqrt(np.sum((size * direction) ** 2))
-    return np.sum(size * np.abs(direction))
+        return size[0] * np.sqrt(x * x + y * y) + size[1] * z
+    x, y, z = size[0] * x, size[1] * y, size[2] * z
+    return np.sqrt(x * x + y * y + z * z) if kind == ELLIPSOID else x + y + z
 
 
-@compiled("void(f8[::1], f8, f8[::1], f8, f8[::1])", nogil=True)
-def _ball(x, y, middle, radius, found):
-    """middle: (3,) of the ball, from the geom's center, along the shape frame's axes."""
+@compiled("void(f8[::1], f8, f8, f8, f8, f8, f8[::1])", **FAST)
+def _ball(x, y, dx, dy, dz, radius, found):
+    """dx, dy, dz: place of the ball from the geom's center, along the shape frame's axes."""
+    most = radius * radius - (y - dy) * (y - dy)
     for n in range(x.size):
-        square = radius**2 - (x[n] - middle[0]) ** 2 - (y - middle[1]) ** 2
-        if square >= 0.0:
-            found[n] = max(found[n], middle[2] + np.sqrt(square))
+        square = most - (x[n] - dx) * (x[n] - dx)
+        height = dz + np.sqrt(square if square > 0.0 else 0.0)
+        height = height if square >= 0.0 else NOTHING_MM
+        found[n] = found[n] if found[n] > height else height
 
 
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
+@compiled(f"void({ROW}, f8[::1])", **FAST)
 def _ellipsoid(x, start, along, up, size, found):
     """Upper intersections with the unit sphere of the coordinates divided by the half axes."""
     o0, o1, o2 = start[0] / size[0], start[1] / size[1], start[2] / size[2]
     a0, a1, a2 = along[0] / size[0], along[1] / size[1], along[2] / size[2]
     u0, u1, u2 = up[0] / size[0], up[1] / size[1], up[2] / size[2]
     square = u0 * u0 + u1 * u1 + u2 * u2
-    dot, change = o0 * u0 + o1 * u1 + o2 * u2, a0 * u0 + a1 * u1 + a2 * u2
+    dot, change, per_square = o0 * u0 + o1 * u1 + o2 * u2, a0 * u0 + a1 * u1 + a2 * u2, 1 / square
     for n in range(x.size):
         p0, p1, p2 = o0 + a0 * x[n], o1 + a1 * x[n], o2 + a2 * x[n]
         c0, c1, c2 = p1 * u2 - p2 * u1, p2 * u0 - p0 * u2, p0 * u1 - p1 * u0
         root = square - c0 * c0 - c1 * c1 - c2 * c2
-        if root >= 0.0:
-            found[n] = (np.sqrt(root) - dot - change * x[n]) / square
+        height = (np.sqrt(root if root > 0.0 else 0.0) - dot - change * x[n]) * per_square
+        found[n] = height if root >= 0.0 else NOTHING_MM
 
 
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
+@compiled(f"void({ROW}, f8[::1])", **FAST)
 def _box(x, start, along, up, size, found):
     """Upper ends of the intervals between all three pairs of faces."""
-    r0, r1, r2 = (
-        (size[0] + EDGE_MM) / abs(up[0]),
-        (size[1] + EDGE_MM) / abs(up[1]),
-        (size[2] + EDGE_MM) / abs(up[2]),
-    )
+    per_0, per_1, per_2 = -1 / up[0], -1 / up[1], -1 / up[2]
+    half_0, half_1 = (size[0] + EDGE_MM) * abs(per_0), (size[1] + EDGE_MM) * abs(per_1)
+    half_2 = (size[2] + EDGE_MM) * abs(per_2)
     for n in range(x.size):
-        m0 = -(start[0] + along[0] * x[n]) / up[0]
-        m1 = -(start[1] + along[1] * x[n]) / up[1]
-        m2 = -(start[2] + along[2] * x[n]) / up[2]
-        upper = min(m0 + r0, m1 + r1, m2 + r2)
-        if upper >= max(m0 - r0, m1 - r1, m2 - r2):
-            found[n] = upper
+        middle_0 = (start[0] + along[0] * x[n]) * per_0
+        middle_1 = (start[1] + along[1] * x[n]) * per_1
+        middle_2 = (start[2] + along[2] * x[n]) * per_2
+        upper = min(middle_0 + half_0, middle_1 + half_1, middle_2 + half_2)
+        lower = max(middle_0 - half_0, middle_1 - half_1, middle_2 - half_2)
+        found[n] = upper if upper >= lower else NOTHING_MM
 
 
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
+@compiled(f"void({ROW}, f8[::1])", **FAST)
 def _plane(x, start, along, up, size, found):
     """A half space below z = 0 of its frame; nothing where its surface faces away."""
-    if up[2] > PARALLEL:
-        for n in range(x.size):
-            found[n] = -(start[2] + along[2] * x[n]) / up[2]
-
-
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
-def _cylinder(x, start, along, up, size, found):
-    """Upper end of each vertical line's interval within the side and between the caps."""
-    radius, half = size[0] + EDGE_MM, (size[1] + EDGE_MM) / abs(up[2])
-    square = up[0] ** 2 + up[1] ** 2
+    per = -1 / up[2]
     for n in range(x.size):
-        o0, o1, o2 = (
-            start[0] + along[0] * x[n],
-            start[1] + along[1] * x[n],
-            start[2] + along[2] * x[n],
-        )
-        root = square * radius**2 - (o0 * up[1] - o1 * up[0]) ** 2
-        if root >= 0.0:
-            side, cap = -(o0 * up[0] + o1 * up[1]) / square, -o2 / up[2]
-            reach = np.sqrt(root) / square
-            upper = min(side + reach, cap + half)
-            if upper >= max(side - reach, cap - half):
-                found[n] = upper
+        found[n] = (start[2] + along[2] * x[n]) * per if up[2] > PARALLEL else NOTHING_MM
 
 
-@compiled(f"void({ROW}, f8[::1])", nogil=True)
+@compiled(f"void({ROW}, f8[::1])", **FAST)
+def _cylinder(x, start, along, up, size, found):
+    """Upper ends of the intervals within the side and between the caps."""
+    radius, half = size[0] + EDGE_MM, (size[1] + EDGE_MM) / abs(up[2])
+    square, per_up = up[0] * up[0] + up[1] * up[1], 1 / up[2]
+    most, per_square = square * radius * radius, 1 / square
+    for n in range(x.size):
+        o0, o1 = start[0] + along[0] * x[n], start[1] + along[1] * x[n]
+        cross = o0 * up[1] - o1 * up[0]
+        root = most - cross * cross
+        reach = np.sqrt(root if root > 0.0 else 0.0) * per_square
+        side, cap = -(o0 * up[0] + o1 * up[1]) * per_square, -(start[2] + along[2] * x[n]) * per_up
+        upper, lower = min(side + reach, cap + half), max(side - reach, cap - half)
+        found[n] = upper if root >= 0.0 and upper >= lower else NOTHING_MM
+
+
+@compiled(f"void({ROW}, f8[::1])", **FAST)
 def _tube(x, start, along, up, size, found):
     """The side of a capsule."""
-    square = up[0] ** 2 + up[1] ** 2
+    square = up[0] * up[0] + up[1] * up[1]
+    most, per_square = square * size[0] * size[0], 1 / square
     for n in range(x.size):
-        o0, o1, o2 = (
-            start[0] + along[0] * x[n],
-            start[1] + along[1] * x[n],
-            start[2] + along[2] * x[n],
-        )
-        root = square * size[0] ** 2 - (o0 * up[1] - o1 * up[0]) ** 2
-        if root >= 0.0:
-            side = (np.sqrt(root) - o0 * up[0] - o1 * up[1]) / square
-            if abs(o2 + side * up[2]) <= size[1]:
-                found[n] = side
+        o0, o1 = start[0] + along[0] * x[n], start[1] + along[1] * x[n]
+        cross = o0 * up[1] - o1 * up[0]
+        root = most - cross * cross
+        side = (np.sqrt(root if root > 0.0 else 0.0) - o0 * up[0] - o1 * up[1]) * per_square
+        inside = root >= 0.0 and abs(start[2] + along[2] * x[n] + side * up[2]) <= size[1]
+        found[n] = side if inside else NOTHING_MM
 
 
-@compiled(f"f8(f4[:, :, ::1], f8[:, :, ::1], f8, {POSE}, {MAP})", nogil=True)
-def raise_to_triangles(triangles, boxes, depth, rotation, center, pitch, behind, top, heights):
+@compiled(f"f8(f4[:, :, ::1], i8[::1], f8[::1], b1, f8, {POSE}, {MAP})", nogil=True)
+def raise_to_triangles(
+    triangles, blocks, upper, closed, depth, rotation, center, pitch, behind, top, heights
+):
     """Raise a map to the parts of a mesh that are at most `depth` below the greatest height.
 
-    triangles: (n, 3, 3), in blocks of BLOCK. boxes: (blocks, 2, 3) centers and half extents of the
-    blocks' bounding boxes. All in mm in the geom frame.
+    triangles: (n, 3, 3), mm in the geom frame. blocks: numbers of the blocks of BLOCK triangles
+    over the map, in falling order of upper, their upper bounds. closed: whether triangles that face
+    down are left out.
     """
-    reach_y, reach_x = pitch * heights.shape[0] / 2, pitch * heights.shape[1] / 2
-    upper = np.empty(boxes.shape[0])
-    for block in range(upper.size):
-        x, y, z = _moved(rotation, center, boxes[block, 0])
-        half_x, half_y, half_z = _half_extents(rotation, boxes[block, 1])
-        inside = abs(x) - half_x <= reach_x and abs(y) - half_y <= reach_y
-        upper[block] = z + half_z if inside and z - half_z <= behind else -np.inf
-    for block in np.argsort(-upper):
-        if upper[block] < top - depth or upper[block] == -np.inf:
+    # From here on x is in columns and y in rows of the map.
+    turned, middle = np.empty((3, 3)), np.empty(3)
+    for axis in range(3):
+        scale = 1.0 if axis == 2 else 1.0 / pitch
+        middle[axis] = center[axis] * scale
+        for n in range(3):
+            turned[axis, n] = rotation[axis, n] * scale
+    middle[0] += heights.shape[1] // 2
+    middle[1] += heights.shape[0] // 2
+    for m in range(blocks.size):
+        if upper[m] < top - depth:
             break
-        for n in range(BLOCK * block, min(BLOCK * block + BLOCK, triangles.shape[0])):
-            a = _moved(rotation, center, triangles[n, 0])
-            b = _moved(rotation, center, triangles[n, 1])
-            c = _moved(rotation, center, triangles[n, 2])
-            if max(a[2], b[2], c[2]) >= top - depth:
-                top = _raise_to_triangle(a, b, c, pitch, behind, top, heights)
+        for n in range(BLOCK * blocks[m], min(BLOCK * blocks[m] + BLOCK, triangles.shape[0])):
+            a = _moved(turned, middle, triangles[n, 0])
+            b = _moved(turned, middle, triangles[n, 1])
+            c = _moved(turned, middle, triangles[n, 2])
+            area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            if area == 0.0 or max(a[2], b[2], c[2]) < top - depth:
+                continue  # seen edge-on, its neighbors include its outline
+            if area < 0.0:
+                if closed:
+                    continue
+                b, c, area = c, b, -area
+            top = _raise_to_triangle(a, b, c, area, EDGE_MM / pitch, behind, top, heights)
     return top
 
 
 @compiled(inline="always")
 def _moved(rotation, center, point):
-    """A point of the geom frame in the shape frame, (x, y, z)."""
+    """A point of the geom frame in the frame of the map, (x, y, z)."""
     x, y, z = np.float64(point[0]), np.float64(point[1]), np.float64(point[2])
     return (
         center[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z,
@@ -227,78 +252,69 @@ def _moved(rotation, center, point):
 
 
 @compiled(inline="always")
-def _half_extents(rotation, half):
-    """Half extents of a turned box along the shape frame's axes."""
-    return (
-        abs(rotation[0, 0]) * half[0]
-        + abs(rotation[0, 1]) * half[1]
-        + abs(rotation[0, 2]) * half[2],
-        abs(rotation[1, 0]) * half[0]
-        + abs(rotation[1, 1]) * half[1]
-        + abs(rotation[1, 2]) * half[2],
-        abs(rotation[2, 0]) * half[0]
-        + abs(rotation[2, 1]) * half[1]
-        + abs(rotation[2, 2]) * half[2],
-    )
+def _side(a, b, edge):
+    """Bounds of rows by a side from a to b of a triangle on its left: x at y = 0 and change with y,
+    of the left and of the right bound; infinite where the side is on the other side of the row."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    room = edge * (abs(dx) + abs(dy))
+    dy = LEVEL if abs(dy) < LEVEL else dy
+    start, change = a[0] + (room - dx * a[1]) / dy, dx / dy
+    if dy > 0.0:
+        return -np.inf, 0.0, start, change
+    return start, change, np.inf, 0.0
 
 
-@compiled(inline="always")
-def _left_and_right(a, b, turn, y, left, right):
-    """The interval from left to right, cut by a triangle's side from a to b at a height y."""
-    dx, dy = turn * (b[0] - a[0]), turn * (b[1] - a[1])
-    room = dx * (y - a[1]) + EDGE_MM * np.sqrt(dx * dx + dy * dy)
-    if abs(dy) < LEVEL_MM:
-        return left, right if room >= 0.0 else -np.inf
-    cut = a[0] + room / dy
-    return (left, min(right, cut)) if dy > 0.0 else (max(left, cut), right)
+TRIANGLE = "UniTuple(f8, 3), UniTuple(f8, 3), UniTuple(f8, 3), f8, f8"
+"""Types of a triangle's corners, counterclockwise, its double area, and its outline's tolerance."""
 
 
-@compiled(f"f8(UniTuple(f8, 3), UniTuple(f8, 3), UniTuple(f8, 3), {MAP})", nogil=True)
-def _raise_to_triangle(a, b, c, pitch, behind, top, heights):
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    area = ux * vy - uy * vx
-    if area == 0.0:
-        return top  # seen edge-on: its neighbors include its outline
-    turn = 1.0 if area > 0.0 else -1.0
-    along_x, along_y = (uz * vy - vz * uy) / area, (ux * vz - vx * uz) / area
+@compiled(f"f8({TRIANGLE}, f8, f8, f4[:, ::1])", **FAST)
+def _raise_to_triangle(a, b, c, area, edge, behind, top, heights):
+    """Raise a map to a triangle whose x is in columns and y in rows."""
+    highest = np.float32(top)
+    first_row = max(int(np.ceil(min(a[1], b[1], c[1]) - edge)), 1)
+    last_row = min(int(np.floor(max(a[1], b[1], c[1]) + edge)), heights.shape[0] - 2)
+    lowest_x = max(np.ceil(min(a[0], b[0], c[0]) - edge), 1.0)
+    greatest_x = min(np.floor(max(a[0], b[0], c[0]) + edge), heights.shape[1] - 2.0)
+    if last_row < first_row or greatest_x < lowest_x:
+        return top
+    left_0, left_1, right_0, right_1 = _side(a, b, edge)
+    left_2, left_3, right_2, right_3 = _side(b, c, edge)
+    left_4, left_5, right_4, right_5 = _side(c, a, edge)
     low, high = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
-    rows, columns = (heights.shape[0] - 3) // 2, (heights.shape[1] - 3) // 2
-    first_row, last_row = _grid_lines(min(a[1], b[1], c[1]), max(a[1], b[1], c[1]), pitch, rows)
-    x_low, x_high = min(a[0], b[0], c[0]) - EDGE_MM, max(a[0], b[0], c[0]) + EDGE_MM
+    uz, vz = b[2] - a[2], c[2] - a[2]
+    along_x = (uz * (c[1] - a[1]) - vz * (b[1] - a[1])) / area
+    along_y = (vz * (b[0] - a[0]) - uz * (c[0] - a[0])) / area
     for row in range(first_row, last_row + 1):
-        y = row * pitch
-        left, right = _left_and_right(a, b, turn, y, x_low, x_high)
-        left, right = _left_and_right(b, c, turn, y, left, right)
-        left, right = _left_and_right(c, a, turn, y, left, right)
-        if left > right:
-            continue
-        first = int(np.ceil(max(left, -columns * pitch - EDGE_MM) / pitch))
-        last = int(np.floor(min(right, columns * pitch + EDGE_MM) / pitch))
+        y = np.float64(row)
+        left = max(left_0 + left_1 * y, left_2 + left_3 * y, left_4 + left_5 * y, lowest_x)
+        right = min(right_0 + right_1 * y, right_2 + right_3 * y, right_4 + right_5 * y, greatest_x)
         start = a[2] + along_y * (y - a[1]) - along_x * a[0]
-        out = heights[row + rows + 1]
-        for column in range(first, last + 1):
-            z = np.float32(min(max(start + along_x * (column * pitch), low), high))
-            if out[column + columns + 1] < z <= behind:
-                out[column + columns + 1] = z
-                top = max(top, z)
-    return top
+        out = heights[row]
+        for column in range(int(np.ceil(left)), int(np.floor(right)) + 1):
+            height = start + along_x * column
+            height = low if height < low else height
+            height = np.float32(high if height > high else height)
+            height = height if height <= behind else np.float32(NOTHING_MM)
+            at = np.uintp(column)
+            out[at] = out[at] if out[at] > height else height
+            highest = highest if highest > height else height
+    return highest
 
 
-@compiled("UniTuple(i8, 4)(f4[:, ::1], f8, f8)", nogil=True)
-def lower_to_top(heights, top, depth):
+@compiled("void(f4[:, ::1], f8, f8, b1[::1], b1[::1])", nogil=True)
+def lower_to_top(heights, top, depth, used_rows, used_columns):
     """Lower a map so that its highest point is at 0, and clear what is deeper than `depth`.
 
-    Returns the first and last row, and the first and last column that are not empty.
+    used_rows, used_columns: False; set where a row or column is not empty.
     """
-    first_row, last_row, first_column, last_column = heights.shape[0], -1, heights.shape[1], -1
+    nothing, by, least = np.float32(NOTHING_MM), np.float32(top), np.float32(-depth)
     for row in range(heights.shape[0]):
-        for column in range(heights.shape[1]):
-            height = np.float32(heights[row, column] - top)
-            if height < -depth:
-                heights[row, column] = NOTHING_MM
-                continue
-            heights[row, column] = height
-            first_row, last_row = min(first_row, row), row
-            first_column, last_column = min(first_column, column), max(last_column, column)
-    return first_row, last_row, first_column, last_column
+        out, used = heights[row], False
+        for column in range(out.size):
+            height = out[column] - by
+            kept = height >= least
+            out[column] = height if kept else nothing
+            used_columns[column] |= kept
+            used |= kept
+        used_rows[row] = used
