@@ -1,4 +1,4 @@
-"""A gripper with a DIGIT and a CySkin grasps five tools, and a network predicts the CySkin's counts.
+"""A gripper with a DIGIT and a CySkin grasps five tools; a network predicts the CySkin's counts.
 
     python examples/gripper.py --out gripper.gif
     python examples/gripper.py --view --tools wrench
@@ -18,14 +18,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import mujoco
+import mujoco.viewer
 import numpy as np
-from gripper_figure import Moment, Page, SceneRenderer, write_animation
+from gripper_figure import MAX_COUNTS, Moment, Page, SceneRenderer, write_animation
 from PIL import Image
 
 import t2twin
 from t2twin.attachment.geometry import Region, body_surface
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
 from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION
+from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.translate.uncertainty.estimate import Estimate
 
 GRASPS = {
@@ -49,6 +51,8 @@ LOOSENING_S = 0.7
 LEVEL, LEAST_N = 0.9, 0.4
 """Probability of the intervals, and least force on which the network was trained, N."""
 CAMERA_AT_M = [0.0, 0.0, 0.14]
+PANEL_PX = (144, 192)
+"""Width and height of each sensor's image in MuJoCo's viewer."""
 OPEN_M = 0.025
 """Distance of each sensor from the middle while the gripper is open, m."""
 HANG_M = 0.02
@@ -60,11 +64,12 @@ highest place of a cell up to which a box covers the tool, mm."""
 TOOL_FRICTION = [0.1, 0.005, 0.0001]
 """MuJoCo uses the larger friction of two geoms; the sensors' is larger. The second value, m, is
 for torsion."""
-PALM_M, BACK_M, MAGNET_HALF_M = 0.11, 0.035, 0.008
-"""Height of the palm above the sensors' centers, distance of a finger from its sensor's surface,
-half side of the magnet, m."""
+PALM_M, HOUSING_M, MAGNET_HALF_M = 0.11, 0.009, 0.008
+"""Height of the palm above the sensors' centers, half the thickness of a sensor's housing, half
+side of the magnet, m."""
 STEEL_RGBA, HAND_RGBA = [0.62, 0.65, 0.70, 1.0], [0.25, 0.28, 0.33, 1.0]
 MAGNET_RGBA, FLOOR_RGBA = [0.75, 0.25, 0.2, 1.0], [0.88, 0.88, 0.86, 1.0]
+SKY_RGB = [0.97, 0.97, 0.97]
 GEOM, RAW = mujoco.mjtGeom, argparse.RawDescriptionHelpFormatter
 
 
@@ -77,8 +82,12 @@ class Scene:
     cyskin: t2twin.AttachedSensor
 
 
-def build(tool: str) -> Scene:
-    """The gripper around a tool, which hangs with its center of mass below the grasp."""
+def build(tool: str, has_image: bool = False) -> Scene:
+    """The gripper around a tool, which hangs with its center of mass below the grasp.
+
+    has_image: whether the model has a user sensor for an image of both sensors, which MuJoCo's
+    viewer shows.
+    """
     shape = t2twin.load_shape(f"{tool}/{GRASPS[tool]}")
     vertices = in_scene(shape, np.asarray(shape.mesh.vertices))
     height = HANG_M - float(vertices[:, 2].min())
@@ -109,6 +118,14 @@ def build(tool: str) -> Scene:
     magnet.objtype, magnet.name1, magnet.name2 = mujoco.mjtObj.mjOBJ_BODY, tool, "world"
     magnet.data[:] = [*np.zeros(10), 1.0, 0.0]  # the initial pose, the default torque scale
     digit, cyskin = add_gripper(spec, height)
+    if not has_image:  # a sky would hide the image
+        spec.add_texture(
+            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, builtin=mujoco.mjtBuiltin.mjBUILTIN_FLAT,
+            rgb1=SKY_RGB, width=8, height=48,
+        )  # fmt: skip
+    else:
+        image = spec.add_sensor(name="image", type=mujoco.mjtSensor.mjSENS_USER)
+        image.dim, image.intprm = 6 * PANEL_PX[0] * PANEL_PX[1], [2 * PANEL_PX[0], PANEL_PX[1], 0]
     return Scene(spec.compile(), digit, cyskin)
 
 
@@ -119,8 +136,9 @@ def add_room(spec: mujoco.MjSpec) -> None:
     spec.visual.headlight.ambient = spec.visual.headlight.diffuse = [0.4, 0.4, 0.4]
     spec.visual.map.znear = 0.02
     spec.worldbody.add_geom(
-        type=GEOM.mjGEOM_PLANE, size=[0.4, 0.4, 0.01], contype=0, conaffinity=0, rgba=FLOOR_RGBA
-    )
+        type=GEOM.mjGEOM_CYLINDER, size=[0.14, 0.005, 0.0], pos=[0, 0, -0.005], contype=0,
+        conaffinity=0, rgba=FLOOR_RGBA,
+    )  # fmt: skip
     spec.worldbody.add_light(pos=[-0.3, -0.4, 0.8], dir=[0.3, 0.4, -0.8], castshadow=True)
 
 
@@ -176,7 +194,7 @@ def add_gripper(spec: mujoco.MjSpec, height: float) -> tuple[t2twin.AttachedSens
     hand = spec.worldbody.add_body(name="hand", pos=[0, 0, height], gravcomp=1)
     hand.add_joint(name="lift", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
     hand.add_geom(
-        type=GEOM.mjGEOM_BOX, size=[0.07, 0.016, 0.012], pos=[0, 0, PALM_M], mass=0.5, contype=0,
+        type=GEOM.mjGEOM_BOX, size=[0.07, 0.016, 0.012], pos=[0, 0, PALM_M + 0.012], mass=0.5, contype=0,
         conaffinity=0, rgba=HAND_RGBA,
     )  # fmt: skip
     sensors = []
@@ -188,10 +206,15 @@ def add_gripper(spec: mujoco.MjSpec, height: float) -> tuple[t2twin.AttachedSens
         finger.add_joint(
             name=side, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[-sign, 0, 0], damping=60.0
         )
-        finger.add_geom(
-            type=GEOM.mjGEOM_BOX, size=[0.005, 0.014, PALM_M / 2 + 0.012], mass=0.1, contype=0,
-            conaffinity=0, pos=[sign * BACK_M, 0, PALM_M / 2 - 0.012], rgba=HAND_RGBA,
-        )  # fmt: skip
+        back_m = sign * (1e-3 * thickness_mm + HOUSING_M)
+        for size, pos in (
+            ([HOUSING_M, 0.014, 0.023], [back_m, 0, 0]),
+            ([HOUSING_M / 2, 0.012, PALM_M / 2], [back_m * 1.3, 0, PALM_M / 2]),
+        ):
+            finger.add_geom(
+                type=GEOM.mjGEOM_BOX, size=size, pos=pos, mass=0.1, contype=0, conaffinity=0,
+                rgba=HAND_RGBA,
+            )  # fmt: skip
         # The sensor's x and y axes: right and down in its image. Its z axis points out of it.
         finger.add_site(name=f"{side}_pad", xyaxes=[0, sign, 0, 0, 0, -1])
         sensors.append(
@@ -322,14 +345,15 @@ class Result:
     same: Comparison = field(default_factory=Comparison)
 
 
-def run(tool: str, rate_hz: float, every: int, view: bool) -> tuple[Result, list[Image.Image]]:
+def run(tool: str, rate_hz: float, every: int) -> tuple[Result, list[Image.Image]]:
     """Grasp one tool; returns what became of it and the pages of the animation."""
     scene = build(tool)
     data, result, pages = mujoco.MjData(scene.model), Result(), []
     layout = t2twin.load_layout()
     predictor = Predictor(layout, t2twin.Twin().background)
     page, rng, times, forces = Page(layout.size, END_S), np.random.default_rng(0), [], []
-    show = Viewer(scene.model, data) if view else SceneRenderer(scene.model, camera())
+    show = SceneRenderer(scene.model)
+    set_camera(show.camera)
     for number, tick in enumerate(grasp(tool, scene, data, rate_hz)):
         estimate = predictor.other_finger(tick.digit.image)
         if tick.phase != "close" and tick.digit.contacts and tick.grip_n > LEAST_N:
@@ -353,15 +377,39 @@ def run(tool: str, rate_hz: float, every: int, view: bool) -> tuple[Result, list
     return result, pages
 
 
+def view(tool: str, rate_hz: float) -> None:
+    """Grasp one tool in MuJoCo's viewer until its window is closed. F4 shows the sensors' image."""
+    scene = build(tool, has_image=True)
+    data = mujoco.MjData(scene.model)
+    with mujoco.viewer.launch_passive(
+        scene.model, data, show_left_ui=False, show_right_ui=False
+    ) as window:
+        set_camera(window.cam)
+        window.opt.sitegroup[:] = 0
+        for number, tick in enumerate(grasp(tool, scene, data, rate_hz)):
+            pictures = Image.fromarray(tick.digit.image), counts_picture(tick.cyskin)
+            image = np.hstack([picture.resize(PANEL_PX) for picture in pictures])
+            values = data.sensor("image").data
+            values[:] = image[::-1].ravel()  # the viewer shows the rows from the bottom up
+            values[-1] = 1 + number % 255  # and only images whose last byte is not 0
+            window.sync()
+            if not window.is_running():
+                return
+
+
+def counts_picture(touch: t2twin.Touch) -> Image.Image:
+    """The counts as a tactile image in colors."""
+    layout = touch.layout
+    return colored_tactile_image(touch.tactile_image, layout.x_mm, layout.y_mm, MAX_COUNTS)
+
+
 def shear_n(touch: t2twin.Touch) -> float:
     """Shear force on a sensor, N."""
     return sum(float(np.hypot(*contact.shear_n)) for contact in touch.contacts.values())
 
 
-def camera() -> mujoco.MjvCamera:
-    seen = mujoco.MjvCamera()
-    seen.lookat[:], seen.distance, seen.azimuth, seen.elevation = CAMERA_AT_M, 0.55, 60.0, -12.0
-    return seen
+def set_camera(camera: mujoco.MjvCamera) -> None:
+    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = CAMERA_AT_M, 0.5, 60, -10
 
 
 def main() -> None:
@@ -372,9 +420,13 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=5, help="readings per page of the animation")
     parser.add_argument("--view", action="store_true", help="open MuJoCo's viewer instead")
     options = parser.parse_args()
+    if options.view:
+        for tool in options.tools:
+            view(tool, options.rate_hz)
+        return
     results, pages = {}, []
     for tool in options.tools:
-        results[tool], drawn = run(tool, options.rate_hz, options.every, options.view)
+        results[tool], drawn = run(tool, options.rate_hz, options.every)
         pages += drawn
     write_animation(options.out, pages, options.rate_hz / options.every)
     print(table(results))

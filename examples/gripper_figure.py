@@ -114,14 +114,15 @@ class Page:
 class SceneRenderer:
     """Renders MuJoCo scenes without a display, through EGL."""
 
-    def __init__(self, model: mujoco.MjModel, camera: mujoco.MjvCamera) -> None:
+    def __init__(self, model: mujoco.MjModel) -> None:
         os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
         egl = importlib.import_module("OpenGL.EGL")
         if not hasattr(egl, "EGLDeviceEXT"):  # PyOpenGL 3.1.0, which pyrender requires, lacks it
             egl.EGLDeviceEXT = ctypes.c_void_p
         self._gl = importlib.import_module("mujoco.egl").GLContext(*SCENE_PX)
         self._gl.make_current()
-        self._model, self._camera, self._options = model, camera, mujoco.MjvOption()
+        self._model, self.camera, self._options = model, mujoco.MjvCamera(), mujoco.MjvOption()
+        self._options.sitegroup[:] = 0
         self._scene = mujoco.MjvScene(model, maxgeom=1000)
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
@@ -131,7 +132,7 @@ class SceneRenderer:
         self._gl.make_current()
         everything = mujoco.mjtCatBit.mjCAT_ALL
         mujoco.mjv_updateScene(
-            self._model, data, self._options, None, self._camera, everything, self._scene
+            self._model, data, self._options, None, self.camera, everything, self._scene
         )
         width, height = SCENE_PX
         viewport = mujoco.MjrRect(0, 0, width, height)
