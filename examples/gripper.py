@@ -51,7 +51,7 @@ LOOSENING_S = 0.7
 LEVEL, LEAST_N = 0.9, 0.4
 """Probability of the intervals, and least force on which the network was trained, N."""
 CAMERA_AT_M = [0.0, 0.0, 0.14]
-PANEL_PX = (144, 192)
+PANEL_PX = (120, 160)
 """Width and height of each sensor's image in MuJoCo's viewer."""
 OPEN_M = 0.025
 """Distance of each sensor from the middle while the gripper is open, m."""
@@ -194,8 +194,8 @@ def add_gripper(spec: mujoco.MjSpec, height: float) -> tuple[t2twin.AttachedSens
     hand = spec.worldbody.add_body(name="hand", pos=[0, 0, height], gravcomp=1)
     hand.add_joint(name="lift", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
     hand.add_geom(
-        type=GEOM.mjGEOM_BOX, size=[0.07, 0.016, 0.012], pos=[0, 0, PALM_M + 0.012], mass=0.5, contype=0,
-        conaffinity=0, rgba=HAND_RGBA,
+        type=GEOM.mjGEOM_BOX, size=[0.07, 0.016, 0.012], pos=[0, 0, PALM_M + 0.012], mass=0.5,
+        contype=0, conaffinity=0, rgba=HAND_RGBA,
     )  # fmt: skip
     sensors = []
     for side, sign, sensor, thickness_mm, friction in (

@@ -20,7 +20,7 @@ from gymnasium import spaces
 
 import t2twin
 
-RATE_HZ = 20.0
+RATE_HZ = 10.0
 """Actions and observations per second."""
 START_N, MAX_N = 2.0, 15.0
 """Grip force at the start, and the largest one, N."""
@@ -36,7 +36,7 @@ TORSION_M = 0.005
 """Torsional friction over friction, m (assumed)."""
 OBJECT, POST = 3, 2
 """Collision bits: objects touch the sensors and the post, which does not touch the sensors."""
-SLIPPING, TIGHTER = 0.5, 1.3
+SLIPPING, TIGHTER = 0.5, 1.5
 """Slip share at which the reacting policy grips harder, and by which factor."""
 
 
@@ -122,7 +122,7 @@ class GraspEnv(gym.Env):
         }
 
 
-def success(env: GraspEnv, number: int, reacts: bool) -> tuple[bool, float]:
+def lift(env: GraspEnv, number: int, reacts: bool) -> tuple[bool, float]:
     """Lift one object; returns whether it is held, and the grip force at the end, N."""
     observation, info = env.reset(seed=number)
     grip_n, is_over = START_N, False
@@ -151,7 +151,7 @@ def main() -> None:
     env = GraspEnv()
     print("policy           held           95 % interval    mean grip force at the end, N")
     for name, reacts in (("does not react", False), ("reacts to slip", True)):
-        lifts = [success(env, number, reacts) for number in range(options.objects)]
+        lifts = [lift(env, number, reacts) for number in range(options.objects)]
         held, grips = zip(*lifts, strict=True)
         low, high = (100 * end for end in wilson(sum(held), len(held)))
         rate = 100 * sum(held) / len(held)

@@ -1,0 +1,61 @@
+"""The examples, with few readings and few objects."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@pytest.fixture(autouse=True)
+def examples(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+
+
+def test_gripper_lifts_holds_and_loses_a_tool(tmp_path, monkeypatch, capsys):
+    import gripper
+
+    file, rate_hz = tmp_path / "gripper.gif", 2.5
+    command = ["gripper", "--tools", "allen-key", "--rate-hz", str(rate_hz), "--every", "4"]
+    monkeypatch.setattr("sys.argv", [*command, "--out", str(file)])
+    monkeypatch.setattr(gripper, "SLIPPED_M", 0.003)  # seen before the tool has left the fingers
+    gripper.main()
+    name, held, slipped_n, *figures = capsys.readouterr().out.splitlines()[1].split()
+    assert (name, held) == ("allen-key", "yes")
+    weight_n = 0.0316 * 9.81
+    limit_n = weight_n / (gripper.GEL_FRICTION + gripper.COVER_FRICTION)
+    # The grip force falls by a factor of e^(1 / (rate x time)) between two readings.
+    assert 0.5 * limit_n < float(slipped_n) < 1.5 * limit_n
+    rmse, covered = float(figures[0].replace(",", "")), float(figures[1])
+    assert 0 < rmse < 2_000
+    assert covered > 70
+    with Image.open(file) as animation:
+        assert animation.size == (800, 360)
+        assert animation.n_frames == np.ceil(gripper.END_S * rate_hz / 4)
+
+
+def test_a_policy_that_reacts_to_slip_holds_what_the_other_drops(monkeypatch):
+    import gymnasium_grasp
+
+    monkeypatch.setattr(gymnasium_grasp, "HOLD_S", 0.3)
+    env = gymnasium_grasp.GraspEnv()
+    held, grip_n = gymnasium_grasp.lift(env, 1, reacts=False)
+    assert not held
+    assert grip_n == gymnasium_grasp.START_N
+    held, grip_n = gymnasium_grasp.lift(env, 1, reacts=True)
+    assert held
+    assert gymnasium_grasp.START_N < grip_n <= gymnasium_grasp.MAX_N
+
+
+def test_observations_are_in_the_space():
+    import gymnasium_grasp
+
+    env = gymnasium_grasp.GraspEnv()
+    first, _ = env.reset(seed=0)
+    assert env.observation_space.contains(first)
+    later, reward, dropped, is_over, info = env.step(np.float32([5.0]))
+    assert env.observation_space.contains(later)
+    assert (reward, dropped, is_over, info["held"]) == (1.0, False, False, True)
+    assert later["counts"].max() > first["counts"].max()
