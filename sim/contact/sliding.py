@@ -22,6 +22,7 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.solver_loops import Anderson
+from t2twin.sim.contact.tangential.folding import unfolded
 from t2twin.sim.contact.tangential.traction import DomedLayer, solve_traction
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
 
@@ -35,7 +36,7 @@ RELAXATION = 0.6
 acceleration. Whole steps overshoot by 0.45 of the error, and by several times it where a wide
 contact twists."""
 
-ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 8, 40, 0.2
+ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 16, 40, 0.2
 """Rounds with acceleration, the limit on all rounds, and the share of an error that the others
 remove (assumed; most steps need one or two rounds)."""
 
@@ -165,6 +166,7 @@ def _step(
     seen = middle + dome
     if share is None:
         seen = sheared + RELAXATION * (seen - sheared)
+    seen = unfolded(seen, contact.pitch_mm)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
     rows, columns = window
     for number in range(MAX_ROUNDS):
@@ -177,7 +179,7 @@ def _step(
         shear, follows, found = friction(pressure, spread, dome[:2], shear)
         middle, dome = layer.parts_mm(shear)
         sheared = middle + dome
-        error = sheared - seen
+        error = unfolded(sheared, contact.pitch_mm) - seen
         converged = found and _is_small(error, sheared, pressure, normal.depth_mm)
         if converged:
             break
