@@ -101,6 +101,8 @@ class PrescribedLoads:
             traction[part] = found.q_mpa
             sheared = found.displacement_mm + spread[part] + dome[part]
             follows[part] = bodies.follows_mm(lateral_mm[part], sheared)
+            if calls == 1:  # the contact moves with the bodies, less the change of the shear
+                follows[part] = bodies.with_motion_mm(bodies.motions, lateral_mm[part])
             return traction, follows, found.converged
 
         return lateral_mm, solve
@@ -201,14 +203,16 @@ class _Bodies:
 
         Where a body slides as a whole, the prescribed motion is that along the displaced surface.
         """
-        slides = self.slides[self.owner]
-        rigid = np.where(self.slides[:, None], self.motions, self.rigid)[self.owner]
-        center_x, center_y, radius = np.moveaxis(self.levers[self.owner], -1, 0)
-        return np.where(slides, now_mm, before_mm) + np.stack(
-            [
-                rigid[..., 0] + (center_y - self.y[:, None]) / radius * rigid[..., 2],
-                rigid[..., 1] + (self.x - center_x) / radius * rigid[..., 2],
-            ]
+        rigid = np.where(self.slides[:, None], self.motions, self.rigid)
+        return self.with_motion_mm(rigid, np.where(self.slides[self.owner], now_mm, before_mm))
+
+    def with_motion_mm(self, rigid: np.ndarray, displacement_mm: np.ndarray) -> np.ndarray:
+        """A displacement, (2, rows, columns), mm, and rigid motions, (bodies, 3), together."""
+        along_x, along_y, turn = np.moveaxis(rigid[self.owner], -1, 0)
+        x, y, radius = np.moveaxis(self.levers[self.owner], -1, 0)
+        turned = turn / radius
+        return displacement_mm + np.stack(
+            [along_x - turned * (self.y[:, None] - y), along_y + turned * (self.x - x)]
         )
 
 

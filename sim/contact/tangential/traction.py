@@ -12,7 +12,7 @@ the shape slips over it, along the traction. The problem is convex, so its solut
 
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from threading import Lock
 from typing import NamedTuple
@@ -37,6 +37,11 @@ STEPS_BACK = 6
 
 MAX_TRANSFORMS = 20
 """Windows whose transforms are kept (assumed: those of a few paths)."""
+
+MAX_SPREADING = 4.0
+"""Pressure, over Young's modulus, above which a stiffening layer is not displaced further along its
+surface (assumed: it is compressed to a third there). A linear response would displace the surface
+around a tip by several cells."""
 
 THICKNESS_STEP_MM = 0.25
 """Thicknesses at the middle of a contact with a domed layer are rounded to this, mm, so that few
@@ -131,16 +136,17 @@ class DomedLayer:
     Each place responds as a layer of its thickness, to first order in the difference from the
     thickness at the middle of the contact. middle: the layer of that thickness. slope: change of
     its response per mm of thickness; None for a flat layer. excess_mm: (rows, columns) thickness
-    above that of the middle.
+    above that of the middle. max_mpa: largest pressure that displaces it along its surface.
     """
 
     middle: ShearLayer
     slope: ShearLayer | None
     excess_mm: np.ndarray
+    max_mpa: float = np.inf
 
     def window(self, window: Window) -> "DomedLayer":
         """The same layer on a part of the grid."""
-        return DomedLayer(self.middle, self.slope, self.excess_mm[window])
+        return replace(self, excess_mm=self.excess_mm[window])
 
     def response_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
         """See ShearLayer.response_mm."""
@@ -158,6 +164,7 @@ class DomedLayer:
 
     def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
         """See ShearLayer.spread_mm."""
+        pressure_mpa = np.minimum(pressure_mpa, self.max_mpa)
         spread = self.middle.spread_mm(pressure_mpa)
         if self.slope is None:
             return spread
@@ -172,13 +179,15 @@ def domed_layer(
     thickness = _thickness_mm(elastomer, x_mm.tobytes(), y_mm.tobytes())
     middle = float((pressure * thickness).sum() / pressure.sum())
     middle = max(round(middle / THICKNESS_STEP_MM), 2) * THICKNESS_STEP_MM
+    most = np.inf if elastomer.law == "linear" else MAX_SPREADING * elastomer.young_mpa
     if np.ptp(thickness) == 0:
         layer = cached_shear_layer(elastomer, elastomer.thickness_mm, pitch, shape)
-        return DomedLayer(layer, None, thickness)
+        return DomedLayer(layer, None, thickness, most)
     return DomedLayer(
         cached_shear_layer(elastomer, middle, pitch, shape),
         _cached_slope(elastomer, middle, pitch, shape),
         thickness - middle,
+        most,
     )
 
 
