@@ -24,7 +24,8 @@ from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.tangential.folding import unfolded
-from t2twin.sim.contact.tangential.traction import DomedLayer, solve_traction
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer
+from t2twin.sim.contact.tangential.traction import solve_traction
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
 
 COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
@@ -185,6 +186,8 @@ def _step(
         near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
         normal = solve_contact(shape, command, contact.elastomer, contact.pitch_mm, *near)
         pressure = 1e-3 * normal.pressure_kpa[window]
+        if not pressure.any():
+            break  # the contact left the window
         spread = layer.spread_mm(pressure)
         shear, follows, found = friction(pressure, spread, dome[:2], shear)
         middle, dome = layer.parts_mm(shear)

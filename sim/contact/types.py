@@ -16,7 +16,7 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.tangential.folding import unfolded
-from t2twin.sim.contact.tangential.traction import DomedLayer, domed_layer
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer, domed_layer
 
 FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""

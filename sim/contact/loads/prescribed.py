@@ -15,8 +15,13 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.loads.balance import TURN_WEIGHT, balance, balanced_step
 from t2twin.sim.contact.sliding import Friction
-from t2twin.sim.contact.tangential.traction import DomedLayer, solve_traction
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer
+from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
 from t2twin.sim.contact.types import AT_LIMIT, Contact
+
+PREDICTION_TOLERANCE = 1e-2
+"""Tolerance of the traction that is found from the pressure of the contact before; see
+t2twin.sim.contact.tangential.traction.TOLERANCE."""
 
 STICK_MM = 1e-4
 """Motion below which a cell's traction is below the limit, in the search for what friction can
@@ -97,7 +102,10 @@ class PrescribedLoads:
                 (axes[0][near[1]], axes[1][near[0]]), contact.pitch_mm,
             )  # fmt: skip
             wanted = lateral_mm[part] - spread[part] - dome[part]
-            found = solve_traction(layer.middle, bodies.limit, wanted, guess[part], bodies.towards)
+            found = solve_traction(
+                layer.middle, bodies.limit, wanted, guess[part], bodies.towards,
+                PREDICTION_TOLERANCE if calls == 1 else TOLERANCE,
+            )  # fmt: skip
             traction[part] = found.q_mpa
             sheared = found.displacement_mm + spread[part] + dome[part]
             follows[part] = bodies.follows_mm(lateral_mm[part], sheared)

@@ -36,7 +36,7 @@ def _unfold(moved, most):
         norm = down * down + across * across
         for first in range(rows * columns):
             i, j = first // columns, first % columns
-            if 0 <= i - down and 0 <= j - across < columns:
+            if i - down >= 0 and 0 <= j - across < columns:
                 continue  # not the first cell of a line
             count, blocks, folds = 0, 0, False
             while i < rows and 0 <= j < columns:
