@@ -1,5 +1,8 @@
 """Pictures of examples/gripper.py: the scene, the DIGIT's image, the counts and the shear force."""
 
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
 import ctypes
 import importlib
 import os
@@ -9,14 +12,16 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from PIL import Image
 
 SIZE_IN, DPI = (8.0, 3.6), 100
 SCENE_PX = (304, 336)
-MAX_COUNTS, MAX_N = 10_000, 10.0
+MAX_COUNTS, MAX_N = 10_000, 12.0
 """Ends of the axes. Full scale is 40,000 counts."""
 READ_COLOR, PREDICTED_COLOR, DIGIT_COLOR = "#9aa5b1", "#c2410c", "#1d4ed8"
 COLORS = 96
@@ -49,20 +54,20 @@ class Page:
     def __init__(self, taxels: int, end_s: float) -> None:
         self.figure = Figure(SIZE_IN, DPI)
         self.canvas = FigureCanvasAgg(self.figure)
-        self.scene = self._picture([0.0, 0.0, 0.38, 0.93])
-        self.image = self._picture([0.40, 0.10, 0.20, 0.77])
+        self.scene = self._picture((0.0, 0.0, 0.38, 0.93))
+        self.image = self._picture((0.40, 0.10, 0.20, 0.77))
         self.image.axes.set_title("DIGIT's image", fontsize=9)
         self._add_counts(taxels)
         self._add_forces(end_s)
         self.title = self.figure.text(0.012, 0.945, "", fontsize=10, weight="bold")
 
-    def _picture(self, place: list[float]):
+    def _picture(self, place: tuple[float, float, float, float]) -> AxesImage:
         axes = self.figure.add_axes(place)
         axes.set_axis_off()
         return axes.imshow(np.zeros((2, 2, 3), np.uint8), extent=(0, 3, 0, 4))
 
     def _add_counts(self, taxels: int) -> None:
-        axes = self.figure.add_axes([0.685, 0.57, 0.305, 0.30])
+        axes = self.figure.add_axes((0.685, 0.57, 0.305, 0.30))
         axes.set_title("CySkin's counts and 90 % intervals", fontsize=9)
         self.bars = axes.bar(np.arange(taxels), np.zeros(taxels), color=READ_COLOR, label="read")
         (self.points,) = axes.plot([], [], "o", ms=3, color=PREDICTED_COLOR, label="predicted")
@@ -74,7 +79,7 @@ class Page:
         self._finish(axes)
 
     def _add_forces(self, end_s: float) -> None:
-        axes = self.figure.add_axes([0.685, 0.13, 0.305, 0.28])
+        axes = self.figure.add_axes((0.685, 0.13, 0.305, 0.28))
         axes.set_title("shear and grip force, N", fontsize=9)
         self.forces = [
             axes.plot([], [], color=color, label=label, lw=1.4)[0]
@@ -89,7 +94,7 @@ class Page:
         self._finish(axes)
 
     @staticmethod
-    def _finish(axes) -> None:
+    def _finish(axes: Axes) -> None:
         axes.tick_params(labelsize=7)
         axes.spines[["top", "right"]].set_visible(False)
         axes.legend(fontsize=7, loc="upper right", frameon=False, ncols=3, handlelength=1)

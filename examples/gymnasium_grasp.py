@@ -9,13 +9,16 @@ DIGIT's contact begins to slip, the other does not react. An object counts as he
 the fingers 2 s after the lift.
 """
 
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
 import argparse
 from typing import Any
 
 import gymnasium as gym
 import mujoco
 import numpy as np
-from gripper import GEOM, add_gripper, add_room
+from gripper_scene import GEOM, add_gripper, add_room
 from gymnasium import spaces
 
 import t2twin
@@ -113,12 +116,14 @@ class GraspEnv(gym.Env):
 
     def _observation(self) -> dict[str, np.ndarray]:
         touch = self.digit.read(self.model, self.data)
-        contact = touch.digit
+        counts = self.cyskin.read(self.model, self.data).counts
+        shear_n = touch.digit.shear_n if touch.contacts else np.zeros(2)
+        slip_share = touch.digit.slip_share if touch.contacts else 0.0
         return {
             "image": touch.image,
-            "counts": self.cyskin.read(self.model, self.data).counts.astype(np.float32),
-            "shear_n": np.zeros(2, np.float32) if contact is None else np.float32(contact.shear_n),
-            "slip_share": np.float32([0.0 if contact is None else contact.slip_share]),
+            "counts": counts.astype(np.float32),
+            "shear_n": shear_n.astype(np.float32),
+            "slip_share": np.array([slip_share], np.float32),
         }
 
 
@@ -129,7 +134,7 @@ def lift(env: GraspEnv, number: int, reacts: bool) -> tuple[bool, float]:
     while not is_over:
         if reacts and observation["slip_share"][0] > SLIPPING:
             grip_n = min(TIGHTER * grip_n, MAX_N)
-        observation, _, dropped, ended, info = env.step(np.float32([grip_n]))
+        observation, _, dropped, ended, info = env.step(np.array([grip_n], np.float32))
         is_over = dropped or ended
     return info["held"], grip_n
 

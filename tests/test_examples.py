@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
+
+from t2twin.sim.contact.sliding import COVER_FRICTION, GEL_FRICTION
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -25,7 +27,7 @@ def test_gripper_lifts_holds_and_loses_a_tool(tmp_path, monkeypatch, capsys):
     name, held, slipped_n, *figures = capsys.readouterr().out.splitlines()[1].split()
     assert (name, held) == ("allen-key", "yes")
     weight_n = 0.0316 * 9.81
-    limit_n = weight_n / (gripper.GEL_FRICTION + gripper.COVER_FRICTION)
+    limit_n = weight_n / (GEL_FRICTION + COVER_FRICTION)
     # The grip force falls by a factor of e^(1 / (rate x time)) between two readings.
     assert 0.5 * limit_n < float(slipped_n) < 1.5 * limit_n
     rmse, covered = float(figures[0].replace(",", "")), float(figures[1])
@@ -33,7 +35,8 @@ def test_gripper_lifts_holds_and_loses_a_tool(tmp_path, monkeypatch, capsys):
     assert covered > 70
     with Image.open(file) as animation:
         assert animation.size == (800, 360)
-        assert animation.n_frames == np.ceil(gripper.END_S * rate_hz / 4)
+        pages = len(list(ImageSequence.Iterator(animation)))
+        assert pages == np.ceil(gripper.END_S * rate_hz / 4)
 
 
 def test_a_policy_that_reacts_to_slip_holds_what_the_other_drops(monkeypatch):
@@ -55,7 +58,7 @@ def test_observations_are_in_the_space():
     env = gymnasium_grasp.GraspEnv()
     first, _ = env.reset(seed=0)
     assert env.observation_space.contains(first)
-    later, reward, dropped, is_over, info = env.step(np.float32([5.0]))
+    later, reward, dropped, is_over, info = env.step(np.array([5.0], np.float32))
     assert env.observation_space.contains(later)
     assert (reward, dropped, is_over, info["held"]) == (1.0, False, False, True)
     assert later["counts"].max() > first["counts"].max()
