@@ -287,3 +287,19 @@ def test_wrong_models():
     ):
         with pytest.raises(T2TwinError, match=message):
             attached.read(wrong, data)
+
+
+def test_a_flex_is_refused():
+    spec = mujoco.MjSpec.from_string("""<mujoco><option gravity="0 0 -10"/><worldbody>
+      <site name="pad"/>
+      <body name="cloth" pos="0 0 .006"><freejoint/><geom size=".001" pos="0 0 .1"/>
+      <flexcomp name="cloth" type="grid" count="3 3 1" spacing=".01 .01 .01" radius=".001"
+        mass=".01" rigid="true"/></body>
+    </worldbody></mujoco>""")
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 20)
+    assert data.ncon
+    with pytest.raises(T2TwinError, match="a flex touches geom cyskin/surface"):
+        attached.read(model, data)
