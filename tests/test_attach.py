@@ -287,3 +287,58 @@ def test_wrong_models():
     ):
         with pytest.raises(T2TwinError, match=message):
             attached.read(wrong, data)
+
+
+def test_a_flex_is_refused():
+    spec = mujoco.MjSpec.from_string("""<mujoco><option gravity="0 0 -10"/><worldbody>
+      <site name="pad"/>
+      <body name="cloth" pos="0 0 .006"><freejoint/><geom size=".001" pos="0 0 .1"/>
+      <flexcomp name="cloth" type="grid" count="3 3 1" spacing=".01 .01 .01" radius=".001"
+        mass=".01" rigid="true"/></body>
+    </worldbody></mujoco>""")
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 20)
+    assert data.ncon
+    with pytest.raises(T2TwinError, match="a flex touches geom cyskin/surface"):
+        attached.read(model, data)
+
+
+def test_two_balls_carry_their_own_forces():
+    """Each ball has its own pressure, shear and torque; the sums are MuJoCo's."""
+    spec = scene(x_m=-0.004, axes="xz")
+    add_ball(spec, "second", x_m=0.006, y_m=0.003, axes="xz")
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    model, data = simulate(spec, 0.5, -2.0, 0.0, -5.0)
+    contact = attached.read(model, data).cyskin
+    force, torque = wrench(model, data, attached.pose(model, data))
+    assert contact.settled
+    left = contact.x_mm < 1.0
+    shares = contact.pressure_kpa[:, left].sum() / contact.pressure_kpa.sum()
+    assert shares == pytest.approx(2 / 7, rel=0.02)
+    assert contact.force_n == pytest.approx(7.0, rel=0.01)
+    along_x = 1e-3 * contact.shear_kpa[0] * contact.pitch_mm**2
+    assert force[0] > 0.3
+    assert along_x[:, left].sum() == pytest.approx(force[0], rel=0.02)
+    assert along_x[:, ~left].sum() == pytest.approx(0.0, abs=0.01)
+    assert contact.torque_nmm == pytest.approx(torque[2], rel=0.02)
+
+
+def test_a_body_sinks_in_as_deep_as_into_the_layer():
+    """With the fitted parameters the resting place of a ball is that of the soft layer."""
+    spec = scene()
+    attached = t2twin.attach(spec, site="pad", sensor="digit")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with pytest.raises(T2TwinError, match="no body 'bal'"):
+        attached.set_stiffness(model, data, "bal")
+    error_mm = attached.set_stiffness(model, data, "ball")
+    assert error_mm < 0.05
+    for force_n in (1.0, FORCE_N):
+        data.qfrc_applied[:] = -force_n
+        mujoco.mj_step(model, data, REST_STEPS)
+        touch = attached.read(model, data)
+        sunk_mm = -1e3 * data.contact.dist[0]
+        assert sunk_mm == pytest.approx(touch.digit.depth_mm, abs=error_mm + 0.01)

@@ -103,12 +103,13 @@ class PinState:
 class Motion:
     """What sliding and turning have done to a contact, on its grid.
 
-    friction: coefficient of friction. shear_mpa: (2, ny, nx) traction on the sensor along x and y.
-    earlier_mpa: the same before the last step. slip_mm: (ny, nx) length of the shape's path over
-    the surface so far. last: (dx_mm, dy_mm, dyaw_rad) of the last step.
+    friction: coefficient of friction, (ny, nx) for several bodies. shear_mpa: (2, ny, nx) traction
+    on the sensor along x and y. earlier_mpa: the same before the last step. slip_mm: (ny, nx)
+    length of the shape's path over the surface so far. last: (dx_mm, dy_mm, dyaw_rad) of the last
+    step.
     """
 
-    friction: float
+    friction: Any
     shear_mpa: np.ndarray
     earlier_mpa: np.ndarray
     slip_mm: np.ndarray

@@ -19,13 +19,15 @@ from trimesh import Trimesh
 
 from t2twin.attachment.contacts import Pose, Wrench, wrenches
 from t2twin.attachment.geometry import Geometry, Region, body_surface
+from t2twin.attachment.stiffness import fit_stiffness
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.loads.carry import carry
 from t2twin.sim.contact.loads.prescribed import Load
-from t2twin.sim.contact.pin_layout import OffPadError
+from t2twin.sim.contact.pin_layout import OffPadError, Survey
 from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
 from t2twin.sim.sensors import CySkin, Digit
@@ -46,6 +48,9 @@ NOTHING = Shape(
 
 MAX_RATE_HZ = 1e6
 """Largest rate of readings, Hz (assumed: beyond any simulation's steps)."""
+
+OWN_SOLMIX = 1e6
+"""Weight of the contact parameters of a sensor's geom with `set_stiffness`; others have 1."""
 
 MAX_JUMP_MM = 2.0
 """Distance between the places of contact in two readings up to which the second one continues the
@@ -124,15 +129,41 @@ class AttachedSensor:
         `mj_forward`, which compute the contact forces. Contacts and poses are those at the
         beginning of the last step, as for MuJoCo's own sensors.
         The touch has the fields of this sensor, and None for the other's. `sensor_to_world` is the
-        sensor's pose. A sensor that no body presses with at least 0.01 N has no contact; the force
-        of a body is at most 100 N. An unchanged state gives the same touch again, as does each
-        state before the next period of `rate_hz`. The tangential tractions continue those of the
-        last reading of the same MjData, until its time decreases.
+        sensor's pose. A body that presses with less than 0.01 N is left out, and all together press
+        with at most 100 N. An unchanged state gives the same touch again, as does each state before
+        the next period of `rate_hz`. The tangential tractions continue those of the last reading of
+        the same MjData, until its time decreases.
         Raises T2TwinError for another model or data, and for a flex that touches the sensor.
         """
         frame = self._frame(model, data)
         with self._lock:
             return self._read(model, data, frame)
+
+    def set_stiffness(self, model: "mujoco.MjModel", data: "mujoco.MjData", body: str) -> float:
+        """Let a body sink into the sensor as deep in MuJoCo as into the soft layer.
+
+        Sets `geom_solref`, `geom_solimp` and `geom_solmix` of the sensor's geom in the model, for a
+        body that touches it at one point in its present pose over the sensor. data: as for `read`.
+        Friction cones must be elliptic. Several contact points share a force and sink in less.
+        Returns the largest error of the depth at rest from 0.5 to 12 N, mm.
+        Raises T2TwinError for an unknown body, one that is not over the sensor, and as `read`.
+        """
+        frame = self._frame(model, data)
+        touching = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, arguments.text(body, "body"))
+        if touching < 0:
+            raise T2TwinError(f"the model has no body {body!r}; expected the name of a body")
+        shape = self._shape(model, data, frame, touching)
+        if shape is None:
+            raise T2TwinError(f"body {body} is not over {self.name}; move it there first")
+        if model.opt.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
+            raise T2TwinError("the model has pyramidal friction cones; expected elliptic ones")
+        geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{self.name}/{SURFACE}")
+        bodies = [touching, model.geom_bodyid[geom]]
+        inverse_mass = float(model.body_invweight0[bodies, 0].sum())
+        found = fit_stiffness(shape, self.elastomer, self.device.pitch_mm, inverse_mass)
+        model.geom_solref[geom], model.geom_solimp[geom] = found.solref, found.solimp
+        model.geom_solmix[geom] = OWN_SOLMIX
+        return found.error_mm
 
     def _read(self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose) -> Touch:
         state = self._states.setdefault(data, _State())
@@ -169,32 +200,52 @@ class AttachedSensor:
         state: _State,
     ) -> Contact | None:
         """The contact of the pressing bodies, which continues the state's last one."""
-        loads, region = [], Region.of(self.elastomer)
+        limit = FORCE_RANGE_N[1] / max(sum(each.pressing_n for each in pressing), FORCE_RANGE_N[1])
+        loads = []
         for each in pressing:
-            body = each.body
-            found = body_surface(model, data, body, *frame, region, self.geometry)
-            if found is None:
-                continue
-            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body {body}"
-            load = Load(
-                shape=replace(NOTHING, name=name, surface=found.surface),
-                force_n=min(each.pressing_n, FORCE_RANGE_N[1]),
-                shear_n=(float(each.force_n[0]), float(each.force_n[1])),
-                torque_nmm=float(each.torque_nmm[2]),
-                motion=_motion(state.poses.get(body), poses[body], each.center_mm),
-                friction=min(each.friction, MAX_FRICTION),
-            )
-            loads.append(load)
+            shape = self._shape(model, data, frame, each.body)
+            if shape is not None:
+                load = Load(
+                    shape=shape,
+                    force_n=max(limit * each.pressing_n, FORCE_RANGE_N[0]),
+                    shear_n=(float(each.force_n[0]), float(each.force_n[1])),
+                    torque_nmm=float(each.torque_nmm[2]),
+                    motion=_motion(state.poses.get(each.body), poses[each.body], each.center_mm),
+                    friction=min(each.friction, MAX_FRICTION),
+                )
+                loads.append(load)
+        continues = any(_is_near(each, state.centers_mm) for each in pressing)
+        before = state.touch.contacts.get(self.sensor) if state.touch and continues else None
+        return self._carried(loads, before)
+
+    def _carried(self, loads: list[Load], before: Contact | None) -> Contact | None:
+        """The contact of loads, without those that are only beside the pad."""
         if not loads:
             return None
-        before = None if state.touch is None else state.touch.contacts.get(self.sensor)
-        if not any(_is_near(each, state.centers_mm) for each in pressing):
-            before = None
-        loads = sorted(loads, key=lambda load: load.force_n)[-1:]  # interim: one body
         try:
             return carry(self.elastomer, self.device.pitch_mm, loads, before)
         except OffPadError:
+            over = [load for load in loads if self._is_over(load)]
+            return None if len(over) == len(loads) else self._carried(over, before)
+
+    def _is_over(self, load: Load) -> bool:
+        """Whether the shape of a load is over the pad."""
+        layer = cached_layer(self.elastomer, self.device.pitch_mm)
+        try:
+            Survey(load.shape, PressCommand(load.shape.name, 0.0, 0.0, 0.0, load.force_n), layer)
+        except OffPadError:
+            return False
+        return True
+
+    def _shape(
+        self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose, body: int
+    ) -> Shape | None:
+        """The surface of a body over the sensor; None without any."""
+        found = body_surface(model, data, body, *frame, Region.of(self.elastomer), self.geometry)
+        if found is None:
             return None
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body {body}"
+        return replace(NOTHING, name=name, surface=found.surface)
 
     def _touch(self, contact: Contact | None, frame: Pose, reads: int) -> Touch:
         """The touch of a contact; reads: number of earlier readings, which the noise depends on."""

@@ -108,9 +108,10 @@ class PrescribedLoads:
             )  # fmt: skip
             traction[part] = found.q_mpa
             sheared = found.displacement_mm + spread[part] + dome[part]
-            follows[part] = bodies.follows_mm(lateral_mm[part], sheared)
             if calls == 1:  # the contact moves with the bodies, less the change of the shear
                 follows[part] = bodies.with_motion_mm(bodies.motions, lateral_mm[part])
+            else:
+                follows[part] = bodies.follows_mm(lateral_mm[part], sheared)
             return traction, follows, found.converged
 
         return lateral_mm, solve
@@ -216,12 +217,12 @@ class _Bodies:
 
     def with_motion_mm(self, rigid: np.ndarray, displacement_mm: np.ndarray) -> np.ndarray:
         """A displacement, (2, rows, columns), mm, and rigid motions, (bodies, 3), together."""
-        along_x, along_y, turn = np.moveaxis(rigid[self.owner], -1, 0)
-        x, y, radius = np.moveaxis(self.levers[self.owner], -1, 0)
-        turned = turn / radius
-        return displacement_mm + np.stack(
-            [along_x - turned * (self.y[:, None] - y), along_y + turned * (self.x - x)]
-        )
+        found = displacement_mm.copy()
+        for body, (along_x, along_y, turn) in enumerate(rigid):
+            (x, y, radius), here = self.levers[body], self.owner == body
+            found[0] += here * (along_x - turn / radius * (self.y[:, None] - y))
+            found[1] += here * (along_y + turn / radius * (self.x - x))
+        return found
 
 
 def _wrench(load: Load, lever: np.ndarray, pitch_mm: float) -> np.ndarray:
