@@ -41,6 +41,8 @@ CLOSED_S, LIFTED_S, HELD_S, END_S = 0.8, 1.8, 3.8, 6.6
 """Ends of the phases: close, lift, hold for 2 s, loosen, s."""
 LOOSENING_S = 0.7
 """Time in which the grip force falls to 1 / e while the grip loosens, s."""
+RATE_HZ, EVERY = 10.0, 2
+"""Readings per second, and readings per page of the animation."""
 LEVEL, LEAST_N = 0.9, 0.4
 """Probability of the intervals, and least force on which the network was trained, N."""
 
@@ -140,9 +142,13 @@ class Comparison:
             self.squares + other.squares, self.covered + other.covered, self.size + other.size
         )
 
-    def __str__(self) -> str:
-        rmse, share = np.sqrt(self.squares / self.size), self.covered / self.size
-        return f"{rmse:9,.0f} {100 * share:9.1f}"
+    @property
+    def rmse_counts(self) -> float:
+        return float(np.sqrt(self.squares / self.size))
+
+    @property
+    def coverage_percent(self) -> float:
+        return 100 * self.covered / self.size
 
 
 @dataclass
@@ -227,8 +233,8 @@ def main() -> None:
     )
     parser.add_argument("--tools", nargs="+", choices=GRASPS, default=list(GRASPS))
     parser.add_argument("--out", type=Path, default=Path("gripper.gif"), help=".gif or .mp4")
-    parser.add_argument("--rate-hz", type=float, default=25.0, help="readings per second")
-    parser.add_argument("--every", type=int, default=5, help="readings per page of the animation")
+    parser.add_argument("--rate-hz", type=float, default=RATE_HZ, help="readings per second")
+    parser.add_argument("--every", type=int, default=EVERY, help="readings per page of --out")
     parser.add_argument("--view", action="store_true", help="open MuJoCo's viewer instead")
     options = parser.parse_args()
     if options.view:
@@ -244,16 +250,27 @@ def main() -> None:
 
 
 def table(results: dict[str, Result]) -> str:
-    """RMSE in counts, and share of the counts that the intervals cover, for both comparisons."""
-    lines = [f"{'':10} held slips at, N  other finger: RMSE, cover %  same finger: RMSE, cover %"]
+    """A row for each tool, and the mean over all readings."""
+    head = "held slips at, N  other finger: RMSE, cover %  same finger: RMSE, cover %"
+    lines = [f"{'':10} {head}"]
     for tool, result in results.items():
-        slips = "-" if result.slipped_n is None else f"{result.slipped_n:.2f}"
-        held = "yes" if result.held else "no"
-        lines.append(f"{tool:10} {held:4} {slips:>11} {result.other} {result.same}")
-    other = sum((each.other for each in results.values()), Comparison())
-    same = sum((each.same for each in results.values()), Comparison())
+        held, slips = ("yes" if result.held else "no"), result.slipped_n or np.nan
+        lines.append(f"{tool:10} {held:4} {slips:11.2f} {figures(result.other, result.same)}")
+    other, same = totals(results)
     held = sum(result.held for result in results.values())
-    return "\n".join([*lines, f"{'all':10} {held}/{len(results)} {'':11} {other} {same}"])
+    return "\n".join([*lines, f"{'all':10} {held}/{len(results)} {'':12} {figures(other, same)}"])
+
+
+def totals(results: dict[str, Result]) -> tuple[Comparison, Comparison]:
+    """The comparisons with the other finger and with the same finger, over all tools."""
+    other = sum((each.other for each in results.values()), Comparison())
+    return other, sum((each.same for each in results.values()), Comparison())
+
+
+def figures(*comparisons: Comparison) -> str:
+    """RMSE, counts, and share of the counts that the intervals cover, %."""
+    pairs = (f"{each.rmse_counts:18,.0f} {each.coverage_percent:8.1f}" for each in comparisons)
+    return " ".join(pairs)
 
 
 if __name__ == "__main__":

@@ -24,8 +24,8 @@ SCENE_PX = (304, 336)
 MAX_COUNTS, MAX_N = 10_000, 12.0
 """Ends of the axes. Full scale is 40,000 counts."""
 READ_COLOR, PREDICTED_COLOR, DIGIT_COLOR = "#9aa5b1", "#c2410c", "#1d4ed8"
-COLORS = 96
-"""Colors of a GIF."""
+COLORS, PALETTE_PAGES = 256, 12
+"""Colors of a GIF, and pages from which they are chosen."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,8 @@ def write_animation(path: Path, pages: Sequence[Image.Image], rate_hz: float) ->
             writer.send(np.ascontiguousarray(page))
         writer.close()
         return
-    palette = pages[len(pages) // 2].quantize(COLORS)
+    some = pages[:: max(1, len(pages) // PALETTE_PAGES)]
+    palette = Image.fromarray(np.vstack([np.asarray(page) for page in some])).quantize(COLORS)
     first, *others = (page.quantize(palette=palette, dither=Image.Dither.NONE) for page in pages)
     first.save(
         path, save_all=True, append_images=others, duration=round(1000 / rate_hz), loop=0,

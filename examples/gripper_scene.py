@@ -42,10 +42,10 @@ TOOL_FRICTION = [0.1, 0.005, 0.0001]
 torsion, m (assumed)."""
 PANEL_PX = (120, 160)
 """Width and height of each sensor's image in MuJoCo's viewer."""
-CAMERA_AT_M = [0.0, 0.0, 0.14]
+CAMERA_AT_M = [0.0, 0.0, 0.16]
 STEEL_RGBA, HAND_RGBA = [0.62, 0.65, 0.70, 1.0], [0.25, 0.28, 0.33, 1.0]
 MAGNET_RGBA, FLOOR_RGBA = [0.75, 0.25, 0.2, 1.0], [0.88, 0.88, 0.86, 1.0]
-SKY_RGB = [0.97, 0.97, 0.97]
+SKY_RGB = [1.0, 1.0, 1.0]
 GEOM, NO_CONTACT = mujoco.mjtGeom, {"contype": 0, "conaffinity": 0}
 
 
@@ -210,4 +210,4 @@ def add_gripper(spec: mujoco.MjSpec, height: float) -> tuple[t2twin.AttachedSens
 
 
 def set_camera(camera: mujoco.MjvCamera) -> None:
-    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = CAMERA_AT_M, 0.5, 60, -10
+    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = CAMERA_AT_M, 0.56, 60, -10

@@ -13,6 +13,7 @@ the fingers 2 s after the lift.
 # pyright: reportAttributeAccessIssue=false
 
 import argparse
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -147,23 +148,42 @@ def wilson(successes: int, trials: int) -> tuple[float, float]:
     return middle - half, middle + half
 
 
+@dataclass(frozen=True)
+class Score:
+    """Lifts of one policy. held: how many objects. grip_n: mean grip force at the end, N."""
+
+    held: int
+    objects: int
+    grip_n: float
+
+    @property
+    def percent(self) -> float:
+        return 100 * self.held / self.objects
+
+    @property
+    def interval_percent(self) -> tuple[float, float]:
+        low, high = wilson(self.held, self.objects)
+        return 100 * low, 100 * high
+
+
+def score(env: GraspEnv, objects: int, reacts: bool) -> Score:
+    """Lift objects 0, 1, 2 and so on."""
+    held, grips_n = zip(*(lift(env, number, reacts) for number in range(objects)), strict=True)
+    return Score(sum(held), objects, float(np.mean(grips_n)))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--objects", type=int, default=200, help="number of random objects")
     options = parser.parse_args()
-    env = GraspEnv()
-    print("policy           held           95 % interval    mean grip force at the end, N")
+    print("policy           held           95 % interval   mean grip force at the end, N")
     for name, reacts in (("does not react", False), ("reacts to slip", True)):
-        lifts = [lift(env, number, reacts) for number in range(options.objects)]
-        held, grips = zip(*lifts, strict=True)
-        low, high = (100 * end for end in wilson(sum(held), len(held)))
-        rate = 100 * sum(held) / len(held)
-        print(
-            f"{name}   {sum(held):3} of {len(held):3}, {rate:3.0f} %   {low:.0f} to {high:.0f} %"
-            f"        {np.mean(grips):.1f}"
-        )
+        found = score(GraspEnv(), options.objects, reacts)
+        low, high = found.interval_percent
+        held = f"{found.held:3} of {found.objects:3}, {found.percent:3.0f} %"
+        print(f"{name}   {held}   {low:3.0f} to {high:3.0f} %   {found.grip_n:6.1f}")
 
 
 if __name__ == "__main__":
