@@ -18,6 +18,7 @@ does not need the mirror: its truth is a virtual CySkin in the DIGIT's place, un
 import argparse
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import mujoco
@@ -180,9 +181,9 @@ def run(tool: str, rate_hz: float, every: int) -> tuple[Result, list[Image.Image
             truth = virtual_counts(tool, scene, data, tick.digit, rng)
             result.same.add(predictor.same_finger(tick.digit.image), truth)
         if tick.phase == "hold":
-            result.held = tick.drop_m < SLIPPED_M
+            result.held = bool(tick.drop_m < SLIPPED_M)
         if tick.drop_m > SLIPPED_M:
-            result.slipped_n = tick.grip_n
+            result.slipped_n = float(tick.grip_n)
         times.append(tick.time_s)
         forces.append([shear_n(tick.digit), shear_n(tick.cyskin), tick.grip_n])
         if number % every == 0:
@@ -237,6 +238,10 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=EVERY, help="readings per page of --out")
     parser.add_argument("--view", action="store_true", help="open MuJoCo's viewer instead")
     options = parser.parse_args()
+    if options.out.suffix not in (".gif", ".mp4"):
+        parser.error(f"{options.out} has another suffix; expected .gif or .mp4")
+    if options.out.suffix == ".mp4" and find_spec("imageio_ffmpeg") is None:
+        parser.error("an .mp4 needs imageio-ffmpeg: pip install imageio-ffmpeg")
     if options.view:
         for tool in options.tools:
             view(tool, options.rate_hz)
