@@ -39,7 +39,7 @@ def simulate(folder: Path, number: int) -> tuple[Path, Path]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--background", type=Path)
     parser.add_argument("--presses", type=Path)
     parser.add_argument("--ball-diameter-mm", type=float, default=BALL_MM)

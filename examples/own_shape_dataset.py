@@ -41,7 +41,7 @@ def write_block(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shapes", type=Path, help="folder of STL, STEP, OBJ, PLY, 3MF or GLB")
     parser.add_argument("--presses", type=int, default=200, help="of each shape")
     parser.add_argument("--out", type=Path, default=Path("data/mine"))

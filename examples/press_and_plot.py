@@ -41,7 +41,7 @@ def plot(shape: str, force_n: float, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--shape", default="pliers/teeth", help="name or file of a shape")
     parser.add_argument("--force-n", type=float, default=8.0)
     parser.add_argument("--out", type=Path, default=Path("runs/press.png"))

@@ -43,7 +43,7 @@ def slide(friction: float, distance_mm: float, steps: int, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--friction", type=float, default=0.6)
     parser.add_argument("--distance-mm", type=float, default=2.0)
     parser.add_argument("--steps", type=int, default=20)

@@ -29,7 +29,7 @@ def main(data: Path, preset: str, minutes: float, out: Path) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, help="a dataset of `t2twin simdata`")
     parser.add_argument("--preset", default="cpu", help="smoke, cpu or paper")
     parser.add_argument("--minutes", type=float, default=2.0, help="of each training")

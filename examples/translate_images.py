@@ -27,7 +27,7 @@ def simulate(folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--images", type=Path, help="folder of PNG or JPEG files")
     parser.add_argument("--background", type=Path, help="image of the same DIGIT without contact")
     parser.add_argument("--layout", default="cyskin-63", help="name or file of a layout")
