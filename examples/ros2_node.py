@@ -8,6 +8,7 @@ The node needs ROS 2 with rclpy, and `pip install 't2twin[live,onnx]'`. It was t
 for rclpy and its messages only, not with ROS.
 """
 
+# pyright: reportMissingImports=false
 import numpy as np
 import rclpy
 from PIL import Image as Picture

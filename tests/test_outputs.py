@@ -128,7 +128,7 @@ class Node:
 
     def __init__(self, name: str) -> None:
         Node.published = {}
-        self.values = {"camera": "frames"}
+        self.values: dict[str, object] = {"camera": "frames"}
 
     def declare_parameter(self, name: str, value: object) -> None:
         self.values.setdefault(name, value)
