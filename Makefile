@@ -34,7 +34,7 @@ help:
 	@echo "make test-all    the same with the exhaustive tests (all bad inputs, all shapes)"
 	@echo "make setup       virtual environment and pinned packages"
 	@echo "make primitives  STEP, STL, mosaic plate and contact sheet of all shapes"
-	@echo "make simdata     the paired dataset         SCALE=smoke|small|paper (paper), or WORLD=open|FILE.toml"
+	@echo "make simdata     the paired dataset         SCALE=smoke|light|small|paper (paper), or WORLD=open|FILE.toml"
 	@echo "make train-all   both translators           SCALE=, PRESET=cpu|paper|smoke, MINUTES="
 	@echo "make evaluate    the results table          SCALE=, SHIPPED=field"
 	@echo "make report      the report                 SCALE=, SHIPPED=field"

@@ -59,5 +59,5 @@ def test_a_round_shape_is_hardly_ever_pressed_twice_in_one_place(name, shapes):
 
 
 def test_an_unknown_scale_names_the_known_ones():
-    with pytest.raises(T2TwinError, match="smoke, small, paper"):
+    with pytest.raises(T2TwinError, match="smoke, light, small, paper"):
         protocol.scale_of("large")
