@@ -26,7 +26,7 @@ MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
 TEST := $(BIN)/python -m pytest -n $(or $(WORKERS),logical) --maxprocesses 8 --dist worksteal
 
 .PHONY: help demo test test-all setup system browser primitives simdata train-all evaluate report studio \
-	regression bench check docs clean distclean
+	regression lerobot-check bench check docs clean distclean
 
 help:
 	@echo "make demo        everything at scale small: data, both translators, report (minutes)"
@@ -40,6 +40,7 @@ help:
 	@echo "make report      the report                 SCALE=, SHIPPED=field"
 	@echo "make studio      press, look and translate in a browser          PORT="
 	@echo "make regression  RMSE on synthetic data held to its band"
+	@echo "make lerobot-check  a converted dataset, read with LeRobot's own loader   SCALE="
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
 	@echo "make check       ruff, pyright, layers, import cycles, sizes of modules, sentences of the documents"
 	@echo "make docs        the documentation site, in build/site"
@@ -114,6 +115,18 @@ studio: setup
 
 regression: setup
 	$(BIN)/python -m pytest tests/test_regression.py
+
+# LeRobot pins an older torch and needs torchvision: its loader runs in an environment of its own,
+# where a stand-in replaces torchvision.
+LEROBOT := .venv/lerobot/bin/python
+lerobot-check: setup
+	test -x $(LEROBOT) || $(PYTHON) -m venv .venv/lerobot
+	$(LEROBOT) -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) 'av>=15,<16' 'datasets>=4.8,<5' \
+		accelerate deepdiff draccus einops gymnasium jsonlines opencv-python-headless pillow safetensors termcolor torch
+	$(LEROBOT) -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --no-deps lerobot
+	rm -rf $(DATA)-lerobot
+	$(BIN)/t2twin convert $(DATA) --to lerobot --out $(DATA)-lerobot
+	HF_HUB_OFFLINE=1 $(LEROBOT) -m maintenance.check_lerobot $(DATA) $(DATA)-lerobot
 
 bench: setup
 	$(BIN)/python -m benchmarks

@@ -43,13 +43,15 @@ class _ToTensor:
 
 
 class _StandIn(ModuleType):
-    """A module of torchvision whose names are empty classes."""
+    """A module of torchvision. Names in capitals are empty classes, others modules."""
 
     ToTensor = _ToTensor
 
-    def __getattr__(self, name: str) -> type:
+    def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
+        if name.islower():
+            return importlib.import_module(f"{self.__name__}.{name}")
         return type(name, (), {})
 
 

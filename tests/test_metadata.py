@@ -13,6 +13,9 @@ from t2twin.sim.dataset.columns import schema_of
 from t2twin.sim.dataset.import_pairs import import_pairs
 from t2twin.sim.dataset.store import read_info, read_split, sha256_of
 
+KEY = ("split", "shape", "index")
+"""Columns that together have another value in every row."""
+
 HUB_NAMES = {"train": "train", "val": "validation", "test": "test"}
 
 
@@ -69,7 +72,7 @@ def test_croissant_is_valid_and_loads_every_pair(folder):
     assert all("datePublished" in issue or not info.is_simulated for issue in issues.warnings)
     records = {}
     for record in dataset.records("pairs"):
-        place = tuple(_plain(record[f"pairs/{name}"]) for name in ("shape", "index"))
+        place = tuple(_plain(record[f"pairs/{name}"]) for name in KEY)
         records[place] = {name.removeprefix("pairs/"): value for name, value in record.items()}
     rows = [
         row for split in info.pairs if info.pairs[split]
@@ -77,7 +80,7 @@ def test_croissant_is_valid_and_loads_every_pair(folder):
     ]  # fmt: skip
     assert len(records) == len(rows)
     for row in rows:
-        record = records[row["shape"], row["index"]]
+        record = records[tuple(row[name] for name in KEY)]
         assert list(record) == schema_of(info.world).names
         for name, value in row.items():
             if isinstance(value, dict):
