@@ -151,7 +151,7 @@ def import_pairs(
 
 
 def convert(
-    dataset: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="DATASET")]],
+    dataset: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="DATASET")]],
     to: Annotated[Literal["lerobot"], tyro.conf.arg(metavar="FORMAT")],
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
 ) -> None:
