@@ -54,6 +54,10 @@ def read_all(folder):
     return pa.concat_tables(frames), episodes, info, statistics
 
 
+def rounded(values):
+    return np.array(list(values), np.float32).tolist()
+
+
 def digests(folder):
     return {str(p.relative_to(folder)): sha256_of(p) for p in folder.rglob("*") if p.is_file()}
 
@@ -75,13 +79,13 @@ def test_frames_equal_the_pairs(converted):
         assert frame["index"] == number
         assert frame["observation.images.digit"]["bytes"] == row["image"]["bytes"]
         assert frame["observation.taxels"] == row["taxels"]
-        assert frame["action"] == np.float32([row[name] for name in POSE]).tolist()
+        assert frame["action"] == rounded(row[name] for name in POSE)
         assert frame["press_index"] == row["index"]
         for sensor in ("digit", "cyskin"):
             assert frame[f"{sensor}_settled"] == row[f"{sensor}_settled"]
             names = [f"{sensor}_{n}" for n in ("depth_mm", "force_n", *MOTION)]
-            values = np.float32([row[name] for name in names if name in row])
-            assert frame[f"observation.{sensor}_contact"] == values.tolist()
+            expected = rounded(row[name] for name in names if name in row)
+            assert frame[f"observation.{sensor}_contact"] == expected
         if "untouched" in row:
             name = "observation.images.digit_background"
             assert frame[name]["bytes"] == row["untouched"]["bytes"]
@@ -106,8 +110,9 @@ def test_a_press_or_a_path_is_an_episode(converted):
         assert {rows[starts[n]]["split"] for n in range(first, last)} == {split}
     tasks = pd.read_parquet(out / "meta/tasks.parquet")
     assert tasks.index.name == "task" and tasks["task_index"].tolist() == list(range(len(tasks)))
+    names = [str(name) for name in tasks.index]
     for number, task_index in enumerate(frames["task_index"].to_pylist()):
-        name = tasks.index[task_index]
+        name = names[task_index]
         assert name == episodes["tasks"].to_pylist()[expected[number]][0]
         assert name.endswith(f" {rows[number]['shape']}")
 

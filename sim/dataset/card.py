@@ -14,7 +14,7 @@ import pyarrow as pa
 from t2twin.core.templates import render
 from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
 from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, TRACTIONS, schema_of, type_name
-from t2twin.sim.dataset.info import DatasetInfo
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo
 from t2twin.sim.dataset.store import write_whole
 
 CARD, CROISSANT = "README.md", "croissant.json"
@@ -81,7 +81,7 @@ def write_card(folder: Path, info: DatasetInfo) -> None:
         "sim/dataset/card.md",
         info=info,
         pad_mm=PAD_DIAMETER_MM,
-        splits={HUB_SPLITS[name]: name for name, pairs in info.pairs.items() if pairs},
+        splits={HUB_SPLITS[split]: split for split in _present(info)},
         features=_hub_features(schema_of(info.world)),
         size=_size_category(sum(info.pairs.values())),
         download_bytes=sum(sizes.values()),
@@ -89,6 +89,11 @@ def write_card(folder: Path, info: DatasetInfo) -> None:
     write_whole(folder / CARD, text.encode())
     content = json.dumps(croissant(info, sizes), indent=1, ensure_ascii=False)
     write_whole(folder / CROISSANT, f"{content}\n".encode())
+
+
+def _present(info: DatasetInfo) -> list[str]:
+    """The splits that have pairs."""
+    return [split for split in SPLITS if info.pairs[split]]
 
 
 def _size_category(pairs: int) -> str:
@@ -135,7 +140,7 @@ def croissant(info: DatasetInfo, sizes: dict[str, int]) -> dict[str, Any]:
                 "@id": "shards",
                 "description": "All shards.",
                 "encodingFormat": "application/x-parquet",
-                "includes": [f"{split}/*.parquet" for split, pairs in info.pairs.items() if pairs],
+                "includes": [f"{split}/*.parquet" for split in _present(info)],
             }
         ],
         "recordSet": [_splits(info), _pairs(info)],
@@ -156,7 +161,6 @@ def _file(path: str, info: DatasetInfo, size: int) -> dict[str, Any]:
 
 def _splits(info: DatasetInfo) -> dict[str, Any]:
     """The record set of the splits."""
-    present = [split for split, pairs in info.pairs.items() if pairs]
     return {
         "@type": "cr:RecordSet",
         "@id": "splits",
@@ -166,7 +170,7 @@ def _splits(info: DatasetInfo) -> dict[str, Any]:
             {"@type": "cr:Field", "@id": "splits/name", "name": "name", "dataType": "sc:Text"},
             {"@type": "cr:Field", "@id": "splits/url", "name": "url", "dataType": "sc:URL"},
         ],
-        "data": [{"splits/name": s, "splits/url": CROISSANT_SPLITS[s]} for s in present],
+        "data": [{"splits/name": s, "splits/url": CROISSANT_SPLITS[s]} for s in _present(info)],
     }
 
 
