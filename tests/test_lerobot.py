@@ -1,7 +1,6 @@
 """Conversion to LeRobot's format; `make lerobot-check` reads one with LeRobot's own loader."""
 
 import json
-import os
 import shutil
 
 import numpy as np
@@ -172,8 +171,8 @@ def test_the_same_dataset_gives_the_same_bytes(converted, tmp_path):
     assert digests(tmp_path / "again") == digests(out)
 
 
-def test_datasets_loads_the_frames_without_an_argument(converted, tmp_path):
-    os.environ["HF_HUB_OFFLINE"] = "1"  # read when the library is imported
+def test_datasets_loads_the_frames_without_an_argument(converted, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")  # read when the library is imported
     from datasets import load_dataset
 
     rows = load_dataset(str(converted[1]), cache_dir=str(tmp_path))["train"]

@@ -1,7 +1,6 @@
 """The metadata of a dataset, read by Hugging Face's `datasets` and by `mlcroissant`."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -37,8 +36,8 @@ def folder(request):
     return request.getfixturevalue(request.param)
 
 
-def test_datasets_loads_all_splits_without_an_argument(folder, tmp_path):
-    os.environ["HF_HUB_OFFLINE"] = "1"  # read when the library is imported
+def test_datasets_loads_all_splits_without_an_argument(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")  # read when the library is imported
     from datasets import Image, load_dataset
 
     info = read_info(folder)
