@@ -132,7 +132,7 @@ docs: setup
 
 .venv/release: .venv/installed
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(PIP_ARGS) \
-		-c constraints.txt -e '.[release]'
+		-c constraints.txt build check-jsonschema check-wheel-contents pre-commit twine
 	touch $@
 
 # The wheel is built from the sdist.

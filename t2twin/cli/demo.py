@@ -161,8 +161,10 @@ class Demo:
             made = [each for each in REPORT_S if is_complete(self.out / "data" / each)]
             scale = made[0] if made else scale_that_fits(self.clock.left_s, slowness(), cores())
         folder = self.out / "data" / scale
-        with self._command("simdata", "--scale", scale, "--out", folder):
-            simdata(SimdataOptions(scale=scale, out=folder))
+        # Starting processes takes longer than the few pairs of scale smoke.
+        workers = 1 if scale == "smoke" else cores()
+        with self._command("simdata", "--scale", scale, "--workers", workers, "--out", folder):
+            simdata(SimdataOptions(scale=scale, out=folder, workers=workers))
         return scale
 
     def _train(self, folder: Path, data: Path, scale: str, trainings: int) -> None:
