@@ -48,8 +48,8 @@ help:
 	@echo "make wheel       sdist and wheel in dist/, checked and tried from an empty folder"
 	@echo "make wheel-demo  the demo of the wheel in dist/, in an empty folder   MINUTES= (3)"
 	@echo "make weights     the pretrained network as a zip file in dist/"
-	@echo "make docs        examples, commands, links and tables of the documents"
 	@echo "make check-files workflows, issue forms, citation and pre-commit against their schemas"
+	@echo "make docs        the documentation site, in build/site"
 	@echo "make clean       delete build products: caches of tools and of Python, build folders"
 	@echo "make distclean   delete these, data, runs and .venv"
 
@@ -128,7 +128,7 @@ check: setup
 	$(BIN)/python -m tests.sentences
 
 docs: setup
-	$(BIN)/python -m pytest -q tests/test_documents.py -m "not exhaustive"
+	NO_MKDOCS_2_WARNING=1 PYTHONPATH=. $(BIN)/mkdocs build --quiet
 
 .venv/release: .venv/installed
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(PIP_ARGS) \
@@ -137,7 +137,7 @@ docs: setup
 
 # The wheel is built from the sdist.
 wheel: .venv/release
-	rm -rf build dist
+	rm -rf build/lib build/bdist.* dist
 	$(BIN)/python -m build --no-isolation --outdir dist
 	$(BIN)/twine check --strict dist/*
 	$(BIN)/check-wheel-contents dist/*.whl
