@@ -13,6 +13,9 @@ import tyro
 STEPS = 6
 """Number of the commands of a demo."""
 
+TRAININGS = 2
+"""Number of these that are trainings."""
+
 PRETRAINED = "field"
 """The pretrained run that is evaluated together with the trained ones."""
 
@@ -31,8 +34,8 @@ MIN_TRAINING_MINUTES = 0.01
 SHEET_SHARE = 0.15
 """Share of the limit after which the contact sheet of the shapes is omitted (assumed)."""
 
-DATA_SHARE = 0.25
-"""Largest share of the remaining time for a dataset of scale small; above it, the scale is smoke
+SMALL_TRAINING_MINUTES = 0.3
+"""Minutes that a dataset of scale small must leave for each training; otherwise the scale is smoke
 (assumed)."""
 
 PROBE = ("square-2", "circle-1", "hemisphere-2", "pliers/teeth")
@@ -98,7 +101,8 @@ def scale_that_fits(left_s: float, slowness: float, cores: int) -> str:
     left_s: until the limit, s. slowness: as of `slowness`.
     """
     data_s = slowness * (POOL_S + PAIRS * PAIR_S / cores)
-    return "small" if data_s <= DATA_SHARE * left_s else "smoke"
+    minutes = training_minutes(left_s - data_s, slowness, "small", TRAININGS)
+    return "small" if minutes >= SMALL_TRAINING_MINUTES else "smoke"
 
 
 def training_minutes(left_s: float, slowness: float, scale: str, trainings: int) -> float:
