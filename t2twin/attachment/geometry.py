@@ -1,9 +1,12 @@
 """Height maps of the bodies of a MuJoCo model, as a sensor meets them.
 
 The sensor frame and the shape frame are those of t2twin.primitives_cad.shape. A height map of a
-body is in the shape frame at x = y = yaw = 0: its x is the sensor's x, its y is minus the sensor's
-y, and its height is minus the sensor's z.
+body is in the shape frame of a press at x = y = yaw = 0. Its x is the sensor's x, its y is minus
+the sensor's y, and its height is minus the sensor's z.
 """
+
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
 
 import weakref
 from collections.abc import Collection
@@ -44,8 +47,8 @@ MARGIN_MM = 1.0
 """Width of a map beyond the pad's outline, mm (assumed: more than a surface moves by shear)."""
 
 DEPTH = 1.5
-"""Depth of a map below the highest point, in thicknesses of the layer (assumed: the surface of a
-layer is nowhere lower than its thickness; the rest is for points beyond the pad)."""
+"""Depth of a map below the highest point, in thicknesses of the layer (assumed: the deepest contact
+is one thickness below the apex; the rest is for points beyond the pad)."""
 
 BEHIND_MM = 10.0
 """Depth below the apex, mm, from which on surfaces belong to other parts of a body (assumed: more
