@@ -47,8 +47,8 @@ MARGIN_MM = 1.0
 """Width of a map beyond the pad's outline, mm (assumed: more than a surface moves by shear)."""
 
 DEPTH = 1.5
-"""Depth of a map below the highest point, in thicknesses of the layer (assumed: the deepest contact
-is one thickness below the apex; the rest is for points beyond the pad)."""
+"""Depth of a map below the highest point, in thicknesses of the layer (assumed). A contact is at
+most one thickness below the apex; the rest is for points beyond the pad."""
 
 BEHIND_MM = 10.0
 """Depth below the apex, mm, from which on surfaces belong to other parts of a body (assumed: more

@@ -37,8 +37,8 @@ MAP = "f8, f8, f8, f4[:, ::1]"
 """Types of the pitch, `behind`, the greatest height so far, and the map."""
 
 ROW = "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
-"""Types of a row of grid points: their x from the geom's center, and four vectors in the geom frame.
-These are the row's start, the direction of x, the vertical, and the geom's size."""
+"""Types of a row of grid points: their x from the geom's center, and four vectors in the geom
+frame. These are the row's start, the direction of x, the vertical, and the geom's size."""
 
 
 @compiled(f"f8(i8, f8[::1], {POSE}, {MAP})", nogil=True)
