@@ -54,6 +54,7 @@ class Touch:
     depth_mm, force_n, surface_mm, pressure_kpa and more. layout: the CySkin's taxels. calibration:
     file of the DIGIT's light, None for the default calibration. optics: what rendered the image.
     markers: those on the DIGIT's gel, None for none.
+    sensor_to_world: (4, 4) transform, m, of a sensor in a MuJoCo model; None without a model.
 
     The fields of a sensor that was not pressed are None. A press of 0 N, which datasets contain,
     has an image and counts but no contacts.
@@ -69,6 +70,7 @@ class Touch:
     calibration: str | None = None
     optics: Renderer = "baked"
     markers: Markers | None = None
+    sensor_to_world: np.ndarray | None = None
 
     @cached_property
     def contacts(self) -> dict[str, Contact]:

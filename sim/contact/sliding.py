@@ -13,10 +13,12 @@ the strain (Treloar, The Physics of Rubber Elasticity, 1975). A press starts wit
 traction.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
+from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.solver_loops import Anderson
@@ -53,6 +55,20 @@ COVER_FRICTION = 1.0
 MAX_FRICTION = 5.0
 """Largest allowed coefficient of friction (assumed: above any rubber's on a dry solid)."""
 
+Friction = Callable[
+    [np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, bool]
+]
+"""Solves the friction of a step within a window of the grid. Arguments: the pressure, (rows,
+columns), MPa; the displacements along the surface by the pressure and by the dome, mm; an initial
+guess of the traction, MPa. Returns the traction; the displacement of a surface that sticks to the
+shape, mm; whether the traction converged. All but the pressure are (2, rows, columns)."""
+
+Drive = Callable[[Contact, DomedLayer, np.ndarray, Window], tuple[np.ndarray, Friction]]
+"""What moves the shape in a step. Its arguments are the contact before, the layer in the window,
+the displacement along the surface before the step, (2, rows, columns), mm, and the window. Returns
+the expected displacement of a surface that sticks to the shape, (2, rows, columns), mm, and the
+friction of the step."""
+
 
 def advance(
     contact: Contact,
@@ -75,10 +91,47 @@ def advance(
         yaw_rad=command.yaw_rad + dyaw_rad,
         force_n=force_n,
     )
-    start = contact.motion or _still(contact, friction)
+    start = contact.motion or still_motion(contact, friction)
+    share = _share_of_last(contact, start, step)
+
+    def drive(
+        contact: Contact, layer: DomedLayer, lateral_mm: np.ndarray, window: Window
+    ) -> tuple[np.ndarray, Friction]:
+        follows = lateral_mm + _rigid(contact, lateral_mm, step, window)
+
+        def solve(
+            pressure: np.ndarray, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray, bool]:
+            wanted = follows - spread - dome
+            shear, converged = _friction(layer, friction * pressure, wanted, guess)
+            return shear, follows, converged
+
+        return follows, solve
+
+    start = replace(start, friction=friction, last=step)
+    return step_contact(contact, start, contact.shape, moved, drive, share)
+
+
+def step_contact(
+    contact: Contact,
+    start: Motion,
+    shape: Shape,
+    command: PressCommand,
+    drive: Drive,
+    share: float | None = None,
+    relaxation: float = RELAXATION,
+) -> Contact:
+    """The contact after a step.
+
+    start: the motion of the contact before, with the friction and the rigid motion of this step.
+    shape, command: those of the contact after. drive: what moves the shape. share: the expected
+    change of the traction as a share of the last step's; None if it is not known. relaxation: see
+    RELAXATION.
+    Raises T2TwinError as solve_contact does.
+    """
     window = window_around(dilated(contact.pressure_kpa > 0, WINDOW_CELLS))
     while True:
-        found = _step(contact, start, moved, step, friction, window)
+        found = _step(contact, start, shape, command, drive, share, relaxation, window)
         outside = found.pressure_kpa > 0
         outside[window] = False
         if not outside.any():
@@ -90,12 +143,15 @@ def advance(
 def _step(
     contact: Contact,
     start: Motion,
-    moved: PressCommand,
-    step: tuple[float, float, float],
-    friction: float,
+    shape: Shape,
+    command: PressCommand,
+    drive: Drive,
+    share: float | None,
+    relaxation: float,
     window: Window,
 ) -> Contact:
-    """The contact after a step, see advance, whose shear is known within a window of the grid."""
+    """The contact after a step, see step_contact, whose shear is known within a window of the
+    grid."""
     part = (slice(None), *window)
     layer = contact.shear_layer.window(window)
     before = start.shear_mpa[part]
@@ -103,28 +159,25 @@ def _step(
     spread = layer.spread_mm(pressure)
     middle, dome = layer.parts_mm(before)
     sheared = middle + dome
-    lateral = sheared[:2] + spread
-    follows = lateral + _rigid(contact, lateral, step, window)
-    share = _share_of_last(contact, start, step)
+    follows, friction = drive(contact, layer, sheared[:2] + spread, window)
     if share is None:
-        shear, _ = _friction(layer, friction * pressure, follows - spread - dome[:2], before)
+        shear, follows, _ = friction(pressure, spread, dome[:2], before)
     else:
         shear = before + share * (before - start.earlier_mpa[part])
     middle, dome = layer.parts_mm(shear)
     seen = middle + dome
     if share is None:
-        seen = sheared + RELAXATION * (seen - sheared)
+        seen = sheared + relaxation * (seen - sheared)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
     rows, columns = window
     for number in range(MAX_ROUNDS):
         shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
         moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
         near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
-        normal = solve_contact(contact.shape, moved, contact.elastomer, contact.pitch_mm, *near)
+        normal = solve_contact(shape, command, contact.elastomer, contact.pitch_mm, *near)
         pressure = 1e-3 * normal.pressure_kpa[window]
         spread = layer.spread_mm(pressure)
-        wanted = follows - spread - dome[:2]
-        shear, found = _friction(layer, friction * pressure, wanted, shear)
+        shear, follows, found = friction(pressure, spread, dome[:2], shear)
         middle, dome = layer.parts_mm(shear)
         sheared = middle + dome
         error = sheared - seen
@@ -132,7 +185,7 @@ def _step(
         if converged:
             break
         if number < ACCELERATED_ROUNDS:
-            corrected = seen + RELAXATION * error
+            corrected = seen + relaxation * error
             seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
         else:
             seen = seen + DAMPED_RELAXATION * error
@@ -141,7 +194,7 @@ def _step(
         normal.pressure_kpa[window] > 0
     )
     traction[part] = shear
-    motion = Motion(friction, traction, start.shear_mpa, slip_mm, step)
+    motion = replace(start, shear_mpa=traction, earlier_mpa=start.shear_mpa, slip_mm=slip_mm)
     return replace(normal, motion=motion, settled=normal.settled and converged)
 
 
@@ -195,7 +248,7 @@ def _friction(
     return traction, found.converged
 
 
-def _still(contact: Contact, friction: float) -> Motion:
+def still_motion(contact: Contact, friction: float) -> Motion:
     """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
     none = np.zeros((2, *shape))

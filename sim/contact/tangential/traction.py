@@ -11,7 +11,7 @@ the shape slips over it, along the traction. The problem is convex, so its solut
 """
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from threading import Lock
@@ -234,13 +234,25 @@ def _padded(shape: tuple[int, ...]) -> tuple[int, int]:
     return int(rows or 1), int(columns or 1)
 
 
+StepTowards = Callable[
+    [np.ndarray, np.ndarray, np.ndarray, float, np.ndarray], tuple[float, float, float]
+]
+"""Signature of step_towards."""
+
+
 def solve_traction(
-    layer: ShearLayer, limit_mpa: np.ndarray, wanted_mm: np.ndarray, start_mpa: np.ndarray
+    layer: ShearLayer,
+    limit_mpa: np.ndarray,
+    wanted_mm: np.ndarray,
+    start_mpa: np.ndarray,
+    towards: StepTowards | None = None,
 ) -> Traction:
     """The traction of one step.
 
     limit_mpa: (rows, columns) friction times pressure, 0 outside the contact. wanted_mm: (2, rows,
     columns) w. start_mpa: (2, rows, columns) an initial guess, such as the last step's traction.
+    towards: takes the place of step_towards where more than the limit restricts the traction; the
+    wanted displacement then lacks a part that it finds.
 
     Spectral projected gradients (Birgin, Martinez, Raydan 2000).
     """
@@ -250,13 +262,16 @@ def solve_traction(
     scale = max(float(np.abs(wanted).max()), 1e-9)
     q, direction = np.ascontiguousarray(start_mpa, np.float32), np.zeros(wanted.shape, np.float32)
     displacement, gradient = np.zeros_like(wanted), np.zeros_like(wanted)
-    step_towards(q, gradient, limit, 1.0, direction)  # the projection of the start
+    towards_limit = towards or step_towards
+    towards_limit(q, gradient, limit, 1.0, direction)  # the projection of the start
     q = q + direction
     take_step(displacement, layer.displacement_mm(q), 1.0, wanted, limit, gradient)
+    if towards is not None:
+        scale = max(scale, float(np.abs(displacement[:, inside]).max()))
     energies = [_dot(q, displacement) / 2 - _dot(q, wanted)]
     length, steps = 1.0 / _typical_compliance(layer, inside), 0
     while True:
-        largest, square, slope = step_towards(q, gradient, limit, length, direction)
+        largest, square, slope = towards_limit(q, gradient, limit, length, direction)
         residual = largest / length / scale
         if residual <= TOLERANCE or steps == MAX_STEPS:
             break

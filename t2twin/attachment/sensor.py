@@ -1,0 +1,253 @@
+"""A sensor that is attached to a MuJoCo model.
+
+The sensor frame has its origin at the apex of the undeformed surface. x is to the right in the
+DIGIT's image, y is down, z is out of the sensor.
+"""
+
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
+from dataclasses import dataclass, field, replace
+from math import atan2, floor, inf
+from threading import Lock
+from typing import Literal, get_args
+from weakref import WeakKeyDictionary
+
+import mujoco
+import numpy as np
+from trimesh import Trimesh
+
+from t2twin.attachment.contacts import Pose, Wrench, wrenches
+from t2twin.attachment.geometry import Geometry, Region, body_surface
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
+from t2twin.sim.sensors import CySkin, Digit
+from t2twin.sim.touch import Touch
+
+SensorName = Literal["digit", "cyskin"]
+
+BODY, SURFACE, FRAME = "body", "surface", "frame"
+"""Names of a sensor's elements in the model, after the sensor's name and a slash."""
+
+NOTHING = Shape(
+    "nothing",
+    Trimesh(),
+    HeightMap(np.full((2, 2), NOTHING_MM, np.float32), np.array([0.0, 1.0]), np.array([0.0, 1.0])),
+    (1.0, 1.0),
+)
+"""The shape of a touch without contact."""
+
+MAX_RATE_HZ = 1e6
+"""Largest rate of readings, Hz (assumed: beyond any simulation's steps)."""
+
+ROUNDING = 1e-6
+"""Share of a period by which a reading may be early, for rounding errors of the time."""
+
+
+@dataclass
+class _State:
+    """What a sensor has read from one MjData.
+
+    time_s, period: of the last reading. reads: their number. seen: the poses and forces, as bytes.
+    poses: of the touching bodies in the sensor frame, by id.
+    """
+
+    time_s: float = -inf
+    period: int = -1
+    reads: int = 0
+    seen: bytes = b""
+    poses: dict[int, Pose] = field(default_factory=dict)
+    touch: Touch | None = None
+
+
+class AttachedSensor:
+    """A DIGIT or a CySkin in a MuJoCo model, made by `t2twin.attach`.
+
+    name: prefix of its elements in the model. sensor: "digit" or "cyskin". device: the simulated
+    sensor. geometry, rate_hz, seed: as for `attach`.
+    Several threads may use one sensor at the same time.
+    Raises T2TwinError for invalid arguments.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        sensor: SensorName,
+        device: Digit | CySkin,
+        geometry: Geometry = "collision",
+        rate_hz: float | None = None,
+        seed: int | None = None,
+    ) -> None:
+        arguments.choice(geometry, "geometry", get_args(Geometry))
+        if rate_hz is not None:
+            rate_hz = arguments.number(rate_hz, "rate_hz", 1 / MAX_RATE_HZ, MAX_RATE_HZ)
+        if seed is not None:
+            arguments.check_seed(seed)
+        self.name, self.sensor, self.device = name, sensor, device
+        self.geometry, self.rate_hz, self.seed = geometry, rate_hz, seed
+        self._states: WeakKeyDictionary[object, _State] = WeakKeyDictionary()
+        self._lock = Lock()
+
+    @property
+    def elastomer(self) -> Elastomer:
+        """The DIGIT's gel or the CySkin's cover."""
+        device = self.device
+        return device.elastomer if isinstance(device, Digit) else device.cover
+
+    def reset(self) -> None:
+        """Forget all contacts and readings; the next reading is the first one."""
+        with self._lock:
+            self._states.clear()
+
+    def pose(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> np.ndarray:
+        """(4, 4) transform from the sensor frame to the world, m. Raises T2TwinError as `read`."""
+        return self._frame(model, data).matrix
+
+    def read(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Touch:
+        """The touch in the current state of a simulation, which does not change.
+
+        model: compiled from the spec of `attach`. data: after `mj_step`, `mj_step1` and 2, or
+        `mj_forward`, which compute the contact forces. Contacts and poses are those at the
+        beginning of the last step, as for MuJoCo's own sensors.
+        The touch has the fields of this sensor, and None for the other's. `sensor_to_world` is the
+        sensor's pose. A sensor that no body presses with at least 0.01 N has no contact; the force
+        of a body is at most 100 N. An unchanged state gives the same touch again, as does each
+        state before the next period of `rate_hz`. The tangential tractions continue those of the
+        last reading of the same MjData, until its time decreases.
+        Raises T2TwinError for another model or data, and for a flex that touches the sensor.
+        """
+        frame = self._frame(model, data)
+        with self._lock:
+            return self._read(model, data, frame)
+
+    def _read(self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose) -> Touch:
+        state = self._states.setdefault(data, _State())
+        if data.time < state.time_s:
+            state = self._states[data] = _State(reads=state.reads)
+        period = 0 if self.rate_hz is None else floor(data.time * self.rate_hz + ROUNDING)
+        if self.rate_hz is not None and state.touch is not None and period == state.period:
+            return state.touch
+        geom = model.geom(f"{self.name}/{SURFACE}").id
+        pressing = [
+            each
+            for each in wrenches(model, data, geom, frame)
+            if each.pressing_n >= FORCE_RANGE_N[0]
+        ]
+        poses = {each.body: _body_pose(data, each.body).in_frame(frame) for each in pressing}
+        seen = _as_bytes(data.time, frame, pressing, poses)
+        if state.touch is None or seen != state.seen:
+            contact = self._contact(model, data, frame, pressing, poses, state)
+            state.touch = self._touch(contact, frame, state.reads)
+            state.poses, state.seen = poses, seen
+            state.reads += 1
+        state.time_s, state.period = data.time, period
+        return state.touch
+
+    def _contact(
+        self,
+        model: "mujoco.MjModel",
+        data: "mujoco.MjData",
+        frame: Pose,
+        pressing: list[Wrench],
+        poses: dict[int, Pose],
+        state: _State,
+    ) -> Contact | None:
+        """The contact of the pressing bodies, which continues the state's last one."""
+        if not pressing:
+            return None
+        each = max(pressing, key=lambda each: each.pressing_n)  # TODO all bodies, with shear
+        region = Region.of(self.elastomer)
+        found = body_surface(model, data, each.body, *frame, region, self.geometry)
+        if found is None:
+            return None
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, each.body)
+        shape = replace(NOTHING, name=name or f"body {each.body}", surface=found.surface)
+        force_n = min(each.pressing_n, FORCE_RANGE_N[1])
+        command = PressCommand(shape.name, 0.0, 0.0, 0.0, force_n)
+        return solve_contact(shape, command, self.elastomer, self.device.pitch_mm)
+
+    def _touch(self, contact: Contact | None, frame: Pose, reads: int) -> Touch:
+        """The touch of a contact; reads: number of earlier readings, which the noise depends on."""
+        rng = None if self.seed is None else np.random.default_rng((self.seed, reads))
+        device, command = self.device, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0)
+        shape = NOTHING if contact is None else contact.shape
+        common = {"shape": shape, "command": contact.command if contact else command}
+        if isinstance(device, Digit):
+            return Touch(
+                **common,
+                image=device.image(contact, rng),
+                counts=None,
+                digit=contact,
+                cyskin=None,
+                layout=None,
+                calibration=device.calibration,
+                markers=device.markers,
+                sensor_to_world=frame.matrix,
+            )
+        return Touch(
+            **common,
+            image=None,
+            counts=device.counts(contact, rng),
+            digit=None,
+            cyskin=contact,
+            layout=device.layout,
+            sensor_to_world=frame.matrix,
+        )
+
+    def _frame(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Pose:
+        """The sensor frame. Raises T2TwinError for a model or data that cannot be read."""
+        for value, name, kind in (
+            (model, "model", mujoco.MjModel),
+            (data, "data", mujoco.MjData),
+        ):
+            if not isinstance(value, kind):
+                raise T2TwinError(
+                    f"{name} is {arguments.describe(value)}; expected a mujoco.{kind.__name__} "
+                    "(mjx.get_data copies a state of MJX into one)"
+                )
+        if model.signature != data.signature:
+            raise T2TwinError("data is of another model; expected a mujoco.MjData of this model")
+        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{self.name}/{FRAME}")
+        if site < 0:
+            raise T2TwinError(
+                f"the model has no site {self.name}/{FRAME}; expected a model compiled from the "
+                f"spec to which {self.name} was attached"
+            )
+        rotation = data.site_xmat[site].reshape(3, 3).copy()
+        if not rotation.any():
+            raise T2TwinError(
+                "data has no poses yet; call mujoco.mj_forward(model, data) before the first read"
+            )
+        return Pose(rotation, data.site_xpos[site].copy())
+
+
+def _motion(before: Pose | None, now: Pose, center_mm: np.ndarray) -> tuple[float, float, float]:
+    """Motion of a body's surface since an earlier pose: dx and dy at the origin, mm, and dyaw.
+
+    center_mm: (3,) the place of contact, whose motion is exact. A rolling body has none there.
+    """
+    if before is None:
+        return 0.0, 0.0, 0.0
+    turn = now.rotation @ before.rotation.T
+    there = turn @ (center_mm - 1e3 * before.position_m) + 1e3 * now.position_m
+    dyaw = atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+    cos, sin, (x, y, _) = np.cos(dyaw), np.sin(dyaw), center_mm
+    return float(there[0] - cos * x + sin * y), float(there[1] - sin * x - cos * y), dyaw
+
+
+def _body_pose(data: "mujoco.MjData", body: int) -> Pose:
+    return Pose(data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy())
+
+
+def _as_bytes(time_s: float, frame: Pose, pressing: list[Wrench], poses: dict[int, Pose]) -> bytes:
+    """All that a reading depends on."""
+    values = [np.array([time_s]), frame.rotation.ravel(), frame.position_m]
+    for each in pressing:
+        pose = poses[each.body]
+        values += [np.array([each.body, each.friction]), each.force_n, each.torque_nmm]
+        values += [pose.rotation.ravel(), pose.position_m]
+    return np.concatenate(values).tobytes()
