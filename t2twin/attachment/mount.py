@@ -1,7 +1,7 @@
 """Attaches a sensor to a MuJoCo model, whose lengths are in meters.
 
-The sensor's body is welded to the body it is mounted on, so that MuJoCo excludes contacts between
-the two, and between the sensor and all bodies that are welded to its mount.
+The sensor's body is welded to its mount. MuJoCo excludes contacts between bodies that are welded
+together.
 """
 
 # MuJoCo defines its names at import, where pyright does not find them.

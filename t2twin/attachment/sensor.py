@@ -22,8 +22,10 @@ from t2twin.attachment.geometry import Geometry, Region, body_surface
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.loads.carry import carry
+from t2twin.sim.contact.loads.prescribed import Load
+from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
 from t2twin.sim.sensors import CySkin, Digit
 from t2twin.sim.touch import Touch
@@ -88,7 +90,8 @@ class AttachedSensor:
         if seed is not None:
             arguments.check_seed(seed)
         self.name, self.sensor, self.device = name, sensor, device
-        self.geometry, self.rate_hz, self.seed = geometry, rate_hz, seed
+        self.geometry: Geometry = geometry
+        self.rate_hz, self.seed = rate_hz, seed
         self._states: WeakKeyDictionary[object, _State] = WeakKeyDictionary()
         self._lock = Lock()
 
@@ -128,10 +131,11 @@ class AttachedSensor:
         state = self._states.setdefault(data, _State())
         if data.time < state.time_s:
             state = self._states[data] = _State(reads=state.reads)
+        state.time_s = data.time
         period = 0 if self.rate_hz is None else floor(data.time * self.rate_hz + ROUNDING)
         if self.rate_hz is not None and state.touch is not None and period == state.period:
             return state.touch
-        geom = model.geom(f"{self.name}/{SURFACE}").id
+        geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{self.name}/{SURFACE}")
         pressing = [
             each
             for each in wrenches(model, data, geom, frame)
@@ -144,7 +148,7 @@ class AttachedSensor:
             state.touch = self._touch(contact, frame, state.reads)
             state.poses, state.seen = poses, seen
             state.reads += 1
-        state.time_s, state.period = data.time, period
+        state.period = period
         return state.touch
 
     def _contact(
@@ -157,18 +161,25 @@ class AttachedSensor:
         state: _State,
     ) -> Contact | None:
         """The contact of the pressing bodies, which continues the state's last one."""
-        if not pressing:
-            return None
-        each = max(pressing, key=lambda each: each.pressing_n)  # TODO all bodies, with shear
-        region = Region.of(self.elastomer)
-        found = body_surface(model, data, each.body, *frame, region, self.geometry)
-        if found is None:
-            return None
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, each.body)
-        shape = replace(NOTHING, name=name or f"body {each.body}", surface=found.surface)
-        force_n = min(each.pressing_n, FORCE_RANGE_N[1])
-        command = PressCommand(shape.name, 0.0, 0.0, 0.0, force_n)
-        return solve_contact(shape, command, self.elastomer, self.device.pitch_mm)
+        loads, region = [], Region.of(self.elastomer)
+        for each in pressing:
+            body = each.body
+            found = body_surface(model, data, body, *frame, region, self.geometry)
+            if found is None or not _is_over(found.surface, self.elastomer, self.device.pitch_mm):
+                continue
+            name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body {body}"
+            load = Load(
+                shape=replace(NOTHING, name=name, surface=found.surface),
+                force_n=min(each.pressing_n, FORCE_RANGE_N[1]),
+                shear_n=(float(each.force_n[0]), float(each.force_n[1])),
+                torque_nmm=float(each.torque_nmm[2]),
+                motion=_motion(state.poses.get(body), poses[body], each.center_mm),
+                friction=min(each.friction, MAX_FRICTION),
+            )
+            loads.append(load)
+        before = None if state.touch is None else state.touch.contacts.get(self.sensor)
+        loads = sorted(loads, key=lambda load: load.force_n)[-1:]  # interim: one body
+        return carry(self.elastomer, self.device.pitch_mm, loads, before) if loads else None
 
     def _touch(self, contact: Contact | None, frame: Pose, reads: int) -> Touch:
         """The touch of a contact; reads: number of earlier readings, which the noise depends on."""
@@ -223,6 +234,13 @@ class AttachedSensor:
                 "data has no poses yet; call mujoco.mj_forward(model, data) before the first read"
             )
         return Pose(rotation, data.site_xpos[site].copy())
+
+
+def _is_over(surface: HeightMap, elastomer: Elastomer, pitch_mm: float) -> bool:
+    """Whether a surface is over the elastomer, half a cell of its grid or more from the outline."""
+    rows = np.abs(surface.y_mm) <= (elastomer.length_mm - pitch_mm) / 2
+    columns = np.abs(surface.x_mm) <= (elastomer.width_mm - pitch_mm) / 2
+    return bool((surface.heights_mm[rows][:, columns] > NOTHING_MM).any())
 
 
 def _motion(before: Pose | None, now: Pose, center_mm: np.ndarray) -> tuple[float, float, float]:

@@ -88,7 +88,7 @@ class PrescribedLoads:
             if calls == 1:  # a prediction, from the pressure of the contact before
                 pressure = self._rescaled(pressure, owner, contact.pitch_mm)
             traction, follows = np.zeros_like(guess), lateral_mm.copy()
-            if not pressure.any():
+            if not (friction * pressure).any():
                 return traction, follows, True
             near = window_around(dilated(pressure > 0, 1))
             part = (slice(None), *near)
