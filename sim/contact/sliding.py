@@ -17,12 +17,15 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy import ndimage
 
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.solver_loops import Anderson
-from t2twin.sim.contact.tangential.traction import DomedLayer, solve_traction
+from t2twin.sim.contact.tangential.folding import unfolded
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer
+from t2twin.sim.contact.tangential.traction import solve_traction
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
 
 COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
@@ -35,7 +38,7 @@ RELAXATION = 0.6
 acceleration. Whole steps overshoot by 0.45 of the error, and by several times it where a wide
 contact twists."""
 
-ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 8, 40, 0.2
+ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 16, 40, 0.2
 """Rounds with acceleration, the limit on all rounds, and the share of an error that the others
 remove (assumed; most steps need one or two rounds)."""
 
@@ -45,6 +48,9 @@ WINDOW_CELLS = 4
 PREDICTABLE = 0.9
 """Cosine of the angle between the motions of two steps above which the second one starts from the
 change in the first (assumed)."""
+
+MIN_MOVE = 0.1
+"""Motion of a contact, in cells, below which its displacement does not move with it (assumed)."""
 
 GEL_FRICTION = 0.8
 """Coefficient of friction of the DIGIT's gel (assumed, range 0.4 to 1.5)."""
@@ -119,19 +125,20 @@ def step_contact(
     command: PressCommand,
     drive: Drive,
     share: float | None = None,
-    relaxation: float = RELAXATION,
+    carried: bool = False,
 ) -> Contact:
     """The contact after a step.
 
     start: the motion of the contact before, with the friction and the rigid motion of this step.
     shape, command: those of the contact after. drive: what moves the shape. share: the expected
-    change of the traction as a share of the last step's; None if it is not known. relaxation: see
-    RELAXATION.
+    change of the traction as a share of the last step's; None if it is not known. carried: whether
+    the forces are prescribed instead of the motion. The displacement by shear then moves with the
+    contact, and whole steps do not overshoot.
     Raises T2TwinError as solve_contact does.
     """
     window = window_around(dilated(contact.pressure_kpa > 0, WINDOW_CELLS))
     while True:
-        found = _step(contact, start, shape, command, drive, share, relaxation, window)
+        found = _step(contact, start, shape, command, drive, share, carried, window)
         outside = found.pressure_kpa > 0
         outside[window] = False
         if not outside.any():
@@ -147,7 +154,7 @@ def _step(
     command: PressCommand,
     drive: Drive,
     share: float | None,
-    relaxation: float,
+    carried: bool,
     window: Window,
 ) -> Contact:
     """The contact after a step, see step_contact, whose shear is known within a window of the
@@ -166,8 +173,11 @@ def _step(
         shear = before + share * (before - start.earlier_mpa[part])
     middle, dome = layer.parts_mm(shear)
     seen = middle + dome
-    if share is None:
-        seen = sheared + relaxation * (seen - sheared)
+    if carried:
+        seen = _moved(seen, _mean(follows - seen[:2] - spread, pressure), contact.pitch_mm)
+    elif share is None:
+        seen = sheared + RELAXATION * (seen - sheared)
+    seen = unfolded(seen, contact.pitch_mm)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
     rows, columns = window
     for number in range(MAX_ROUNDS):
@@ -176,16 +186,21 @@ def _step(
         near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
         normal = solve_contact(shape, command, contact.elastomer, contact.pitch_mm, *near)
         pressure = 1e-3 * normal.pressure_kpa[window]
+        if not pressure.any():
+            break  # the contact left the window
         spread = layer.spread_mm(pressure)
         shear, follows, found = friction(pressure, spread, dome[:2], shear)
         middle, dome = layer.parts_mm(shear)
         sheared = middle + dome
-        error = sheared - seen
+        error = unfolded(sheared, contact.pitch_mm) - seen
         converged = found and _is_small(error, sheared, pressure, normal.depth_mm)
         if converged:
             break
+        if carried:
+            along_x, along_y = _mean(error[:2], pressure)
+            error = _moved(seen + error, (-along_x, -along_y), contact.pitch_mm) - seen
         if number < ACCELERATED_ROUNDS:
-            corrected = seen + relaxation * error
+            corrected = seen + (1.0 if carried else RELAXATION) * error
             seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
         else:
             seen = seen + DAMPED_RELAXATION * error
@@ -230,6 +245,16 @@ def _mean(values: np.ndarray, pressure: np.ndarray) -> tuple[float, float]:
     """Means of values along x and y, (2, rows, columns), weighted with the pressure."""
     along_x, along_y = (values * pressure).sum(axis=(1, 2)) / pressure.sum()
     return float(along_x), float(along_y)
+
+
+def _moved(values: np.ndarray, by_mm: tuple[float, float], pitch_mm: float) -> np.ndarray:
+    """Values, (n, rows, columns), moved along x and y."""
+    along_x, along_y = by_mm
+    if np.hypot(along_x, along_y) < MIN_MOVE * pitch_mm:
+        return values
+    return ndimage.shift(
+        values, (0, along_y / pitch_mm, along_x / pitch_mm), order=1, mode="nearest"
+    )
 
 
 def _friction(

@@ -15,7 +15,8 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.tangential.traction import DomedLayer, domed_layer
+from t2twin.sim.contact.tangential.folding import unfolded
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer, domed_layer
 
 FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""
@@ -174,7 +175,7 @@ class Contact:
         shear alone."""
         if self.motion is None:
             return np.zeros((3, *self.pressure_kpa.shape))
-        return self.shear_layer.response_mm(self.motion.shear_mpa)
+        return unfolded(self.shear_layer.response_mm(self.motion.shear_mpa), self.pitch_mm)
 
     @cached_property
     def displacement_mm(self) -> np.ndarray:

@@ -25,6 +25,7 @@ from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.loads.carry import carry
 from t2twin.sim.contact.loads.prescribed import Load
+from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
 from t2twin.sim.sensors import CySkin, Digit
@@ -46,6 +47,10 @@ NOTHING = Shape(
 MAX_RATE_HZ = 1e6
 """Largest rate of readings, Hz (assumed: beyond any simulation's steps)."""
 
+MAX_JUMP_MM = 2.0
+"""Distance between the places of contact in two readings up to which the second one continues the
+tractions of the first, mm (assumed: less than most contacts are wide)."""
+
 ROUNDING = 1e-6
 """Share of a period by which a reading may be early, for rounding errors of the time."""
 
@@ -55,7 +60,8 @@ class _State:
     """What a sensor has read from one MjData.
 
     time_s, period: of the last reading. reads: their number. seen: the poses and forces, as bytes.
-    poses: of the touching bodies in the sensor frame, by id.
+    poses, centers_mm: of the touching bodies and of their places of contact, in the sensor frame,
+    by the body's id.
     """
 
     time_s: float = -inf
@@ -63,6 +69,7 @@ class _State:
     reads: int = 0
     seen: bytes = b""
     poses: dict[int, Pose] = field(default_factory=dict)
+    centers_mm: dict[int, np.ndarray] = field(default_factory=dict)
     touch: Touch | None = None
 
 
@@ -147,6 +154,7 @@ class AttachedSensor:
             contact = self._contact(model, data, frame, pressing, poses, state)
             state.touch = self._touch(contact, frame, state.reads)
             state.poses, state.seen = poses, seen
+            state.centers_mm = {each.body: each.center_mm for each in pressing}
             state.reads += 1
         state.period = period
         return state.touch
@@ -165,7 +173,7 @@ class AttachedSensor:
         for each in pressing:
             body = each.body
             found = body_surface(model, data, body, *frame, region, self.geometry)
-            if found is None or not _is_over(found.surface, self.elastomer, self.device.pitch_mm):
+            if found is None:
                 continue
             name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body {body}"
             load = Load(
@@ -177,9 +185,16 @@ class AttachedSensor:
                 friction=min(each.friction, MAX_FRICTION),
             )
             loads.append(load)
+        if not loads:
+            return None
         before = None if state.touch is None else state.touch.contacts.get(self.sensor)
+        if not any(_is_near(each, state.centers_mm) for each in pressing):
+            before = None
         loads = sorted(loads, key=lambda load: load.force_n)[-1:]  # interim: one body
-        return carry(self.elastomer, self.device.pitch_mm, loads, before) if loads else None
+        try:
+            return carry(self.elastomer, self.device.pitch_mm, loads, before)
+        except OffPadError:
+            return None
 
     def _touch(self, contact: Contact | None, frame: Pose, reads: int) -> Touch:
         """The touch of a contact; reads: number of earlier readings, which the noise depends on."""
@@ -236,11 +251,10 @@ class AttachedSensor:
         return Pose(rotation, data.site_xpos[site].copy())
 
 
-def _is_over(surface: HeightMap, elastomer: Elastomer, pitch_mm: float) -> bool:
-    """Whether a surface is over the elastomer, half a cell of its grid or more from the outline."""
-    rows = np.abs(surface.y_mm) <= (elastomer.length_mm - pitch_mm) / 2
-    columns = np.abs(surface.x_mm) <= (elastomer.width_mm - pitch_mm) / 2
-    return bool((surface.heights_mm[rows][:, columns] > NOTHING_MM).any())
+def _is_near(wrench: Wrench, centers_mm: dict[int, np.ndarray]) -> bool:
+    """Whether a body touched the sensor before, within MAX_JUMP_MM of where it does now."""
+    before = centers_mm.get(wrench.body)
+    return before is not None and bool(np.hypot(*(wrench.center_mm - before)[:2]) <= MAX_JUMP_MM)
 
 
 def _motion(before: Pose | None, now: Pose, center_mm: np.ndarray) -> tuple[float, float, float]:

@@ -12,10 +12,6 @@ from t2twin.sim.contact.loads.prescribed import Load, PrescribedLoads
 from t2twin.sim.contact.sliding import step_contact, still_motion
 from t2twin.sim.contact.types import Contact, PressCommand
 
-RELAXATION = 1.0
-"""Share of an error that a correction removes, see t2twin.sim.contact.sliding: prescribed forces
-fix most of the displacement by shear, and whole steps do not overshoot."""
-
 
 def carry(
     elastomer: Elastomer, pitch_mm: float, loads: Sequence[Load], before: Contact | None
@@ -39,4 +35,4 @@ def carry(
     start = before.motion or still_motion(before, load.friction)
     start = replace(start, friction=load.friction, last=(0.0, 0.0, 0.0))
     drive = PrescribedLoads(loads, owner)
-    return step_contact(before, start, shape, command, drive, relaxation=RELAXATION)
+    return step_contact(before, start, shape, command, drive, carried=True)

@@ -15,8 +15,13 @@ from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.loads.balance import TURN_WEIGHT, balance, balanced_step
 from t2twin.sim.contact.sliding import Friction
-from t2twin.sim.contact.tangential.traction import DomedLayer, solve_traction
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer
+from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
 from t2twin.sim.contact.types import AT_LIMIT, Contact
+
+PREDICTION_TOLERANCE = 1e-2
+"""Tolerance of the traction that is found from the pressure of the contact before; see
+t2twin.sim.contact.tangential.traction.TOLERANCE."""
 
 STICK_MM = 1e-4
 """Motion below which a cell's traction is below the limit, in the search for what friction can
@@ -97,10 +102,16 @@ class PrescribedLoads:
                 (axes[0][near[1]], axes[1][near[0]]), contact.pitch_mm,
             )  # fmt: skip
             wanted = lateral_mm[part] - spread[part] - dome[part]
-            found = solve_traction(layer.middle, bodies.limit, wanted, guess[part], bodies.towards)
+            found = solve_traction(
+                layer.middle, bodies.limit, wanted, guess[part], bodies.towards,
+                PREDICTION_TOLERANCE if calls == 1 else TOLERANCE,
+            )  # fmt: skip
             traction[part] = found.q_mpa
             sheared = found.displacement_mm + spread[part] + dome[part]
-            follows[part] = bodies.follows_mm(lateral_mm[part], sheared)
+            if calls == 1:  # the contact moves with the bodies, less the change of the shear
+                follows[part] = bodies.with_motion_mm(bodies.motions, lateral_mm[part])
+            else:
+                follows[part] = bodies.follows_mm(lateral_mm[part], sheared)
             return traction, follows, found.converged
 
         return lateral_mm, solve
@@ -201,15 +212,17 @@ class _Bodies:
 
         Where a body slides as a whole, the prescribed motion is that along the displaced surface.
         """
-        slides = self.slides[self.owner]
-        rigid = np.where(self.slides[:, None], self.motions, self.rigid)[self.owner]
-        center_x, center_y, radius = np.moveaxis(self.levers[self.owner], -1, 0)
-        return np.where(slides, now_mm, before_mm) + np.stack(
-            [
-                rigid[..., 0] + (center_y - self.y[:, None]) / radius * rigid[..., 2],
-                rigid[..., 1] + (self.x - center_x) / radius * rigid[..., 2],
-            ]
-        )
+        rigid = np.where(self.slides[:, None], self.motions, self.rigid)
+        return self.with_motion_mm(rigid, np.where(self.slides[self.owner], now_mm, before_mm))
+
+    def with_motion_mm(self, rigid: np.ndarray, displacement_mm: np.ndarray) -> np.ndarray:
+        """A displacement, (2, rows, columns), mm, and rigid motions, (bodies, 3), together."""
+        found = displacement_mm.copy()
+        for body, (along_x, along_y, turn) in enumerate(rigid):
+            (x, y, radius), here = self.levers[body], self.owner == body
+            found[0] += here * (along_x - turn / radius * (self.y[:, None] - y))
+            found[1] += here * (along_y + turn / radius * (self.x - x))
+        return found
 
 
 def _wrench(load: Load, lever: np.ndarray, pitch_mm: float) -> np.ndarray:
