@@ -4,7 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import mujoco
@@ -34,16 +34,16 @@ class Body:
     """A body over the sensor; lengths in mm.
 
     geoms: arguments of add_geom, sizes in m. place_mm: (2,) on the pad. turn: from the body frame
-    to the sensor frame. force_n: (3,) that moves it, along the sensor's axes; a component of 0 has
-    no joint, except along z.
+    to the sensor frame. force_n: (3,) that moves it, along the sensor's axes. It can move along the
+    axes of joints. Where it cannot, the joint carries the contact's force.
     """
 
     geoms: list[dict[str, Any]]
     place_mm: Sequence[float] = (0.0, 0.0)
     turn: Rotation = FACE_DOWN
     force_n: Sequence[float] = (0.0, 0.0, -8.0)
+    joints: str = "xyz"
     shape: Shape | None = None
-    options: dict[str, Any] = field(default_factory=dict)
 
 
 def geom(kind: str, *size_mm: float, **options: Any) -> dict[str, Any]:
@@ -91,7 +91,7 @@ def _add(spec: "mujoco.MjSpec", body: Body, name: str, options: dict[str, Any]) 
             mesh.userface = faces.ravel()
     for each in body.geoms:
         added.add_geom(mass=MASS_KG / len(body.geoms), **(options | each))
-    axes = [axis for axis in range(3) if axis == 2 or body.force_n[axis]]
+    axes = ["xyz".index(axis) for axis in body.joints]
     for axis in axes:
         along = body.turn.inv().apply(SLIDES[axis])
         added.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=along, damping=DAMPING)
