@@ -151,7 +151,8 @@ def refined(shape: Shape) -> Shape:
     side = round(MAP_REACH_MM / MAP_PITCH_MM)
     heights = rasterize_triangles(np.array(shape.mesh.triangles), MAP_PITCH_MM, side, side)
     axis = np.arange(-side - 1, side + 2) * MAP_PITCH_MM
-    return replace(shape, surface=HeightMap(heights.astype(np.float32), axis, axis))
+    surface = HeightMap(heights.astype(np.float32), axis, axis)
+    return Shape(shape.name, shape.mesh, surface, shape.spacing_mm)  # replace() keeps the map
 
 
 def _capsule(x: np.ndarray, y: np.ndarray) -> np.ndarray:
