@@ -1,5 +1,7 @@
 """Height maps of MuJoCo bodies, against MuJoCo's rays and closed forms."""
 
+# pyright: reportAttributeAccessIssue=false
+
 import mujoco
 import numpy as np
 import pytest
@@ -77,7 +79,7 @@ def check_with_rays(model, data, rotation, position_m, region=REGION, tolerance_
     assert (heights[[0, -1]] == NOTHING_MM).all() and (heights[:, [0, -1]] == NOTHING_MM).all()
     solid = heights > NOTHING_MM
     inside = ndimage.binary_erosion(solid)
-    rows, columns = np.nonzero(inside | ~ndimage.binary_dilation(solid))
+    rows, columns = np.nonzero(np.logical_or(inside, ndimage.binary_erosion(~solid)))
     chosen = np.random.default_rng(0).choice(rows.size, 60)
     compared = 0
     for row, column in zip(rows[chosen], columns[chosen], strict=True):
@@ -100,7 +102,7 @@ def check_with_rays(model, data, rotation, position_m, region=REGION, tolerance_
 def test_geoms_at_any_tilt(kind, seed):
     geom = f"<geom type='{kind}' size='{SIZES[kind]}' pos='.001 .002 .003' euler='10 20 30'/>"
     model, data = scene(geom)
-    rotation = Rotation.random(random_state=seed).as_matrix()
+    rotation = Rotation.from_quat(np.random.default_rng(seed).normal(size=4)).as_matrix()
     check_with_rays(model, data, rotation, data.geom_xpos[0] - rotation @ (1e-3, 2e-3, 6e-3))
 
 
@@ -108,7 +110,7 @@ def test_geoms_at_any_tilt(kind, seed):
 def test_meshes_at_any_tilt(seed):
     mesh = trimesh.creation.annulus(0.003, 0.008, 0.006, sections=20)
     model, data = with_mesh(mesh, scale=[1.2, 0.8, 1.0])
-    rotation = Rotation.random(random_state=seed).as_matrix()
+    rotation = Rotation.from_quat(np.random.default_rng(seed).normal(size=4)).as_matrix()
     check_with_rays(model, data, rotation, data.geom_xpos[0] - 6e-3 * rotation[:, 2])
 
 
@@ -164,6 +166,25 @@ def test_an_upright_box_and_cylinder_are_symmetric_and_include_their_outline():
         assert heights[heights.shape[0] // 2, 1] == heights[heights.shape[0] // 2, -2] == 0.0
         assert found.surface.x_mm[1] == pytest.approx(-3.0)
         np.testing.assert_array_equal(heights, heights[::-1, ::-1])
+
+
+@pytest.mark.parametrize("yaw", [0.0, 6.0, 33.0])
+def test_outlines_are_where_the_solid_ends(yaw):
+    """A map's points are a pitch apart, and its outline is right on average."""
+    for geom, area_mm2 in (
+        ("type='box' size='.00237 .00418 .002'", 4 * 2.37 * 4.18),
+        ("type='cylinder' size='.00237 .002'", np.pi * 2.37**2),
+        ("type='cylinder' size='.003 .00418' euler='90 0 0'", 4 * 3.0 * 4.18),
+    ):
+        model, data = scene(f"<geom {geom} pos='.000013 .000037 0'/>")
+        rotation = Rotation.from_euler("z", yaw, degrees=True).as_matrix() @ FACING
+        place = BODY, rotation, np.zeros(3), Region(10.0, 12.0, 6.0, 0.05)
+        found = body_surface(model, data, *place)
+        assert found is not None
+        solid = (found.surface.heights_mm > NOTHING_MM).astype(int)
+        # Cells between four points of the solid.
+        cells = solid[1:, 1:] + solid[1:, :-1] + solid[:-1, 1:] + solid[:-1, :-1] == 4
+        assert cells.sum() * 0.05**2 == pytest.approx(area_mm2, rel=0.015)
 
 
 def test_a_plane_is_a_half_space():

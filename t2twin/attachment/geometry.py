@@ -1,11 +1,13 @@
 """Height maps of the bodies of a MuJoCo model, as a sensor meets them.
 
 The sensor frame and the shape frame are those of t2twin.primitives_cad.shape. A height map of a
-body is in the shape frame at x = y = yaw = 0: its x is the sensor's x, its y is minus the sensor's
-y, and its height is minus the sensor's z.
+body is in the shape frame of a press at x = y = yaw = 0. Its x is the sensor's x, its y is minus
+the sensor's y, and its height is minus the sensor's z.
 """
 
-import weakref
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
@@ -13,8 +15,6 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
 import numpy as np
 
 from t2twin.attachment.rasterize import (
-    BLOCK,
-    BOX,
     CAPSULE,
     CYLINDER,
     ELLIPSOID,
@@ -24,8 +24,8 @@ from t2twin.attachment.rasterize import (
     raise_to_primitive,
     raise_to_triangles,
 )
+from t2twin.attachment.triangles import MM_PER_M, triangles_of
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.height_map import EDGE_MM, PITCH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.sim.contact.elastomer import Elastomer
@@ -35,24 +35,16 @@ if TYPE_CHECKING:
 
 Geometry = Literal["collision", "visual"]
 
-HFIELD, MESH, SDF = 1, 7, 8
-"""Values of MuJoCo's mjtGeom."""
-
-MM_PER_M = 1000.0
-
 MARGIN_MM = 1.0
 """Width of a map beyond the pad's outline, mm (assumed: more than a surface moves by shear)."""
 
 DEPTH = 1.5
-"""Depth of a map below the highest point, in thicknesses of the layer (assumed: the surface of a
-layer is nowhere lower than its thickness; the rest is for points beyond the pad)."""
+"""Depth of a map below the highest point, in thicknesses of the layer (assumed). A contact is at
+most one thickness below the apex; the rest is for points beyond the pad."""
 
 BEHIND_MM = 10.0
 """Depth below the apex, mm, from which on surfaces belong to other parts of a body (assumed: more
 than MuJoCo's contacts penetrate)."""
-
-CODE_BITS = 10
-"""Bits an axis of a triangle's place in the order of the blocks (assumed)."""
 
 SHAPE_FROM_SENSOR = np.array([[1.0], [-1.0], [-1.0]])
 """Signs of the shape frame's axes in the sensor frame."""
@@ -123,13 +115,14 @@ def body_surface(
             continue
         place = turn, center, pitch, BEHIND_MM, top, heights
         kind = int(model.geom_type[geom])
-        if kind in (PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX):
+        if kind in (PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER):
             top = raise_to_primitive(kind, MM_PER_M * model.geom_size[geom], *place)
         else:
-            mesh = _blocks(model, kind, int(model.geom_dataid[geom]))
-            blocks, upper = _blocks_near(mesh, turn, center, half_mm, top - region.depth_mm)
-            kept = blocks, upper, mesh.closed, region.depth_mm
-            top = raise_to_triangles(mesh.triangles_mm, *kept, *place)
+            mesh = triangles_of(model, geom)
+            lowest_mm = top - region.depth_mm
+            blocks = mesh.blocks_near(turn, center, half_mm, lowest_mm, BEHIND_MM)
+            solid = mesh.triangles_mm, mesh.normals, *blocks, mesh.is_closed
+            top = raise_to_triangles(*solid, region.depth_mm, *place)
     if top == NOTHING_MM:
         return None
     used_rows, used_columns = (np.zeros(size, bool) for size in heights.shape)
@@ -169,126 +162,3 @@ def _near(
     reached = (np.abs(centers_mm[:, :2]) <= half_mm + radius_mm[:, None]).all(axis=1)
     reached &= centers_mm[:, 2] - radius_mm <= BEHIND_MM
     return reached | (model.geom_type[geoms] == PLANE)
-
-
-class _Blocks(NamedTuple):
-    """Triangles of a mesh or a height field in its geom's frame, mm; see `raise_to_triangles`.
-
-    closed: whether they enclose a volume, facing outward. source: data of a height field.
-    """
-
-    triangles_mm: np.ndarray
-    boxes_mm: np.ndarray
-    closed: bool
-    source: np.ndarray
-
-
-_known: dict[int, tuple[weakref.ref, dict[tuple[int, int], _Blocks]]] = {}
-"""Results of `_blocks` for living models, by the model's identity, the type and the asset."""
-
-
-def _blocks(model: "mujoco.MjModel", kind: int, asset: int) -> _Blocks:
-    """The triangles of a geom of type MESH, SDF or HFIELD. Computed once, and again for a height
-    field whose data has changed."""
-    if asset < 0 or kind not in (HFIELD, MESH, SDF):
-        raise T2TwinError(
-            f"a geom of MuJoCo's type {kind} has no surface; expected a plane, sphere, capsule, "
-            "ellipsoid, cylinder or box, or a mesh, sdf or hfield with its asset"
-        )
-    place = id(model)
-    if place not in _known or _known[place][0]() is not model:
-        _known[place] = weakref.ref(model, lambda _: _known.pop(place, None)), {}
-    found = _known[place][1]
-    source = _hfield_data(model, asset) if kind == HFIELD else np.empty(0)
-    blocks = found.get((kind, asset))
-    if blocks is None or not np.array_equal(blocks.source, source):
-        triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset)
-        blocks = found[kind, asset] = _in_blocks(triangles, source.copy())
-    return blocks
-
-
-def _blocks_near(
-    mesh: _Blocks, rotation: np.ndarray, center: np.ndarray, half_mm: np.ndarray, lowest_mm: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Blocks that may be over the region and above a height, and their upper bounds, falling."""
-    centers = mesh.boxes_mm[:, 0] @ rotation.T + center
-    halves = mesh.boxes_mm[:, 1] @ np.abs(rotation).T
-    upper = centers[:, 2] + halves[:, 2]
-    near = (np.abs(centers[:, :2]) <= halves[:, :2] + half_mm).all(axis=1)
-    near &= (centers[:, 2] - halves[:, 2] <= BEHIND_MM) & (upper >= lowest_mm)
-    blocks = np.flatnonzero(near)
-    blocks = blocks[np.argsort(-upper[blocks])]
-    return blocks, upper[blocks]
-
-
-def _hfield_data(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
-    start, size = model.hfield_adr[hfield], model.hfield_nrow[hfield] * model.hfield_ncol[hfield]
-    return model.hfield_data[start : start + size]
-
-
-def _of_mesh(model: "mujoco.MjModel", mesh: int) -> np.ndarray:
-    """Triangles of a mesh, (n, 3, 3), m."""
-    vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-    vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
-    return vertices[model.mesh_face[face : face + model.mesh_facenum[mesh]]]
-
-
-def _of_hfield(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
-    """Triangles of a height field's top, (n, 3, 3), m, and of its sides and bottom."""
-    rows, columns = int(model.hfield_nrow[hfield]), int(model.hfield_ncol[hfield])
-    half_x, half_y, scale, base = model.hfield_size[hfield]
-    x, y = np.meshgrid(np.linspace(-half_x, half_x, columns), np.linspace(-half_y, half_y, rows))
-    z = scale * _hfield_data(model, hfield).reshape(rows, columns)
-    top = np.stack((x, y, z), axis=2)
-    bottom = np.stack((x, y, np.full_like(z, -base)), axis=2)
-    walls = [
-        np.stack((upper, lower))
-        for upper, lower in (
-            (top[0], bottom[0]),
-            (top[-1], bottom[-1]),
-            (top[:, 0], bottom[:, 0]),
-            (top[:, -1], bottom[:, -1]),
-        )
-    ]
-    floor = bottom[:: rows - 1, :: columns - 1]
-    return np.concatenate([_of_grid(points) for points in (top, *walls, floor)])
-
-
-def _of_grid(points: np.ndarray) -> np.ndarray:
-    """Two triangles a cell of a grid of points, (rows, columns, 3): (n, 3, 3)."""
-    first, right = points[:-1, :-1], points[:-1, 1:]
-    below, across = points[1:, :-1], points[1:, 1:]
-    halves = np.stack((first, right, across)), np.stack((first, across, below))
-    return np.stack(halves).transpose(0, 2, 3, 1, 4).reshape(-1, 3, 3)
-
-
-def _in_blocks(triangles: np.ndarray, source: np.ndarray) -> _Blocks:
-    """Triangles, (n, 3, 3), m, in blocks of BLOCK that are close to each other."""
-    centers = triangles.mean(axis=1)
-    low = centers.min(axis=0)
-    extent = max(float((centers - low).max()), np.finfo(float).tiny)
-    cells = ((centers - low) / extent * (2**CODE_BITS - 1)).astype(np.int64)
-    # Interleaved bits: the Morton order.
-    code = sum(
-        ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-        for bit in range(CODE_BITS)
-        for axis in range(3)
-    )
-    triangles_mm = np.ascontiguousarray(MM_PER_M * triangles[np.argsort(code)], np.float32)
-    starts = np.arange(0, len(triangles_mm), BLOCK)
-    low = np.minimum.reduceat(triangles_mm.min(axis=1), starts).astype(float)
-    high = np.maximum.reduceat(triangles_mm.max(axis=1), starts).astype(float)
-    boxes_mm = np.ascontiguousarray(np.stack(((low + high) / 2, (high - low) / 2), axis=1))
-    return _Blocks(triangles_mm, boxes_mm, _is_closed(triangles), source)
-
-
-def _is_closed(triangles: np.ndarray) -> bool:
-    """Whether every side of triangles, (n, 3, 3), is met in the other direction equally often, and
-    the enclosed volume is positive."""
-    _, points = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)
-    start = points.reshape(-1, 3).astype(np.int64)
-    end = np.roll(start, -1, axis=1)
-    sides, reversed_sides = (start * points.size + end).ravel(), (end * points.size + start).ravel()
-    a, b, c = triangles.astype(float).transpose(1, 0, 2)
-    volume = np.einsum("ni,ni->", a, np.cross(b, c))
-    return bool(volume > 0.0 and np.array_equal(np.sort(sides), np.sort(reversed_sides)))

@@ -16,8 +16,16 @@ from t2twin.core.jit import compiled
 from t2twin.primitives_cad.height_map import EDGE_MM
 from t2twin.primitives_cad.shape import NOTHING_MM
 
-PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX = 0, 2, 3, 4, 5, 6
+PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER = 0, 2, 3, 4, 5
 """Values of MuJoCo's mjtGeom."""
+
+OUTLINE = 0.5 - 1.0e-6
+"""Share of the pitch by which an outline is moved outward. A solid reaches from its first to its
+last grid point, so that without this it is half a pitch too small on each side on average."""
+
+STEEP = 0.1
+"""Greatest vertical component of a wall's unit normal, below which its top edge is an outline
+(assumed)."""
 
 BLOCK = 64
 """Triangles that share a bounding box (assumed)."""
@@ -37,13 +45,18 @@ MAP = "f8, f8, f8, f4[:, ::1]"
 """Types of the pitch, `behind`, the greatest height so far, and the map."""
 
 ROW = "f8[::1], f8[::1], f8[::1], f8[::1], f8[::1]"
-"""Types of a row of grid points: their x from the geom's center; the row's start, the direction of
-x, and the vertical, in the geom frame; and the geom's size."""
+"""Types of a row of grid points: their x from the geom's center, and four vectors in the geom
+frame. These are the row's start, the direction of x, the vertical, and the geom's size."""
 
 
 @compiled(f"f8(i8, f8[::1], {POSE}, {MAP})", nogil=True)
 def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights):
     """Raise a map to a geom with a formula. size: (3,) as geom_size, mm."""
+    if kind == CYLINDER:
+        is_upright, is_lying = abs(rotation[2, 2]) > 1.0 - STEEP**2 / 2, abs(rotation[2, 2]) < STEEP
+        size = size.copy()
+        size[0] += OUTLINE * pitch if is_upright else EDGE_MM
+        size[1] += OUTLINE * pitch if is_lying else EDGE_MM
     middle_row, middle_column = heights.shape[0] // 2, heights.shape[1] // 2
     reach = _half_extent(kind, size, rotation[1])
     first_row, last_row = _grid_lines(center[1], reach, pitch, middle_row)
@@ -67,8 +80,6 @@ def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights
             _ball(x, y, 0.0, 0.0, 0.0, size[0], found)
         elif kind == ELLIPSOID:
             _ellipsoid(x, start, rotation[0], up, size, found)
-        elif kind == BOX:
-            _box(x, start, rotation[0], up, size, found)
         elif kind == PLANE:
             _plane(x, start, rotation[0], up, size, found)
         elif kind == CYLINDER:
@@ -120,7 +131,7 @@ def _half_extent(kind, size, direction):
     if kind == CYLINDER:
         return size[0] * np.sqrt(x * x + y * y) + size[1] * z
     x, y, z = size[0] * x, size[1] * y, size[2] * z
-    return np.sqrt(x * x + y * y + z * z) if kind == ELLIPSOID else x + y + z
+    return np.sqrt(x * x + y * y + z * z)
 
 
 @compiled("void(f8[::1], f8, f8, f8, f8, f8, f8[::1])", **FAST)
@@ -151,21 +162,6 @@ def _ellipsoid(x, start, along, up, size, found):
 
 
 @compiled(f"void({ROW}, f8[::1])", **FAST)
-def _box(x, start, along, up, size, found):
-    """Upper ends of the intervals between all three pairs of faces."""
-    per_0, per_1, per_2 = -1 / up[0], -1 / up[1], -1 / up[2]
-    half_0, half_1 = (size[0] + EDGE_MM) * abs(per_0), (size[1] + EDGE_MM) * abs(per_1)
-    half_2 = (size[2] + EDGE_MM) * abs(per_2)
-    for n in range(x.size):
-        middle_0 = (start[0] + along[0] * x[n]) * per_0
-        middle_1 = (start[1] + along[1] * x[n]) * per_1
-        middle_2 = (start[2] + along[2] * x[n]) * per_2
-        upper = min(middle_0 + half_0, middle_1 + half_1, middle_2 + half_2)
-        lower = max(middle_0 - half_0, middle_1 - half_1, middle_2 - half_2)
-        found[n] = upper if upper >= lower else NOTHING_MM
-
-
-@compiled(f"void({ROW}, f8[::1])", **FAST)
 def _plane(x, start, along, up, size, found):
     """A half space below z = 0 of its frame; nothing where its surface faces away."""
     per = -1 / up[2]
@@ -176,7 +172,7 @@ def _plane(x, start, along, up, size, found):
 @compiled(f"void({ROW}, f8[::1])", **FAST)
 def _cylinder(x, start, along, up, size, found):
     """Upper ends of the intervals within the side and between the caps."""
-    radius, half = size[0] + EDGE_MM, (size[1] + EDGE_MM) / abs(up[2])
+    radius, half = size[0], size[1] / abs(up[2])
     square, per_up = up[0] * up[0] + up[1] * up[1], 1 / up[2]
     most, per_square = square * radius * radius, 1 / square
     for n in range(x.size):
@@ -203,15 +199,16 @@ def _tube(x, start, along, up, size, found):
         found[n] = side if inside else NOTHING_MM
 
 
-@compiled(f"f8(f4[:, :, ::1], i8[::1], f8[::1], b1, f8, {POSE}, {MAP})", nogil=True)
+@compiled(f"f8(f4[:, :, ::1], f4[:, :, ::1], i8[::1], f8[::1], b1, f8, {POSE}, {MAP})", nogil=True)
 def raise_to_triangles(
-    triangles, blocks, upper, closed, depth, rotation, center, pitch, behind, top, heights
+    triangles, normals, blocks, upper, closed, depth, rotation, center, pitch, behind, top, heights
 ):
     """Raise a map to the parts of a mesh that are at most `depth` below the greatest height.
 
-    triangles: (n, 3, 3), mm in the geom frame. blocks: numbers of the blocks of BLOCK triangles
-    over the map, in falling order of upper, their upper bounds. closed: whether triangles that face
-    down are left out.
+    triangles: (n, 3, 3), mm in the geom frame. normals: (n, 3, 3) unit normals of the neighbors at
+    the sides from each corner to the next, 0 without a neighbor. blocks: numbers of the blocks of
+    BLOCK triangles over the map, in falling order of upper, their upper bounds. closed: whether
+    triangles that face down are left out.
     """
     # From here on x is in columns and y in rows of the map.
     turned, middle = np.empty((3, 3)), np.empty(3)
@@ -232,11 +229,12 @@ def raise_to_triangles(
             area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
             if area == 0.0 or max(a[2], b[2], c[2]) < top - depth:
                 continue  # seen edge-on, its neighbors include its outline
-            if area < 0.0:
-                if closed:
-                    continue
-                b, c, area = c, b, -area
-            top = _raise_to_triangle(a, b, c, area, EDGE_MM / pitch, behind, top, heights)
+            if area > 0.0:
+                ab, bc, ca = _outlines(turned, normals[n], 1.0, pitch)
+                top = _raise_to_triangle(a, b, c, area, ab, bc, ca, behind, top, heights)
+            elif not closed:
+                ab, bc, ca = _outlines(turned, normals[n], -1.0, pitch)
+                top = _raise_to_triangle(a, c, b, -area, ca, bc, ab, behind, top, heights)
     return top
 
 
@@ -252,11 +250,26 @@ def _moved(rotation, center, point):
 
 
 @compiled(inline="always")
+def _outlines(rotation, normals, sign, pitch):
+    """Columns by which each side of a triangle is moved outward."""
+    up = rotation[2]
+    ab = sign * (up[0] * normals[0, 0] + up[1] * normals[0, 1] + up[2] * normals[0, 2])
+    bc = sign * (up[0] * normals[1, 0] + up[1] * normals[1, 1] + up[2] * normals[1, 2])
+    ca = sign * (up[0] * normals[2, 0] + up[1] * normals[2, 1] + up[2] * normals[2, 2])
+    edge = EDGE_MM / pitch
+    return (
+        OUTLINE if ab < STEEP else edge,
+        OUTLINE if bc < STEEP else edge,
+        OUTLINE if ca < STEEP else edge,
+    )
+
+
+@compiled(inline="always")
 def _side(a, b, edge):
     """Bounds of rows by a side from a to b of a triangle on its left: x at y = 0 and change with y,
     of the left and of the right bound; infinite where the side is on the other side of the row."""
     dx, dy = b[0] - a[0], b[1] - a[1]
-    room = edge * (abs(dx) + abs(dy))
+    room = edge * np.sqrt(dx * dx + dy * dy)
     dy = LEVEL if abs(dy) < LEVEL else dy
     start, change = a[0] + (room - dx * a[1]) / dy, dx / dy
     if dy > 0.0:
@@ -264,23 +277,24 @@ def _side(a, b, edge):
     return start, change, np.inf, 0.0
 
 
-TRIANGLE = "UniTuple(f8, 3), UniTuple(f8, 3), UniTuple(f8, 3), f8, f8"
-"""Types of a triangle's corners, counterclockwise, its double area, and its outline's tolerance."""
+TRIANGLE = "UniTuple(f8, 3), UniTuple(f8, 3), UniTuple(f8, 3), f8, f8, f8, f8"
+"""Types of a triangle's corners a, b and c, counterclockwise, its double area, and the distances by
+which its sides ab, bc and ca are moved outward."""
 
 
 @compiled(f"f8({TRIANGLE}, f8, f8, f4[:, ::1])", **FAST)
-def _raise_to_triangle(a, b, c, area, edge, behind, top, heights):
+def _raise_to_triangle(a, b, c, area, ab, bc, ca, behind, top, heights):
     """Raise a map to a triangle whose x is in columns and y in rows."""
-    highest = np.float32(top)
+    highest, edge = np.float32(top), max(ab, bc, ca)
     first_row = max(int(np.ceil(min(a[1], b[1], c[1]) - edge)), 1)
     last_row = min(int(np.floor(max(a[1], b[1], c[1]) + edge)), heights.shape[0] - 2)
     lowest_x = max(np.ceil(min(a[0], b[0], c[0]) - edge), 1.0)
     greatest_x = min(np.floor(max(a[0], b[0], c[0]) + edge), heights.shape[1] - 2.0)
     if last_row < first_row or greatest_x < lowest_x:
         return top
-    left_0, left_1, right_0, right_1 = _side(a, b, edge)
-    left_2, left_3, right_2, right_3 = _side(b, c, edge)
-    left_4, left_5, right_4, right_5 = _side(c, a, edge)
+    left_0, left_1, right_0, right_1 = _side(a, b, ab)
+    left_2, left_3, right_2, right_3 = _side(b, c, bc)
+    left_4, left_5, right_4, right_5 = _side(c, a, ca)
     low, high = min(a[2], b[2], c[2]), max(a[2], b[2], c[2])
     uz, vz = b[2] - a[2], c[2] - a[2]
     along_x = (uz * (c[1] - a[1]) - vz * (b[1] - a[1])) / area
