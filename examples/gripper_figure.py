@@ -89,7 +89,7 @@ class Page:
                 ("black", "grip"),
             )
         ]
-        axes.set(xlim=(0, end_s), ylim=(0, MAX_N), xlabel="time, s")
+        axes.set(xlim=(0, end_s), ylim=(0, MAX_N), yticks=(0, 4, 8), xlabel="time, s")
         axes.xaxis.label.set_size(8)
         self._finish(axes)
 
