@@ -153,6 +153,7 @@ class SceneRenderer:
 
 def write_animation(path: Path, pages: Sequence[Image.Image], rate_hz: float) -> None:
     """Write a GIF, or an MP4 with imageio-ffmpeg, by the suffix of the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".mp4":
         writer = importlib.import_module("imageio_ffmpeg").write_frames(
             str(path), pages[0].size, fps=rate_hz, macro_block_size=2

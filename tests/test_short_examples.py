@@ -11,7 +11,9 @@ import pytest
 import t2twin
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-ELSEWHERE = {"gripper.py", "gripper_figure.py", "gymnasium_grasp.py", "ros2_node.py"}
+ELSEWHERE = {
+    "gripper.py", "gripper_figure.py", "gripper_scene.py", "gymnasium_grasp.py", "ros2_node.py",
+}  # fmt: skip
 """Longer examples, in test_examples.py and test_outputs.py."""
 
 RUNS = {
