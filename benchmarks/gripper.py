@@ -2,7 +2,7 @@
 
     python -m benchmarks.gripper
 
-The counts that the pretrained network predicts from the DIGIT's image are compared with those of
+The pretrained network predicts the counts from the DIGIT's image. They are compared with those of
 the CySkin in the other finger, and with those of a virtual CySkin in the same finger.
 """
 
