@@ -236,7 +236,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("gripper.gif"), help=".gif or .mp4")
     parser.add_argument("--rate-hz", type=float, default=RATE_HZ, help="readings per second")
     parser.add_argument("--every", type=int, default=EVERY, help="readings per page of --out")
-    parser.add_argument("--view", action="store_true", help="open MuJoCo's viewer instead")
+    parser.add_argument("--view", action="store_true", help="open MuJoCo's viewer; F4 shows images")
     options = parser.parse_args()
     if options.out.suffix not in (".gif", ".mp4"):
         parser.error(f"{options.out} has another suffix; expected .gif or .mp4")
