@@ -28,7 +28,7 @@ TEST := $(BIN)/python -m pytest -n $(or $(WORKERS),logical) --maxprocesses 8 --d
 SCHEMA := $(BIN)/check-jsonschema --builtin-schema
 
 .PHONY: help demo test test-all setup system browser primitives simdata train-all evaluate report studio \
-	regression bench check \
+	regression lerobot-check bench check \
 	wheel wheel-demo weights docs check-files clean distclean
 
 help:
@@ -37,12 +37,13 @@ help:
 	@echo "make test-all    the same with the exhaustive tests (all bad inputs, all shapes)"
 	@echo "make setup       virtual environment and pinned packages"
 	@echo "make primitives  STEP, STL, mosaic plate and contact sheet of all shapes"
-	@echo "make simdata     the paired dataset         SCALE=smoke|small|paper (paper), or WORLD=open|FILE.toml"
+	@echo "make simdata     the paired dataset         SCALE=smoke|light|small|paper (paper), or WORLD=open|FILE.toml"
 	@echo "make train-all   both translators           SCALE=, PRESET=cpu|paper|smoke, MINUTES="
 	@echo "make evaluate    the results table          SCALE=, SHIPPED=field"
 	@echo "make report      the report                 SCALE=, SHIPPED=field"
 	@echo "make studio      press, look and translate in a browser          PORT="
 	@echo "make regression  RMSE on synthetic data held to its band"
+	@echo "make lerobot-check  a converted dataset, read with LeRobot's own loader   SCALE="
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
 	@echo "make check       ruff, pyright, layers, import cycles, sizes of modules, sentences of the documents"
 	@echo "make wheel       sdist and wheel in dist/, checked and tried from an empty folder"
@@ -115,6 +116,18 @@ studio: setup
 
 regression: setup
 	$(BIN)/python -m pytest tests/test_regression.py
+
+# LeRobot pins an older torch and needs torchvision: its loader runs in an environment of its own,
+# where a stand-in replaces torchvision.
+LEROBOT := .venv/lerobot/bin/python
+lerobot-check: setup
+	test -x $(LEROBOT) || $(PYTHON) -m venv .venv/lerobot
+	$(LEROBOT) -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) 'av>=15,<16' 'datasets>=4.8,<5' \
+		accelerate deepdiff draccus einops gymnasium jsonlines opencv-python-headless pillow safetensors termcolor torch
+	$(LEROBOT) -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --no-deps lerobot
+	rm -rf $(DATA)-lerobot
+	$(BIN)/t2twin convert $(DATA) --to lerobot --out $(DATA)-lerobot
+	HF_HUB_OFFLINE=1 $(LEROBOT) -m maintenance.check_lerobot $(DATA) $(DATA)-lerobot
 
 bench: setup
 	$(BIN)/python -m benchmarks

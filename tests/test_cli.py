@@ -78,7 +78,7 @@ def open_mesh(path):
         (("press", "square-2", "--force-n", "nan"), "0.01 to 100 N"),
         (("press", "square-2", "--x-mm", "60"), "not lie over"),
         (("press", "square-2", "--thickness-mm", "-1"), "thickness_mm"),
-        (("simdata", "--scale", "huge"), "smoke, small, paper"),
+        (("simdata", "--scale", "huge"), "smoke, light, small, paper"),
         (("simdata", "--scale", "smoke", "--workers", "0"), "allowed are 1 to 1000"),
         (("train", "resnet18", "--data", "empty"), "empty"),
         (("train", "alexnet", "--data", "empty"), "touch2touch"),

@@ -37,6 +37,7 @@ COMMANDS = {
     "slide": press.slide,
     "simdata": dataset.simdata,
     "import-pairs": dataset.import_pairs,
+    "convert": dataset.convert,
     "train": train.train,
     "calibrate-uncertainty": train.calibrate_uncertainty,
     "evaluate": evaluate.evaluate,
