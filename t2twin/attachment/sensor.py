@@ -218,17 +218,17 @@ class AttachedSensor:
                 loads.append(load)
         continues = any(_is_near(each, state.centers_mm) for each in pressing)
         before = state.touch.contacts.get(self.sensor) if state.touch and continues else None
-        return self._carried(loads, before)
+        return self._solve(loads, before)
 
-    def _carried(self, loads: list[Load], before: Contact | None) -> Contact | None:
-        """The contact of loads, without those that are only beside the pad."""
+    def _solve(self, loads: list[Load], before: Contact | None) -> Contact | None:
+        """The contact of loads, without those that are not over the pad."""
         if not loads:
             return None
         try:
             return carry(self.elastomer, self.device.pitch_mm, loads, before)
         except OffPadError:
             over = [load for load in loads if self._is_over(load)]
-            return None if len(over) == len(loads) else self._carried(over, before)
+            return None if len(over) == len(loads) else self._solve(over, before)
 
     def _is_over(self, load: Load) -> bool:
         """Whether the shape of a load is over the pad."""
