@@ -90,7 +90,7 @@ PRIMITIVES = catalogue.PRIMITIVES[:: max(1, len(catalogue.PRIMITIVES) // 15)][:1
 CAPSULE_MM, ELLIPSOID_MM, BLOCK_MM, PUNCH_MM, BALL_MM = (4.0, 6.0), (9.0, 6.0, 5.0), 7.0, 4.0, 6.0
 """Radius and half length; half axes; side; radius; radius."""
 
-MAP_PITCH_MM, MAP_REACH_MM = 0.0125, 16.0
+MAP_PITCH_MM, MAP_REACH_MM = 0.0125, 21.0
 """Of the height maps that a Twin presses: a quarter of the usual pitch. At the usual one a round
 outline is half a pitch too small, which changes the depth of a ring by 2 %."""
 
