@@ -189,7 +189,8 @@ def _press_json(touch: Touch) -> dict[str, Any]:
     command = touch.command
     to_world = touch.sensor_to_world
     attached = {} if to_world is None else {"sensor_to_world": to_world.tolist()}
-    return attached | {
+    return {
+        **attached,
         "shape": command.shape,
         "x_mm": command.x_mm,
         "y_mm": command.y_mm,
