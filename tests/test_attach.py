@@ -367,3 +367,11 @@ def test_a_body_sinks_in_as_deep_as_into_the_layer():
         touch = attached.read(model, data)
         sunk_mm = -1e3 * data.contact.dist[0]
         assert sunk_mm == pytest.approx(touch.digit.depth_mm, abs=error_mm + 0.01)
+
+
+def test_a_force_above_the_largest_is_limited():
+    spec = scene(mass=5.0)
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    contact = attached.read(*simulate(spec, -150.0)).cyskin
+    assert contact.force_n == pytest.approx(100.0, rel=1e-3)
+    assert contact.settled

@@ -52,6 +52,9 @@ MAX_RATE_HZ = 1e6
 OWN_SOLMIX = 1e6
 """Weight of the contact parameters of a sensor's geom with `set_stiffness`; others have 1."""
 
+MAX_FORCE_N = 0.9999 * FORCE_RANGE_N[1]
+"""Largest force of all bodies together, N: below the limit on a press by more than rounding."""
+
 MAX_JUMP_MM = 2.0
 """Distance between the places of contact in two readings up to which the second one continues the
 tractions of the first, mm (assumed: less than most contacts are wide)."""
@@ -200,7 +203,7 @@ class AttachedSensor:
         state: _State,
     ) -> Contact | None:
         """The contact of the pressing bodies, which continues the state's last one."""
-        limit = FORCE_RANGE_N[1] / max(sum(each.pressing_n for each in pressing), FORCE_RANGE_N[1])
+        limit = MAX_FORCE_N / max(sum(each.pressing_n for each in pressing), MAX_FORCE_N)
         loads = []
         for each in pressing:
             shape = self._shape(model, data, frame, each.body)
