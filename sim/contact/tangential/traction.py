@@ -83,7 +83,7 @@ def solve_traction(
     while True:
         largest, square, slope = towards_limit(q, gradient, limit, length, direction)
         residual = largest / length / scale
-        if residual <= tolerance or steps == MAX_STEPS or slope >= 0 and towards is not None:
+        if residual <= tolerance or steps == MAX_STEPS or (slope >= 0 and towards is not None):
             break
         steps += 1
         moved = layer.displacement_mm(direction)
