@@ -117,14 +117,16 @@ studio: setup
 regression: setup
 	$(BIN)/python -m pytest tests/test_regression.py
 
-# LeRobot pins an older torch and needs torchvision: its loader runs in an environment of its own,
-# where a stand-in replaces torchvision.
+# LeRobot pins an older torch and needs torchvision. Its loader runs in an environment of its own,
+# where a stand-in replaces torchvision and torch is the project's.
 LEROBOT := .venv/lerobot/bin/python
+LEROBOT_PIP := $(LEROBOT) -m pip install --quiet --disable-pip-version-check $(PIP_ARGS)
 lerobot-check: setup
-	test -x $(LEROBOT) || $(PYTHON) -m venv .venv/lerobot
-	$(LEROBOT) -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) 'av>=15,<16' 'datasets>=4.8,<5' \
-		accelerate deepdiff draccus einops gymnasium jsonlines opencv-python-headless pillow safetensors termcolor torch
-	$(LEROBOT) -m pip install --quiet --disable-pip-version-check $(PIP_ARGS) --no-deps lerobot
+	$(BIN)/python -m venv .venv/lerobot
+	$(LEROBOT_PIP) 'av>=15,<16' 'datasets>=4.8,<5' deepdiff draccus einops gymnasium jsonlines psutil termcolor
+	$(LEROBOT_PIP) --no-deps accelerate lerobot
+	$(LEROBOT) -c 'import sysconfig; here = sysconfig.get_path("purelib"); \
+		open(here + "/project.pth", "w").write(here.replace("/.venv/lerobot/", "/.venv/"))'
 	rm -rf $(DATA)-lerobot
 	$(BIN)/t2twin convert $(DATA) --to lerobot --out $(DATA)-lerobot
 	HF_HUB_OFFLINE=1 $(LEROBOT) -m maintenance.check_lerobot $(DATA) $(DATA)-lerobot

@@ -90,7 +90,7 @@ PRIMITIVES = catalogue.PRIMITIVES[:: max(1, len(catalogue.PRIMITIVES) // 15)][:1
 CAPSULE_MM, ELLIPSOID_MM, BLOCK_MM, PUNCH_MM, BALL_MM = (4.0, 6.0), (9.0, 6.0, 5.0), 7.0, 4.0, 6.0
 """Radius and half length; half axes; side; radius; radius."""
 
-MAP_PITCH_MM, MAP_REACH_MM = 0.0125, 16.0
+MAP_PITCH_MM, MAP_REACH_MM = 0.0125, 21.0
 """Of the height maps that a Twin presses: a quarter of the usual pitch. At the usual one a round
 outline is half a pitch too small, which changes the depth of a ring by 2 %."""
 
@@ -205,10 +205,9 @@ def same_press(count: int | None = None) -> dict[str, Any]:
             settle(model, data)
             touch = attached.read(model, data)
             # MuJoCo's first contacts push the body aside; then friction holds it.
-            x_mm, y_mm, _ = 1e3 * data.body("body-0").xpos
-            place = {"x_mm": float(x_mm), "y_mm": float(y_mm), "yaw_deg": yaw_deg}
-            expected = twin.press(shape, force_n=force_n, **place)
-            row = {"shape": shape.name, "force_n": force_n, **place}
+            x_mm, y_mm, _ = (1e3 * data.body("body-0").xpos).tolist()
+            expected = twin.press(shape, force_n=force_n, x_mm=x_mm, y_mm=y_mm, yaw_deg=yaw_deg)
+            row = {"shape": shape.name, "force_n": force_n, "yaw_deg": yaw_deg}
             depths = [each.contacts[sensor].depth_mm for each in (touch, expected)]
             row["depth_error"] = depths[0] / depths[1] - 1
             if sensor == "digit":
@@ -252,7 +251,7 @@ def wrench() -> dict[str, Any]:
             settle(model, data)
             touch = attached.read(model, data)
             contact = touch.contacts[sensor]
-            force, torque = contact_wrench(model, data, touch.sensor_to_world)
+            force, torque = contact_wrench(model, data, attached.pose(model, data))
             found = np.array([*contact.shear_n, -contact.force_n])
             size = float(np.linalg.norm(force))
             rows[sensor].append(
@@ -298,6 +297,7 @@ def tilt() -> dict[str, Any]:
             place = pose[:3, :3], pose[:3, 3], Region.of(elastomer)
             found = body_surface(model, data, model.body("body-0").id, *place)
             command = PressCommand(shape.name, 0.0, 0.0, 0.0, force_n)
+            assert found is not None
             its_shape = replace(NOTHING, name=shape.name, surface=found.surface)
             pitch_mm = attached.device.pitch_mm
             coarse = solve_contact(its_shape, command, elastomer, pitch_mm)

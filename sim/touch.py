@@ -1,6 +1,7 @@
 """The result of a press, and the folder that it is saved to.
 
-press.json                       the command, what each contact came to, versions
+press.json                       the command, what each contact came to, versions, an attached
+                                 sensor's pose
 digit.png, contact_digit.npz     the DIGIT's image, its surface and pressure
 cyskin.json, contact_cyskin.npz  the CySkin's counts, its surface and pressure
 tactile_image.png                the counts as an image, 16 bits a pixel
@@ -186,7 +187,10 @@ def _press_json(touch: Touch) -> dict[str, Any]:
     if touch.markers is not None:
         setup["digit"]["markers"] = asdict(touch.markers)
     command = touch.command
+    to_world = touch.sensor_to_world
+    attached = {} if to_world is None else {"sensor_to_world": to_world.tolist()}
     return {
+        **attached,
         "shape": command.shape,
         "x_mm": command.x_mm,
         "y_mm": command.y_mm,

@@ -3,15 +3,19 @@
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
+import json
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import t2twin
 from t2twin import T2TwinError
+from t2twin.attachment.contacts import Pose, relative_motion
 
 RADIUS_M = 0.006
 FORCE_N = 8.0
@@ -174,6 +178,8 @@ def test_read_changes_no_data_and_computes_an_unchanged_state_once():
     assert again is not touch
     assert not np.array_equal(again.image, touch.image)  # another noise
     touch.save("touch")
+    saved = json.loads(Path("touch/press.json").read_text())
+    assert np.array_equal(saved["sensor_to_world"], attached.pose(model, data))
 
 
 def test_a_sensor_reads_at_its_rate():
@@ -204,6 +210,23 @@ def test_tractions_start_again_when_the_time_decreases():
     attached.reset()
     assert np.array_equal(attached.read(model, data).counts, anew.counts)
     assert first.cyskin.shear_n[0] > 0
+
+
+def test_motion_is_that_of_the_body_at_the_contact():
+    rng = np.random.default_rng(5)
+    before, step = (Rotation.random(rng=rng) for _ in range(2))
+    step = Rotation.from_rotvec(0.05 * step.as_rotvec())
+    center = np.array([3.0, -4.0, -0.5])
+    position, shift = rng.normal(size=(2, 3))
+    now = step.apply(position - center) + center + shift  # turned about the contact, and moved
+    dx, dy, turn = relative_motion(
+        Pose(before.as_matrix(), 1e-3 * position),
+        Pose((step * before).as_matrix(), 1e-3 * now),
+        center,
+    )
+    at_center = Rotation.from_rotvec([0, 0, turn]).apply(center) - center + [dx, dy, 0]
+    assert at_center[:2] == pytest.approx(shift[:2])
+    assert turn == pytest.approx(step.as_rotvec()[2], rel=0.05)
 
 
 def test_sensors_in_threads():
@@ -344,3 +367,11 @@ def test_a_body_sinks_in_as_deep_as_into_the_layer():
         touch = attached.read(model, data)
         sunk_mm = -1e3 * data.contact.dist[0]
         assert sunk_mm == pytest.approx(touch.digit.depth_mm, abs=error_mm + 0.01)
+
+
+def test_a_force_above_the_largest_is_limited():
+    spec = scene(mass=5.0)
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    contact = attached.read(*simulate(spec, -150.0)).cyskin
+    assert contact.force_n == pytest.approx(100.0, rel=1e-3)
+    assert contact.settled

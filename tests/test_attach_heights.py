@@ -168,13 +168,14 @@ def test_an_upright_box_and_cylinder_are_symmetric_and_include_their_outline():
         np.testing.assert_array_equal(heights, heights[::-1, ::-1])
 
 
-@pytest.mark.parametrize("yaw", [0.0, 6.0, 33.0])
+@pytest.mark.parametrize("yaw", [6.0, 33.0])
 def test_outlines_are_where_the_solid_ends(yaw):
     """A map's points are a pitch apart, and its outline is right on average."""
-    for geom, area_mm2 in (
-        ("type='box' size='.00237 .00418 .002'", 4 * 2.37 * 4.18),
-        ("type='cylinder' size='.00237 .002'", np.pi * 2.37**2),
-        ("type='cylinder' size='.003 .00418' euler='90 0 0'", 4 * 3.0 * 4.18),
+    for geom, area_mm2, tolerance in (
+        ("type='box' size='.00237 .00418 .002'", 4 * 2.37 * 4.18, 1e-3),
+        ("type='cylinder' size='.00237 .002'", np.pi * 2.37**2, 3e-3),
+        # Its sides are round, without an outline that is moved.
+        ("type='cylinder' size='.003 .00418' euler='90 0 0'", 4 * 3.0 * 4.18, 0.015),
     ):
         model, data = scene(f"<geom {geom} pos='.000013 .000037 0'/>")
         rotation = Rotation.from_euler("z", yaw, degrees=True).as_matrix() @ FACING
@@ -184,7 +185,7 @@ def test_outlines_are_where_the_solid_ends(yaw):
         solid = (found.surface.heights_mm > NOTHING_MM).astype(int)
         # Cells between four points of the solid.
         cells = solid[1:, 1:] + solid[1:, :-1] + solid[:-1, 1:] + solid[:-1, :-1] == 4
-        assert cells.sum() * 0.05**2 == pytest.approx(area_mm2, rel=0.015)
+        assert cells.sum() * 0.05**2 == pytest.approx(area_mm2, rel=tolerance)
 
 
 def test_a_plane_is_a_half_space():

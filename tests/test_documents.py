@@ -39,6 +39,8 @@ NOT_RUN = {
     "t2twin live frames/ --run runs/mine": "needs a training of an hour",
     "t2twin live video.mp4": "tests/test_live.py",
     "t2twin simdata --scale paper": "takes minutes",
+    "t2twin simdata --scale light": "takes minutes; tests/test_protocol.py",
+    "t2twin convert data/light": "needs this dataset; tests/test_lerobot.py",
     "t2twin simdata --scale small": "takes minutes; tests/test_regression.py",
     "t2twin simdata --world": "takes minutes to hours; tests/test_world_data.py",
     "t2twin studio": "serves until Ctrl-C; tests/test_studio_server.py",

@@ -1,3 +1,5 @@
+from collections import Counter
+
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
@@ -28,8 +30,7 @@ def test_smaller_scales_are_part_of_the_paper_and_hold_every_shape(name):
 
 
 def test_light_has_1000_pairs_of_all_orientations():
-    scale, counted = protocol.SCALES["light"], dict.fromkeys(("train", "val", "test"), 0)
-    turns = set()
+    scale, counted, turns = protocol.SCALES["light"], Counter[str](), set()
     for name in catalogue.NAMES:
         chosen = protocol.indices(name, scale)
         counted[catalogue.split(name)] += len(chosen)

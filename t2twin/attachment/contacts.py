@@ -4,6 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 
 from dataclasses import dataclass
+from math import atan2
 from typing import NamedTuple
 
 import mujoco
@@ -99,3 +100,20 @@ def _sum(body: int, parts: list) -> Wrench:
     return Wrench(
         body, forces.sum(axis=0), torques.sum(axis=0), share @ places, float(share @ friction)
     )
+
+
+def relative_motion(
+    before: Pose | None, now: Pose, center_mm: np.ndarray
+) -> tuple[float, float, float]:
+    """Motion of a body's surface along the sensor, between two poses in the sensor frame.
+
+    center_mm: (3,) the place of contact, whose motion is exact; a rolling body has none there.
+    Returns dx and dy, mm, and the angle of the rotation about the sensor's z axis.
+    """
+    if before is None:
+        return 0.0, 0.0, 0.0
+    turn = now.rotation @ before.rotation.T
+    there = turn @ (center_mm - 1e3 * before.position_m) + 1e3 * now.position_m
+    dyaw = atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+    cos, sin, (x, y, _) = np.cos(dyaw), np.sin(dyaw), center_mm
+    return float(there[0] - cos * x + sin * y), float(there[1] - sin * x - cos * y), dyaw

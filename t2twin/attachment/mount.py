@@ -94,18 +94,27 @@ def attach(
     )
     pose = _vector(pos, "pos", 3), _unit(quat)
     own, prefix = _own_spec(sensor, mounted.elastomer, friction, *pose), f"{mounted.name}/"
+    place = _place(spec, site, body)
+    if site is not None:
+        spec.attach(own, site=place, prefix=prefix)
+    else:
+        spec.attach(own, frame=place.add_frame(), prefix=prefix)
+    return mounted
+
+
+def _place(
+    spec: "mujoco.MjSpec", site: str | None, body: str | None
+) -> "mujoco.MjsSite | mujoco.MjsBody":
+    """The site or the body to mount on. Raises T2TwinError for both, none, and unknown names."""
     if (site is None) == (body is None):
         given = "both given" if site is not None else "both missing"
         raise T2TwinError(f"site and body are {given}; expected one of them")
-    if site is not None:
-        place = _named(spec.site, site, "site", spec.sites)
-        if np.isfinite(place.fromto[0]):
-            raise T2TwinError(f"site {site} has fromto; expected a site with a position")
-        spec.attach(own, site=place, prefix=prefix)
-    else:
-        place = _named(spec.body, body, "body", spec.bodies)
-        spec.attach(own, frame=place.add_frame(), prefix=prefix)
-    return mounted
+    if site is None:
+        return _named(spec.body, body, "body", spec.bodies)
+    place = _named(spec.site, site, "site", spec.sites)
+    if np.isfinite(place.fromto[0]):
+        raise T2TwinError(f"site {site} has fromto; expected a site with a position")
+    return place
 
 
 def _device(

@@ -20,8 +20,12 @@ PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER = 0, 2, 3, 4, 5
 """Values of MuJoCo's mjtGeom."""
 
 OUTLINE = 0.5 - 1.0e-6
-"""Share of the pitch by which an outline is moved outward. A solid reaches from its first to its
-last grid point, so that without this it is half a pitch too small on each side on average."""
+"""Share of the pitch by which an outline is moved outward, times the sum of the absolute components
+of its unit normal along x and y. The interpolated map is solid only in cells between four points of
+the solid. Without the shift these are too small by this much on average."""
+
+MEAN_ALONG_AXES = 4 / np.pi
+"""Mean over all directions of the sum of the absolute components of a unit vector."""
 
 STEEP = 0.1
 """Greatest vertical component of a wall's unit normal, below which its top edge is an outline
@@ -55,8 +59,9 @@ def raise_to_primitive(kind, size, rotation, center, pitch, behind, top, heights
     if kind == CYLINDER:
         is_upright, is_lying = abs(rotation[2, 2]) > 1.0 - STEEP**2 / 2, abs(rotation[2, 2]) < STEEP
         size = size.copy()
-        size[0] += OUTLINE * pitch if is_upright else EDGE_MM
-        size[1] += OUTLINE * pitch if is_lying else EDGE_MM
+        along_axes = abs(rotation[0, 2]) + abs(rotation[1, 2])
+        size[0] += OUTLINE * pitch * MEAN_ALONG_AXES if is_upright else EDGE_MM
+        size[1] += OUTLINE * pitch * along_axes if is_lying else EDGE_MM
     middle_row, middle_column = heights.shape[0] // 2, heights.shape[1] // 2
     reach = _half_extent(kind, size, rotation[1])
     first_row, last_row = _grid_lines(center[1], reach, pitch, middle_row)
@@ -269,7 +274,7 @@ def _side(a, b, edge):
     """Bounds of rows by a side from a to b of a triangle on its left: x at y = 0 and change with y,
     of the left and of the right bound; infinite where the side is on the other side of the row."""
     dx, dy = b[0] - a[0], b[1] - a[1]
-    room = edge * np.sqrt(dx * dx + dy * dy)
+    room = edge * (abs(dx) + abs(dy))
     dy = LEVEL if abs(dy) < LEVEL else dy
     start, change = a[0] + (room - dx * a[1]) / dy, dx / dy
     if dy > 0.0:

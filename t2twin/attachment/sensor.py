@@ -8,7 +8,7 @@ DIGIT's image, y is down, z is out of the sensor.
 # pyright: reportAttributeAccessIssue=false
 
 from dataclasses import dataclass, field, replace
-from math import atan2, floor, inf
+from math import floor, inf
 from threading import Lock
 from typing import Literal, get_args
 from weakref import WeakKeyDictionary
@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 from trimesh import Trimesh
 
-from t2twin.attachment.contacts import Pose, Wrench, wrenches
+from t2twin.attachment.contacts import Pose, Wrench, relative_motion, wrenches
 from t2twin.attachment.geometry import Geometry, Region, body_surface
 from t2twin.attachment.stiffness import fit_stiffness
 from t2twin.core import arguments
@@ -51,6 +51,9 @@ MAX_RATE_HZ = 1e6
 
 OWN_SOLMIX = 1e6
 """Weight of the contact parameters of a sensor's geom with `set_stiffness`; others have 1."""
+
+MAX_FORCE_N = 0.9999 * FORCE_RANGE_N[1]
+"""Largest force of all bodies together, N: below the limit on a press by more than rounding."""
 
 MAX_JUMP_MM = 2.0
 """Distance between the places of contact in two readings up to which the second one continues the
@@ -200,7 +203,7 @@ class AttachedSensor:
         state: _State,
     ) -> Contact | None:
         """The contact of the pressing bodies, which continues the state's last one."""
-        limit = FORCE_RANGE_N[1] / max(sum(each.pressing_n for each in pressing), FORCE_RANGE_N[1])
+        limit = MAX_FORCE_N / max(sum(each.pressing_n for each in pressing), MAX_FORCE_N)
         loads = []
         for each in pressing:
             shape = self._shape(model, data, frame, each.body)
@@ -210,23 +213,25 @@ class AttachedSensor:
                     force_n=max(limit * each.pressing_n, FORCE_RANGE_N[0]),
                     shear_n=(float(each.force_n[0]), float(each.force_n[1])),
                     torque_nmm=float(each.torque_nmm[2]),
-                    motion=_motion(state.poses.get(each.body), poses[each.body], each.center_mm),
+                    motion=relative_motion(
+                        state.poses.get(each.body), poses[each.body], each.center_mm
+                    ),
                     friction=min(each.friction, MAX_FRICTION),
                 )
                 loads.append(load)
         continues = any(_is_near(each, state.centers_mm) for each in pressing)
         before = state.touch.contacts.get(self.sensor) if state.touch and continues else None
-        return self._carried(loads, before)
+        return self._solve(loads, before)
 
-    def _carried(self, loads: list[Load], before: Contact | None) -> Contact | None:
-        """The contact of loads, without those that are only beside the pad."""
+    def _solve(self, loads: list[Load], before: Contact | None) -> Contact | None:
+        """The contact of loads, without those that are not over the pad."""
         if not loads:
             return None
         try:
             return carry(self.elastomer, self.device.pitch_mm, loads, before)
         except OffPadError:
             over = [load for load in loads if self._is_over(load)]
-            return None if len(over) == len(loads) else self._carried(over, before)
+            return None if len(over) == len(loads) else self._solve(over, before)
 
     def _is_over(self, load: Load) -> bool:
         """Whether the shape of a load is over the pad."""
@@ -306,20 +311,6 @@ def _is_near(wrench: Wrench, centers_mm: dict[int, np.ndarray]) -> bool:
     """Whether a body touched the sensor before, within MAX_JUMP_MM of where it does now."""
     before = centers_mm.get(wrench.body)
     return before is not None and bool(np.hypot(*(wrench.center_mm - before)[:2]) <= MAX_JUMP_MM)
-
-
-def _motion(before: Pose | None, now: Pose, center_mm: np.ndarray) -> tuple[float, float, float]:
-    """Motion of a body's surface since an earlier pose: dx and dy at the origin, mm, and dyaw.
-
-    center_mm: (3,) the place of contact, whose motion is exact. A rolling body has none there.
-    """
-    if before is None:
-        return 0.0, 0.0, 0.0
-    turn = now.rotation @ before.rotation.T
-    there = turn @ (center_mm - 1e3 * before.position_m) + 1e3 * now.position_m
-    dyaw = atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
-    cos, sin, (x, y, _) = np.cos(dyaw), np.sin(dyaw), center_mm
-    return float(there[0] - cos * x + sin * y), float(there[1] - sin * x - cos * y), dyaw
 
 
 def _body_pose(data: "mujoco.MjData", body: int) -> Pose:

@@ -43,9 +43,8 @@ def live(
 
     from t2twin.core.errors import T2TwinError
     from t2twin.live.follow import follow
-    from t2twin.live.outputs import RerunOutput, ZmqPublisher
+    from t2twin.live.outputs import open_outputs
     from t2twin.live.sources import open_background, open_source
-    from t2twin.rerun_log import RerunLog
     from t2twin.translate.inference.load import load
     from t2twin.translate.inference.predictor import CountsPredictor, require
     from t2twin.translate.models.distributed import use_all_cores
@@ -55,12 +54,8 @@ def live(
         raise T2TwinError(f"--frames is {frames}; expected 1 or more")
     use_all_cores()
     loaded = load(DEFAULT_RUN if run is None else run, layout, bf16)
-    outputs = []
     with ExitStack() as stack:
-        if zmq is not None:
-            outputs.append(stack.enter_context(closing(ZmqPublisher(zmq))))
-        if rerun is not None:
-            outputs.append(stack.enter_context(closing(RerunOutput(RerunLog(rerun)))))
+        outputs = [stack.enter_context(closing(each)) for each in open_outputs(zmq, rerun)]
         follow(
             require(loaded, CountsPredictor, "live"),
             open_source(source, turn_deg, _report),

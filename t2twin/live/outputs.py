@@ -1,8 +1,9 @@
-"""Outputs of live predictions beside the lines of JSON: ZeroMQ and Rerun."""
+"""Further outputs of live predictions: ZeroMQ and Rerun."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from t2twin.core.errors import T2TwinError
@@ -59,3 +60,11 @@ class RerunOutput:
     def close(self) -> None:
         """Close the recording."""
         self._log.close()
+
+
+def open_outputs(zmq: str | None, rerun: Path | None) -> Iterator[ZmqPublisher | RerunOutput]:
+    """The outputs that an address and a file name; see ZmqPublisher and RerunLog."""
+    if zmq is not None:
+        yield ZmqPublisher(zmq)
+    if rerun is not None:
+        yield RerunOutput(RerunLog(rerun))

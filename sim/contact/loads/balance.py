@@ -17,9 +17,12 @@ EXACT, EXACT_SHARE = 1e-8, 1e-6
 """Tolerance of a wrench: a share of the force that friction can carry, and of the wrench itself
 (assumed: far below the tolerance of the traction)."""
 
-RIDGE, TINY = 1e-10, 1e-300
-"""Relative and absolute addition to the diagonal of the Newton equations, which keeps them
-regular."""
+RIDGE, LESS_RIDGE, MIN_RIDGE = 1e-4, 0.1, 1e-14
+"""Addition to the diagonal of the Newton equations, as a share of a stuck body's, and its factor
+from step to step: where all cells slip, the equations are almost singular (assumed)."""
+
+ROUNDING = 1e-12
+"""Relative increase of the potential that is due to rounding."""
 
 TURN_WEIGHT = 25.0
 """Weight of an error of the force over one of the torque where friction cannot carry both. The
@@ -124,6 +127,10 @@ def balance(q, gradient, length, limit, x, y, owner, body, lever, wrench, soft, 
     last, last_value, last_error = np.zeros(3), np.inf, np.inf
     size = np.sqrt(wrench[0] ** 2 + wrench[1] ** 2 + wrench[2] ** 2)
     allowed = EXACT * capacity + EXACT_SHARE * size
+    ridge, cells = RIDGE, 0
+    for i in range(limit.shape[0]):
+        for j in range(limit.shape[1]):
+            cells += limit[i, j] > 0.0 and owner[i, j] == body
     for number in range(MAX_NEWTON_STEPS):
         value = _residual(
             q, gradient, length, limit, x, y, owner, body, lever, wrench, rigid, soft, error, slope
@@ -131,15 +138,18 @@ def balance(q, gradient, length, limit, x, y, owner, body, lever, wrench, soft, 
         wrong = np.sqrt(error[0] ** 2 + error[1] ** 2 + error[2] ** 2)
         if wrong <= allowed:
             return True
-        if number > 0 and not (value < last_value or wrong < last_error):
+        rounding = ROUNDING * abs(last_value)
+        if number > 0 and not (
+            value < last_value or (value <= last_value + rounding and wrong < last_error)
+        ):
             for k in range(3):
                 step[k] /= 2
                 rigid[k] = last[k] + step[k]
             continue
         last_value, last_error = value, wrong
-        ridge = RIDGE * (slope[0, 0] + slope[1, 1] + slope[2, 2]) + TINY
         for k in range(3):
-            slope[k, k] += ridge
+            slope[k, k] += ridge * length * cells
+        ridge = max(LESS_RIDGE * ridge, MIN_RIDGE)
         if not _solve(slope, error, step):
             return False
         for k in range(3):

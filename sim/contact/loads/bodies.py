@@ -17,7 +17,7 @@ from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.loads.prescribed import Load
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
 
-FORCE_TOLERANCE, SHARE_TOLERANCE = 5e-3, 5e-4
+FORCE_TOLERANCE, SHARE_TOLERANCE = 5e-3, 2e-4
 """Tolerance of each body's normal force: a share of the force, or of the force of all bodies where
 that is more (the pressure of one contact is known to 5e-3 of its force)."""
 

@@ -58,10 +58,7 @@ def _carried(
     friction = np.array([load.friction for load in loads])[owner]
     start = before.motion or still_motion(before, 0.0)
     start = kept_traction(start, before.shape.name, bodies.names, owner)
-    start = replace(
-        start,
-        friction=loads[0].friction if len(loads) == 1 else friction,
-        last=(0.0, 0.0, 0.0),
-    )
+    friction = loads[0].friction if len(loads) == 1 else friction
+    start = replace(start, friction=friction, last=(0.0, 0.0, 0.0))
     drive = PrescribedLoads(loads, owner)
     return step_contact(before, start, shape, bodies.command, drive, carried=True), owner

@@ -35,8 +35,9 @@ EXCESS = 1e-4
 """Share of what friction can carry by which a wrench exceeds it where the body slides (assumed)."""
 
 MOTION_EXCESS, MOTION_MM = 0.05, 0.02
-"""Excess from which a body that slides goes along its prescribed motion, and the length of a motion
-at which half of its direction counts, mm (assumed). Below, it goes along the excess itself."""
+"""Excess of a force over the limit of friction from which a body slides along its prescribed
+motion, and the length of a motion at which half of its direction counts, mm (assumed). Otherwise it
+slides along the excess of the wrench."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +188,8 @@ class _Bodies:
         if excess > EXCESS:
             along, motion = found / np.linalg.norm(found), self.motions[body]
             length = float(np.linalg.norm(motion))
-            share = min(excess / MOTION_EXCESS, 1.0) * length / (length + MOTION_MM)
+            force = float(np.hypot(*self.wrenches[body, :2])) / capacity
+            share = min(max(force - 1.0, 0.0) / MOTION_EXCESS, 1.0) * length / (length + MOTION_MM)
             ahead = max(float(along @ motion), 0.0) / max(length, 1e-30)
             self.slides[body] = True
             self.rigid[body] = (1 - share) * along + share * ahead * motion / max(length, 1e-30)

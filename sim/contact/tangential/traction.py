@@ -83,7 +83,7 @@ def solve_traction(
     while True:
         largest, square, slope = towards_limit(q, gradient, limit, length, direction)
         residual = largest / length / scale
-        if residual <= tolerance or steps == MAX_STEPS:
+        if residual <= tolerance or steps == MAX_STEPS or (slope >= 0 and towards is not None):
             break
         steps += 1
         moved = layer.displacement_mm(direction)
@@ -96,6 +96,8 @@ def solve_traction(
         take_step(displacement, moved, fraction, wanted, limit, gradient)
         energies.append(energies[-1] + fraction * slope + fraction**2 * curvature / 2)
         length = square / max(curvature, 1e-30)
+    if towards is not None:
+        q = q + direction  # within the restrictions, as the steps before need not be
     return Traction(q.astype(float), displacement.astype(float), residual, steps)
 
 
