@@ -72,7 +72,7 @@ def test_the_forces_of_a_slide_give_its_traction(elastomer, pitch_mm):
         carried = carry(elastomer, pitch_mm, [prescribed], carried)
         check_wrench(carried, prescribed)
         difference = np.linalg.norm(carried.shear_kpa - slid.shear_kpa)
-        assert difference < 0.05 * np.linalg.norm(slid.shear_kpa)
+        assert difference < 0.1 * np.linalg.norm(slid.shear_kpa)
         assert carried.slip_share == pytest.approx(slid.slip_share, abs=0.05)
 
 
@@ -119,8 +119,8 @@ def test_far_beyond_the_limit_the_motion_gives_the_direction():
 def test_too_large_a_torque_leaves_the_force():
     wanted = load(ball(2.0), 4.0, (1.0, 0.0), 100.0)
     contact = carry(FLAT, 0.5, [wanted], None)
-    assert contact.settled and contact.slip_share > 0.97
-    assert contact.shear_n == pytest.approx([1.0, 0.0], abs=0.1)
+    assert contact.settled and contact.slip_share == 1.0
+    assert contact.shear_n == pytest.approx([1.0, 0.0], abs=1e-3)
     assert 1.0 < contact.torque_nmm < 20.0
 
 
@@ -132,7 +132,7 @@ def test_no_friction_and_tiny_forces():
     for _ in range(2):
         contact = carry(FLAT, 0.5, [light], contact)
         assert contact.settled and contact.force_n == pytest.approx(0.01, rel=1e-3)
-        assert contact.shear_n == pytest.approx([1e-9, 0.0], abs=1e-10)
+        assert contact.shear_n == pytest.approx([1e-9, 0.0], abs=2e-10)
 
 
 def test_a_rolling_body():

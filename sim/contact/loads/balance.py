@@ -24,10 +24,6 @@ from step to step: where all cells slip, the equations are almost singular (assu
 ROUNDING = 1e-12
 """Relative increase of the potential that is due to rounding."""
 
-TURN_WEIGHT = 25.0
-"""Weight of an error of the force over one of the torque where friction cannot carry both. The
-force has priority, as the torque depends on the assumed places of the contact (assumed)."""
-
 
 @compiled("b1(f8[:, ::1], f8[::1], f8[::1])", nogil=True)
 def _solve(matrix, right, solution):
@@ -60,12 +56,10 @@ def _solve(matrix, right, solution):
 
 @compiled(
     "f8(f4[:, :, ::1], f4[:, :, ::1], f8, f4[:, ::1], f8[::1], f8[::1], i8[:, ::1], i8, f8[::1],"
-    " f8[::1], f8[::1], f8, f8[::1], f8[:, ::1])",
+    " f8[::1], f8[::1], f8[::1], f8[:, ::1])",
     nogil=True,
 )
-def _residual(
-    q, gradient, length, limit, x, y, owner, body, lever, wrench, rigid, soft, error, slope
-):
+def _residual(q, gradient, length, limit, x, y, owner, body, lever, wrench, rigid, error, slope):
     """Potential of a rigid motion, see `balance`; writes its gradient and its Hessian."""
     center_x, center_y, radius = lever[0], lever[1], lever[2]
     value = 0.0
@@ -100,26 +94,25 @@ def _residual(
             slope[2, 1] += turn_x * xy + turn_y * yy
             slope[2, 2] += turn_x * (turn_x * xx + 2 * turn_y * xy) + turn_y * turn_y * yy
     for k in range(3):
-        stiffness = soft * TURN_WEIGHT if k == 2 else soft
-        value += (stiffness * rigid[k] / 2 - wrench[k]) * rigid[k]
-        error[k] += stiffness * rigid[k] - wrench[k]
-        slope[k, k] += stiffness
+        value -= wrench[k] * rigid[k]
+        error[k] -= wrench[k]
     return value
 
 
 @compiled(
     "b1(f4[:, :, ::1], f4[:, :, ::1], f8, f4[:, ::1], f8[::1], f8[::1], i8[:, ::1], i8, f8[::1],"
-    " f8[::1], f8, f8, f8[::1])",
+    " f8[::1], f8, b1, f8[::1])",
     nogil=True,
 )
-def balance(q, gradient, length, limit, x, y, owner, body, lever, wrench, soft, capacity, rigid):
+def balance(q, gradient, length, limit, x, y, owner, body, lever, wrench, capacity, turns, rigid):
     """Find the rigid motion for which a body's traction has a wrench; False without convergence.
 
     The traction is the nearest one within the limit to q - length (gradient - u), with u the
     displacement by the rigid motion. q, gradient: (2, rows, columns). limit: (rows, columns), 0
     outside the contact. x: (columns,), y: (rows,), mm. owner: (rows, columns) index of each cell's
-    body. lever, wrench: the body's. soft: share of a wrench by which the motion reduces it, MPa per
-    mm. capacity: sum of the limits. rigid: (3,) an initial guess, replaced by the motion.
+    body. lever, wrench: the body's. capacity: sum of the limits. turns: whether the rotation is an
+    unknown; otherwise it is prescribed, and the torque is not. rigid: (3,) an initial guess,
+    replaced by the motion.
 
     Newton's method with bisected steps on the potential, which is convex.
     """
@@ -133,8 +126,10 @@ def balance(q, gradient, length, limit, x, y, owner, body, lever, wrench, soft, 
             cells += limit[i, j] > 0.0 and owner[i, j] == body
     for number in range(MAX_NEWTON_STEPS):
         value = _residual(
-            q, gradient, length, limit, x, y, owner, body, lever, wrench, rigid, soft, error, slope
+            q, gradient, length, limit, x, y, owner, body, lever, wrench, rigid, error, slope
         )
+        if not turns:
+            error[2], slope[2, 0], slope[2, 1], slope[2, 2] = 0.0, 0.0, 0.0, 1.0
         wrong = np.sqrt(error[0] ** 2 + error[1] ** 2 + error[2] ** 2)
         if wrong <= allowed:
             return True
@@ -182,8 +177,8 @@ def balanced_step(
                     if owner[i, j] == body:
                         capacity += limit[i, j]
             balance(
-                q, gradient, length, limit, x, y, owner, body, levers[body], wrenches[body], 0.0,
-                capacity, rigid[body],
+                q, gradient, length, limit, x, y, owner, body, levers[body], wrenches[body],
+                capacity, True, rigid[body],
             )  # fmt: skip
     largest, square, slope = 0.0, 0.0, 0.0
     for i in range(limit.shape[0]):

@@ -13,7 +13,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.grid import Window, dilated, window_around
-from t2twin.sim.contact.loads.balance import TURN_WEIGHT, balance, balanced_step
+from t2twin.sim.contact.loads.balance import balance, balanced_step
 from t2twin.sim.contact.sliding import Friction
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
 from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
@@ -23,16 +23,9 @@ PREDICTION_TOLERANCE = 1e-2
 """Tolerance of the traction that is found from the pressure of the contact before; see
 t2twin.sim.contact.tangential.traction.TOLERANCE."""
 
-STICK_MM = 1e-4
-"""Motion below which a cell's traction is below the limit, in the search for what friction can
-carry, mm (assumed)."""
-
-SOFTNESS = 1e-6
-"""Share of what friction can carry by which 1 mm of motion reduces a wrench in that search, which
-is then solvable for every wrench (assumed)."""
-
-EXCESS = 1e-4
-"""Share of what friction can carry by which a wrench exceeds it where the body slides (assumed)."""
+TURN_MM, STICK_MM = 1.0, 1e-3
+"""Rotation, times the radius of gyration, in the search for the largest torque that friction can
+carry, and the motion below which a cell's traction is below the limit there, mm (assumed)."""
 
 MOTION_EXCESS, MOTION_MM = 0.05, 0.02
 """Excess of a force over the limit of friction from which a body slides along its prescribed
@@ -167,32 +160,40 @@ class _Bodies:
     def _find_slide(self, body: int) -> None:
         """Set whether a body slides as a whole, and along which motion.
 
-        Finds the nearest wrench that friction can carry. What it lacks points along the motion
-        under which friction carries it.
+        The force has priority, as the torque depends on the assumed places of the contact.
         """
         limit = np.where(self.owner == body, self.limit, np.float32(0.0))
-        capacity = float(limit.sum(dtype=float))
+        capacity, wrench = float(limit.sum(dtype=float)), self.wrenches[body]
         if capacity == 0:
             self.slides[body], self.rigid[body] = True, self.motions[body]
             return
-        none, found, soft = (
-            np.zeros((2, *limit.shape), np.float32),
-            np.zeros(3),
-            SOFTNESS * capacity,
-        )
-        balance(
-            none, none, float(limit.max()) / STICK_MM, limit, self.x, self.y, self.owner, body,
-            self.levers[body], self.wrenches[body] / (1 - AT_LIMIT), soft, capacity, found,
-        )  # fmt: skip
-        excess = float(np.linalg.norm(SOFTNESS * found * (1, 1, TURN_WEIGHT)))
-        if excess > EXCESS:
-            along, motion = found / np.linalg.norm(found), self.motions[body]
-            length = float(np.linalg.norm(motion))
-            force = float(np.hypot(*self.wrenches[body, :2])) / capacity
+        force = float(np.hypot(*wrench[:2])) / capacity
+        if force >= 1 - AT_LIMIT:
+            along, motion = np.array([*wrench[:2], 0.0]) / (force * capacity), self.motions[body]
+            length = max(float(np.linalg.norm(motion)), 1e-30)
             share = min(max(force - 1.0, 0.0) / MOTION_EXCESS, 1.0) * length / (length + MOTION_MM)
-            ahead = max(float(along @ motion), 0.0) / max(length, 1e-30)
+            ahead = max(float(along @ motion), 0.0) / length
             self.slides[body] = True
-            self.rigid[body] = (1 - share) * along + share * ahead * motion / max(length, 1e-30)
+            self.rigid[body] = (1 - share) * along + share * ahead * motion / length
+        elif wrench[2]:
+            none, found = np.zeros((2, *limit.shape), np.float32), np.zeros(3)
+            found[2] = np.copysign(TURN_MM, wrench[2])
+            balance(
+                none, none, float(limit.max()) / STICK_MM, limit, self.x, self.y, self.owner, body,
+                self.levers[body], wrench, capacity, False, found,
+            )  # fmt: skip
+            self.slides[body] = abs(wrench[2]) >= (1 - AT_LIMIT) * self._torque(limit, found, body)
+            self.rigid[body] = self.slides[body] * found
+
+    def _torque(self, limit: np.ndarray, rigid: np.ndarray, body: int) -> float:
+        """Size of the torque of a body that slides along a rigid motion, see `balance`."""
+        turn_x, turn_y = (
+            (self.levers[body, 1] - self.y[:, None]) / self.levers[body, 2],
+            (self.x - self.levers[body, 0]) / self.levers[body, 2],
+        )
+        along_x, along_y = rigid[0] + turn_x * rigid[2], rigid[1] + turn_y * rigid[2]
+        sizes = np.maximum(np.hypot(along_x, along_y), STICK_MM)
+        return abs(float((limit / sizes * (turn_x * along_x + turn_y * along_y)).sum()))
 
     def towards(
         self,
