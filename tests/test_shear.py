@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from msgspec import structs
+from torch import nn
 
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.pairs import Examples, Pairs, load_info, load_pairs
@@ -21,7 +22,7 @@ from t2twin.translate.inference.predictor import require
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import SHEAR, FieldNet
-from t2twin.translate.networks.shear_head import averaged, box_means, displacement_scores
+from t2twin.translate.networks.shear_head import ShearHead, averaged, box_means, displacements
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_weights, save_weights
 from t2twin.translate.runs.config import BEST, CONFIG, RunConfig
@@ -115,17 +116,31 @@ def test_its_training_leaves_the_other_weights(moving_world: Path, tmp_path: Pat
     assert all(torch.equal(shear[name], each) for name, each in plain.items())
 
 
-def test_scores_are_largest_at_the_displacement_of_the_image() -> None:
-    generator = torch.Generator().manual_seed(0)
-    texture = torch.randn(1, 1, 40, 40, generator=generator)
-    image, frame = texture[..., 4:36, 4:36], texture[..., 6:38, 3:35]  # 2 down, 1 to the left
-    scores = displacement_scores(image, frame, box_means(32, 8, 8), reach=3)
-    assert scores.shape == (1, 49, 4, 4)
-    inner = scores[0, :, 1:3, 1:3].flatten(1)  # displaced within the frame
-    places = torch.cartesian_prod(torch.arange(-3, 4), torch.arange(-3, 4))
-    assert (places[inner.argmax(dim=0)] == torch.tensor([2, -1])).all()
-    np.testing.assert_allclose(inner.max(dim=0).values, 1.0, atol=0.1)
-    assert displacement_scores(frame, frame, box_means(32, 8, 8), reach=0) == pytest.approx(1.0)
+def test_displacement_of_a_moved_surface_of_second_order() -> None:
+    """Central differences and the mean of both gradients are exact for it."""
+    y, x = torch.meshgrid(torch.arange(24.0) - 11.0, torch.arange(24.0) - 9.0, indexing="ij")
+
+    def surface(right: float, down: float) -> torch.Tensor:
+        across, along = x - right, y - down
+        return (across**2 + 0.5 * along**2 + 0.3 * across * along)[None, None]
+
+    moved, roots = displacements(surface(0.4, -0.7), surface(0.0, 0.0), box_means(24, 8, 0))
+    assert moved.shape == (1, 2, 3, 3) and roots.shape == (1, 3, 3, 3)
+    np.testing.assert_allclose(moved[0, :, 1, 1], [0.4, -0.7], atol=1e-4)  # away from the rim
+    still, _ = displacements(surface(0.0, 0.0), surface(0.0, 0.0), box_means(24, 8, 0))
+    assert not still.any()
+
+
+def test_mirrored_batches_have_the_same_force() -> None:
+    torch.manual_seed(0)
+    head = ShearHead(32, 8)
+    nn.init.zeros_(head.weights.weight)  # equal weights of all windows
+    image, frame, vector = torch.randn(2, 3, 32, 32), torch.randn(2, 3, 32, 32), torch.randn(2, 8)
+    with torch.no_grad():
+        expected = head.eval()(image, frame, vector)[0]
+        found = [head.train()(image, frame, vector)[0] for _ in range(20)]
+    for each in found:
+        np.testing.assert_allclose(each, expected, rtol=1e-3, atol=1e-5)
 
 
 def test_means_over_boxes() -> None:
