@@ -67,8 +67,8 @@ def displacements(
     difference, (B, 3, W, W).
     """
     middle, difference = (image + frame) / 2, frame - image
-    along_x = functional.pad((middle[..., 2:] - middle[..., :-2]) / 2, (1, 1, 0, 0))
-    along_y = functional.pad((middle[..., 2:, :] - middle[..., :-2, :]) / 2, (0, 0, 1, 1))
+    along_x = _gradient(middle)
+    along_y = _gradient(middle.transpose(-1, -2)).transpose(-1, -2)
     products = [
         along_x * along_x,
         along_y * along_y,
@@ -82,6 +82,12 @@ def displacements(
     xx, yy = xx + MIN_TEXTURE, yy + MIN_TEXTURE
     moved = torch.cat([yy * xd - xy * yd, xx * yd - xy * xd], dim=1) / (xx * yy - xy * xy)
     return moved.clamp(-MAX_DISPLACEMENT, MAX_DISPLACEMENT), roots
+
+
+def _gradient(maps: torch.Tensor) -> torch.Tensor:
+    """Central differences along the last axis, zero at the rim. The shape of maps."""
+    rim = torch.zeros_like(maps[..., :1])
+    return torch.cat([rim, (maps[..., 2:] - maps[..., :-2]) / 2, rim], dim=-1)
 
 
 class ShearHead(nn.Module):
