@@ -57,7 +57,10 @@ class Translator(ABC):
         return
 
     def shear_error(self, pairs: Pairs) -> float | None:
-        """Root mean square of the shear force's relative error, None if it is not predicted."""
+        """Geometric mean of the shear force's relative error over the pairs that have moved.
+
+        None if it is not predicted or no pair has moved.
+        """
         return None
 
     def in_float32(self) -> Self:

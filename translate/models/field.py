@@ -194,16 +194,16 @@ class FieldTranslator(CountsTranslator):
         vars(self).pop("readout", None)
 
     def shear_error(self, pairs: Pairs) -> float | None:
-        """See Translator."""
-        if pairs.shear_n is None or not self.predictor.predicts_shear:
+        """See Translator. The geometric mean counts touches with and without markers alike."""
+        if pairs.shear_n is None or not pairs.shear_n.any() or not self.predictor.predicts_shear:
             return None
-        squares = 0.0
+        logs = []
         for part, outputs in self._outputs_on(pairs):
             shear_n = torch.from_numpy(pairs.shear_n[part].astype(np.float32)).to(self.device)
             assert outputs.shear is not None
             error = outputs.shear * self.predictor.shear_scale - shear_n
-            squares += float(_relative_squares(error, shear_n).sum())
-        return float(np.sqrt(squares / len(pairs)))
+            logs.append(_relative_squares(error, shear_n)[shear_n.any(dim=1)].log())
+        return float(torch.cat(logs).mean().div(2.0).exp())
 
     @cached_property
     def readout(self) -> FieldReadout:
