@@ -62,6 +62,7 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.sim.dataset.generate import make_dataset
     from t2twin.sim.dataset.store import read_split
     from t2twin.translate.data.pairs import load_pairs
+    from t2twin.translate.evaluation.scoring import training_steps
     from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
     from t2twin.translate.inference.predictor import require
@@ -85,7 +86,8 @@ def measure(options: Namespace) -> dict[str, Any]:
     }
     found = content["counts"]["run"]
     ratio = found["moving"]["rmse_counts"] / found["still"]["rmse_counts"]
-    return content | {"moving_over_still": ratio, "planned_epochs": run.config.planned_epochs}
+    steps = training_steps(run, run.config.data.train_pairs)
+    return content | {"moving_over_still": ratio, "steps": steps}
 
 
 def tools() -> Recipe:
