@@ -1,9 +1,9 @@
 """The shear force on the DIGIT, from displacements of the image relative to the background frame.
 
-The force that drags the gel's surface displaces the markers. On a layer of thickness h and shear
-modulus G, the integral of the displacement over the area is F h / G (Hooke's law; exact for an
-unbounded layer on a rigid base). So the head measures the displacement in windows of the image
-(Lucas and Kanade 1981) and adds up these displacements, with weights that a network predicts.
+A shear force displaces the markers on the gel. On a layer of thickness h and shear modulus G, the
+integral of the displacement over the area is F h / G (Hooke's law). This is exact for an unbounded
+layer on a rigid base. The head measures the displacement in windows of the image (Lucas and Kanade
+1981). The force is the sum of these displacements, with weights that a network predicts.
 
 Shape letters: B batch, S input side, H side after a reduction, W windows along each side.
 """
@@ -13,8 +13,8 @@ from torch import nn
 from torch.nn import functional
 
 IMAGE_SIDE = 96
-"""Side of the images that displacements are measured on, pixels; larger ones are reduced to less
-than twice that (assumed: most markers of the sampled DIGIT units are then 2 pixels wide)."""
+"""Side of the images that displacements are measured on, pixels (assumed: most markers of sampled
+DIGIT units are then 2 pixels wide). Larger images are reduced to less than twice that."""
 
 SCALES = (1, 2)
 """Reductions of these images. A displacement can be measured up to the radius of a marker, and
