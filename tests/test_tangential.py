@@ -14,13 +14,9 @@ from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.layer import base_stress, compliance_mm_per_mpa
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.tangential.kernels import shear_kernels
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer, cached_shear_layer, domed_layer
 from t2twin.sim.contact.tangential.spectra import spectra
-from t2twin.sim.contact.tangential.traction import (
-    DomedLayer,
-    cached_shear_layer,
-    domed_layer,
-    solve_traction,
-)
+from t2twin.sim.contact.tangential.traction import solve_traction
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
 from t2twin.sim.cyskin.taxels import pad_pressure_mpa
 from t2twin.sim.digit.surface import surface_on

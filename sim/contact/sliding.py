@@ -13,14 +13,19 @@ the strain (Treloar, The Physics of Rubber Elasticity, 1975). A press starts wit
 traction.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy import ndimage
 
+from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.solver_loops import Anderson
-from t2twin.sim.contact.tangential.traction import DomedLayer, solve_traction
+from t2twin.sim.contact.tangential.folding import unfolded
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer
+from t2twin.sim.contact.tangential.traction import solve_traction
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
 
 COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
@@ -33,9 +38,13 @@ RELAXATION = 0.6
 acceleration. Whole steps overshoot by 0.45 of the error, and by several times it where a wide
 contact twists."""
 
-ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 8, 40, 0.2
+ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 16, 40, 0.2
 """Rounds with acceleration, the limit on all rounds, and the share of an error that the others
 remove (assumed; most steps need one or two rounds)."""
+
+LATE_TOLERANCE = 4.0
+"""Factor on the tolerance after ACCELERATED_ROUNDS where the forces are prescribed (assumed: less
+than a tenth of a cell). Small contacts and edges move from cell to cell."""
 
 WINDOW_CELLS = 4
 """Cells around the contact in which a step computes the displacement by shear (assumed)."""
@@ -43,6 +52,9 @@ WINDOW_CELLS = 4
 PREDICTABLE = 0.9
 """Cosine of the angle between the motions of two steps above which the second one starts from the
 change in the first (assumed)."""
+
+MIN_MOVE = 0.1
+"""Motion of a contact, in cells, below which its displacement does not move with it (assumed)."""
 
 GEL_FRICTION = 0.8
 """Coefficient of friction of the DIGIT's gel (assumed, range 0.4 to 1.5)."""
@@ -52,6 +64,20 @@ COVER_FRICTION = 1.0
 
 MAX_FRICTION = 5.0
 """Largest allowed coefficient of friction (assumed: above any rubber's on a dry solid)."""
+
+Friction = Callable[
+    [np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, bool]
+]
+"""Solves the friction of a step within a window of the grid. Arguments: the pressure, (rows,
+columns), MPa; the displacements along the surface by the pressure and by the dome, mm; an initial
+guess of the traction, MPa. Returns the traction; the displacement of a surface that sticks to the
+shape, mm; whether the traction converged. All but the pressure are (2, rows, columns)."""
+
+Drive = Callable[[Contact, DomedLayer, np.ndarray, Window], tuple[np.ndarray, Friction]]
+"""What moves the shape in a step. Its arguments are the contact before, the layer in the window,
+the displacement along the surface before the step, (2, rows, columns), mm, and the window. Returns
+the expected displacement of a surface that sticks to the shape, (2, rows, columns), mm, and the
+friction of the step."""
 
 
 def advance(
@@ -75,10 +101,48 @@ def advance(
         yaw_rad=command.yaw_rad + dyaw_rad,
         force_n=force_n,
     )
-    start = contact.motion or _still(contact, friction)
+    start = contact.motion or still_motion(contact, friction)
+    share = _share_of_last(contact, start, step)
+
+    def drive(
+        contact: Contact, layer: DomedLayer, lateral_mm: np.ndarray, window: Window
+    ) -> tuple[np.ndarray, Friction]:
+        follows = lateral_mm + _rigid(contact, lateral_mm, step, window)
+
+        def solve(
+            pressure: np.ndarray, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray, bool]:
+            wanted = follows - spread - dome
+            shear, converged = _friction(layer, friction * pressure, wanted, guess)
+            return shear, follows, converged
+
+        return follows, solve
+
+    start = replace(start, friction=friction, last=step)
+    return step_contact(contact, start, contact.shape, moved, drive, share)
+
+
+def step_contact(
+    contact: Contact,
+    start: Motion,
+    shape: Shape,
+    command: PressCommand,
+    drive: Drive,
+    share: float | None = None,
+    carried: bool = False,
+) -> Contact:
+    """The contact after a step.
+
+    start: the motion of the contact before, with the friction and the rigid motion of this step.
+    shape, command: those of the contact after. drive: what moves the shape. share: the expected
+    change of the traction as a share of the last step's; None if it is not known. carried: whether
+    the forces are prescribed instead of the motion. The displacement by shear then moves with the
+    contact, and whole steps do not overshoot.
+    Raises T2TwinError as solve_contact does.
+    """
     window = window_around(dilated(contact.pressure_kpa > 0, WINDOW_CELLS))
     while True:
-        found = _step(contact, start, moved, step, friction, window)
+        found = _step(contact, start, shape, command, drive, share, carried, window)
         outside = found.pressure_kpa > 0
         outside[window] = False
         if not outside.any():
@@ -90,12 +154,15 @@ def advance(
 def _step(
     contact: Contact,
     start: Motion,
-    moved: PressCommand,
-    step: tuple[float, float, float],
-    friction: float,
+    shape: Shape,
+    command: PressCommand,
+    drive: Drive,
+    share: float | None,
+    carried: bool,
     window: Window,
 ) -> Contact:
-    """The contact after a step, see advance, whose shear is known within a window of the grid."""
+    """The contact after a step, see step_contact, whose shear is known within a window of the
+    grid."""
     part = (slice(None), *window)
     layer = contact.shear_layer.window(window)
     before = start.shear_mpa[part]
@@ -103,36 +170,42 @@ def _step(
     spread = layer.spread_mm(pressure)
     middle, dome = layer.parts_mm(before)
     sheared = middle + dome
-    lateral = sheared[:2] + spread
-    follows = lateral + _rigid(contact, lateral, step, window)
-    share = _share_of_last(contact, start, step)
+    follows, friction = drive(contact, layer, sheared[:2] + spread, window)
     if share is None:
-        shear, _ = _friction(layer, friction * pressure, follows - spread - dome[:2], before)
+        shear, follows, _ = friction(pressure, spread, dome[:2], before)
     else:
         shear = before + share * (before - start.earlier_mpa[part])
     middle, dome = layer.parts_mm(shear)
     seen = middle + dome
-    if share is None:
+    if carried:
+        seen = _moved(seen, _mean(follows - seen[:2] - spread, pressure), contact.pitch_mm)
+    elif share is None:
         seen = sheared + RELAXATION * (seen - sheared)
+    seen = unfolded(seen, contact.pitch_mm)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
     rows, columns = window
     for number in range(MAX_ROUNDS):
         shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
         moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
         near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
-        normal = solve_contact(contact.shape, moved, contact.elastomer, contact.pitch_mm, *near)
+        normal = solve_contact(shape, command, contact.elastomer, contact.pitch_mm, *near)
         pressure = 1e-3 * normal.pressure_kpa[window]
+        if not pressure.any():
+            break  # the contact left the window
         spread = layer.spread_mm(pressure)
-        wanted = follows - spread - dome[:2]
-        shear, found = _friction(layer, friction * pressure, wanted, shear)
+        shear, follows, found = friction(pressure, spread, dome[:2], shear)
         middle, dome = layer.parts_mm(shear)
         sheared = middle + dome
-        error = sheared - seen
-        converged = found and _is_small(error, sheared, pressure, normal.depth_mm)
+        error = unfolded(sheared, contact.pitch_mm) - seen
+        late = LATE_TOLERANCE if carried and number >= ACCELERATED_ROUNDS else 1.0
+        converged = found and _is_small(error / late, sheared, pressure, normal.depth_mm)
         if converged:
             break
+        if carried:
+            along_x, along_y = _mean(error[:2], pressure)
+            error = _moved(seen + error, (-along_x, -along_y), contact.pitch_mm) - seen
         if number < ACCELERATED_ROUNDS:
-            corrected = seen + RELAXATION * error
+            corrected = seen + (1.0 if carried else RELAXATION) * error
             seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
         else:
             seen = seen + DAMPED_RELAXATION * error
@@ -141,7 +214,7 @@ def _step(
         normal.pressure_kpa[window] > 0
     )
     traction[part] = shear
-    motion = Motion(friction, traction, start.shear_mpa, slip_mm, step)
+    motion = replace(start, shear_mpa=traction, earlier_mpa=start.shear_mpa, slip_mm=slip_mm)
     return replace(normal, motion=motion, settled=normal.settled and converged)
 
 
@@ -179,6 +252,16 @@ def _mean(values: np.ndarray, pressure: np.ndarray) -> tuple[float, float]:
     return float(along_x), float(along_y)
 
 
+def _moved(values: np.ndarray, by_mm: tuple[float, float], pitch_mm: float) -> np.ndarray:
+    """Values, (n, rows, columns), moved along x and y."""
+    along_x, along_y = by_mm
+    if np.hypot(along_x, along_y) < MIN_MOVE * pitch_mm:
+        return values
+    return ndimage.shift(
+        values, (0, along_y / pitch_mm, along_x / pitch_mm), order=1, mode="nearest"
+    )
+
+
 def _friction(
     layer: DomedLayer, limit_mpa: np.ndarray, wanted_mm: np.ndarray, start_mpa: np.ndarray
 ) -> tuple[np.ndarray, bool]:
@@ -195,7 +278,7 @@ def _friction(
     return traction, found.converged
 
 
-def _still(contact: Contact, friction: float) -> Motion:
+def still_motion(contact: Contact, friction: float) -> Motion:
     """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
     none = np.zeros((2, *shape))

@@ -15,7 +15,8 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.tangential.traction import DomedLayer, domed_layer
+from t2twin.sim.contact.tangential.folding import unfolded
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer, domed_layer
 
 FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""
@@ -102,12 +103,13 @@ class PinState:
 class Motion:
     """What sliding and turning have done to a contact, on its grid.
 
-    friction: coefficient of friction. shear_mpa: (2, ny, nx) traction on the sensor along x and y.
-    earlier_mpa: the same before the last step. slip_mm: (ny, nx) length of the shape's path over
-    the surface so far. last: (dx_mm, dy_mm, dyaw_rad) of the last step.
+    friction: coefficient of friction, (ny, nx) for several bodies. shear_mpa: (2, ny, nx) traction
+    on the sensor along x and y. earlier_mpa: the same before the last step. slip_mm: (ny, nx)
+    length of the shape's path over the surface so far. last: (dx_mm, dy_mm, dyaw_rad) of the last
+    step.
     """
 
-    friction: float
+    friction: Any
     shear_mpa: np.ndarray
     earlier_mpa: np.ndarray
     slip_mm: np.ndarray
@@ -174,7 +176,7 @@ class Contact:
         shear alone."""
         if self.motion is None:
             return np.zeros((3, *self.pressure_kpa.shape))
-        return self.shear_layer.response_mm(self.motion.shear_mpa)
+        return unfolded(self.shear_layer.response_mm(self.motion.shear_mpa), self.pitch_mm)
 
     @cached_property
     def displacement_mm(self) -> np.ndarray:
