@@ -1,7 +1,7 @@
 """Shear force and counts of moving touches of unseen tools.
 
     t2twin simdata --world moving --out data/moving
-    t2twin train field --data data/moving --init-from field --out runs/moving
+    t2twin train field --data data/moving --init-from field --steps 4000 --out runs/moving
     python -m benchmarks.shear --run runs/moving --start field --data data/moving-tools
 
 The tools are touched as the shapes of the world `moving`. The dataset is made first if it is
