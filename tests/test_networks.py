@@ -74,7 +74,7 @@ def test_steps_on_kernels_as_they_lie_in_memory_are_adamws() -> None:
     plain = deepcopy(ours)
     rate, betas = preset.learning_rate, (preset.beta1, preset.beta2)
     reference = torch.optim.AdamW(plain.parameters(), rate, betas, weight_decay=0.1, foreach=False)
-    for network, optimizer in ((ours, adamw(ours, preset)), (plain, reference)):
+    for network, optimizer in ((ours, adamw(ours.parameters(), preset)), (plain, reference)):
         for seed in range(3):
             torch.manual_seed(seed)
             optimizer.zero_grad()

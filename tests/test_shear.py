@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import torch
 from msgspec import structs
+from torch import nn
 
 from t2twin.core.errors import T2TwinError
-from t2twin.translate.data.pairs import Examples, Pairs, load_info, load_pairs
+from t2twin.translate.data.pairs import Pairs, load_info, load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.files import read_evaluation
 from t2twin.translate.evaluation.metrics.motion import motion_text, shear_metrics
@@ -21,10 +22,12 @@ from t2twin.translate.inference.predictor import require
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import SHEAR, FieldNet
+from t2twin.translate.networks.shear_head import ShearHead, averaged, box_means, displacements
 from t2twin.translate.runs.build import build
 from t2twin.translate.runs.checkpoint import load_weights, save_weights
 from t2twin.translate.runs.config import BEST, CONFIG, RunConfig
 from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import load_examples
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     Errors,
@@ -82,9 +85,6 @@ def test_pairs_contain_the_shear_force(moving_world: Path, tmp_path: Path) -> No
 def test_the_shear_force_leaves_the_other_weights(moving_world: Path) -> None:
     plain, shear = (network(moving_world, shear=each).state_dict() for each in (False, True))
     assert all(torch.equal(shear[name], each) for name, each in plain.items())
-    added = sum(each.numel() for name, each in shear.items() if name not in plain)
-    vector = 8 * SMOKE.filters
-    assert added == 2 * 2 * (vector + 1) + 1 + shear["shear_knots"].numel()
     assert all(name.startswith(SHEAR) for name in shear.keys() - plain.keys())
 
 
@@ -95,19 +95,94 @@ def test_a_run_of_other_data_does_not_mention_it(small_dataset: Path, still_run:
     assert "has_shear" not in json.loads((still_run.parent / CONFIG).read_text())["data"]
 
 
-def test_overfits_one_batch(moving_world: Path, tmp_path: Path) -> None:
-    translator = build(config_for(moving_world, shear=True))
+def translator_of(data_dir: Path, pairs: Pairs, *, shear: bool) -> FieldTranslator:
+    torch.manual_seed(0)
+    translator = build(config_for(data_dir, shear=shear))
     assert isinstance(translator, FieldTranslator)
-    pairs = load_pairs(moving_world, "train", SMOKE.size, False, tmp_path, True)
-    assert pairs.field is not None and pairs.shear_n is not None
     translator.prepare(pairs)
+    return translator
+
+
+def test_its_training_leaves_the_other_weights(moving_world: Path, tmp_path: Path) -> None:
+    pairs = load_pairs(moving_world, "train", SMOKE.size, False, tmp_path, True)
+    batch = load_examples(pairs, np.arange(6), SMOKE, None)
+    trained = []
+    for shear in (False, True):
+        translator = translator_of(moving_world, pairs, shear=shear)
+        torch.manual_seed(0)
+        translator.step(batch)
+        trained.append(translator.network.state_dict())
+    plain, shear = trained
+    assert all(torch.equal(shear[name], each) for name, each in plain.items())
+
+
+def test_displacement_of_a_moved_surface_of_second_order() -> None:
+    """Central differences and the mean of both gradients are exact for it."""
+    y, x = torch.meshgrid(torch.arange(24.0) - 11.0, torch.arange(24.0) - 9.0, indexing="ij")
+
+    def surface(right: float, down: float) -> torch.Tensor:
+        across, along = x - right, y - down
+        return (across**2 + 0.5 * along**2 + 0.3 * across * along)[None, None]
+
+    moved, roots = displacements(surface(0.4, -0.7), surface(0.0, 0.0), box_means(24, 8, 0))
+    assert moved.shape == (1, 2, 3, 3) and roots.shape == (1, 3, 3, 3)
+    np.testing.assert_allclose(moved[0, :, 1, 1], [0.4, -0.7], atol=1e-4)  # away from the rim
+    still, _ = displacements(surface(0.0, 0.0), surface(0.0, 0.0), box_means(24, 8, 0))
+    assert not still.any()
+
+
+def test_mirrored_batches_have_the_same_force() -> None:
+    torch.manual_seed(0)
+    head = ShearHead(32, 8)
+    nn.init.zeros_(head.weights.weight)  # equal weights of all windows
+    image, frame, vector = torch.randn(2, 3, 32, 32), torch.randn(2, 3, 32, 32), torch.randn(2, 8)
+    with torch.no_grad():
+        expected = head.eval()(image, frame, vector)[0]
+        found = [head.train()(image, frame, vector)[0] for _ in range(20)]
+    for each in found:
+        np.testing.assert_allclose(each, expected, rtol=1e-3, atol=1e-5)
+
+
+def test_means_over_boxes() -> None:
+    means = box_means(6, 2, 1)
+    expected = [[1 / 3] * 3 + [0] * 3, [0] + [0.25] * 4 + [0], [0] * 3 + [1 / 3] * 3]
+    np.testing.assert_allclose(means, expected, rtol=1e-6)
+    maps = torch.arange(36.0).reshape(1, 1, 6, 6)
+    assert averaged(maps, means)[0, 0, 0, 1] == pytest.approx(float(maps[0, 0, :3, 1:5].mean()))
+
+
+def test_a_step_trains_the_shear_force(moving_world: Path, tmp_path: Path) -> None:
+    pairs = load_pairs(moving_world, "train", SMOKE.size, False, tmp_path, True)
+    assert pairs.shear_n is not None
+    translator = translator_of(moving_world, pairs, shear=True)
     rms = np.sqrt(np.square(pairs.shear_n).mean())
     assert float(translator.network.shear_scale) == pytest.approx(rms, rel=1e-6)
-    images = torch.from_numpy(pairs.inputs[:].astype(np.float32).transpose(0, 3, 1, 2) / 255.0)
-    arrays = (pairs.counts, pairs.field.astype(np.float32), pairs.force_n, pairs.shear_n)
-    batch = Examples(images - 0.5, *(torch.from_numpy(each.astype(np.float32)) for each in arrays))
-    losses = [translator.step(batch)["shear"] for _ in range(100)]
-    assert losses[-1] < 0.3 * losses[0]
+    before = translator.network.shear.weights.weight.clone()
+    losses = translator.step(load_examples(pairs, np.arange(6), SMOKE, None))
+    assert {"shear", "shear_spread"} <= losses.keys()
+    assert not torch.equal(translator.network.shear.weights.weight, before)
+    error = translator.shear_error(pairs)
+    assert error is not None and error > 0.0
+    assert translator_of(moving_world, pairs, shear=False).shear_error(pairs) is None
+
+
+def test_overfits_one_batch() -> None:
+    torch.manual_seed(0)
+    head, vector = ShearHead(64, 8), torch.randn(16, 8)
+    frame = 3.0 * nn.functional.avg_pool2d(torch.randn(16, 3, 64, 64), 5, 1, 2)
+    pixels = torch.randint(-1, 2, (16, 2))
+    moved = [
+        each.roll((int(y), int(x)), (1, 2)) for each, (x, y) in zip(frame, pixels, strict=True)
+    ]
+    image, target = torch.stack(moved), 3.0 * pixels
+    optimizer, losses = torch.optim.AdamW(head.parameters(), 1e-2), []
+    for _ in range(60):
+        optimizer.zero_grad()
+        loss = (head(image, frame, vector)[0] - target).square().mean()
+        loss.backward()
+        optimizer.step()
+        losses.append(float(loss.detach()))
+    assert losses[-1] < 0.1 * losses[0]
 
 
 def test_weights_without_shear_are_a_start_but_not_a_run(

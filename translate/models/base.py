@@ -22,9 +22,10 @@ class Translator(ABC):
     """The networks of one model with their optimizers, as training and checkpoints need them.
 
     networks: all trained networks by name, the predicting one first. optimizers: by the names of
-    their networks. average: the weight average of the first network, if the preset has one.
-    predictor: the network used for prediction, `average.module` or the first network. device:
-    where the networks are; inputs are moved there. bf16: whether networks compute in bfloat16.
+    their networks or of parts of them. average: the weight average of the first network, if the
+    preset has one. predictor: the network used for prediction, `average.module` or the first
+    network. device: where the networks are; inputs are moved there. bf16: whether networks compute
+    in bfloat16.
     learns_field: whether training needs pairs with the field.
     """
 
@@ -54,6 +55,13 @@ class Translator(ABC):
     def calibrate(self, *sets: Pairs) -> None:
         """Fits the uncertainty of the predictor to held-out pairs; by default there is none."""
         return
+
+    def shear_error(self, pairs: Pairs) -> float | None:
+        """Geometric mean of the shear force's relative error over the pairs that have moved.
+
+        None if it is not predicted or no pair has moved.
+        """
+        return None
 
     def in_float32(self) -> Self:
         """The same networks, computing in float32."""

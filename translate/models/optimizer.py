@@ -5,7 +5,7 @@ GAN generators Yazıcı et al. 2019). Its window grows with the number of steps 
 section 3.1).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import torch
 from torch import nn
@@ -14,13 +14,15 @@ from torch.optim.swa_utils import AveragedModel
 from t2twin.translate.models.presets import Preset
 
 
-def adamw(network: nn.Module, preset: Preset, rate_share: float = 1.0) -> torch.optim.Optimizer:
-    """AdamW (Loshchilov and Hutter 2019) for the weights of a network.
+def adamw(
+    weights: Iterable[nn.Parameter], preset: Preset, rate_share: float = 1.0
+) -> torch.optim.Optimizer:
+    """AdamW (Loshchilov and Hutter 2019) for the weights of a network, or of a part of it.
 
     rate_share: factor of the preset's learning rate.
     """
     return torch.optim.AdamW(
-        network.parameters(),
+        weights,
         preset.learning_rate * rate_share,
         (preset.beta1, preset.beta2),
         weight_decay=preset.weight_decay,

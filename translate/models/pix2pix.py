@@ -36,8 +36,10 @@ class Pix2Pix(Translator):
         for network in self.networks.values():
             network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         self.optimizers = {
-            "generator": adamw(self.generator, preset),
-            "discriminator": adamw(self.discriminator, preset, preset.discriminator_share),
+            "generator": adamw(self.generator.parameters(), preset),
+            "discriminator": adamw(
+                self.discriminator.parameters(), preset, preset.discriminator_share
+            ),
         }
         self.average = weight_average(self.generator, preset.averaged_part)
         self.predictor: nn.Module = self.average.module if self.average else self.generator

@@ -31,7 +31,7 @@ class ResNet18Translator(CountsTranslator):
         self.network = ResNet18(info.x_mm.size, preset.filters)
         self.network.to(device, memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         self.networks = {"resnet18": self.network}
-        self.optimizers = {"resnet18": adamw(self.network, preset)}
+        self.optimizers = {"resnet18": adamw(self.network.parameters(), preset)}
         self.average = weight_average(self.network, preset.averaged_part)
         self.predictor: nn.Module = self.average.module if self.average else self.network
 

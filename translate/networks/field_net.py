@@ -21,6 +21,7 @@ from torch import nn
 from t2twin.core.errors import T2TwinError
 from t2twin.core.renames import translated
 from t2twin.translate.networks.resnet18 import BasicBlock, ResNet18
+from t2twin.translate.networks.shear_head import ShearHead
 from t2twin.translate.uncertainty.calibration import (
     FORCE_SHARES,
     PLACE_SHARES,
@@ -155,8 +156,7 @@ class FieldNet(nn.Module):
         self.register_buffer("correlation", torch.eye(x_mm.size))
         self.predicts_shear = predicts_shear
         if predicts_shear:  # last, so that the other weights start as without it
-            self.shear = nn.Linear(vector, 2)
-            self.shear_spread = nn.Linear(vector, 2)
+            self.shear = ShearHead(size, vector)
             self.register_buffer("shear_scale", torch.zeros(()))
             self.register_buffer("shear_knots", identity_knots(len(SHEAR_SHARES)))
 
@@ -194,16 +194,16 @@ class FieldNet(nn.Module):
         decoded, detached = decoded.detach(), vector.detach()
         spread = (self.spread(decoded).flatten(1) + self.spread_of_all(detached)).float()
         scale = self.field_variance.sqrt()
-        return FieldOutputs(
+        outputs = FieldOutputs(
             self.field_mean + scale * mean,
             _log_add(MIN_SPREAD, scale.log() + spread),
             self.force(vector).float()[:, 0],
             _log_add(MIN_FORCE_SPREAD, self.force_spread(detached).float()[:, 0]),
-            self.shear(vector).float() if self.predicts_shear else None,
-            _log_add(MIN_SHEAR_SPREAD, self.shear_spread(detached).float())
-            if self.predicts_shear
-            else None,
         )
+        if not self.predicts_shear:
+            return outputs
+        shear, spread = self.shear(image, frame, detached)
+        return outputs._replace(shear=shear, shear_log_spread=_log_add(MIN_SHEAR_SPREAD, spread))
 
     def _resample(self, view_map: torch.Tensor, places: torch.Tensor) -> torch.Tensor:
         """A map of the view at the field's places, (B, C, D, E), zero outside the view."""

@@ -32,7 +32,8 @@ class EpochRecord:
     epoch: its number, from 1. train: the model's losses, averaged over the steps of the epoch.
     val_rmse_counts, val_rmse_percent: RMSE on the validation split, counts and percent of full
     scale. seconds: duration. val_rmse_grey: for a run that predicts DIGIT images, the RMSE of their
-    pixels, grey levels; val_rmse_counts is None then.
+    pixels, grey levels; val_rmse_counts is None then. val_shear_error: for a run that predicts the
+    shear force, Translator.shear_error on the validation split.
     """
 
     epoch: Annotated[int, Meta(ge=1)]
@@ -42,6 +43,12 @@ class EpochRecord:
     val_rmse_percent: Annotated[float, Meta(ge=0)]
     seconds: Annotated[float, Meta(ge=0)]
     val_rmse_grey: Annotated[float, Meta(ge=0)] | None = None
+    val_shear_error: Annotated[float, Meta(ge=0)] | None = None
+
+    @property
+    def error(self) -> float:
+        """What the best epoch has the least of: val_rmse_percent, times the shear's error."""
+        return self.val_rmse_percent * (self.val_shear_error or 1.0)
 
     def __post_init__(self) -> None:
         if (self.val_rmse_counts is None) == (self.val_rmse_grey is None):
@@ -49,8 +56,8 @@ class EpochRecord:
 
 
 def best_epoch(history: Sequence[EpochRecord]) -> EpochRecord:
-    """The epoch with the lowest validation RMSE, the first of equals. history: not empty."""
-    return min(history, key=lambda record: record.val_rmse_percent)
+    """The epoch with the lowest validation error, the first of equals. history: not empty."""
+    return min(history, key=lambda record: record.error)
 
 
 def read_log(run_dir: Path) -> list[EpochRecord]:
@@ -110,6 +117,7 @@ def to_json(record: EpochRecord) -> dict[str, float]:
         "val_rmse_counts": record.val_rmse_counts,
         "val_rmse_percent": record.val_rmse_percent,
         GREY: record.val_rmse_grey,
+        "val_shear_error": record.val_shear_error,
         "seconds": record.seconds,
     }
     known = {name: value for name, value in content.items() if value is not None}

@@ -156,7 +156,7 @@ class Trainer:
             )
         for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
             distributed.average_statistics(network)
-        rmse = self._validate()
+        rmse, shear = self._validate(), translator.shear_error(self.validation)
         return EpochRecord(
             epoch=epoch + 1,
             learning_rate=share * config.preset.learning_rate,
@@ -165,6 +165,7 @@ class Trainer:
             val_rmse_percent=100.0 * rmse / config.full_scale,
             seconds=distributed.largest(time.perf_counter() - started),
             val_rmse_grey=rmse if config.predicts_images else None,
+            val_shear_error=None if shear is None else distributed.largest(shear),
         )
 
     def _batches(self, epoch: int) -> Iterator[np.ndarray]:

@@ -59,7 +59,8 @@ class Errors:
 
     field: (P, F), errors as a fraction of full scale. spread: (P, F), raw spreads of the network.
     force: (P,), errors of the force's logarithm. force_spread: (P,), raw spreads of these.
-    shear, shear_spread: (P, 2), the same of the shear force, if it is predicted and known.
+    shear, shear_spread: (M, 2), the same of the shear force of the M presses that have moved, if it
+    is predicted and known.
     """
 
     field: torch.Tensor
@@ -108,7 +109,7 @@ def fit_calibration(worlds: Sequence[Errors]) -> UncertaintyCalibration:
     )
     shear = [world.shear.double() for world in worlds if world.shear is not None]
     spread = [world.shear_spread.double() for world in worlds if world.shear_spread is not None]
-    if not shear:
+    if not sum(map(len, shear)):
         return found
     knots = _fit_knots(torch.cat(spread), torch.cat(shear), SHEAR_SHARES, MIN_ERRORS)
     return replace(found, shear=knots.float())
