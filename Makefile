@@ -26,7 +26,7 @@ MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
 TEST := $(BIN)/python -m pytest -n $(or $(WORKERS),logical) --maxprocesses 8 --dist worksteal
 
 .PHONY: help demo test test-all setup system browser primitives simdata train-all evaluate report studio \
-	regression bench check clean distclean
+	regression bench check docs clean distclean
 
 help:
 	@echo "make demo        everything at scale small: data, both translators, report (minutes)"
@@ -42,6 +42,7 @@ help:
 	@echo "make regression  RMSE on synthetic data held to its band"
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
 	@echo "make check       ruff, pyright, layers, import cycles, sizes of modules, sentences of the documents"
+	@echo "make docs        the documentation site, in build/site"
 	@echo "make clean       delete build products: caches of tools and of Python, build folders"
 	@echo "make distclean   delete these, data, runs and .venv"
 
@@ -124,6 +125,9 @@ check: setup
 	$(BIN)/lint-imports --no-logo --no-cache
 	$(BIN)/python -m pytest -q --noconftest tests/test_structure.py
 	$(BIN)/python -m tests.sentences
+
+docs: setup
+	NO_MKDOCS_2_WARNING=1 PYTHONPATH=. $(BIN)/mkdocs build --quiet
 
 clean:
 	rm -rf .pytest_cache .ruff_cache build dist *.egg-info
