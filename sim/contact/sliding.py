@@ -24,7 +24,7 @@ from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.tangential.folding import unfolded
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
-from t2twin.sim.contact.tangential.traction import solve_traction
+from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, Response, SurfaceShift
 
 COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
@@ -44,6 +44,10 @@ remove (assumed; most steps need one or two rounds)."""
 WINDOW_CELLS, KEPT_CELLS = 4, 2
 """Cells around the contact in which a step computes the displacement by shear, and the fewest with
 which it keeps the last step's window (assumed)."""
+
+PREDICTION_TOLERANCE = 3e-3
+"""As t2twin.sim.contact.tangential.traction.TOLERANCE, of the traction under the pressure before a
+step, from which the step starts (assumed)."""
 
 GEL_FRICTION = 0.8
 """Coefficient of friction of the DIGIT's gel (assumed, range 0.4 to 1.5)."""
@@ -96,12 +100,15 @@ def advance(
         contact: Contact, layer: DomedLayer, lateral_mm: np.ndarray, window: Window
     ) -> tuple[np.ndarray, Friction]:
         follows = lateral_mm + _rigid(contact, lateral_mm, step, window)
+        tolerance = PREDICTION_TOLERANCE
 
         def solve(
             pressure: np.ndarray, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray, bool]:
+            nonlocal tolerance
             wanted = follows - spread - dome
-            shear, converged = _friction(layer, friction * pressure, wanted, guess)
+            shear, converged = _friction(layer, friction * pressure, wanted, guess, tolerance)
+            tolerance = TOLERANCE  # the first call predicts
             return shear, follows, converged
 
         return follows, solve
@@ -237,7 +244,11 @@ def _mean(values: np.ndarray, pressure: np.ndarray) -> tuple[float, float]:
 
 
 def _friction(
-    layer: DomedLayer, limit_mpa: np.ndarray, wanted_mm: np.ndarray, start_mpa: np.ndarray
+    layer: DomedLayer,
+    limit_mpa: np.ndarray,
+    wanted_mm: np.ndarray,
+    start_mpa: np.ndarray,
+    tolerance: float,
 ) -> tuple[np.ndarray, bool]:
     """The traction of a step, (2, rows, columns), MPa, and whether it converged: see
     solve_traction."""
@@ -246,7 +257,7 @@ def _friction(
         return traction, True
     loaded = (slice(None), *window_around(dilated(limit_mpa > 0, 1)))
     found = solve_traction(
-        layer.middle, limit_mpa[loaded[1:]], wanted_mm[loaded], start_mpa[loaded]
+        layer.middle, limit_mpa[loaded[1:]], wanted_mm[loaded], start_mpa[loaded], tolerance
     )
     traction[loaded] = found.q_mpa
     return traction, found.converged

@@ -10,6 +10,8 @@ surface without slip. Where the traction is below its limit the surface sticks, 
 the shape slips over it, along the traction. The problem is convex, so its solution is unique.
 """
 
+from functools import lru_cache
+from math import ceil, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -43,12 +45,17 @@ class Traction(NamedTuple):
 
 
 def solve_traction(
-    layer: ShearLayer, limit_mpa: np.ndarray, wanted_mm: np.ndarray, start_mpa: np.ndarray
+    layer: ShearLayer,
+    limit_mpa: np.ndarray,
+    wanted_mm: np.ndarray,
+    start_mpa: np.ndarray,
+    tolerance: float = TOLERANCE,
 ) -> Traction:
     """The traction of one step.
 
     limit_mpa: (rows, columns) friction times pressure, 0 outside the contact. wanted_mm: (2, rows,
     columns) w. start_mpa: (2, rows, columns) an initial guess, such as the last step's traction.
+    tolerance: of the residual.
 
     Spectral projected gradients (Birgin, Martinez, Raydan 2000).
     """
@@ -62,11 +69,13 @@ def solve_traction(
     q = q + direction
     take_step(displacement, layer.displacement_mm(q), 1.0, wanted, limit, gradient)
     energies = [_dot(q, displacement) / 2 - _dot(q, wanted)]
-    length, steps = 1.0 / _typical_compliance(layer, inside), 0
+    # A square of the contact's area, within the layer's window.
+    side = min(ceil(sqrt(inside.sum())), *inside.shape)
+    length, steps = 1.0 / _typical_compliance(layer, side), 0
     while True:
         largest, square, slope = step_towards(q, gradient, limit, length, direction)
         residual = largest / length / scale
-        if residual <= TOLERANCE or steps == MAX_STEPS:
+        if residual <= tolerance or steps == MAX_STEPS:
             break
         steps += 1
         moved = layer.displacement_mm(direction)
@@ -129,7 +138,8 @@ def _dot(a: np.ndarray, b: np.ndarray) -> float:
     return float((a.astype(np.float64) * b).sum())
 
 
-def _typical_compliance(layer: ShearLayer, inside: np.ndarray) -> float:
-    """Displacement per uniform traction on the contact, mm/MPa, for the first step's length."""
-    ones = np.stack([inside, np.zeros_like(inside)]).astype(np.float32)
-    return float(layer.displacement_mm(ones)[0][inside].mean())
+@lru_cache(maxsize=256)
+def _typical_compliance(layer: ShearLayer, side: int) -> float:
+    """Displacement per uniform traction on a square of cells, mm/MPa."""
+    ones = np.stack([np.ones((side, side)), np.zeros((side, side))])
+    return float(layer.displacement_mm(ones)[0].mean())
