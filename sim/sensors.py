@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -246,10 +247,15 @@ class SensorPair:
             command.force_n,
         )
         own = {"digit": GEL_FRICTION, "cyskin": COVER_FRICTION}
-        moved = {
-            sensor: advance(contact, *motion, own[sensor] if friction is None else friction)
-            for sensor, contact in touch.contacts.items()
-        }
+        # Most of a step is compiled code, which runs at the same time.
+        with ThreadPoolExecutor(max_workers=2) as pool:
+            steps = {
+                sensor: pool.submit(
+                    advance, contact, *motion, own[sensor] if friction is None else friction
+                )
+                for sensor, contact in touch.contacts.items()
+            }
+        moved = {sensor: step.result() for sensor, step in steps.items()}
         return replace(touch, command=command, image=None, counts=None, **moved)
 
     def with_readings(self, touch: Touch, rng: np.random.Generator | None = None) -> Touch:

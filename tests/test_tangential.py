@@ -13,6 +13,7 @@ from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
 from t2twin.sim.contact.layer import base_stress, compliance_mm_per_mpa
 from t2twin.sim.contact.sliding import advance
+from t2twin.sim.contact.tangential.folding import MAX_SHORTENING, unfolded
 from t2twin.sim.contact.tangential.kernels import shear_kernels
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer, cached_shear_layer, domed_layer
 from t2twin.sim.contact.tangential.spectra import spectra
@@ -394,3 +395,43 @@ def test_the_image_shows_each_point_where_it_has_moved():
         own = np.array([x[j]]), np.array([y[i]])
         expected = at_rest.on(*own)[0, 0, 0] + into[i, j]
         assert at_motion.on(*place)[0, 0, 0] == pytest.approx(expected, abs=0.01)
+
+
+def test_a_displacement_without_folds_is_not_limited():
+    """A surface may shorten by MAX_SHORTENING along x, along y and along both diagonals."""
+    pitch = 0.25
+    y, x = pitch * np.mgrid[:12, :9]
+    for along_x, along_y in ((1, 0), (0, 1), (0.7, 0.7), (0.5, -0.5)):
+        along = along_x * x + along_y * y
+        unlimited = -0.99 * MAX_SHORTENING * np.stack([along_x * along, along_y * along])
+        assert np.array_equal(unfolded(unlimited, pitch), unlimited)
+
+
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (0.6, 0.6), (0.6, -0.6)])
+def test_a_folded_surface_keeps_its_order(direction):
+    """The mean displacement remains, and a uniform shortening becomes the largest allowed one."""
+    pitch = 0.25
+    y, x = pitch * (np.mgrid[:11, :11] - 5)
+    along_x, along_y = direction
+    along = along_x * x + along_y * y
+    folded = -3.0 * np.stack([along_x * along, along_y * along])
+    found = unfolded(folded, pitch)
+    assert found.mean(axis=(1, 2)) == pytest.approx(folded.mean(axis=(1, 2)), abs=1e-9)
+    for line in (found[0], found[1].T, *diagonals(found)):
+        places = np.diff(line, axis=-1) if line.ndim == 2 else np.diff(line)
+        assert places.min() >= -MAX_SHORTENING * pitch - 1e-9
+
+
+def diagonals(moved):
+    """Displacement along the middle diagonals, in cells of a row and a column."""
+    down, up = (np.diagonal(each, axis1=1, axis2=2) for each in (moved, moved[:, :, ::-1]))
+    return (down[0] + down[1]) / 2, (up[1] - up[0]) / 2
+
+
+def test_tips_settle_and_each_unsettled_step_counts(press):
+    """A tip that the linear response would pull through itself."""
+    contact = press("random-4322000000089", DIGIT_GEL, 0.25, 11.5)
+    for _ in range(4):
+        contact = advance(contact, -0.1, 0.1, -0.03, 11.5, 1.2)
+    assert contact.settled
+    assert not advance(replace(contact, settled=False), -0.1, 0.1, 0.0, 11.5, 1.2).settled

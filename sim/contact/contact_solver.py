@@ -31,7 +31,7 @@ from t2twin.sim.contact.grid import (
 )
 from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.layer import cached_layer
-from t2twin.sim.contact.pin_layout import OffPadError, PinLayout, Survey
+from t2twin.sim.contact.pin_layout import STAGES, OffPadError, PinLayout, Survey
 from t2twin.sim.contact.types import Contact, PressCommand, SurfaceShift, check_force
 
 DIGIT_PITCH_MM = 0.25
@@ -55,13 +55,14 @@ def solve_contact(
     shift: SurfaceShift | None = None,
     start: Contact | None = None,
     slip_mm: tuple[float, float] = (0.0, 0.0),
+    verify: bool = True,
 ) -> Contact:
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
     Uses the command's pose and force, not its shape name. shift: of the surface by shear. start: a
     contact of the same elastomer on the same grid, near to which the solution is expected. slip_mm:
-    by which the contact is expected to have moved since, along x and y. Safe to call from several
-    threads.
+    by which the contact is expected to have moved since, along x and y. verify: whether MuJoCo
+    verifies the result; see also `is_confirmed`. Safe to call from several threads.
     Raises T2TwinError for a force out of range or too large for a linear layer, and its OffPadError
     for a shape that does not lie over the pad.
     """
@@ -69,7 +70,7 @@ def solve_contact(
     layer = cached_layer(elastomer, pitch_mm)
     started = time.perf_counter() - compile_time_s()
     survey = Survey(shape, command, layer, shift)
-    equilibrium = _equilibrium(survey, start, slip_mm)
+    equilibrium = _equilibrium(survey, start, slip_mm, verify)
     solution, pressure = equilibrium.solution, equilibrium.pressure_mpa
     if elastomer.law == "linear":
         _check_not_through(survey, pressure, _surface_mm(survey, equilibrium))
@@ -96,6 +97,11 @@ def solve_contact(
     )
 
 
+def is_confirmed(contact: Contact) -> bool:
+    """Whether MuJoCo confirms a contact that was solved without verification."""
+    return contact.equilibrium.solution.is_confirmed(STAGES[True][1])
+
+
 @dataclass(frozen=True)
 class _Equilibrium:
     """The result of one stage. last: whether it is the last stage's. pressure_mpa: (ny, nx) on the
@@ -109,20 +115,20 @@ class _Equilibrium:
 
 
 def _equilibrium(
-    survey: Survey, start: Contact | None, slip_mm: tuple[float, float]
+    survey: Survey, start: Contact | None, slip_mm: tuple[float, float], verify: bool
 ) -> _Equilibrium:
     """Solves the rough and the last stage, adding pins where the shape touches outside them.
 
     start: a contact near the solution, which makes the rough stage unnecessary. slip_mm: by which
-    the contact has moved since.
+    the contact has moved since. verify: whether MuJoCo verifies the last stage.
     """
     if start is None:
         layout = PinLayout(survey, *survey.expected_contact(survey.command.force_n))
-        found = _solve_stage(layout, None)
+        found = _solve_stage(layout, None, False)
     else:
         touching = block_max(start.pressure_kpa, survey.per_side) > 0
         layout = PinLayout(survey, touching, start.depth_mm)
-        found = _solve_stage(layout, start.equilibrium, slip_mm)
+        found = _solve_stage(layout, start.equilibrium, verify, slip_mm)
     while True:
         depth_mm = found.solution.depth_mm
         missed = survey.missed(layout.active, depth_mm, found.pressure_mpa)
@@ -130,11 +136,14 @@ def _equilibrium(
             layout = PinLayout(survey, layout.active | missed, depth_mm)
         elif found.last:
             return found
-        found = _solve_stage(layout, found)
+        found = _solve_stage(layout, found, verify)
 
 
 def _solve_stage(
-    layout: PinLayout, earlier: _Equilibrium | None, slip_mm: tuple[float, float] = (0.0, 0.0)
+    layout: PinLayout,
+    earlier: _Equilibrium | None,
+    verify: bool,
+    slip_mm: tuple[float, float] = (0.0, 0.0),
 ) -> _Equilibrium:
     """Solves the rough stage, or the last one starting from an earlier result."""
     survey, window, last = layout.survey, layout.window, earlier is not None
@@ -145,7 +154,7 @@ def _solve_stage(
             "take a smaller force or a smaller friction"
         )
     start = None if earlier is None else _transferred(earlier, window, len(pins.cover), slip_mm)
-    solution = FixedPoint(pins, survey.command.force_n, start, verify=last)
+    solution = FixedPoint(pins, survey.command.force_n, start, verify)
     converged = solution.solve(tolerance)
     survey.preparing_s += solution.compiling_s
     pressure = np.zeros(survey.layer.rest_mm.shape)

@@ -189,6 +189,16 @@ class FixedPoint:
         self._rest, self._pressed, self._local = rest, deflection, local
         return change < tolerance, steps
 
+    def is_confirmed(self, tolerance: float) -> bool:
+        """Whether MuJoCo finds the pressure of the last step, within a share of the force."""
+        pins, active = self.pins, self.active
+        area, pressure, depth_mm = pins.covered[active], self.pressure_mpa[active], self.depth_mm
+        stiffness = area * self.compliance / self._local
+        found = self._verify_with_mujoco(pins.gap_mm[active], self._rest, stiffness)
+        self.depth_mm = depth_mm
+        springs = self._rest, self._local, area
+        return redistribute_force(found, *springs, pressure, np.empty_like(pressure)) < tolerance
+
     def _deflection(
         self,
         blocks: tuple[np.ndarray, ...],

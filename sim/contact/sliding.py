@@ -20,22 +20,22 @@ import numpy as np
 from scipy import ndimage
 
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.contact_solver import is_confirmed, solve_contact
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.tangential.folding import unfolded
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
-from t2twin.sim.contact.tangential.traction import solve_traction
-from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
+from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
+from t2twin.sim.contact.types import Contact, Motion, PressCommand, Response, SurfaceShift
 
 COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
 """Convergence of a step: mean error, weighted with the pressure, of the displacement by shear that
 the normal contact sees. Along the surface: mm, or a share of the mean displacement where that is
 more. Into the sensor: a share of the depth."""
 
-RELAXATION = 0.6
+RELAXATION = 0.8
 """Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
-acceleration. Whole steps overshoot by 0.45 of the error, and by several times it where a wide
+acceleration. Whole steps overshoot by up to 0.45 of the error, and by several times it where a wide
 contact twists."""
 
 ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 16, 40, 0.2
@@ -46,12 +46,13 @@ LATE_TOLERANCE = 4.0
 """Factor on the tolerance after ACCELERATED_ROUNDS where the forces are prescribed (assumed: less
 than a tenth of a cell). Small contacts and edges move from cell to cell."""
 
-WINDOW_CELLS = 4
-"""Cells around the contact in which a step computes the displacement by shear (assumed)."""
+WINDOW_CELLS, KEPT_CELLS = 4, 2
+"""Cells around the contact in which a step computes the displacement by shear, and the fewest with
+which it keeps the last step's window (assumed)."""
 
-PREDICTABLE = 0.9
-"""Cosine of the angle between the motions of two steps above which the second one starts from the
-change in the first (assumed)."""
+PREDICTION_TOLERANCE = 3e-3
+"""As t2twin.sim.contact.tangential.traction.TOLERANCE, of the traction under the pressure before a
+step, from which the step starts (assumed)."""
 
 MIN_MOVE = 0.1
 """Motion of a contact, in cells, below which its displacement does not move with it (assumed)."""
@@ -102,24 +103,27 @@ def advance(
         force_n=force_n,
     )
     start = contact.motion or still_motion(contact, friction)
-    share = _share_of_last(contact, start, step)
 
     def drive(
         contact: Contact, layer: DomedLayer, lateral_mm: np.ndarray, window: Window
     ) -> tuple[np.ndarray, Friction]:
         follows = lateral_mm + _rigid(contact, lateral_mm, step, window)
+        tolerance = PREDICTION_TOLERANCE
 
         def solve(
             pressure: np.ndarray, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray, bool]:
+            nonlocal tolerance
             wanted = follows - spread - dome
-            shear, converged = _friction(layer, friction * pressure, wanted, guess)
+            shear, converged = _friction(layer, friction * pressure, wanted, guess, tolerance)
+            tolerance = TOLERANCE  # the first call predicts
             return shear, follows, converged
 
         return follows, solve
 
-    start = replace(start, friction=friction, last=step)
-    return step_contact(contact, start, contact.shape, moved, drive, share)
+    start = replace(start, friction=friction)
+    found = step_contact(contact, start, contact.shape, moved, drive)
+    return replace(found, settled=contact.settled and found.settled)
 
 
 def step_contact(
@@ -128,21 +132,19 @@ def step_contact(
     shape: Shape,
     command: PressCommand,
     drive: Drive,
-    share: float | None = None,
-    carried: bool = False,
+    prescribed: bool = False,
 ) -> Contact:
     """The contact after a step.
 
-    start: the motion of the contact before, with the friction and the rigid motion of this step.
-    shape, command: those of the contact after. drive: what moves the shape. share: the expected
-    change of the traction as a share of the last step's; None if it is not known. carried: whether
-    the forces are prescribed instead of the motion. The displacement by shear then moves with the
-    contact, and whole steps do not overshoot.
+    start: the motion of the contact before, with the friction of this step. shape, command: those
+    of the contact after. drive: what moves the shape. prescribed: whether the forces are prescribed
+    instead of the motion. The displacement by shear then moves with the contact, and whole steps do
+    not overshoot.
     Raises T2TwinError as solve_contact does.
     """
-    window = window_around(dilated(contact.pressure_kpa > 0, WINDOW_CELLS))
+    window = _window(contact, start)
     while True:
-        found = _step(contact, start, shape, command, drive, share, carried, window)
+        found = _step(contact, start, shape, command, drive, prescribed, window)
         outside = found.pressure_kpa > 0
         outside[window] = False
         if not outside.any():
@@ -157,79 +159,84 @@ def _step(
     shape: Shape,
     command: PressCommand,
     drive: Drive,
-    share: float | None,
-    carried: bool,
+    prescribed: bool,
     window: Window,
 ) -> Contact:
     """The contact after a step, see step_contact, whose shear is known within a window of the
     grid."""
-    part = (slice(None), *window)
+    part, pitch = (slice(None), *window), contact.pitch_mm
     layer = contact.shear_layer.window(window)
-    before = start.shear_mpa[part]
-    pressure = 1e-3 * contact.pressure_kpa[window]
-    spread = layer.spread_mm(pressure)
-    middle, dome = layer.parts_mm(before)
-    sheared = middle + dome
+    response = _response(contact, start, layer, window)
+    pressure, spread = 1e-3 * contact.pressure_kpa[window], response.spread_mm
+    parts = response.parts_mm
+    sheared, dome = parts.sum(axis=0), parts[1]
     follows, friction = drive(contact, layer, sheared[:2] + spread, window)
-    if share is None:
-        shear, follows, _ = friction(pressure, spread, dome[:2], before)
-    else:
-        shear = before + share * (before - start.earlier_mpa[part])
-    middle, dome = layer.parts_mm(shear)
-    seen = middle + dome
-    if carried:
-        seen = _moved(seen, _mean(follows - seen[:2] - spread, pressure), contact.pitch_mm)
-    elif share is None:
-        seen = sheared + RELAXATION * (seen - sheared)
-    seen = unfolded(seen, contact.pitch_mm)
+    shear, follows, _ = friction(pressure, spread, dome[:2], start.shear_mpa[part])
+    seen = layer.response_mm(shear)
+    if prescribed:
+        seen = _moved(seen, _mean(follows - seen[:2] - spread, pressure), pitch)
+    seen = unfolded(seen, pitch)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
+    verify = not seen.any()
     rows, columns = window
     for number in range(MAX_ROUNDS):
         shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
         moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
         near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
-        normal = solve_contact(shape, command, contact.elastomer, contact.pitch_mm, *near)
+        normal = solve_contact(shape, command, contact.elastomer, pitch, *near, verify=verify)
         pressure = 1e-3 * normal.pressure_kpa[window]
         if not pressure.any():
             break  # the contact left the window
         spread = layer.spread_mm(pressure)
         shear, follows, found = friction(pressure, spread, dome[:2], shear)
-        middle, dome = layer.parts_mm(shear)
-        sheared = middle + dome
-        error = unfolded(sheared, contact.pitch_mm) - seen
-        late = LATE_TOLERANCE if carried and number >= ACCELERATED_ROUNDS else 1.0
-        converged = found and _is_small(error / late, sheared, pressure, normal.depth_mm)
-        if converged:
+        parts = layer.parts_mm(shear)
+        sheared, dome = parts.sum(axis=0), parts[1]
+        error = unfolded(sheared, pitch) - seen
+        late = prescribed and number >= ACCELERATED_ROUNDS
+        allowed = LATE_TOLERANCE if late else 1.0
+        converged = found and _is_small(error / allowed, sheared, pressure, normal.depth_mm)
+        if converged and (verify or is_confirmed(normal)):
             break
-        if carried:
+        verify |= converged or late
+        if prescribed:
             along_x, along_y = _mean(error[:2], pressure)
-            error = _moved(seen + error, (-along_x, -along_y), contact.pitch_mm) - seen
+            error = _moved(seen + error, (-along_x, -along_y), pitch) - seen
         if number < ACCELERATED_ROUNDS:
-            corrected = seen + (1.0 if carried else RELAXATION) * error
+            corrected = seen + (1.0 if prescribed else RELAXATION) * error
             seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
         else:
             seen = seen + DAMPED_RELAXATION * error
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
-    slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (
-        normal.pressure_kpa[window] > 0
-    )
+    slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
-    motion = replace(start, shear_mpa=traction, earlier_mpa=start.shear_mpa, slip_mm=slip_mm)
+    response = Response(layer.middle, window, traction, normal.pressure_kpa, spread, parts)
+    motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=response)
     return replace(normal, motion=motion, settled=normal.settled and converged)
 
 
-def _share_of_last(
-    contact: Contact, motion: Motion, step: tuple[float, float, float]
-) -> float | None:
-    """The step as a share of the last one; None where it has another direction."""
-    radius = np.sqrt(contact.contact_area_mm2 / np.pi)
-    now, last = np.array(step) * (1, 1, radius), np.array(motion.last) * (1, 1, radius)
-    length, before = np.linalg.norm(now), np.linalg.norm(last)
-    if length == 0:
-        return 0.0
-    if before == 0 or now @ last < PREDICTABLE * length * before:
-        return None
-    return float(length / before)
+def _window(contact: Contact, start: Motion) -> Window:
+    """The window of a step: that of the last one, if it is wide enough."""
+    loaded = contact.pressure_kpa > 0
+    if start.response is not None:
+        outside = dilated(loaded, KEPT_CELLS)
+        outside[start.response.window] = False
+        if not outside.any():
+            return start.response.window
+    return window_around(dilated(loaded, WINDOW_CELLS))
+
+
+def _response(contact: Contact, start: Motion, layer: DomedLayer, window: Window) -> Response:
+    """The response at the start of a step, from the last one if nothing has changed."""
+    known, shear, pressure = start.response, start.shear_mpa, contact.pressure_kpa
+    if (
+        known is not None
+        and (known.layer, known.window) == (layer.middle, window)
+        and known.shear_mpa is shear
+        and known.pressure_kpa is pressure
+    ):
+        return known
+    spread, parts = layer.spread_mm(1e-3 * pressure[window]), layer.parts_mm(shear[:, *window])
+    return Response(layer.middle, window, shear, pressure, spread, parts)
 
 
 def _is_small(
@@ -263,7 +270,11 @@ def _moved(values: np.ndarray, by_mm: tuple[float, float], pitch_mm: float) -> n
 
 
 def _friction(
-    layer: DomedLayer, limit_mpa: np.ndarray, wanted_mm: np.ndarray, start_mpa: np.ndarray
+    layer: DomedLayer,
+    limit_mpa: np.ndarray,
+    wanted_mm: np.ndarray,
+    start_mpa: np.ndarray,
+    tolerance: float,
 ) -> tuple[np.ndarray, bool]:
     """The traction of a step, (2, rows, columns), MPa, and whether it converged: see
     solve_traction."""
@@ -272,7 +283,11 @@ def _friction(
         return traction, True
     loaded = (slice(None), *window_around(dilated(limit_mpa > 0, 1)))
     found = solve_traction(
-        layer.middle, limit_mpa[loaded[1:]], wanted_mm[loaded], start_mpa[loaded]
+        layer.middle,
+        limit_mpa[loaded[1:]],
+        wanted_mm[loaded],
+        start_mpa[loaded],
+        tolerance=tolerance,
     )
     traction[loaded] = found.q_mpa
     return traction, found.converged
@@ -282,7 +297,7 @@ def still_motion(contact: Contact, friction: float) -> Motion:
     """The start of a motion: no traction."""
     shape = contact.pressure_kpa.shape
     none = np.zeros((2, *shape))
-    return Motion(friction, none, none, np.zeros(shape), (0.0, 0.0, 0.0))
+    return Motion(friction, none, np.zeros(shape))
 
 
 def _rigid(

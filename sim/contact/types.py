@@ -13,10 +13,12 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
+from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.grid import Window
 from t2twin.sim.contact.tangential.folding import unfolded
-from t2twin.sim.contact.tangential.shear_layer import DomedLayer, domed_layer
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer, ShearLayer, domed_layer
 
 FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""
@@ -62,13 +64,10 @@ class SurfaceShift:
 
     def on(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
         """Values on other axes, (3, y, x) or (2, y, x), linear between the grid's points."""
-        first, share = _interpolation(self.y_mm, y_mm)
-        rows = self.values_mm[:, first] * (1 - share[:, None])
-        rows += self.values_mm[:, first + 1] * share[:, None]
-        first, share = _interpolation(self.x_mm, x_mm)
-        return np.ascontiguousarray(
-            rows[:, :, first] * (1 - share) + rows[:, :, first + 1] * share, float
-        )
+        found = np.empty((len(self.values_mm), y_mm.size, x_mm.size))
+        down, across = _interpolation(self.y_mm, y_mm), _interpolation(self.x_mm, x_mm)
+        _interpolate(np.ascontiguousarray(self.values_mm, float), *down, *across, found)
+        return found
 
 
 def _interpolation(places: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -77,6 +76,19 @@ def _interpolation(places: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, 
     steps = np.clip((wanted - places[0]) / (places[1] - places[0]), 0, places.size - 1)
     first = np.minimum(steps.astype(int), places.size - 2)
     return first, steps - first
+
+
+@compiled("void(f8[:, :, ::1], i8[::1], f8[::1], i8[::1], f8[::1], f8[:, :, ::1])", nogil=True)
+def _interpolate(values, rows, down, columns, across, found):
+    """Write values between rows and rows + 1, and columns and columns + 1, at shares of the way."""
+    for k in range(found.shape[0]):
+        for i in range(rows.size):
+            upper, lower, share = values[k, rows[i]], values[k, rows[i] + 1], down[i]
+            for j in range(columns.size):
+                n, m = columns[j], columns[j] + 1
+                left = upper[n] * (1 - share) + lower[n] * share
+                right = upper[m] * (1 - share) + lower[m] * share
+                found[k, i, j] = left * (1 - across[j]) + right * across[j]
 
 
 @dataclass(frozen=True)
@@ -100,20 +112,35 @@ class PinState:
 
 
 @dataclass(frozen=True)
+class Response:
+    """Displacement of the surface by one pressure and traction, in a window of the grid, mm.
+
+    layer: the layer that responds. shear_mpa, pressure_kpa: the arrays of the contact. spread_mm:
+    (2, rows, columns) by the pressure. parts_mm: (2, 3, rows, columns) by the traction, see
+    DomedLayer.parts_mm.
+    """
+
+    layer: ShearLayer
+    window: Window
+    shear_mpa: np.ndarray
+    pressure_kpa: np.ndarray
+    spread_mm: np.ndarray
+    parts_mm: np.ndarray
+
+
+@dataclass(frozen=True)
 class Motion:
     """What sliding and turning have done to a contact, on its grid.
 
     friction: coefficient of friction, (ny, nx) for several bodies. shear_mpa: (2, ny, nx) traction
-    on the sensor along x and y. earlier_mpa: the same before the last step. slip_mm: (ny, nx)
-    length of the shape's path over the surface so far. last: (dx_mm, dy_mm, dyaw_rad) of the last
-    step.
+    on the sensor along x and y. slip_mm: (ny, nx) length of the shape's path over the surface so
+    far. response: to the traction and the pressure, from which the next step starts.
     """
 
     friction: Any
     shear_mpa: np.ndarray
-    earlier_mpa: np.ndarray
     slip_mm: np.ndarray
-    last: tuple[float, float, float]
+    response: Response | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -128,7 +155,7 @@ class Contact:
     shape_depth_mm: depth of the shape's highest point below the apex of the undeformed surface
         (equal to depth_mm on a flat layer).
     force_n: integral of the pressure, N.
-    settled: whether the solver converged.
+    settled: whether the solver converged, in a slide also in all steps since the press.
     bottomed: whether the shape's base plate is in contact.
     pins: the pins that carry the force.
     milliseconds: computing time without surface_mm.

@@ -17,7 +17,7 @@ import numpy as np
 from t2twin.core import arguments
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.types import Contact, SurfaceShift
-from t2twin.sim.digit.camera.compiled import bilinear, jit
+from t2twin.sim.digit.camera.compiled import at_place, jit
 from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS, Camera, optical_grid
 
 PITCH_MM = 1.4
@@ -169,18 +169,12 @@ def _bilinear(grids, x_mm, y_mm, points):
 
     Beyond the grid, the values are those of its rim.
     """
-    count, ny, nx = grids.shape
-    out = np.empty((points.shape[0], count))
+    out = np.empty((points.shape[0], grids.shape[0]))
     per_x, per_y = 1.0 / (x_mm[1] - x_mm[0]), 1.0 / (y_mm[1] - y_mm[0])
     for n in range(points.shape[0]):
-        across = min(max((points[n, 0] - x_mm[0]) * per_x, 0.0), nx - 1.0)
-        down = min(max((points[n, 1] - y_mm[0]) * per_y, 0.0), ny - 1.0)
-        i, j = min(int(down), ny - 2), min(int(across), nx - 2)
-        for k in range(count):
-            grid = grids[k]
-            out[n, k] = bilinear(
-                grid[i, j], grid[i, j + 1], grid[i + 1, j], grid[i + 1, j + 1], down - i, across - j
-            )
+        across, down = (points[n, 0] - x_mm[0]) * per_x, (points[n, 1] - y_mm[0]) * per_y
+        for k in range(grids.shape[0]):
+            out[n, k] = at_place(grids[k], down, across)
     return out
 
 

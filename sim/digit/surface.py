@@ -9,6 +9,7 @@ from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.grid import dilated
 from t2twin.sim.contact.heights import raise_to_shape
 from t2twin.sim.contact.types import Contact
+from t2twin.sim.digit.camera.compiled import at_place
 from t2twin.sim.splines import on_lines
 
 NEAR_CELLS = 3
@@ -54,18 +55,6 @@ def _sheared(
     return moved
 
 
-@compiled("f4(f4[:, :], f8, f8)", nogil=True)
-def _between(values, row, column):
-    """Linear interpolation; beyond the rim the value at the rim."""
-    row = min(max(row, 0.0), values.shape[0] - 1.0)
-    column = min(max(column, 0.0), values.shape[1] - 1.0)
-    i, j = min(int(row), values.shape[0] - 2), min(int(column), values.shape[1] - 2)
-    down, across = np.float32(row - i), np.float32(column - j)
-    left = values[i, j] + down * (values[i + 1, j] - values[i, j])
-    right = values[i, j + 1] + down * (values[i + 1, j + 1] - values[i, j + 1])
-    return left + across * (right - left)
-
-
 @compiled("void(f4[:, :, ::1], f8, f4[:, :, ::1])", nogil=True)
 def _origins(sheared, pitch, back):
     """Write the displacement along x and y, mm, of the points that have come to each grid point."""
@@ -74,8 +63,8 @@ def _origins(sheared, pitch, back):
             x, y = sheared[0, i, j], sheared[1, i, j]
             for _ in range(BACKWARD_STEPS):
                 row, column = i - y / pitch, j - x / pitch
-                dx = (_between(sheared[0], row, column) - x) / 2
-                dy = (_between(sheared[1], row, column) - y) / 2
+                dx = (at_place(sheared[0], row, column) - x) / 2
+                dy = (at_place(sheared[1], row, column) - y) / 2
                 x, y = x + dx, y + dy
                 if abs(dx) + abs(dy) < BACKWARD_MM:
                     break
@@ -93,9 +82,9 @@ def _resample(surface, lowered, back, first_x, first_y, pitch, x_mm, y_mm, moved
         row = (y_mm[i] - first_y) / pitch
         for j in range(x_mm.size):
             column = (x_mm[j] - first_x) / pitch
-            x, y = _between(back[0], row, column), _between(back[1], row, column)
-            moved[i, j] = _between(surface, i - y / fine, j - x / fine)
-            moved[i, j] += _between(lowered, row - y / pitch, column - x / pitch)
+            x, y = at_place(back[0], row, column), at_place(back[1], row, column)
+            moved[i, j] = at_place(surface, i - y / fine, j - x / fine)
+            moved[i, j] += at_place(lowered, row - y / pitch, column - x / pitch)
 
 
 @lru_cache(maxsize=8)

@@ -18,8 +18,8 @@ from t2twin.sim.contact.loads.prescribed import Load
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
 
 FORCE_TOLERANCE, SHARE_TOLERANCE = 5e-3, 2e-4
-"""Tolerance of each body's normal force: a share of the force, or of the force of all bodies where
-that is more (the pressure of one contact is known to 5e-3 of its force)."""
+"""Tolerance of each body's normal force: a share of its force, or of the force of all bodies where
+that is more (assumed)."""
 
 HERTZ_EXPONENT = 1.5
 """Exponent of the force of a ball over its depth (Hertz 1882), for a first stiffness."""
@@ -31,8 +31,8 @@ MIN_DEPTH_MM = 1e-3
 """Least depth of a body that a stiffness is estimated from, mm (assumed)."""
 
 
-@dataclass(frozen=True)
-class CarriedMotion(Motion):
+@dataclass(frozen=True, kw_only=True)
+class BodiesMotion(Motion):
     """Motion of a contact under prescribed loads.
 
     bodies: their names, n. owner: (ny, nx) index of the body over each cell. depths_mm: (n,) depth
@@ -50,7 +50,7 @@ class Bodies:
     """The bodies of one contact, at depths that are to be found.
 
     loads: of the bodies. elastomer, pitch_mm: of the contact's grid. last: the last contact's
-    motion. Attributes: depths_mm, stiffness, as in CarriedMotion.
+    motion. Attributes: depths_mm, stiffness, as in BodiesMotion.
     Raises OffPadError where a body that was not in the last contact is not over the pad.
     """
 
@@ -66,7 +66,7 @@ class Bodies:
             return
         self.command = replace(self.command, shape=" and ".join(self.names))
         self._maps = _on_one_grid([load.shape.surface for load in loads])
-        several = last if isinstance(last, CarriedMotion) and len(last.bodies) > 1 else None
+        several = last if isinstance(last, BodiesMotion) and len(last.bodies) > 1 else None
         for body, load in enumerate(loads):
             if several is not None and self.names[body] in several.bodies:
                 known = several.bodies.index(self.names[body])
@@ -143,10 +143,10 @@ class Bodies:
             secant, self.stiffness / MAX_STIFFENING, self.stiffness * MAX_STIFFENING
         )
 
-    def motion(self, motion: Motion, owner: np.ndarray) -> CarriedMotion:
+    def motion(self, motion: Motion, owner: np.ndarray) -> BodiesMotion:
         """A motion with the bodies."""
         plain = {name: getattr(motion, name) for name in Motion.__dataclass_fields__}
-        return CarriedMotion(
+        return BodiesMotion(
             **plain,
             bodies=self.names,
             owner=owner,
@@ -158,15 +158,15 @@ class Bodies:
 def kept_traction(motion: Motion, name: str, names: tuple[str, ...], owner: np.ndarray) -> Motion:
     """A motion whose traction is zero where another body is over a cell than before.
 
-    name: of the body of a motion that is not a CarriedMotion. names, owner: the bodies now.
+    name: of the body of a motion that is not a BodiesMotion. names, owner: the bodies now.
     """
     before, indices = (name,), np.zeros(owner.shape, int)
-    if isinstance(motion, CarriedMotion):
+    if isinstance(motion, BodiesMotion):
         before, indices = motion.bodies, motion.owner
     if before == names and len(names) == 1:
         return motion
     same = np.array(before)[indices] == np.array(names)[owner]
-    return replace(motion, shear_mpa=motion.shear_mpa * same, earlier_mpa=motion.earlier_mpa * same)
+    return replace(motion, shear_mpa=motion.shear_mpa * same, response=None)
 
 
 def _on_one_grid(maps: Sequence[HeightMap]) -> list[HeightMap]:

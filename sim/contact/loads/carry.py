@@ -34,7 +34,7 @@ def carry(
     bodies = Bodies(loads, elastomer, pitch_mm, None if before is None else before.motion)
     settled = False
     for _ in range(MAX_CORRECTIONS):
-        found, owner = _carried(bodies, elastomer, pitch_mm, before)
+        found, owner = _solve(bodies, elastomer, pitch_mm, before)
         settled = bodies.correct(found, owner)
         if settled:
             break
@@ -45,7 +45,7 @@ def carry(
     )
 
 
-def _carried(
+def _solve(
     bodies: Bodies, elastomer: Elastomer, pitch_mm: float, before: Contact | None
 ) -> tuple[Contact, np.ndarray]:
     """The contact of bodies at their present depths, and the index of the body over each cell."""
@@ -59,6 +59,6 @@ def _carried(
     start = before.motion or still_motion(before, 0.0)
     start = kept_traction(start, before.shape.name, bodies.names, owner)
     friction = loads[0].friction if len(loads) == 1 else friction
-    start = replace(start, friction=friction, last=(0.0, 0.0, 0.0))
+    start = replace(start, friction=friction)
     drive = PrescribedLoads(loads, owner)
-    return step_contact(before, start, shape, bodies.command, drive, carried=True), owner
+    return step_contact(before, start, shape, bodies.command, drive, prescribed=True), owner

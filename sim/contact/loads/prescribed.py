@@ -24,13 +24,13 @@ PREDICTION_TOLERANCE = 1e-2
 t2twin.sim.contact.tangential.traction.TOLERANCE."""
 
 TURN_MM, STICK_MM = 1.0, 1e-3
-"""Rotation, times the radius of gyration, in the search for the largest torque that friction can
-carry, and the motion below which a cell's traction is below the limit there, mm (assumed)."""
+"""Of the search for the largest torque that friction can carry (assumed): the rotation times the
+radius of gyration, mm. Below a motion of STICK_MM a cell's traction is below the limit."""
 
 MOTION_EXCESS, MOTION_MM = 0.05, 0.02
-"""Excess of a force over the limit of friction from which a body slides along its prescribed
-motion, and the length of a motion at which half of its direction counts, mm (assumed). Otherwise it
-slides along the excess of the wrench."""
+"""A body whose force exceeds the limit of friction by this share slides along its prescribed
+motion. Below, its direction is between those of the force and the motion. A motion of MOTION_MM
+counts half. Both are assumed."""
 
 
 @dataclass(frozen=True)

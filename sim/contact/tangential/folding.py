@@ -33,19 +33,24 @@ def _unfold(moved, most):
     places = np.empty(max(rows, columns))
     means, sizes = np.empty(places.size), np.empty(places.size, np.int64)
     for down, across in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        norm = down * down + across * across
+        norm, folds = down * down + across * across, False
+        for i in range(down, rows):
+            for j in range(max(across, 0), columns + min(across, 0)):
+                n, m = i - down, j - across
+                apart = across * (moved[0, i, j] - moved[0, n, m])
+                apart += down * (moved[1, i, j] - moved[1, n, m])
+                folds |= apart < -most * norm
+        if not folds:
+            continue
         for first in range(rows * columns):
             i, j = first // columns, first % columns
             if i - down >= 0 and 0 <= j - across < columns:
                 continue  # not the first cell of a line
-            count, blocks, folds = 0, 0, False
+            count, blocks = 0, 0
             while i < rows and 0 <= j < columns:
                 place = (across * moved[0, i, j] + down * moved[1, i, j]) / norm + most * count
-                folds |= count > 0 and place < places[count - 1]
                 places[count] = place
                 i, j, count = i + down, j + across, count + 1
-            if not folds:
-                continue
             # Pools adjacent violators: all points of a block move to their mean place.
             for n in range(count):
                 means[blocks], sizes[blocks] = places[n], 1

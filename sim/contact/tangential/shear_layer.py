@@ -80,7 +80,7 @@ class ShearLayer:
         for target, kernel in zip(cut, self._kernels, strict=True):
             target[to] = kernel[of]
         spectra = np.asarray(fft.rfft2(cut))
-        transforms = np.concatenate([spectra[:3].real, spectra[3:].imag])
+        transforms = np.concatenate([np.real(spectra[:3]), np.imag(spectra[3:])])
         with self._lock:
             self._transforms[shape] = transforms
             while len(self._transforms) > MAX_TRANSFORMS:
@@ -112,14 +112,15 @@ class DomedLayer:
         middle, dome = self.parts_mm(traction_mpa)
         return middle + dome
 
-    def parts_mm(self, traction_mpa: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The response in two parts, each (3, rows, columns), mm: that of the layer of the middle,
-        and what the dome adds."""
+    def parts_mm(self, traction_mpa: np.ndarray) -> np.ndarray:
+        """(2, 3, rows, columns) the response in two parts, mm: that of the layer of the middle, and
+        what the dome adds."""
         if self.slope is None:
             response = self.middle.response_mm(traction_mpa).astype(float)
-            return response, np.zeros_like(response)
-        middle, slope = responses_mm((self.middle, self.slope), traction_mpa)
-        return middle.astype(float), self.excess_mm * slope
+            return np.stack([response, np.zeros_like(response)])
+        parts = responses_mm((self.middle, self.slope), traction_mpa).astype(float)
+        parts[1] *= self.excess_mm
+        return parts
 
     def spread_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
         """See ShearLayer.spread_mm."""

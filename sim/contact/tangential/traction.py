@@ -11,6 +11,8 @@ the shape slips over it, along the traction. The problem is convex, so its solut
 """
 
 from collections.abc import Callable
+from functools import lru_cache
+from math import ceil, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -79,7 +81,9 @@ def solve_traction(
     if towards is not None:
         scale = max(scale, float(np.abs(displacement[:, inside]).max()))
     energies = [_dot(q, displacement) / 2 - _dot(q, wanted)]
-    length, steps = 1.0 / _typical_compliance(layer, inside), 0
+    # A square of the contact's area, within the layer's window.
+    side = min(ceil(sqrt(inside.sum())), *inside.shape)
+    length, steps = 1.0 / _typical_compliance(layer, side), 0
     while True:
         largest, square, slope = towards_limit(q, gradient, limit, length, direction)
         residual = largest / length / scale
@@ -148,7 +152,8 @@ def _dot(a: np.ndarray, b: np.ndarray) -> float:
     return float((a.astype(np.float64) * b).sum())
 
 
-def _typical_compliance(layer: ShearLayer, inside: np.ndarray) -> float:
-    """Displacement per uniform traction on the contact, mm/MPa, for the first step's length."""
-    ones = np.stack([inside, np.zeros_like(inside)]).astype(np.float32)
-    return float(layer.displacement_mm(ones)[0][inside].mean())
+@lru_cache(maxsize=256)
+def _typical_compliance(layer: ShearLayer, side: int) -> float:
+    """Displacement per uniform traction on a square of cells, mm/MPa."""
+    ones = np.stack([np.ones((side, side)), np.zeros((side, side))])
+    return float(layer.displacement_mm(ones)[0].mean())

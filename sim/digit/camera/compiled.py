@@ -17,3 +17,14 @@ def bilinear(upper_left, upper_right, lower_left, lower_right, down, across):
     upper = upper_left + across * (upper_right - upper_left)
     lower = lower_left + across * (lower_right - lower_left)
     return upper + down * (lower - upper)
+
+
+@inlined
+def at_place(grid, row, column):
+    """Value of a grid, (rows, columns), between its points; beyond the rim the value at the rim."""
+    row = min(max(row, 0.0), grid.shape[0] - 1.0)
+    column = min(max(column, 0.0), grid.shape[1] - 1.0)
+    i, j = min(int(row), grid.shape[0] - 2), min(int(column), grid.shape[1] - 2)
+    return bilinear(
+        grid[i, j], grid[i, j + 1], grid[i + 1, j], grid[i + 1, j + 1], row - i, column - j
+    )
