@@ -25,35 +25,37 @@ MINUTES_FLAG := $(if $(MINUTES),--minutes $(MINUTES))
 # pytest's workers: one a core, 8 at most; or as many as WORKERS says.
 TEST := $(BIN)/python -m pytest -n $(or $(WORKERS),logical) --maxprocesses 8 --dist worksteal
 
+SCHEMA := $(BIN)/check-jsonschema --builtin-schema
+
 .PHONY: help demo test test-all setup system browser primitives simdata train-all evaluate report studio \
-	regression bench check docs clean distclean
+	regression lerobot-check bench check \
+	wheel wheel-demo weights docs check-files clean distclean
 
 help:
-	@echo "make demo        everything at scale small: data, both translators, report (minutes)"
+	@echo "make demo        everything at scale small: data, both translators, report  MINUTES="
 	@echo "make test        install, then the test suite with the RMSE regression"
 	@echo "make test-all    the same with the exhaustive tests (all bad inputs, all shapes)"
 	@echo "make setup       virtual environment and pinned packages"
 	@echo "make primitives  STEP, STL, mosaic plate and contact sheet of all shapes"
-	@echo "make simdata     the paired dataset         SCALE=smoke|small|paper (paper), or WORLD=open|FILE.toml"
+	@echo "make simdata     the paired dataset         SCALE=smoke|light|small|paper (paper), or WORLD=open|FILE.toml"
 	@echo "make train-all   both translators           SCALE=, PRESET=cpu|paper|smoke, MINUTES="
 	@echo "make evaluate    the results table          SCALE=, SHIPPED=field"
 	@echo "make report      the report                 SCALE=, SHIPPED=field"
 	@echo "make studio      press, look and translate in a browser          PORT="
 	@echo "make regression  RMSE on synthetic data held to its band"
+	@echo "make lerobot-check  a converted dataset, read with LeRobot's own loader   SCALE="
 	@echo "make bench       speed and fidelity, kept in benchmarks/results"
 	@echo "make check       ruff, pyright, layers, import cycles, sizes of modules, sentences of the documents"
+	@echo "make wheel       sdist and wheel in dist/, checked and tried from an empty folder"
+	@echo "make wheel-demo  the demo of the wheel in dist/, in an empty folder   MINUTES= (3)"
+	@echo "make weights     the pretrained network as a zip file in dist/"
+	@echo "make check-files workflows, issue forms, citation and pre-commit against their schemas"
 	@echo "make docs        the documentation site, in build/site"
 	@echo "make clean       delete build products: caches of tools and of Python, build folders"
 	@echo "make distclean   delete these, data, runs and .venv"
 
-demo: SCALE := small
-demo: SHIPPED := field
 demo: setup
-	$(MAKE) primitives
-	$(MAKE) simdata SCALE=small
-	$(MAKE) train-all SCALE=small MINUTES=1.1
-	$(MAKE) evaluate SCALE=small SHIPPED=$(SHIPPED)
-	$(MAKE) report SCALE=small SHIPPED=$(SHIPPED)
+	$(BIN)/t2twin demo $(MINUTES_FLAG)
 
 test: setup browser
 	$(TEST) -m "not exhaustive"
@@ -115,6 +117,20 @@ studio: setup
 regression: setup
 	$(BIN)/python -m pytest tests/test_regression.py
 
+# LeRobot pins an older torch and needs torchvision. Its loader runs in an environment of its own,
+# where a stand-in replaces torchvision and torch is the project's.
+LEROBOT := .venv/lerobot/bin/python
+LEROBOT_PIP := $(LEROBOT) -m pip install --quiet --disable-pip-version-check $(PIP_ARGS)
+lerobot-check: setup
+	$(BIN)/python -m venv .venv/lerobot
+	$(LEROBOT_PIP) 'av>=15,<16' 'datasets>=4.8,<5' deepdiff draccus einops gymnasium jsonlines psutil termcolor
+	$(LEROBOT_PIP) --no-deps accelerate lerobot
+	$(LEROBOT) -c 'import sysconfig; here = sysconfig.get_path("purelib"); \
+		open(here + "/project.pth", "w").write(here.replace("/.venv/lerobot/", "/.venv/"))'
+	rm -rf $(DATA)-lerobot
+	$(BIN)/t2twin convert $(DATA) --to lerobot --out $(DATA)-lerobot
+	HF_HUB_OFFLINE=1 $(LEROBOT) -m maintenance.check_lerobot $(DATA) $(DATA)-lerobot
+
 bench: setup
 	$(BIN)/python -m benchmarks
 
@@ -128,6 +144,34 @@ check: setup
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 PYTHONPATH=. $(BIN)/mkdocs build --quiet
+
+.venv/release: .venv/installed
+	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(PIP_ARGS) \
+		-c constraints.txt build check-jsonschema check-wheel-contents pre-commit twine
+	touch $@
+
+# The wheel is built from the sdist.
+wheel: .venv/release
+	rm -rf build/lib build/bdist.* dist
+	$(BIN)/python -m build --no-isolation --outdir dist
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
+	$(BIN)/python -m maintenance.check_wheel
+
+wheel-demo: setup
+	$(BIN)/python -m maintenance.check_wheel demo --minutes $(or $(MINUTES),3)
+
+weights:
+	mkdir -p dist
+	cd translate/weights && $(abspath $(BIN))/python -m zipfile -c $(CURDIR)/dist/t2twin-weights-field.zip field
+
+check-files: .venv/release
+	$(SCHEMA) vendor.github-workflows .github/workflows/*.yml
+	$(SCHEMA) custom.github-workflows-require-timeout .github/workflows/*.yml
+	$(SCHEMA) vendor.github-issue-forms $(filter-out %/config.yml,$(wildcard .github/ISSUE_TEMPLATE/*.yml))
+	$(SCHEMA) vendor.github-issue-config .github/ISSUE_TEMPLATE/config.yml
+	$(SCHEMA) vendor.citation-file-format CITATION.cff
+	$(BIN)/pre-commit validate-config
 
 clean:
 	rm -rf .pytest_cache .ruff_cache build dist *.egg-info

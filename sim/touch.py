@@ -1,6 +1,7 @@
 """The result of a press, and the folder that it is saved to.
 
-press.json                       the command, what each contact came to, versions
+press.json                       the command, what each contact came to, versions, an attached
+                                 sensor's pose
 digit.png, contact_digit.npz     the DIGIT's image, its surface and pressure
 cyskin.json, contact_cyskin.npz  the CySkin's counts, its surface and pressure
 tactile_image.png                the counts as an image, 16 bits a pixel
@@ -54,6 +55,7 @@ class Touch:
     depth_mm, force_n, surface_mm, pressure_kpa and more. layout: the CySkin's taxels. calibration:
     file of the DIGIT's light, None for the default calibration. optics: what rendered the image.
     markers: those on the DIGIT's gel, None for none.
+    sensor_to_world: (4, 4) transform, m, of a sensor in a MuJoCo model; None without a model.
 
     The fields of a sensor that was not pressed are None. A press of 0 N, which datasets contain,
     has an image and counts but no contacts.
@@ -69,6 +71,7 @@ class Touch:
     calibration: str | None = None
     optics: Renderer = "baked"
     markers: Markers | None = None
+    sensor_to_world: np.ndarray | None = None
 
     @cached_property
     def contacts(self) -> dict[str, Contact]:
@@ -184,7 +187,10 @@ def _press_json(touch: Touch) -> dict[str, Any]:
     if touch.markers is not None:
         setup["digit"]["markers"] = asdict(touch.markers)
     command = touch.command
+    to_world = touch.sensor_to_world
+    attached = {} if to_world is None else {"sensor_to_world": to_world.tolist()}
     return {
+        **attached,
         "shape": command.shape,
         "x_mm": command.x_mm,
         "y_mm": command.y_mm,

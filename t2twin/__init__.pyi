@@ -1,4 +1,6 @@
 from .adaptation.pipeline import adapt as adapt
+from .attachment.mount import attach as attach
+from .attachment.sensor import AttachedSensor as AttachedSensor
 from .core.errors import T2TwinError as T2TwinError
 from .primitives_cad.export import export_shapes as export_shapes
 from .primitives_cad.shape import Shape as Shape

@@ -9,11 +9,11 @@ import pytest
 import t2twin
 
 PUBLIC = {
-    "Contact", "Elastomer", "Layout", "PressCommand", "Recipe", "Shape", "T2TwinError", "Touch",
-    "TrainedTranslator", "Twin", "adapt", "calibrate", "evaluate", "evaluate_worlds", "export_onnx",
-    "export_shapes", "guess_light", "import_pairs", "load", "load_layout", "load_recipe",
-    "Markers", "load_shape", "make_dataset", "press", "shapes", "train",
-    "translate_images", "verify_dataset", "write_data_report", "write_report",
+    "AttachedSensor", "Contact", "Elastomer", "Layout", "PressCommand", "Recipe", "Shape",
+    "T2TwinError", "Touch", "TrainedTranslator", "Twin", "adapt", "attach", "calibrate", "evaluate",
+    "evaluate_worlds", "export_onnx", "export_shapes", "guess_light", "import_pairs", "load",
+    "load_layout", "load_recipe", "Markers", "load_shape", "make_dataset", "press", "shapes",
+    "train", "translate_images", "verify_dataset", "write_data_report", "write_report",
 }  # fmt: skip
 """What a later version must still have."""
 

@@ -1,4 +1,5 @@
 import json
+import sys
 from importlib.metadata import version
 
 import numpy as np
@@ -77,7 +78,7 @@ def open_mesh(path):
         (("press", "square-2", "--force-n", "nan"), "0.01 to 100 N"),
         (("press", "square-2", "--x-mm", "60"), "not lie over"),
         (("press", "square-2", "--thickness-mm", "-1"), "thickness_mm"),
-        (("simdata", "--scale", "huge"), "smoke, small, paper"),
+        (("simdata", "--scale", "huge"), "smoke, light, small, paper"),
         (("simdata", "--scale", "smoke", "--workers", "0"), "allowed are 1 to 1000"),
         (("train", "resnet18", "--data", "empty"), "empty"),
         (("train", "alexnet", "--data", "empty"), "touch2touch"),
@@ -126,6 +127,25 @@ def test_every_command_has_help(capsys):
 def test_doctor_finds_this_machine_fit(capsys):
     run("doctor")
     assert "FAIL" not in capsys.readouterr().out
+
+
+def test_doctor_names_what_is_missing(capsys, monkeypatch, tmp_path):
+    from t2twin.cli import doctor
+    from t2twin.translate.runs import pretrained
+
+    monkeypatch.setattr(doctor, "PACKAGES", ("numpy", "no-such-package"))
+    monkeypatch.setattr(doctor, "EXTRAS", {"live": "no_such_module"})
+    monkeypatch.setattr(pretrained, "HOME", tmp_path)
+    monkeypatch.setattr(doctor, "_rendering", lambda: "not of interest")
+    monkeypatch.setitem(sys.modules, "cadquery", None)  # as where libGL is missing
+    run("doctor", code=1)
+    lines = {line.split()[1]: line for line in capsys.readouterr().out.splitlines()}
+    assert [name for name in lines if lines[name].startswith("FAIL")] == [
+        "packages", "network", "solids"
+    ]  # fmt: skip
+    assert "not installed: no-such-package;" in lines["packages"]
+    assert "pip install 't2twin[live]'" in lines["extras"]
+    assert str(tmp_path) in lines["network"] and "libgl1" in lines["solids"]
 
 
 def test_press_leaves_its_scene_and_says_where_there_is_no_display(tmp_path, capsys, monkeypatch):

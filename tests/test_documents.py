@@ -28,6 +28,7 @@ NOT_RUN = {
     "torchrun ": "needs several processes; tests/test_training.py",
     "python -m benchmarks": "measures for minutes",
     "python -m pytest": "would run within itself",
+    "python examples/": "tests/test_examples.py",
     "python -m maintenance.publish_pretrained": "tests/test_ship.py",
     "t2twin adapt": "takes an hour; tests/test_adapt.py",
     "t2twin calibrate --background background.png --presses": "tests/test_calibrate.py",
@@ -223,6 +224,8 @@ def test_commands_are_valid(page, parse, capsys):
                 check_make(words)
             elif program == "torchrun":
                 check_module(words[words.index("-m") + 1 :])
+            elif program == "python" and words[0].endswith(".py"):
+                assert (sentences.ROOT / words[0]).is_file(), line
             elif program == "python":
                 assert words[0] == "-m", line
                 check_module(words[1:])
@@ -292,6 +295,9 @@ def examples(products, small_dataset, trained):
         (folder / "my_pairs" / "pairs.csv").write_text(header + "\n".join(rows) + "\n")
         (folder / "my-taxels.csv").write_text("x_mm,y_mm,pad_diameter_mm\n-6,-6,4\n6,-6,4\n0,6,4\n")
         (folder / "path.csv").write_text("x_mm,y_mm,yaw_deg,force_n\n0,0,0,4\n0.2,0,0,4\n")
+        (folder / "gripper.xml").write_text(
+            '<mujoco><worldbody><site name="left_pad"/></worldbody></mujoco>'
+        )
         box = trimesh.creation.box((10, 6, 4))
         box.export(folder / "my.stl")
         box.apply_scale(1 / 25.4)

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import zipfile
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -37,6 +38,13 @@ def test_a_wheel_has_one_top_level_name_and_everything_in_it(wheel):
     assert {"t2twin/sim/dataset/card.md", "t2twin/translate/runs/card.md"} <= set(names)
     assert "t2twin/sim/digit/default_calibration.npz" in names
     assert "t2twin/sim/cyskin/layouts/cyskin-20.json" in names
+
+
+def test_citation_and_changelog_are_of_this_version(wheel):
+    found = metadata.version("t2twin")
+    assert wheel.name.startswith(f"t2twin-{found}-")
+    assert f"\nversion: {found}\n" in (ROOT / "CITATION.cff").read_text()
+    assert re.findall(r"(?m)^## \[(.+?)\]", (ROOT / "CHANGELOG.md").read_text())[0] == found
 
 
 @pytest.mark.exhaustive

@@ -1,3 +1,5 @@
+from collections import Counter
+
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
@@ -25,6 +27,15 @@ def test_smaller_scales_are_part_of_the_paper_and_hold_every_shape(name):
         chosen = protocol.indices(shape, protocol.SCALES[name])
         assert chosen and len(set(chosen)) == len(chosen)
         assert set(chosen) <= set(protocol.indices(shape, protocol.SCALES["paper"]))
+
+
+def test_light_has_1000_pairs_of_all_orientations():
+    scale, counted, turns = protocol.SCALES["light"], Counter[str](), set()
+    for name in catalogue.NAMES:
+        chosen = protocol.indices(name, scale)
+        counted[catalogue.split(name)] += len(chosen)
+        turns |= {index % protocol.grid_of(name).orientations for index in chosen}
+    assert counted == {"train": 600, "val": 200, "test": 200} and turns == set(range(12))
 
 
 def test_small_uses_all_orientations_evenly():
@@ -59,5 +70,5 @@ def test_a_round_shape_is_hardly_ever_pressed_twice_in_one_place(name, shapes):
 
 
 def test_an_unknown_scale_names_the_known_ones():
-    with pytest.raises(T2TwinError, match="smoke, small, paper"):
+    with pytest.raises(T2TwinError, match="smoke, light, small, paper"):
         protocol.scale_of("large")

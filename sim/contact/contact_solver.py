@@ -31,7 +31,7 @@ from t2twin.sim.contact.grid import (
 )
 from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.layer import cached_layer
-from t2twin.sim.contact.pin_layout import STAGES, PinLayout, Survey
+from t2twin.sim.contact.pin_layout import STAGES, OffPadError, PinLayout, Survey
 from t2twin.sim.contact.types import Contact, PressCommand, SurfaceShift, check_force
 
 DIGIT_PITCH_MM = 0.25
@@ -148,6 +148,11 @@ def _solve_stage(
     """Solves the rough stage, or the last one starting from an earlier result."""
     survey, window, last = layout.survey, layout.window, earlier is not None
     pins, tolerance = layout.stage(last)
+    if not pins.gap_mm.size:
+        raise OffPadError(
+            f"no part of {survey.shape.name} lies over the surface, which shear has displaced; "
+            "take a smaller force or a smaller friction"
+        )
     start = None if earlier is None else _transferred(earlier, window, len(pins.cover), slip_mm)
     solution = FixedPoint(pins, survey.command.force_n, start, verify)
     converged = solution.solve(tolerance)

@@ -4,7 +4,6 @@ import weakref
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
@@ -102,16 +101,32 @@ def _flat_blocks(surface: HeightMap) -> np.ndarray:
     if known is not None and known[0]() is surface:
         return known[1]
     heights = np.asarray(surface.heights_mm, np.float32)
-    rows, columns = (np.arange(0, side, BLOCK) for side in heights.shape)
-    low, high = (
-        extreme.reduceat(extreme.reduceat(heights, rows, axis=0), columns, axis=1)
-        for extreme in (np.minimum, np.maximum)
-    )
-    low, high = ndimage.minimum_filter(low, 3), ndimage.maximum_filter(high, 3)
-    blocks = np.where(low == high, low, NOT_FLAT).astype(np.float32)
+    blocks = np.empty([-(-side // BLOCK) for side in heights.shape], np.float32)
+    _find_flat_blocks(np.ascontiguousarray(heights), blocks)
     place = id(surface)
     _flat[place] = weakref.ref(surface, lambda _: _flat.pop(place, None)), blocks
     return blocks
+
+
+@compiled("void(f4[:, ::1], f4[:, ::1])", nogil=True)
+def _find_flat_blocks(heights, blocks):
+    """Write the blocks of `_flat_blocks`."""
+    rows, columns = blocks.shape
+    low, high = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.float32)
+    for a in range(rows):
+        for b in range(columns):
+            least = most = heights[a * BLOCK, b * BLOCK]
+            for i in range(a * BLOCK, min((a + 1) * BLOCK, heights.shape[0])):
+                for j in range(b * BLOCK, min((b + 1) * BLOCK, heights.shape[1])):
+                    least, most = min(least, heights[i, j]), max(most, heights[i, j])
+            low[a, b], high[a, b] = least, most
+    for a in range(rows):
+        for b in range(columns):
+            least, most = low[a, b], high[a, b]
+            for i in range(max(a - 1, 0), min(a + 2, rows)):
+                for j in range(max(b - 1, 0), min(b + 2, columns)):
+                    least, most = min(least, low[i, j]), max(most, high[i, j])
+            blocks[a, b] = least if least == most else NOT_FLAT
 
 
 @compiled(inline="always")

@@ -132,12 +132,12 @@ class Response:
 class Motion:
     """What sliding and turning have done to a contact, on its grid.
 
-    friction: coefficient of friction. shear_mpa: (2, ny, nx) traction on the sensor along x and y.
-    slip_mm: (ny, nx) length of the shape's path over the surface so far. response: to the traction
-    and the pressure, from which the next step starts.
+    friction: coefficient of friction, (ny, nx) for several bodies. shear_mpa: (2, ny, nx) traction
+    on the sensor along x and y. slip_mm: (ny, nx) length of the shape's path over the surface so
+    far. response: to the traction and the pressure, from which the next step starts.
     """
 
-    friction: float
+    friction: Any
     shear_mpa: np.ndarray
     slip_mm: np.ndarray
     response: Response | None = field(default=None, repr=False, compare=False)

@@ -59,15 +59,6 @@ MOTION = ("friction", "shear_x_n", "shear_y_n", "torque_nmm", "slip_share")
 TRACTIONS = ("cover_pressure_kpa", "cover_shear_x_kpa", "cover_shear_y_kpa")
 """Further columns of worlds with motion and field: t2twin.sim.cyskin.field.field_tractions."""
 
-_HUGGING_FACE = {
-    IMAGE_TYPE: {"_type": "Image"},
-    **{
-        pa.list_(kind): {"feature": {"dtype": name, "_type": "Value"}, "_type": "Sequence"}
-        for kind, name in ((pa.uint16(), "uint16"), (pa.float32(), "float32"))
-    },
-}
-"""Column types of Hugging Face's `datasets`. Versions 3 to 5 read "Sequence"; "List" needs 4."""
-
 
 def schema_of(recipe: Recipe | None) -> pa.Schema:
     """The columns of a world's shards, without a recipe those of every dataset."""
@@ -85,20 +76,36 @@ def schema_of(recipe: Recipe | None) -> pa.Schema:
                 schema = schema.append(pa.field(name, pa.float64()))
             for name in TRACTIONS if recipe.field else ():
                 schema = schema.append(pa.field(name, pa.list_(pa.float32())))
-    return schema.with_metadata({"huggingface": json.dumps(_hugging_face(schema))})
+    return with_features(schema)
 
 
-def _hugging_face(schema: pa.Schema) -> dict[str, Any]:
-    """Column types as Hugging Face's `datasets` reads them from a Parquet file's metadata."""
-    special = {
-        field.name: _HUGGING_FACE[field.type] for field in schema if field.type in _HUGGING_FACE
-    }
-    plain = {
-        field.name: {"dtype": str(field.type).replace("double", "float64"), "_type": "Value"}
-        for field in schema
-        if field.name not in special
-    }
-    return {"info": {"features": special | plain}}
+def with_features(schema: pa.Schema) -> pa.Schema:
+    """The schema with metadata from which Hugging Face's `datasets` reads the column types."""
+    # images and lists first, as in earlier versions, so that shards keep their bytes
+    names = sorted(schema.names, key=lambda name: not pa.types.is_nested(schema.field(name).type))
+    features = {name: _feature(schema.field(name).type) for name in names}
+    return schema.with_metadata({"huggingface": json.dumps({"info": {"features": features}})})
+
+
+def _feature(kind: pa.DataType) -> dict[str, Any]:
+    """A column type of Hugging Face's `datasets`. Versions 3 to 5 read "Sequence"; "List" needs
+    4."""
+    if kind == IMAGE_TYPE:
+        return {"_type": "Image"}
+    if pa.types.is_fixed_size_list(kind):
+        return {
+            "feature": _feature(kind.value_type),
+            "length": kind.list_size,
+            "_type": "Sequence",
+        }
+    if pa.types.is_list(kind):
+        return {"feature": _feature(kind.value_type), "_type": "Sequence"}
+    return {"dtype": type_name(kind), "_type": "Value"}
+
+
+def type_name(kind: pa.DataType) -> str:
+    """The name of a scalar type, as in NumPy."""
+    return {"double": "float64", "float": "float32"}.get(str(kind), str(kind))
 
 
 def row(touch: "Touch", index: int, split: str, image: bytes) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.build_info import build_info
+from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.info import SPLITS, DatasetInfo, Shard
 from t2twin.sim.dataset.shard import ShardContext
 from t2twin.sim.dataset.store import (
@@ -29,7 +30,6 @@ from t2twin.sim.dataset.store import (
     LOG,
     read_info,
     sha256_of,
-    write_card,
     write_info,
     write_whole,
 )

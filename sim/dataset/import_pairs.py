@@ -29,21 +29,16 @@ import pyarrow as pa
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import (
-    created_folder,
-    read_file,
-    remove_leftovers,
-    temporary_folder,
-    write_error,
-)
+from t2twin.core.files import new_folder, read_file
 from t2twin.core.images import MAX_FILE_BYTES, decode_image, encode_png
 from t2twin.core.records import check_names
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.dataset.card import write_card
 from t2twin.sim.dataset.columns import BACKGROUND, FIELD, POSE, SCHEMA, UNIT
 from t2twin.sim.dataset.info import FORMAT, MAX_COUNTS, SPLITS, DatasetInfo, Shard, versions
 from t2twin.sim.dataset.pairs_table import find_table, read_table
-from t2twin.sim.dataset.store import write_card, write_info, write_shard
+from t2twin.sim.dataset.store import write_info, write_shard
 from t2twin.sim.world.plan import file_stem, shard_path
 
 ORIGIN = "imported"
@@ -96,23 +91,9 @@ def import_pairs(
     if not 0 < arguments.whole_number(full_scale, "full_scale") <= MAX_COUNTS:
         raise T2TwinError(f"full scale is {full_scale} counts; it must lie in 1 to {MAX_COUNTS}")
     check_seed(seed)
-    _check_free(folder)
-    pairs = _with_splits(_read(table_path, layout, full_scale), seed)
-    with created_folder(folder.parent):
-        remove_leftovers(folder.parent, f".{folder.name}.*.part")
-        with temporary_folder(folder.parent, folder.name) as temporary:
-            info = _write(pairs, table_path.parent, temporary, layout, full_scale)
-            try:
-                temporary.replace(folder)
-            except OSError as error:  # another import may have written to it meanwhile
-                _check_free(folder)
-                raise write_error(folder, error) from error
-    return info
-
-
-def _check_free(folder: Path) -> None:
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise T2TwinError(f"{folder} is not empty; choose another folder")
+    with new_folder(folder) as temporary:
+        pairs = _with_splits(_read(table_path, layout, full_scale), seed)
+        return _write(pairs, table_path.parent, temporary, layout, full_scale)
 
 
 def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:

@@ -1,7 +1,8 @@
 """Reads and writes a paired dataset.
 
     DIR/info.json                    recipe, parameters, a sha256 per shard
-    DIR/README.md                    the dataset card
+    DIR/README.md                    the dataset card, with the header of the Hugging Face hub
+    DIR/croissant.json               the same for programs: columns, splits, a sha256 per shard
     DIR/log.jsonl                    time and memory of each run of `t2twin simdata`
     DIR/cache/                       decoded images of trainings; not part of the dataset
     DIR/{train,val,test}/SHAPE.parquet, or part-PART-NUMBER.parquet of sampled presses
@@ -13,10 +14,9 @@ counts are checked when it is read.
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from io import BufferedRandom
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -28,12 +28,10 @@ import pyarrow.parquet as pq
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import read_json
-from t2twin.core.templates import render
-from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
 from t2twin.sim.dataset.columns import BACKGROUND, FIELD, IMAGE_TYPE, TRACTIONS, schema_of
 from t2twin.sim.dataset.info import FORMAT, SPLITS, DatasetInfo, Shard
 
-INFO, CARD, LOG = "info.json", "README.md", "log.jsonl"
+INFO, LOG = "info.json", "log.jsonl"
 
 BATCH_ROWS = 128
 """Rows of a row group, some 9 MB: the memory of a shard that is being written."""
@@ -52,31 +50,55 @@ def write_shard(path: Path, rows: Iterable[dict[str, Any]], schema: pa.Schema | 
     shard cannot be written; then there is none.
     """
     columns = schema_of(None) if schema is None else schema
-    remaining = iter(rows)
-    repeated, dictionary_bytes = ["shape", "family", "split"], None
+    repeated = ["shape", "family", "split"]
     if BACKGROUND in columns.names:
         # all rows of a DIGIT unit have one background frame: a dictionary stores it once per group
         repeated.append(f"{BACKGROUND}.bytes")
-        dictionary_bytes = MAX_DICTIONARY_BYTES
+    with row_writer(path, columns, repeated) as write:
+        for each in rows:
+            write(each)
+    return sha256_of(path)
+
+
+@contextmanager
+def row_writer(
+    path: Path, schema: pa.Schema, repeated: list[str]
+) -> Iterator[Callable[[dict[str, Any]], None]]:
+    """A function that writes one row to a new Parquet file, which is complete after the block.
+
+    repeated: paths of the columns of repeated values. Raises T2TwinError where the file cannot be
+    written. After an error there is no new file.
+    """
+    group: list[dict[str, Any]] = []
     with _durable(path) as file:
         # Images are compressed already; dictionaries are useful for repeated values only.
         writer = pq.ParquetWriter(
             file,
-            columns,
+            schema,
             compression="zstd",
             use_dictionary=repeated,  # pyright: ignore[reportArgumentType]
-            dictionary_pagesize_limit=dictionary_bytes,
+            dictionary_pagesize_limit=(
+                MAX_DICTIONARY_BYTES if any(name.endswith(".bytes") for name in repeated) else None
+            ),
         )
+
+        def write(row: dict[str, Any]) -> None:
+            group.append(row)
+            if len(group) == BATCH_ROWS:
+                flush()
+
+        def flush() -> None:
+            writer.write_table(pa.Table.from_pylist(group, schema=schema))
+            group.clear()
+
         try:
-            while group := list(islice(remaining, BATCH_ROWS)):
-                writer.write_table(pa.Table.from_pylist(group, schema=columns))
+            yield write
+            if group:
+                flush()
             writer.close()
         except BaseException:
             writer.is_open = False  # its destructor would write to the closed file
             raise
-        file.flush()
-        file.seek(0)
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def sha256_of(path: Path) -> str:
@@ -89,12 +111,6 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write a file atomically; it is on the disk when this returns."""
     with _durable(path) as file:
         file.write(content)
-
-
-def write_card(folder: Path, info: DatasetInfo) -> None:
-    """Writes README.md, the dataset card, with all columns; also for the Hugging Face hub."""
-    text = render("sim/dataset/card.md", info=info, pad_mm=PAD_DIAMETER_MM)
-    write_whole(folder / CARD, text.encode())
 
 
 @contextmanager
@@ -138,6 +154,13 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
     Raises T2TwinError for a missing or unfinished dataset, an unknown or empty split, and a damaged
     shard.
     """
+    return pa.concat_tables(list(iter_shards(folder, split, columns)))
+
+
+def iter_shards(
+    folder: str | Path, split: str, columns: list[str] | None = None
+) -> Iterator[pa.Table]:
+    """The tables that read_split concatenates, shard by shard. Raises as read_split does."""
     if split not in SPLITS:
         raise T2TwinError(f"no split {split!r}; allowed are {', '.join(SPLITS)}")
     info = read_info(folder)
@@ -150,7 +173,7 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
     if missing or not shards:
         what = f"lacks {missing[0]}" if missing else f"has no {split} pairs"
         raise T2TwinError(f"the dataset in {folder} {what}; the same `t2twin simdata` repairs it")
-    tables, schema = [], schema_of(info.world)
+    schema = schema_of(info.world)
     for path in shards:
         with _opened(folder, path) as file:
             table = file.read(columns=columns)
@@ -161,8 +184,7 @@ def read_split(folder: str | Path, split: str, columns: list[str] | None = None)
                 f"{Path(folder) / path} is damaged: {error}; `t2twin simdata --verify {folder}` "
                 "lists all damage"
             ) from None
-        tables.append(table)
-    return pa.concat_tables(tables)
+        yield table
 
 
 def check_table(

@@ -59,6 +59,7 @@ def _square(*axis: int) -> tuple[tuple[int, int], ...]:
 
 SCALES = {
     "smoke": Scale("smoke", ((0, 0), (3, 3), (6, 6)), 1, ((1, 1),), 1),
+    "light": Scale("light", _square(0, 1, 3, 5, 6), 1, ((0, 0), (0, 2), (1, 1), (2, 0), (2, 2)), 2),
     "small": Scale("small", _square(1, 2, 4, 5), 2, _square(0, 1, 2), 1),
     "paper": Scale("paper", _square(*range(7)), 12, _square(*range(3)), 7),
 }

@@ -132,7 +132,7 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     count: Annotated[int, Meta(ge=1, le=MAX_SHAPES)] | None = None
     presses: Annotated[int, Meta(ge=1, le=MAX_PRESSES)] | None = None
     place: Literal["grid"] | Place = "grid"
-    scale: Literal["smoke", "small", "paper"] = "paper"
+    scale: Literal["smoke", "light", "small", "paper"] = "paper"
     force_n: Force | Annotated[tuple[Force, ...], Meta(max_length=MAX_FORCES)] | ForceRange = 8.0
     untouched_share: Share = 0.0
     val_share: Share = 0.0

@@ -1,4 +1,4 @@
-"""t2twin simdata and t2twin import-pairs"""
+"""t2twin simdata, t2twin import-pairs and t2twin convert"""
 
 import sys
 from dataclasses import dataclass
@@ -16,7 +16,8 @@ class SimdataOptions:
     """Options of `t2twin simdata`.
 
     Args:
-        scale: Of the protocol: smoke (about 100 pairs), small (about 1,000) or paper (20,076).
+        scale: Of the protocol: smoke (about 100 pairs), light (1,000), small (about 1,200) or
+            paper (20,076).
         out: Folder to write; default data/SCALE or data/WORLD.
         workers: Number of processes; default: the number of cores.
         world: Instead of a scale, the name of a bundled recipe (paper, open, open-8n, union,
@@ -89,7 +90,7 @@ def _check_options(options: SimdataOptions) -> None:
 
     if options.scale is None and options.world is None:
         raise T2TwinError(
-            "--scale is missing: smoke, small or paper (or --world WORLD, or --verify DIR)"
+            "--scale is missing: smoke, light, small or paper (or --world WORLD, or --verify DIR)"
         )
     if options.world is not None:
         for name in ("scale", "layout", "imperfections", "calibration", "optics"):
@@ -147,6 +148,26 @@ def import_pairs(
         f"{pairs['train']} training, {pairs['val']} validation and {pairs['test']} test pairs "
         f"in {out}"
     )
+
+
+def convert(
+    dataset: tyro.conf.Positional[Annotated[str, tyro.conf.arg(metavar="DATASET")]],
+    to: Annotated[Literal["lerobot"], tyro.conf.arg(metavar="FORMAT")],
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")],
+) -> None:
+    """Convert a dataset to the format of another project.
+
+    Args:
+        dataset: Folder of a dataset.
+        to: lerobot, the format v3.0 of LeRobot: a press or slide is an episode, images stay PNG,
+            counts, forces and shear are float features.
+        out: Folder to write, new or empty.
+    """
+    from t2twin.sim.conversion.lerobot import convert_to_lerobot
+
+    assert to == "lerobot"
+    info = convert_to_lerobot(dataset, out)
+    print(f"{info['total_episodes']} episodes with {info['total_frames']} frames in {out}")
 
 
 def _pairs(info: "DatasetInfo") -> str:

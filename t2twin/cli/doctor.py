@@ -6,6 +6,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
 
 from t2twin.core.machine import cores
 
@@ -23,6 +24,15 @@ PACKAGES = (
     "scikit-image",
     "safetensors",
 )
+EXTRAS = {"cluster": "distributed", "live": "cv2", "onnx": "onnxruntime", "studio": "viser"}
+"""A module of each extra of the package."""
+
+LIBRARY = "libgl1"
+"""Debian's package of the library that the CAD kernel needs."""
+
+VOLUME_ERROR_MM3 = 1e-6
+"""Tolerated error of the volume of a box, mm^3."""
+
 MEMORY_GIB = 4
 """Memory that every command fits into, GiB."""
 
@@ -37,7 +47,7 @@ SPRING_ERROR_MM = 1e-2
 
 
 def doctor() -> None:
-    """Check this machine: Python, packages, headless OpenGL, MuJoCo, memory and disk."""
+    """Check this machine: Python, packages, CAD kernel, MuJoCo, headless OpenGL, memory, disk."""
     sys.exit(0 if run_checks() else 1)
 
 
@@ -46,6 +56,9 @@ def run_checks() -> bool:
     checks: list[tuple[str, Callable[[], str]]] = [
         ("python", lambda: f"{platform.python_version()} on {platform.system()}, {cores()} cores"),
         ("packages", _packages),
+        ("extras", _extras),
+        ("network", _network),
+        ("solids", _solids),
         ("contact", _contact),
         ("rendering", _rendering),
         ("memory", _memory),
@@ -70,8 +83,39 @@ def _packages() -> str:
         except PackageNotFoundError:
             missing.append(name)
     if missing:
-        raise RuntimeError(f"not installed: {', '.join(missing)}; `make setup` installs them")
+        raise RuntimeError(
+            f"not installed: {', '.join(missing)}; install t2twin again with pip, without --no-deps"
+        )
     return ", ".join(installed)
+
+
+def _extras() -> str:
+    """The optional packages, whose absence is no failure."""
+    missing = [extra for extra, module in EXTRAS.items() if find_spec(module) is None]
+    if not missing:
+        return f"{', '.join(EXTRAS)} are installed"
+    return f"not installed: {', '.join(missing)}; pip install 't2twin[{','.join(missing)}]'"
+
+
+def _network() -> str:
+    from t2twin.translate.runs.config import BEST
+    from t2twin.translate.runs.pretrained import HOME, pretrained_runs
+
+    runs = [run for run in pretrained_runs() if (HOME / run / BEST).is_file()]
+    if not runs:
+        raise RuntimeError(f"{HOME} contains no pretrained run; install t2twin again")
+    return f"pretrained: {', '.join(runs)}"
+
+
+def _solids() -> str:
+    try:
+        import cadquery
+    except ImportError as error:
+        raise RuntimeError(f"{error}; on Debian: apt-get install {LIBRARY}") from error
+    volume = cadquery.Workplane().box(1, 2, 3).val().Volume()  # pyright: ignore
+    if abs(volume - 6.0) > VOLUME_ERROR_MM3:
+        raise RuntimeError(f"a solid of 6 mm3 has {volume:g} mm3")
+    return "the CAD kernel makes a solid"
 
 
 def _contact() -> str:

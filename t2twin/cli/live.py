@@ -15,6 +15,8 @@ def live(
     bf16: bool = False,
     frames: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None,
     background: Annotated[Path | None, tyro.conf.arg(metavar="IMAGE")] = None,
+    zmq: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None,
+    rerun: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None,
 ) -> None:
     """Translate frames as they arrive; print a line of JSON with the counts for each.
 
@@ -34,9 +36,14 @@ def live(
         frames: Number of frames after which the command ends; unlimited unless given.
         background: Background frame of the same sensor for a field run, of any size, rotated like
             the frames; the mean background frame of the training unless given.
+        zmq: Address at which a ZeroMQ PUB socket publishes each line, such as tcp://127.0.0.1:5555.
+        rerun: Recording of the frames and predictions for the viewer of Rerun.
     """
+    from contextlib import ExitStack, closing
+
     from t2twin.core.errors import T2TwinError
     from t2twin.live.follow import follow
+    from t2twin.live.outputs import open_outputs
     from t2twin.live.sources import open_background, open_source
     from t2twin.translate.inference.load import load
     from t2twin.translate.inference.predictor import CountsPredictor, require
@@ -47,14 +54,17 @@ def live(
         raise T2TwinError(f"--frames is {frames}; expected 1 or more")
     use_all_cores()
     loaded = load(DEFAULT_RUN if run is None else run, layout, bf16)
-    follow(
-        require(loaded, CountsPredictor, "live"),
-        open_source(source, turn_deg, _report),
-        lambda line: print(line, flush=True),
-        _report,
-        frames,
-        None if background is None else open_background(background, turn_deg),
-    )
+    with ExitStack() as stack:
+        outputs = [stack.enter_context(closing(each)) for each in open_outputs(zmq, rerun)]
+        follow(
+            require(loaded, CountsPredictor, "live"),
+            open_source(source, turn_deg, _report),
+            lambda line: print(line, flush=True),
+            _report,
+            frames,
+            None if background is None else open_background(background, turn_deg),
+            outputs,
+        )
 
 
 def _report(message: str) -> None:

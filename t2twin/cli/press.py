@@ -137,6 +137,7 @@ class SlideOptions(TouchOptions):
             and force_n. The first row is a press; a force of 0 lifts the shape off.
         friction: Coefficient of friction of gel and cover; default 0.8 for the gel and 1.0 for the
             cover.
+        rerun: Recording of images, counts and forces for the viewer of Rerun.
     """
 
     dx_mm: float = 0.0
@@ -145,6 +146,7 @@ class SlideOptions(TouchOptions):
     steps: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
     path: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     friction: Float = None
+    rerun: Annotated[Path | None, tyro.conf.arg(metavar="FILE.rrd")] = None
 
     def commands(self, shape: "Shape", sensors: "SensorPair") -> "list[PressCommand]":
         """The commands of the path. Raises T2TwinError where options conflict or are invalid."""
@@ -201,8 +203,9 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     """Press a shape and slide or turn it with friction; write images, counts and shear."""
     from t2twin.core.compile_ahead import compile_optics_ahead
     from t2twin.core.progress import Progress
+    from t2twin.rerun_log import RerunLog, recorded
     from t2twin.sim.slide import check_friction, touches_along
-    from t2twin.slide_files import write_slide
+    from t2twin.slide_files import FRAME_MS, write_slide
     from t2twin.twin import generator
 
     shape = options.load_shape()
@@ -213,9 +216,14 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
         compile_optics_ahead()
     touches = touches_along(sensors, shape, commands, friction, rng, options.sensor)
     folder = options.folder("slide", shape)
+    log = None if options.rerun is None else RerunLog(options.rerun)
+    if log is not None:
+        touches = recorded(log, touches, 1e-3 * FRAME_MS)
     rows = write_slide(
         folder, Progress(touches, total=len(commands), desc="slide", unit="step"), len(commands)
     )
+    if log is not None:
+        log.close()
     for name in ("digit", "cyskin"):
         contacts = [row for row in rows if f"{name}_shear_x_n" in row]
         if contacts:

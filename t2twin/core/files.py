@@ -152,6 +152,30 @@ def temporary_folder(place: Path, name: str) -> Iterator[Path]:
 
 
 @contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A temporary folder, which is renamed to `folder` after the block.
+
+    Raises T2TwinError where the path is a file or a folder with content, or cannot be written.
+    After an error there is no new folder.
+    """
+    _check_free(folder)
+    with created_folder(folder.parent):
+        remove_leftovers(folder.parent, f".{folder.name}.*.part")
+        with temporary_folder(folder.parent, folder.name) as temporary:
+            yield temporary
+            try:
+                temporary.replace(folder)
+            except OSError as error:  # another process may have written to it meanwhile
+                _check_free(folder)
+                raise write_error(folder, error) from error
+
+
+def _check_free(folder: Path) -> None:
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise T2TwinError(f"{folder} is not empty; choose another folder")
+
+
+@contextmanager
 def created_folder(folder: Path) -> Iterator[None]:
     """Create a folder and its parents if they are missing.
 

@@ -12,7 +12,7 @@ from types import FrameType
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """Ctrl-C, and the signal of `kill`, service managers and containers."""
 
-RESUMING = ("adapt", "simdata", "train")
+RESUMING = ("adapt", "demo", "simdata", "train")
 """Commands that continue an earlier call; the others start again and leave no files."""
 
 FILES = "t2twin.core.files"

@@ -3,7 +3,7 @@
 import json
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from t2twin.live.frame import Frame, Report
 from t2twin.live.latest_frame import LatestFrame
+from t2twin.live.outputs import Output
 from t2twin.live.sources import Source
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.outputs import ood_entry
@@ -49,6 +50,7 @@ def follow(
     report: Report,
     max_frames: int | None = None,
     background: np.ndarray | None = None,
+    outputs: Sequence[Output] = (),
 ) -> Throughput:
     """Translates the latest frame repeatedly, until the source ends.
 
@@ -62,7 +64,7 @@ def follow(
 
     report: receives messages for the user. max_frames: number of lines after which it ends.
     background: background frame of the sensor for a field run, (h, w, 3) or (h, w) uint8, of any
-    size.
+    size. outputs: receive each frame and the values of its line too.
     Raises T2TwinError if the source fails, and for a background frame with another model.
     """
     frame_of_unit = None if background is None else _background(run, background)
@@ -70,7 +72,7 @@ def follow(
     _predict(run, run.pixels_of(blank, frame_of_unit))  # warm-up: the first prediction is slow
     latest = LatestFrame(source)
     try:
-        return _follow(run, latest, write, report, max_frames, frame_of_unit)
+        return _follow(run, latest, write, report, max_frames, frame_of_unit, outputs)
     finally:
         latest.close()
 
@@ -82,6 +84,7 @@ def _follow(
     report: Report,
     max_frames: int | None,
     background: np.ndarray | None,
+    outputs: Sequence[Output],
 ) -> Throughput:
     """background: at the run's size, from `_background`. Other arguments: as for `follow`."""
     throughput = Throughput()
@@ -104,7 +107,10 @@ def _follow(
         entry = predicted | ood_entry(ood_class)
         now_s = time.perf_counter()
         latency_ms = 1e3 * (now_s - frame.arrived_s)
-        write(json.dumps(_line(frame, entry, latency_ms)))
+        line = _line(frame, entry, latency_ms)
+        write(json.dumps(line))
+        for output in outputs:
+            output(frame, line)
         throughput.translated, throughput.received = throughput.translated + 1, latest.read
         throughput.latencies_ms.append(latency_ms)
         if not entry["in_distribution"] and not warned:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 RUNS = Path("runs")
 """Default folder of trained runs."""
 
-TRAIN_COMMAND = "make demo"
+TRAIN_COMMAND = "t2twin demo"
 """Command that trains the first runs."""
 
 LEVEL = 0.9

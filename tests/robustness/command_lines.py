@@ -122,6 +122,9 @@ report --data {data} | --runs nowhere => nowhere | --evaluation {evaluation} => 
 import-pairs | x.csv => --out is missing
 import-pairs --out out | nowhere => nowhere | nowhere.csv => nowhere.csv | '' => expected a path
 import-pairs --out out | /dev/null => csv
+convert | {data} --out x => --to is missing | {data} --to lerobot => --out is missing
+convert | --to lerobot --out x => DATASET is missing | {data} --to zarr --out x => lerobot
+convert --to lerobot --out x | nowhere => no dataset | {resnet18} => no dataset | '' => expected a
 calibrate | => --background is missing | --background => --background has no value; expected PNG
 calibrate --out out --background none.png | => none.png | --ball-diameter-mm 4 => --presses
 calibrate --out out --background none.png | --held-out 3 => --presses

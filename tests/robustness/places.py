@@ -20,6 +20,7 @@ WRITERS = {
     "evaluate": "evaluate {resnet18} --data {data} --out",
     "translate": "translate --run {resnet18} x.png --out", "report": "report --data {data} --out",
     "report of runs": "report --data {data} --runs {resnet18} --out",
+    "convert": "convert {data} --to lerobot --out",
     "import-pairs": "import-pairs pairs.csv --out", "calibrate": CALIBRATE.removesuffix(" out"),
 }  # fmt: skip
 BAD = ("file", "file/below", "file/far/below", "/proc/1/nope", "/dev/null", "/dev/null/x",
@@ -73,7 +74,7 @@ def cases() -> Iterator[Case]:
         for place in BAD:
             if name != "export" or place not in ("file", "/dev/null"):
                 yield Case(f"{name} to {place[:20]}", f"{command} {place}", laid(INPUTS))
-    for name in ("import-pairs", "simdata", "train"):
+    for name in ("convert", "import-pairs", "simdata", "train"):
         for what, files in TAKEN.items():
             if (name, what) != ("simdata", "a dataset"):
                 make = laid(INPUTS | files)

@@ -54,6 +54,7 @@ COMMANDS = {
     "translate": Command("translate --run {run} frames"),
     "export": Command("export --run {run}", "out.onnx", 500),
     "import-pairs": Command("import-pairs pairs.csv", kilobytes=8),
+    "convert": Command("convert {data} --to lerobot"),
     "report": Command("report --data {data}"),
 }
 

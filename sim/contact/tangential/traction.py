@@ -10,6 +10,7 @@ surface without slip. Where the traction is below its limit the surface sticks, 
 the shape slips over it, along the traction. The problem is convex, so its solution is unique.
 """
 
+from collections.abc import Callable
 from functools import lru_cache
 from math import ceil, sqrt
 from typing import NamedTuple
@@ -44,18 +45,26 @@ class Traction(NamedTuple):
         return self.residual <= TOLERANCE
 
 
+StepTowards = Callable[
+    [np.ndarray, np.ndarray, np.ndarray, float, np.ndarray], tuple[float, float, float]
+]
+"""Signature of step_towards."""
+
+
 def solve_traction(
     layer: ShearLayer,
     limit_mpa: np.ndarray,
     wanted_mm: np.ndarray,
     start_mpa: np.ndarray,
+    towards: StepTowards | None = None,
     tolerance: float = TOLERANCE,
 ) -> Traction:
     """The traction of one step.
 
     limit_mpa: (rows, columns) friction times pressure, 0 outside the contact. wanted_mm: (2, rows,
     columns) w. start_mpa: (2, rows, columns) an initial guess, such as the last step's traction.
-    tolerance: of the residual.
+    towards: takes the place of step_towards where more than the limit restricts the traction; the
+    wanted displacement then lacks a part that it finds. tolerance: of the residual.
 
     Spectral projected gradients (Birgin, Martinez, Raydan 2000).
     """
@@ -65,17 +74,20 @@ def solve_traction(
     scale = max(float(np.abs(wanted).max()), 1e-9)
     q, direction = np.ascontiguousarray(start_mpa, np.float32), np.zeros(wanted.shape, np.float32)
     displacement, gradient = np.zeros_like(wanted), np.zeros_like(wanted)
-    step_towards(q, gradient, limit, 1.0, direction)  # the projection of the start
+    towards_limit = towards or step_towards
+    towards_limit(q, gradient, limit, 1.0, direction)  # the projection of the start
     q = q + direction
     take_step(displacement, layer.displacement_mm(q), 1.0, wanted, limit, gradient)
+    if towards is not None:
+        scale = max(scale, float(np.abs(displacement[:, inside]).max()))
     energies = [_dot(q, displacement) / 2 - _dot(q, wanted)]
     # A square of the contact's area, within the layer's window.
     side = min(ceil(sqrt(inside.sum())), *inside.shape)
     length, steps = 1.0 / _typical_compliance(layer, side), 0
     while True:
-        largest, square, slope = step_towards(q, gradient, limit, length, direction)
+        largest, square, slope = towards_limit(q, gradient, limit, length, direction)
         residual = largest / length / scale
-        if residual <= tolerance or steps == MAX_STEPS:
+        if residual <= tolerance or steps == MAX_STEPS or (slope >= 0 and towards is not None):
             break
         steps += 1
         moved = layer.displacement_mm(direction)
@@ -88,6 +100,8 @@ def solve_traction(
         take_step(displacement, moved, fraction, wanted, limit, gradient)
         energies.append(energies[-1] + fraction * slope + fraction**2 * curvature / 2)
         length = square / max(curvature, 1e-30)
+    if towards is not None:
+        q = q + direction  # within the restrictions, as the steps before need not be
     return Traction(q.astype(float), displacement.astype(float), residual, steps)
 
 

@@ -1,0 +1,142 @@
+"""Compares a conversion to LeRobot's format with its dataset, through LeRobot's own loader.
+
+    make lerobot-check DATA=data/smoke
+
+LeRobot pins an older torch and imports torchvision. Therefore this module runs in an environment
+of its own, and imports nothing of t2twin. A stand-in takes the place of torchvision, of which the
+loader uses one function.
+"""
+
+import importlib
+import importlib.abc
+import importlib.util
+import io
+import json
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pyarrow.dataset as ds
+from PIL import Image
+
+SPLITS = ("train", "val", "test")
+
+SCALARS = {
+    "action": ("x_mm", "y_mm", "yaw_rad", "force_n"),
+    "observation.digit_contact": ("digit_depth_mm", "digit_force_n"),
+    "observation.cyskin_contact": ("cyskin_depth_mm", "cyskin_force_n"),
+}
+"""Columns of the dataset by feature; of contacts, the first ones."""
+
+LISTS = ("taxels", "field", "cover_pressure_kpa", "cover_shear_x_kpa", "cover_shear_y_kpa")
+
+
+class _ToTensor:
+    """(3, rows, columns) float32 from 0 to 1, as torchvision.transforms.ToTensor returns."""
+
+    def __call__(self, image: Image.Image) -> Any:
+        import torch
+
+        return torch.from_numpy(np.array(image, np.float32) / 255).permute(2, 0, 1)
+
+
+class _StandIn(ModuleType):
+    """A module of torchvision. Names in capitals are empty classes, others modules."""
+
+    ToTensor = _ToTensor
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        if name.islower():
+            return importlib.import_module(f"{self.__name__}.{name}")
+        return type(name, (), {})
+
+
+class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Finds the stand-in in place of torchvision."""
+
+    def find_spec(self, fullname: str, path: Any, target: Any = None) -> Any:
+        if fullname.split(".")[0] != "torchvision":
+            return None
+        return importlib.util.spec_from_loader(fullname, self, is_package=True)
+
+    def create_module(self, spec: Any) -> ModuleType:
+        return _StandIn(spec.name)
+
+    def exec_module(self, module: ModuleType) -> None:
+        pass
+
+
+def check(data: Path, converted: Path) -> str:
+    """Compares all frames, episodes and statistics; returns a summary.
+
+    Raises AssertionError for the first difference.
+    """
+    sys.meta_path.insert(0, _Finder())
+    version = importlib.import_module("lerobot").__version__
+    loader = importlib.import_module("lerobot.datasets.lerobot_dataset").LeRobotDataset
+    info = json.loads((data / "info.json").read_text())
+    dataset = loader("local/check", root=converted)
+    splits = [split for split in SPLITS if info["pairs"][split]]
+    paths = [data / path for split in splits for path in sorted(info["shards"])
+             if path.startswith(f"{split}/")]  # fmt: skip
+    number, ends, means = 0, [], []
+    for path in paths:
+        for row in ds.dataset(path).to_table().to_pylist():
+            item = dataset[number]
+            _check_frame(item, row, f"frame {number}")
+            means.append(item["observation.images.digit"].numpy().mean((1, 2), np.float64))
+            is_first = int(item["frame_index"]) == 0
+            if is_first:
+                ends.append(number)
+            assert int(item["episode_index"]) == len(ends) - 1, number
+            assert is_first == (row.get("path", row["index"]) == row["index"]), number
+            number += 1
+    assert number == dataset.num_frames == len(dataset), number
+    assert dataset.num_episodes == len(ends)
+    starts = [dataset.meta.episodes[n]["dataset_from_index"] for n in range(len(ends))]
+    assert starts == ends
+    mean = dataset.meta.stats["observation.images.digit"]["mean"]
+    assert np.allclose(np.ravel(mean), np.mean(means, axis=0), atol=1e-6), mean
+    _check_statistics(dataset)
+    return (
+        f"LeRobot {version} reads {len(ends)} episodes with {number} frames, equal to the dataset's"
+    )
+
+
+def _check_frame(item: dict[str, Any], row: dict[str, Any], place: str) -> None:
+    """Images and counts must be equal, other values equal in float32."""
+    for name, column in (("digit", "image"), ("digit_background", "untouched")):
+        if column in row:
+            pixels = np.asarray(Image.open(io.BytesIO(row[column]["bytes"])).convert("RGB"))
+            values = item[f"observation.images.{name}"].permute(1, 2, 0).numpy()
+            assert np.array_equal(np.rint(values * 255).astype(np.uint8), pixels), (place, name)
+    for column in LISTS:
+        if column in row:
+            values = item[f"observation.{column}"].numpy()
+            assert np.array_equal(values, np.array(row[column], np.float32)), (place, column)
+    for name, columns in SCALARS.items():
+        if name in item:
+            expected = np.array([row[column] for column in columns], np.float32)
+            assert np.array_equal(item[name].numpy()[: len(columns)], expected), (place, name)
+    assert item["task"].split()[-1] == row["shape"], place
+
+
+def _check_statistics(dataset: Any) -> None:
+    """The statistics must be those that LeRobot computes of all frames, quantiles apart."""
+    compute = importlib.import_module("lerobot.datasets.compute_stats").get_feature_stats
+    for name, feature in dataset.meta.features.items():
+        if feature["dtype"] == "image":
+            continue
+        values = np.array(dataset.hf_dataset.with_format("numpy")[name], np.float64)
+        expected = compute(values.reshape(len(values), -1), axis=0, keepdims=False)
+        for key in ("min", "max", "mean", "std", "count"):
+            found = dataset.meta.stats[name][key]
+            assert np.allclose(found, expected[key], rtol=1e-4, atol=1e-3), (name, key)
+
+
+if __name__ == "__main__":
+    print(check(*map(Path, sys.argv[1:])))

@@ -1,0 +1,1 @@
+"""Contacts under prescribed forces and torques."""

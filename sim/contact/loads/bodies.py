@@ -1,0 +1,190 @@
+"""Several bodies on one sensor: one height map, and what each body carries.
+
+The height map is the highest of the bodies' maps, each moved into the sensor by its own depth. The
+depths are corrected until each body carries its normal force.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import ndimage
+
+from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.heights import heights_at
+from t2twin.sim.contact.loads.prescribed import Load
+from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
+
+FORCE_TOLERANCE, SHARE_TOLERANCE = 5e-3, 2e-4
+"""Tolerance of each body's normal force: a share of the force, or of the force of all bodies where
+that is more (the pressure of one contact is known to 5e-3 of its force)."""
+
+HERTZ_EXPONENT = 1.5
+"""Exponent of the force of a ball over its depth (Hertz 1882), for a first stiffness."""
+
+MAX_STIFFENING = 4.0
+"""Largest factor between two estimates of a body's stiffness (assumed)."""
+
+MIN_DEPTH_MM = 1e-3
+"""Least depth of a body that a stiffness is estimated from, mm (assumed)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CarriedMotion(Motion):
+    """Motion of a contact under prescribed loads.
+
+    bodies: their names, n. owner: (ny, nx) index of the body over each cell. depths_mm: (n,) depth
+    of each body's highest point below the apex of the undeformed surface. stiffness: (n,) change of
+    each body's force with its depth, N/mm.
+    """
+
+    bodies: tuple[str, ...]
+    owner: np.ndarray
+    depths_mm: np.ndarray
+    stiffness: np.ndarray
+
+
+class Bodies:
+    """The bodies of one contact, at depths that are to be found.
+
+    loads: of the bodies. elastomer, pitch_mm: of the contact's grid. last: the last contact's
+    motion. Attributes: depths_mm, stiffness, as in CarriedMotion.
+    Raises OffPadError where a body that was not in the last contact is not over the pad.
+    """
+
+    def __init__(
+        self, loads: Sequence[Load], elastomer: Elastomer, pitch_mm: float, last: Motion | None
+    ) -> None:
+        self.loads = loads
+        self.forces = np.array([load.force_n for load in loads])
+        self.names = tuple(load.shape.name for load in loads)
+        self.command = PressCommand(self.names[0], 0.0, 0.0, 0.0, float(self.forces.sum()))
+        self.depths_mm, self.stiffness = np.zeros((2, len(loads)))
+        if len(loads) == 1:
+            return
+        self.command = replace(self.command, shape=" and ".join(self.names))
+        self._maps = _on_one_grid([load.shape.surface for load in loads])
+        several = last if isinstance(last, CarriedMotion) and len(last.bodies) > 1 else None
+        for body, load in enumerate(loads):
+            if several is not None and self.names[body] in several.bodies:
+                known = several.bodies.index(self.names[body])
+                self.depths_mm[body] = several.depths_mm[known]
+                self.stiffness[body] = several.stiffness[known]
+                continue
+            command = PressCommand(self.names[body], 0.0, 0.0, 0.0, load.force_n)
+            alone = solve_contact(load.shape, command, elastomer, pitch_mm)
+            self.depths_mm[body] = alone.shape_depth_mm
+            depth_mm = max(alone.depth_mm, MIN_DEPTH_MM)
+            self.stiffness[body] = HERTZ_EXPONENT * load.force_n / depth_mm
+        self._found: tuple[np.ndarray, np.ndarray] | None = None
+        self._top_mm = 0.0
+
+    def shape(self) -> Shape:
+        """The bodies at their depths as one shape."""
+        first = self.loads[0].shape
+        if len(self.loads) == 1:
+            return first
+        offsets = self.depths_mm - self.depths_mm.max()
+        heights = [
+            each.heights_mm + np.float32(offset)
+            for each, offset in zip(self._maps, offsets, strict=True)
+        ]
+        highest = np.maximum.reduce(heights)
+        self._top_mm = float(highest.max())
+        highest = np.maximum(highest - highest.max(), np.float32(NOTHING_MM))
+        surface = HeightMap(highest, self._maps[0].x_mm, self._maps[0].y_mm)
+        return Shape(self.command.shape, first.mesh, surface, first.spacing_mm)
+
+    def owner(self, contact: Contact) -> np.ndarray:
+        """(ny, nx) index of the body over each cell of a contact, or of the nearest body."""
+        if len(self.loads) == 1:
+            return np.zeros(contact.pressure_kpa.shape, int)
+        x, y = contact.x_mm.copy(), contact.y_mm.copy()
+        shift = None if contact.motion is None else SurfaceShift(x, y, contact.sheared_mm)
+        heights = np.stack(
+            [
+                heights_at(each, self.command, x, y, shift) + depth
+                for each, depth in zip(self._maps, self.depths_mm, strict=True)
+            ]
+        )
+        nothing = heights.max(axis=0) < NOTHING_MM / 2
+        nearest = ndimage.distance_transform_edt(
+            nothing, return_distances=False, return_indices=True
+        )
+        rows, columns = np.asarray(nearest)
+        return heights.argmax(axis=0)[rows, columns]
+
+    def correct(self, contact: Contact, owner: np.ndarray) -> bool:
+        """Whether each body carries its force in a contact; corrects the depths otherwise."""
+        if len(self.loads) == 1:
+            self.depths_mm = np.array([contact.shape_depth_mm])
+            return True
+        cells = 1e-3 * contact.pressure_kpa.astype(float) * contact.pitch_mm**2
+        forces = np.bincount(owner.ravel(), cells.ravel(), len(self.loads))
+        depths = self.depths_mm + contact.shape_depth_mm - self.depths_mm.max() - self._top_mm
+        self._estimate_stiffness(depths, forces)
+        self._found = depths, forces
+        missing = self.forces * (forces.sum() / self.forces.sum()) - forces
+        allowed = np.maximum(FORCE_TOLERANCE * self.forces, SHARE_TOLERANCE * self.forces.sum())
+        found = bool((np.abs(missing) <= allowed).all())
+        self.depths_mm = depths if found else depths + missing / self.stiffness
+        return found
+
+    def _estimate_stiffness(self, depths_mm: np.ndarray, forces: np.ndarray) -> None:
+        """Update the stiffnesses with the secants of the last two contacts."""
+        if self._found is None:
+            return
+        deeper, more = depths_mm - self._found[0], forces - self._found[1]
+        usable = (np.abs(deeper) > MIN_DEPTH_MM / 10) & (deeper * more > 0)
+        secant = np.where(usable, more / np.where(usable, deeper, 1.0), self.stiffness)
+        self.stiffness = np.clip(
+            secant, self.stiffness / MAX_STIFFENING, self.stiffness * MAX_STIFFENING
+        )
+
+    def motion(self, motion: Motion, owner: np.ndarray) -> CarriedMotion:
+        """A motion with the bodies."""
+        plain = {name: getattr(motion, name) for name in Motion.__dataclass_fields__}
+        return CarriedMotion(
+            **plain,
+            bodies=self.names,
+            owner=owner,
+            depths_mm=self.depths_mm,
+            stiffness=self.stiffness,
+        )
+
+
+def kept_traction(motion: Motion, name: str, names: tuple[str, ...], owner: np.ndarray) -> Motion:
+    """A motion whose traction is zero where another body is over a cell than before.
+
+    name: of the body of a motion that is not a CarriedMotion. names, owner: the bodies now.
+    """
+    before, indices = (name,), np.zeros(owner.shape, int)
+    if isinstance(motion, CarriedMotion):
+        before, indices = motion.bodies, motion.owner
+    if before == names and len(names) == 1:
+        return motion
+    same = np.array(before)[indices] == np.array(names)[owner]
+    return replace(motion, shear_mpa=motion.shear_mpa * same)
+
+
+def _on_one_grid(maps: Sequence[HeightMap]) -> list[HeightMap]:
+    """Height maps on the same axes: those of the finest pitch that reach as far as all maps."""
+    first = maps[0]
+    if all(
+        np.array_equal(each.x_mm, first.x_mm) and np.array_equal(each.y_mm, first.y_mm)
+        for each in maps
+    ):
+        return list(maps)
+    pitch = min(each.pitch_mm for each in maps)
+    x, y = (
+        np.arange(
+            min(getattr(each, axis)[0] for each in maps),
+            max(getattr(each, axis)[-1] for each in maps) + pitch / 2,
+            pitch,
+        )
+        for axis in ("x_mm", "y_mm")
+    )
+    across, down = np.meshgrid(x, y)
+    return [HeightMap(each.sample(across, down), x, y) for each in maps]

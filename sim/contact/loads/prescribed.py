@@ -1,0 +1,240 @@
+"""Friction of a step whose forces and torques are prescribed, instead of its rigid motion.
+
+The rigid motions of the bodies are the multipliers of Kalker's problem
+(`t2twin.sim.contact.tangential.traction`) with the forces and torques as constraints. The problem
+stays convex. A body slides as a whole where friction cannot carry its force and torque.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from t2twin.core import arguments
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.grid import Window, dilated, window_around
+from t2twin.sim.contact.loads.balance import TURN_WEIGHT, balance, balanced_step
+from t2twin.sim.contact.sliding import Friction
+from t2twin.sim.contact.tangential.shear_layer import DomedLayer
+from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
+from t2twin.sim.contact.types import AT_LIMIT, Contact
+
+PREDICTION_TOLERANCE = 1e-2
+"""Tolerance of the traction that is found from the pressure of the contact before; see
+t2twin.sim.contact.tangential.traction.TOLERANCE."""
+
+STICK_MM = 1e-4
+"""Motion below which a cell's traction is below the limit, in the search for what friction can
+carry, mm (assumed)."""
+
+SOFTNESS = 1e-6
+"""Share of what friction can carry by which 1 mm of motion reduces a wrench in that search, which
+is then solvable for every wrench (assumed)."""
+
+EXCESS = 1e-4
+"""Share of what friction can carry by which a wrench exceeds it where the body slides (assumed)."""
+
+MOTION_EXCESS, MOTION_MM = 0.05, 0.02
+"""Excess of a force over the limit of friction from which a body slides along its prescribed
+motion, and the length of a motion at which half of its direction counts, mm (assumed). Otherwise it
+slides along the excess of the wrench."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """What one body does to a sensor, in the sensor frame.
+
+    shape: the body. The height map of its surface is that of a press at x = y = yaw = 0.
+    force_n: normal force, N. shear_n: (2,) tangential force on the sensor along x and y, N.
+    torque_nmm: torque on the sensor about its z axis, clockwise in the image, N mm.
+    motion: (dx_mm, dy_mm, dyaw_rad) of the body's surface along the sensor since the last contact;
+    the rotation is about the sensor's z axis. friction: coefficient of friction.
+    Raises T2TwinError for values that are not finite numbers.
+    """
+
+    shape: Shape
+    force_n: float
+    shear_n: tuple[float, float]
+    torque_nmm: float
+    motion: tuple[float, float, float]
+    friction: float
+
+    def __post_init__(self) -> None:
+        arguments.number(self.force_n, "force_n")
+        arguments.number(self.torque_nmm, "torque_nmm")
+        arguments.number(self.friction, "friction", 0.0)
+        for name in ("shear_n", "motion"):
+            for value in getattr(self, name):
+                arguments.number(float(value), name)
+
+
+class PrescribedLoads:
+    """The friction of bodies with prescribed forces and torques; a `Drive` of a step.
+
+    owner: (ny, nx) index of the body over each cell of the contact's grid.
+    """
+
+    def __init__(self, loads: Sequence[Load], owner: np.ndarray) -> None:
+        self.loads, self.owner = loads, owner
+        self.friction = np.array([load.friction for load in loads])[owner]
+
+    def __call__(
+        self, contact: Contact, layer: DomedLayer, lateral_mm: np.ndarray, window: Window
+    ) -> tuple[np.ndarray, Friction]:
+        rows, columns = window
+        axes = contact.x_mm[columns], contact.y_mm[rows]
+        owner, friction = self.owner[window], self.friction[window]
+        calls = 0
+
+        def solve(
+            pressure: np.ndarray, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray, bool]:
+            nonlocal calls
+            calls += 1
+            if calls == 1:  # a prediction, from the pressure of the contact before
+                pressure = self._rescaled(pressure, owner, contact.pitch_mm)
+            traction, follows = np.zeros_like(guess), lateral_mm.copy()
+            if not (friction * pressure).any():
+                return traction, follows, True
+            near = window_around(dilated(pressure > 0, 1))
+            part = (slice(None), *near)
+            bodies = _Bodies(
+                self.loads, owner[near], pressure[near], (friction * pressure)[near],
+                (axes[0][near[1]], axes[1][near[0]]), contact.pitch_mm,
+            )  # fmt: skip
+            wanted = lateral_mm[part] - spread[part] - dome[part]
+            found = solve_traction(
+                layer.middle, bodies.limit, wanted, guess[part], bodies.towards,
+                PREDICTION_TOLERANCE if calls == 1 else TOLERANCE,
+            )  # fmt: skip
+            traction[part] = found.q_mpa
+            sheared = found.displacement_mm + spread[part] + dome[part]
+            if calls == 1:  # the contact moves with the bodies, less the change of the shear
+                follows[part] = bodies.with_motion_mm(bodies.motions, lateral_mm[part])
+            else:
+                follows[part] = bodies.follows_mm(lateral_mm[part], sheared)
+            return traction, follows, found.converged
+
+        return lateral_mm, solve
+
+    def _rescaled(self, pressure: np.ndarray, owner: np.ndarray, pitch_mm: float) -> np.ndarray:
+        """The pressure with the bodies' forces, where it is not zero."""
+        totals = [pressure[owner == body].sum() * pitch_mm**2 for body in range(len(self.loads))]
+        shares = [
+            load.force_n / total if total > 0 else 1.0
+            for load, total in zip(self.loads, totals, strict=True)
+        ]
+        return pressure * np.array(shares)[owner]
+
+
+class _Bodies:
+    """Bodies with prescribed wrenches on a window; see `balance` for wrenches and motions."""
+
+    def __init__(
+        self,
+        loads: Sequence[Load],
+        owner: np.ndarray,
+        pressure: np.ndarray,
+        limit: np.ndarray,
+        axes: tuple[np.ndarray, np.ndarray],
+        pitch_mm: float,
+    ) -> None:
+        self.limit = np.ascontiguousarray(limit, np.float32)
+        self.owner = np.ascontiguousarray(owner, np.int64)
+        self.x, self.y = (axis.copy() for axis in axes)
+        self.levers = np.array(
+            [self._lever(pressure * (owner == body), pitch_mm) for body in range(len(loads))]
+        )
+        self.wrenches = np.array(
+            [_wrench(*pair, pitch_mm) for pair in zip(loads, self.levers, strict=True)]
+        )
+        self.rigid = np.zeros((len(loads), 3))
+        self.slides = np.zeros(len(loads), bool)
+        self.motions = np.array([_motion(*pair) for pair in zip(loads, self.levers, strict=True)])
+        for body in range(len(loads)):
+            self._find_slide(body)
+
+    def _lever(self, pressure: np.ndarray, pitch_mm: float) -> tuple[float, float, float]:
+        """Center and radius of gyration of a pressure, mm."""
+        total = pressure.sum()
+        if total == 0:
+            return 0.0, 0.0, 1.0
+        down, across = pressure.sum(axis=1) / total, pressure.sum(axis=0) / total
+        x, y = float(across @ self.x), float(down @ self.y)
+        square = float(across @ (self.x - x) ** 2 + down @ (self.y - y) ** 2)
+        return x, y, max(np.sqrt(square), pitch_mm)
+
+    def _find_slide(self, body: int) -> None:
+        """Set whether a body slides as a whole, and along which motion.
+
+        Finds the nearest wrench that friction can carry. What it lacks points along the motion
+        under which friction carries it.
+        """
+        limit = np.where(self.owner == body, self.limit, np.float32(0.0))
+        capacity = float(limit.sum(dtype=float))
+        if capacity == 0:
+            self.slides[body], self.rigid[body] = True, self.motions[body]
+            return
+        none, found, soft = (
+            np.zeros((2, *limit.shape), np.float32),
+            np.zeros(3),
+            SOFTNESS * capacity,
+        )
+        balance(
+            none, none, float(limit.max()) / STICK_MM, limit, self.x, self.y, self.owner, body,
+            self.levers[body], self.wrenches[body] / (1 - AT_LIMIT), soft, capacity, found,
+        )  # fmt: skip
+        excess = float(np.linalg.norm(SOFTNESS * found * (1, 1, TURN_WEIGHT)))
+        if excess > EXCESS:
+            along, motion = found / np.linalg.norm(found), self.motions[body]
+            length = float(np.linalg.norm(motion))
+            force = float(np.hypot(*self.wrenches[body, :2])) / capacity
+            share = min(max(force - 1.0, 0.0) / MOTION_EXCESS, 1.0) * length / (length + MOTION_MM)
+            ahead = max(float(along @ motion), 0.0) / max(length, 1e-30)
+            self.slides[body] = True
+            self.rigid[body] = (1 - share) * along + share * ahead * motion / max(length, 1e-30)
+
+    def towards(
+        self,
+        q: np.ndarray,
+        gradient: np.ndarray,
+        limit: np.ndarray,
+        length: float,
+        direction: np.ndarray,
+    ) -> tuple[float, float, float]:
+        """See balanced_step."""
+        return balanced_step(
+            q, gradient, limit, length, self.x, self.y, self.owner, self.levers, self.wrenches,
+            self.slides, self.rigid, direction,
+        )  # fmt: skip
+
+    def follows_mm(self, before_mm: np.ndarray, now_mm: np.ndarray) -> np.ndarray:
+        """Displacement of a surface that sticks to the bodies, (2, rows, columns), mm, from the
+        surface's displacement before and now.
+
+        Where a body slides as a whole, the prescribed motion is that along the displaced surface.
+        """
+        rigid = np.where(self.slides[:, None], self.motions, self.rigid)
+        return self.with_motion_mm(rigid, np.where(self.slides[self.owner], now_mm, before_mm))
+
+    def with_motion_mm(self, rigid: np.ndarray, displacement_mm: np.ndarray) -> np.ndarray:
+        """A displacement, (2, rows, columns), mm, and rigid motions, (bodies, 3), together."""
+        found = displacement_mm.copy()
+        for body, (along_x, along_y, turn) in enumerate(rigid):
+            (x, y, radius), here = self.levers[body], self.owner == body
+            found[0] += here * (along_x - turn / radius * (self.y[:, None] - y))
+            found[1] += here * (along_y + turn / radius * (self.x - x))
+        return found
+
+
+def _wrench(load: Load, lever: np.ndarray, pitch_mm: float) -> np.ndarray:
+    """(3,) the wrench of a load about a lever, see `balance`."""
+    (along_x, along_y), (x, y, radius) = load.shear_n, lever
+    torque = load.torque_nmm - (x * along_y - y * along_x)
+    return np.array([along_x, along_y, torque / radius]) / pitch_mm**2
+
+
+def _motion(load: Load, lever: np.ndarray) -> np.ndarray:
+    """(3,) the rigid motion of a load about a lever, see `balance`."""
+    (dx_mm, dy_mm, turn), (x, y, radius) = load.motion, lever
+    return np.array([dx_mm - turn * y, dy_mm + turn * x, turn * radius])

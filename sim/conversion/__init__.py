@@ -1,0 +1,1 @@
+"""Conversion of datasets to the formats of other projects."""

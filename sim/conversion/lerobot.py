@@ -1,0 +1,279 @@
+"""Converts a dataset to LeRobot's format v3.0 (https://huggingface.co/docs/lerobot).
+
+    DIR/meta/info.json                              features, and the episodes of each split
+    DIR/meta/stats.json                             statistics of the features
+    DIR/meta/tasks.parquet                          the tasks
+    DIR/meta/episodes/chunk-000/file-000.parquet    length, place and statistics of each episode
+    DIR/meta/t2twin.json                            the dataset's info.json
+    DIR/data/chunk-000/file-000.parquet             the frames
+    DIR/README.md                                   the card
+
+An episode is a press, or a press and the further touches of its path. A frame is one pair. Images
+stay PNG files, so that no video codec changes them.
+"""
+
+import json
+from collections.abc import Callable, Iterator
+from itertools import chain, groupby
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write, new_folder, write_json
+from t2twin.core.images import decode_png
+from t2twin.core.progress import Progress
+from t2twin.core.templates import render
+from t2twin.sim.conversion.features import BACKGROUND_FEATURE, INDICES, features_of
+from t2twin.sim.conversion.statistics import FeatureStatistics
+from t2twin.sim.dataset.card import CARD
+from t2twin.sim.dataset.columns import PATH, schema_of, with_features
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo
+from t2twin.sim.dataset.store import (
+    BATCH_ROWS,
+    INFO,
+    iter_images,
+    iter_shards,
+    read_info,
+    row_writer,
+    sha256_of,
+    split_shards,
+    write_whole,
+)
+
+VERSION = "v3.0"
+"""LeRobot's version of the format."""
+
+FRAMES_PER_SECOND = 30
+"""Nominal frame rate, 1/s (assumed: the simulated touches are quasi-static and have no time)."""
+
+DATA_FILE_MB, VIDEO_FILE_MB, FILES_PER_CHUNK = 100, 200, 1000
+"""LeRobot's default sizes of files, MB, and number of files of a folder."""
+
+FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+DATA, EPISODES = f"data/{FILE}", f"meta/episodes/{FILE}"
+"""Paths of the files of frames and of episodes."""
+
+EPISODE_COLUMNS = [
+    ("episode_index", pa.int64()),
+    ("tasks", pa.list_(pa.string())),
+    *(
+        (name, pa.int64())
+        for name in (
+            "length",
+            "data/chunk_index",
+            "data/file_index",
+            "dataset_from_index",
+            "dataset_to_index",
+            "meta/episodes/chunk_index",
+            "meta/episodes/file_index",
+        )
+    ),
+]
+"""Columns of the file of episodes, before the statistics."""
+
+Row = dict[str, Any]
+
+
+def convert_to_lerobot(folder: str | Path, out: str | Path) -> dict[str, Any]:
+    """Convert a dataset to LeRobot's format; returns the content of meta/info.json.
+
+    folder: of the dataset. out: folder to write, new or empty. Counts and images are exact, other
+    values are rounded to float32. The same dataset gives the same bytes.
+    Raises T2TwinError for a folder without a complete dataset, a damaged shard, and an output
+    folder that is not empty or cannot be written. Then nothing is written.
+    """
+    folder = arguments.path(folder, "folder")
+    out = arguments.path(out, "out").absolute()
+    info = read_info(folder)
+    if not any(info.pairs.values()):
+        raise T2TwinError(f"the dataset in {folder} has no pairs; expected at least one")
+    with new_folder(out) as temporary:
+        return _Conversion(folder, temporary, info).run()
+
+
+class _Conversion:
+    """The state of a conversion: the tasks, and the statistics and numbers so far."""
+
+    def __init__(self, folder: Path, out: Path, info: DatasetInfo) -> None:
+        self._folder, self._out, self._info = folder, out, info
+        self._splits = [split for split in SPLITS if info.pairs[split]]
+        self._features = features_of(info, _image_shape(folder, info), self._present())
+        every = (*self._features, *INDICES)
+        self._statistics = {feature.name: FeatureStatistics(feature) for feature in every}
+        self._tasks: dict[str, int] = {}
+        self._frames = 0
+        self._ends: dict[str, int] = {}  # number of episodes up to the end of each split
+
+    def run(self) -> dict[str, Any]:
+        """Writes all files; returns the content of meta/info.json."""
+        episodes = self._out / EPISODES.format(chunk_index=0, file_index=0)
+        schema = EPISODE_COLUMNS + [
+            (f"stats/{name}/{key}", kind)
+            for name, each in self._statistics.items()
+            for key, kind in each.types().items()
+        ]
+        with row_writer(episodes, pa.schema(schema), []) as write_episode:
+            self._write_frames(write_episode)
+        _write_tasks(self._out / "meta" / "tasks.parquet", self._tasks)
+        statistics = {name: each.total() for name, each in self._statistics.items()}
+        write_json(self._out / "meta" / "stats.json", statistics)
+        write_whole(self._out / "meta" / "t2twin.json", (self._folder / INFO).read_bytes())
+        content = self._content()
+        write_json(self._out / "meta" / "info.json", content)
+        card = render("sim/conversion/card.md", info=self._info, content=content)
+        write_whole(self._out / CARD, card.encode())
+        return content
+
+    def _present(self) -> set[str]:
+        """Names of the columns with a value in every row."""
+        schema = schema_of(self._info.world)
+        scalars = [field.name for field in schema if not pa.types.is_nested(field.type)]
+        present = set(schema.names)
+        for split in self._splits:
+            for table in iter_shards(self._folder, split, scalars):
+                present -= {name for name in scalars if table[name].null_count}
+        return present
+
+    def _write_frames(self, write_episode: Callable[[Row], None]) -> None:
+        """Writes the files of frames, and a row for each episode."""
+        columns = [(each.name, each.arrow_type) for each in (*self._features, *INDICES)]
+        schema, repeated = with_features(pa.schema(columns)), []
+        if BACKGROUND_FEATURE in schema.names:
+            repeated.append(f"{BACKGROUND_FEATURE}.bytes")
+        total = sum(self._info.pairs.values())
+        file, number = -1, 0
+        episodes = self._episodes()
+        with Progress(total=total, unit="pair", desc="convert") as bar:
+            for first in episodes:
+                file, size = file + 1, 0
+                chunk_index, file_index = divmod(file, FILES_PER_CHUNK)
+                place = {"chunk_index": chunk_index, "file_index": file_index}
+                with row_writer(self._out / DATA.format(**place), schema, repeated) as write:
+                    for split, rows in chain([first], episodes):
+                        frames = self._frames_of(rows, number)
+                        for frame in frames:
+                            write(frame)
+                        write_episode(self._episode(frames, rows, number, place))
+                        number += 1
+                        self._frames += len(rows)
+                        self._ends[split] = number
+                        bar.update(len(rows))
+                        size += sum(len(row["image"]["bytes"]) for row in rows)
+                        if size >= DATA_FILE_MB * 1e6:
+                            break
+
+    def _episodes(self) -> Iterator[tuple[str, list[Row]]]:
+        """The split and the rows of each episode."""
+        for split in self._splits:
+            for _, rows in groupby(self._rows(split), _path_of):
+                yield split, list(rows)
+
+    def _rows(self, split: str) -> Iterator[Row]:
+        """The rows of a split, with little memory."""
+        shards = split_shards(self._info, split)
+        for path, table in zip(shards, iter_shards(self._folder, split), strict=True):
+            if sha256_of(self._folder / path) != self._info.shards[path].sha256:
+                raise T2TwinError(
+                    f"{self._folder / path} is damaged: its bytes are not those that were written "
+                    f"(sha256); `t2twin simdata --verify {self._folder}` lists all damage"
+                )
+            for batch in table.to_batches(BATCH_ROWS):
+                yield from batch.to_pylist()
+
+    def _frames_of(self, rows: list[Row], episode: int) -> list[Row]:
+        """The frames of an episode."""
+        task = self._tasks.setdefault(_task(rows), len(self._tasks))
+        return [
+            {feature.name: feature.value(row) for feature in self._features}
+            | {
+                "timestamp": number / FRAMES_PER_SECOND,
+                "frame_index": number,
+                "episode_index": episode,
+                "index": self._frames + number,
+                "task_index": task,
+            }
+            for number, row in enumerate(rows)
+        ]
+
+    def _episode(
+        self, frames: list[Row], rows: list[Row], number: int, place: dict[str, int]
+    ) -> Row:
+        """The row of an episode; adds its frames to the statistics."""
+        return {
+            "episode_index": number,
+            "tasks": [_task(rows)],
+            "length": len(frames),
+            "data/chunk_index": place["chunk_index"],
+            "data/file_index": place["file_index"],
+            "dataset_from_index": self._frames,
+            "dataset_to_index": self._frames + len(frames),
+            "meta/episodes/chunk_index": 0,
+            "meta/episodes/file_index": 0,
+        } | {
+            f"stats/{name}/{key}": value
+            for name, each in self._statistics.items()
+            for key, value in each.add([frame[name] for frame in frames]).items()
+        }
+
+    def _content(self) -> dict[str, Any]:
+        """The content of meta/info.json."""
+        splits, start = {}, 0
+        for split in self._splits:
+            splits[split] = f"{start}:{self._ends[split]}"
+            start = self._ends[split]
+        return {
+            "codebase_version": VERSION,
+            "robot_type": "t2twin",
+            "total_episodes": start,
+            "total_frames": self._frames,
+            "total_tasks": len(self._tasks),
+            "chunks_size": FILES_PER_CHUNK,
+            "data_files_size_in_mb": DATA_FILE_MB,
+            "video_files_size_in_mb": VIDEO_FILE_MB,
+            "fps": FRAMES_PER_SECOND,
+            "splits": splits,
+            "data_path": DATA,
+            "video_path": None,
+            "features": {each.name: each.description() for each in (*self._features, *INDICES)},
+        }
+
+
+def _image_shape(folder: Path, info: DatasetInfo) -> tuple[int, ...]:
+    """(rows, columns, 3) of the images; older datasets do not have it in info.json."""
+    return info.image_shape or decode_png(next(iter_images(folder, min(info.shards)))).shape
+
+
+def _path_of(row: Row) -> tuple[str, int]:
+    """What the rows of an episode have in common."""
+    return row["shape"], row[PATH] if PATH in row else row["index"]
+
+
+def _task(rows: list[Row]) -> str:
+    """The task of an episode."""
+    return f"{'press' if len(rows) == 1 else 'press and move'} {rows[0]['shape']}"
+
+
+def _write_tasks(path: Path, tasks: dict[str, int]) -> None:
+    """Writes the tasks. LeRobot reads them with pandas, as the index of a table."""
+    names = {"task": ("unicode", "object"), "task_index": ("int64", "int64")}
+    about = {
+        "index_columns": ["task"],
+        "column_indexes": [],
+        "columns": [
+            {
+                "name": name,
+                "field_name": name,
+                "pandas_type": kind,
+                "numpy_type": numpy_kind,
+                "metadata": None,
+            }
+            for name, (kind, numpy_kind) in names.items()
+        ],
+    }
+    table = pa.table({"task_index": list(tasks.values()), "task": list(tasks)})
+    with atomic_write(path) as temporary, temporary.open("wb") as file:
+        pq.write_table(table.replace_schema_metadata({"pandas": json.dumps(about)}), file)

@@ -1,0 +1,201 @@
+"""Writes the metadata of a dataset: its card and its Croissant file.
+
+The card's header declares splits, columns and license to the Hugging Face hub, its viewer and
+`datasets`. croissant.json declares the same in the Croissant format 1.1 of MLCommons
+(https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html).
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from t2twin.core.templates import render
+from t2twin.sim.cyskin.layout import PAD_DIAMETER_MM
+from t2twin.sim.dataset.columns import FIELD, IMAGE_TYPE, TRACTIONS, schema_of, type_name
+from t2twin.sim.dataset.info import SPLITS, DatasetInfo
+from t2twin.sim.dataset.store import write_whole
+
+CARD, CROISSANT = "README.md", "croissant.json"
+
+HUB_SPLITS = {"train": "train", "val": "validation", "test": "test"}
+"""Names of the splits on the Hugging Face hub."""
+
+CROISSANT_SPLITS = {
+    "train": "cr:TrainingSplit",
+    "val": "cr:ValidationSplit",
+    "test": "cr:TestSplit",
+}
+"""Kinds of the splits (Croissant 1.1, section ML-specific features)."""
+
+SIZES = ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K"), (1e6, "100K<n<1M"))
+"""Size categories of the hub, each with the number of rows that it ends at."""
+
+LARGEST_SIZE = "1M<n<10M"
+
+LICENSE_URL = "https://spdx.org/licenses/MIT.html"
+"""Of simulated datasets."""
+
+CONFORMS_TO = "http://mlcommons.org/croissant/1.1"
+
+_TERMS = (
+    "arrayShape", "citeAs", "column", "containedIn", "equivalentProperty", "extract", "field",
+    "fileObject", "fileProperty", "fileSet", "format", "includes", "isArray", "isLiveDataset",
+    "jsonPath", "key", "md5", "parentField", "path", "recordSet", "references", "regex", "repeated",
+    "replace", "samplingRate", "separator", "source", "subField", "transform",
+)  # fmt: skip
+
+CONTEXT = {
+    "@language": "en",
+    "@vocab": "https://schema.org/",
+    "sc": "https://schema.org/",
+    "cr": "http://mlcommons.org/croissant/",
+    "rai": "http://mlcommons.org/croissant/RAI/",
+    "dct": "http://purl.org/dc/terms/",
+    "conformsTo": "dct:conformsTo",
+    "data": {"@id": "cr:data", "@type": "@json"},
+    "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
+    "examples": {"@id": "cr:examples", "@type": "@json"},
+    "name": {"@container": "@language"},
+    "description": {"@container": "@language"},
+    **{name: f"cr:{name}" for name in _TERMS},
+}
+"""The terms of Croissant 1.1."""
+
+CROISSANT_TYPES = {
+    "string": "sc:Text",
+    "bool": "sc:Boolean",
+    "int32": "cr:Int32",
+    "int64": "cr:Int64",
+    "uint16": "cr:UInt16",
+    "float32": "cr:Float32",
+    "float64": "cr:Float64",
+}
+
+
+def write_card(folder: Path, info: DatasetInfo) -> None:
+    """Writes README.md and croissant.json of a dataset whose shards exist."""
+    sizes = {path: (folder / path).stat().st_size for path in sorted(info.shards)}
+    text = render(
+        "sim/dataset/card.md",
+        info=info,
+        pad_mm=PAD_DIAMETER_MM,
+        splits={HUB_SPLITS[split]: split for split in _present(info)},
+        features=_hub_features(schema_of(info.world)),
+        size=_size_category(sum(info.pairs.values())),
+        download_bytes=sum(sizes.values()),
+    )
+    write_whole(folder / CARD, text.encode())
+    content = json.dumps(croissant(info, sizes), indent=1, ensure_ascii=False)
+    write_whole(folder / CROISSANT, f"{content}\n".encode())
+
+
+def _present(info: DatasetInfo) -> list[str]:
+    """The splits that have pairs."""
+    return [split for split in SPLITS if info.pairs[split]]
+
+
+def _size_category(pairs: int) -> str:
+    return next((name for end, name in SIZES if pairs < end), LARGEST_SIZE)
+
+
+def _hub_features(schema: pa.Schema) -> list[dict[str, str]]:
+    """The columns as a card's header lists them."""
+    features = []
+    for field in schema:
+        if field.type == IMAGE_TYPE:
+            kind = {"dtype": "image"}
+        elif pa.types.is_list(field.type):
+            kind = {"sequence": type_name(field.type.value_type)}
+        else:
+            kind = {"dtype": type_name(field.type)}
+        features.append({"name": field.name, **kind})
+    return features
+
+
+def croissant(info: DatasetInfo, sizes: dict[str, int]) -> dict[str, Any]:
+    """The content of croissant.json. sizes: of the shards by path, bytes."""
+    title, about, version = "Pairs imported with t2twin", {}, info.versions["t2twin"]
+    if info.is_simulated:
+        title = f"t2twin {info.world_name}"
+        cite_as = f"@misc{{t2twin, title={{{title}}}, note={{simulated by t2twin {version}}}}}"
+        about = {"license": LICENSE_URL, "citeAs": cite_as}
+    return {
+        "@context": CONTEXT,
+        "@type": "sc:Dataset",
+        "conformsTo": CONFORMS_TO,
+        "name": title,
+        "description": (
+            "Images of a camera tactile sensor, paired with the counts of a capacitive array. "
+            "README.md describes the columns."
+        ),
+        **about,
+        "version": version,
+        "keywords": ["tactile", "digit", "cyskin"],
+        "distribution": [_file(path, info, size) for path, size in sizes.items()]
+        + [
+            {
+                "@type": "cr:FileSet",
+                "@id": "shards",
+                "description": "All shards.",
+                "encodingFormat": "application/x-parquet",
+                "includes": [f"{split}/*.parquet" for split in _present(info)],
+            }
+        ],
+        "recordSet": [_splits(info), _pairs(info)],
+    }
+
+
+def _file(path: str, info: DatasetInfo, size: int) -> dict[str, Any]:
+    return {
+        "@type": "cr:FileObject",
+        "@id": path,
+        "name": path,
+        "contentUrl": path,
+        "contentSize": f"{size} B",
+        "encodingFormat": "application/x-parquet",
+        "sha256": info.shards[path].sha256,
+    }
+
+
+def _splits(info: DatasetInfo) -> dict[str, Any]:
+    """The record set of the splits."""
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "splits",
+        "dataType": "cr:Split",
+        "key": {"@id": "splits/name"},
+        "field": [
+            {"@type": "cr:Field", "@id": "splits/name", "name": "name", "dataType": "sc:Text"},
+            {"@type": "cr:Field", "@id": "splits/url", "name": "url", "dataType": "sc:URL"},
+        ],
+        "data": [{"splits/name": s, "splits/url": CROISSANT_SPLITS[s]} for s in _present(info)],
+    }
+
+
+def _pairs(info: DatasetInfo) -> dict[str, Any]:
+    """The record set of the pairs, one field a column."""
+    places = len(info.field_x_mm or ())
+    lengths = {"taxels": len(info.layout_x_mm), FIELD: places, **dict.fromkeys(TRACTIONS, places)}
+    fields = []
+    for column in schema_of(info.world):
+        extract = {"fileSet": {"@id": "shards"}, "extract": {"column": column.name}}
+        field = {"@type": "cr:Field", "@id": f"pairs/{column.name}", "name": column.name}
+        if column.type == IMAGE_TYPE:
+            field["dataType"] = "sc:ImageObject"
+            extract["transform"] = {"jsonPath": "bytes"}
+        elif pa.types.is_list(column.type):
+            field["dataType"] = CROISSANT_TYPES[type_name(column.type.value_type)]
+            field |= {"isArray": True, "arrayShape": str(lengths[column.name])}
+        else:
+            field["dataType"] = CROISSANT_TYPES[type_name(column.type)]
+        if column.name == "split":
+            field["references"] = {"field": {"@id": "splits/name"}}
+        fields.append({**field, "source": extract})
+    return {
+        "@type": "cr:RecordSet",
+        "@id": "pairs",
+        "description": "One record a pair of touches.",
+        "field": fields,
+    }

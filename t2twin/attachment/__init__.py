@@ -1,0 +1,1 @@
+"""Simulated sensors attached to a MuJoCo model."""

@@ -1,0 +1,119 @@
+"""What MuJoCo's contacts do to a sensor."""
+
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
+from dataclasses import dataclass
+from math import atan2
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+
+MIN_FACING = 0.5
+"""Least cosine of the angle between a contact's normal and the sensor's (assumed). A dome is at
+most 31 degrees steep; contacts at 60 degrees or more are at the sensor's side or back."""
+
+
+class Pose(NamedTuple):
+    """Rotation (3, 3) and position (3,), m, of a frame in the world."""
+
+    rotation: np.ndarray
+    position_m: np.ndarray
+
+    def in_frame(self, other: "Pose") -> "Pose":
+        """This pose relative to another frame."""
+        back = other.rotation.T
+        return Pose(back @ self.rotation, back @ (self.position_m - other.position_m))
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(4, 4) homogeneous transform to the world, m."""
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = self.rotation, self.position_m
+        return matrix
+
+
+@dataclass(frozen=True)
+class Wrench:
+    """Force and torque of one body on a sensor, in the sensor frame.
+
+    body: id of the body, the first of those that are welded together. force_n: (3,).
+    torque_nmm: (3,) about the sensor's origin. center_mm: (3,) mean of the places of contact,
+    weighted with their normal forces. friction: coefficient, the mean weighted in the same way.
+    """
+
+    body: int
+    force_n: np.ndarray
+    torque_nmm: np.ndarray
+    center_mm: np.ndarray
+    friction: float
+
+    @property
+    def pressing_n(self) -> float:
+        """The force into the sensor."""
+        return -float(self.force_n[2])
+
+
+def wrenches(
+    model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose
+) -> list[Wrench]:
+    """The wrench of each body that touches the geom of a sensor with this frame, by body id.
+
+    Contacts at the sensor's side or back are left out (MIN_FACING).
+    Raises T2TwinError for a flex that touches the sensor.
+    """
+    found: dict[int, list[tuple[np.ndarray, np.ndarray, np.ndarray, float, float]]] = {}
+    contacts, force = data.contact, np.zeros(6)
+    for index in np.flatnonzero((contacts.geom == geom).any(axis=1)):
+        contact = contacts[int(index)]
+        first, second = contact.geom
+        sign, other = (1.0, first) if second == geom else (-1.0, second)
+        if other < 0:
+            raise T2TwinError(
+                f"a flex touches geom {model.geom(geom).name}; sensors read rigid bodies only"
+            )
+        axes = contact.frame.reshape(3, 3) @ frame.rotation
+        # MuJoCo's normal points from the first geom to the second, which the force acts on
+        if -sign * axes[0, 2] < MIN_FACING:
+            continue
+        mujoco.mj_contactForce(model, data, index, force)
+        if force[0] <= 0:
+            continue
+        at_mm = 1e3 * (contact.pos - frame.position_m) @ frame.rotation
+        force_n = sign * force[:3] @ axes
+        torque_nmm = 1e3 * sign * force[3:] @ axes + np.cross(at_mm, force_n)
+        friction = float(contact.friction[0]) if contact.dim > 1 else 0.0
+        body = int(model.body_weldid[model.geom_bodyid[other]])
+        found.setdefault(body, []).append((force_n, torque_nmm, at_mm, force[0], friction))
+    return [_sum(body, found[body]) for body in sorted(found)]
+
+
+def _sum(body: int, parts: list) -> Wrench:
+    """The wrench of a body's contacts: force, torque, place, normal force and friction of each."""
+    forces, torques, places, normal, friction = (
+        np.array(part) for part in zip(*parts, strict=True)
+    )
+    share = normal / normal.sum()
+    return Wrench(
+        body, forces.sum(axis=0), torques.sum(axis=0), share @ places, float(share @ friction)
+    )
+
+
+def relative_motion(
+    before: Pose | None, now: Pose, center_mm: np.ndarray
+) -> tuple[float, float, float]:
+    """Motion of a body's surface along the sensor, between two poses in the sensor frame.
+
+    center_mm: (3,) the place of contact, whose motion is exact; a rolling body has none there.
+    Returns dx and dy, mm, and the angle of the rotation about the sensor's z axis.
+    """
+    if before is None:
+        return 0.0, 0.0, 0.0
+    turn = now.rotation @ before.rotation.T
+    there = turn @ (center_mm - 1e3 * before.position_m) + 1e3 * now.position_m
+    dyaw = atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
+    cos, sin, (x, y, _) = np.cos(dyaw), np.sin(dyaw), center_mm
+    return float(there[0] - cos * x + sin * y), float(there[1] - sin * x - cos * y), dyaw

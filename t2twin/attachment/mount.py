@@ -1,0 +1,212 @@
+"""Attaches a sensor to a MuJoCo model, whose lengths are in meters.
+
+The sensor's body is welded to its mount. MuJoCo excludes contacts between bodies that are welded
+together.
+"""
+
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
+from collections.abc import Iterable, Sequence
+from itertools import count
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from t2twin.attachment.geometry import Geometry
+from t2twin.attachment.sensor import (
+    BODY,
+    FRAME,
+    SURFACE,
+    AttachedSensor,
+    SensorName,
+)
+from t2twin.core import arguments
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.sim.contact.sliding import MAX_FRICTION
+from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
+from t2twin.sim.digit.markers import Markers, as_markers
+from t2twin.sim.sensors import CySkin, Digit
+
+MASS_KG = {"digit": 0.02, "cyskin": 0.0034}
+"""Masses of the sensors, kg. DIGIT: Lambeta et al., DIGIT, IEEE RA-L 2020. CySkin: its cover of
+Ecoflex, 1.04 g/cm3 (maker's data sheet)."""
+
+COLOR = {"digit": (0.85, 0.75, 0.6, 1.0), "cyskin": (0.25, 0.3, 0.35, 1.0)}
+"""Colors of the sensors, RGBA."""
+
+CONDIM = 4
+"""Dimensions of MuJoCo's contacts: a soft surface also resists turning about the normal."""
+
+MESH_PITCH_MM = 1.0
+"""Distance of the vertices of a dome, mm. Its facets are within 0.006 mm of the dome."""
+
+
+def attach(
+    spec: "mujoco.MjSpec",
+    *,
+    sensor: SensorName,
+    site: str | None = None,
+    body: str | None = None,
+    pos: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
+    quat: Sequence[float] | np.ndarray = (1.0, 0.0, 0.0, 0.0),
+    name: str | None = None,
+    calibration: str | Path | None = None,
+    layout: str | Path | None = None,
+    markers: Markers | bool | None = None,
+    friction: float | None = None,
+    geometry: Geometry = "collision",
+    rate_hz: float | None = None,
+    seed: int | None = None,
+) -> AttachedSensor:
+    """Add a sensor to a MuJoCo model before it is compiled; the spec must be in meters.
+
+    sensor: "digit" or "cyskin". site, body: name of the site or body it is mounted on; body "world"
+    is the world. pos, quat: pose of the sensor's base relative to that, m. The base is the bonded
+    side of the gel or cover, and its center is at the pose. The pose's z axis is the sensor's
+    outward normal. Its x axis is the sensor's x axis, to the right in the DIGIT's image.
+    name: of the sensor; None for "digit" or "cyskin", with a number from the second one on. The
+    model gets the body NAME/body, the geom and mesh NAME/surface, and the site NAME/frame at the
+    apex of the undeformed surface. calibration, markers: of a DIGIT, as for `Twin`. layout: of a
+    CySkin, as for `Twin`. friction: coefficient of the sensor's geom; None for MuJoCo's default.
+    MuJoCo uses the larger coefficient of both geoms in a contact.
+    geometry: geoms of the touching bodies whose surfaces are pressed into the sensor: "collision",
+    or "visual" for those without collision where there are any. rate_hz: readings per second of
+    simulated time; None for one whenever the state has changed. seed: of the camera noise or the
+    CySkin's imperfections; None for neither.
+    Raises T2TwinError for invalid arguments, and for names that do not exist or clash.
+    """
+    if not isinstance(spec, mujoco.MjSpec):
+        raise T2TwinError(
+            f"spec is {arguments.describe(spec)}; expected a mujoco.MjSpec, for example of "
+            "mujoco.MjSpec.from_file"
+        )
+    device = _device(sensor, calibration, layout, markers)
+    mounted = AttachedSensor(
+        name=_free_name(spec, name, sensor),
+        sensor=sensor,
+        device=device,
+        geometry=geometry,
+        rate_hz=rate_hz,
+        seed=seed,
+    )
+    pose = _vector(pos, "pos", 3), _unit(quat)
+    own, prefix = _own_spec(sensor, mounted.elastomer, friction, *pose), f"{mounted.name}/"
+    place = _place(spec, site, body)
+    if site is not None:
+        spec.attach(own, site=place, prefix=prefix)
+    else:
+        spec.attach(own, frame=place.add_frame(), prefix=prefix)
+    return mounted
+
+
+def _place(
+    spec: "mujoco.MjSpec", site: str | None, body: str | None
+) -> "mujoco.MjsSite | mujoco.MjsBody":
+    """The site or the body to mount on. Raises T2TwinError for both, none, and unknown names."""
+    if (site is None) == (body is None):
+        given = "both given" if site is not None else "both missing"
+        raise T2TwinError(f"site and body are {given}; expected one of them")
+    if site is None:
+        return _named(spec.body, body, "body", spec.bodies)
+    place = _named(spec.site, site, "site", spec.sites)
+    if np.isfinite(place.fromto[0]):
+        raise T2TwinError(f"site {site} has fromto; expected a site with a position")
+    return place
+
+
+def _device(
+    sensor: object,
+    calibration: str | Path | None,
+    layout: str | Path | None,
+    markers: Markers | bool | None,
+) -> Digit | CySkin:
+    """The simulated sensor. Raises T2TwinError for an argument of the other sensor."""
+    arguments.choice(sensor, "sensor", ("digit", "cyskin"))
+    if sensor == "cyskin":
+        for value, name in ((calibration, "calibration"), (markers, "markers")):
+            if value is not None:
+                raise T2TwinError(f"{name} is given for a cyskin; only a digit has it")
+        source = DEFAULT_LAYOUT if layout is None else str(arguments.path(layout, "layout"))
+        return CySkin(layout_source=source)
+    if layout is not None:
+        raise T2TwinError("layout is given for a digit; only a cyskin has it")
+    light = None if calibration is None else str(arguments.path(calibration, "calibration"))
+    return Digit(calibration=light, markers=as_markers(markers))
+
+
+def _own_spec(
+    sensor: str, elastomer: Elastomer, friction: float | None, pos: np.ndarray, quat: np.ndarray
+) -> "mujoco.MjSpec":
+    """The sensor as a spec of its own, so that defaults of the model do not apply to it."""
+    spec, thickness_m = mujoco.MjSpec(), 1e-3 * elastomer.thickness_mm
+    body = spec.worldbody.add_body(name=BODY, pos=pos, quat=quat)
+    geom = body.add_geom(name=SURFACE, mass=MASS_KG[sensor], rgba=COLOR[sensor], condim=CONDIM)
+    half_m = 0.5e-3 * np.array([elastomer.width_mm, elastomer.length_mm])
+    if np.isfinite([elastomer.dome_width_radius_mm, elastomer.dome_length_radius_mm]).any():
+        mesh = spec.add_mesh(name=SURFACE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+        mesh.uservert = _dome_vertices_m(elastomer).ravel()
+        geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_MESH, SURFACE
+    else:
+        geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, [*half_m, thickness_m / 2]
+        geom.pos = [0.0, 0.0, thickness_m / 2]
+    if friction is not None:
+        geom.friction[0] = arguments.number(friction, "friction", 0.0, MAX_FRICTION)
+    body.add_site(name=FRAME, pos=[0.0, 0.0, thickness_m])
+    return spec
+
+
+def _dome_vertices_m(elastomer: Elastomer) -> np.ndarray:
+    """(n, 3) vertices whose convex hull is the elastomer, m; z is 0 at its base."""
+    sides = np.array([elastomer.width_mm, elastomer.length_mm])
+    # an even number, so that the apex is in a facet: a ball rests on the flat facet
+    points = 2 * np.ceil(sides / MESH_PITCH_MM / 2).astype(int)
+    x, y = (np.linspace(-side / 2, side / 2, n) for side, n in zip(sides, points, strict=True))
+    x, y = np.meshgrid(x, y)
+    top = np.stack([x, y, elastomer.thickness_at_mm(x, y)], axis=-1).reshape(-1, 3)
+    base = top.reshape(*x.shape, 3)[:: len(y) - 1, :: x.shape[1] - 1].reshape(-1, 3) * (1, 1, 0)
+    return 1e-3 * np.concatenate([top, base])
+
+
+def _named(find, name: object, kind: str, existing: Iterable) -> "mujoco.MjsBody | mujoco.MjsSite":
+    """The site or body of a name. Raises T2TwinError for an unknown one."""
+    found = find(arguments.text(name, kind))
+    if found is None:
+        names = [each.name for each in existing if each.name]
+        there = f"expected one of {', '.join(names)}" if names else f"no {kind} of it has a name"
+        raise T2TwinError(f"the model has no {kind} {name!r}; {there}")
+    return found
+
+
+def _free_name(spec: "mujoco.MjSpec", name: str | None, sensor: str) -> str:
+    """The sensor's name, or the first free one. Raises T2TwinError for one that is in use."""
+
+    def is_used(name: str) -> bool:
+        places = ((spec.body, BODY), (spec.geom, SURFACE), (spec.mesh, SURFACE), (spec.site, FRAME))
+        return any(find(f"{name}/{part}") is not None for find, part in places)
+
+    if name is None:
+        names = (sensor if n == 1 else f"{sensor}-{n}" for n in count(1))
+        return next(each for each in names if not is_used(each))
+    if not arguments.text(name, "name"):
+        raise T2TwinError("name is empty; expected a text of at least one character")
+    if is_used(name):
+        raise T2TwinError(f"the model already has elements named {name}/...; take another name")
+    return name
+
+
+def _vector(values: object, name: str, size: int) -> np.ndarray:
+    found = arguments.array(values, name)
+    if found.shape != (size,) or not np.isfinite(found).all():
+        raise T2TwinError(f"{name} is {arguments.describe(found)}; expected {size} finite numbers")
+    return found.astype(float)
+
+
+def _unit(quat: object) -> np.ndarray:
+    found = _vector(quat, "quat", 4)
+    length = np.linalg.norm(found)
+    if length == 0:
+        raise T2TwinError("quat is 0 0 0 0; expected a quaternion that is not zero")
+    return found / length

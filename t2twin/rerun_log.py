@@ -1,0 +1,91 @@
+"""Recordings for the viewer of Rerun, of touches and of predictions.
+
+The extra t2twin[rerun] installs it; `rerun FILE.rrd` shows a recording.
+"""
+
+import importlib
+from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.touch import Touch
+
+SUFFIX = ".rrd"
+
+
+class RerunLog:
+    """A recording that is written to a file while it grows.
+
+    file: with the suffix .rrd; an earlier recording is replaced.
+    Raises T2TwinError without the extra, for another suffix, and for a file that cannot be written.
+    """
+
+    def __init__(self, file: Path) -> None:
+        if file.suffix != SUFFIX:
+            raise T2TwinError(
+                f"{file} cannot be a recording; expected a name that ends in {SUFFIX}"
+            )
+        if file.is_dir():
+            raise T2TwinError(f"{file} is a folder; expected a file name that ends in {SUFFIX}")
+        if find_spec("rerun") is None:
+            raise T2TwinError("a recording needs Rerun: `pip install 't2twin[rerun]'`")
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.open("ab").close()
+        except OSError as error:
+            raise T2TwinError(f"{file} cannot be written: {error.strerror}") from error
+        self._rerun: Any = importlib.import_module("rerun")
+        self._stream = self._rerun.RecordingStream("t2twin")
+        self._stream.save(file)
+
+    def touch(self, time_s: float, touch: Touch) -> None:
+        """Record the image, the counts and the forces of a touch at a time."""
+        self._stream.set_time("time", duration=time_s)
+        if touch.image is not None:
+            self._image(touch.image)
+        if touch.counts is not None:
+            self._counts("cyskin/counts", touch.counts)
+        for sensor, contact in touch.contacts.items():
+            self._number(f"{sensor}/force_n", contact.force_n)
+            self._number(f"{sensor}/depth_mm", contact.depth_mm)
+            self._number(f"{sensor}/shear_n", float(np.hypot(*contact.shear_n)))
+            self._number(f"{sensor}/slip_share", contact.slip_share)
+
+    def prediction(self, time_s: float, image: np.ndarray, line: dict[str, Any]) -> None:
+        """Record an image and the prediction of `t2twin live` from it.
+
+        image: (h, w, 3) or (h, w) uint8. line: the values of a line of `t2twin live`.
+        """
+        self._stream.set_time("time", duration=time_s)
+        self._image(image)
+        for name in ("counts", "counts_std"):
+            if name in line:
+                self._counts(f"prediction/{name}", np.asarray(line[name]))
+        for name in ("force_n", "force_std_n", "latency_ms"):
+            if name in line:
+                self._number(f"prediction/{name}", line[name])
+
+    def close(self) -> None:
+        """Write what is not yet in the file."""
+        self._stream.flush()
+        self._stream.disconnect()
+
+    def _image(self, image: np.ndarray) -> None:
+        self._stream.log("digit/image", self._rerun.Image(image).compress())
+
+    def _counts(self, place: str, counts: np.ndarray) -> None:
+        self._stream.log(place, self._rerun.BarChart(counts))
+
+    def _number(self, place: str, value: float) -> None:
+        self._stream.log(place, self._rerun.Scalars(value))
+
+
+def recorded(log: RerunLog, touches: Iterable[Touch], step_s: float) -> Iterator[Touch]:
+    """The touches, each recorded at its step times step_s."""
+    for step, touch in enumerate(touches):
+        log.touch(step * step_s, touch)
+        yield touch

@@ -1,0 +1,377 @@
+"""Sensors that are attached to MuJoCo models."""
+
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import t2twin
+from t2twin import T2TwinError
+from t2twin.attachment.contacts import Pose, relative_motion
+
+RADIUS_M = 0.006
+FORCE_N = 8.0
+REST_STEPS = 400
+"""Steps of 2 ms after which a pressed body rests."""
+
+
+def scene(**ball):
+    """A sensor's pedestal with a site on it, and a ball above that moves along the axes given."""
+    spec = mujoco.MjSpec()
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10
+    spec.option.gravity = [0.0, 0.0, 0.0]
+    base = spec.worldbody.add_body(name="pedestal", pos=[0, 0, 0.1])
+    base.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.02, 0.03, 0.01])
+    base.add_site(name="pad", pos=[0, 0, 0.01])
+    add_ball(spec, "ball", **ball)
+    return spec
+
+
+def add_ball(spec, name, x_m=0.0, y_m=0.0, gap_m=0.005, axes="z", **geom):
+    body = spec.worldbody.add_body(name=name, pos=[x_m, y_m, 0.11 + gap_m + RADIUS_M])
+    geom = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [RADIUS_M, 0, 0], "mass": 0.1} | geom
+    body.add_geom(**geom)
+    for axis in axes:
+        body.add_joint(
+            type=mujoco.mjtJoint.mjJNT_SLIDE, axis=np.eye(3)["xyz".index(axis)], damping=20
+        )
+
+
+def simulate(spec, *joint_forces_n, steps=REST_STEPS):
+    """Model and data after forces have acted on the joints; by default FORCE_N presses."""
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qfrc_applied[:] = joint_forces_n or -FORCE_N
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def wrench(model, data, frame):
+    """Sum of MuJoCo's contact forces, N, and torques, N mm, on geom 1 or 2 in a frame (4, 4)."""
+    force, torque, own = np.zeros(3), np.zeros(3), np.zeros(6)
+    for number, contact in enumerate(data.contact):
+        mujoco.mj_contactForce(model, data, number, own)
+        sign = 1 if model.geom(contact.geom[1]).name.endswith("/surface") else -1
+        axes = contact.frame.reshape(3, 3) @ frame[:3, :3]
+        force += sign * own[:3] @ axes
+        place = 1e3 * (contact.pos - frame[:3, 3]) @ frame[:3, :3]
+        torque += 1e3 * sign * own[3:] @ axes + np.cross(place, sign * own[:3] @ axes)
+    return force, torque
+
+
+@pytest.mark.parametrize("sensor", ["digit", "cyskin"])
+def test_a_pressed_ball_has_the_force_that_presses_it(sensor: Any):
+    spec = scene()
+    attached = t2twin.attach(spec, site="pad", sensor=sensor)
+    model, data = simulate(spec)
+    touch = attached.read(model, data)
+    contact = touch.contacts[sensor]
+    assert contact.force_n == pytest.approx(FORCE_N, rel=1e-3)
+    assert contact.settled
+    assert list(touch.contacts) == [sensor]
+    assert (touch.image is None, touch.counts is None) == (sensor == "cyskin", sensor == "digit")
+    assert touch.sensor_to_world is not None
+    thickness_m = 1e-3 * attached.elastomer.thickness_mm
+    assert touch.sensor_to_world[:3, 3] == pytest.approx([0, 0, 0.11 + thickness_m])
+
+
+def test_the_same_press_as_by_the_twin():
+    """A mesh pressed in MuJoCo without friction, and the same shape pressed by a Twin."""
+    shape = t2twin.load_shape("hemisphere-2")
+    vertices, faces = shape.triangles
+    expected = t2twin.press(shape, force_n=FORCE_N, x_mm=1.0, y_mm=2.0, yaw_deg=30.0)
+    for sensor in ("digit", "cyskin"):
+        half = np.deg2rad(30.0) / 2
+        spec = scene(
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname="shape",
+            x_m=1e-3,
+            y_m=2e-3,
+            gap_m=0.004,
+            quat=[0, np.cos(half), np.sin(half), 0],
+            condim=1,
+            priority=1,
+        )
+        mesh = spec.add_mesh(name="shape", uservert=(1e-3 * vertices).ravel())
+        mesh.userface = faces.ravel()
+        attached = t2twin.attach(spec, site="pad", sensor=sensor)
+        touch = attached.read(*simulate(spec))
+        contact, truth = touch.contacts[sensor], expected.contacts[sensor]
+        assert contact.depth_mm == pytest.approx(truth.depth_mm, rel=0.01)
+        if sensor == "digit":
+            error = touch.image.astype(float) - expected.image
+            assert 10 * np.log10(255**2 / np.mean(error**2)) > 40
+        else:
+            error = touch.counts.astype(float) - expected.counts
+            assert np.abs(error).max() < 0.01 * 2**16
+
+
+def pushed_scene(sensor: Any = "digit", **options):
+    """A ball at the sensor's side, pressed and pushed along x and y, with the sensor turned."""
+    spec = scene(x_m=0.002, y_m=-0.004, gap_m=0.0041, axes="xyz")
+    half = np.deg2rad(35.0) / 2
+    turned = [np.cos(half), 0, 0, np.sin(half)]
+    attached = t2twin.attach(spec, site="pad", sensor=sensor, quat=turned, **options)
+    return attached, *simulate(spec, 1.5, 1.0, -FORCE_N)
+
+
+@pytest.mark.parametrize("sensor", ["digit", "cyskin"])
+def test_force_shear_and_torque_are_those_of_mujoco(sensor):
+    attached, model, data = pushed_scene(sensor)
+    contact = attached.read(model, data).contacts[sensor]
+    force, torque = wrench(model, data, attached.pose(model, data))
+    assert np.hypot(*force[:2]) > 1.0
+    assert contact.force_n == pytest.approx(-force[2], rel=0.01)
+    assert contact.shear_n == pytest.approx(force[:2], abs=0.01 * np.hypot(*force[:2]))
+    assert contact.torque_nmm == pytest.approx(torque[2], rel=0.01)
+    # the ball pushes the sensor along x and y of the world, which is turned against the sensor
+    along = attached.pose(model, data)[:3, :2] @ contact.shear_n
+    assert along[:2] == pytest.approx([1.5, 1.0], abs=0.05)
+
+
+def test_depth_depends_on_the_force_and_not_on_mujocos_penetration():
+    depths, heights = [], []
+    for timeconst in (0.004, 0.04):
+        spec = scene(solref=[timeconst, 1.0], priority=1, mass=1.0)
+        attached = t2twin.attach(spec, site="pad", sensor="digit")
+        model, data = simulate(spec)
+        depths.append(attached.read(model, data).digit.depth_mm)
+        heights.append(1e3 * data.qpos[0])
+    assert abs(heights[0] - heights[1]) > 0.2
+    assert depths[1] == pytest.approx(depths[0], rel=0.02)
+
+
+def test_without_contact():
+    spec = scene()
+    digit = t2twin.attach(spec, site="pad", sensor="digit", markers=True)
+    skin = t2twin.attach(spec, body="world", sensor="cyskin", pos=[0.1, 0, 0])
+    model, data = simulate(spec, 0.0, steps=1)
+    touch = digit.read(model, data)
+    assert not touch.contacts
+    assert np.array_equal(touch.image, t2twin.Twin(markers=True).background)
+    assert touch.markers is not None
+    assert np.array_equal(touch.markers_mm, touch.markers.rest_mm)
+    assert not skin.read(model, data).counts.any()
+    touch.save("nothing")
+
+
+def test_read_changes_no_data_and_computes_an_unchanged_state_once():
+    attached, model, data = pushed_scene(seed=3)
+    names = ("qpos", "qvel", "qacc", "xpos", "efc_force", "sensordata", "time")
+    before = {name: np.copy(getattr(data, name)) for name in names}
+    touch = attached.read(model, data)
+    assert all(np.array_equal(getattr(data, name), before[name]) for name in names)
+    assert attached.read(model, data) is touch
+    mujoco.mj_step(model, data)
+    again = attached.read(model, data)
+    assert again is not touch
+    assert not np.array_equal(again.image, touch.image)  # another noise
+    touch.save("touch")
+    saved = json.loads(Path("touch/press.json").read_text())
+    assert np.array_equal(saved["sensor_to_world"], attached.pose(model, data))
+
+
+def test_a_sensor_reads_at_its_rate():
+    spec = scene()
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin", rate_hz=100)
+    model, data = simulate(spec)
+    touches = []
+    for _ in range(20):
+        mujoco.mj_step(model, data)  # 2 ms
+        touches.append(attached.read(model, data))
+    assert len({id(touch) for touch in touches}) in (4, 5)
+
+
+def test_tractions_start_again_when_the_time_decreases():
+    """A ball that slides sticks to the surface where it was before."""
+    attached, model, data = pushed_scene("cyskin", seed=1)
+    first = attached.read(model, data)
+    data.qfrc_applied[:2] = 0.0
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+    continued = attached.read(model, data)
+    data.time = 0.0
+    restarted = attached.read(model, data)
+    fresh, *_ = pushed_scene("cyskin", seed=1)
+    anew = fresh.read(model, data)
+    assert np.array_equal(restarted.cyskin.shear_kpa, anew.cyskin.shear_kpa)
+    assert not np.allclose(continued.cyskin.shear_kpa, anew.cyskin.shear_kpa, atol=0.1)
+    attached.reset()
+    assert np.array_equal(attached.read(model, data).counts, anew.counts)
+    assert first.cyskin.shear_n[0] > 0
+
+
+def test_motion_is_that_of_the_body_at_the_contact():
+    rng = np.random.default_rng(5)
+    before, step = (Rotation.random(rng=rng) for _ in range(2))
+    step = Rotation.from_rotvec(0.05 * step.as_rotvec())
+    center = np.array([3.0, -4.0, -0.5])
+    position, shift = rng.normal(size=(2, 3))
+    now = step.apply(position - center) + center + shift  # turned about the contact, and moved
+    dx, dy, turn = relative_motion(
+        Pose(before.as_matrix(), 1e-3 * position),
+        Pose((step * before).as_matrix(), 1e-3 * now),
+        center,
+    )
+    at_center = Rotation.from_rotvec([0, 0, turn]).apply(center) - center + [dx, dy, 0]
+    assert at_center[:2] == pytest.approx(shift[:2])
+    assert turn == pytest.approx(step.as_rotvec()[2], rel=0.05)
+
+
+def test_sensors_in_threads():
+    """Two sensors of one model and two states, each read in a thread of its own."""
+    spec = scene(x_m=-0.03, axes="z")
+    spec.site("pad").pos = [-0.03, 0, 0.01]
+    add_ball(spec, "second", x_m=0.03)
+    sensors = [
+        t2twin.attach(spec, site="pad", sensor="digit", seed=1),
+        t2twin.attach(spec, body="pedestal", pos=[0.03, 0, 0.01], sensor="cyskin", seed=2),
+    ]
+    states = [simulate(spec, -force, -2 * force) for force in (2.0, 4.0)]
+    jobs = [(sensor, *state) for sensor in sensors for state in states]
+    with ThreadPoolExecutor(4) as pool:
+        threaded = list(pool.map(lambda job: job[0].read(*job[1:]), jobs))
+    for sensor in sensors:
+        sensor.reset()
+    for touch, (sensor, *state) in zip(threaded, jobs, strict=True):
+        alone = sensor.read(*state)
+        assert np.array_equal(alone.image, touch.image)
+        assert np.array_equal(alone.counts, touch.counts)
+        assert alone.contacts[sensor.sensor].force_n > 1.9
+
+
+def test_contacts_at_the_side_are_left_out():
+    spec = scene(x_m=-0.016, gap_m=-0.004, axes="x")
+    attached = t2twin.attach(spec, site="pad", sensor="digit")
+    model, data = simulate(spec, FORCE_N)
+    assert model.geom("digit/surface").id in data.contact.geom
+    assert not attached.read(model, data).contacts
+
+
+def test_several_sensors_have_names_of_their_own():
+    spec = scene()
+    sensors = [t2twin.attach(spec, site="pad", sensor="digit") for _ in range(2)]
+    named = t2twin.attach(spec, body="pedestal", sensor="digit", name="left")
+    assert [each.name for each in (*sensors, named)] == ["digit", "digit-2", "left"]
+    model = spec.compile()
+    assert model.site("left/frame").id >= 0
+    with pytest.raises(T2TwinError, match="already has elements named left/"):
+        t2twin.attach(spec, site="pad", sensor="digit", name="left")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"site": "pat"}, "no site 'pat'; expected one of pad"),
+        ({"body": "hand"}, "no body 'hand'; expected one of world, pedestal, ball"),
+        ({"site": "pad", "body": "ball"}, "both given"),
+        ({}, "both missing"),
+        ({"site": "pad", "sensor": "gelsight"}, "one of digit, cyskin"),
+        ({"site": "pad", "layout": "cyskin-20"}, "only a cyskin has it"),
+        ({"site": "pad", "sensor": "cyskin", "markers": True}, "only a digit has it"),
+        ({"site": "pad", "pos": [0, 0]}, "3 finite numbers"),
+        ({"site": "pad", "quat": [0, 0, 0, 0]}, "not zero"),
+        ({"site": "pad", "friction": -1}, "friction is -1"),
+        ({"site": "pad", "rate_hz": 0}, "rate_hz is 0"),
+        ({"site": "pad", "seed": -1}, "seed is -1"),
+        ({"site": "pad", "geometry": "hull"}, "one of collision, visual"),
+        ({"site": "pad", "name": ""}, "name is empty"),
+    ],
+)
+def test_wrong_arguments(arguments, message):
+    spec = scene()
+    with pytest.raises(T2TwinError, match=message):
+        t2twin.attach(spec, **{"sensor": "digit"} | arguments)
+    assert spec.body("digit/body") is None
+    with pytest.raises(T2TwinError, match=r"expected a mujoco\.MjSpec"):
+        t2twin.attach("gripper.xml", **{"sensor": "digit"} | arguments)
+
+
+def test_wrong_models():
+    spec = scene()
+    other = spec.compile()
+    attached = t2twin.attach(spec, site="pad", sensor="digit")
+    model = spec.compile()
+    for wrong, data, message in (
+        (other, mujoco.MjData(other), "no site digit/frame"),
+        (model, mujoco.MjData(other), "of another model"),
+        (model, mujoco.MjData(model), "mj_forward"),
+        (object(), mujoco.MjData(model), r"model is of type object; expected a mujoco\.MjModel"),
+        (model, object(), r"data is of type object; expected a mujoco\.MjData"),
+    ):
+        with pytest.raises(T2TwinError, match=message):
+            attached.read(wrong, data)
+
+
+def test_a_flex_is_refused():
+    spec = mujoco.MjSpec.from_string("""<mujoco><option gravity="0 0 -10"/><worldbody>
+      <site name="pad"/>
+      <body name="cloth" pos="0 0 .006"><freejoint/><geom size=".001" pos="0 0 .1"/>
+      <flexcomp name="cloth" type="grid" count="3 3 1" spacing=".01 .01 .01" radius=".001"
+        mass=".01" rigid="true"/></body>
+    </worldbody></mujoco>""")
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 20)
+    assert data.ncon
+    with pytest.raises(T2TwinError, match="a flex touches geom cyskin/surface"):
+        attached.read(model, data)
+
+
+def test_two_balls_carry_their_own_forces():
+    """Each ball has its own pressure, shear and torque; the sums are MuJoCo's."""
+    spec = scene(x_m=-0.007, y_m=0.002, axes="xz")
+    add_ball(spec, "second", x_m=0.007, y_m=0.003, axes="xz")
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    model, data = simulate(spec, 0.5, -2.0, 0.0, -5.0)
+    contact = attached.read(model, data).cyskin
+    force, torque = wrench(model, data, attached.pose(model, data))
+    assert contact.settled
+    left = contact.x_mm < 0
+    shares = contact.pressure_kpa[:, left].sum() / contact.pressure_kpa.sum()
+    assert shares == pytest.approx(2 / 7, rel=0.02)
+    assert contact.force_n == pytest.approx(7.0, rel=0.01)
+    along_x = 1e-3 * contact.shear_kpa[0] * contact.pitch_mm**2
+    assert force[0] > 0.3
+    assert along_x[:, left].sum() == pytest.approx(force[0], rel=0.02)
+    assert along_x[:, ~left].sum() == pytest.approx(0.0, abs=0.01)
+    assert contact.torque_nmm == pytest.approx(torque[2], rel=0.02)
+
+
+def test_a_body_sinks_in_as_deep_as_into_the_layer():
+    """With the fitted parameters the resting place of a ball is that of the soft layer."""
+    spec = scene()
+    attached = t2twin.attach(spec, site="pad", sensor="digit")
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with pytest.raises(T2TwinError, match="no body 'bal'"):
+        attached.set_stiffness(model, data, "bal")
+    error_mm = attached.set_stiffness(model, data, "ball")
+    assert error_mm < 0.05
+    for force_n in (1.0, FORCE_N):
+        data.qfrc_applied[:] = -force_n
+        mujoco.mj_step(model, data, REST_STEPS)
+        touch = attached.read(model, data)
+        sunk_mm = -1e3 * data.contact.dist[0]
+        assert sunk_mm == pytest.approx(touch.digit.depth_mm, abs=error_mm + 0.01)
+
+
+def test_a_force_above_the_largest_is_limited():
+    spec = scene(mass=5.0)
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin")
+    contact = attached.read(*simulate(spec, -150.0)).cyskin
+    assert contact.force_n == pytest.approx(100.0, rel=1e-3)
+    assert contact.settled
