@@ -47,7 +47,7 @@ LATE_TOLERANCE = 4.0
 than a tenth of a cell). Small contacts and edges move from cell to cell."""
 
 WINDOW_CELLS, KEPT_CELLS = 4, 2
-"""Cells around the contact in which a step computes the displacement by shear, and the fewest with
+"""Cells around the contact in which a step computes the displacement by shear, and the least number with
 which it keeps the last step's window (assumed)."""
 
 PREDICTION_TOLERANCE = 3e-3

@@ -1,8 +1,8 @@
 """Limits a displacement along a surface so that the surface does not fold.
 
 The response of the layer is linear. Where a pressure or traction is several times the elastic
-modulus, as under a tip or in front of a punch, it would move points of the surface past each other.
-The points of a real surface keep their order.
+modulus, as under a tip, it would move points of the surface past each other. The points of a real
+surface keep their order.
 """
 
 import numpy as np

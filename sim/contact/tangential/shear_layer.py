@@ -64,7 +64,7 @@ class ShearLayer:
         windows' are cached.
 
         Those of xx, xy and yy, which are even, are real. Those of xz and yz, which are odd, are
-        imaginary, of which these are the imaginary parts.
+        imaginary; these are the imaginary parts.
         """
         rows, columns = shape
         with self._lock:
