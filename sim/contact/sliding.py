@@ -47,8 +47,8 @@ LATE_TOLERANCE = 4.0
 than a tenth of a cell). Small contacts and edges move from cell to cell."""
 
 WINDOW_CELLS, KEPT_CELLS = 4, 2
-"""Cells around the contact in which a step computes the displacement by shear, and the least number with
-which it keeps the last step's window (assumed)."""
+"""Cells around the contact in which a step computes the displacement by shear, and the least number
+with which it keeps the last step's window (assumed)."""
 
 PREDICTION_TOLERANCE = 3e-3
 """As t2twin.sim.contact.tangential.traction.TOLERANCE, of the traction under the pressure before a

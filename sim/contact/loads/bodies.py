@@ -4,7 +4,7 @@ The height map is the highest of the bodies' maps, each moved into the sensor by
 depths are corrected until each body carries its normal force.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,7 @@ from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.loads.prescribed import Load
-from t2twin.sim.contact.types import Contact, Motion, PressCommand, SurfaceShift
+from t2twin.sim.contact.types import Contact, Motion, PressCommand
 
 FORCE_TOLERANCE, SHARE_TOLERANCE = 5e-3, 2e-4
 """Tolerance of each body's normal force: a share of its force, or of the force of all bodies where
@@ -26,6 +26,13 @@ HERTZ_EXPONENT = 1.5
 
 MAX_STIFFENING = 4.0
 """Largest factor between two estimates of a body's stiffness (assumed)."""
+
+MAX_SWEEPS, MAX_CORRECTIONS = 8, 20
+"""Limits on the sweeps over several bodies, and on the corrections of one in a sweep (assumed)."""
+
+MAX_STEP_MM, MIN_INTERVAL_MM = 0.1, 1e-5
+"""Largest first correction of a depth, and length of the interval of the depth below which the
+force jumps within it, mm (assumed)."""
 
 MIN_DEPTH_MM = 1e-3
 """Least depth of a body that a stiffness is estimated from, mm (assumed)."""
@@ -78,7 +85,6 @@ class Bodies:
             self.depths_mm[body] = alone.shape_depth_mm
             depth_mm = max(alone.depth_mm, MIN_DEPTH_MM)
             self.stiffness[body] = HERTZ_EXPONENT * load.force_n / depth_mm
-        self._found: tuple[np.ndarray, np.ndarray] | None = None
         self._top_mm = 0.0
 
     def shape(self) -> Shape:
@@ -102,7 +108,7 @@ class Bodies:
         if len(self.loads) == 1:
             return np.zeros(contact.pressure_kpa.shape, int)
         x, y = contact.x_mm.copy(), contact.y_mm.copy()
-        shift = None if contact.motion is None else SurfaceShift(x, y, contact.sheared_mm)
+        shift = contact.shift
         heights = np.stack(
             [
                 heights_at(each, self.command, x, y, shift) + depth
@@ -116,32 +122,65 @@ class Bodies:
         rows, columns = np.asarray(nearest)
         return heights.argmax(axis=0)[rows, columns]
 
-    def correct(self, contact: Contact, owner: np.ndarray) -> bool:
-        """Whether each body carries its force in a contact; corrects the depths otherwise."""
+    def balance(self, press: Callable[[Shape], Contact]) -> bool:
+        """Whether each body carries its force in a press of all, after the depths were corrected.
+
+        press: the contact of a shape without a change of the shear.
+        """
+        heaviest = int(self.forces.argmax())
+        others = [body for body in range(len(self.loads)) if body != heaviest]
+        for _ in range(MAX_SWEEPS):
+            contact = press(self.shape())
+            if self.carries(contact):
+                return True
+            for body in others:
+                self._balance_one(body, press)
+        return False
+
+    def _balance_one(self, body: int, press: Callable[[Shape], Contact]) -> None:
+        """Correct the depth of a body with respect to the others.
+
+        Secant steps on its share of the force, which rises with the depth; halves the interval
+        where a step leaves it.
+        """
+        low, high, last, step_mm = -np.inf, np.inf, None, 0.0
+        for _ in range(MAX_CORRECTIONS):
+            contact = press(self.shape())
+            depth, missing = self.depths_mm[body], self._missing(contact)
+            allowed = max(FORCE_TOLERANCE * self.forces[body], SHARE_TOLERANCE * self.forces.sum())
+            if abs(missing[body]) <= allowed or high - low < MIN_INTERVAL_MM:
+                return
+            low, high = (depth, high) if missing[body] > 0 else (low, depth)
+            if last is not None and last[1] != missing[body]:
+                secant = -(missing[body] - last[1]) / (depth - last[0])
+                near = self.stiffness[body] / MAX_STIFFENING, self.stiffness[body] * MAX_STIFFENING
+                self.stiffness[body] = np.clip(secant, *near)
+            last = depth, missing[body]
+            longest = 2 * abs(step_mm) if step_mm else MAX_STEP_MM
+            step_mm = float(np.clip(missing[body] / self.stiffness[body], -longest, longest))
+            if not low < depth + step_mm < high:
+                step_mm = float((low + high) / 2 - depth)
+            self.depths_mm[body] = depth + step_mm
+
+    def carries(self, contact: Contact, share: float = SHARE_TOLERANCE) -> bool:
+        """Whether each body carries its force in a contact; sets the depths to the contact's.
+
+        share: of the force of all bodies by which the force of one may differ.
+        """
         if len(self.loads) == 1:
             self.depths_mm = np.array([contact.shape_depth_mm])
             return True
+        missing = self._missing(contact)
+        self.depths_mm += contact.shape_depth_mm - self.depths_mm.max() - self._top_mm
+        allowed = np.maximum(FORCE_TOLERANCE * self.forces, share * self.forces.sum())
+        return bool((np.abs(missing) <= allowed).all())
+
+    def _missing(self, contact: Contact) -> np.ndarray:
+        """(n,) what the force of each body is below its load's, N."""
+        owner = self.owner(contact)
         cells = 1e-3 * contact.pressure_kpa.astype(float) * contact.pitch_mm**2
         forces = np.bincount(owner.ravel(), cells.ravel(), len(self.loads))
-        depths = self.depths_mm + contact.shape_depth_mm - self.depths_mm.max() - self._top_mm
-        self._estimate_stiffness(depths, forces)
-        self._found = depths, forces
-        missing = self.forces * (forces.sum() / self.forces.sum()) - forces
-        allowed = np.maximum(FORCE_TOLERANCE * self.forces, SHARE_TOLERANCE * self.forces.sum())
-        found = bool((np.abs(missing) <= allowed).all())
-        self.depths_mm = depths if found else depths + missing / self.stiffness
-        return found
-
-    def _estimate_stiffness(self, depths_mm: np.ndarray, forces: np.ndarray) -> None:
-        """Update the stiffnesses with the secants of the last two contacts."""
-        if self._found is None:
-            return
-        deeper, more = depths_mm - self._found[0], forces - self._found[1]
-        usable = (np.abs(deeper) > MIN_DEPTH_MM / 10) & (deeper * more > 0)
-        secant = np.where(usable, more / np.where(usable, deeper, 1.0), self.stiffness)
-        self.stiffness = np.clip(
-            secant, self.stiffness / MAX_STIFFENING, self.stiffness * MAX_STIFFENING
-        )
+        return self.forces * (forces.sum() / self.forces.sum()) - forces
 
     def motion(self, motion: Motion, owner: np.ndarray) -> BodiesMotion:
         """A motion with the bodies."""

@@ -2,19 +2,24 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.loads.bodies import Bodies, kept_traction
 from t2twin.sim.contact.loads.prescribed import Load, PrescribedLoads
 from t2twin.sim.contact.sliding import step_contact, still_motion
-from t2twin.sim.contact.types import Contact
+from t2twin.sim.contact.solver_loops import Anderson
+from t2twin.sim.contact.types import Contact, PressCommand
 
-MAX_CORRECTIONS = 12
-"""Limit on the corrections of the depths of several bodies (assumed: most need one or two)."""
+MAX_ROUNDS, RELAXATION, SETTLED_SHARE = 8, 0.6, 0.02
+"""Several bodies: limit on the rounds in which their depths and the shear are found in turn, the
+share of a correction of the depths that is made, and the tolerance of the force of each body, a
+share of the force of all (assumed: the tolerance of the shear changes forces by up to 1 %)."""
 
 
 def carry(
@@ -32,33 +37,56 @@ def carry(
     if not loads:
         raise T2TwinError("there is no load; expected at least one")
     bodies = Bodies(loads, elastomer, pitch_mm, None if before is None else before.motion)
-    settled = False
-    for _ in range(MAX_CORRECTIONS):
-        found, owner = _solve(bodies, elastomer, pitch_mm, before)
-        settled = bodies.correct(found, owner)
+    found, settled, acceleration = before, False, Anderson(len(loads))
+    for number in range(MAX_ROUNDS):
+        if len(loads) > 1:
+            depths_mm = bodies.depths_mm.copy()
+            bodies.balance(partial(_press, bodies.command, elastomer, pitch_mm, found))
+            if number > 0:
+                corrected = depths_mm + RELAXATION * (bodies.depths_mm - depths_mm)
+                bodies.depths_mm = acceleration.next(depths_mm, corrected)
+        found = _solve(bodies, elastomer, pitch_mm, before, found)
+        settled = bodies.carries(found, SETTLED_SHARE)
         if settled:
             break
     if found.motion is None:
         return found
     return replace(
-        found, motion=bodies.motion(found.motion, owner), settled=found.settled and settled
+        found,
+        motion=bodies.motion(found.motion, bodies.owner(found)),
+        settled=found.settled and settled,
     )
 
 
+def _press(
+    command: PressCommand, elastomer: Elastomer, pitch_mm: float, near: Contact | None, shape: Shape
+) -> Contact:
+    """The contact of a shape over a surface with the shear of another contact."""
+    shift = None if near is None else near.shift
+    return solve_contact(shape, command, elastomer, pitch_mm, shift)
+
+
 def _solve(
-    bodies: Bodies, elastomer: Elastomer, pitch_mm: float, before: Contact | None
-) -> tuple[Contact, np.ndarray]:
-    """The contact of bodies at their present depths, and the index of the body over each cell."""
+    bodies: Bodies,
+    elastomer: Elastomer,
+    pitch_mm: float,
+    before: Contact | None,
+    near: Contact | None,
+) -> Contact:
+    """The contact of bodies at their present depths.
+
+    near: a contact in which the same bodies are over the same cells; None for the one before.
+    """
     shape, loads = bodies.shape(), bodies.loads
     if before is None:
         before = solve_contact(shape, bodies.command, elastomer, pitch_mm)
         if len(loads) == 1 and not (np.any(loads[0].shear_n) or loads[0].torque_nmm):
-            return before, bodies.owner(before)
-    owner = bodies.owner(before)
+            return before
+    owner = bodies.owner(before if near is None else near)
     friction = np.array([load.friction for load in loads])[owner]
     start = before.motion or still_motion(before, 0.0)
     start = kept_traction(start, before.shape.name, bodies.names, owner)
     friction = loads[0].friction if len(loads) == 1 else friction
     start = replace(start, friction=friction)
     drive = PrescribedLoads(loads, owner)
-    return step_contact(before, start, shape, bodies.command, drive, prescribed=True), owner
+    return step_contact(before, start, shape, bodies.command, drive, prescribed=True)
