@@ -10,16 +10,19 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.loads.bodies import Bodies, kept_traction
+from t2twin.sim.contact.loads.bodies import SHARE_TOLERANCE, Bodies, kept_traction
 from t2twin.sim.contact.loads.prescribed import Load, PrescribedLoads
 from t2twin.sim.contact.sliding import step_contact, still_motion
 from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.types import Contact, PressCommand
 
-MAX_ROUNDS, RELAXATION, SETTLED_SHARE = 8, 0.6, 0.02
-"""Several bodies: limit on the rounds in which their depths and the shear are found in turn, the
-share of a correction of the depths that is made, and the tolerance of the force of each body, a
-share of the force of all (assumed: the tolerance of the shear changes forces by up to 1 %)."""
+MAX_ROUNDS, RELAXATION = 8, 0.6
+"""Several bodies: limit on the rounds in which their depths and the shear are found in turn, and
+the share of a later correction of the depths that is made (assumed)."""
+
+LATE_ROUND, LATE_SHARE = 2, 0.02
+"""Round from which the force of a body may differ by this share of the force of all (assumed: the
+tolerance of large shear changes forces by up to 1 %)."""
 
 
 def carry(
@@ -40,13 +43,14 @@ def carry(
     found, settled, acceleration = before, False, Anderson(len(loads))
     for number in range(MAX_ROUNDS):
         if len(loads) > 1:
-            depths_mm = bodies.depths_mm.copy()
+            relative_mm = bodies.depths_mm - bodies.depths_mm[0]
             bodies.balance(partial(_press, bodies.command, elastomer, pitch_mm, found))
             if number > 0:
-                corrected = depths_mm + RELAXATION * (bodies.depths_mm - depths_mm)
-                bodies.depths_mm = acceleration.next(depths_mm, corrected)
+                change_mm = bodies.depths_mm - bodies.depths_mm[0] - relative_mm
+                relaxed_mm = relative_mm + (RELAXATION if number > 1 else 1.0) * change_mm
+                bodies.depths_mm = acceleration.next(relative_mm, relaxed_mm)
         found = _solve(bodies, elastomer, pitch_mm, before, found)
-        settled = bodies.carries(found, SETTLED_SHARE)
+        settled = bodies.carries(found, LATE_SHARE if number >= LATE_ROUND else SHARE_TOLERANCE)
         if settled:
             break
     if found.motion is None:
