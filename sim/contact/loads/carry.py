@@ -17,8 +17,8 @@ from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.types import Contact, PressCommand
 
 MAX_ROUNDS, RELAXATION = 8, 0.6
-"""Several bodies: limit on the rounds in which their depths and the shear are found in turn, and
-the share of a later correction of the depths that is made (assumed)."""
+"""Limit on the rounds in which the depths of several bodies and the shear are found in turn, and
+the share of a later correction that is made (assumed)."""
 
 LATE_ROUND, LATE_SHARE = 2, 0.02
 """Round from which the force of a body may differ by this share of the force of all (assumed: the
