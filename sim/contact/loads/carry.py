@@ -53,6 +53,7 @@ def carry(
         settled = bodies.carries(found, LATE_SHARE if number >= LATE_ROUND else SHARE_TOLERANCE)
         if settled:
             break
+    assert found is not None
     if found.motion is None:
         return found
     return replace(
