@@ -44,7 +44,7 @@ LOOSENING_S = 0.7
 """Time in which the grip force falls to 1 / e while the grip loosens, s."""
 RATE_HZ, EVERY = 10.0, 2
 """Readings per second, and readings per page of the animation."""
-LEVEL, LEAST_N = 0.9, 0.4
+LEVEL, MIN_FORCE_N = 0.9, 0.4
 """Probability of the intervals, and least force on which the network was trained, N."""
 
 
@@ -176,7 +176,7 @@ def run(tool: str, rate_hz: float, every: int) -> tuple[Result, list[Image.Image
     set_camera(show.camera)
     for number, tick in enumerate(grasp(tool, scene, data, rate_hz)):
         estimate = predictor.other_finger(tick.digit.image)
-        if tick.phase != "close" and tick.digit.contacts and tick.grip_n > LEAST_N:
+        if tick.phase != "close" and tick.digit.contacts and tick.grip_n > MIN_FORCE_N:
             result.other.add(estimate, tick.cyskin.counts)
             truth = virtual_counts(tool, scene, data, tick.digit, rng)
             result.same.add(predictor.same_finger(tick.digit.image), truth)

@@ -204,11 +204,11 @@ def test_tractions_start_again_when_the_time_decreases():
     data.time = 0.0
     restarted = attached.read(model, data)
     fresh, *_ = pushed_scene("cyskin", seed=1)
-    anew = fresh.read(model, data)
-    assert np.array_equal(restarted.cyskin.shear_kpa, anew.cyskin.shear_kpa)
-    assert not np.allclose(continued.cyskin.shear_kpa, anew.cyskin.shear_kpa, atol=0.1)
+    first_again = fresh.read(model, data)
+    assert np.array_equal(restarted.cyskin.shear_kpa, first_again.cyskin.shear_kpa)
+    assert not np.allclose(continued.cyskin.shear_kpa, first_again.cyskin.shear_kpa, atol=0.1)
     attached.reset()
-    assert np.array_equal(attached.read(model, data).counts, anew.counts)
+    assert np.array_equal(attached.read(model, data).counts, first_again.counts)
     assert first.cyskin.shear_n[0] > 0
 
 

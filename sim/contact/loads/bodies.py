@@ -122,45 +122,46 @@ class Bodies:
         rows, columns = np.asarray(nearest)
         return heights.argmax(axis=0)[rows, columns]
 
-    def balance(self, press: Callable[[Shape], Contact]) -> bool:
-        """Whether each body carries its force in a press of all, after the depths were corrected.
+    def balance(self, press: Callable[[Shape], Contact]) -> None:
+        """Correct the depths until each body carries its force in a press of all.
 
         press: the contact of a shape without a change of the shear.
         """
         heaviest = int(self.forces.argmax())
         others = [body for body in range(len(self.loads)) if body != heaviest]
+        contact = press(self.shape())
         for _ in range(MAX_SWEEPS):
-            contact = press(self.shape())
             if self.carries(contact):
-                return True
+                return
             for body in others:
-                self._balance_one(body, press)
-        return False
+                contact = self._balance_one(body, press, contact)
 
-    def _balance_one(self, body: int, press: Callable[[Shape], Contact]) -> None:
-        """Correct the depth of a body with respect to the others.
+    def _balance_one(
+        self, body: int, press: Callable[[Shape], Contact], contact: Contact
+    ) -> Contact:
+        """Correct the depth of a body relative to the others; returns the contact at the depths.
 
         Secant steps on its share of the force, which rises with the depth; halves the interval
-        where a step leaves it.
+        where a step leaves it. contact: at the present depths.
         """
         low, high, last, step_mm = -np.inf, np.inf, None, 0.0
         for _ in range(MAX_CORRECTIONS):
-            contact = press(self.shape())
-            depth, missing = self.depths_mm[body], self._missing(contact)
-            allowed = max(FORCE_TOLERANCE * self.forces[body], SHARE_TOLERANCE * self.forces.sum())
-            if abs(missing[body]) <= allowed or high - low < MIN_INTERVAL_MM:
-                return
-            low, high = (depth, high) if missing[body] > 0 else (low, depth)
-            if last is not None and last[1] != missing[body]:
-                secant = -(missing[body] - last[1]) / (depth - last[0])
+            depth, missing = self.depths_mm[body], self._missing(contact)[body]
+            if abs(missing) <= self._allowed()[body] or high - low < MIN_INTERVAL_MM:
+                break
+            low, high = (depth, high) if missing > 0 else (low, depth)
+            if last is not None and last[1] != missing:
+                secant = -(missing - last[1]) / (depth - last[0])
                 near = self.stiffness[body] / MAX_STIFFENING, self.stiffness[body] * MAX_STIFFENING
                 self.stiffness[body] = np.clip(secant, *near)
-            last = depth, missing[body]
+            last = depth, missing
             longest = 2 * abs(step_mm) if step_mm else MAX_STEP_MM
-            step_mm = float(np.clip(missing[body] / self.stiffness[body], -longest, longest))
+            step_mm = float(np.clip(missing / self.stiffness[body], -longest, longest))
             if not low < depth + step_mm < high:
                 step_mm = float((low + high) / 2 - depth)
             self.depths_mm[body] = depth + step_mm
+            contact = press(self.shape())
+        return contact
 
     def carries(self, contact: Contact, share: float = SHARE_TOLERANCE) -> bool:
         """Whether each body carries its force in a contact; sets the depths to the contact's.
@@ -172,8 +173,11 @@ class Bodies:
             return True
         missing = self._missing(contact)
         self.depths_mm += contact.shape_depth_mm - self.depths_mm.max() - self._top_mm
-        allowed = np.maximum(FORCE_TOLERANCE * self.forces, share * self.forces.sum())
-        return bool((np.abs(missing) <= allowed).all())
+        return bool((np.abs(missing) <= self._allowed(share)).all())
+
+    def _allowed(self, share: float = SHARE_TOLERANCE) -> np.ndarray:
+        """(n,) tolerance of the force of each body, N. share: as for `carries`."""
+        return np.maximum(FORCE_TOLERANCE * self.forces, share * self.forces.sum())
 
     def _missing(self, contact: Contact) -> np.ndarray:
         """(n,) what the force of each body is below its load's, N."""

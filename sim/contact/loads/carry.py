@@ -88,10 +88,8 @@ def _solve(
         if len(loads) == 1 and not (np.any(loads[0].shear_n) or loads[0].torque_nmm):
             return before
     owner = bodies.owner(before if near is None else near)
-    friction = np.array([load.friction for load in loads])[owner]
+    drive = PrescribedLoads(loads, owner)
     start = before.motion or still_motion(before, 0.0)
     start = kept_traction(start, before.shape.name, bodies.names, owner)
-    friction = loads[0].friction if len(loads) == 1 else friction
-    start = replace(start, friction=friction)
-    drive = PrescribedLoads(loads, owner)
+    start = replace(start, friction=loads[0].friction if len(loads) == 1 else drive.friction)
     return step_contact(before, start, shape, bodies.command, drive, prescribed=True)
