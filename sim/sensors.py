@@ -170,13 +170,35 @@ class CySkin:
         rng: of the imperfections; None for none. Raises T2TwinError for a layout that reaches
         beyond the cover.
         """
+        return self.read(contact, rng)[0]
+
+    def read(
+        self,
+        contact: Contact | None,
+        rng: np.random.Generator | None = None,
+        before: Touch | None = None,
+        seconds: float = reading.SAMPLE_S,
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """The counts as by `counts`, and the memory after them (Touch.memory).
+
+        before: the array's sample `seconds` earlier; None for a contact that has lasted long.
+        """
         if contact is None:
             noiseless = np.zeros(self.layout.size)
         else:
             noiseless = taxels.counts(taxels.pad_pressure_mpa(contact, self.layout))
         if rng is None:
-            return np.rint(noiseless).astype(np.uint16)
-        return reading.read(noiseless, self.layout, self.flaws, rng)
+            return np.rint(noiseless).astype(np.uint16), None
+        memory = self._memory(before)
+        return reading.read_after(memory, noiseless, self.layout, self.flaws, rng, seconds=seconds)
+
+    def _memory(self, before: Touch | None) -> np.ndarray | None:
+        """The memory of a touch; None for one of another array."""
+        if before is None or before.memory is None:
+            return None
+        own, other = (np.stack([each.x_mm, each.y_mm]) for each in (self.layout, before.layout))
+        is_own = np.array_equal(own, other) and len(before.memory) == len(self.flaws.memory_shares)
+        return before.memory if is_own else None
 
 
 @dataclass(frozen=True)
@@ -193,15 +215,17 @@ class SensorPair:
         rng: np.random.Generator | None = None,
         timed: StageTimer = _untimed,
         sensor: Sensor = "both",
+        before: Touch | None = None,
     ) -> Touch:
         """Press a shape into both sensors or one of them.
 
         command: a force of 0 N gives the image and the counts without contact. rng: of the camera
-        noise, then of the CySkin's imperfections; None for neither.
+        noise, then of the CySkin's imperfections; None for neither. before: the touch one sample
+        earlier, which the CySkin's memory continues; None for none.
         Raises T2TwinError as solve_contact does.
         """
         digit, cyskin, is_contact = self.digit, self.cyskin, command.force_n != 0.0
-        image = counts = on_digit = on_cyskin = None
+        image = counts = memory = on_digit = on_cyskin = None
         if sensor != "cyskin":
             with timed("press digit"):
                 if is_contact:
@@ -214,7 +238,7 @@ class SensorPair:
                 if is_contact:
                     on_cyskin = cyskin.press(shape, command)
             with timed("taxels"):
-                counts = cyskin.counts(on_cyskin, rng)
+                counts, memory = cyskin.read(on_cyskin, rng, before)
         return Touch(
             shape=shape,
             command=command,
@@ -226,6 +250,7 @@ class SensorPair:
             calibration=digit.calibration,
             optics=digit.renderer,
             markers=None if sensor == "cyskin" else digit.markers,
+            memory=memory,
         )
 
     def check_over_pads(self, touch: Touch, command: PressCommand) -> None:
@@ -258,8 +283,12 @@ class SensorPair:
         moved = {sensor: step.result() for sensor, step in steps.items()}
         return replace(touch, command=command, image=None, counts=None, **moved)
 
-    def with_readings(self, touch: Touch, rng: np.random.Generator | None = None) -> Touch:
-        """The touch with the image and the counts of its contacts; rng as for `press`."""
+    def with_readings(
+        self, touch: Touch, rng: np.random.Generator | None = None, before: Touch | None = None
+    ) -> Touch:
+        """The touch with the image and the counts of its contacts; rng, before as for `press`."""
         image = None if touch.digit is None else self.digit.image(touch.digit, rng)
-        counts = None if touch.cyskin is None else self.cyskin.counts(touch.cyskin, rng)
-        return replace(touch, image=image, counts=counts)
+        counts = memory = None
+        if touch.cyskin is not None:
+            counts, memory = self.cyskin.read(touch.cyskin, rng, before)
+        return replace(touch, image=image, counts=counts, memory=memory)

@@ -131,10 +131,10 @@ def touches_along(
     touch, is_checked = None, False
     for number, command in enumerate(commands, start=1):
         if touch is None or not touch.contacts or command.force_n == 0:
-            touch = sensors.press(shape, command, rng, sensor=sensor)
+            touch = sensors.press(shape, command, rng, sensor=sensor, before=touch)
         else:
-            touch = slide_to(sensors, touch, command, friction)
-            touch = sensors.with_readings(touch, rng)
+            moved = slide_to(sensors, touch, command, friction)
+            touch = sensors.with_readings(moved, rng, before=touch)
         if touch.contacts and not is_checked:
             is_checked = True
             for later in commands[number:]:

@@ -56,6 +56,7 @@ class Touch:
     file of the DIGIT's light, None for the default calibration. optics: what rendered the image.
     markers: those on the DIGIT's gel, None for none.
     sensor_to_world: (4, 4) transform, m, of a sensor in a MuJoCo model; None without a model.
+    memory: (m, n) state of the CySkin's memory after the counts, counts; None without a memory.
 
     The fields of a sensor that was not pressed are None. A press of 0 N, which datasets contain,
     has an image and counts but no contacts.
@@ -72,6 +73,7 @@ class Touch:
     optics: Renderer = "baked"
     markers: Markers | None = None
     sensor_to_world: np.ndarray | None = None
+    memory: np.ndarray | None = None
 
     @cached_property
     def contacts(self) -> dict[str, Contact]:

@@ -37,10 +37,10 @@ class Twin:
     calibration: the DIGIT's light and, if it was fitted, its gel's modulus: a file written by
     `t2twin calibrate`. None is the default calibration.
     layout: the CySkin's taxels, a name ("cyskin-20", "cyskin-63") or a JSON or CSV file.
-    imperfections: the CySkin's errors in a press with a seed: "none", "white", "baseline" or
-    "all". gel, cover: the sensors' elastomers. optics: what renders the DIGIT's images: "baked" in
-    milliseconds, or "pyrender" in seconds and for the default calibration only. markers: printed on
-    the gel, `t2twin.Markers`; True for the default ones.
+    imperfections: the CySkin's errors in a press with a seed: "none", "white", "baseline", "all" or
+    "recorded". gel, cover: the sensors' elastomers. optics: what renders the DIGIT's images:
+    "baked" in milliseconds, or "pyrender" in seconds and for the default calibration only. markers:
+    printed on the gel, `t2twin.Markers`; True for the default ones.
     Several threads may use one twin at the same time.
     Raises T2TwinError for an invalid calibration, layout, imperfections or markers.
     """
@@ -134,8 +134,8 @@ class Twin:
         self.sensors.check_over_pads(touch, commands[-1])
         touches = []
         for command in commands:
-            touch = slide_to(self.sensors, touch, command, friction)
-            touch = self.sensors.with_readings(touch, rng)
+            moved = slide_to(self.sensors, touch, command, friction)
+            touch = self.sensors.with_readings(moved, rng, before=touch)
             touches.append(touch)
         return touches
 

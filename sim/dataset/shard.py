@@ -146,7 +146,10 @@ def _touches(
         touch = replace(digit, cyskin=cyskin.cyskin)
         touches.append(touch)
     with watch.running("picture"):
-        return touches[:1] + [sensors.with_readings(each, sample.rng) for each in touches[1:]]
+        read = touches[:1]
+        for each in touches[1:]:
+            read.append(sensors.with_readings(each, sample.rng, before=read[-1]))
+        return read
 
 
 def _markers(rng: np.random.Generator, share: float) -> Markers | None:

@@ -191,7 +191,7 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     format: Literal[1] = FORMAT
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] = 0
     layout: str = DEFAULT_LAYOUT
-    imperfections: Literal["none", "white", "baseline", "all", "untouched"] = "white"
+    imperfections: Literal["none", "white", "baseline", "all", "recorded", "untouched"] = "white"
     light: Light = Light()
     field: bool = True
     untouched_frames: bool = True

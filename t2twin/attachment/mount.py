@@ -55,6 +55,7 @@ def attach(
     name: str | None = None,
     calibration: str | Path | None = None,
     layout: str | Path | None = None,
+    imperfections: str | None = None,
     markers: Markers | bool | None = None,
     friction: float | None = None,
     geometry: Geometry = "collision",
@@ -69,9 +70,9 @@ def attach(
     outward normal. Its x axis is the sensor's x axis, to the right in the DIGIT's image.
     name: of the sensor; None for "digit" or "cyskin", with a number from the second one on. The
     model gets the body NAME/body, the geom and mesh NAME/surface, and the site NAME/frame at the
-    apex of the undeformed surface. calibration, markers: of a DIGIT, as for `Twin`. layout: of a
-    CySkin, as for `Twin`. friction: coefficient of the sensor's geom; None for MuJoCo's default.
-    MuJoCo uses the larger coefficient of both geoms in a contact.
+    apex of the undeformed surface. calibration, markers: of a DIGIT, as for `Twin`. layout,
+    imperfections: of a CySkin, as for `Twin`. friction: coefficient of the sensor's geom; None for
+    MuJoCo's default. MuJoCo uses the larger coefficient of both geoms in a contact.
     geometry: geoms of the touching bodies whose surfaces are pressed into the sensor: "collision",
     or "visual" for those without collision where there are any. rate_hz: readings per second of
     simulated time; None for one whenever the state has changed. seed: of the camera noise or the
@@ -83,7 +84,7 @@ def attach(
             f"spec is {arguments.describe(spec)}; expected a mujoco.MjSpec, for example of "
             "mujoco.MjSpec.from_file"
         )
-    device = _device(sensor, calibration, layout, markers)
+    device = _device(sensor, calibration, layout, imperfections, markers)
     mounted = AttachedSensor(
         name=_free_name(spec, name, sensor),
         sensor=sensor,
@@ -121,6 +122,7 @@ def _device(
     sensor: object,
     calibration: str | Path | None,
     layout: str | Path | None,
+    imperfections: str | None,
     markers: Markers | bool | None,
 ) -> Digit | CySkin:
     """The simulated sensor. Raises T2TwinError for an argument of the other sensor."""
@@ -130,9 +132,11 @@ def _device(
             if value is not None:
                 raise T2TwinError(f"{name} is given for a cyskin; only a digit has it")
         source = DEFAULT_LAYOUT if layout is None else str(arguments.path(layout, "layout"))
-        return CySkin(layout_source=source)
-    if layout is not None:
-        raise T2TwinError("layout is given for a digit; only a cyskin has it")
+        flaws = CySkin.imperfections if imperfections is None else imperfections
+        return CySkin(layout_source=source, imperfections=flaws)
+    for value, name in ((layout, "layout"), (imperfections, "imperfections")):
+        if value is not None:
+            raise T2TwinError(f"{name} is given for a digit; only a cyskin has it")
     light = None if calibration is None else str(arguments.path(calibration, "calibration"))
     return Digit(calibration=light, markers=as_markers(markers))
 

@@ -68,8 +68,8 @@ class _State:
     """What a sensor has read from one MjData.
 
     time_s, period: of the last reading. reads: their number. seen: the poses and forces, as bytes.
-    poses, centers_mm: of the touching bodies and of their places of contact, in the sensor frame,
-    by the body's id.
+    touch, touch_s: the last touch and its time. poses, centers_mm: of the touching bodies and of
+    their places of contact, in the sensor frame, by the body's id.
     """
 
     time_s: float = -inf
@@ -79,6 +79,7 @@ class _State:
     poses: dict[int, Pose] = field(default_factory=dict)
     centers_mm: dict[int, np.ndarray] = field(default_factory=dict)
     touch: Touch | None = None
+    touch_s: float = 0.0
 
 
 class AttachedSensor:
@@ -186,7 +187,8 @@ class AttachedSensor:
         seen = _as_bytes(data.time, frame, pressing, poses)
         if state.touch is None or seen != state.seen:
             contact = self._contact(model, data, frame, pressing, poses, state)
-            state.touch = self._touch(contact, frame, state.reads)
+            state.touch = self._touch(contact, frame, state, data.time)
+            state.touch_s = data.time
             state.poses, state.seen = poses, seen
             state.centers_mm = {each.body: each.center_mm for each in pressing}
             state.reads += 1
@@ -252,9 +254,9 @@ class AttachedSensor:
         name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body {body}"
         return replace(NOTHING, name=name, surface=found.surface)
 
-    def _touch(self, contact: Contact | None, frame: Pose, reads: int) -> Touch:
-        """The touch of a contact; reads: number of earlier readings, which the noise depends on."""
-        rng = None if self.seed is None else np.random.default_rng((self.seed, reads))
+    def _touch(self, contact: Contact | None, frame: Pose, state: _State, time_s: float) -> Touch:
+        """The touch of a contact at a time; its noise depends on the number of earlier readings."""
+        rng = None if self.seed is None else np.random.default_rng((self.seed, state.reads))
         device, command = self.device, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0)
         shape = NOTHING if contact is None else contact.shape
         common = {"shape": shape, "command": contact.command if contact else command}
@@ -270,14 +272,16 @@ class AttachedSensor:
                 markers=device.markers,
                 sensor_to_world=frame.matrix,
             )
+        counts, memory = device.read(contact, rng, state.touch, time_s - state.touch_s)
         return Touch(
             **common,
             image=None,
-            counts=device.counts(contact, rng),
+            counts=counts,
             digit=None,
             cyskin=contact,
             layout=device.layout,
             sensor_to_world=frame.matrix,
+            memory=memory,
         )
 
     def _frame(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Pose:

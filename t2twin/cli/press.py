@@ -45,7 +45,8 @@ class TouchOptions:
         calibration: The DIGIT's light and, if it was fitted, its gel's modulus, as written by
             t2twin calibrate; default: the default calibration.
         seed: Seed of the camera noise and of the CySkin's imperfections; none without a seed.
-        imperfections: The CySkin's errors if there is a seed: none, white, baseline or all.
+        imperfections: The CySkin's errors if there is a seed: none, white, baseline, all or
+            recorded.
         markers: Print markers on the DIGIT's gel.
         marker_pitch_mm: Distance of neighboring markers, mm; default 1.4. Implies markers.
     """

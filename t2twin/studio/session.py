@@ -85,10 +85,11 @@ class Session:
         sensors = self._sensors_for(state)
         rng = None if state.seed is None else np.random.default_rng(state.seed)
         if self._slide is not None and state.continues(self._slide.state):
-            self._slide = self._slide.toward(state, sensors)
+            before, self._slide = self._slide.touch, self._slide.toward(state, sensors)
             layout, markers = sensors.cyskin.layout, sensors.digit.markers
             touch = replace(self._slide.touch, layout=layout, markers=markers)
-            touch = sensors.with_readings(touch, rng)
+            touch = sensors.with_readings(touch, rng, before)
+            self._slide = replace(self._slide, touch=touch)
         else:
             self._slide = None
             touch = self._press(state, sensors, rng)

@@ -211,7 +211,8 @@ class Controls:
         )
         self._imperfections = gui.add_dropdown(
             "Array", tuple(PRESETS), initial_value="white",
-            hint="white: reading noise; baseline: also drift; all: also hysteresis and gain",
+            hint="white: reading noise; baseline: also drift; all: also hysteresis and gain; "
+            "recorded: as in real recordings",
         )  # fmt: skip
         self._seed = gui.add_number("Seed", 0, min=0, max=2**53, step=1, hint="Seed of the noise")
         self._inputs.on(self._layout, self._layout_changed)

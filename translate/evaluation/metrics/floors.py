@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import barycentric
-from t2twin.sim.cyskin.reading import read
+from t2twin.sim.cyskin.reading import read, untouched_counts
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera
 from t2twin.translate.data.pairs import DataInfo
@@ -87,7 +87,8 @@ def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> n
     A dataset has no noiseless counts. Two readings of each stored one are simulated, as if it were
     noiseless, and their difference is added to it. The result differs from the stored reading like
     two independent readings of one press: by sqrt(2) of the noise of one. A predictor of noiseless
-    counts would differ by the noise once. Permanent imperfections, such as gains, cancel.
+    counts would differ by the noise once. Permanent imperfections, such as gains, cancel. Counts
+    without contact are subtracted first, as the second reading adds them again.
     """
     if info.parameters is None:
         return None
@@ -98,9 +99,11 @@ def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> n
         np.array(info.layout_y_mm),
         np.array(skin.pad_diameter_mm),
     )
+    untouched = untouched_counts(skin.imperfections, layout.size)
     rng = np.random.default_rng(seed)
     repeated = np.empty(counts.shape, np.float32)
     for row, stored in enumerate(counts.astype(float)):
-        one, two = (read(stored, layout, skin.imperfections, rng).astype(float) for _ in range(2))
+        touched = np.maximum(stored - untouched, 0.0)
+        one, two = (read(touched, layout, skin.imperfections, rng).astype(float) for _ in range(2))
         repeated[row] = stored + (two - one)
     return repeated
