@@ -101,10 +101,10 @@ PRESETS = {
         load_noise_counts=440.0,
         load_noise_spread=0.55,
         load_noise_level_counts=1500.0,
-        memory_shares=(0.018, 0.028),
+        memory_shares=(0.0195, 0.0315),
         memory_s=(0.3, 3.0),
-        memory_rise_s=0.033,
-        memory_spread=0.6,
+        memory_rise_s=0.036,
+        memory_spread=0.8,
     ),
 }
 """Presets by name. The values of "recorded" are fitted to figures of 373 public recordings of
