@@ -151,8 +151,8 @@ def simulate(cyskin: CySkin, arrays: int) -> dict[str, Any]:
 def fingers(cyskin: CySkin, rng: np.random.Generator) -> Iterator[np.ndarray]:
     """Noiseless counts of random fingers, (n,) each.
 
-    A soft ball on a soft layer has the pressure of a rigid ball that is larger by the ratio of the
-    moduli plus one (Hertz contact, with equal Poisson's ratios: Johnson 1985).
+    A soft ball on a soft layer has the pressure of a larger rigid ball. Its radius is larger by the
+    ratio of the moduli plus one (Hertz contact with equal Poisson's ratios, Johnson 1985).
     """
     softness = 1 + cyskin.cover.young_mpa / FINGER_YOUNG_MPA
     for _ in range(FINGERS):

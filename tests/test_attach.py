@@ -212,6 +212,22 @@ def test_tractions_start_again_when_the_time_decreases():
     assert first.cyskin.shear_n[0] > 0
 
 
+def test_the_memory_decays_in_simulated_time():
+    spec = scene()
+    attached = t2twin.attach(spec, site="pad", sensor="cyskin", imperfections="recorded", seed=1)
+    model, data = simulate(spec)
+    pressed = attached.read(model, data)
+    start_s, data.qfrc_applied[:] = data.time, FORCE_N
+    mujoco.mj_step(model, data, 100)
+    assert attached.read(model, data).cyskin is None
+    mujoco.mj_step(model, data, 100)
+    lifted = attached.read(model, data)
+    decay = np.exp(-(data.time - start_s) / np.array(attached.device.flaws.memory_s))
+    assert lifted.memory == pytest.approx(decay[:, None] * pressed.memory)
+    attached.reset()
+    assert not attached.read(model, data).memory.any()
+
+
 def test_motion_is_that_of_the_body_at_the_contact():
     rng = np.random.default_rng(5)
     before, step = (Rotation.random(rng=rng) for _ in range(2))
@@ -279,6 +295,8 @@ def test_several_sensors_have_names_of_their_own():
         ({}, "both missing"),
         ({"site": "pad", "sensor": "gelsight"}, "one of digit, cyskin"),
         ({"site": "pad", "layout": "cyskin-20"}, "only a cyskin has it"),
+        ({"site": "pad", "imperfections": "all"}, "only a cyskin has it"),
+        ({"site": "pad", "sensor": "cyskin", "imperfections": "real"}, "no imperfections called"),
         ({"site": "pad", "sensor": "cyskin", "markers": True}, "only a digit has it"),
         ({"site": "pad", "pos": [0, 0]}, "3 finite numbers"),
         ({"site": "pad", "quat": [0, 0, 0, 0]}, "not zero"),

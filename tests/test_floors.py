@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from t2twin.sim.cyskin.reading import Imperfections
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.cyskin.reading import Imperfections, imperfections, read
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
@@ -74,6 +75,18 @@ def test_flaws_for_good_cancel_between_readings(info: DatasetInfo) -> None:
     assert same is not None
     np.testing.assert_allclose(same, stored, rtol=1e-6)
     assert second_reading(stored, replace(info, parameters=None)) is None
+
+
+def test_noise_without_contact_is_counted_once(info: DatasetInfo) -> None:
+    """Of readings that the recorded noise raises, as they are clipped to 0."""
+    flaws, rng = imperfections("recorded"), np.random.default_rng(0)
+    one, two = np.array(
+        [read(np.zeros(20), load_layout(), flaws, rng).astype(float) for _ in range(2000)]
+    ).reshape(2, 1000, 20)
+    again = second_reading(one, with_flaws(info, flaws))
+    assert again is not None
+    expected = np.sqrt(np.square(one - two).mean())
+    assert np.sqrt(np.square(again - one).mean()) == pytest.approx(expected, rel=0.15)
 
 
 def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:

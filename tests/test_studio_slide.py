@@ -101,6 +101,16 @@ def test_one_call_moves_the_shape_by_few_steps(session):
     assert places == pytest.approx([0.0, 0.2, 0.4, 0.6, 0.4, 0.2])
 
 
+def test_a_slide_continues_the_memory(session):
+    noisy = STATE.with_changes({"seed": 1, "imperfections": "recorded"})
+    first = session.press(noisy).touch
+    slid = session.press(noisy.with_changes({"x_mm": 0.2, "force_n": 1.0})).touch
+    most = first.counts.argmax()
+    assert (slid.memory[1] > 0.8 * first.memory[1])[most] and slid.counts[most] > 0
+    other = session.press(noisy.with_changes({"layout": "cyskin-63", "force_n": 1.0})).touch
+    assert other.memory.shape == (2, 63)
+
+
 def test_a_jump_has_no_shear(session):
     session.press(STATE)
     assert session.press(STATE.with_changes({"x_mm": 0.2})).touch.digit.shear_n[0] > 0.1

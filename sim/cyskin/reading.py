@@ -166,7 +166,7 @@ def read_after(
     return counts, memory
 
 
-def untouched_counts(flaws: Imperfections, taxels: int, array_seed: int = 0) -> np.ndarray:
+def counts_at_rest(flaws: Imperfections, taxels: int, array_seed: int = 0) -> np.ndarray:
     """(N,) mean count of each taxel without contact that noise_counts and offset_counts cause.
 
     It is the mean of a normal distribution that is clipped to 0.

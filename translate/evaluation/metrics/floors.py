@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import barycentric
-from t2twin.sim.cyskin.reading import read, untouched_counts
+from t2twin.sim.cyskin.reading import counts_at_rest, read
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera
 from t2twin.translate.data.pairs import DataInfo
@@ -99,11 +99,11 @@ def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> n
         np.array(info.layout_y_mm),
         np.array(skin.pad_diameter_mm),
     )
-    untouched = untouched_counts(skin.imperfections, layout.size)
+    at_rest = counts_at_rest(skin.imperfections, layout.size)
     rng = np.random.default_rng(seed)
     repeated = np.empty(counts.shape, np.float32)
     for row, stored in enumerate(counts.astype(float)):
-        touched = np.maximum(stored - untouched, 0.0)
+        touched = np.maximum(stored - at_rest, 0.0)
         one, two = (read(touched, layout, skin.imperfections, rng).astype(float) for _ in range(2))
         repeated[row] = stored + (two - one)
     return repeated

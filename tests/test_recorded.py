@@ -1,0 +1,154 @@
+"""The imperfections "recorded" of the CySkin: noise, offsets and memory."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import t2twin
+from benchmarks import recordings
+from benchmarks.recordings import REAL
+from t2twin.core.files import sha256_of
+from t2twin.sim.cyskin import reading
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.cyskin.reading import FRAME_S, SAMPLE_S, Imperfections, read_after
+from t2twin.sim.dataset.generate import make_dataset
+from t2twin.sim.dataset.store import read_info, read_split
+
+LAYOUT, RECORDED = load_layout(), reading.imperfections("recorded")
+LEVEL = 10_000.0
+QUIET = replace(recordings.without_noise(RECORDED), memory_spread=0.0)
+"""The memory alone, the same for all taxels."""
+
+
+def frames(levels, flaws, seed=0, array=0):
+    """Single readings at these levels, one each FRAME_S, (frames, n)."""
+    rng, memory, found = np.random.default_rng(seed), None, []
+    for level in levels:
+        counts, memory = read_after(
+            memory, np.full(LAYOUT.size, level), LAYOUT, flaws, rng, array, FRAME_S, 1
+        )
+        found.append(counts.astype(float))
+    return np.array(found)
+
+
+def remaining(time_s):
+    """The share of a level that remains a time after release."""
+    terms = zip(RECORDED.memory_shares, RECORDED.memory_s, strict=True)
+    return sum(share * np.exp(-time_s / constant) for share, constant in terms)
+
+
+@pytest.fixture(scope="module")
+def twin():
+    return t2twin.Twin(imperfections="recorded")
+
+
+def test_noise_and_offset_without_contact_have_the_recorded_percentiles():
+    at_rest = np.hstack([frames(np.zeros(30), RECORDED, seed, seed) for seed in range(60)])
+    for name, values in (
+        ("untouched_noise_counts", at_rest.std(axis=0)),
+        ("untouched_offset_counts", at_rest.mean(axis=0)),
+    ):
+        found = np.percentile(values, [float(key) for key in REAL[name]])
+        np.testing.assert_allclose(found, list(REAL[name].values()), rtol=recordings.TOLERANCE)
+
+
+def test_the_mean_at_rest_is_that_of_a_clipped_normal_distribution():
+    found = frames(np.zeros(4000), RECORDED).mean(axis=0)
+    np.testing.assert_allclose(
+        found, reading.counts_at_rest(RECORDED, LAYOUT.size), atol=30, rtol=0
+    )
+
+
+@pytest.mark.parametrize("level", [300.0, 3_000.0, 14_000.0])
+def test_noise_grows_under_load(level):
+    flaws = Imperfections(load_noise_counts=50.0, load_noise_level_counts=1500.0)
+    expected = 50.0 * (1 - np.exp(-level / 1500.0))
+    assert frames(np.full(400, level), flaws).std() == pytest.approx(expected, rel=0.03)
+
+
+def test_the_memory_decays_by_its_law():
+    after = frames([LEVEL] * 3 + [0.0] * 20, QUIET)[3:]
+    times_s = FRAME_S * np.arange(1, 21)
+    expected = LEVEL * np.array([remaining(time_s) for time_s in times_s])
+    np.testing.assert_allclose(after, np.tile(expected[:, None], LAYOUT.size), atol=0.51)
+    assert after[0, 0] == pytest.approx(LEVEL * REAL["kept_percent"]["100"] / 100, rel=0.2)
+
+
+def test_a_held_level_soon_stays():
+    held = frames([0.0] + [LEVEL] * 20, QUIET)[1:]
+    assert (np.diff(held, axis=0) >= 0).all()
+    assert LEVEL - 50 < held[0].max() < LEVEL and (held[-1] == LEVEL).all()
+
+
+def test_a_sample_is_the_mean_of_its_readings_and_has_their_memory():
+    pressed = np.full((2, LAYOUT.size), LEVEL)
+    at, released = np.random.default_rng(0), np.zeros(LAYOUT.size)
+    counts, memory = read_after(pressed, released, LAYOUT, QUIET, at)
+    expected = LEVEL * np.mean([remaining(FRAME_S * n) for n in range(1, reading.READINGS + 1)])
+    assert counts == pytest.approx(np.full(LAYOUT.size, expected), abs=0.51)
+    half = pressed
+    for _ in range(2):
+        half = read_after(half, released, LAYOUT, QUIET, at, seconds=SAMPLE_S / 2)[1]
+    assert half == pytest.approx(memory)
+
+
+def test_arrays_differ_and_each_has_the_whole_distribution():
+    flaws = Imperfections(noise_counts=((0, 0), (100, 1000)))
+    spreads = [
+        np.sort(frames(np.full(500, 20_000), flaws, 1, array).std(axis=0)) for array in (0, 1)
+    ]
+    for spread in spreads:
+        np.testing.assert_allclose(spread, 50 * (np.arange(20) + 0.5), atol=120)
+    one, same, other = (frames([0.0], RECORDED, 3, array) for array in (0, 0, 1))
+    assert np.array_equal(one, same) and not np.array_equal(one, other)
+
+
+def test_dead_taxels_read_0():
+    flaws = replace(RECORDED, dead=tuple(range(0, 20, 2)))
+    found = frames([LEVEL, 0.0, LEVEL, 0.0], flaws)
+    assert not found[:, ::2].any() and (found[::2, 1::2] > 0).all()
+
+
+def test_the_memory_goes_along_a_path(twin):
+    press, lifted, later = twin.follow("hemisphere-4", [[0, 0, 0, 8], *2 * [[0, 0, 0, 0]]], seed=1)
+    level = twin.press("hemisphere-4").counts
+    for touch, time_s in ((press, 0.0), (lifted, SAMPLE_S), (later, 2 * SAMPLE_S)):
+        decay = np.exp(-time_s / np.array(RECORDED.memory_s))
+        assert touch.memory == pytest.approx(decay[:, None] * level, abs=0.51)
+    alone = twin.press("hemisphere-4", force_n=0.01, seed=1)
+    assert lifted.counts.astype(int).sum() > alone.counts.astype(int).sum()
+
+
+def test_a_slide_continues_the_memory_of_its_touch(twin):
+    touch = twin.press("hemisphere-4", seed=0)
+    slid, again = (twin.slide(touch, dx_mm=0.2, force_n=1, steps=1, seed=1)[0] for _ in range(2))
+    assert np.array_equal(slid.counts, again.counts)
+    fresh = twin.slide(replace(touch, memory=None), dx_mm=0.2, force_n=1, steps=1, seed=1)[0]
+    most = touch.counts.argmax()
+    assert (slid.memory > fresh.memory + 1000)[:, most].all()
+    assert slid.counts[most] > fresh.counts[most]
+    with_other_taxels = t2twin.Twin(layout="cyskin-63", imperfections="recorded")
+    found = with_other_taxels.slide(touch, dx_mm=0.2, steps=1, seed=1)[0]
+    assert found.counts.shape == (63,)
+
+
+def test_a_path_in_a_dataset_has_a_memory_and_no_dependence_on_the_workers(
+    tmp_path: Path, shape_cache: Path
+):
+    recipe = tmp_path / "recorded.toml"
+    recipe.write_text(
+        'format = 1\nname = "recorded"\nimperfections = "recorded"\nfield = false\n'
+        'untouched_frames = false\n[[parts]]\nshapes = "random"\ncount = 2\npresses = 3\n'
+        "place = { normal_mm = 0.5 }\nforce_n = 8.0\n"
+        "[motion]\nstill = 0.0\nslide = 1.0\ntwist = 0.0\nslide_mm = [0.05, 0.1]\nsteps = [2, 2]\n"
+        "force_change = [0.1, 0.1]\n"
+    )
+    for workers in (1, 2):
+        make_dataset(tmp_path / str(workers), world=recipe, workers=workers, cache=shape_cache)
+    info = read_info(tmp_path / "1")
+    assert info.parameters and info.parameters.cyskin.imperfections == RECORDED
+    for path in info.shards:
+        assert sha256_of(tmp_path / "1" / path) == sha256_of(tmp_path / "2" / path)
+    assert read_split(tmp_path / "1", "train").num_rows == 6
