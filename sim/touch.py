@@ -73,7 +73,7 @@ class Touch:
     optics: Renderer = "baked"
     markers: Markers | None = None
     sensor_to_world: np.ndarray | None = None
-    memory: np.ndarray | None = None
+    memory: np.ndarray | MaybeNone = None
 
     @cached_property
     def contacts(self) -> dict[str, Contact]:
