@@ -5,6 +5,7 @@ Shape letters: R readings, N taxels, M terms of the memory.
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -110,6 +111,9 @@ PRESETS = {
 """Presets by name. The values of "recorded" are fitted to figures of 373 public recordings of
 fingers on a robot's skin (repository ladylou899/ros2_ws_cyskin_project), which
 benchmarks/recordings.py lists and compares with simulated ones."""
+
+DATASET_DEFAULT: Literal["none", "white", "baseline", "all", "recorded"] = "white"
+"""Imperfections of a dataset whose scale or recipe has none of its own."""
 
 
 def imperfections(name: str, dead: tuple[int, ...] = ()) -> Imperfections:

@@ -20,6 +20,7 @@ from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.layer import cached_layer
+from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.dataset import pool
 from t2twin.sim.dataset.build_info import build_info
 from t2twin.sim.dataset.card import write_card
@@ -129,7 +130,8 @@ def _recipe(
     protocol.scale_of(arguments.text(scale, "scale"))
     if sensors is not None:
         arguments.instance(sensors, "sensors", SensorPair)
-    sensors, paper = sensors or SensorPair(), load_recipe(PAPER)
+    own = SensorPair(cyskin=CySkin(imperfections=DATASET_DEFAULT))
+    sensors, paper = sensors or own, load_recipe(PAPER)
     return structs.replace(
         paper,
         seed=seed or 0,

@@ -34,6 +34,7 @@ from t2twin.core.records import convert
 from t2twin.core.renames import new_name
 from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
+from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.digit.optics import FRAMES
 from t2twin.sim.digit.randomization.ranges import UnitRanges
 from t2twin.sim.world.motion import Motion
@@ -191,7 +192,9 @@ class Recipe(Struct, frozen=True, forbid_unknown_fields=True):
     format: Literal[1] = FORMAT
     seed: Annotated[int, Meta(ge=0, le=MAX_SEED)] = 0
     layout: str = DEFAULT_LAYOUT
-    imperfections: Literal["none", "white", "baseline", "all", "recorded", "untouched"] = "white"
+    imperfections: Literal["none", "white", "baseline", "all", "recorded", "untouched"] = (
+        DATASET_DEFAULT
+    )
     light: Light = Light()
     field: bool = True
     untouched_frames: bool = True

@@ -60,13 +60,14 @@ def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
 
     import t2twin
     from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
+    from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 
     sensors = None
     if options.scale is not None:
         sensors = t2twin.Twin(
             options.calibration,
             DEFAULT_LAYOUT if options.layout is None else options.layout,
-            "white" if options.imperfections is None else options.imperfections,
+            DATASET_DEFAULT if options.imperfections is None else options.imperfections,
             optics=options.optics or "baked",
         ).sensors
     folder = options.out or Path("data") / (options.scale or Path(options.world or "").stem)
