@@ -6,7 +6,8 @@ There are four steps, which are also separate commands. A finished step is not r
 2. data: simulates a dataset of random shapes and primitives, pressed with 0.5 to 12 N. Its light is
    sampled around the calibration, and its images have the noise of single frames.
 3. training: trains a translator on this dataset.
-4. check: evaluates the translator on the held-out presses.
+4. check: evaluates the trained run and the run that initialized it on the held-out presses, and
+   keeps the more accurate one.
 """
 
 import hashlib
@@ -16,21 +17,20 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from t2twin.adaptation.real_frame_evaluation import (
-    SimulatedReference,
-    evaluate_frames,
-    simulate_reference,
-)
+from t2twin.adaptation.real_frame_evaluation import SimulatedReference, simulate_reference
 from t2twin.adaptation.record import (
     CALIBRATION,
+    INITIAL,
     RECORD,
+    TRAINED,
     AdaptationResult,
     FittedCalibration,
+    baseline_rmse_percent,
     read_fitted,
-    record_of,
     write_fitted,
 )
 from t2twin.adaptation.report import write_adapt_page
+from t2twin.adaptation.selection import Candidate, choose, publish
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write, is_empty, locked, write_json
@@ -44,14 +44,13 @@ from t2twin.sim.digit.calibrate.measurements import Tolerance
 from t2twin.sim.digit.camera.pinhole import Camera
 from t2twin.sim.digit.optics import NOISE_GREY
 from t2twin.sim.sensors import Digit, SensorPair
-from t2twin.translate.inference.load import load_run
 from t2twin.translate.models.presets import find_preset
 from t2twin.translate.runs.pretrained import HOME, pretrained_runs
 from t2twin.translate.training.train import train
 from t2twin.translate.training.warm_start import run_of_model
 
 STEPS = ("light", "data", "training", "check")
-BALL, WORLD, DATA = "ball.step", "world.toml", "data"
+BALL, WORLD, DATA, TRAINING = "ball.step", "world.toml", "data", "training"
 MIN_MINUTES, MAX_MINUTES = 1.0, 6000.0
 
 SHAPES_PER_MINUTE = 80
@@ -153,8 +152,9 @@ def adapt(
 ) -> AdaptationResult:
     """Adapts a translator to one DIGIT, or resumes an interrupted adaptation.
 
-    Writes calibration.npz, presses.json, world.toml, data/, a run named after the model,
-    adapted.json and index.html to the folder out.
+    Writes calibration.npz, presses.json, world.toml, data/, training/, a run named after the model,
+    adapted.json and index.html to the folder out. The run is the trained one, or a copy of
+    init_from if that is more accurate on the held-out presses.
 
     background, presses, ball_diameter_mm, held_out, camera, tolerance: as for `calibrate`. minutes:
     approximate duration of all steps on two cores, 1 to 6000. model: trained with the preset cpu.
@@ -184,16 +184,45 @@ def adapt(
         with timer.step("data"):
             make_dataset(config.out / DATA, world=config.out / WORLD, workers=workers)
         with timer.step("training"):
-            run_dir, share = config.out / model, TRAINING_SHARE * config.minutes
+            run_dir, share = config.out / TRAINING / model, TRAINING_SHARE * config.minutes
             train(
                 model, config.out / DATA, "cpu", run_dir, minutes=share, init_from=config.init_from
             )
     with timer.step("check"):  # without the lock, which write_page takes
-        run, background_frame = load_run(run_dir), inputs.background
-        comparisons = evaluate_frames(run, _references(config, inputs, fitted), background_frame)
-        result = record_of(run, comparisons, background_frame, fitted, timer.minutes)
-        write_adapt_page(config.out, run, comparisons, result)
+        result = _check(config, inputs, fitted, timer.minutes)
     write_json(config.out / RECORD, asdict(result))
+    return result
+
+
+def _check(
+    config: AdaptConfig, inputs: Inputs, fitted: FittedCalibration, minutes: dict[str, float]
+) -> AdaptationResult:
+    """Writes the more accurate run and the page. minutes: by step, of the steps so far."""
+    references = _references(config, inputs, fitted)
+    folders = {TRAINED: config.out / TRAINING / config.model}
+    if config.init_from is not None:
+        folders[INITIAL] = config.init_from
+    candidates = {
+        name: Candidate.of(folder, references, inputs.background)
+        for name, folder in folders.items()
+    }
+    kept = choose(candidates)
+    publish(candidates, kept, config.out / config.model)
+    one = candidates[kept]
+    zero, mean_array = baseline_rmse_percent(references, one.run)
+    result = AdaptationResult(
+        model=config.model,
+        kept=kept,
+        runs={name: candidate.scores for name, candidate in candidates.items()},
+        presses=len(references),
+        optics_psnr_db=fitted.psnr_db,
+        optics_ssim=fitted.ssim,
+        zero_rmse_percent=zero,
+        mean_array_rmse_percent=mean_array,
+        minutes=minutes,
+        uncertainty=fitted.uncertainty,
+    )
+    write_adapt_page(config.out, one.run, one.comparisons, result)
     return result
 
 
