@@ -24,8 +24,9 @@ def adapt(
 ) -> None:
     """Adapt a translator to your own DIGIT, from its background frame and presses of one ball.
 
-    Calibrates the optics, simulates presses with them, trains on these, and evaluates the result on
-    presses that the calibration was not fitted to. Resumes an interrupted adaptation.
+    Calibrates the optics, simulates presses with them, and trains on these. Evaluates the trained
+    and the initial run on presses that the calibration was not fitted to, and keeps the better one.
+    Resumes an interrupted adaptation.
 
     Args:
         background: Frame of the sensor without contact, 240 x 320 or larger, in any orientation.

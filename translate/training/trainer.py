@@ -254,7 +254,7 @@ def load_examples(
         for each in (pairs.field, pairs.force_n, pairs.shear_n, pairs.initial)
     )
     pixels = pairs.inputs[batch].astype(np.float32) / 255.0
-    if rng is not None and (preset.brightness or preset.contrast or preset.noise):
+    if rng is not None and (preset.brightness or preset.contrast or preset.noise or preset.drift):
         pixels = augment(
             pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
         )
