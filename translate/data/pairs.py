@@ -108,9 +108,9 @@ class Pairs:
 
     images: the P DIGIT images, (S, S, c) each. counts: (P, N) float32.
     shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
-    field: (P, F) uint16, counts, and backgrounds, if they were loaded. initial: the field that the
-    initial run of a warm start predicts, if it is a target. shear_n: (P, 2), N, along x
-    and y on the DIGIT, and is_moving: (P,) bool, of worlds with motion.
+    field: (P, F) uint16, counts, and backgrounds, if they were loaded. shear_n: (P, 2), N, along x
+    and y on the DIGIT, and is_moving: (P,) bool, of worlds with motion. initial: (P, F) float32,
+    counts, what the initial run of a warm start predicts, if it is the target.
     """
 
     images: ImageFile

@@ -134,9 +134,8 @@ class FieldTranslator(CountsTranslator):
         """See Translator."""
         if not self.initial_share:
             return pairs
-        parts = [outputs.mean.clamp(0.0, 1.0) for _, outputs in self._outputs_on(pairs)]
-        counts = torch.cat(parts).float().cpu().numpy() * self.full_scale
-        return replace(pairs, initial=counts.astype(np.uint16))
+        mean = torch.cat([outputs.mean for _, outputs in self._outputs_on(pairs)])
+        return replace(pairs, initial=mean.float().cpu().numpy() * self.full_scale)
 
     def step(self, examples: Examples) -> dict[str, float]:
         """One step on the squared errors of field and force and the likelihoods of their spreads.
