@@ -65,3 +65,15 @@ def test_augmentation_is_mild_seeded_and_keeps_the_geometry(data_dir: Path) -> N
     for before, after in zip(pixels, once, strict=True):
         assert np.corrcoef(before.ravel(), after.ravel())[0, 1] > 0.95
     assert np.allclose(augment(pixels, np.random.default_rng(0), 0.0, 0.0, 0.0), pixels)
+
+
+def test_drift_changes_the_level_and_gradient_of_the_background_frame_only() -> None:
+    pixels = np.full((500, 9, 9, 6), 0.5, np.float32)
+    drifted = augment(pixels, np.random.default_rng(0), 0.0, 0.0, 0.0, 0.02)
+    assert np.array_equal(drifted[..., :3], pixels[..., :3])
+    change = drifted[..., 3:] / 0.5 - 1.0
+    assert change[:, 4, 4].std() == pytest.approx(0.02, rel=0.1)
+    for gradient in (change[:, 8, 4] - change[:, 0, 4], change[:, 4, 8] - change[:, 4, 0]):
+        assert gradient.std() == pytest.approx(0.02, rel=0.1)
+    without_frame = augment(pixels[..., :3], np.random.default_rng(0), 0.0, 0.0, 0.0, 0.02)
+    assert np.array_equal(without_frame, pixels[..., :3])

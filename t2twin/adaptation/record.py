@@ -15,7 +15,6 @@ from t2twin.adaptation.real_frame_evaluation import (
     FrameResult,
     PressComparison,
     SimulatedReference,
-    predict_counts,
 )
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import read_file, write_json
@@ -26,6 +25,9 @@ from t2twin.sim.digit.calibrate.uncertainty import CalibrationUncertainty
 from t2twin.translate.inference.predictor import CountsPredictor
 
 CALIBRATION, PRESSES, RECORD = "calibration.npz", "presses.json", "adapted.json"
+TRAINED, INITIAL = "trained", "initial"
+"""Names of the runs of an adaptation: its own, and the one that initialized the training."""
+
 FORMAT = 2
 """Format of presses.json."""
 
@@ -100,51 +102,51 @@ class AdaptationScores:
 
 
 @dataclass(frozen=True)
+class RunScores:
+    """Scores of a run on the real and the simulated frames of the held-out presses.
+
+    background_counts: largest predicted count on the real background frame.
+    """
+
+    real: AdaptationScores
+    simulated: AdaptationScores
+    background_counts: float
+
+    @classmethod
+    def of(cls, comparisons: Sequence[PressComparison], background_counts: float) -> "RunScores":
+        real, simulated = (
+            [one.real for one in comparisons],
+            [one.simulated for one in comparisons],
+        )
+        return cls(AdaptationScores.of(real), AdaptationScores.of(simulated), background_counts)
+
+
+@dataclass(frozen=True)
 class AdaptationResult:
     """Content of adapted.json.
 
-    model: the trained model. presses: number of held-out presses. optics_psnr_db, optics_ssim: of
-    the calibrated optics on them. real, simulated: scores on the real and the simulated frames.
+    model: the trained model. kept: name of the more accurate run, TRAINED or INITIAL. runs: scores
+    by name; INITIAL, the run that initialized the training, is missing if there is none. presses:
+    number of held-out presses. optics_psnr_db, optics_ssim: of the calibrated optics on them.
     zero_rmse_percent, mean_array_rmse_percent: baselines, no counts and the mean array of the
-    presses. background_counts: largest predicted count on the real background frame. minutes: by
-    step. uncertainty: ranges of the presses' depths and forces.
+    presses. minutes: by step. uncertainty: ranges of the presses' depths and forces.
     """
 
     model: str
+    kept: str
+    runs: dict[str, RunScores]
     presses: int
     optics_psnr_db: float
     optics_ssim: float
-    real: AdaptationScores
-    simulated: AdaptationScores
     zero_rmse_percent: float
     mean_array_rmse_percent: float
-    background_counts: float
     minutes: dict[str, float]
     uncertainty: CalibrationUncertainty
 
-
-def record_of(
-    run: CountsPredictor,
-    comparisons: Sequence[PressComparison],
-    background: np.ndarray,
-    fitted: FittedCalibration,
-    minutes: dict[str, float],
-) -> AdaptationResult:
-    """Summarizes an adaptation. background: (320, 240, 3) uint8, of the real unit."""
-    zero, mean_array = baseline_rmse_percent([one.reference for one in comparisons], run)
-    return AdaptationResult(
-        model=run.config.model,
-        presses=len(comparisons),
-        optics_psnr_db=fitted.psnr_db,
-        optics_ssim=fitted.ssim,
-        real=AdaptationScores.of([one.real for one in comparisons]),
-        simulated=AdaptationScores.of([one.simulated for one in comparisons]),
-        zero_rmse_percent=zero,
-        mean_array_rmse_percent=mean_array,
-        background_counts=float(np.max(predict_counts(run, background, background))),
-        minutes=minutes,
-        uncertainty=fitted.uncertainty,
-    )
+    @property
+    def scores(self) -> RunScores:
+        """Scores of the kept run."""
+        return self.runs[self.kept]
 
 
 def baseline_rmse_percent(

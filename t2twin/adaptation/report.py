@@ -47,7 +47,11 @@ def _summary(result: AdaptationResult) -> dict[str, Any]:
             f"{100 * scores.force_error:.0f}",
             f"{scores.single_region}",
         ]
-        for name, scores in (("real frames", result.real), ("simulated frames", result.simulated))
+        for run, each in result.runs.items()
+        for name, scores in (
+            (f"{run} run, real frames", each.real),
+            (f"{run} run, simulated frames", each.simulated),
+        )
     ]
     heads = [["", "RMSE, %", "centroid, mm", "force error, %", "one region"]]
     return {"heads": heads, "rows": rows, "min_contact_counts": MIN_CONTACT_COUNTS}

@@ -24,8 +24,9 @@ def adapt(
 ) -> None:
     """Adapt a translator to your own DIGIT, from its background frame and presses of one ball.
 
-    Calibrates the optics, simulates presses with them, trains on these, and evaluates the result on
-    presses that the calibration was not fitted to. Resumes an interrupted adaptation.
+    Calibrates the optics, simulates presses with them, and trains on these. Evaluates the trained
+    and the initial run on presses that the calibration was not fitted to, and keeps the better one.
+    Resumes an interrupted adaptation.
 
     Args:
         background: Frame of the sensor without contact, 240 x 320 or larger, in any orientation.
@@ -54,14 +55,17 @@ def _print(result: "AdaptationResult") -> None:
 
     for line in uncertainty_lines(result.uncertainty):
         print(line)
-    real, percent = result.real, result.real.interval_coverage_percent
     minutes = ", ".join(f"{name} {spent:.1f}" for name, spent in result.minutes.items())
-    coverage = "" if percent is None else f", coverage of 90 % intervals {percent:.0f} %"
     print(f"minutes: {minutes}")
-    print(
-        f"{result.presses} held-out presses: RMSE {real.rmse_percent:.2f} % of full scale "
-        f"(simulated frames {result.simulated.rmse_percent:.2f}, zero counts "
-        f"{result.zero_rmse_percent:.2f}), centroid error {real.centroid_mm:.1f} mm, force error "
-        f"{100 * real.force_error:.0f} %, {real.single_region} with a single contact region"
-        f"{coverage}; largest count on the background frame {result.background_counts:.0f}"
-    )
+    for name, scores in result.runs.items():
+        real, percent = scores.real, scores.real.interval_coverage_percent
+        coverage = "" if percent is None else f", coverage of 90 % intervals {percent:.0f} %"
+        print(
+            f"{name} run, {result.presses} held-out presses: RMSE {real.rmse_percent:.2f} % of "
+            f"full scale (simulated frames {scores.simulated.rmse_percent:.2f}, zero counts "
+            f"{result.zero_rmse_percent:.2f}), centroid error {real.centroid_mm:.1f} mm, force "
+            f"error {100 * real.force_error:.0f} %, {real.single_region} with a single contact "
+            f"region{coverage}; largest count on the background frame "
+            f"{scores.background_counts:.0f}"
+        )
+    print(f"kept: the {result.kept} run, the more accurate one")

@@ -65,12 +65,16 @@ def augment(
     brightness: float,
     contrast: float,
     noise: float,
+    drift: float = 0.0,
 ) -> np.ndarray:
     """Applies random gain, offset and pixel noise to a batch, as a camera and its lights vary.
 
     pixels: (B, S, S, c) float32 in [0, 1]. Other arguments: see Preset. With c = 6, the background
-    frame has the gain and offset of its image, without noise. Returns the same shape, clipped.
+    frame has the gain and offset of its image, without noise, and with drift. Returns the same
+    shape, clipped.
     """
+    if drift > 0:
+        pixels = np.concatenate([pixels[..., :3], _drifted(pixels[..., 3:], rng, drift)], axis=-1)
     each = (pixels.shape[0], 1, 1, 1)
     gain = 1.0 + contrast * rng.standard_normal(each, dtype=np.float32)
     offset = brightness * rng.standard_normal(each, dtype=np.float32)
@@ -79,6 +83,15 @@ def augment(
         image = jittered[..., : len(RGB_MEAN)]
         image += np.float32(noise) * standard_normal(rng, image.shape)
     return jittered.clip(0.0, 1.0)
+
+
+def _drifted(frames: np.ndarray, rng: np.random.Generator, drift: float) -> np.ndarray:
+    """Background frames, (B, S, S, 3 or 0), with other levels and gradients of each color."""
+    across = np.linspace(-0.5, 0.5, frames.shape[1], dtype=np.float32)[:, None]
+    level, down, right = drift * rng.standard_normal(
+        (3, len(frames), 1, 1, frames.shape[-1]), dtype=np.float32
+    )
+    return frames * (1.0 + level + down * across[:, None] + right * across)
 
 
 def to_input(pixels: np.ndarray) -> torch.Tensor:

@@ -18,6 +18,7 @@ tactile image.
 
 from collections.abc import Iterator
 from copy import copy, deepcopy
+from dataclasses import replace
 from functools import cached_property
 from typing import Self, cast
 
@@ -88,6 +89,7 @@ class FieldTranslator(CountsTranslator):
         self.layout = info.taxels
         self.places_mm = info.field_x_mm, info.field_y_mm
         self.full_scale = info.full_scale_counts
+        self.initial_share = preset.initial_share
         self.device = device
         self.bf16 = bf16
         view_mm = DIGIT_CAMERA.seen_half_extent_mm()
@@ -128,6 +130,13 @@ class FieldTranslator(CountsTranslator):
                 rms_n = float(np.sqrt(np.square(pairs.shear_n).mean()))
                 network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
 
+    def with_initial(self, pairs: Pairs) -> Pairs:
+        """See Translator."""
+        if not self.initial_share:
+            return pairs
+        mean = torch.cat([outputs.mean for _, outputs in self._outputs_on(pairs)])
+        return replace(pairs, initial=mean.float().cpu().numpy() * self.full_scale)
+
     def step(self, examples: Examples) -> dict[str, float]:
         """One step on the squared errors of field and force and the likelihoods of their spreads.
 
@@ -139,8 +148,12 @@ class FieldTranslator(CountsTranslator):
         with self.precision():
             outputs = self.network(self._training_input(examples.images).to(self.device))
         error = outputs.mean - examples.field.to(self.device) / self.full_scale
+        off_target = error
+        if examples.initial is not None:
+            off_initial = outputs.mean - examples.initial.to(self.device) / self.full_scale
+            off_target = error.lerp(off_initial, self.initial_share)
         losses = {
-            "field": error.square().mean() / self.network.field_variance,
+            "field": off_target.square().mean() / self.network.field_variance,
             "spread": _negative_log_likelihood(error.detach(), outputs.log_spread).mean(),
         }
         loss = losses["field"] + losses["spread"]

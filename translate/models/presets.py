@@ -58,6 +58,11 @@ class Preset:
     averaged_part: share of the steps so far in the weight average used for prediction
         (optimizer.weight_average); 0 for the last weights.
     bf16: compute in bfloat16 if the processor supports it.
+    initial_share: after a warm start of a field run, share of the initial run's predictions in the
+        targets of the mean; statistics of batch norm are then kept. It prevents that the network
+        forgets shapes which are not in the dataset (Li and Hoiem 2016).
+    drift: augmentation of the background frame, standard deviation of relative changes of each
+        color's level and gradients since the frame was taken.
     brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: offset and
         noise as fractions of full scale, relative gain. There is no geometric augmentation, which
         would break the pairing.
@@ -84,6 +89,8 @@ class Preset:
     brightness: NotNegative = 0.0
     contrast: NotNegative = 0.0
     noise: NotNegative = 0.0
+    drift: NotNegative = 0.0
+    initial_share: Share = 0.0
 
 
 RESNET18_CPU = Preset(

@@ -78,11 +78,12 @@ class Trainer:
                 ood_detector=fit_ood_detector(self.pairs.images),
             )
         self.translator = build(self.config)
+        if self.warm_start is not None:
+            apply_warm_start(self.warm_start, self.translator)
+            self.pairs = self.translator.with_initial(self.pairs)
         if resumed:
             self.history = load_state(self.out_dir / LAST, self.translator)
         else:
-            if self.warm_start is not None:
-                apply_warm_start(self.warm_start, self.translator)
             self.translator.prepare(self.pairs)
             if self.rank == 0:
                 self.config.save(self.out_dir)
@@ -142,7 +143,7 @@ class Trainer:
         rng = np.random.default_rng([config.seed, epoch, 1 + self.rank])
         torch.manual_seed(int(rng.integers(2**63)))  # dropout
         for network in translator.networks.values():
-            network.train()
+            network.train(self.pairs.initial is None)  # else keeps the statistics of batch norm
         sums: dict[str, float] = {}
         for batch in batches:
             losses = self._step(translator, batch[self.rank :: config.processes], rng)
@@ -247,17 +248,17 @@ def load_examples(
     pairs: Pairs, batch: np.ndarray, preset: Preset, rng: np.random.Generator | None
 ) -> Examples:
     """The pairs with these indices; with rng, their images are augmented as the preset defines."""
-    batch, field, shear = np.sort(batch), pairs.field, pairs.shear_n  # the order on disk
-    pixels = pairs.inputs[batch].astype(np.float32) / 255.0
-    if rng is not None and (preset.brightness or preset.contrast or preset.noise):
-        pixels = augment(pixels, rng, preset.brightness, preset.contrast, preset.noise)
-    return Examples(
-        to_input(pixels),
-        torch.from_numpy(pairs.counts[batch]),
-        None if field is None else torch.from_numpy(field[batch].astype(np.float32)),
-        torch.from_numpy(pairs.force_n[batch].astype(np.float32)),
-        None if shear is None else torch.from_numpy(shear[batch].astype(np.float32)),
+    batch = np.sort(batch)  # the order on disk
+    more = (
+        None if each is None else torch.from_numpy(each[batch].astype(np.float32))
+        for each in (pairs.field, pairs.force_n, pairs.shear_n, pairs.initial)
     )
+    pixels = pairs.inputs[batch].astype(np.float32) / 255.0
+    if rng is not None and (preset.brightness or preset.contrast or preset.noise or preset.drift):
+        pixels = augment(
+            pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
+        )
+    return Examples(to_input(pixels), torch.from_numpy(pairs.counts[batch]), *more)
 
 
 def steps_of_epoch(batches: int, budget: int) -> int:
