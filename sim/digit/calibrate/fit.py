@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.ridge import (
     FIRST_TERMS,
     LEDS,
@@ -22,10 +21,14 @@ from t2twin.sim.digit.calibrate.ridge import (
     solve_ridge,
 )
 from t2twin.sim.digit.calibrate.samples import (
+    DEEPEST,
     NUDGE,
+    SHALLOWEST_MM,
     SPREAD,
     START,
+    Profile,
     Square,
+    ball_surface,
     inner,
     leds_of,
     samples_of,
@@ -45,12 +48,6 @@ MAX_STEPS = 8
 """Largest number of steps of the joint fit."""
 MIN_GAIN = 2e-3
 """The fit ends when a step lowers the error by less than this fraction (assumed)."""
-SHALLOWEST_MM, DEEPEST = 0.1, 0.93
-"""Bounds of a press's depth: mm, and in parts of the ball's radius."""
-
-Profile = tuple[float, float, float]
-"""Radius of a ball, mm, and the gel's profile around it: hold and skirt of probe_surfaces.ball."""
-
 _POSE_NUDGE = np.array([0.02, 0.02, 0.02])  # mm
 _POSE_REACH = np.array([0.3, 0.3, 0.3])  # longest step of a pose, mm
 _PRIOR = 2e-5
@@ -166,16 +163,10 @@ class BallFit:
 
     def surface(self, state: State, index: int, pose: np.ndarray) -> np.ndarray:
         """The deflection by one frame's ball at a pose, mm, on optical_grid()."""
-        return self._surface(pose, self._profile(state.geometry, index))
+        return ball_surface(pose, self._profile(state.geometry, index))
 
     def _profile(self, geometry: np.ndarray, index: int) -> Profile:
         return self.radii_mm[index], geometry[10], geometry[11]
-
-    def _surface(self, pose: np.ndarray, profile: Profile) -> np.ndarray:
-        radius_mm, hold, skirt = profile
-        depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
-        hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
-        return probe_surfaces.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
 
     def _target(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""
@@ -191,7 +182,7 @@ class BallFit:
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
-            surface = self._surface(pose, profile)
+            surface = ball_surface(pose, profile)
         rows, columns = part = inner(square)
         region = (rows.start, rows.stop, columns.start, columns.stop)
         coated = self._rays.coated(surface)
