@@ -11,7 +11,7 @@ from t2twin.sim.digit.camera.compiled import jit_finite
 from t2twin.sim.digit.light.illumination import slopes
 
 LOBE_DEGREE = 2
-"""Degree of the lobe in the place (of 2 and 3, equal in cross-validation)."""
+"""Degree of the lobe in the place (assumed; others were not compared)."""
 LOBE_PLACES = (LOBE_DEGREE + 1) * (LOBE_DEGREE + 2) // 2
 LOBE_TERMS = 5
 """Number of normal_terms."""
