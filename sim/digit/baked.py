@@ -2,13 +2,15 @@
 
 For a point p of the gel with unit normal n (towards the camera), the light of LED k in color c is
 
-    L_kc = V_k m_k (REACH / d_k)^2 sum_ij R_kcij P_i(x, y) m_k^j,      m_k = max(n . l_k, 0)
+    L_kc = V_k m_k (REACH / d_k)^2 sum_i P_i(x, y) (sum_j R_kcij m_k^j + sum_q S_kciq N_q(n)),
+    m_k = max(n . l_k, 0)
 
 with l_k, d_k the direction and distance to the LED. P are the polynomials of degree four in the
 place where the pixel's ray meets the gel at rest. R is the fitted response, a constant for a
-Lambertian surface and a uniform LED. V_k is the visible fraction of the LED's disc. It is computed
-from a ray over the height map to the disc's middle: the ray's smallest clearance, projected on to
-the disc, cuts the disc.
+Lambertian surface and a uniform LED. S is the fitted lobe (t2twin.sim.digit.light.lobe), of degree
+two in the place; the default calibration has none. N are n_x, n_y, n_x^2, n_x n_y and n_y^2.
+V_k is the visible fraction of the LED's disc. It is computed from a ray over the height map to the
+disc's middle: the ray's smallest clearance, projected on to the disc, cuts the disc.
 
 The image is background + L(deformed) - L(rest), each where the pixel's ray meets that surface. So a
 gel at rest gives the background exactly, and features of the background besides the LEDs' light
@@ -28,7 +30,7 @@ from t2twin.sim.contact.types import SurfaceShift
 from t2twin.sim.digit.calibration import Calibration, place_terms
 from t2twin.sim.digit.camera import gaussian_noise, response
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
-from t2twin.sim.digit.light import illumination
+from t2twin.sim.digit.light import illumination, lobe
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
 from t2twin.sim.digit.light.ray_casting import Leds, Rays, Region
 from t2twin.sim.digit.markers import NO_SHADE, MarkerImage, Markers
@@ -68,6 +70,13 @@ class BakedModel:
         return _gains(self._rays, self.calibration.response)
 
     @cached_property
+    def _lobe_gain(self) -> np.ndarray | None:
+        if self.calibration.lobe is None:
+            return None
+        places = place_terms(*self._rays.places_mm, lobe.LOBE_DEGREE)
+        return lobe.lobe_gain(self.calibration.lobe, places)
+
+    @cached_property
     def _rest_light(self) -> np.ndarray:
         return self._light_at_rest(self._rays)
 
@@ -103,8 +112,22 @@ class BakedModel:
         flat = np.zeros((rays.y_mm.size, rays.x_mm.size), dtype=np.float32)
         cosine, weight = (np.moveaxis(values, -1, 0) for values in rays.incidence(flat, self._leds))
         light = np.zeros((3, *cosine.shape[1:]), dtype=np.float32)
-        illumination.light(cosine, weight, self._gain, np.zeros_like(light), rays.everywhere, light)
+        everywhere = rays.everywhere
+        illumination.light(cosine, weight, self._gain, np.zeros_like(light), everywhere, light)
+        self._add_lobe(rays, flat, weight, everywhere, light)
         return light
+
+    def _add_lobe(
+        self,
+        rays: Rays,
+        coated_mm: np.ndarray,
+        weight: np.ndarray,
+        samples: Region,
+        light: np.ndarray,
+    ) -> None:
+        if self._lobe_gain is not None:
+            normals = rays.normals(coated_mm, samples)
+            lobe.add_lobe(normals, weight, self._lobe_gain, samples, light)
 
     def render(
         self,
@@ -153,6 +176,7 @@ class BakedModel:
             return self._rest_light, pixels
         change = np.zeros_like(self._rest_light)
         illumination.light(cosine, weight, self._gain, self._rest_light, samples, change)
+        self._add_lobe(self._rays, coated_mm, weight, samples, change)
         return change, pixels
 
 

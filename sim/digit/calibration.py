@@ -12,6 +12,7 @@ from t2twin.core.files import atomic_write
 from t2twin.sim.digit.camera.noise import Noise
 from t2twin.sim.digit.camera.pinhole import COLUMNS, MAX_MISALIGNMENT, ROWS, Camera
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.lobe import LOBE_PLACES, LOBE_TERMS
 
 DEFAULT_PATH = Path(__file__).with_name("default_calibration.npz")
 """The default calibration, written by t2twin.sim.digit.bake."""
@@ -34,6 +35,8 @@ YOUNG = "young_mpa"
 """Key of the gel's modulus in the file, present if it was fitted to forces."""
 YOUNGS_MPA = (0.01, 10.0)
 """Range of the modulus (assumed: soft silicones have 0.05 to 2 MPa)."""
+LOBE = "lobe"
+"""Key of the lobe in the file, present if it was fitted."""
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
 """Keys of the noise in the file, present if it was measured."""
 SCALES_PX_PER_MM = (5.0, 100.0)
@@ -73,6 +76,7 @@ class Calibration:
     background: (ROWS, COLUMNS, 3) uint8, the background frame.
     leds_mm: (3, 3) places of the LEDs in the sensor frame. sizes_mm: (3,) radii of their discs.
     response: (3 LEDs, RGB, PLACE_TERMS, COSINE_TERMS).
+    lobe: (3 LEDs, RGB, LOBE_PLACES, LOBE_TERMS), optional in the file; None for no lobe.
     gamma: exponent between light and grey levels.
     scale_px_per_mm, distance_mm, shift_x_px, shift_y_px, tilt_x_deg, tilt_y_deg: the camera. The
     last four are optional in the file and default to 0.
@@ -94,6 +98,7 @@ class Calibration:
     tilt_y_deg: float = 0.0
     noise: Noise | None = None
     young_mpa: float | None = None
+    lobe: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -101,14 +106,15 @@ class Calibration:
             ("leds_mm", (3, 3)),
             ("sizes_mm", (3,)),
             ("response", (3, 3, PLACE_TERMS, COSINE_TERMS)),
+            *(() if self.lobe is None else (("lobe", (3, 3, LOBE_PLACES, LOBE_TERMS)),)),
         ):
-            value = np.asarray(getattr(self, name))
+            value, key = np.asarray(getattr(self, name)), _KEYS.get(name, name)
             if value.shape != shape:
                 raise T2TwinError(
-                    f"the calibration's {_KEYS[name]} has shape {value.shape}; it must be {shape}"
+                    f"the calibration's {key} has shape {value.shape}; it must be {shape}"
                 )
             if value.dtype.kind not in "fiu" or not np.isfinite(value).all():
-                raise T2TwinError(f"the calibration's {_KEYS[name]} must hold finite numbers only")
+                raise T2TwinError(f"the calibration's {key} must hold finite numbers only")
         if self.background.dtype != np.uint8:
             raise T2TwinError(
                 f"the calibration's background is {self.background.dtype}; it must be uint8"
@@ -126,6 +132,7 @@ class Calibration:
                 (name, getattr(self, name), -limit, limit)
                 for name, limit in MAX_MISALIGNMENT.items()
             ),
+            *(() if self.lobe is None else ((LOBE, np.abs(self.lobe).max(), 0.0, MAX_RESPONSE),)),
             *(() if self.young_mpa is None else ((YOUNG, self.young_mpa, *YOUNGS_MPA),)),
         ):
             if not low <= value <= high:
@@ -159,6 +166,8 @@ class Calibration:
             values |= {NOISE_MIX: self.noise.mix, NOISE_TAPS: self.noise.taps}
         if self.young_mpa is not None:
             values[YOUNG] = self.young_mpa
+        if self.lobe is not None:
+            values[LOBE] = self.lobe
         return values
 
     @classmethod
@@ -186,6 +195,8 @@ def _read(path: Path | str) -> dict[str, Any]:
         values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items() if key in file}
         if YOUNG in file:
             values[YOUNG] = file[YOUNG]
+        if LOBE in file:
+            values[LOBE] = file[LOBE]
         noise = [file[key] for key in (NOISE_MIX, NOISE_TAPS) if key in file]
     if len(noise) == 1:
         raise T2TwinError(f"one of {NOISE_MIX} and {NOISE_TAPS} is missing")
@@ -198,6 +209,6 @@ def _read(path: Path | str) -> dict[str, Any]:
 
 
 _KEYS = {
-    name: name for name in Calibration.__dataclass_fields__ if name not in ("noise", YOUNG)
+    name: name for name in Calibration.__dataclass_fields__ if name not in ("noise", YOUNG, LOBE)
 } | {"leds_mm": "lamps_mm"}
 """Key of each field in the file; the LEDs' places have the key of the first calibrations."""

@@ -167,13 +167,16 @@ def calibrate(
     report(f"fitting to {len(inputs.train)} presses")
     training = inputs.presses(inputs.train)
     fit = fit_presses(training, camera)
-    evaluated = _evaluate(inputs, training, fit)
+    evaluated = evaluate(inputs, training, fit)
     calibration, uncertainty = _fit_all(inputs, fit, tolerance, report)
     return replace(evaluated, calibration=calibration, uncertainty=uncertainty)
 
 
-def _evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
-    """The report of a fit without the held-out presses, which are only located."""
+def evaluate(inputs: Inputs, training: Presses, fit: Fit) -> CalibrationReport:
+    """The report of a fit without the held-out presses, which are only located.
+
+    Raises T2TwinError for a fit no better than the background.
+    """
     train, test = inputs.train, inputs.test
     held_out = inputs.presses(test, training.background)
     model = held_out.model(fit.model.camera)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.ridge import (
     FIRST_TERMS,
     LEDS,
@@ -22,10 +21,14 @@ from t2twin.sim.digit.calibrate.ridge import (
     solve_ridge,
 )
 from t2twin.sim.digit.calibrate.samples import (
+    DEEPEST,
     NUDGE,
+    SHALLOWEST_MM,
     SPREAD,
     START,
+    Profile,
     Square,
+    ball_surface,
     inner,
     leds_of,
     samples_of,
@@ -35,6 +38,7 @@ from t2twin.sim.digit.calibration import PLACE_TERMS, Calibration, led_columns, 
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera
 from t2twin.sim.digit.camera.response import linear
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.lobe import lobe_columns, normal_terms
 from t2twin.sim.digit.light.ray_casting import Leds, Rays
 
 GAMMA = 1.0
@@ -44,12 +48,6 @@ MAX_STEPS = 8
 """Largest number of steps of the joint fit."""
 MIN_GAIN = 2e-3
 """The fit ends when a step lowers the error by less than this fraction (assumed)."""
-SHALLOWEST_MM, DEEPEST = 0.1, 0.93
-"""Bounds of a press's depth: mm, and in parts of the ball's radius."""
-
-Profile = tuple[float, float, float]
-"""Radius of a ball, mm, and the gel's profile around it: hold and skirt of probe_surfaces.ball."""
-
 _POSE_NUDGE = np.array([0.02, 0.02, 0.02])  # mm
 _POSE_REACH = np.array([0.3, 0.3, 0.3])  # longest step of a pose, mm
 _PRIOR = 2e-5
@@ -150,7 +148,7 @@ class BallFit:
         """The fitted calibration, without noise and modulus."""
         leds = leds_of(state.geometry)
         response = np.zeros((3, 3, PLACE_TERMS, COSINE_TERMS))
-        table = state.response.reshape(3, LEDS, state.terms.places, COSINE_TERMS)
+        table, lobe = state.terms.tables(state.response)
         response[:, :, : state.terms.places] = table.transpose(1, 0, 2, 3)
         return Calibration(
             background=self.background,
@@ -160,37 +158,39 @@ class BallFit:
             gamma=GAMMA,
             scale_px_per_mm=self.camera.scale_px_per_mm,
             distance_mm=self.camera.distance_mm,
+            lobe=None if lobe is None else lobe.transpose(1, 0, 2, 3),
         )
 
     def surface(self, state: State, index: int, pose: np.ndarray) -> np.ndarray:
         """The deflection by one frame's ball at a pose, mm, on optical_grid()."""
-        return self._surface(pose, self._profile(state.geometry, index))
+        return ball_surface(pose, self._profile(state.geometry, index))
 
     def _profile(self, geometry: np.ndarray, index: int) -> Profile:
         return self.radii_mm[index], geometry[10], geometry[11]
-
-    def _surface(self, pose: np.ndarray, profile: Profile) -> np.ndarray:
-        radius_mm, hold, skirt = profile
-        depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
-        hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
-        return probe_surfaces.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
 
     def _target(self, index: int) -> np.ndarray:
         """(samples, RGB) change of the light in a press's square."""
         return self._changes[index][self._squares[index]].reshape(-1, 3)
 
     def _incidence(
-        self, leds: Leds, pose: np.ndarray | None, profile: Profile, square: Square
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Cosines and weights (samples, LEDs). pose: None for the gel at rest."""
+        self, leds: Leds, pose: np.ndarray | None, profile: Profile, square: Square, lobe: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Cosines and weights (samples, LEDs), and for a lobe normals (samples, 2).
+
+        pose: None for the gel at rest.
+        """
         if pose is None:
             surface = np.zeros((self._rays.y_mm.size, self._rays.x_mm.size), dtype=np.float32)
         else:
-            surface = self._surface(pose, profile)
+            surface = ball_surface(pose, profile)
         rows, columns = part = inner(square)
         region = (rows.start, rows.stop, columns.start, columns.stop)
-        cosine, weight = self._rays.incidence(self._rays.coated(surface), leds, region)
-        return cosine[part].reshape(-1, LEDS), weight[part].reshape(-1, LEDS)
+        coated = self._rays.coated(surface)
+        cosine, weight = self._rays.incidence(coated, leds, region)
+        normals = None
+        if lobe:
+            normals = self._rays.normals(coated, region)[:, rows, columns].reshape(2, -1).T
+        return cosine[part].reshape(-1, LEDS), weight[part].reshape(-1, LEDS), normals
 
     def _columns(
         self,
@@ -201,9 +201,11 @@ class BallFit:
         terms: Terms,
     ) -> np.ndarray:
         """(samples, entries) light per unit of each of the response's entries."""
-        cosine, weight = self._incidence(leds, pose, profile, square)
+        cosine, weight, normals = self._incidence(leds, pose, profile, square, terms.lobe)
         places = self._place_terms(square, terms)
         entries = [led_columns(cosine[:, k], weight[:, k], places) for k in range(LEDS)]
+        if normals is not None:
+            entries += [lobe_columns(normals, weight[:, k], places) for k in range(LEDS)]
         return np.concatenate(entries, axis=-1)
 
     def _place_terms(self, square: Square, terms: Terms) -> np.ndarray:
@@ -218,11 +220,15 @@ class BallFit:
         at_rest = self._columns(leds, None, profile, square, terms)
         return self._columns(leds, pose, profile, square, terms) - at_rest
 
-    def _gain(self, state: State, square: Square) -> np.ndarray:
-        """(samples, LEDs, COSINE_TERMS, RGB): the response at each sample's place, for _light."""
-        terms = state.terms
-        table = state.response.reshape(3, LEDS, terms.places, COSINE_TERMS)
-        return np.einsum("sp,ckpj->skjc", self._place_terms(square, terms), table, optimize=True)
+    def _gain(self, state: State, square: Square) -> list[np.ndarray]:
+        """The response and, if fitted, the lobe at each sample's place, for _light: (samples, LEDs,
+        COSINE_TERMS or LOBE_TERMS, RGB)."""
+        places = self._place_terms(square, state.terms)
+        return [
+            np.einsum("sp,ckpj->skjc", places[:, : table.shape[2]], table, optimize=True)
+            for table in state.terms.tables(state.response)
+            if table is not None
+        ]
 
     def _light(
         self,
@@ -230,12 +236,16 @@ class BallFit:
         pose: np.ndarray | None,
         profile: Profile,
         square: Square,
-        gain: np.ndarray,
+        gain: list[np.ndarray],
     ) -> np.ndarray:
         """(samples, RGB) light of a pose: _columns times the response, computed without them."""
-        cosine, weight = self._incidence(leds, pose, profile, square)
+        cosine, weight, normals = self._incidence(leds, pose, profile, square, len(gain) > 1)
         powers = weight[..., None] * cosine[..., None] ** np.arange(COSINE_TERMS)
-        return np.einsum("skj,skjc->sc", powers, gain, optimize=True)
+        light = np.einsum("skj,skjc->sc", powers, gain[0], optimize=True)
+        if normals is not None:
+            powers = weight[..., None] * normal_terms(normals)[:, None, :]
+            light += np.einsum("skj,skjc->sc", powers, gain[1], optimize=True)
+        return light
 
     def _sums(self, geometry: np.ndarray, poses: np.ndarray, terms: Terms) -> list[Sums]:
         """Of each press, for the fit of the response."""

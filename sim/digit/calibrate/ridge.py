@@ -11,8 +11,10 @@ import numpy as np
 
 from t2twin.sim.digit.calibration import PLACE_DEGREE, place_degrees
 from t2twin.sim.digit.light.illumination import COSINE_TERMS
+from t2twin.sim.digit.light.lobe import LOBE_DEGREE, LOBE_PLACES, LOBE_TERMS
 
 LEDS = 3
+LOBE_ENTRIES = LEDS * LOBE_PLACES * LOBE_TERMS
 GROWTH = 2.0
 """Factor of the ridge from one degree to the next (2 to 8 are equal on a real unit)."""
 DEGREES = (2, 3, PLACE_DEGREE)
@@ -28,10 +30,12 @@ GROUPS = 4
 @dataclass(frozen=True)
 class Terms:
     """degree: the highest in the place. ridge: weight of a term of degree zero, in parts of the
-    columns' mean square; GROWTH times as much for each further degree."""
+    columns' mean square; GROWTH times as much for each further degree. lobe: whether the response's
+    entries are followed by those of the lobe, (LED, place, normal term) in this order."""
 
     degree: int
     ridge: float
+    lobe: bool = False
 
     @property
     def place_degrees(self) -> np.ndarray:
@@ -44,22 +48,39 @@ class Terms:
 
     @property
     def entries(self) -> int:
+        return self.cosine_entries + (LOBE_ENTRIES if self.lobe else 0)
+
+    @property
+    def cosine_entries(self) -> int:
+        """Number of the response's entries without the lobe."""
         return LEDS * self.places * COSINE_TERMS
 
     def penalty(self, squares: np.ndarray) -> np.ndarray:
         """(entries, entries) diagonal matrix, added to the columns' squares."""
         weights = np.tile(np.repeat(GROWTH**self.place_degrees, COSINE_TERMS), LEDS)
+        if self.lobe:
+            of_lobe = np.repeat(GROWTH ** place_degrees(LOBE_DEGREE), LOBE_TERMS)
+            weights = np.concatenate([weights, np.tile(of_lobe, LEDS)])
         return np.diag(self.ridge * np.trace(squares) / len(squares) * weights)
+
+    def tables(self, response: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """A response (RGB, entries) as (RGB, LEDS, places, COSINE_TERMS), and its lobe as (RGB,
+        LEDS, LOBE_PLACES, LOBE_TERMS); None without."""
+        cosines, lobe = np.split(response, [self.cosine_entries], axis=1)
+        table = cosines.reshape(3, LEDS, self.places, COSINE_TERMS)
+        return table, lobe.reshape(3, LEDS, LOBE_PLACES, LOBE_TERMS) if self.lobe else None
 
     def among(self, all_terms: "Terms") -> np.ndarray:
         """(entries,) indices of its entries among those of terms of a higher degree."""
         is_own = np.arange(all_terms.places) < self.places
-        return np.flatnonzero(np.tile(np.repeat(is_own, COSINE_TERMS), LEDS))
+        of_lobe = np.full(all_terms.entries - all_terms.cosine_entries, self.lobe)
+        cosines = np.tile(np.repeat(is_own, COSINE_TERMS), LEDS)
+        return np.flatnonzero(np.concatenate([cosines, of_lobe]))
 
 
 FIRST_TERMS = Terms(DEGREES[0], RIDGES[0])
 """Terms of the first fit of poses and LEDs."""
-MAX_TERMS = Terms(DEGREES[-1], RIDGES[0])
+MAX_TERMS = Terms(DEGREES[-1], RIDGES[0], lobe=True)
 
 
 @dataclass(frozen=True)
@@ -97,15 +118,19 @@ def solve_ridge(squares: np.ndarray, products: np.ndarray, terms: Terms) -> np.n
 def select_terms(presses: Sequence[Sums]) -> Terms:
     """The terms with the least cross-validation error.
 
-    Among those within TIE_DB of the least error: the strongest ridge, and of it the best degree.
+    Among those within TIE_DB of the least error: the strongest ridge, and of it the best.
     presses: with the entries of MAX_TERMS.
     """
-    candidates = [Terms(degree, ridge) for ridge in reversed(RIDGES) for degree in DEGREES]
+    candidates = [
+        Terms(degree, ridge, lobe)
+        for ridge in reversed(RIDGES) for degree in DEGREES for lobe in (False, True)
+    ]  # fmt: skip
     errors = [cross_validation_error(presses, terms) for terms in candidates]
     near = [(terms, error) for terms, error in zip(candidates, errors, strict=True)
             if error <= min(errors) + TIE_DB]  # fmt: skip
     strongest = near[0][0].ridge
-    return min((error, terms.degree, terms) for terms, error in near if terms.ridge == strongest)[2]
+    smoothest = [(error, terms) for terms, error in near if terms.ridge == strongest]
+    return min(smoothest, key=lambda candidate: candidate[0])[1]
 
 
 def cross_validation_error(presses: Sequence[Sums], terms: Terms) -> float:

@@ -7,11 +7,18 @@ presses share: the LEDs, and the gel's profile around a ball.
 
 import numpy as np
 
+from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
 from t2twin.sim.digit.light.ray_casting import Leds
 
 HALF_SAMPLES = 36
 """Half side of the square around a press, samples: 7.5 mm, which contains the shadows."""
+
+SHALLOWEST_MM, DEEPEST = 0.1, 0.93
+"""Bounds of a press's depth: mm, and in parts of the ball's radius."""
+
+Profile = tuple[float, float, float]
+"""Radius of a ball, mm, and the gel's profile around it: hold and skirt of probe_surfaces.ball."""
 
 Square = tuple[slice, slice]
 """Rows and columns of samples."""
@@ -55,6 +62,14 @@ def inner(square: Square) -> Square:
     """The same square on the lattice of samples, which has one more row and column at each edge."""
     rows, columns = (slice(side.start + 1, side.stop + 1) for side in square)
     return rows, columns
+
+
+def ball_surface(pose: np.ndarray, profile: Profile) -> np.ndarray:
+    """The deflection by a ball at a pose within the bounds, mm, on optical_grid()."""
+    radius_mm, hold, skirt = profile
+    depth = min(max(pose[2], SHALLOWEST_MM), DEEPEST * radius_mm)
+    hold, skirt = min(max(hold, 0.3), 0.97), min(max(skirt, 0.3), 4.0)
+    return probe_surfaces.ball(pose[0], pose[1], depth, radius_mm, hold, skirt)
 
 
 def leds_of(geometry: np.ndarray) -> Leds:

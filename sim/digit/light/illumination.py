@@ -55,7 +55,7 @@ def incidence(
             )
             moved[n] = height - heights[n]
             heights[n] = height
-            slope_x[n], slope_y[n] = _slopes(z, fi, fj, i, j, per_slope)
+            slope_x[n], slope_y[n] = slopes(z, fi, fj, i, j, per_slope)
             rows[n], columns[n] = fi, fj
         for k in range(leds.shape[0]):
             top, bottom = shadowed[k, 0], shadowed[k, 1]
@@ -94,7 +94,7 @@ def _intersection(z, across, down, height, distance, x0, y0, per_mm, steps):
 
 
 @inlined
-def _slopes(z, fi, fj, i, j, per_slope):
+def slopes(z, fi, fj, i, j, per_slope):
     """dz/dx and dz/dy: central differences at the corners of cell (i, j), interpolated."""
     u, v = fi - np.float32(i), fj - np.float32(j)
     p, q = _ONE - u, _ONE - v

@@ -13,7 +13,7 @@ import numpy as np
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS, Camera, optical_grid
-from t2twin.sim.digit.light import coating, illumination
+from t2twin.sim.digit.light import coating, illumination, lobe
 from t2twin.sim.digit.light.leds import REACH_MM
 from t2twin.sim.digit.light.shadows import (
     MIN_CASTER_MM,
@@ -65,12 +65,7 @@ class Rays:
         self._window = self._visible_window()
         self._coarse_shape = (self.y_mm.size // SHADOW_STRIDE, self.x_mm.size // SHADOW_STRIDE)
         self._rest_depth_mm = np.zeros((self._down.size, self._across.size), dtype=np.float32)
-        nothing = Leds(np.zeros((0, 3)), np.zeros(0))
-        none = np.zeros((0, *self._rest_depth_mm.shape), dtype=np.float32)
-        self._follow(
-            self.rest_mm, self._full_sight(0), np.zeros((0, 4), dtype=np.int64), nothing,
-            self.everywhere, REST_STEPS, self._rest_depth_mm, none, none,
-        )  # fmt: skip
+        self._intersect(self.rest_mm, self.everywhere, REST_STEPS, self._rest_depth_mm)
         reach = camera.distance_mm + self._rest_depth_mm
         self.places_mm = self._across[None, :] * reach, self._down[:, None] * reach
         """x and y, (S) each, where the rays meet the gel at rest."""
@@ -103,6 +98,27 @@ class Rays:
         sight, shadowed = self._sight(casting, z, leds)
         cosine, weight = self._incidence(z, sight, shadowed, leds, samples or self.everywhere)
         return np.moveaxis(cosine, 0, -1), np.moveaxis(weight, 0, -1)
+
+    def normals(self, coated_mm: np.ndarray, samples: Region | None = None) -> np.ndarray:
+        """(2, S) float32 x and y of the gel's unit normals towards the camera; see incidence."""
+        z, region = self.rest_mm - coated_mm, samples or self.everywhere
+        depth = self._rest_depth_mm.copy()
+        self._intersect(z, region, DEFORMED_STEPS, depth)
+        normals, single = np.empty((2, *depth.shape), dtype=np.float32), np.float32
+        lobe.fill_normals(
+            z, depth, self._across, self._down, single(self.camera.distance_mm),
+            single(self.x_mm[0]), single(self.y_mm[0]), single(self.pitch_mm), region, normals,
+        )  # fmt: skip
+        return normals
+
+    def _intersect(self, z: np.ndarray, samples: Region, steps: int, depth: np.ndarray) -> None:
+        """Fill a region of depth (S), the heights where the rays meet a surface."""
+        nothing = Leds(np.zeros((0, 3)), np.zeros(0))
+        none = np.zeros((0, *depth.shape), dtype=np.float32)
+        self._follow(
+            z, self._full_sight(0), np.zeros((0, 4), dtype=np.int64), nothing, samples, steps,
+            depth, none, none,
+        )  # fmt: skip
 
     def incidence_where_changed(
         self, coated_mm: np.ndarray, leds: Leds

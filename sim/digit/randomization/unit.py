@@ -73,14 +73,20 @@ def _sample_near(rng: np.random.Generator, ranges: UnitRanges, center: Calibrati
     leds_mm = center.leds_mm + uniform(rng, ranges.around_led_mm, (3, 3))
     # the colors are mixed, and each LED is a little brighter or dimmer
     mixing = np.eye(3) + part((3, 3))
-    response = np.einsum("kcij,dc->kdij", center.response, mixing) * (1.0 + part((3, 1, 1, 1)))
+    brightness = 1.0 + part((3, 1, 1, 1))
+
+    def varied_light(table: np.ndarray) -> np.ndarray:
+        mixed = np.einsum("kcij,dc->kdij", table, mixing) * brightness
+        return np.clip(mixed, -MAX_RESPONSE, MAX_RESPONSE)
+
     shift, tilt = uniform(rng, ranges.around_shift_px, 2), uniform(rng, ranges.around_tilt_deg, 2)
     calibration = replace(
         center,
         background=_varied(center.background, part((3, 3))),
         leds_mm=np.clip(leds_mm, -FARTHEST_LED_MM, FARTHEST_LED_MM),
         sizes_mm=np.minimum(center.sizes_mm * (1.0 + part(3)), LARGEST_LED_MM),
-        response=np.clip(response, -MAX_RESPONSE, MAX_RESPONSE),
+        response=varied_light(center.response),
+        lobe=None if center.lobe is None else varied_light(center.lobe),
         gamma=_clipped(center.gamma * (1.0 + part() / 2.0), GAMMAS),
         scale_px_per_mm=_clipped(center.scale_px_per_mm * (1.0 + part() / 4.0), SCALES_PX_PER_MM),
         distance_mm=_clipped(center.distance_mm * (1.0 + part() / 4.0), DISTANCES_MM),

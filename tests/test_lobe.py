@@ -1,0 +1,97 @@
+"""The lobe: a unit with a known lobe and drifting light is recovered; its file; its images."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from ball_frames import BALL_MM, POSES
+
+from benchmarks.calibration import rim_steepness
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.fit import BallFit
+from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch, crop
+from t2twin.sim.digit.calibrate.ridge import Terms
+from t2twin.sim.digit.calibrate.samples import START
+from t2twin.sim.digit.calibrate.scores import score
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA
+from t2twin.sim.digit.light.leds import DIGIT_LEDS
+from t2twin.sim.digit.light.lobe import LOBE_PLACES, LOBE_TERMS
+from t2twin.sim.digit.optics import DigitOptics
+
+DRIFT_GREY = np.array([4, -3, 5])
+HOLD, SKIRT = 0.8, 1.0
+
+
+@pytest.fixture(scope="module")
+def unit():
+    """The default calibration with a lobe that changes images by tens of grey levels."""
+    lobe = np.zeros((3, 3, LOBE_PLACES, LOBE_TERMS))
+    rng = np.random.default_rng(0)
+    for led in range(3):
+        lobe[led, led] = 0.5 * rng.uniform(-1, 1, (LOBE_PLACES, LOBE_TERMS))
+    return replace(Calibration.load(), lobe=lobe)
+
+
+def surface(pose):
+    return probe_surfaces.ball(*pose, BALL_MM / 2, HOLD, SKIRT)
+
+
+def true_geometry():
+    geometry = START.copy()
+    geometry[0:3] = [led.angle_deg for led in DIGIT_LEDS]
+    geometry[3:6] = [np.degrees(np.arctan2(-led.z_mm, led.radius_mm)) for led in DIGIT_LEDS]
+    geometry[6] = DIGIT_LEDS[0].radius_mm
+    geometry[7:10] = np.log([led.size_mm for led in DIGIT_LEDS])
+    geometry[10:12] = HOLD, SKIRT
+    return geometry
+
+
+def test_a_unit_with_a_lobe_and_drift_is_recovered(unit):
+    warm = np.clip(unit.background.astype(int) + DRIFT_GREY, 0, 255).astype(np.uint8)
+    optics = DigitOptics(replace(unit, background=warm))
+    frames = np.array([optics.render(surface(pose)) for pose in POSES])
+    clean = clean_background(unit.background, frames[1:])
+    assert np.abs(clean.astype(float) - warm).mean() < 0.5
+    patches = np.array([contact_patch(frame, unit.background) for frame in frames])
+    radii_mm = np.full(len(POSES) - 1, BALL_MM / 2)
+    model = BallFit(clean, frames[1:], patches[1:], radii_mm, DIGIT_CAMERA)
+    psnr_db = {}
+    for has_lobe in (False, True):
+        state = model._solved(true_geometry(), POSES[1:], Terms(4, 1e-4, has_lobe))
+        fitted = DigitOptics(model.calibration(state)).render(surface(POSES[0]))
+        psnr_db[has_lobe] = score(crop(frames[0], patches[0]), crop(fitted, patches[0])).psnr_db
+    assert psnr_db[True] > 38
+    assert psnr_db[True] > psnr_db[False] + 3
+
+
+def test_a_file_keeps_the_lobe(unit, tmp_path):
+    unit.save(tmp_path / "unit.npz")
+    again = Calibration.load(tmp_path / "unit.npz")
+    assert again.lobe is not None
+    np.testing.assert_array_equal(again.lobe, unit.lobe)
+    assert Calibration.load().lobe is None
+    for wrong in (unit.lobe[:2], np.full_like(unit.lobe, np.nan), np.full_like(unit.lobe, 1e9)):
+        with pytest.raises(T2TwinError, match="lobe"):
+            replace(unit, lobe=wrong)
+
+
+def test_a_gel_at_rest_gives_the_background_with_a_lobe(unit):
+    still = DigitOptics(unit).render(np.zeros_like(surface(POSES[0])))
+    np.testing.assert_array_equal(still, unit.background)
+
+
+def test_a_lobe_of_zeros_changes_nothing(unit):
+    zero = DigitOptics(replace(unit, lobe=np.zeros_like(unit.lobe)))
+    pressed = surface(POSES[0])
+    np.testing.assert_array_equal(zero.render(pressed), DigitOptics.load().render(pressed))
+
+
+def test_a_blurred_rim_is_less_steep():
+    sharp, soft = np.zeros((2, 60, 60, 3), np.uint8)
+    sharp[:, 30:] = 200
+    soft[:] = np.clip(np.linspace(-200, 400, 60), 0, 200)[:, None]
+    everywhere = np.ones((60, 60), bool)
+    assert rim_steepness(sharp, sharp, everywhere) == pytest.approx(1)
+    assert rim_steepness(sharp, soft, everywhere) < 0.6
