@@ -34,6 +34,10 @@ YOUNG = "young_mpa"
 """Key of the gel's modulus in the file, present if it was fitted to forces."""
 YOUNGS_MPA = (0.01, 10.0)
 """Range of the modulus (assumed: soft silicones have 0.05 to 2 MPa)."""
+ALBEDO = "albedo"
+"""Key of a worn coating's albedo in the file, present if there is one."""
+ALBEDOS = (0.01, 10.0)
+"""Range of the albedo (assumed: worn coatings have 0.3 to 1.5)."""
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
 """Keys of the noise in the file, present if it was measured."""
 SCALES_PX_PER_MM = (5.0, 100.0)
@@ -78,6 +82,8 @@ class Calibration:
     last four are optional in the file and default to 0.
     noise: of one frame, if it was measured; noise_mix and noise_taps in the file.
     young_mpa: the gel's modulus, if it was fitted to forces.
+    albedo: (ROWS, COLUMNS) of a worn coating, relative to a new one; None for an even one. It
+    multiplies changes of the light. The background already contains it.
     Raises T2TwinError for arrays of other shapes and values out of range.
     """
 
@@ -94,6 +100,7 @@ class Calibration:
     tilt_y_deg: float = 0.0
     noise: Noise | None = None
     young_mpa: float | None = None
+    albedo: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -101,14 +108,15 @@ class Calibration:
             ("leds_mm", (3, 3)),
             ("sizes_mm", (3,)),
             ("response", (3, 3, PLACE_TERMS, COSINE_TERMS)),
+            *(() if self.albedo is None else ((ALBEDO, (ROWS, COLUMNS)),)),
         ):
-            value = np.asarray(getattr(self, name))
+            value, key = np.asarray(getattr(self, name)), _KEYS.get(name, name)
             if value.shape != shape:
                 raise T2TwinError(
-                    f"the calibration's {_KEYS[name]} has shape {value.shape}; it must be {shape}"
+                    f"the calibration's {key} has shape {value.shape}; it must be {shape}"
                 )
             if value.dtype.kind not in "fiu" or not np.isfinite(value).all():
-                raise T2TwinError(f"the calibration's {_KEYS[name]} must hold finite numbers only")
+                raise T2TwinError(f"the calibration's {key} must hold finite numbers only")
         if self.background.dtype != np.uint8:
             raise T2TwinError(
                 f"the calibration's background is {self.background.dtype}; it must be uint8"
@@ -127,6 +135,11 @@ class Calibration:
                 for name, limit in MAX_MISALIGNMENT.items()
             ),
             *(() if self.young_mpa is None else ((YOUNG, self.young_mpa, *YOUNGS_MPA),)),
+            *(
+                ()
+                if self.albedo is None
+                else ((ALBEDO, of, *ALBEDOS) for of in (self.albedo.min(), self.albedo.max()))
+            ),
         ):
             if not low <= value <= high:
                 raise T2TwinError(
@@ -159,6 +172,8 @@ class Calibration:
             values |= {NOISE_MIX: self.noise.mix, NOISE_TAPS: self.noise.taps}
         if self.young_mpa is not None:
             values[YOUNG] = self.young_mpa
+        if self.albedo is not None:
+            values[ALBEDO] = self.albedo
         return values
 
     @classmethod
@@ -184,8 +199,7 @@ def _read(path: Path | str) -> dict[str, Any]:
             if key not in file and key not in MAX_MISALIGNMENT:
                 raise T2TwinError(f"its {key} is missing")
         values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items() if key in file}
-        if YOUNG in file:
-            values[YOUNG] = file[YOUNG]
+        values |= {key: file[key] for key in (YOUNG, ALBEDO) if key in file}
         noise = [file[key] for key in (NOISE_MIX, NOISE_TAPS) if key in file]
     if len(noise) == 1:
         raise T2TwinError(f"one of {NOISE_MIX} and {NOISE_TAPS} is missing")
@@ -198,6 +212,6 @@ def _read(path: Path | str) -> dict[str, Any]:
 
 
 _KEYS = {
-    name: name for name in Calibration.__dataclass_fields__ if name not in ("noise", YOUNG)
+    name: name for name in Calibration.__dataclass_fields__ if name not in ("noise", YOUNG, ALBEDO)
 } | {"leds_mm": "lamps_mm"}
 """Key of each field in the file; the LEDs' places have the key of the first calibrations."""
