@@ -273,8 +273,8 @@ def _enlarge_row(nodes, step, row, out):
 def _compose(background, shade, drift, streaks, glares, out):
     """Fill out (P, RGB) uint8 with the background (P, RGB), shaded, plus drift and lights.
 
-    shade: (nodes) factors SPECKLE_PX apart, or empty. drift: (RGB, nodes) FINE_DRIFT_PX apart, or empty.
-    streaks, glares: as in _Lights.
+    shade: (nodes) factors SPECKLE_PX apart, or empty. drift: (RGB, nodes) grey levels FINE_DRIFT_PX
+    apart, or empty. streaks, glares: as in _Lights.
     """
     rows, columns = out.shape[0], out.shape[1]
     grey, values = np.empty((columns, 3), dtype=np.float32), np.empty(columns, dtype=np.float32)
@@ -288,16 +288,31 @@ def _compose(background, shade, drift, streaks, glares, out):
                 for c in range(3):
                     grey[column, c] *= values[column]
         if drift.size > 0:
-            for c in range(3):
-                _enlarge_row(drift[c], FINE_DRIFT_PX, row, values)
-                for column in range(columns):
-                    grey[column, c] += values[column]
+            _add_drift(drift, row, grey)
         for n in range(streaks.shape[0]):
             _add_streak(streaks[n], row, grey)
         for n in range(glares.shape[0]):
             _add_glare(glares[n], row, grey)
         for n in range(flat.size):
             filled[n] = np.uint8(min(max(flat[n], _ZERO), _BRIGHTEST) + _HALF)
+
+
+@jit
+def _add_drift(drift, row, grey):
+    """Add a row of a drift (RGB, nodes) to grey (columns, RGB), linear between the nodes."""
+    per_step = _ONE / np.float32(FINE_DRIFT_PX)
+    i, down = row // FINE_DRIFT_PX, np.float32(row % FINE_DRIFT_PX) * per_step
+    line = drift[:, i] + down * (drift[:, i + 1] - drift[:, i])
+    for j in range(line.shape[1] - 1):
+        red, green, blue = line[0, j], line[1, j], line[2, j]
+        red_per_px = (line[0, j + 1] - red) * per_step
+        green_per_px = (line[1, j + 1] - green) * per_step
+        blue_per_px = (line[2, j + 1] - blue) * per_step
+        for n in range(FINE_DRIFT_PX):
+            column, far = j * FINE_DRIFT_PX + n, np.float32(n)
+            grey[column, 0] += red + far * red_per_px
+            grey[column, 1] += green + far * green_per_px
+            grey[column, 2] += blue + far * blue_per_px
 
 
 @jit
