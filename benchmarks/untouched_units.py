@@ -44,9 +44,11 @@ PERCENTILES = (50, 95)
 
 
 def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
+    from t2twin.translate.inference.predictor import require
 
-    run = load_run(options.run)
+    run = require(load_run(options.run), FieldPredictor, "the benchmark")
     found: dict[str, Any] = {}
     for kind, artifacts in KINDS.items():
         estimates: dict[str, list[Estimate]] = {"without_background": [], "with_background": []}
@@ -72,11 +74,12 @@ def _percentiles(estimates: "list[Estimate]") -> dict[str, Any]:
     """Of the total counts and the forces."""
     values = {
         "counts": [float(each.counts.sum()) for each in estimates],
-        "force_n": [float(each.force_n) for each in estimates],
+        "force_n": [float(each.force_n) for each in estimates if each.force_n is not None],
     }
     return {
         name: {f"p{at}": float(np.percentile(each, at)) for at in PERCENTILES}
         for name, each in values.items()
+        if each
     }
 
 
