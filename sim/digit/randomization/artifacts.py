@@ -78,7 +78,7 @@ class Artifacts(Struct, frozen=True, forbid_unknown_fields=True):
 
     streaks: tuple[Count, Count] = (0, 4)
     streak_grey: tuple[Grey, Grey] = (5.0, 50.0)
-    streak_px: tuple[Size, Size] = (6.0, 30.0)
+    streak_px: tuple[Size, Size] = (6.0, 40.0)
     streak_length_px: tuple[Size, Size] = (30.0, 160.0)
     streak_off_deg: tuple[Degrees, Degrees] = (-25.0, 25.0)
     streak_bend_part: tuple[Change, Change] = (-0.1, 0.1)
