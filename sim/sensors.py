@@ -122,19 +122,23 @@ class Digit:
 
         rng: of the camera noise; None for none.
         """
-        shift = None
         if contact is None:
-            x, y = optical_grid(self.gel)
-            surface = np.zeros((y.size, x.size))
-        else:
-            surface = surface_on(contact, *optical_grid())
-            if self.markers is not None:
-                shift = surface_shift(contact)
+            return self.optics.render(self._flat, rng, self.noise_grey)
+        surface = surface_on(contact, *optical_grid())
+        shift = None if self.markers is None else surface_shift(contact)
         return self.optics.render(surface, rng, self.noise_grey, shift)
 
     def background_frame(self, rng: np.random.Generator | None = None) -> np.ndarray:
-        """(320, 240, 3) uint8: the image without contact. rng: as for image."""
-        return self.image(None, rng)
+        """(320, 240, 3) uint8: the image without contact, of a sampled unit before its light
+        drifted. rng: as for image."""
+        earlier = None if self.unit is None else self.unit.earlier_background
+        return self.optics.render(self._flat, rng, self.noise_grey, background=earlier)
+
+    @property
+    def _flat(self) -> np.ndarray:
+        """The deflection of a gel at rest."""
+        x, y = optical_grid(self.gel)
+        return np.zeros((y.size, x.size))
 
 
 @dataclass(frozen=True)

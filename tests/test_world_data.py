@@ -98,6 +98,7 @@ def test_what_ships_can_be_planned():
         "shipped",
         "shipped-2",
         "moving",
+        "pretrained-3",
     }
     open_world = load_recipe("open")
     batches = plan(open_world)

@@ -19,6 +19,7 @@ from t2twin.sim.dataset.rejection_sampling import press_until_accepted, rejectio
 from t2twin.sim.dataset.store import write_shard
 from t2twin.sim.dataset.timing import Stopwatch, peak_memory, process_name
 from t2twin.sim.digit.markers import Markers
+from t2twin.sim.digit.randomization.artifacts import with_artifacts
 from t2twin.sim.digit.randomization.ranges import log_uniform
 from t2twin.sim.digit.randomization.unit import sample_unit
 from t2twin.sim.sensors import SensorPair
@@ -37,6 +38,9 @@ from t2twin.sim.world.recipe import Recipe
 
 MARKER_STREAM = 18
 """Random stream of a seed: markers of the units."""
+
+ARTIFACT_STREAM = 21
+"""Random stream of a seed: artifacts of the units."""
 
 MARKER_PITCHES_MM = (1.0, 2.5)
 """Range of the markers' pitches, mm (assumed)."""
@@ -184,7 +188,12 @@ def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) 
                 if light.kind != "fixed":
                     rng = np.random.default_rng((recipe.seed, UNIT_STREAM, batch.part, number))
                     with watch.running("light"):
-                        digit = digit.with_unit(sample_unit(rng, light.draw, center))
+                        sampled_unit = sample_unit(rng, light.draw, center)
+                        if light.artifacts:
+                            key = (recipe.seed, ARTIFACT_STREAM, batch.part, number)
+                            rng = np.random.default_rng(key)
+                            sampled_unit = with_artifacts(rng, sampled_unit, light.artifacts)
+                        digit = digit.with_unit(sampled_unit)
                 if recipe.motion:
                     rng = np.random.default_rng((recipe.seed, MARKER_STREAM, batch.part, number))
                     digit = replace(digit, markers=_markers(rng, recipe.motion.markers))

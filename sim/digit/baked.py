@@ -97,7 +97,11 @@ class BakedModel:
     @cached_property
     def _unmarked(self) -> np.ndarray:
         """(ROWS, COLUMNS, 3) uint8: the background frame without markers."""
-        of_own_gel = np.ascontiguousarray(self.calibration.background)
+        return self._on_gel(self.calibration.background)
+
+    def _on_gel(self, background: np.ndarray) -> np.ndarray:
+        """(ROWS, COLUMNS, 3) uint8: a background frame of the DIGIT's gel, on this gel."""
+        of_own_gel = np.ascontiguousarray(background)
         if self._gel == DIGIT_GEL:
             return of_own_gel
         own_rays = Rays(self.calibration.camera, DIGIT_GEL, self._shadows)
@@ -105,7 +109,7 @@ class BakedModel:
             return of_own_gel
         # the calibration's background is of the DIGIT's gel: add the change of the LEDs' light
         own = self._light_at_rest(own_rays)
-        change = self._rest_light - own
+        change = self._reflected(self._rest_light - own)
         return self._encoded(of_own_gel, change, (0, ROWS, 0, COLUMNS))
 
     def _light_at_rest(self, rays: Rays) -> np.ndarray:
@@ -136,6 +140,7 @@ class BakedModel:
         noise_grey: float = 0.0,
         noise: np.ndarray = NO_NOISE,
         shift: SurfaceShift | None = None,
+        background: np.ndarray | None = None,
     ) -> np.ndarray:
         """(ROWS, COLUMNS, 3) uint8 image.
 
@@ -143,13 +148,15 @@ class BakedModel:
         noise_grey: standard deviation of Gaussian white noise from keys, grey levels; 0 for none.
         noise: (ROWS, COLUMNS, 3) float32, multiplied by noise_grey and added instead.
         shift: lateral displacement of the surface, which moves markers; None for none.
+        background: (ROWS, COLUMNS, 3) uint8, replaces the calibration's.
         Raises T2TwinError for another shape or values that are not finite.
         """
         coated_mm = self._rays.coated(surface_mm)
         change, pixels = self._change(coated_mm)
         image = self._marker_image
         shade = NO_SHADE if image is None else image.shade(coated_mm, shift)
-        return self._encoded(self._unmarked, change, pixels, shade, keys, noise_grey, noise)
+        under = self._unmarked if background is None else self._on_gel(background)
+        return self._encoded(under, change, pixels, shade, keys, noise_grey, noise)
 
     def _encoded(
         self,
@@ -177,7 +184,15 @@ class BakedModel:
         change = np.zeros_like(self._rest_light)
         illumination.light(cosine, weight, self._gain, self._rest_light, samples, change)
         self._add_lobe(self._rays, coated_mm, weight, samples, change)
-        return change, pixels
+        return self._reflected(change), pixels
+
+    def _reflected(self, change: np.ndarray) -> np.ndarray:
+        """A change of the light (RGB, S), reflected by the calibration's coating."""
+        albedo = self.calibration.albedo
+        if albedo is None:
+            return change
+        samples = albedo.reshape(ROWS // 2, 2, COLUMNS // 2, 2).mean(axis=(1, 3))
+        return change * np.pad(samples, 1, mode="edge").astype(np.float32)
 
 
 def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:

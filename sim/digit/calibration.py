@@ -37,6 +37,10 @@ YOUNGS_MPA = (0.01, 10.0)
 """Range of the modulus (assumed: soft silicones have 0.05 to 2 MPa)."""
 LOBE = "lobe"
 """Key of the lobe in the file, present if it was fitted."""
+ALBEDO = "albedo"
+"""Key of a worn coating's albedo in the file, present if there is one."""
+ALBEDOS = (0.01, 10.0)
+"""Range of the albedo (assumed: worn coatings have 0.3 to 1.5)."""
 NOISE_MIX, NOISE_TAPS = "noise_mix", "noise_taps"
 """Keys of the noise in the file, present if it was measured."""
 SCALES_PX_PER_MM = (5.0, 100.0)
@@ -82,6 +86,8 @@ class Calibration:
     last four are optional in the file and default to 0.
     noise: of one frame, if it was measured; noise_mix and noise_taps in the file.
     young_mpa: the gel's modulus, if it was fitted to forces.
+    albedo: (ROWS, COLUMNS) of a worn coating, relative to a new one; None for an even one. It
+    multiplies changes of the light. The background already contains it.
     Raises T2TwinError for arrays of other shapes and values out of range.
     """
 
@@ -99,6 +105,7 @@ class Calibration:
     noise: Noise | None = None
     young_mpa: float | None = None
     lobe: np.ndarray | None = None
+    albedo: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (
@@ -107,6 +114,7 @@ class Calibration:
             ("sizes_mm", (3,)),
             ("response", (3, 3, PLACE_TERMS, COSINE_TERMS)),
             *(() if self.lobe is None else (("lobe", (3, 3, LOBE_PLACES, LOBE_TERMS)),)),
+            *(() if self.albedo is None else ((ALBEDO, (ROWS, COLUMNS)),)),
         ):
             value, key = np.asarray(getattr(self, name)), _KEYS.get(name, name)
             if value.shape != shape:
@@ -134,6 +142,11 @@ class Calibration:
             ),
             *(() if self.lobe is None else ((LOBE, np.abs(self.lobe).max(), 0.0, MAX_RESPONSE),)),
             *(() if self.young_mpa is None else ((YOUNG, self.young_mpa, *YOUNGS_MPA),)),
+            *(
+                ()
+                if self.albedo is None
+                else ((ALBEDO, of, *ALBEDOS) for of in (self.albedo.min(), self.albedo.max()))
+            ),
         ):
             if not low <= value <= high:
                 raise T2TwinError(
@@ -168,6 +181,8 @@ class Calibration:
             values[YOUNG] = self.young_mpa
         if self.lobe is not None:
             values[LOBE] = self.lobe
+        if self.albedo is not None:
+            values[ALBEDO] = self.albedo
         return values
 
     @classmethod
@@ -193,10 +208,7 @@ def _read(path: Path | str) -> dict[str, Any]:
             if key not in file and key not in MAX_MISALIGNMENT:
                 raise T2TwinError(f"its {key} is missing")
         values: dict[str, Any] = {name: file[key] for name, key in _KEYS.items() if key in file}
-        if YOUNG in file:
-            values[YOUNG] = file[YOUNG]
-        if LOBE in file:
-            values[LOBE] = file[LOBE]
+        values |= {key: file[key] for key in (YOUNG, LOBE, ALBEDO) if key in file}
         noise = [file[key] for key in (NOISE_MIX, NOISE_TAPS) if key in file]
     if len(noise) == 1:
         raise T2TwinError(f"one of {NOISE_MIX} and {NOISE_TAPS} is missing")
@@ -209,6 +221,8 @@ def _read(path: Path | str) -> dict[str, Any]:
 
 
 _KEYS = {
-    name: name for name in Calibration.__dataclass_fields__ if name not in ("noise", YOUNG, LOBE)
+    name: name
+    for name in Calibration.__dataclass_fields__
+    if name not in ("noise", YOUNG, LOBE, ALBEDO)
 } | {"leds_mm": "lamps_mm"}
 """Key of each field in the file; the LEDs' places have the key of the first calibrations."""

@@ -63,6 +63,7 @@ class DigitOptics:
         rng: np.random.Generator | None = None,
         noise_grey: float = NOISE_GREY,
         shift: SurfaceShift | None = None,
+        background: np.ndarray | None = None,
     ) -> np.ndarray:
         """(320, 240, 3) uint8: the image of the gel deflected by surface_mm.
 
@@ -72,16 +73,20 @@ class DigitOptics:
         noise_grey: standard deviation of the noise, grey levels, in every pixel and channel. A
             calibration's own noise is scaled by noise_grey / NOISE_GREY instead.
         shift: lateral displacement of the surface, which moves markers; None for none.
+        background: (320, 240, 3) uint8, replaces the calibration's, as of an earlier time.
         Raises T2TwinError for another shape, values that are not finite, and invalid noise.
         """
         noise_grey = checked_noise(noise_grey)
         if rng is None or noise_grey == 0:
-            return self._model.render(surface_mm, shift=shift)
+            return self._model.render(surface_mm, shift=shift, background=background)
         if self._noise is not None:
             factor = noise_grey / NOISE_GREY
             noise = self._noise.sample(rng)
-            return self._model.render(surface_mm, noise_grey=factor, noise=noise, shift=shift)
-        return self._model.render(surface_mm, gaussian_noise.keys(rng), noise_grey, shift=shift)
+            return self._model.render(
+                surface_mm, noise_grey=factor, noise=noise, shift=shift, background=background
+            )
+        keys = gaussian_noise.keys(rng)
+        return self._model.render(surface_mm, keys, noise_grey, shift=shift, background=background)
 
 
 def checked_noise(noise_grey: float) -> float:

@@ -14,6 +14,7 @@ pickled. OpenGL belongs to one thread, which renders all images.
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -72,6 +73,7 @@ class RenderedOptics:
         rng: np.random.Generator | None = None,
         noise_grey: float = NOISE_GREY,
         shift: SurfaceShift | None = None,
+        background: np.ndarray | None = None,
     ) -> np.ndarray:
         """(320, 240, 3) uint8: see DigitOptics.render."""
         noise_grey = checked_noise(noise_grey)
@@ -84,7 +86,11 @@ class RenderedOptics:
             )
         if not np.isfinite(surface_mm).all():
             raise T2TwinError("surface_mm holds values that are not finite; all must be")
-        grey = self._grey(surface_mm)
+        under = self._unmarked
+        if background is not None:
+            earlier = replace(self.calibration, background=background)
+            under = DigitOptics(earlier, gel=self.gel).background
+        grey = self._grey(surface_mm, under)
         if self._marker_image is not None:
             coated_mm = coated(np.ascontiguousarray(surface_mm, dtype=np.float32))
             grey *= self._marker_image.shade(coated_mm, shift)[..., None]
@@ -92,14 +98,15 @@ class RenderedOptics:
             grey += noise_grey * standard_normal(rng, grey.shape)
         return (np.clip(grey, 0.0, 255.0) + 0.5).astype(np.uint8)
 
-    def _grey(self, surface_mm: np.ndarray) -> np.ndarray:
-        """(320, 240, 3) float64 grey levels, without markers and noise."""
+    def _grey(self, surface_mm: np.ndarray, background: np.ndarray) -> np.ndarray:
+        """(320, 240, 3) float64 grey levels on a background frame, without markers and noise."""
         if not surface_mm.any():
-            return self._unmarked.astype(float)
+            return background.astype(float)
         thread = _thread(os.getpid())
         change = thread.submit(_change, self.leds, self.calibration.camera, self.gel, surface_mm)
-        gamma = self.calibration.gamma
-        light = response.linear(self._unmarked, gamma) + change.result()
+        gamma, albedo = self.calibration.gamma, self.calibration.albedo
+        reflected = change.result() if albedo is None else change.result() * albedo[..., None]
+        light = response.linear(background, gamma) + reflected
         return 255.0 * np.clip(light, 0.0, 1.0) ** (1.0 / gamma)
 
 

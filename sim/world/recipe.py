@@ -36,6 +36,7 @@ from t2twin.sim.contact.types import FORCE_RANGE_N
 from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
 from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.digit.optics import FRAMES
+from t2twin.sim.digit.randomization.artifacts import Artifacts
 from t2twin.sim.digit.randomization.ranges import UnitRanges
 from t2twin.sim.world.motion import Motion
 
@@ -168,6 +169,8 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     default calibration, or the default distribution. draw: ranges of the distribution. optics:
     "baked", or "pyrender", which takes seconds per image. frames: number of frames averaged for an
     image, which reduces the noise: 30 in the protocol, 1 for translation of single frames.
+    artifacts: of the sampled units; without them units have none, and info.json does not contain
+    them. Raises T2TwinError for artifacts of a fixed unit.
     """
 
     kind: Literal["fixed", "drawn"] = "fixed"
@@ -176,6 +179,11 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     optics: Literal["baked", "pyrender"] = "baked"
     draw: UnitRanges = UnitRanges()
     frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES)] = FRAMES
+    artifacts: Artifacts | UnsetType = UNSET
+
+    def __post_init__(self) -> None:
+        if self.artifacts and self.kind == "fixed":
+            raise T2TwinError('artifacts of light need kind = "drawn", as they differ by unit')
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):

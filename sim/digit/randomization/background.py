@@ -122,7 +122,7 @@ _BRIGHTEST = np.float32(255.0)
 
 
 @jit
-def _cubic(count, step):
+def cubic_weights(count, step):
     """(count, 4) weights of the nodes about each pixel."""
     weights = np.empty((count, 4), dtype=np.float32)
     for n in range(count):
@@ -142,7 +142,7 @@ def _paint(nodes, step, specks, texture, out):
     specks: (n, 6) row, column, radius, RGB. texture: (rows, columns RGB) grey levels.
     """
     rows, columns, channels = out.shape
-    down, across = _cubic(rows, step), _cubic(columns, step)
+    down, across = cubic_weights(rows, step), cubic_weights(columns, step)
     grey = np.empty((rows, columns * channels), dtype=np.float32)
     line = np.empty((nodes.shape[1], channels), dtype=np.float32)
     for row in range(rows):

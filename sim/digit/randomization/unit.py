@@ -33,12 +33,14 @@ class Unit:
     """One DIGIT's light.
 
     calibration: complete. noise_grey: standard deviation of one frame, grey levels. leds: for
-    pyrender; None for a unit near a calibration.
+    pyrender; None for a unit near a calibration. earlier_background: (ROWS, COLUMNS, 3) uint8, the
+    background frame, recorded before its light drifted; None without drift.
     """
 
     calibration: Calibration
     noise_grey: float
     leds: tuple[Led, ...] | None = None
+    earlier_background: np.ndarray | None = None
 
 
 def sample_unit(

@@ -1,0 +1,245 @@
+"""Artifacts of sampled DIGIT units: streaks, glares, worn gels, drift."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from msgspec import structs
+
+from t2twin.core.errors import T2TwinError
+from t2twin.core.images import decode_png
+from t2twin.sim.dataset.generate import make_dataset
+from t2twin.sim.dataset.store import LOG, read_info, read_split, sha256_of
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera.response import linear
+from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.randomization.artifacts import NO_ARTIFACTS, Artifacts, with_artifacts
+from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
+from t2twin.sim.sensors import Digit
+from t2twin.sim.world.plan import plan
+from t2twin.sim.world.recipe import load_recipe
+
+BALL = probe_surfaces.ball(0.5, -1.0, 1.1)
+
+TOOL = ("allen-key/long-arm",)
+
+WORLD = """
+format = 1
+name = "used"
+[[parts]]
+shapes = "tools"
+split = "test"
+presses = 3
+place = { normal_mm = 1.0 }
+untouched_share = 0.9
+[[parts]]
+shapes = "tools"
+split = "test"
+presses = 3
+place = { normal_mm = 1.0 }
+untouched_share = 0.9
+[light]
+kind = "drawn"
+each = "press"
+"""
+
+
+def gray_unit(level: int = 120, gamma: float = 2.0) -> Unit:
+    """A unit with an even background frame."""
+    background = np.full((320, 240, 3), level, dtype=np.uint8)
+    return Unit(replace(Calibration.load(), background=background, gamma=gamma), 2.8)
+
+
+def used(seed: int, unit: Unit, artifacts: Artifacts) -> Unit:
+    return with_artifacts(np.random.default_rng(seed), unit, artifacts)
+
+
+def earlier(unit: Unit) -> np.ndarray:
+    assert unit.earlier_background is not None
+    return unit.earlier_background
+
+
+def test_artifacts_of_zero_strength_keep_all_frames() -> None:
+    unit = sample_unit(np.random.default_rng(0), UnitRanges())
+    same = used(1, unit, NO_ARTIFACTS)
+    for frame in (same.calibration.background, earlier(same)):
+        np.testing.assert_array_equal(frame, unit.calibration.background)
+    plain, again = Digit().with_unit(unit), Digit().with_unit(same)
+    for image in (lambda digit, rng: digit.background_frame(rng),
+                  lambda digit, rng: digit.optics.render(BALL, rng)):  # fmt: skip
+        frames = [image(digit, np.random.default_rng(2)) for digit in (plain, again)]
+        np.testing.assert_array_equal(*frames)
+
+
+@pytest.mark.parametrize("even", [0.0, 1.0])
+def test_drift_has_the_stated_rms_in_each_color(even: float) -> None:
+    only = structs.replace(NO_ARTIFACTS, drift_grey=(4.0, 4.0), drift_even_part=(even, even))
+    for seed in range(5):
+        unit = used(seed, gray_unit(), only)
+        np.testing.assert_array_equal(unit.calibration.background, 120)
+        drift = earlier(unit).astype(float) - 120.0
+        rms = np.sqrt((drift**2).mean(axis=(0, 1)) - (1 / 12 if even == 0.0 else 0.0))
+        np.testing.assert_allclose(rms, 4.0, rtol=0.01)
+        rough = np.abs(np.diff(drift, axis=0)).max()
+        assert rough == 0 if even == 1.0 else rough <= 2
+        assert len({tuple(color) for color in drift.reshape(-1, 3).T.tolist()}) > 1 or even == 1.0
+
+
+def test_drift_is_between_the_background_frame_and_an_untouched_press() -> None:
+    only = structs.replace(NO_ARTIFACTS, drift_grey=(3.0, 3.0), drift_even_part=(1.0, 1.0))
+    digit = Digit().with_unit(used(0, gray_unit(), only))
+    apart = digit.background_frame().astype(int) - digit.image(None)
+    np.testing.assert_array_equal(np.abs(apart), 3)
+
+
+def test_worn_gel_multiplies_the_light() -> None:
+    worn = structs.replace(NO_ARTIFACTS, worn=1.0, wear_part=(0.1, 0.1), speckle_part=(0.0, 0.0))
+    unit = used(3, gray_unit(), worn)
+    albedo = unit.calibration.albedo
+    assert albedo is not None and 0.03 < albedo.std() < 0.2
+    before = linear(np.full((320, 240), 120), 2.0) * albedo
+    shown = linear(unit.calibration.background, 2.0)
+    np.testing.assert_allclose(shown, before[..., None].repeat(3, axis=2), atol=0.006)
+    new, old = (DigitOptics(each.calibration).render(BALL) for each in (gray_unit(), unit))
+    inside = (new > 30) & (new < 200)
+    wanted = 255 * np.sqrt(np.clip(linear(new, 2.0) * albedo[..., None], 0.0, 1.0))
+    assert np.abs(old - wanted)[inside].max() < 3
+    assert np.abs(old - wanted)[inside].mean() < 1
+
+
+def test_a_worn_calibration_is_in_its_file(tmp_path) -> None:
+    unit = used(3, gray_unit(), structs.replace(NO_ARTIFACTS, worn=1.0))
+    unit.calibration.save(tmp_path / "worn.npz")
+    again = Calibration.load(tmp_path / "worn.npz")
+    np.testing.assert_array_equal(again.albedo, unit.calibration.albedo)
+    with pytest.raises(T2TwinError, match=r"albedo has shape \(2, 2\)"):
+        replace(again, albedo=np.ones((2, 2)))
+    with pytest.raises(T2TwinError, match=r"albedo reaches 0; it must lie between 0\.01"):
+        replace(again, albedo=np.zeros((320, 240)))
+
+
+def test_a_streak_has_its_brightness_and_area() -> None:
+    bar = {
+        "streaks": (1, 1), "streak_grey": (60.0, 60.0), "streak_px": (10.0, 10.0),
+        "streak_length_px": (50.0, 50.0), "streak_bend_part": (0.0, 0.0),
+        "other_color_part": (0.0, 0.0), "changed_part": (0.5, 0.5),
+    }  # fmt: skip
+    artifacts = structs.replace(NO_ARTIFACTS, streak_moved_px=(0.0, 0.0), **bar)
+    whole = 0
+    for seed in range(12):
+        unit = used(seed, gray_unit(), artifacts)
+        added = unit.calibration.background.astype(float) - 120.0
+        in_color = added.sum(axis=(0, 1)) > 0
+        assert in_color.sum() == 1 and added.min() == 0.0
+        if any(edge.any() for edge in (added[0], added[-1], added[:, 0], added[:, -1])):
+            continue
+        whole += 1
+        # integrals of 1 - u^2 and (1 - v^2)^2: 4/3 of the half length and 16/15 of the half width
+        assert added.sum() == pytest.approx(60.0 * 50.0 * 4 / 3 * 10.0 * 16 / 15, rel=0.02)
+        assert 59 <= added.max() <= 60
+        assert (earlier(unit) - 120.0).max() == pytest.approx(90.0, abs=1.0)
+    assert whole >= 3
+
+
+def test_glare_lies_at_the_edge_toward_its_led() -> None:
+    artifacts = structs.replace(
+        NO_ARTIFACTS, glares=(1, 1), glare_grey=(90.0, 90.0), other_color_part=(0.0, 0.0),
+        glare_px=(6.0, 6.0),
+    )  # fmt: skip
+    found = set()
+    for seed in range(20):
+        unit = used(seed, gray_unit(), artifacts)
+        added = unit.calibration.background.astype(float) - 120.0
+        led = int(added.sum(axis=(0, 1)).argmax())
+        row, column = np.unravel_index(added[..., led].argmax(), (320, 240))
+        edge = min(row, 319 - row, column, 239 - column)
+        x_mm, y_mm = unit.calibration.leds_mm[led, :2]
+        assert edge <= 40 and (column - 120) * x_mm + (row - 160) * y_mm > 0.0
+        assert added.max() <= 90
+        found.add(led)
+    assert found == {0, 1, 2}
+
+
+def test_the_same_seed_gives_the_same_unit_in_any_thread() -> None:
+    unit = sample_unit(np.random.default_rng(0), UnitRanges())
+    with ThreadPoolExecutor(3) as pool:
+        again = list(pool.map(lambda seed: used(seed, unit, Artifacts()), [0, 0, 0, 1]))
+    frames = [(earlier(each).tobytes(), each.calibration.background.tobytes()) for each in again]
+    assert frames[0] == frames[1] == frames[2]
+    assert frames[0][0] != frames[3][0] and frames[0][1] != frames[3][1]
+
+
+def test_units_near_a_calibration_have_artifacts_too() -> None:
+    center = Calibration.load()
+    unit = sample_unit(np.random.default_rng(0), UnitRanges(), center)
+    assert np.abs(earlier(used(0, unit, Artifacts())).astype(int) - center.background).max() > 3
+
+
+# Worlds
+
+
+def digests(folder: Path) -> dict[str, str]:
+    return {path.name: sha256_of(path) for path in folder.rglob("*.*") if path.name != LOG}
+
+
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=pytest.mark.exhaustive)])
+def test_a_world_with_artifacts_is_independent_of_workers(tmp_path, shape_cache, workers) -> None:
+    for name in ("plain", "used"):
+        (tmp_path / f"{name}.toml").write_text(WORLD)
+    (tmp_path / "used.toml").write_text(WORLD + "[light.artifacts]\nworn = 1.0\n")
+
+    def make(name: str, workers: int = 1) -> None:
+        world = tmp_path / f"{name}.toml"
+        make_dataset(tmp_path / name, world=world, workers=workers, cache=shape_cache, shapes=TOOL)
+
+    make("plain")
+    make("used")
+    first = digests(tmp_path / "used")
+    for shard in sorted((tmp_path / "used" / "test").iterdir())[1 if workers == 1 else 0 :]:
+        shard.unlink()
+    make("used", workers)
+    assert digests(tmp_path / "used") == first
+    world = read_info(tmp_path / "used").world
+    assert world is not None and world.light.artifacts == Artifacts(worn=1.0)
+    assert "artifacts" not in (tmp_path / "plain" / "info.json").read_text()
+    plain, worn = (read_split(tmp_path / name, "test") for name in ("plain", "used"))
+    assert plain["force_n"].to_pylist() == worn["force_n"].to_pylist()
+    assert plain["taxels"].to_pylist() == worn["taxels"].to_pylist()
+    apart = {}
+    for name, table in (("plain", plain), ("used", worn)):
+        still = [row for row in table.to_pylist() if row["force_n"] == 0.0]
+        frames = [(decode_png(r["image"]["bytes"]), decode_png(r["untouched"]["bytes"]))
+                  for r in still]  # fmt: skip
+        apart[name] = [np.abs(one.astype(int) - other).mean() for one, other in frames]
+    assert len(apart["plain"]) >= 1 and max(apart["plain"]) < 1.5 < max(apart["used"])
+
+
+@pytest.mark.parametrize(
+    "old, new, sentence",
+    [
+        ('kind = "drawn"', 'kind = "fixed"', 'artifacts of light need kind = "drawn"'),
+        ("[light.artifacts]", "[light.artifacts]\nglare = 1", "glare"),
+        ("[light.artifacts]", "[light.artifacts]\nworn = 2.0", "worn must be"),
+        ("[light.artifacts]", "[light.artifacts]\nstreaks = [3, 1]", "expected low first"),
+        ("[light.artifacts]", "[light.artifacts]\nstreak_grey = [0, 9]", "streak_grey.* at least"),
+    ],
+)
+def test_wrong_artifacts_are_refused(tmp_path, old, new, sentence) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text((WORLD + "[light.artifacts]\n").replace(old, new))
+    with pytest.raises(T2TwinError, match=sentence):
+        load_recipe(path)
+
+
+def test_the_next_pretrained_world_has_120000_touches_with_artifacts_and_motion() -> None:
+    recipe = load_recipe("pretrained-3")
+    batches = plan(recipe)
+    assert sum(batch.pairs for batch in batches) == 120_000
+    assert recipe.light.artifacts == Artifacts() and recipe.motion
+    names = {name for batch in batches for name in batch.shapes}
+    for other in ("shipped", "shipped-2"):
+        theirs = {name for batch in plan(load_recipe(other)) for name in batch.shapes}
+        assert not {name for name in names & theirs if name.startswith("random")}
