@@ -185,9 +185,8 @@ def _step(
     seen = unfolded(seen, pitch)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
     verify, reference = not seen.any(), seen
-    rows, columns = window
     for number in range(MAX_ROUNDS):
-        shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
+        shift = SurfaceShift(contact.x_mm[window[1]], contact.y_mm[window[0]], seen)
         moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
         near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
         normal = solve_contact(shape, command, contact.elastomer, pitch, *near, verify=verify)
@@ -206,8 +205,7 @@ def _step(
         is_due = not averages or (late > 0 and late % AVERAGED_ROUNDS == 0)
         change = seen + error - reference if averages else error
         change = change / LATE_TOLERANCE if late >= 0 and prescribed else change
-        found &= is_due
-        converged = found and _is_small(change, sheared, pressure, normal.depth_mm)
+        converged = is_due and found and _is_small(change, sheared, pressure, normal.depth_mm)
         if converged and (verify or is_confirmed(normal)):
             break
         verify |= converged or late >= 0
