@@ -11,7 +11,8 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.contact.layer import base_stress, compliance_mm_per_mpa
+from t2twin.sim.contact.layer import base_stress, cached_layer, compliance_mm_per_mpa
+from t2twin.sim.contact.pin_layout import PinLayout, Survey
 from t2twin.sim.contact.sliding import advance
 from t2twin.sim.contact.tangential.folding import MAX_SHORTENING, unfolded
 from t2twin.sim.contact.tangential.kernels import shear_kernels
@@ -426,6 +427,28 @@ def diagonals(moved):
     """Displacement along the middle diagonals, in cells of a row and a column."""
     down, up = (np.diagonal(each, axis1=1, axis2=2) for each in (moved, moved[:, :, ::-1]))
     return (down[0] + down[1]) / 2, (up[1] - up[0]) / 2
+
+
+def test_a_tip_settles_between_two_sets_of_cells():
+    """A smallest displacement adds two cells to the two that it loads, and takes them away."""
+    shape = catalogue.load("random-4322000000063")
+    start = PressCommand(shape.name, 0.6804239, -1.4767772, 4.4165892, 1.2738230)
+    contact = solve_contact(shape, start, CYSKIN_COVER, 0.5)
+    for _ in range(6):
+        contact = advance(contact, 0.08064944, 0.16800086, -0.00170563, 1.2738230, 1.2796767)
+    assert contact.settled
+
+
+def test_a_layout_returns_to_smaller_pins_only_where_they_are_clearly_fewer():
+    shape = catalogue.load("random-4322000001087")
+    command = PressCommand(shape.name, 0.378, 1.078, 2.3, 2.25)
+    survey = Survey(shape, command, cached_layer(DIGIT_GEL, 0.25))
+    light, medium, heavy = (survey.expected_contact(force_n) for force_n in (0.2, 3.0, 4.0))
+    large, small = PinLayout(survey, *heavy), PinLayout(survey, *medium)
+    assert large.sizes < small.sizes
+    assert PinLayout(survey, *medium, before=large).sizes == large.sizes
+    assert PinLayout(survey, *medium, before=small).sizes == small.sizes
+    assert PinLayout(survey, *light, before=large).sizes == small.sizes
 
 
 def test_tips_settle_and_each_unsettled_step_counts(press):

@@ -122,18 +122,19 @@ def _equilibrium(
     start: a contact near the solution, which makes the rough stage unnecessary. slip_mm: by which
     the contact has moved since. verify: whether MuJoCo verifies the last stage.
     """
+    before = None if start is None else start.equilibrium.layout
     if start is None:
         layout = PinLayout(survey, *survey.expected_contact(survey.command.force_n))
         found = _solve_stage(layout, None, False)
     else:
         touching = block_max(start.pressure_kpa, survey.per_side) > 0
-        layout = PinLayout(survey, touching, start.depth_mm)
+        layout = PinLayout(survey, touching, start.depth_mm, before)
         found = _solve_stage(layout, start.equilibrium, verify, slip_mm)
     while True:
         depth_mm = found.solution.depth_mm
         missed = survey.missed(layout.active, depth_mm, found.pressure_mpa)
         if missed.any():
-            layout = PinLayout(survey, layout.active | missed, depth_mm)
+            layout = PinLayout(survey, layout.active | missed, depth_mm, before)
         elif found.last:
             return found
         found = _solve_stage(layout, found, verify)

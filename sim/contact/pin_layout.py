@@ -50,6 +50,11 @@ STAGES = ((0.25, 2e-2), (0.125, 5e-3))
 """The rough and the last stage: coarsest grid of the layer, mm, and the relative change of the
 pressure in a step below which the stage has converged."""
 
+REFINED_SHARE = 0.5
+"""Share of the largest model's pins above which a layout that had to use larger pins keeps them
+(assumed). In the rounds of a step, a contact with nearly as many pins as the largest model would
+switch between two sizes."""
+
 MISSED_OUTSIDE_MM, MISSED_OUTSIDE_SHARE = 0.01, 0.2
 """Tolerated penetration of the shape's highest points outside the pins: in mm, or as a share of the
 depth where that is less."""
@@ -136,12 +141,21 @@ class Survey:
 class PinLayout:
     """The pins of both stages, under an expected contact and MARGIN_CELLS around it.
 
-    expected: (rows, columns) bool on the survey's cells. depth_mm: the expected depth.
-    Attributes: active, the survey's cells that have pins; window, the window that contains them.
+    expected: (rows, columns) bool on the survey's cells. depth_mm: the expected depth. before: the
+    layout of a contact near to this one, whose sizes of pins are kept where possible.
+    Attributes: active, the survey's cells that have pins; window, the window that contains them;
+    sizes, the number of FINER that it uses.
     """
 
-    def __init__(self, survey: Survey, expected: np.ndarray, depth_mm: float) -> None:
+    def __init__(
+        self,
+        survey: Survey,
+        expected: np.ndarray,
+        depth_mm: float,
+        before: "PinLayout | None" = None,
+    ) -> None:
         self.survey = survey
+        self.sizes = len(FINER)
         self.active = dilated(expected, MARGIN_CELLS)
         self.window = window_around(self.active)
         self._even = _pins_per_cell(float(survey.footprint.shares[expected].sum()))
@@ -159,7 +173,7 @@ class PinLayout:
         self._first_touch_mm = float(
             (-fine.rest_mm[rows, columns] - self._footprint.peaks_mm).min()
         )
-        self._along = self._pins_along(depth_mm)
+        self._along = self._pins_along(depth_mm, self.sizes if before is None else before.sizes)
 
     def stage(self, last: bool) -> tuple[Pins, float]:
         """The pins of the rough or the last stage, and the tolerance of its convergence."""
@@ -183,20 +197,20 @@ class PinLayout:
         survey = self.survey
         return max(1, round(pins / survey.per_side), round(survey.layer.pitch_mm / layer_mm))
 
-    def _pins_along(self, depth_mm: float) -> np.ndarray:
+    def _pins_along(self, depth_mm: float, sizes_before: int) -> np.ndarray:
         """(rows, columns) number of pins along each of the window's survey cells, 0 for none."""
         cells = self._footprint.coarsened(self.survey.per_side * self._finest)
         covered = self.active[self.window] & (cells.shares > 0)
         uneven = cells.peaks_mm - cells.heights_mm > UNEVEN * depth_mm
         wanted = np.where(self._at_edges(cells.shares), EDGE_FACTOR * self._even, self._even)
         wanted[uneven] = FINER[-1]
-        allowed = len(FINER)
         while True:
-            choices = np.searchsorted(FINER[: allowed - 1], wanted)
-            along = np.take(FINER[:allowed], choices) * covered
-            if (along**2).sum() <= POOL_SIZES[-1] or allowed == 1:
+            choices = np.searchsorted(FINER[: self.sizes - 1], wanted)
+            along = np.take(FINER[: self.sizes], choices) * covered
+            most = POOL_SIZES[-1] * (REFINED_SHARE if self.sizes > sizes_before else 1.0)
+            if (along**2).sum() <= most or self.sizes == 1:
                 return along
-            allowed -= 1  # too many pins: a rim was expected, and a face behind it touches too
+            self.sizes -= 1  # too many pins: a rim was expected, and a face behind it touches too
 
     def _at_edges(self, shares: np.ndarray) -> np.ndarray:
         """(rows, columns) bool: the window's cells at an edge of the shape.

@@ -39,8 +39,15 @@ acceleration. Whole steps overshoot by up to 0.45 of the error, and by several t
 contact twists."""
 
 ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 16, 40, 0.2
-"""Rounds with acceleration, the limit on all rounds, and the share of an error that the others
-remove (assumed; most steps need one or two rounds)."""
+"""Rounds with acceleration, the limit on all rounds, and the share of a change that the others make
+(assumed; most steps need one or two rounds). The change is that of the pressure, or of the
+displacement where the forces are prescribed."""
+
+AVERAGED_ROUNDS = 5
+"""Rounds after ACCELERATED_ROUNDS over which the displacement may change by the tolerance: as many
+as DAMPED_RELAXATION averages the pressure over. The change is the mean error of these rounds. Where
+the smallest displacement adds or removes a cell of the contact, only a mean pressure is a
+solution."""
 
 LATE_TOLERANCE = 4.0
 """Factor on the tolerance after ACCELERATED_ROUNDS where the forces are prescribed (assumed: less
@@ -177,41 +184,70 @@ def _step(
         seen = _moved(seen, _mean(follows - seen[:2] - spread, pressure), pitch)
     seen = unfolded(seen, pitch)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
-    verify = not seen.any()
-    rows, columns = window
+    verify, reference = not seen.any(), seen
     for number in range(MAX_ROUNDS):
-        shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
+        shift = SurfaceShift(contact.x_mm[window[1]], contact.y_mm[window[0]], seen)
         moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
         near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
         normal = solve_contact(shape, command, contact.elastomer, pitch, *near, verify=verify)
-        pressure = 1e-3 * normal.pressure_kpa[window]
+        before, pressure = pressure, 1e-3 * normal.pressure_kpa[window]
         if not pressure.any():
             break  # the contact left the window
+        late = number - ACCELERATED_ROUNDS
+        averages = late >= 0 and not prescribed
+        if averages:
+            pressure = before + DAMPED_RELAXATION * (pressure - before)
         spread = layer.spread_mm(pressure)
         shear, follows, found = friction(pressure, spread, dome[:2], shear)
         parts = layer.parts_mm(shear)
         sheared, dome = parts.sum(axis=0), parts[1]
         error = unfolded(sheared, pitch) - seen
-        late = prescribed and number >= ACCELERATED_ROUNDS
-        allowed = LATE_TOLERANCE if late else 1.0
-        converged = found and _is_small(error / allowed, sheared, pressure, normal.depth_mm)
+        is_due = not averages or (late > 0 and late % AVERAGED_ROUNDS == 0)
+        change = seen + error - reference if averages else error
+        change = change / LATE_TOLERANCE if late >= 0 and prescribed else change
+        converged = is_due and found and _is_small(change, sheared, pressure, normal.depth_mm)
         if converged and (verify or is_confirmed(normal)):
             break
-        verify |= converged or late
-        if prescribed:
-            along_x, along_y = _mean(error[:2], pressure)
-            error = _moved(seen + error, (-along_x, -along_y), pitch) - seen
-        if number < ACCELERATED_ROUNDS:
-            corrected = seen + (1.0 if prescribed else RELAXATION) * error
-            seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
-        else:
-            seen = seen + DAMPED_RELAXATION * error
+        verify |= converged or late >= 0
+        if is_due or late == 0:
+            reference = seen + error
+        seen = _corrected(seen, error, late, prescribed, pressure, pitch, acceleration)
+    if late >= 0 and not prescribed:
+        normal = _with_pressure(normal, pressure, window)
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
     response = Response(layer.middle, window, traction, normal.pressure_kpa, spread, parts)
     motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=response)
     return replace(normal, motion=motion, settled=normal.settled and converged)
+
+
+def _corrected(
+    seen: np.ndarray,
+    error: np.ndarray,
+    late: int,
+    prescribed: bool,
+    pressure: np.ndarray,
+    pitch_mm: float,
+    acceleration: Anderson,
+) -> np.ndarray:
+    """The displacement that the normal contact sees in the next round. late: the number of this
+    round after ACCELERATED_ROUNDS, below 0 before."""
+    if prescribed:
+        along_x, along_y = _mean(error[:2], pressure)
+        error = _moved(seen + error, (-along_x, -along_y), pitch_mm) - seen
+    if late >= 0:
+        return seen + (DAMPED_RELAXATION if prescribed else 1.0) * error
+    corrected = seen + (1.0 if prescribed else RELAXATION) * error
+    return acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
+
+
+def _with_pressure(contact: Contact, pressure_mpa: np.ndarray, window: Window) -> Contact:
+    """The contact with another pressure in a window."""
+    pressure_kpa = contact.pressure_kpa.copy()
+    pressure_kpa[window] = 1e3 * pressure_mpa
+    pressure_kpa.setflags(write=False)
+    return replace(contact, pressure_kpa=pressure_kpa)
 
 
 def _window(contact: Contact, start: Motion) -> Window:

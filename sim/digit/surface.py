@@ -17,8 +17,9 @@ NEAR_CELLS = 3
 
 BACKWARD_STEPS, BACKWARD_MM = 40, 1e-4
 """Limit on the fixed-point steps to the place from which a point of the surface has come, and the
-change, mm, at which they end. Each is half a step: behind a shape that has slid far the surface is
-stretched to twice its length, where full steps oscillate."""
+change, mm, at which they end. They are half steps where full steps do not halve the change: behind
+a shape that has slid far the surface is stretched to twice its length, where full steps oscillate.
+"""
 
 
 def surface_on(contact: Contact, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
@@ -47,44 +48,64 @@ def _sheared(
 ) -> np.ndarray:
     """The surface where the shear has moved it, (y, x) float32, mm."""
     sheared = np.ascontiguousarray(contact.sheared_mm, np.float32)
-    back = np.empty((2, *sheared.shape[1:]), np.float32)
-    _origins(sheared, contact.pitch_mm, back)
+    came = np.empty_like(sheared)
+    _displacement_at_arrival(sheared, contact.pitch_mm, came)
     moved = np.empty_like(surface)
     coarse = float(contact.x_mm[0]), float(contact.y_mm[0]), contact.pitch_mm
-    _resample(surface, sheared[2], back, *coarse, x_mm, y_mm, moved)
+    _resample(surface, came, *coarse, x_mm, y_mm, moved)
     return moved
 
 
 @compiled("void(f4[:, :, ::1], f8, f4[:, :, ::1])", nogil=True)
-def _origins(sheared, pitch, back):
-    """Write the displacement along x and y, mm, of the points that have come to each grid point."""
+def _displacement_at_arrival(sheared, pitch, came):
+    """Write the displacement along x, along y and into the sensor, mm, of the points that have come
+    to each grid point."""
     for i in range(sheared.shape[1]):
         for j in range(sheared.shape[2]):
-            x, y = sheared[0, i, j], sheared[1, i, j]
+            x, y = np.float64(sheared[0, i, j]), np.float64(sheared[1, i, j])
+            share, last = 1.0, np.inf
             for _ in range(BACKWARD_STEPS):
                 row, column = i - y / pitch, j - x / pitch
-                dx = (at_place(sheared[0], row, column) - x) / 2
-                dy = (at_place(sheared[1], row, column) - y) / 2
+                dx = share * (at_place(sheared[0], row, column) - x)
+                dy = share * (at_place(sheared[1], row, column) - y)
                 x, y = x + dx, y + dy
-                if abs(dx) + abs(dy) < BACKWARD_MM:
+                change = abs(dx) + abs(dy)
+                if change < BACKWARD_MM:
                     break
-            back[0, i, j], back[1, i, j] = x, y
+                if change > last / 2:
+                    share = 0.5
+                last = change
+            came[0, i, j], came[1, i, j] = x, y
+            came[2, i, j] = at_place(sheared[2], i - y / pitch, j - x / pitch)
 
 
-@compiled(
-    "void(f4[:, ::1], f4[:, ::1], f4[:, :, ::1], f8, f8, f8, f8[::1], f8[::1], f4[:, ::1])",
-    nogil=True,
-)
-def _resample(surface, lowered, back, first_x, first_y, pitch, x_mm, y_mm, moved):
-    """Write the surface, lowered by the shear, where its points have come from."""
-    fine = x_mm[1] - x_mm[0]
+@compiled("void(f4[:, ::1], f4[:, :, ::1], f8, f8, f8, f8[::1], f8[::1], f4[:, ::1])", nogil=True)
+def _resample(surface, came, first_x, first_y, pitch, x_mm, y_mm, moved):
+    """Write the surface, lowered by the shear, where its points have come from.
+
+    came: (3, rows, columns) their displacement, on the grid of the contact.
+    """
+    per_mm, last = np.float32(1.0 / (x_mm[1] - x_mm[0])), came.shape[2] - 1
+    first, across = np.empty(x_mm.size, np.int64), np.empty(x_mm.size, np.float32)
+    for j in range(x_mm.size):
+        column = min(max((x_mm[j] - first_x) / pitch, 0.0), float(last))
+        first[j] = min(int(column), last - 1)
+        across[j] = column - first[j]
+    line = np.empty((3, came.shape[2]), np.float32)
     for i in range(y_mm.size):
-        row = (y_mm[i] - first_y) / pitch
+        row = min(max((y_mm[i] - first_y) / pitch, 0.0), came.shape[1] - 1.0)
+        above = min(int(row), came.shape[1] - 2)
+        down = np.float32(row - above)
+        for k in range(3):
+            for n in range(came.shape[2]):
+                upper = came[k, above, n]
+                line[k, n] = upper + down * (came[k, above + 1, n] - upper)
         for j in range(x_mm.size):
-            column = (x_mm[j] - first_x) / pitch
-            x, y = at_place(back[0], row, column), at_place(back[1], row, column)
-            moved[i, j] = at_place(surface, i - y / fine, j - x / fine)
-            moved[i, j] += at_place(lowered, row - y / pitch, column - x / pitch)
+            n, share = first[j], across[j]
+            x = line[0, n] + share * (line[0, n + 1] - line[0, n])
+            y = line[1, n] + share * (line[1, n + 1] - line[1, n])
+            into = line[2, n] + share * (line[2, n + 1] - line[2, n])
+            moved[i, j] = at_place(surface, i - y * per_mm, j - x * per_mm) + into
 
 
 @lru_cache(maxsize=8)
