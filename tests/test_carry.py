@@ -10,7 +10,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.contact.loads.bodies import BodiesMotion
+from t2twin.sim.contact.loads.bodies import owner_of
 from t2twin.sim.contact.loads.carry import carry
 from t2twin.sim.contact.loads.prescribed import Load
 from t2twin.sim.contact.pin_layout import OffPadError
@@ -147,10 +147,11 @@ def test_a_rolling_body():
 
 def shares(contact: Contact):
     """Normal force and tangential force, N, of each body."""
-    assert isinstance(contact.motion, BodiesMotion)
+    names = contact.equilibrium.names
+    owner = owner_of(contact, names)
     return [
-        1e-3 * contact.pitch_mm**2 * (field * (contact.motion.owner == body)).sum(axis=(-2, -1))
-        for body in range(len(contact.motion.bodies))
+        1e-3 * contact.pitch_mm**2 * (field * (owner == body)).sum(axis=(-2, -1))
+        for body in range(len(names))
         for field in (contact.pressure_kpa, contact.shear_kpa)
     ]
 

@@ -13,14 +13,14 @@ the strain (Treloar, The Physics of Rubber Elasticity, 1975). A press starts wit
 traction.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
 
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.contact_solver import is_confirmed, solve_contact
+from t2twin.sim.contact.contact_solver import is_confirmed, solve_bodies
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.tangential.folding import unfolded
@@ -67,12 +67,12 @@ MAX_FRICTION = 5.0
 """Largest allowed coefficient of friction (assumed: above any rubber's on a dry solid)."""
 
 Friction = Callable[
-    [np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, bool]
+    [Contact, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, bool]
 ]
-"""Solves the friction of a step within a window of the grid. Arguments: the pressure, (rows,
-columns), MPa; the displacements along the surface by the pressure and by the dome, mm; an initial
-guess of the traction, MPa. Returns the traction; the displacement of a surface that sticks to the
-shape, mm; whether the traction converged. All but the pressure are (2, rows, columns)."""
+"""Solves the friction of a step within a window of the grid. Arguments: the contact, whose pressure
+it is; the displacements along the surface by the pressure and by the dome, mm; an initial guess of
+the traction, MPa. Returns the traction; the displacement of a surface that sticks to the
+shape, mm; whether the traction converged. All arrays are (2, rows, columns)."""
 
 Drive = Callable[[Contact, DomedLayer, np.ndarray, Window], tuple[np.ndarray, Friction]]
 """What moves the shape in a step. Its arguments are the contact before, the layer in the window,
@@ -111,9 +111,10 @@ def advance(
         tolerance = PREDICTION_TOLERANCE
 
         def solve(
-            pressure: np.ndarray, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
+            normal: Contact, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray, bool]:
             nonlocal tolerance
+            pressure = 1e-3 * normal.pressure_kpa[window]
             wanted = follows - spread - dome
             shear, converged = _friction(layer, friction * pressure, wanted, guess, tolerance)
             tolerance = TOLERANCE  # the first call predicts
@@ -122,29 +123,28 @@ def advance(
         return follows, solve
 
     start = replace(start, friction=friction)
-    found = step_contact(contact, start, contact.shape, moved, drive)
+    found = step_contact(contact, start, [(contact.shape, moved)], drive)
     return replace(found, settled=contact.settled and found.settled)
 
 
 def step_contact(
     contact: Contact,
     start: Motion,
-    shape: Shape,
-    command: PressCommand,
+    bodies: Sequence[tuple[Shape, PressCommand]],
     drive: Drive,
     prescribed: bool = False,
 ) -> Contact:
     """The contact after a step.
 
-    start: the motion of the contact before, with the friction of this step. shape, command: those
-    of the contact after. drive: what moves the shape. prescribed: whether the forces are prescribed
-    instead of the motion. The displacement by shear then moves with the contact, and whole steps do
-    not overshoot.
+    start: the motion of the contact before, with the friction of this step. bodies: those of the
+    contact after; see solve_bodies. drive: what moves the shapes. prescribed: whether the forces
+    are prescribed instead of the motion. The displacement by shear then moves with the contact, and
+    whole steps do not overshoot.
     Raises T2TwinError as solve_contact does.
     """
     window = _window(contact, start)
     while True:
-        found = _step(contact, start, shape, command, drive, prescribed, window)
+        found = _step(contact, start, bodies, drive, prescribed, window)
         outside = found.pressure_kpa > 0
         outside[window] = False
         if not outside.any():
@@ -156,8 +156,7 @@ def step_contact(
 def _step(
     contact: Contact,
     start: Motion,
-    shape: Shape,
-    command: PressCommand,
+    bodies: Sequence[tuple[Shape, PressCommand]],
     drive: Drive,
     prescribed: bool,
     window: Window,
@@ -171,7 +170,7 @@ def _step(
     parts = response.parts_mm
     sheared, dome = parts.sum(axis=0), parts[1]
     follows, friction = drive(contact, layer, sheared[:2] + spread, window)
-    shear, follows, _ = friction(pressure, spread, dome[:2], start.shear_mpa[part])
+    shear, follows, _ = friction(contact, spread, dome[:2], start.shear_mpa[part])
     seen = layer.response_mm(shear)
     if prescribed:
         seen = _moved(seen, _mean(follows - seen[:2] - spread, pressure), pitch)
@@ -183,12 +182,12 @@ def _step(
         shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
         moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
         near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
-        normal = solve_contact(shape, command, contact.elastomer, pitch, *near, verify=verify)
+        normal = solve_bodies(bodies, contact.elastomer, pitch, *near, verify=verify)
         pressure = 1e-3 * normal.pressure_kpa[window]
         if not pressure.any():
             break  # the contact left the window
         spread = layer.spread_mm(pressure)
-        shear, follows, found = friction(pressure, spread, dome[:2], shear)
+        shear, follows, found = friction(normal, spread, dome[:2], shear)
         parts = layer.parts_mm(shear)
         sheared, dome = parts.sum(axis=0), parts[1]
         error = unfolded(sheared, pitch) - seen
@@ -211,7 +210,7 @@ def _step(
     traction[part] = shear
     response = Response(layer.middle, window, traction, normal.pressure_kpa, spread, parts)
     motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=response)
-    return replace(normal, motion=motion, settled=normal.settled and converged)
+    return replace(normal, motion=motion, settled=bool(normal.settled and converged))
 
 
 def _window(contact: Contact, start: Motion) -> Window:

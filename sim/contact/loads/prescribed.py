@@ -14,6 +14,7 @@ from t2twin.core import arguments
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.loads.balance import balance, balanced_step
+from t2twin.sim.contact.loads.bodies import owner_of
 from t2twin.sim.contact.sliding import Friction
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
 from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
@@ -62,28 +63,28 @@ class Load:
 
 
 class PrescribedLoads:
-    """The friction of bodies with prescribed forces and torques; a `Drive` of a step.
+    """The friction of bodies with prescribed forces and torques; a `Drive` of a step."""
 
-    owner: (ny, nx) index of the body over each cell of the contact's grid.
-    """
-
-    def __init__(self, loads: Sequence[Load], owner: np.ndarray) -> None:
-        self.loads, self.owner = loads, owner
-        self.friction = np.array([load.friction for load in loads])[owner]
+    def __init__(self, loads: Sequence[Load]) -> None:
+        self.loads = loads
+        self.friction = np.array([load.friction for load in loads])
 
     def __call__(
         self, contact: Contact, layer: DomedLayer, lateral_mm: np.ndarray, window: Window
     ) -> tuple[np.ndarray, Friction]:
         rows, columns = window
         axes = contact.x_mm[columns], contact.y_mm[rows]
-        owner, friction = self.owner[window], self.friction[window]
+        names = tuple(load.shape.name for load in self.loads)
         calls = 0
 
         def solve(
-            pressure: np.ndarray, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
+            normal: Contact, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray, bool]:
             nonlocal calls
             calls += 1
+            owner = owner_of(normal, names)[window]
+            pressure = 1e-3 * normal.pressure_kpa[window] * (owner >= 0)
+            friction = self.friction[owner]
             if calls == 1:  # a prediction, from the pressure of the contact before
                 pressure = self._rescaled(pressure, owner, contact.pitch_mm)
             traction, follows = np.zeros_like(guess), lateral_mm.copy()
