@@ -55,20 +55,15 @@ def solve_contact(
     elastomer: Elastomer,
     pitch_mm: float,
     shift: SurfaceShift | None = None,
-    start: Contact | None = None,
-    slip_mm: tuple[float, float] = (0.0, 0.0),
-    verify: bool = True,
 ) -> Contact:
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
-    Uses the command's pose and force, not its shape name. shift: of the surface by shear. start: a
-    contact of the same elastomer on the same grid, near to which the solution is expected. slip_mm:
-    by which the contact is expected to have moved since, along x and y. verify: whether MuJoCo
-    verifies the result; see also `is_confirmed`. Safe to call from several threads.
+    Uses the command's pose and force, not its shape name. shift: of the surface by shear. Safe to
+    call from several threads.
     Raises T2TwinError for a force out of range or too large for a linear layer, and its OffPadError
     for a shape that does not lie over the pad.
     """
-    return solve_bodies([(shape, command)], elastomer, pitch_mm, shift, start, slip_mm, verify)
+    return solve_bodies([(shape, command)], elastomer, pitch_mm, shift)
 
 
 def solve_bodies(
@@ -77,14 +72,16 @@ def solve_bodies(
     pitch_mm: float,
     shift: SurfaceShift | None = None,
     start: Contact | None = None,
-    slip_mm: tuple[float, float] = (0.0, 0.0),
+    slips_mm: np.ndarray | None = None,
     verify: bool = True,
 ) -> Contact:
     """The contact of bodies that are pressed at the same time, each with its own force.
 
-    bodies: shapes of different names, with their poses and forces. The depth of each is unknown.
-    The others: as for solve_contact. A start is used if it is of the same bodies. Where bodies
-    overlap, they share the pressure.
+    bodies: shapes of different names, with their poses and forces. Where they overlap, they share
+    the pressure. shift: as for solve_contact. start: a contact of the same elastomer on the same
+    grid, near to which the solution is expected; it is used if it is of the same bodies. slips_mm:
+    (bodies, 2) by which each is expected to have moved since, along x and y; None for no motion.
+    verify: whether MuJoCo verifies the result; see also `is_confirmed`.
     The shape and the command of the contact are those of the first body, its depths those of the
     deepest one. Raises T2TwinError as solve_contact does.
     """
@@ -96,7 +93,7 @@ def solve_bodies(
     surveys = [Survey(shape, command, layer, shift) for shape, command in bodies]
     if start is not None and start.equilibrium.names != tuple(shape.name for shape, _ in bodies):
         start = start if len(bodies) == len(start.equilibrium.names) == 1 else None
-    equilibrium = _equilibrium(surveys, start, slip_mm, verify)
+    equilibrium = _equilibrium(surveys, start, slips_mm, verify)
     solution, pressure = equilibrium.solution, equilibrium.pressure_mpa
     if elastomer.law == "linear":
         _check_not_through(equilibrium)
@@ -162,12 +159,12 @@ class _Equilibrium:
 
 
 def _equilibrium(
-    surveys: Sequence[Survey], start: Contact | None, slip_mm: tuple[float, float], verify: bool
+    surveys: Sequence[Survey], start: Contact | None, slips_mm: np.ndarray | None, verify: bool
 ) -> _Equilibrium:
     """Solves the rough and the last stage, adding pins where a shape touches outside them.
 
-    start: a contact near the solution, which makes the rough stage unnecessary. slip_mm: by which
-    the contact has moved since. verify: whether MuJoCo verifies the last stage.
+    start: a contact near the solution, which makes the rough stage unnecessary. slips_mm:
+    by which the bodies have moved since. verify: whether MuJoCo verifies the last stage.
     """
     if start is None:
         expected = [survey.expected_contact(survey.command.force_n) for survey in surveys]
@@ -177,7 +174,7 @@ def _equilibrium(
         earlier, per_side = start.equilibrium, surveys[0].per_side
         touching = [block_max(each, per_side) > 0 for each in earlier.body_pressures_mpa]
         layout = PinLayout(surveys, list(zip(touching, earlier.solution.depths_mm, strict=True)))
-        found = _solve_stage(layout, earlier, verify, slip_mm)
+        found = _solve_stage(layout, earlier, verify, slips_mm)
     while True:
         depths_mm = found.solution.depths_mm
         missed = [
@@ -196,12 +193,12 @@ def _solve_stage(
     layout: PinLayout,
     earlier: _Equilibrium | None,
     verify: bool,
-    slip_mm: tuple[float, float] = (0.0, 0.0),
+    slips_mm: np.ndarray | None = None,
 ) -> _Equilibrium:
     """Solves the rough stage, or the last one starting from an earlier result."""
     survey, window, last = layout.surveys[0], layout.window, earlier is not None
     pins, tolerance = layout.stage(last)
-    start = None if earlier is None else _transferred(earlier, window, pins.cover.shape, slip_mm)
+    start = None if earlier is None else _transferred(earlier, window, pins.cover.shape, slips_mm)
     forces_n = np.array([each.command.force_n for each in layout.surveys])
     solution = FixedPoint(pins, forces_n, start, verify)
     converged = solution.solve(tolerance)
@@ -213,25 +210,27 @@ def _solve_stage(
 
 
 def _transferred(
-    earlier: _Equilibrium, window: Window, shape: tuple[int, ...], slip_mm: tuple[float, float]
+    earlier: _Equilibrium, window: Window, shape: tuple[int, ...], slips_mm: np.ndarray | None
 ) -> InitialGuess:
     """An earlier result as start in another window with fine cells of a shape (bodies, rows,
-    columns), moved by the nearest number of cells."""
+    columns), each body moved by the nearest number of cells."""
     pressures, old_window = earlier.solution.body_pressures_mpa(), earlier.layout.window
     before = pressures.shape[1] // window_shape(old_window)[0]
     now = shape[1] // window_shape(window)[0]
     survey = earlier.layout.surveys[0]
     cell_mm = survey.layer.pitch_mm * survey.per_side / now
-    along_x, along_y = (round(slip / cell_mm) for slip in slip_mm)
-    old, new = refined(old_window, now), refined(window, now)
-    old = moved_by(old[0], along_y), moved_by(old[1], along_x)
-    both = intersection(old, new)
-    guess = np.zeros(shape)
-    for pressure, found in zip(pressures, guess, strict=True):
+    slips = np.zeros((len(pressures), 2)) if slips_mm is None else slips_mm
+    guess, new = np.zeros(shape), refined(window, now)
+    for pressure, (along_x, along_y), found in zip(
+        pressures, np.rint(slips / cell_mm).astype(int).tolist(), guess, strict=True
+    ):
         if now < before:
             same = block_means(pressure, before // now)
         else:
             same = repeated(pressure, now // before)
+        rows, columns = refined(old_window, now)
+        old = moved_by(rows, along_y), moved_by(columns, along_x)
+        both = intersection(old, new)
         found[relative_window(both, new)] = same[relative_window(both, old)]
     return InitialGuess(guess, earlier.solution.depths_mm)
 

@@ -173,15 +173,19 @@ def _step(
     shear, follows, _ = friction(contact, spread, dome[:2], start.shear_mpa[part])
     seen = layer.response_mm(shear)
     if prescribed:
-        seen = _moved(seen, _mean(follows - seen[:2] - spread, pressure), pitch)
+        over = _nearest_body(contact, window)
+        seen = _moved(seen, _means(follows - seen[:2] - spread, pressure, over), pitch, over)
     seen = unfolded(seen, pitch)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
     verify = not seen.any()
     rows, columns = window
     for number in range(MAX_ROUNDS):
         shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
-        moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
-        near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
+        moves = None
+        if number == 0:
+            over = _nearest_body(contact, window)
+            moves = _means(follows - seen[:2] - spread, pressure, over)
+        near = (shift, normal, moves) if seen.any() else (None, None, None)
         normal = solve_bodies(bodies, contact.elastomer, pitch, *near, verify=verify)
         pressure = 1e-3 * normal.pressure_kpa[window]
         if not pressure.any():
@@ -198,8 +202,9 @@ def _step(
             break
         verify |= converged or late
         if prescribed:
-            along_x, along_y = _mean(error[:2], pressure)
-            error = _moved(seen + error, (-along_x, -along_y), pitch) - seen
+            over = _nearest_body(normal, window)
+            back_mm = -_means(error[:2], pressure, over)
+            error = _moved(seen + error, back_mm, pitch, over) - seen
         if number < ACCELERATED_ROUNDS:
             corrected = seen + (1.0 if prescribed else RELAXATION) * error
             seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
@@ -252,20 +257,35 @@ def _is_small(
     return max(along_x, along_y) <= allowed and into <= DEFLECTION_SHARE * depth_mm
 
 
-def _mean(values: np.ndarray, pressure: np.ndarray) -> tuple[float, float]:
-    """Means of values along x and y, (2, rows, columns), weighted with the pressure."""
-    along_x, along_y = (values * pressure).sum(axis=(1, 2)) / pressure.sum()
-    return float(along_x), float(along_y)
+def _nearest_body(contact: Contact, window: Window) -> list[np.ndarray]:
+    """For each body of a contact, (rows, columns) bool: the cells of a window nearest to it."""
+    loaded, owner = contact.pressure_kpa[window] > 0, contact.owner[window]
+    if len(contact.bodies) > 1 and loaded.any():
+        nearest = ndimage.distance_transform_edt(
+            ~loaded, return_distances=False, return_indices=True
+        )
+        owner = owner[tuple(np.asarray(nearest))]
+    return [owner == body for body in range(len(contact.bodies))]
 
 
-def _moved(values: np.ndarray, by_mm: tuple[float, float], pitch_mm: float) -> np.ndarray:
-    """Values, (n, rows, columns), moved along x and y."""
-    along_x, along_y = by_mm
-    if np.hypot(along_x, along_y) < MIN_MOVE * pitch_mm:
-        return values
-    return ndimage.shift(
-        values, (0, along_y / pitch_mm, along_x / pitch_mm), order=1, mode="nearest"
-    )
+def _means(values: np.ndarray, pressure: np.ndarray, over: list[np.ndarray]) -> np.ndarray:
+    """Means of values along x and y, (2, rows, columns), weighted with the pressure, of each body,
+    (bodies, 2); over: see _nearest_body."""
+    weights = [pressure * here for here in over]
+    return np.array([(values * each).sum(axis=(1, 2)) / (each.sum() or 1.0) for each in weights])
+
+
+def _moved(
+    values: np.ndarray, by_mm: np.ndarray, pitch_mm: float, over: list[np.ndarray]
+) -> np.ndarray:
+    """Values, (n, rows, columns), moved along x and y by those of each body, (bodies, 2)."""
+    found = values
+    for (along_x, along_y), here in zip(by_mm.tolist(), over, strict=True):
+        if np.hypot(along_x, along_y) >= MIN_MOVE * pitch_mm:
+            by_cells = (0, along_y / pitch_mm, along_x / pitch_mm)
+            moved = ndimage.shift(values, by_cells, order=1, mode="nearest")
+            found = np.where(here, moved, found)
+    return found
 
 
 def _friction(

@@ -203,6 +203,7 @@ class AttachedSensor:
     ) -> Contact | None:
         """The contact of the pressing bodies, which continues the state's last one."""
         limit = MAX_FORCE_N / max(sum(each.pressing_n for each in pressing), MAX_FORCE_N)
+        near = {each.body for each in pressing if _is_near(each, state.centers_mm)}
         loads = []
         for each in pressing:
             shape = self._shape(model, data, frame, each.body)
@@ -214,12 +215,13 @@ class AttachedSensor:
                     torque_nmm=float(each.torque_nmm[2]),
                     motion=relative_motion(
                         state.poses.get(each.body), poses[each.body], each.center_mm
-                    ),
+                    )
+                    if each.body in near or len(pressing) == 1
+                    else None,
                     friction=min(each.friction, MAX_FRICTION),
                 )
                 loads.append(load)
-        continues = any(_is_near(each, state.centers_mm) for each in pressing)
-        before = state.touch.contacts.get(self.sensor) if state.touch and continues else None
+        before = state.touch.contacts.get(self.sensor) if state.touch and near else None
         return self._solve(loads, before)
 
     def _solve(self, loads: list[Load], before: Contact | None) -> Contact | None:

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.sim.contact.types import Contact, Motion
+from t2twin.sim.contact.heights import heights_at
+from t2twin.sim.contact.types import Contact, Motion, PressCommand
 
 
 def owner_of(contact: Contact, names: tuple[str, ...]) -> np.ndarray:
@@ -15,25 +16,27 @@ def owner_of(contact: Contact, names: tuple[str, ...]) -> np.ndarray:
     0 where no body presses. -1 where the body is not among the names, unless both the contact and
     the names are of one body.
     """
-    before = contact.equilibrium.names
+    before = contact.bodies
     if len(before) == len(names) == 1:
         return np.zeros(contact.pressure_kpa.shape, int)
-    pressures = contact.equilibrium.body_pressures_mpa
     indices = np.array([names.index(name) if name in names else -1 for name in before])
-    return np.where(pressures.any(axis=0), indices[pressures.argmax(axis=0)], 0)
+    return np.where(contact.pressure_kpa > 0, indices[contact.owner], 0)
 
 
-def kept_traction(motion: Motion, before: Contact, now: Contact) -> Motion:
-    """The motion of a contact, whose traction is zero where another body is over a cell now.
+def kept_traction(
+    motion: Motion, before: Contact, now: Contact, continuing: Sequence[str]
+) -> Motion:
+    """The motion of a contact, whose traction is zero where a cell has another body now.
 
-    before: the contact of the motion. now: a contact after.
+    before: the contact of the motion. now: a contact after. continuing: names of the bodies whose
+    traction continues.
     """
-    names = now.equilibrium.names
-    if len(before.equilibrium.names) == len(names) == 1:
+    if len(before.bodies) == len(now.bodies) == 1:
         return motion
-    same = owner_of(before, names) == owner_of(now, names)
-    same |= ~(now.pressure_kpa > 0)
-    return replace(motion, shear_mpa=motion.shear_mpa * same, response=None)
+    owner = owner_of(before, now.bodies)
+    kept = np.isin(np.array(now.bodies), continuing)[owner] & (owner >= 0)
+    kept &= (owner == owner_of(now, now.bodies)) | ~(now.pressure_kpa > 0)
+    return replace(motion, shear_mpa=motion.shear_mpa * kept, response=None)
 
 
 def with_all_shapes(contact: Contact, shapes: Sequence[Shape]) -> Contact:
@@ -73,5 +76,5 @@ def _on_one_grid(maps: Sequence[HeightMap]) -> list[HeightMap]:
         )
         for axis in ("x_mm", "y_mm")
     )
-    across, down = np.meshgrid(x, y)
-    return [HeightMap(each.sample(across, down), x, y) for each in maps]
+    here = PressCommand("", 0.0, 0.0, 0.0, 0.0)  # y of a pressed shape points down
+    return [HeightMap(heights_at(each, here, x, -y), x, y) for each in maps]

@@ -20,7 +20,7 @@ def carry(
     """The contact of bodies with an elastomer, on a grid of pitch_mm.
 
     loads: one for each body; their shapes have different names. before: the last contact, None for
-    none. Where a body of the same name was in contact, the tangential traction continues. The given
+    none. Where a body with a motion was in contact, the tangential traction continues. The given
     contact does not change.
     The normal forces, tangential forces and torques of the result are those of the loads, as far as
     friction can carry them. A body whose force and torque it cannot carry slides as a whole.
@@ -33,7 +33,8 @@ def carry(
     commands = [PressCommand(load.shape.name, 0.0, 0.0, 0.0, load.force_n) for load in loads]
     bodies = list(zip(shapes, commands, strict=True))
     near = before
-    if before is None or (len(loads) > 1 and not set(names) <= set(before.equilibrium.names)):
+    continuing = [load.shape.name for load in loads if load.motion is not None]
+    if before is None or (len(loads) > 1 and not set(names) <= {*before.bodies} & {*continuing}):
         near = solve_bodies(bodies, elastomer, pitch_mm, before and before.shift)
     assert near is not None
     if before is None and not any(np.any(load.shear_n) or load.torque_nmm for load in loads):
@@ -41,7 +42,7 @@ def carry(
     drive = PrescribedLoads(loads)
     start = still_motion(near, 0.0)
     if before is not None:
-        start = kept_traction(before.motion or start, before, near)
+        start = kept_traction(before.motion or start, before, near, continuing)
     start = replace(start, friction=loads[0].friction)
     found = step_contact(near, start, bodies, drive, prescribed=True)
     if len(loads) > 1 and found.motion is not None:

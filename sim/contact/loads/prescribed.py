@@ -42,7 +42,8 @@ class Load:
     force_n: normal force, N. shear_n: (2,) tangential force on the sensor along x and y, N.
     torque_nmm: torque on the sensor about its z axis, clockwise in the image, N mm.
     motion: (dx_mm, dy_mm, dyaw_rad) of the body's surface along the sensor since the last contact;
-    the rotation is about the sensor's z axis. friction: coefficient of friction.
+    the rotation is about the sensor's z axis. None for a new place of contact, without traction.
+    friction: coefficient of friction.
     Raises T2TwinError for values that are not finite numbers.
     """
 
@@ -50,7 +51,7 @@ class Load:
     force_n: float
     shear_n: tuple[float, float]
     torque_nmm: float
-    motion: tuple[float, float, float]
+    motion: tuple[float, float, float] | None
     friction: float
 
     def __post_init__(self) -> None:
@@ -58,7 +59,7 @@ class Load:
         arguments.number(self.torque_nmm, "torque_nmm")
         arguments.number(self.friction, "friction", 0.0)
         for name in ("shear_n", "motion"):
-            for value in getattr(self, name):
+            for value in getattr(self, name) or ():
                 arguments.number(float(value), name)
 
 
@@ -238,5 +239,5 @@ def _wrench(load: Load, lever: np.ndarray, pitch_mm: float) -> np.ndarray:
 
 def _motion(load: Load, lever: np.ndarray) -> np.ndarray:
     """(3,) the rigid motion of a load about a lever, see `balance`."""
-    (dx_mm, dy_mm, turn), (x, y, radius) = load.motion, lever
+    (dx_mm, dy_mm, turn), (x, y, radius) = load.motion or (0.0, 0.0, 0.0), lever
     return np.array([dx_mm - turn * y, dy_mm + turn * x, turn * radius])
