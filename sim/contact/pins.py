@@ -94,9 +94,10 @@ class Pins:
 
     def spread_each(self, pressure: np.ndarray) -> np.ndarray:
         """The same of each body, (bodies, rows, columns)."""
-        return np.stack(
-            [self.spread(pressure * (self.bodies == body)) for body in range(len(self.cover))]
-        )
+        each = [np.zeros_like(pressure) for _ in self.cover]
+        for own, part in zip(each, self.parts(np.ones(pressure.size, bool)), strict=True):
+            own[part] = pressure[part]
+        return np.stack([self.spread(own) for own in each])
 
     def gather(self, fine: np.ndarray) -> np.ndarray:
         """Pressure on the pins, (n,), with the same forces as the mean pressures of each body on
@@ -229,6 +230,8 @@ def spread(pressure, bodies, rows, columns, sides, cover, fine):
     """Write the sum of the pins' pressures, times their cover, to fine."""
     fine[:] = 0.0
     for n in range(pressure.size):
+        if pressure[n] == 0.0:
+            continue
         for i in range(rows[n], rows[n] + sides[n]):
             for j in range(columns[n], columns[n] + sides[n]):
                 fine[i, j] += pressure[n] * cover[bodies[n], i, j]

@@ -103,12 +103,16 @@ def _sum(body: int, parts: list) -> Wrench:
     )
 
 
-def relative_motion(before: Pose, now: Pose, center_mm: np.ndarray) -> tuple[float, float, float]:
+def relative_motion(
+    before: Pose | None, now: Pose, center_mm: np.ndarray
+) -> tuple[float, float, float]:
     """Motion of a body's surface along the sensor, between two poses in the sensor frame.
 
     center_mm: (3,) the place of contact, whose motion is exact; a rolling body has none there.
     Returns dx and dy, mm, and the angle of the rotation about the sensor's z axis.
     """
+    if before is None:
+        return 0.0, 0.0, 0.0
     turn = now.rotation @ before.rotation.T
     there = turn @ (center_mm - MM_PER_M * before.position_m) + MM_PER_M * now.position_m
     dyaw = atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
