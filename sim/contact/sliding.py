@@ -22,6 +22,8 @@ from scipy import ndimage
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import is_confirmed, solve_bodies
 from t2twin.sim.contact.grid import Window, dilated, window_around
+from t2twin.sim.contact.loads.bodies import nearest_body
+from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.tangential.folding import unfolded
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
@@ -41,6 +43,10 @@ contact twists."""
 ACCELERATED_ROUNDS, MAX_ROUNDS, DAMPED_RELAXATION = 16, 40, 0.2
 """Rounds with acceleration, the limit on all rounds, and the share of an error that the others
 remove (assumed; most steps need one or two rounds)."""
+
+MAX_HALVINGS = 8
+"""Limit on the halvings of a change of the displacement that leaves a body without surface
+(assumed)."""
 
 LATE_TOLERANCE = 4.0
 """Factor on the tolerance after ACCELERATED_ROUNDS where the forces are prescribed (assumed: less
@@ -172,21 +178,16 @@ def _step(
     follows, friction = drive(contact, layer, sheared[:2] + spread, window)
     shear, follows, _ = friction(contact, spread, dome[:2], start.shear_mpa[part])
     seen = layer.response_mm(shear)
+    over = nearest_body(contact, window)
     if prescribed:
-        over = _nearest_body(contact, window)
         seen = _moved(seen, _means(follows - seen[:2] - spread, pressure, over), pitch, over)
     seen = unfolded(seen, pitch)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
-    verify = not seen.any()
-    rows, columns = window
+    possible, verify = np.zeros_like(seen), not seen.any()
     for number in range(MAX_ROUNDS):
-        shift = SurfaceShift(contact.x_mm[columns], contact.y_mm[rows], seen)
-        moves = None
-        if number == 0:
-            over = _nearest_body(contact, window)
-            moves = _means(follows - seen[:2] - spread, pressure, over)
-        near = (shift, normal, moves) if seen.any() else (None, None, None)
-        normal = solve_bodies(bodies, contact.elastomer, pitch, *near, verify=verify)
+        moves = None if number else _means(follows - seen[:2] - spread, pressure, over)
+        normal, seen = _press(bodies, normal, window, seen, possible, moves, verify)
+        possible = seen
         pressure = 1e-3 * normal.pressure_kpa[window]
         if not pressure.any():
             break  # the contact left the window
@@ -202,9 +203,8 @@ def _step(
             break
         verify |= converged or late
         if prescribed:
-            over = _nearest_body(normal, window)
-            back_mm = -_means(error[:2], pressure, over)
-            error = _moved(seen + error, back_mm, pitch, over) - seen
+            over = nearest_body(normal, window)
+            error = _moved(seen + error, -_means(error[:2], pressure, over), pitch, over) - seen
         if number < ACCELERATED_ROUNDS:
             corrected = seen + (1.0 if prescribed else RELAXATION) * error
             seen = acceleration.next(seen.ravel(), corrected.ravel()).reshape(seen.shape)
@@ -216,6 +216,34 @@ def _step(
     response = Response(layer.middle, window, traction, normal.pressure_kpa, spread, parts)
     motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=response)
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
+
+
+def _press(
+    bodies: Sequence[tuple[Shape, PressCommand]],
+    near: Contact,
+    window: Window,
+    seen: np.ndarray,
+    possible: np.ndarray,
+    moves: np.ndarray | None,
+    verify: bool,
+) -> tuple[Contact, np.ndarray]:
+    """The contact of bodies over a surface that is displaced by seen, and that displacement.
+
+    Where it leaves a body without surface, it is halfway to the possible one, (3, rows, columns).
+    near, moves: see solve_bodies.
+    """
+    rows, columns = window
+    halvings = 0
+    while True:
+        shift = SurfaceShift(near.x_mm[columns], near.y_mm[rows], seen)
+        start = (shift, near, moves) if seen.any() else (None, None, None)
+        try:
+            found = solve_bodies(bodies, near.elastomer, near.pitch_mm, *start, verify=verify)
+            return found, seen
+        except OffPadError:
+            if halvings == MAX_HALVINGS or not seen.any():
+                raise
+            seen, halvings = (possible + seen) / 2, halvings + 1
 
 
 def _window(contact: Contact, start: Motion) -> Window:
@@ -257,20 +285,9 @@ def _is_small(
     return max(along_x, along_y) <= allowed and into <= DEFLECTION_SHARE * depth_mm
 
 
-def _nearest_body(contact: Contact, window: Window) -> list[np.ndarray]:
-    """For each body of a contact, (rows, columns) bool: the cells of a window nearest to it."""
-    loaded, owner = contact.pressure_kpa[window] > 0, contact.owner[window]
-    if len(contact.bodies) > 1 and loaded.any():
-        nearest = ndimage.distance_transform_edt(
-            ~loaded, return_distances=False, return_indices=True
-        )
-        owner = owner[tuple(np.asarray(nearest))]
-    return [owner == body for body in range(len(contact.bodies))]
-
-
 def _means(values: np.ndarray, pressure: np.ndarray, over: list[np.ndarray]) -> np.ndarray:
     """Means of values along x and y, (2, rows, columns), weighted with the pressure, of each body,
-    (bodies, 2); over: see _nearest_body."""
+    (bodies, 2); over: see nearest_body."""
     weights = [pressure * here for here in over]
     return np.array([(values * each).sum(axis=(1, 2)) / (each.sum() or 1.0) for each in weights])
 
