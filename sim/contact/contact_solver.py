@@ -153,8 +153,9 @@ class _Equilibrium:
             return self.pressure_mpa[None]
         survey, per_side = self.layout.surveys[0], self.solution.pins.layer.per_side
         found = np.zeros((len(self.names), *self.pressure_mpa.shape))
-        for each, fine in zip(found, self.solution.body_pressures_mpa(), strict=True):
-            each[refined(self.layout.window, survey.per_side)] = block_means(fine, per_side)
+        window = refined(self.layout.window, survey.per_side)
+        for body, fine in enumerate(self.solution.body_pressures_mpa()):
+            found[body, *window] = block_means(fine, per_side)
         return found
 
 
