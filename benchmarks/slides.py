@@ -165,9 +165,12 @@ def against_calculix() -> dict[str, dict[str, Any]]:
 def slide_of(
     kind: str, layer: Layer, depth_mm: float, finer: float = 1.0, stiffness: float = 1.0
 ) -> fem.Slide:
-    """The slide of a "ball" or a "punch", with markers 1 mm apart."""
+    """The slide of a "ball" or a "punch", with markers 1 mm apart.
+
+    No marker is on the edge of the punch, where the displacement has a kink.
+    """
     is_ball = kind == "ball"
-    markers = np.stack(np.meshgrid(np.arange(-5.0, 6.0), np.arange(0.0, 6.0)), axis=-1)
+    markers = np.stack(np.meshgrid(np.arange(-5.5, 6.0), np.arange(0.5, 6.0)), axis=-1)
     return fem.Slide(
         heights_mm=lambda x, y: is_ball * (RADIUS_MM - np.sqrt(RADIUS_MM**2 - x**2 - y**2)),
         reach_mm=SIDE_MM / 2,

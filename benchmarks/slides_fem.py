@@ -1,7 +1,8 @@
 """A rigid shape that slides on a bonded block, as finite elements in CalculiX.
 
 An independent answer to `t2twin.sim.contact.tangential`: small strain, linear elastic, hexahedra
-with incompatible modes (C3D8I), surface-to-surface penalty contact with Coulomb friction. The
+with incompatible modes (C3D8I), surface-to-surface penalty contact with Coulomb friction. The shape
+is the master surface: with its normals, the force of gross sliding is the limit of friction. The
 block is bonded at its base and wide enough to be unbounded. All slides are along x, so half the
 block, y >= 0, is enough. The shape is rigid: all its nodes have a prescribed motion.
 
@@ -176,7 +177,7 @@ def _deck(slide: Slide, axes: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iter
 *FRICTION
 1e-6, {stick}
 *CONTACT PAIR, INTERACTION=TOUCH, TYPE=SURFACE TO SURFACE
-SHAPE, BLOCK
+BLOCK, SHAPE
 *BOUNDARY
 BASE, 1, 3
 MIDDLE, 2, 2
