@@ -10,7 +10,7 @@ from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.contact_solver import solve_contact
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL, Elastomer
-from t2twin.sim.contact.loads.bodies import BodiesMotion
+from t2twin.sim.contact.loads.bodies import owner_of
 from t2twin.sim.contact.loads.carry import carry
 from t2twin.sim.contact.loads.prescribed import Load
 from t2twin.sim.contact.pin_layout import OffPadError
@@ -147,10 +147,11 @@ def test_a_rolling_body():
 
 def shares(contact: Contact):
     """Normal force and tangential force, N, of each body."""
-    assert isinstance(contact.motion, BodiesMotion)
+    names = contact.equilibrium.names
+    owner = owner_of(contact, names)
     return [
-        1e-3 * contact.pitch_mm**2 * (field * (contact.motion.owner == body)).sum(axis=(-2, -1))
-        for body in range(len(contact.motion.bodies))
+        1e-3 * contact.pitch_mm**2 * (field * (owner == body)).sum(axis=(-2, -1))
+        for body in range(len(names))
         for field in (contact.pressure_kpa, contact.shear_kpa)
     ]
 
@@ -186,6 +187,38 @@ def test_a_far_body_with_the_least_force():
     force, _, least, _ = shares(contact)
     assert contact.settled and force == pytest.approx(2.0, rel=0.01)
     assert least == pytest.approx(0.01, rel=0.06)
+
+
+def slab(first_mm, last_mm, name):
+    """A flat face from first_mm to last_mm along x, 4 mm wide."""
+    x = np.arange(-13.0, 13.05, 0.1)
+    inside = (x >= first_mm) & (x <= last_mm) & (np.abs(x[:, None]) <= 2.0)
+    surface = HeightMap(np.where(inside, 0.0, NOTHING_MM).astype(np.float32), x, x)
+    return Shape(name, catalogue.load("circle-1").mesh, surface, (1.0, 1.0))
+
+
+def test_overlapping_faces_share_the_pressure():
+    """Two faces at the same height, half of which overlap, press as one face does."""
+    loads = [load(slab(-4.0, 2.0, "left"), 3.0), load(slab(-2.0, 4.0, "right"), 3.0)]
+    contact, one = carry(FLAT, 0.5, loads, None), pressed(load(slab(-4.0, 4.0, "one"), 6.0))
+    assert contact.settled and contact.depth_mm == pytest.approx(one.depth_mm, rel=0.02)
+    forces = contact.equilibrium.body_pressures_mpa.sum(axis=(1, 2)) * contact.pitch_mm**2
+    assert forces == pytest.approx([3.0, 3.0], rel=1e-3)
+    difference = np.abs(contact.pressure_kpa - one.pressure_kpa).sum()
+    assert difference < 0.05 * one.pressure_kpa.sum()
+
+
+def test_a_body_at_a_new_place_starts_without_traction():
+    still = load(ball(-6.0, name="still"), 2.0, (0.3, 0.0))
+    first, elsewhere = (load(ball(x, name="other"), 2.0, (1.0, 0.0)) for x in (2.0, 7.0))
+    before = carry(FLAT, 0.5, [still, first], None)
+    moved = replace(elsewhere, motion=None)
+    found = carry(FLAT, 0.5, [still, moved], before)
+    fresh = carry(FLAT, 0.5, [still, moved], None)
+    assert found.settled
+    there = found.x_mm > 2.0
+    shear, expected = found.shear_kpa[:, :, there], fresh.shear_kpa[:, :, there]
+    assert np.linalg.norm(shear - expected) < 0.1 * np.linalg.norm(expected)
 
 
 def test_bad_loads():

@@ -1,4 +1,4 @@
-"""Solves a press: a rigid shape pushed into an elastomer with a force.
+"""Solves a press: rigid shapes pushed into an elastomer, each with a force.
 
 Contact is normal and frictionless; the surface responds as an elastic layer
 (`t2twin.sim.contact.layer`). Pins on springs carry the force (`pin_layout`). A fixed-point
@@ -7,7 +7,9 @@ pins where the shape penetrates the surface outside them.
 """
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -31,7 +33,7 @@ from t2twin.sim.contact.grid import (
 )
 from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.layer import cached_layer
-from t2twin.sim.contact.pin_layout import STAGES, OffPadError, PinLayout, Survey
+from t2twin.sim.contact.pin_layout import STAGES, PinLayout, Survey
 from t2twin.sim.contact.types import Contact, PressCommand, SurfaceShift, check_force
 
 DIGIT_PITCH_MM = 0.25
@@ -53,29 +55,50 @@ def solve_contact(
     elastomer: Elastomer,
     pitch_mm: float,
     shift: SurfaceShift | None = None,
-    start: Contact | None = None,
-    slip_mm: tuple[float, float] = (0.0, 0.0),
-    verify: bool = True,
 ) -> Contact:
     """The contact of a shape pressed into an elastomer, on a grid of pitch_mm.
 
-    Uses the command's pose and force, not its shape name. shift: of the surface by shear. start: a
-    contact of the same elastomer on the same grid, near to which the solution is expected. slip_mm:
-    by which the contact is expected to have moved since, along x and y. verify: whether MuJoCo
-    verifies the result; see also `is_confirmed`. Safe to call from several threads.
+    Uses the command's pose and force, not its shape name. shift: of the surface by shear. Safe to
+    call from several threads.
     Raises T2TwinError for a force out of range or too large for a linear layer, and its OffPadError
     for a shape that does not lie over the pad.
     """
-    check_force(command.force_n)
+    return solve_bodies([(shape, command)], elastomer, pitch_mm, shift)
+
+
+def solve_bodies(
+    bodies: Sequence[tuple[Shape, PressCommand]],
+    elastomer: Elastomer,
+    pitch_mm: float,
+    shift: SurfaceShift | None = None,
+    start: Contact | None = None,
+    slips_mm: np.ndarray | None = None,
+    verify: bool = True,
+) -> Contact:
+    """The contact of bodies that are pressed at the same time, each with its own force.
+
+    bodies: shapes of different names, with their poses and forces. Where they overlap, they share
+    the pressure. shift: as for solve_contact. start: a contact of the same elastomer on the same
+    grid, near to which the solution is expected; it is used if it is of the same bodies. slips_mm:
+    (bodies, 2) by which each is expected to have moved since, along x and y; None for no motion.
+    verify: whether MuJoCo verifies the result; see also `is_confirmed`.
+    The shape and the command of the contact are those of the first body, its depths those of the
+    deepest one. Raises T2TwinError as solve_contact does.
+    """
+    for _, command in bodies:
+        check_force(command.force_n)
+    check_force(sum(command.force_n for _, command in bodies))
     layer = cached_layer(elastomer, pitch_mm)
     started = time.perf_counter() - compile_time_s()
-    survey = Survey(shape, command, layer, shift)
-    equilibrium = _equilibrium(survey, start, slip_mm, verify)
+    surveys = [Survey(shape, command, layer, shift) for shape, command in bodies]
+    if start is not None and start.equilibrium.names != tuple(shape.name for shape, _ in bodies):
+        start = start if len(bodies) == len(start.equilibrium.names) == 1 else None
+    equilibrium = _equilibrium(surveys, start, slips_mm, verify)
     solution, pressure = equilibrium.solution, equilibrium.pressure_mpa
     if elastomer.law == "linear":
-        _check_not_through(survey, pressure, _surface_mm(survey, equilibrium))
-    pins, loaded = solution.pins, solution.pressure_mpa > 0
-    base = shape.base_mm
+        _check_not_through(equilibrium)
+    pins, loaded, (shape, command) = solution.pins, solution.pressure_mpa > 0, bodies[0]
+    preparing_s = sum(survey.preparing_s for survey in surveys)
     return Contact(
         shape=shape,
         command=command,
@@ -85,13 +108,13 @@ def solve_contact(
         y_mm=_read_only(layer.y_mm),
         contact_area_mm2=float(pins.covered[loaded].sum() * pins.cell_mm2),
         depth_mm=solution.depth_mm,
-        shape_depth_mm=solution.depth_mm + pins.first_touch_mm,
+        shape_depth_mm=float(equilibrium.shape_depths_mm.max()),
         force_n=float(pressure.sum() * pitch_mm**2),
         settled=equilibrium.converged,
-        bottomed=base is not None and _touches(solution, base + BASE_TOLERANCE_MM),
+        bottomed=_bottomed(equilibrium),
         pins=solution.pin_state(),
-        milliseconds=1e3 * (time.perf_counter() - compile_time_s() - started - survey.preparing_s),
-        compute_surface=lambda: _read_only(_surface_mm(survey, equilibrium).astype(np.float32)),
+        milliseconds=1e3 * (time.perf_counter() - compile_time_s() - started - preparing_s),
+        compute_surface=lambda: _read_only(_surface_mm(equilibrium).astype(np.float32)),
         equilibrium=equilibrium,
         shift=shift,
     )
@@ -113,28 +136,57 @@ class _Equilibrium:
     pressure_mpa: np.ndarray
     converged: bool
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the bodies."""
+        return tuple(survey.shape.name for survey in self.layout.surveys)
+
+    @property
+    def shape_depths_mm(self) -> np.ndarray:
+        """(bodies,) depth of each body's highest point below the apex."""
+        return self.solution.depths_mm + self.solution.pins.first_touch_mm
+
+    @cached_property
+    def body_pressures_mpa(self) -> np.ndarray:
+        """(bodies, ny, nx) the pressure of each body on the contact's grid."""
+        if len(self.names) == 1:
+            return self.pressure_mpa[None]
+        survey, per_side = self.layout.surveys[0], self.solution.pins.layer.per_side
+        found = np.zeros((len(self.names), *self.pressure_mpa.shape))
+        window = refined(self.layout.window, survey.per_side)
+        for body, fine in enumerate(self.solution.body_pressures_mpa()):
+            found[body, *window] = block_means(fine, per_side)
+        return found
+
 
 def _equilibrium(
-    survey: Survey, start: Contact | None, slip_mm: tuple[float, float], verify: bool
+    surveys: Sequence[Survey], start: Contact | None, slips_mm: np.ndarray | None, verify: bool
 ) -> _Equilibrium:
-    """Solves the rough and the last stage, adding pins where the shape touches outside them.
+    """Solves the rough and the last stage, adding pins where a shape touches outside them.
 
-    start: a contact near the solution, which makes the rough stage unnecessary. slip_mm: by which
-    the contact has moved since. verify: whether MuJoCo verifies the last stage.
+    start: a contact near the solution, which makes the rough stage unnecessary. slips_mm:
+    by which the bodies have moved since. verify: whether MuJoCo verifies the last stage.
     """
     before = None if start is None else start.equilibrium.layout
     if start is None:
-        layout = PinLayout(survey, *survey.expected_contact(survey.command.force_n))
+        expected = [survey.expected_contact(survey.command.force_n) for survey in surveys]
+        layout = PinLayout(surveys, expected)
         found = _solve_stage(layout, None, False)
     else:
-        touching = block_max(start.pressure_kpa, survey.per_side) > 0
-        layout = PinLayout(survey, touching, start.depth_mm, before)
-        found = _solve_stage(layout, start.equilibrium, verify, slip_mm)
+        earlier, per_side = start.equilibrium, surveys[0].per_side
+        touching = [block_max(each, per_side) > 0 for each in earlier.body_pressures_mpa]
+        expected = list(zip(touching, earlier.solution.depths_mm, strict=True))
+        layout = PinLayout(surveys, expected, before)
+        found = _solve_stage(layout, earlier, verify, slips_mm)
     while True:
-        depth_mm = found.solution.depth_mm
-        missed = survey.missed(layout.active, depth_mm, found.pressure_mpa)
-        if missed.any():
-            layout = PinLayout(survey, layout.active | missed, depth_mm, before)
+        depths_mm = found.solution.depths_mm
+        missed = [
+            survey.missed(active, depth_mm, found.pressure_mpa)
+            for survey, active, depth_mm in zip(surveys, layout.active, depths_mm, strict=True)
+        ]
+        if any(each.any() for each in missed):
+            wanted = [active | more for active, more in zip(layout.active, missed, strict=True)]
+            layout = PinLayout(surveys, list(zip(wanted, depths_mm, strict=True)), before)
         elif found.last:
             return found
         found = _solve_stage(layout, found, verify)
@@ -144,18 +196,14 @@ def _solve_stage(
     layout: PinLayout,
     earlier: _Equilibrium | None,
     verify: bool,
-    slip_mm: tuple[float, float] = (0.0, 0.0),
+    slips_mm: np.ndarray | None = None,
 ) -> _Equilibrium:
     """Solves the rough stage, or the last one starting from an earlier result."""
-    survey, window, last = layout.survey, layout.window, earlier is not None
+    survey, window, last = layout.surveys[0], layout.window, earlier is not None
     pins, tolerance = layout.stage(last)
-    if not pins.gap_mm.size:
-        raise OffPadError(
-            f"no part of {survey.shape.name} lies over the surface, which shear has displaced; "
-            "take a smaller force or a smaller friction"
-        )
-    start = None if earlier is None else _transferred(earlier, window, len(pins.cover), slip_mm)
-    solution = FixedPoint(pins, survey.command.force_n, start, verify)
+    start = None if earlier is None else _transferred(earlier, window, pins.cover.shape, slips_mm)
+    forces_n = np.array([each.command.force_n for each in layout.surveys])
+    solution = FixedPoint(pins, forces_n, start, verify)
     converged = solution.solve(tolerance)
     survey.preparing_s += solution.compiling_s
     pressure = np.zeros(survey.layer.rest_mm.shape)
@@ -165,60 +213,76 @@ def _solve_stage(
 
 
 def _transferred(
-    earlier: _Equilibrium, window: Window, rows: int, slip_mm: tuple[float, float]
+    earlier: _Equilibrium, window: Window, shape: tuple[int, ...], slips_mm: np.ndarray | None
 ) -> InitialGuess:
-    """An earlier result as start in another window with this number of rows of fine cells, moved by
-    the nearest number of cells."""
-    pressure = earlier.solution.fine_pressure_mpa()
-    old_window = earlier.layout.window
-    before, now = len(pressure) // window_shape(old_window)[0], rows // window_shape(window)[0]
-    if now < before:
-        pressure = block_means(pressure, before // now)
-    else:
-        pressure = repeated(pressure, now // before)
-    survey = earlier.layout.survey
+    """An earlier result as start in another window with fine cells of a shape (bodies, rows,
+    columns), each body moved by the nearest number of cells."""
+    pressures, old_window = earlier.solution.body_pressures_mpa(), earlier.layout.window
+    before = pressures.shape[1] // window_shape(old_window)[0]
+    now = shape[1] // window_shape(window)[0]
+    survey = earlier.layout.surveys[0]
     cell_mm = survey.layer.pitch_mm * survey.per_side / now
-    along_x, along_y = (round(slip / cell_mm) for slip in slip_mm)
-    old, new = refined(old_window, now), refined(window, now)
-    old = moved_by(old[0], along_y), moved_by(old[1], along_x)
-    both = intersection(old, new)
-    guess = np.zeros(window_shape(new))
-    guess[relative_window(both, new)] = pressure[relative_window(both, old)]
-    return InitialGuess(guess, earlier.solution.depth_mm)
+    slips = np.zeros((len(pressures), 2)) if slips_mm is None else slips_mm
+    guess, new = np.zeros(shape), refined(window, now)
+    for pressure, (along_x, along_y), found in zip(
+        pressures, np.rint(slips / cell_mm).astype(int).tolist(), guess, strict=True
+    ):
+        if now < before:
+            same = block_means(pressure, before // now)
+        else:
+            same = repeated(pressure, now // before)
+        rows, columns = refined(old_window, now)
+        old = moved_by(rows, along_y), moved_by(columns, along_x)
+        both = intersection(old, new)
+        found[relative_window(both, new)] = same[relative_window(both, old)]
+    return InitialGuess(guess, earlier.solution.depths_mm)
 
 
-def _surface_mm(survey: Survey, equilibrium: _Equilibrium) -> np.ndarray:
+def _surface_mm(equilibrium: _Equilibrium) -> np.ndarray:
     """The surface's deflection, (ny, nx), mm, computed on the fine grid around the pins."""
-    layer, solution = survey.layer, equilibrium.solution
-    surface, fine = survey.surface_mm(equilibrium.pressure_mpa), solution.pins.layer.per_side
-    window = expanded(equilibrium.layout.window, FINE_CELLS, survey.gap_mm.shape)
+    layout, solution = equilibrium.layout, equilibrium.solution
+    survey, fine = layout.surveys[0], solution.pins.layer.per_side
+    layer, surface = survey.layer, survey.surface_mm(equilibrium.pressure_mpa)
+    window = expanded(layout.window, FINE_CELLS, survey.gap_mm.shape)
     near = refined(window, survey.per_side)
     surface[near] = center_values(solution.fine_surface_mm(refined(near, fine)), fine)
     if survey.per_side == 1:
         # The surface lies on the shape where that touches. A finer grid resolves this by itself,
         # and heights of the solid would give a slanting edge a beaded outline.
         x_mm, y_mm = layer.x_mm[near[1]], layer.y_mm[near[0]]
-        heights = heights_at(survey.shape.surface, survey.command, x_mm, y_mm, survey.shift)
-        shape_depth = solution.depth_mm + solution.pins.first_touch_mm
-        surface[near] = np.maximum(surface[near], shape_depth + layer.rest_mm[near] + heights)
+        for each, depth in zip(layout.surveys, equilibrium.shape_depths_mm, strict=True):
+            heights = heights_at(each.shape.surface, each.command, x_mm, y_mm, each.shift)
+            surface[near] = np.maximum(surface[near], depth + layer.rest_mm[near] + heights)
     return surface
 
 
-def _check_not_through(survey: Survey, pressure_mpa: np.ndarray, surface_mm: np.ndarray) -> None:
+def _check_not_through(equilibrium: _Equilibrium) -> None:
     """Raises T2TwinError where the surface passes the layer's base, as the linear law allows."""
-    layer, elastomer = survey.layer, survey.layer.elastomer
-    if (surface_mm >= layer.thickness_mm)[pressure_mpa > 0].any():
+    surveys = equilibrium.layout.surveys
+    layer, elastomer = surveys[0].layer, surveys[0].layer.elastomer
+    through = _surface_mm(equilibrium) >= layer.thickness_mm
+    if through[equilibrium.pressure_mpa > 0].any():
+        force_n = sum(survey.command.force_n for survey in surveys)
         raise T2TwinError(
-            f"{survey.command.force_n:g} N push {survey.shape.name} through the {elastomer.name} "
+            f"{force_n:g} N push {' and '.join(equilibrium.names)} through the {elastomer.name} "
             f"layer of {elastomer.thickness_mm:g} mm; take a smaller force or a thicker or stiffer "
             "layer"
         )
 
 
-def _touches(solution: FixedPoint, height_mm: float) -> bool:
-    """Whether any part of the shape up to a height carries pressure."""
-    loaded = solution.pins.spread((solution.pressure_mpa > 0).astype(float)) > 0
-    return bool((solution.pins.heights_mm[loaded] <= height_mm).any())
+def _bottomed(equilibrium: _Equilibrium) -> bool:
+    """Whether the base plate of any shape carries pressure."""
+    solution, surveys = equilibrium.solution, equilibrium.layout.surveys
+    if all(survey.shape.base_mm is None for survey in surveys):
+        return False
+    loaded = solution.pins.spread_each((solution.pressure_mpa > 0).astype(float)) > 0
+    heights = solution.pins.heights_mm
+    return any(
+        base is not None and bool((mm[at] <= base + BASE_TOLERANCE_MM).any())
+        for base, mm, at in zip(
+            (survey.shape.base_mm for survey in surveys), heights, loaded, strict=True
+        )
+    )
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:

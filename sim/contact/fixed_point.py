@@ -61,62 +61,87 @@ GUESSES = 3
 
 @dataclass(frozen=True)
 class InitialGuess:
-    """Start of an iteration. pressure_mpa: (rows, columns) of the window's fine cells."""
+    """Start of an iteration. pressure_mpa: (bodies, rows, columns) of the window's fine cells.
+    depths_mm: (bodies,)."""
 
     pressure_mpa: np.ndarray
-    depth_mm: float
+    depths_mm: np.ndarray
 
 
 class FixedPoint:
     """State of one press during the iteration.
 
-    pins, force_n: the press. start: None starts from independent springs. verify: whether MuJoCo
-    verifies the converged state; a rough first stage does without.
+    pins: of all bodies. forces_n: (bodies,) their normal forces. start: None starts from
+    independent springs. verify: whether MuJoCo verifies the converged state; a rough first stage
+    does without.
 
     Attributes:
 
     - pressure_mpa, (n,), on the covered part of each pin's block;
-    - depth_mm, the shape's;
+    - depths_mm, (bodies,), each body's travel from its own first touch;
     - active, (n,) bool, the pins that take part: those at the contact and their neighbors;
     - compiling_s, time spent on compiling MuJoCo models.
     """
 
     def __init__(
-        self, pins: Pins, force_n: float, start: InitialGuess | None, verify: bool
+        self, pins: Pins, forces_n: np.ndarray, start: InitialGuess | None, verify: bool
     ) -> None:
         self.pins = pins
-        self.force_n = force_n
+        self.forces_n = forces_n
         self.compiling_s = 0.0
         self._verify = verify
         self._min_slope = MIN_SLOPE
+        parts = pins.parts(np.ones(pins.gap_mm.size, bool))
         if start is not None:
             self.pressure_mpa = pins.gather(start.pressure_mpa)
-            self.depth_mm = start.depth_mm
+            self.depths_mm = start.depths_mm
             self.active = pins.with_neighbors(self.pressure_mpa > 0)
-            if self.active.any():  # else the finer pins do not cover the cells that were loaded
+            # else the finer pins of a body do not cover the cells that were loaded
+            if all(self.active[part].any() for part in parts):
                 self._set_compliance()
                 return
         self.active = np.ones(pins.gap_mm.size, bool)
         for _ in range(GUESSES):
             self._set_compliance()
-            self.depth_mm = spring_depth(self.force, pins.gap_mm, pins.covered)
-            self.active = pins.with_neighbors(pins.gap_mm < self.depth_mm)
-        pressed = np.maximum(self.depth_mm - pins.gap_mm, 0.0)
-        self.pressure_mpa = np.where(self.active, pressed, 0.0) / self.compliance
+            self.depths_mm = np.array(
+                [
+                    spring_depth(force, pins.gap_mm[part], pins.covered[part])
+                    for force, part in zip(self.forces, parts, strict=True)
+                ]
+            )
+            pressed = np.maximum(self.depths_mm[pins.bodies] - pins.gap_mm, 0.0)
+            self.active = pins.with_neighbors(pressed > 0)
+        self.pressure_mpa = np.where(self.active, pressed, 0.0) / self.compliance[pins.bodies]
         self._set_compliance()
 
     def _set_compliance(self) -> None:
-        """Set the springs' compliance D, mm/MPa, for the active pins."""
-        self.compliance = spring_compliance(self.pins.layer, self.pins.window_of(self.active))
+        """Set the springs' compliance D of each body, (bodies,), mm/MPa, for the active pins."""
+        pins, active = self.pins, self.active
+        self.compliance = np.array(
+            [
+                spring_compliance(pins.layer, pins.window_of(pins.around(body, active)))
+                * pins.most_overlapping(body, active)
+                for body in range(self.forces_n.size)
+            ]
+        )
 
     @property
-    def force(self) -> float:
-        """The commanded force in units of the spring of one fine cell x mm."""
-        return self.force_n * self.compliance / self.pins.cell_mm2
+    def depth_mm(self) -> float:
+        """The deepest body's depth."""
+        return float(self.depths_mm.max())
+
+    @property
+    def forces(self) -> np.ndarray:
+        """(bodies,) the forces in units of the spring of one fine cell x mm."""
+        return self.forces_n * self.compliance / self.pins.cell_mm2
 
     def fine_pressure_mpa(self) -> np.ndarray:
         """Mean pressure on each fine cell of the window, (rows, columns)."""
         return self.pins.spread(self.pressure_mpa)
+
+    def body_pressures_mpa(self) -> np.ndarray:
+        """The same by each body, (bodies, rows, columns)."""
+        return self.pins.spread_each(self.pressure_mpa)
 
     def solve(self, tolerance: float) -> bool:
         """Iterate until the pressure changes by less than a tolerance, a share of the force.
@@ -151,6 +176,7 @@ class FixedPoint:
         step: size of the steps, 1 for full ones, which are accelerated.
         """
         pins, active = self.pins, self.active
+        bodies, parts = pins.bodies[active], pins.parts(active)
         blocks = tuple(of[active] for of in pins.blocks)
         gap, area, edge = pins.gap_mm[active], pins.covered[active], pins.edge_mm_per_mpa[active]
         surface, slope, local, rest = np.empty((4, gap.size))
@@ -163,21 +189,27 @@ class FixedPoint:
         steps = 0
         while True:
             steps += 1
-            spread(current, *blocks, pins.cover, fine)
+            spread(current, bodies, *blocks, pins.cover, fine)
             self._responses = pins.layer.responses(fine)
-            self._deflection(blocks, area, surface, slope)
-            self.depth_mm = fit_springs(
-                self.force, self.compliance, self._min_slope,
-                gap, edge, area, surface, slope, current, local, rest,
-            )  # fmt: skip
-            deflection, pressure = self.depth_mm - gap, np.empty(gap.size)
-            change = redistribute_force(deflection, rest, local, area, current, pressure)
+            self._deflection(bodies, blocks, area, surface, slope)
+            each_body = zip(self.forces, self.compliance, parts, strict=True)
+            springs = gap, edge, area, surface, slope, current, local, rest
+            self.depths_mm = np.array(
+                [
+                    fit_springs(force, each, self._min_slope, *(of[part] for of in springs))
+                    for force, each, part in each_body
+                ]
+            )
+            deflection, pressure = self.depths_mm[bodies] - gap, np.empty(gap.size)
+            springs = rest, local, area, current, pressure
+            change = _redistribute(parts, deflection, *springs)
             if steps < MIN_STEPS:
                 change = np.inf
             last = change < tolerance or steps == max_steps
             if last and self._verify and not self._penetrated().any():
-                deflection = self._verify_with_mujoco(gap, rest, area * self.compliance / local)
-                change = redistribute_force(deflection, rest, local, area, current, pressure)
+                stiffness = area * self.compliance[bodies] / local
+                deflection = self._verify_with_mujoco(parts, gap, rest, stiffness)
+                change = _redistribute(parts, deflection, *springs)
             if change < tolerance or steps == max_steps:
                 break
             if step < 1.0:
@@ -192,15 +224,17 @@ class FixedPoint:
     def is_confirmed(self, tolerance: float) -> bool:
         """Whether MuJoCo finds the pressure of the last step, within a share of the force."""
         pins, active = self.pins, self.active
-        area, pressure, depth_mm = pins.covered[active], self.pressure_mpa[active], self.depth_mm
-        stiffness = area * self.compliance / self._local
-        found = self._verify_with_mujoco(pins.gap_mm[active], self._rest, stiffness)
-        self.depth_mm = depth_mm
+        area, pressure, depths_mm = pins.covered[active], self.pressure_mpa[active], self.depths_mm
+        stiffness = area * self.compliance[pins.bodies[active]] / self._local
+        parts = pins.parts(active)
+        found = self._verify_with_mujoco(parts, pins.gap_mm[active], self._rest, stiffness)
+        self.depths_mm = depths_mm
         springs = self._rest, self._local, area
-        return redistribute_force(found, *springs, pressure, np.empty_like(pressure)) < tolerance
+        return _redistribute(parts, found, *springs, pressure, np.empty_like(pressure)) < tolerance
 
     def _deflection(
         self,
+        bodies: np.ndarray,
         blocks: tuple[np.ndarray, ...],
         covered: np.ndarray,
         surface: np.ndarray,
@@ -210,34 +244,42 @@ class FixedPoint:
         pins = self.pins
         mean_deflection(
             self._responses, pins.weights, pins.thickness_mm, pins.stiffens,
-            *blocks, pins.cover, covered, surface, slope,
+            bodies, *blocks, pins.cover, covered, surface, slope,
         )  # fmt: skip
 
     def _verify_with_mujoco(
-        self, gap: np.ndarray, rest: np.ndarray, stiffness: np.ndarray
+        self, parts: list[slice], gap: np.ndarray, rest: np.ndarray, stiffness: np.ndarray
     ) -> np.ndarray:
-        """The pins' deflections by MuJoCo's contact solver, (n,), mm; sets depth_mm.
+        """The pins' deflections by MuJoCo's contact solver, (n,), mm; sets depths_mm.
 
+        parts: of the bodies, each of which is a model of its own.
         Raises T2TwinError for more pins than the largest model has.
         """
-        if gap.size > POOL_SIZES[-1]:
-            raise T2TwinError(
-                f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
-            )
-        started = time.perf_counter()
-        with borrowed_pins(gap.size) as model:
-            self.compiling_s += time.perf_counter() - started
-            model.set_state(gap, self.depth_mm)
-            self.depth_mm, deflection = model.step(self.force, rest, stiffness)
+        deflection, depths_mm = np.empty(gap.size), self.depths_mm.copy()
+        for body, part in enumerate(parts):
+            count = part.stop - part.start
+            if count > POOL_SIZES[-1]:
+                raise T2TwinError(
+                    f"the contact covers more than {POOL_SIZES[-1]} grid cells; take a coarser grid"
+                )
+            started = time.perf_counter()
+            with borrowed_pins(count) as model:
+                self.compiling_s += time.perf_counter() - started
+                model.set_state(gap[part], depths_mm[body])
+                depths_mm[body], deflection[part] = model.step(
+                    self.forces[body], rest[part], stiffness[part]
+                )
+        self.depths_mm = depths_mm
         return deflection
 
     def _penetrated(self) -> np.ndarray:
         """(n,) bool: the inactive pins at which the shape stands above the surface."""
         pins, penetrated = self.pins, ~self.active
         surface, slope = np.empty((2, int(penetrated.sum())))
-        blocks = tuple(of[penetrated] for of in pins.blocks)
-        self._deflection(blocks, pins.covered[penetrated], surface, slope)
-        penetrated[penetrated] = self.depth_mm - pins.gap_mm[penetrated] > surface + PENETRATION_MM
+        bodies, blocks = pins.bodies[penetrated], tuple(of[penetrated] for of in pins.blocks)
+        self._deflection(bodies, blocks, pins.covered[penetrated], surface, slope)
+        inside_mm = self.depths_mm[bodies] - pins.gap_mm[penetrated]
+        penetrated[penetrated] = inside_mm > surface + PENETRATION_MM
         return penetrated
 
     def pin_state(self) -> PinState:
@@ -246,11 +288,12 @@ class FixedPoint:
         x, y = pins.centers_mm()
         height = pins.mean_over_cover(pins.layer.rest_mm[pins.window])
         stiffness = pins.covered[active] * pins.cell_mm2 / self._local
+        behind_mm = (self.depth_mm - self.depths_mm)[pins.bodies]
         return PinState(
             x[active],
             y[active],
             height[active],
-            pins.gap_mm[active],
+            (pins.gap_mm + behind_mm)[active],
             self._pressed,
             self._rest,
             stiffness,
@@ -263,6 +306,11 @@ class FixedPoint:
         pressure = np.zeros(window_shape(window))
         pressure[relative_window(self.pins.window, window)] = self.fine_pressure_mpa()
         return apply_law(layer, layer.deflection_mm(pressure, window), window)
+
+
+def _redistribute(parts: list[slice], *springs: np.ndarray) -> float:
+    """The largest share of a body; see `redistribute_force`. parts: of the bodies."""
+    return max(redistribute_force(*(each[part] for each in springs)) for part in parts)
 
 
 def apply_law(layer: Layer, linear_mm: np.ndarray, window: Window) -> np.ndarray:

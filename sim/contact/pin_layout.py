@@ -5,6 +5,7 @@ laid out under the estimated contact, finer at the shape's edges and where its s
 """
 
 import time
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from t2twin.sim.contact.fixed_point import (
 )
 from t2twin.sim.contact.footprint import footprint
 from t2twin.sim.contact.grid import (
+    Window,
     block_means,
     center_values,
     dilated,
@@ -26,7 +28,7 @@ from t2twin.sim.contact.grid import (
 )
 from t2twin.sim.contact.layer import WHOLE, Layer, cached_layer
 from t2twin.sim.contact.mujoco_pins import POOL_SIZES
-from t2twin.sim.contact.pins import Pins, place_pins
+from t2twin.sim.contact.pins import Pins, joined, place_pins
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
 
 SURVEY_MM = 0.5
@@ -64,7 +66,11 @@ MARGIN_CELLS = 1
 
 
 class OffPadError(T2TwinError):
-    """No part of the shape lies over the pad."""
+    """No part of the shape lies over the pad. shape: its name."""
+
+    def __init__(self, message: str, shape: str = "") -> None:
+        super().__init__(message)
+        self.shape = shape
 
 
 class Survey:
@@ -93,7 +99,8 @@ class Survey:
             raise OffPadError(
                 f"{shape.name} at x {command.x_mm:g} mm, y {command.y_mm:g} mm does not lie over "
                 f"the {layer.elastomer.name} pad, which reaches {half_x:g} mm in x and {half_y:g} "
-                "mm in y from its center"
+                "mm in y from its center",
+                shape.name,
             )
         self.gap_mm = distance - nearest
         peak_distance = surface - self.footprint.peaks_mm
@@ -139,12 +146,60 @@ class Survey:
 
 
 class PinLayout:
-    """The pins of both stages, under an expected contact and MARGIN_CELLS around it.
+    """The pins of both stages, under the expected contacts of bodies and MARGIN_CELLS around them.
 
-    expected: (rows, columns) bool on the survey's cells. depth_mm: the expected depth. before: the
-    layout of a contact near to this one, whose sizes of pins are kept where possible.
-    Attributes: active, the survey's cells that have pins; window, the window that contains them;
-    sizes, the number of FINER that it uses.
+    surveys: of the bodies, on the same layer. expected: (rows, columns) bool on the survey's cells
+    and the expected depth, mm, of each. before: the layout of a contact of the same bodies near to
+    this one, whose sizes of pins are kept where possible.
+    Attributes: surveys; active, the survey's cells that have pins of each body; window, the window
+    that contains them.
+    """
+
+    def __init__(
+        self,
+        surveys: Sequence[Survey],
+        expected: Sequence[tuple[np.ndarray, float]],
+        before: "PinLayout | None" = None,
+    ) -> None:
+        self.surveys = surveys
+        self.active = [dilated(touching, MARGIN_CELLS) for touching, _ in expected]
+        self.window = window_around(np.logical_or.reduce(self.active))
+        sizes = [len(FINER)] * len(surveys) if before is None else before.sizes
+        self._bodies = [
+            _BodyPins(survey, touching, depth_mm, active, self.window, size)
+            for survey, (touching, depth_mm), active, size in zip(
+                surveys, expected, self.active, sizes, strict=True
+            )
+        ]
+
+    @property
+    def sizes(self) -> list[int]:
+        """Of each body, the number of FINER that it uses."""
+        return [body.sizes for body in self._bodies]
+
+    def stage(self, last: bool) -> tuple[Pins, float]:
+        """The pins of the rough or the last stage, and the tolerance of its convergence.
+
+        Raises OffPadError for a body without pins.
+        """
+        per_side = max(body.per_side(last) for body in self._bodies)
+        pins = [body.pins(last, per_side) for body in self._bodies]
+        for survey, each in zip(self.surveys, pins, strict=True):
+            if not each.gap_mm.size:
+                name = survey.shape.name
+                raise OffPadError(
+                    f"no part of {name} lies over the surface, which shear has displaced; take a "
+                    "smaller force or a smaller friction",
+                    name,
+                )
+        return joined(pins), STAGES[last][1]
+
+
+class _BodyPins:
+    """The pins of one body on the survey's active cells, within a window that contains them.
+
+    expected: (rows, columns) bool, the survey's cells in contact. depth_mm: the expected depth.
+    sizes_before: of FINER, how many an earlier layout used. Attributes: sizes, how many this uses.
     """
 
     def __init__(
@@ -152,45 +207,48 @@ class PinLayout:
         survey: Survey,
         expected: np.ndarray,
         depth_mm: float,
-        before: "PinLayout | None" = None,
+        active: np.ndarray,
+        window: Window,
+        sizes_before: int,
     ) -> None:
-        self.survey = survey
-        self.sizes = len(FINER)
-        self.active = dilated(expected, MARGIN_CELLS)
-        self.window = window_around(self.active)
+        self.survey, self.active, self.window, self.sizes = survey, active, window, len(FINER)
         self._even = _pins_per_cell(float(survey.footprint.shares[expected].sum()))
         self._finest = self._per_side(FINER[-1], STAGES[-1][0])
         fine = survey.fine_layer(self._finest)
-        rows, columns = refined(self.window, survey.per_side * self._finest)
+        rows, columns = refined(window, survey.per_side * self._finest)
         self._footprint = footprint(
             survey.shape.surface,
             survey.command,
             fine.x_mm[columns],
             fine.y_mm[rows],
-            self.active[self.window],
+            active[window],
             survey.shift,
         )
         self._first_touch_mm = float(
             (-fine.rest_mm[rows, columns] - self._footprint.peaks_mm).min()
         )
-        self._along = self._pins_along(depth_mm, self.sizes if before is None else before.sizes)
+        self._along = self._pins_along(depth_mm, sizes_before)
 
-    def stage(self, last: bool) -> tuple[Pins, float]:
-        """The pins of the rough or the last stage, and the tolerance of its convergence."""
-        layer_mm, tolerance = STAGES[last]
-        along = self._along
-        if not last:
-            along = np.where(along > 0, np.maximum(along // 2, 1), 0)
-        per_side = self._per_side(int(along.max()), layer_mm)
+    def per_side(self, last: bool) -> int:
+        """Fine cells along one of the contact's in the rough or the last stage."""
+        return self._per_side(int(self._along_of(last).max()), STAGES[last][0])
+
+    def pins(self, last: bool, per_side: int) -> Pins:
+        """The pins of the rough or the last stage on fine cells; see `per_side`."""
         per_cell = self.survey.per_side * per_side
         return place_pins(
             self.survey.fine_layer(per_side),
             refined(self.window, per_cell),
             per_cell,
-            along,
+            self._along_of(last),
             self._footprint.coarsened(self._finest // per_side),
             self._first_touch_mm,
-        ), tolerance
+        )
+
+    def _along_of(self, last: bool) -> np.ndarray:
+        """(rows, columns) number of pins along the survey's cells, half of them when rough."""
+        along = self._along
+        return along if last else np.where(along > 0, np.maximum(along // 2, 1), 0)
 
     def _per_side(self, pins: int, layer_mm: float) -> int:
         """Fine cells along one of the contact's: no fewer than pins along a survey cell."""

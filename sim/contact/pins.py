@@ -1,10 +1,14 @@
 """The pins of a press: square blocks of the layer's fine cells, and the shape above each.
 
-A pin's pressure is uniform over the part of its block that the shape covers, and its deflection is
-the mean over that part: a Galerkin method whose pressures end at the shape's edge.
+Each of several bodies has pins of its own, which overlap where the bodies do. A pin's pressure is
+uniform over the part of its block that the shape covers, and its deflection is the mean over that
+part: a Galerkin method whose pressures end at the shape's edge.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil
 
 import numpy as np
 
@@ -26,20 +30,22 @@ fit also minimizes the dependence on how an edge falls on the grid."""
 
 @dataclass(frozen=True)
 class Pins:
-    """n pins over a window of a layer's grid, block by block, row by row.
+    """n pins over a window of a layer's grid, body by body, block by block, row by row.
 
     layer: on its fine grid. window: the part of the fine grid that contains the pins.
+    bodies: (n,) index of the body above each pin, rising.
     rows, columns, sides: (n,) first fine cell of each pin in the window, and its cells a side.
     gap_mm: (n,) mean distance of surface and shape over the covered part at first touch, mm.
     covered: (n,) number of fine cells that the shape covers, counting parts of cells.
     edge_mm_per_mpa: (n,) additional compliance of a pin at an edge.
-    cover: (rows, columns) covered share of each fine cell of the window, 0 to 1.
-    heights_mm: (rows, columns) heights of the shape over them.
-    first_touch_mm: depth of the shape's highest point below the apex at first touch.
+    cover: (bodies, rows, columns) covered share of each fine cell of the window, 0 to 1.
+    heights_mm: (bodies, rows, columns) heights of the shapes over them.
+    first_touch_mm: (bodies,) depth of each highest point below the apex at first touch.
     """
 
     layer: Layer
     window: Window
+    bodies: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
     sides: np.ndarray
@@ -48,7 +54,7 @@ class Pins:
     edge_mm_per_mpa: np.ndarray
     cover: np.ndarray
     heights_mm: np.ndarray
-    first_touch_mm: float
+    first_touch_mm: np.ndarray
 
     @property
     def weights(self) -> np.ndarray:
@@ -75,15 +81,27 @@ class Pins:
         """rows, columns, sides."""
         return self.rows, self.columns, self.sides
 
+    def parts(self, chosen: np.ndarray) -> list[slice]:
+        """The part of each body among the chosen pins, (n,) bool."""
+        ends = np.searchsorted(self.bodies[chosen], np.arange(len(self.cover) + 1)).tolist()
+        return [slice(first, end) for first, end in pairwise(ends)]
+
     def spread(self, pressure: np.ndarray) -> np.ndarray:
         """Mean pressure on each fine cell, (rows, columns), of pressures on the pins, (n,)."""
-        fine = np.zeros(self.cover.shape, np.float32)
-        spread(np.asarray(pressure, float), *self.blocks, self.cover, fine)
+        fine = np.zeros(self.cover.shape[1:], np.float32)
+        spread(np.asarray(pressure, float), self.bodies, *self.blocks, self.cover, fine)
         return fine.astype(float)
 
+    def spread_each(self, pressure: np.ndarray) -> np.ndarray:
+        """The same of each body, (bodies, rows, columns)."""
+        each = [np.zeros_like(pressure) for _ in self.cover]
+        for own, part in zip(each, self.parts(np.ones(pressure.size, bool)), strict=True):
+            own[part] = pressure[part]
+        return np.stack([self.spread(own) for own in each])
+
     def gather(self, fine: np.ndarray) -> np.ndarray:
-        """Pressure on the pins, (n,), with the same forces as mean pressures on fine cells,
-        (rows, columns)."""
+        """Pressure on the pins, (n,), with the same forces as the mean pressures of each body on
+        fine cells, (bodies, rows, columns)."""
         return self._sums(np.ascontiguousarray(fine, float)) / self.covered
 
     def mean_over_cover(self, fine: np.ndarray) -> np.ndarray:
@@ -92,23 +110,43 @@ class Pins:
 
     def _sums(self, fine: np.ndarray) -> np.ndarray:
         sums = np.empty(self.rows.size)
-        _sum_up(fine, *self.blocks, sums)
+        _sum_up(fine, self.bodies, *self.blocks, sums)
         return sums
 
     def with_neighbors(self, chosen: np.ndarray) -> np.ndarray:
         """(n,) bool: the chosen pins and those within one side length of a chosen one."""
         found = np.empty(chosen.size, bool)
-        _with_neighbors(*self.blocks, chosen, np.zeros(self.cover.shape, bool), found)
+        _with_neighbors(*self.blocks, chosen, np.zeros(self.cover.shape[1:], bool), found)
         return found
 
     def window_of(self, chosen: np.ndarray) -> Window:
         """The window of fine cells that contains the chosen pins, of one of few sizes."""
         rows, columns, sides = (of[chosen] for of in self.blocks)
-        down, across = self.cover.shape
+        down, across = self.cover.shape[1:]
         return (
             side_around(int(rows.min()), int((rows + sides).max()) - 1, down),
             side_around(int(columns.min()), int((columns + sides).max()) - 1, across),
         )
+
+    def around(self, body: int, chosen: np.ndarray) -> np.ndarray:
+        """(n,) bool: the chosen pins of a body, and those of others in a window that reaches by the
+        layer's thickness beyond them."""
+        if len(self.cover) == 1:
+            return chosen
+        reach = ceil(self.layer.elastomer.thickness_mm / self.layer.pitch_mm)
+        near = chosen.copy()
+        for first, side in zip(
+            (self.rows, self.columns), self.window_of(chosen & (self.bodies == body)), strict=True
+        ):
+            near &= (first + self.sides > side.start - reach) & (first < side.stop + reach)
+        return near
+
+    def most_overlapping(self, body: int, chosen: np.ndarray) -> int:
+        """Largest number of bodies with a chosen pin over a cell of the body's own chosen pins."""
+        if len(self.cover) == 1:
+            return 1
+        taken = self.spread_each(chosen.astype(float)) > 0
+        return int((taken.sum(axis=0) * taken[body]).max())
 
     def centers_mm(self) -> tuple[np.ndarray, np.ndarray]:
         """x and y of the pins' centers, each (n,), mm."""
@@ -144,9 +182,24 @@ def place_pins(
     )  # fmt: skip
     kept = covered > 0
     return Pins(
-        layer, window, rows[kept], columns[kept], sides[kept],
-        gap[kept], covered[kept], edge[kept], cover, shape.heights_mm, first_touch_mm,
+        layer, window, np.zeros(int(kept.sum()), int), rows[kept], columns[kept], sides[kept],
+        gap[kept], covered[kept], edge[kept], cover[None], shape.heights_mm[None],
+        np.array([first_touch_mm]),
     )  # fmt: skip
+
+
+def joined(pins: Sequence[Pins]) -> Pins:
+    """The pins of several bodies, each the only one of its own pins, on the same window."""
+    first = pins[0]
+    if len(pins) == 1:
+        return first
+    bodies = np.repeat(np.arange(len(pins)), [each.rows.size for each in pins])
+    of_pins = ("rows", "columns", "sides", "gap_mm", "covered", "edge_mm_per_mpa")
+    of_bodies = ("cover", "heights_mm", "first_touch_mm")
+    together = (
+        np.concatenate([getattr(each, name) for each in pins]) for name in of_pins + of_bodies
+    )
+    return Pins(first.layer, first.window, bodies, *together)
 
 
 @compiled("Tuple((i8[::1], i8[::1], i8[::1]))(i8[:, ::1], i8)", nogil=True)
@@ -170,23 +223,27 @@ def _blocks(along, per_cell):
     return rows, columns, sides
 
 
-@compiled("void(f8[::1], i8[::1], i8[::1], i8[::1], f8[:, ::1], f4[:, ::1])", nogil=True)
-def spread(pressure, rows, columns, sides, cover, fine):
-    """Write each pin's pressure, times the cover, to its cells of fine; zero elsewhere."""
+@compiled(
+    "void(f8[::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[:, :, ::1], f4[:, ::1])", nogil=True
+)
+def spread(pressure, bodies, rows, columns, sides, cover, fine):
+    """Write the sum of the pins' pressures, times their cover, to fine."""
     fine[:] = 0.0
     for n in range(pressure.size):
+        if pressure[n] == 0.0:
+            continue
         for i in range(rows[n], rows[n] + sides[n]):
             for j in range(columns[n], columns[n] + sides[n]):
-                fine[i, j] = pressure[n] * cover[i, j]
+                fine[i, j] += pressure[n] * cover[bodies[n], i, j]
 
 
-@compiled("void(f8[:, ::1], i8[::1], i8[::1], i8[::1], f8[::1])", nogil=True)
-def _sum_up(fine, rows, columns, sides, sums):
+@compiled("void(f8[:, :, ::1], i8[::1], i8[::1], i8[::1], i8[::1], f8[::1])", nogil=True)
+def _sum_up(fine, bodies, rows, columns, sides, sums):
     for n in range(sums.size):
         total = 0.0
         for i in range(rows[n], rows[n] + sides[n]):
             for j in range(columns[n], columns[n] + sides[n]):
-                total += fine[i, j]
+                total += fine[bodies[n], i, j]
         sums[n] = total
 
 

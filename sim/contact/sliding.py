@@ -13,25 +13,22 @@ the strain (Treloar, The Physics of Rubber Elasticity, 1975). A press starts wit
 traction.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from t2twin.primitives_cad.shape import Shape
-from t2twin.sim.contact.contact_solver import is_confirmed, solve_contact
+from t2twin.sim.contact.contact_solver import is_confirmed, solve_bodies
 from t2twin.sim.contact.grid import Window, dilated, window_around
+from t2twin.sim.contact.loads.bodies import nearest_body
+from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.solver_loops import Anderson
+from t2twin.sim.contact.tangential.displacements import is_small, means, moved
 from t2twin.sim.contact.tangential.folding import unfolded
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
 from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
 from t2twin.sim.contact.types import Contact, Motion, PressCommand, Response, SurfaceShift
-
-COUPLING_TOLERANCE_MM, COUPLING_SHARE, DEFLECTION_SHARE = 5e-3, 1e-2, 5e-3
-"""Convergence of a step: mean error, weighted with the pressure, of the displacement by shear that
-the normal contact sees. Along the surface: mm, or a share of the mean displacement where that is
-more. Into the sensor: a share of the depth."""
 
 RELAXATION = 0.8
 """Share of an error that a correction removes, before it is mixed with the earlier ones by Anderson
@@ -49,6 +46,10 @@ as DAMPED_RELAXATION averages the pressure over. The change is the mean error of
 the smallest displacement adds or removes a cell of the contact, only a mean pressure is a
 solution."""
 
+MAX_HALVINGS = 8
+"""Limit on the halvings of a change of the displacement that leaves a body without surface
+(assumed)."""
+
 LATE_TOLERANCE = 4.0
 """Factor on the tolerance after ACCELERATED_ROUNDS where the forces are prescribed (assumed: less
 than a tenth of a cell). Small contacts and edges move from cell to cell."""
@@ -61,9 +62,6 @@ PREDICTION_TOLERANCE = 3e-3
 """As t2twin.sim.contact.tangential.traction.TOLERANCE, of the traction under the pressure before a
 step, from which the step starts (assumed)."""
 
-MIN_MOVE = 0.1
-"""Motion of a contact, in cells, below which its displacement does not move with it (assumed)."""
-
 GEL_FRICTION = 0.8
 """Coefficient of friction of the DIGIT's gel (assumed, range 0.4 to 1.5)."""
 
@@ -74,12 +72,12 @@ MAX_FRICTION = 5.0
 """Largest allowed coefficient of friction (assumed: above any rubber's on a dry solid)."""
 
 Friction = Callable[
-    [np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, bool]
+    [Contact, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, bool]
 ]
-"""Solves the friction of a step within a window of the grid. Arguments: the pressure, (rows,
-columns), MPa; the displacements along the surface by the pressure and by the dome, mm; an initial
-guess of the traction, MPa. Returns the traction; the displacement of a surface that sticks to the
-shape, mm; whether the traction converged. All but the pressure are (2, rows, columns)."""
+"""Solves the friction of a step within a window of the grid. Arguments: the contact, whose pressure
+it is; the displacements along the surface by the pressure and by the dome, mm; an initial guess of
+the traction, MPa. Returns the traction; the displacement of a surface that sticks to the
+shape, mm; whether the traction converged. All arrays are (2, rows, columns)."""
 
 Drive = Callable[[Contact, DomedLayer, np.ndarray, Window], tuple[np.ndarray, Friction]]
 """What moves the shape in a step. Its arguments are the contact before, the layer in the window,
@@ -118,9 +116,10 @@ def advance(
         tolerance = PREDICTION_TOLERANCE
 
         def solve(
-            pressure: np.ndarray, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
+            normal: Contact, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray, bool]:
             nonlocal tolerance
+            pressure = 1e-3 * normal.pressure_kpa[window]
             wanted = follows - spread - dome
             shear, converged = _friction(layer, friction * pressure, wanted, guess, tolerance)
             tolerance = TOLERANCE  # the first call predicts
@@ -129,29 +128,28 @@ def advance(
         return follows, solve
 
     start = replace(start, friction=friction)
-    found = step_contact(contact, start, contact.shape, moved, drive)
+    found = step_contact(contact, start, [(contact.shape, moved)], drive)
     return replace(found, settled=contact.settled and found.settled)
 
 
 def step_contact(
     contact: Contact,
     start: Motion,
-    shape: Shape,
-    command: PressCommand,
+    bodies: Sequence[tuple[Shape, PressCommand]],
     drive: Drive,
     prescribed: bool = False,
 ) -> Contact:
     """The contact after a step.
 
-    start: the motion of the contact before, with the friction of this step. shape, command: those
-    of the contact after. drive: what moves the shape. prescribed: whether the forces are prescribed
-    instead of the motion. The displacement by shear then moves with the contact, and whole steps do
-    not overshoot.
+    start: the motion of the contact before, with the friction of this step. bodies: those of the
+    contact after; see solve_bodies. drive: what moves the shapes. prescribed: whether the forces
+    are prescribed instead of the motion. The displacement by shear then moves with the contact, and
+    whole steps do not overshoot.
     Raises T2TwinError as solve_contact does.
     """
     window = _window(contact, start)
     while True:
-        found = _step(contact, start, shape, command, drive, prescribed, window)
+        found = _step(contact, start, bodies, drive, prescribed, window)
         outside = found.pressure_kpa > 0
         outside[window] = False
         if not outside.any():
@@ -163,8 +161,7 @@ def step_contact(
 def _step(
     contact: Contact,
     start: Motion,
-    shape: Shape,
-    command: PressCommand,
+    bodies: Sequence[tuple[Shape, PressCommand]],
     drive: Drive,
     prescribed: bool,
     window: Window,
@@ -178,18 +175,18 @@ def _step(
     parts = response.parts_mm
     sheared, dome = parts.sum(axis=0), parts[1]
     follows, friction = drive(contact, layer, sheared[:2] + spread, window)
-    shear, follows, _ = friction(pressure, spread, dome[:2], start.shear_mpa[part])
+    shear, follows, _ = friction(contact, spread, dome[:2], start.shear_mpa[part])
     seen = layer.response_mm(shear)
+    over = nearest_body(contact, window)
     if prescribed:
-        seen = _moved(seen, _mean(follows - seen[:2] - spread, pressure), pitch)
+        seen = moved(seen, means(follows - seen[:2] - spread, pressure, over), pitch, over)
     seen = unfolded(seen, pitch)
     normal, converged, acceleration = contact, False, Anderson(seen.size)
-    verify, reference = not seen.any(), seen
+    possible, reference, verify = np.zeros_like(seen), seen, not seen.any()
     for number in range(MAX_ROUNDS):
-        shift = SurfaceShift(contact.x_mm[window[1]], contact.y_mm[window[0]], seen)
-        moves = _mean(follows - seen[:2] - spread, pressure) if number == 0 else (0.0, 0.0)
-        near = (shift, normal, moves) if seen.any() else (None, None, (0.0, 0.0))
-        normal = solve_contact(shape, command, contact.elastomer, pitch, *near, verify=verify)
+        moves = None if number else means(follows - seen[:2] - spread, pressure, over)
+        normal, seen = _press(bodies, normal, window, seen, possible, moves, verify)
+        possible = seen
         before, pressure = pressure, 1e-3 * normal.pressure_kpa[window]
         if not pressure.any():
             break  # the contact left the window
@@ -197,45 +194,66 @@ def _step(
         averages = late >= 0 and not prescribed
         if averages:
             pressure = before + DAMPED_RELAXATION * (pressure - before)
+            normal = _with_pressure(normal, pressure, window)
         spread = layer.spread_mm(pressure)
-        shear, follows, found = friction(pressure, spread, dome[:2], shear)
+        shear, follows, found = friction(normal, spread, dome[:2], shear)
         parts = layer.parts_mm(shear)
         sheared, dome = parts.sum(axis=0), parts[1]
         error = unfolded(sheared, pitch) - seen
         is_due = not averages or (late > 0 and late % AVERAGED_ROUNDS == 0)
         change = seen + error - reference if averages else error
         change = change / LATE_TOLERANCE if late >= 0 and prescribed else change
-        converged = is_due and found and _is_small(change, sheared, pressure, normal.depth_mm)
+        converged = is_due and found and is_small(change, sheared, pressure, normal.depth_mm)
         if converged and (verify or is_confirmed(normal)):
             break
         verify |= converged or late >= 0
         if is_due or late == 0:
             reference = seen + error
-        seen = _corrected(seen, error, late, prescribed, pressure, pitch, acceleration)
-    if late >= 0 and not prescribed:
-        normal = _with_pressure(normal, pressure, window)
+        if prescribed:
+            over = nearest_body(normal, window)
+            error = moved(seen + error, -means(error[:2], pressure, over), pitch, over) - seen
+        seen = _corrected(seen, error, late, prescribed, acceleration)
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
     slip_mm[window] += np.hypot(*(follows - sheared[:2] - spread)) * (pressure > 0)
     traction[part] = shear
     response = Response(layer.middle, window, traction, normal.pressure_kpa, spread, parts)
     motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=response)
-    return replace(normal, motion=motion, settled=normal.settled and converged)
+    return replace(normal, motion=motion, settled=bool(normal.settled and converged))
+
+
+def _press(
+    bodies: Sequence[tuple[Shape, PressCommand]],
+    near: Contact,
+    window: Window,
+    seen: np.ndarray,
+    possible: np.ndarray,
+    moves: np.ndarray | None,
+    verify: bool,
+) -> tuple[Contact, np.ndarray]:
+    """The contact of bodies over a surface that is displaced by seen, and that displacement.
+
+    Where it leaves a body without surface, it is halfway to the possible one, (3, rows, columns).
+    near, moves: see solve_bodies.
+    """
+    rows, columns = window
+    halvings = 0
+    while True:
+        shift = SurfaceShift(near.x_mm[columns], near.y_mm[rows], seen)
+        start = (shift, near, moves) if seen.any() else (None, None, None)
+        try:
+            found = solve_bodies(bodies, near.elastomer, near.pitch_mm, *start, verify=verify)
+            return found, seen
+        except OffPadError:
+            if halvings == MAX_HALVINGS or not seen.any():
+                raise
+            seen, halvings = (possible + seen) / 2, halvings + 1
 
 
 def _corrected(
-    seen: np.ndarray,
-    error: np.ndarray,
-    late: int,
-    prescribed: bool,
-    pressure: np.ndarray,
-    pitch_mm: float,
-    acceleration: Anderson,
+    seen: np.ndarray, error: np.ndarray, late: int, prescribed: bool, acceleration: Anderson
 ) -> np.ndarray:
     """The displacement that the normal contact sees in the next round. late: the number of this
     round after ACCELERATED_ROUNDS, below 0 before."""
-    if prescribed:
-        along_x, along_y = _mean(error[:2], pressure)
-        error = _moved(seen + error, (-along_x, -along_y), pitch_mm) - seen
     if late >= 0:
         return seen + (DAMPED_RELAXATION if prescribed else 1.0) * error
     corrected = seen + (1.0 if prescribed else RELAXATION) * error
@@ -273,36 +291,6 @@ def _response(contact: Contact, start: Motion, layer: DomedLayer, window: Window
         return known
     spread, parts = layer.spread_mm(1e-3 * pressure[window]), layer.parts_mm(shear[:, *window])
     return Response(layer.middle, window, shear, pressure, spread, parts)
-
-
-def _is_small(
-    error_mm: np.ndarray, sheared_mm: np.ndarray, pressure: np.ndarray, depth_mm: float
-) -> bool:
-    """Whether an error of the displacement by shear, both (3, rows, columns), is in the tolerance.
-
-    pressure: (rows, columns) weights of the means.
-    """
-    weights = pressure / pressure.sum()
-    along_x, along_y, into = (np.abs(error_mm) * weights).sum(axis=(1, 2))
-    displacement = (np.hypot(*sheared_mm[:2]) * weights).sum()
-    allowed = max(COUPLING_TOLERANCE_MM, COUPLING_SHARE * displacement)
-    return max(along_x, along_y) <= allowed and into <= DEFLECTION_SHARE * depth_mm
-
-
-def _mean(values: np.ndarray, pressure: np.ndarray) -> tuple[float, float]:
-    """Means of values along x and y, (2, rows, columns), weighted with the pressure."""
-    along_x, along_y = (values * pressure).sum(axis=(1, 2)) / pressure.sum()
-    return float(along_x), float(along_y)
-
-
-def _moved(values: np.ndarray, by_mm: tuple[float, float], pitch_mm: float) -> np.ndarray:
-    """Values, (n, rows, columns), moved along x and y."""
-    along_x, along_y = by_mm
-    if np.hypot(along_x, along_y) < MIN_MOVE * pitch_mm:
-        return values
-    return ndimage.shift(
-        values, (0, along_y / pitch_mm, along_x / pitch_mm), order=1, mode="nearest"
-    )
 
 
 def _friction(

@@ -25,13 +25,14 @@ RESTART_GROWTH = 2.0
 
 
 @compiled(
-    "void(f4[:, :, :], f4[:, :, :], f8[:, :], b1, i8[::1], i8[::1], i8[::1], f8[:, ::1], f8[::1],"
-    " f8[::1], f8[::1])",
+    "void(f4[:, :, :], f4[:, :, :], f8[:, :], b1, i8[::1], i8[::1], i8[::1], i8[::1],"
+    " f8[:, :, ::1], f8[::1], f8[::1], f8[::1])",
     nogil=True,
 )
 def mean_deflection(
-    responses, weights, thickness, stiffens, rows, columns, sides, cover, covered, deflection, slope
-):
+    responses, weights, thickness, stiffens, bodies, rows, columns, sides, cover, covered,
+    deflection, slope,
+):  # fmt: skip
     """Mean deflection and mean slope of the elastomer's law over the covered part of each pin.
 
     responses, weights: (kernels, rows, columns) of the layer. Writes deflection and slope, (n,).
@@ -40,7 +41,8 @@ def mean_deflection(
         total, total_slope = 0.0, 0.0
         for i in range(rows[n], rows[n] + sides[n]):
             for j in range(columns[n], columns[n] + sides[n]):
-                if cover[i, j] == 0.0:
+                part = cover[bodies[n], i, j]
+                if part == 0.0:
                     continue
                 linear = responses[0, i, j] * weights[0, i, j]
                 for k in range(1, responses.shape[0]):
@@ -49,8 +51,8 @@ def mean_deflection(
                     sunk, steep = stiffened(np.float64(linear), thickness[i, j])
                 else:
                     sunk, steep = np.float64(linear), 1.0
-                total += sunk * cover[i, j]
-                total_slope += steep * cover[i, j]
+                total += sunk * part
+                total_slope += steep * part
         deflection[n] = total / covered[n]
         slope[n] = total_slope / covered[n]
 
@@ -137,8 +139,8 @@ def precondition(pressure, current, rows, columns, sides, reaches, gains, sums):
         if pressure[n] > 0.0 or current[n] > 0.0:
             for i in range(rows[n] + 1, rows[n] + sides[n] + 1):
                 for j in range(columns[n] + 1, columns[n] + sides[n] + 1):
-                    sums[i, j, 0] = change
-                    sums[i, j, 1] = 1.0
+                    sums[i, j, 0] += change
+                    sums[i, j, 1] += 1.0
     for i in range(1, down + 1):
         change, loaded = 0.0, 0.0
         for j in range(1, across + 1):

@@ -193,6 +193,16 @@ class Contact:
         return self.compute_surface()
 
     @cached_property
+    def owner(self) -> np.ndarray:
+        """(ny, nx) index of the body that presses most on each cell; 0 where none presses."""
+        return self.equilibrium.body_pressures_mpa.argmax(axis=0)
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies in contact."""
+        return self.equilibrium.names
+
+    @cached_property
     def shear_layer(self) -> DomedLayer:
         """The tangential response of the elastomer under the contact, on the contact's grid."""
         return domed_layer(self.elastomer, self.x_mm, self.y_mm, self.pressure_kpa)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from t2twin.attachment.triangles import MM_PER_M
 from t2twin.core.errors import T2TwinError
 
 MIN_FACING = 0.5
@@ -82,9 +83,9 @@ def wrenches(
         mujoco.mj_contactForce(model, data, index, force)
         if force[0] <= 0:
             continue
-        at_mm = 1e3 * (contact.pos - frame.position_m) @ frame.rotation
+        at_mm = MM_PER_M * (contact.pos - frame.position_m) @ frame.rotation
         force_n = sign * force[:3] @ axes
-        torque_nmm = 1e3 * sign * force[3:] @ axes + np.cross(at_mm, force_n)
+        torque_nmm = MM_PER_M * sign * force[3:] @ axes + np.cross(at_mm, force_n)
         friction = float(contact.friction[0]) if contact.dim > 1 else 0.0
         body = int(model.body_weldid[model.geom_bodyid[other]])
         found.setdefault(body, []).append((force_n, torque_nmm, at_mm, force[0], friction))
@@ -113,7 +114,7 @@ def relative_motion(
     if before is None:
         return 0.0, 0.0, 0.0
     turn = now.rotation @ before.rotation.T
-    there = turn @ (center_mm - 1e3 * before.position_m) + 1e3 * now.position_m
+    there = turn @ (center_mm - MM_PER_M * before.position_m) + MM_PER_M * now.position_m
     dyaw = atan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
     cos, sin, (x, y, _) = np.cos(dyaw), np.sin(dyaw), center_mm
     return float(there[0] - cos * x + sin * y), float(there[1] - sin * x - cos * y), dyaw

@@ -24,10 +24,9 @@ from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.loads.carry import carry
 from t2twin.sim.contact.loads.prescribed import Load
-from t2twin.sim.contact.pin_layout import OffPadError, Survey
+from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
 from t2twin.sim.sensors import CySkin, Digit
@@ -206,6 +205,7 @@ class AttachedSensor:
     ) -> Contact | None:
         """The contact of the pressing bodies, which continues the state's last one."""
         limit = MAX_FORCE_N / max(sum(each.pressing_n for each in pressing), MAX_FORCE_N)
+        near = {each.body for each in pressing if _is_near(each, state.centers_mm)}
         loads = []
         for each in pressing:
             shape = self._shape(model, data, frame, each.body)
@@ -217,12 +217,13 @@ class AttachedSensor:
                     torque_nmm=float(each.torque_nmm[2]),
                     motion=relative_motion(
                         state.poses.get(each.body), poses[each.body], each.center_mm
-                    ),
+                    )
+                    if each.body in near or len(pressing) == 1
+                    else None,
                     friction=min(each.friction, MAX_FRICTION),
                 )
                 loads.append(load)
-        continues = any(_is_near(each, state.centers_mm) for each in pressing)
-        before = state.touch.contacts.get(self.sensor) if state.touch and continues else None
+        before = state.touch.contacts.get(self.sensor) if state.touch and near else None
         return self._solve(loads, before)
 
     def _solve(self, loads: list[Load], before: Contact | None) -> Contact | None:
@@ -231,18 +232,8 @@ class AttachedSensor:
             return None
         try:
             return carry(self.elastomer, self.device.pitch_mm, loads, before)
-        except OffPadError:
-            over = [load for load in loads if self._is_over(load)]
-            return None if len(over) == len(loads) else self._solve(over, before)
-
-    def _is_over(self, load: Load) -> bool:
-        """Whether the shape of a load is over the pad."""
-        layer = cached_layer(self.elastomer, self.device.pitch_mm)
-        try:
-            Survey(load.shape, PressCommand(load.shape.name, 0.0, 0.0, 0.0, load.force_n), layer)
-        except OffPadError:
-            return False
-        return True
+        except OffPadError as error:
+            return self._solve([load for load in loads if load.shape.name != error.shape], before)
 
     def _shape(
         self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose, body: int

@@ -14,6 +14,7 @@ from t2twin.core import arguments
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.grid import Window, dilated, window_around
 from t2twin.sim.contact.loads.balance import balance, balanced_step
+from t2twin.sim.contact.loads.bodies import owner_of
 from t2twin.sim.contact.sliding import Friction
 from t2twin.sim.contact.tangential.shear_layer import DomedLayer
 from t2twin.sim.contact.tangential.traction import TOLERANCE, solve_traction
@@ -41,7 +42,8 @@ class Load:
     force_n: normal force, N. shear_n: (2,) tangential force on the sensor along x and y, N.
     torque_nmm: torque on the sensor about its z axis, clockwise in the image, N mm.
     motion: (dx_mm, dy_mm, dyaw_rad) of the body's surface along the sensor since the last contact;
-    the rotation is about the sensor's z axis. friction: coefficient of friction.
+    the rotation is about the sensor's z axis. None for a new place of contact, without traction.
+    friction: coefficient of friction.
     Raises T2TwinError for values that are not finite numbers.
     """
 
@@ -49,7 +51,7 @@ class Load:
     force_n: float
     shear_n: tuple[float, float]
     torque_nmm: float
-    motion: tuple[float, float, float]
+    motion: tuple[float, float, float] | None
     friction: float
 
     def __post_init__(self) -> None:
@@ -57,33 +59,33 @@ class Load:
         arguments.number(self.torque_nmm, "torque_nmm")
         arguments.number(self.friction, "friction", 0.0)
         for name in ("shear_n", "motion"):
-            for value in getattr(self, name):
+            for value in getattr(self, name) or ():
                 arguments.number(float(value), name)
 
 
 class PrescribedLoads:
-    """The friction of bodies with prescribed forces and torques; a `Drive` of a step.
+    """The friction of bodies with prescribed forces and torques; a `Drive` of a step."""
 
-    owner: (ny, nx) index of the body over each cell of the contact's grid.
-    """
-
-    def __init__(self, loads: Sequence[Load], owner: np.ndarray) -> None:
-        self.loads, self.owner = loads, owner
-        self.friction = np.array([load.friction for load in loads])[owner]
+    def __init__(self, loads: Sequence[Load]) -> None:
+        self.loads = loads
+        self.friction = np.array([load.friction for load in loads])
 
     def __call__(
         self, contact: Contact, layer: DomedLayer, lateral_mm: np.ndarray, window: Window
     ) -> tuple[np.ndarray, Friction]:
         rows, columns = window
         axes = contact.x_mm[columns], contact.y_mm[rows]
-        owner, friction = self.owner[window], self.friction[window]
+        names = tuple(load.shape.name for load in self.loads)
         calls = 0
 
         def solve(
-            pressure: np.ndarray, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
+            normal: Contact, spread: np.ndarray, dome: np.ndarray, guess: np.ndarray
         ) -> tuple[np.ndarray, np.ndarray, bool]:
             nonlocal calls
             calls += 1
+            owner = owner_of(normal, names)[window]
+            pressure = 1e-3 * normal.pressure_kpa[window] * (owner >= 0)
+            friction = self.friction[owner]
             if calls == 1:  # a prediction, from the pressure of the contact before
                 pressure = self._rescaled(pressure, owner, contact.pitch_mm)
             traction, follows = np.zeros_like(guess), lateral_mm.copy()
@@ -237,5 +239,5 @@ def _wrench(load: Load, lever: np.ndarray, pitch_mm: float) -> np.ndarray:
 
 def _motion(load: Load, lever: np.ndarray) -> np.ndarray:
     """(3,) the rigid motion of a load about a lever, see `balance`."""
-    (dx_mm, dy_mm, turn), (x, y, radius) = load.motion, lever
+    (dx_mm, dy_mm, turn), (x, y, radius) = load.motion or (0.0, 0.0, 0.0), lever
     return np.array([dx_mm - turn * y, dy_mm + turn * x, turn * radius])
