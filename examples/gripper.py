@@ -1,6 +1,7 @@
 """A gripper with a DIGIT and a CySkin grasps five tools; a network predicts the CySkin's counts.
 
     python examples/gripper.py --out gripper.gif
+    python examples/gripper.py --rerun gripper.rrd
     python examples/gripper.py --view --tools wrench
 
 The fingers close on a tool that a magnet holds. The hand lifts and holds the tool, then the grip
@@ -30,6 +31,8 @@ from PIL import Image
 
 import t2twin
 from t2twin.attachment.geometry import Region, body_surface
+from t2twin.core.errors import T2TwinError
+from t2twin.rerun_log import RerunLog
 from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.translate.uncertainty.estimate import Estimate
@@ -165,8 +168,13 @@ class Result:
     same: Comparison = field(default_factory=Comparison)
 
 
-def run(tool: str, rate_hz: float, every: int) -> tuple[Result, list[Image.Image]]:
-    """Grasp one tool; returns what became of it and the pages of the animation."""
+def run(
+    tool: str, rate_hz: float, every: int, log: RerunLog | None = None, start_s: float = 0.0
+) -> tuple[Result, list[Image.Image]]:
+    """Grasp one tool; returns what became of it and the pages of the animation.
+
+    log: recording of the readings and predictions, from start_s on, s.
+    """
     scene = build(tool)
     data, result, pages = mujoco.MjData(scene.model), Result(), []
     layout = t2twin.load_layout()
@@ -176,6 +184,8 @@ def run(tool: str, rate_hz: float, every: int) -> tuple[Result, list[Image.Image
     set_camera(show.camera)
     for number, tick in enumerate(grasp(tool, scene, data, rate_hz)):
         estimate = predictor.other_finger(tick.digit.image)
+        if log is not None:
+            record(log, start_s + tick.time_s, tick, estimate)
         if tick.phase != "close" and tick.digit.contacts and tick.grip_n > MIN_FORCE_N:
             result.other.add(estimate, tick.cyskin.counts)
             truth = virtual_counts(tool, scene, data, tick.digit, rng)
@@ -195,6 +205,14 @@ def run(tool: str, rate_hz: float, every: int) -> tuple[Result, list[Image.Image
             pages.append(page.draw(moment))
     show.close()
     return result, pages
+
+
+def record(log: RerunLog, time_s: float, tick: Tick, estimate: Estimate) -> None:
+    """Record both readings and the prediction of the counts at a time."""
+    log.touch(time_s, tick.cyskin)
+    log.touch(time_s, replace(tick.digit, image=None))  # the prediction records the image
+    predicted = {"counts": estimate.counts, "counts_std": estimate.counts_std}
+    log.prediction(time_s, tick.digit.image, predicted)
 
 
 def view(tool: str, rate_hz: float) -> None:
@@ -236,6 +254,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("gripper.gif"), help=".gif or .mp4")
     parser.add_argument("--rate-hz", type=float, default=RATE_HZ, help="readings per second")
     parser.add_argument("--every", type=int, default=EVERY, help="readings per page of --out")
+    parser.add_argument("--rerun", type=Path, metavar="FILE.rrd", help="recording for Rerun")
     parser.add_argument("--view", action="store_true", help="open MuJoCo's viewer; F4 shows images")
     options = parser.parse_args()
     if options.out.suffix not in (".gif", ".mp4"):
@@ -246,10 +265,16 @@ def main() -> None:
         for tool in options.tools:
             view(tool, options.rate_hz)
         return
+    try:
+        log = None if options.rerun is None else RerunLog(options.rerun)
+    except T2TwinError as error:
+        parser.error(str(error))
     results, pages = {}, []
-    for tool in options.tools:
-        results[tool], drawn = run(tool, options.rate_hz, options.every)
+    for number, tool in enumerate(options.tools):
+        results[tool], drawn = run(tool, options.rate_hz, options.every, log, number * END_S)
         pages += drawn
+    if log is not None:
+        log.close()
     write_animation(options.out, pages, options.rate_hz / options.every)
     print(table(results))
 

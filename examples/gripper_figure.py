@@ -165,7 +165,9 @@ def write_animation(path: Path, pages: Sequence[Image.Image], rate_hz: float) ->
         return
     some = pages[:: max(1, len(pages) // PALETTE_PAGES)]
     palette = Image.fromarray(np.vstack([np.asarray(page) for page in some])).quantize(COLORS)
-    first, *others = (page.quantize(palette=palette, dither=Image.Dither.NONE) for page in pages)
+    first, *others = (
+        page.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for page in pages
+    )
     first.save(
         path, save_all=True, append_images=others, duration=round(1000 / rate_hz), loop=0,
         optimize=True,

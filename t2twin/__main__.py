@@ -10,6 +10,8 @@ def main() -> None:
     """Run the command line; installs the signal handlers before the slow imports."""
     install_handlers()
     _open_standard_streams()
+    # No command renders with MuJoCo, whose EGL needs a later PyOpenGL than pyrender requires.
+    os.environ.pop("MUJOCO_GL", None)
 
     from t2twin.cli import main as run
 

@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks import ROOT
 from benchmarks import __main__ as command
-from benchmarks.evidence import record, run
+from benchmarks.evidence import compare, record, run
 from benchmarks.evidence.record import Argument, Benchmark, Figure, find_benchmarks
 from benchmarks.evidence.results import processor, read_results, versions
 from benchmarks.evidence.values import value, values
@@ -142,6 +142,42 @@ def test_a_missed_limit_fails(results, monkeypatch, time_ms, ratio, sentence):
     monkeypatch.setattr("sys.argv", ["small", "--keep-nothing"])
     with pytest.raises(SystemExit, match=sentence):
         run.main(SMALL)
+
+
+@pytest.mark.parametrize(
+    "time_ms, ratio, lines",
+    [
+        (1.05, 1.95, []),
+        (1.5, 2.0, ["  time_ms: 1 -> 1.5 ms  REGRESSION"]),
+        (0.5, 1.6, ["  time_ms: 1 -> 0.5 ms  better", "  rows.b.ratio: 2 -> 1.6  REGRESSION"]),
+        (None, 2.0, ["  time_ms: 1 -> none ms  REGRESSION"]),
+    ],
+)
+def test_regressions_are_found(results, tmp_path, monkeypatch, time_ms, ratio, lines):
+    measured_as(monkeypatch, 1.0, 2.0)
+    run.run(SMALL, [])
+    committed = (results / "small.json").read_text()
+    monkeypatch.setattr(compare, "git", lambda *_, root: committed)
+    measured_as(monkeypatch, time_ms, ratio)
+    run.run(SMALL, [])
+    found, processor = compare.changes(SMALL, tmp_path)
+    assert (list(map(str, found)), processor) == (lines, "")
+
+
+def test_results_without_committed_ones_have_no_regression(results, tmp_path, monkeypatch):
+    measured_as(monkeypatch, 1.0, 2.0)
+    run.run(SMALL, [])
+    monkeypatch.setattr(compare, "git", lambda *_, root: None)
+    assert compare.changes(SMALL, tmp_path) == ([], "")
+
+
+def test_regressions_are_counted(monkeypatch, capsys):
+    worse = compare.Change("time_ms", 1.0, 2.0, "ms", True)
+    monkeypatch.setattr(command, "changes", lambda benchmark: ([worse], "another"))
+    command.main(["--compare", "press", "gain"])
+    printed = capsys.readouterr().out
+    assert printed.startswith("press, measured on another processor than another\n  time_ms: 1 ->")
+    assert printed.endswith("regressions: 2\n")
 
 
 def test_a_baseline_is_written_with_its_option_only(results, monkeypatch):

@@ -1,6 +1,9 @@
 import json
+import os
+import subprocess
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -196,3 +199,11 @@ def test_press_names_the_elastomer_and_the_versions(tmp_path):
     elastomer = summary["digit"]["elastomer"]
     assert elastomer["thickness_mm"] == 4.07 and elastomer["dome_width_radius_mm"] is None
     assert summary["versions"]["t2twin"] == version("t2twin")
+
+
+def test_commands_run_where_mujoco_is_to_render_with_egl():
+    """MuJoCo cannot be imported so: its EGL needs a later PyOpenGL than pyrender requires."""
+    command = [sys.executable, "-m", "t2twin", "press", "square-2", "--sensor", "cyskin"]
+    environment = {**os.environ, "MUJOCO_GL": "egl", "PYTHONPATH": str(Path(__file__).parents[1])}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
