@@ -207,8 +207,7 @@ def _step(
         if converged and (verify or is_confirmed(normal)):
             break
         verify |= converged or late >= 0
-        if is_due or late == 0:
-            reference = seen + error
+        reference = seen + error if is_due or late == 0 else reference
         if prescribed:
             over = nearest_body(normal, window)
             error = moved(seen + error, -means(error[:2], pressure, over), pitch, over) - seen
