@@ -252,7 +252,7 @@ class FixedPoint:
     ) -> np.ndarray:
         """The pins' deflections by MuJoCo's contact solver, (n,), mm; sets depths_mm.
 
-        parts: of the bodies, each of which is a model of its own.
+        parts: of the bodies; each is a model of its own.
         Raises T2TwinError for more pins than the largest model has.
         """
         deflection, depths_mm = np.empty(gap.size), self.depths_mm.copy()

@@ -17,11 +17,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import ndimage
 
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.contact_solver import is_confirmed, solve_bodies
 from t2twin.sim.contact.grid import Window, dilated, window_around
-from t2twin.sim.contact.loads.bodies import nearest_body
 from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.solver_loops import Anderson
 from t2twin.sim.contact.tangential.displacements import is_small, means, moved
@@ -177,7 +177,7 @@ def _step(
     follows, friction = drive(contact, layer, sheared[:2] + spread, window)
     shear, follows, _ = friction(contact, spread, dome[:2], start.shear_mpa[part])
     seen = layer.response_mm(shear)
-    over = nearest_body(contact, window)
+    over = _nearest_body(contact, window)
     if prescribed:
         seen = moved(seen, means(follows - seen[:2] - spread, pressure, over), pitch, over)
     seen = unfolded(seen, pitch)
@@ -209,7 +209,7 @@ def _step(
         verify |= converged or late >= 0
         reference = seen + error if is_due or late == 0 else reference
         if prescribed:
-            over = nearest_body(normal, window)
+            over = _nearest_body(normal, window)
             error = moved(seen + error, -means(error[:2], pressure, over), pitch, over) - seen
         seen = _corrected(seen, error, late, prescribed, acceleration)
     slip_mm, traction = start.slip_mm.copy(), np.zeros_like(start.shear_mpa)
@@ -218,6 +218,17 @@ def _step(
     response = Response(layer.middle, window, traction, normal.pressure_kpa, spread, parts)
     motion = replace(start, shear_mpa=traction, slip_mm=slip_mm, response=response)
     return replace(normal, motion=motion, settled=bool(normal.settled and converged))
+
+
+def _nearest_body(contact: Contact, window: Window) -> list[np.ndarray]:
+    """For each body of a contact, (rows, columns) bool: the cells of a window nearest to it."""
+    loaded, owner = contact.pressure_kpa[window] > 0, contact.owner[window]
+    if len(contact.bodies) > 1 and loaded.any():
+        nearest = ndimage.distance_transform_edt(
+            ~loaded, return_distances=False, return_indices=True
+        )
+        owner = owner[tuple(np.asarray(nearest))]
+    return [owner == body for body in range(len(contact.bodies))]
 
 
 def _press(

@@ -17,7 +17,7 @@ NEAR_CELLS = 3
 
 BACKWARD_STEPS, BACKWARD_MM = 40, 1e-4
 """Limit on the fixed-point steps to the place from which a point of the surface has come, and the
-change, mm, at which they end. They are half steps where full steps do not halve the change: behind
+change, mm, at which they end. They are half steps where full steps do not halve the change. Behind
 a shape that has slid far the surface is stretched to twice its length, where full steps oscillate.
 """
 

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy import ndimage
 
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
-from t2twin.sim.contact.grid import Window
 from t2twin.sim.contact.heights import heights_at
 from t2twin.sim.contact.types import Contact, Motion, PressCommand
 
@@ -23,17 +21,6 @@ def owner_of(contact: Contact, names: tuple[str, ...]) -> np.ndarray:
         return np.zeros(contact.pressure_kpa.shape, int)
     indices = np.array([names.index(name) if name in names else -1 for name in before])
     return np.where(contact.pressure_kpa > 0, indices[contact.owner], 0)
-
-
-def nearest_body(contact: Contact, window: Window) -> list[np.ndarray]:
-    """For each body of a contact, (rows, columns) bool: the cells of a window nearest to it."""
-    loaded, owner = contact.pressure_kpa[window] > 0, contact.owner[window]
-    if len(contact.bodies) > 1 and loaded.any():
-        nearest = ndimage.distance_transform_edt(
-            ~loaded, return_distances=False, return_indices=True
-        )
-        owner = owner[tuple(np.asarray(nearest))]
-    return [owner == body for body in range(len(contact.bodies))]
 
 
 def kept_traction(

@@ -28,7 +28,7 @@ def is_small(
 
 def means(values: np.ndarray, pressure: np.ndarray, over: list[np.ndarray]) -> np.ndarray:
     """Means of values along x and y, (2, rows, columns), weighted with the pressure, of each body,
-    (bodies, 2); over: see nearest_body."""
+    (bodies, 2). over: of each body, (rows, columns) bool, the cells nearest to it."""
     weights = [pressure * here for here in over]
     return np.array([(values * each).sum(axis=(1, 2)) / (each.sum() or 1.0) for each in weights])
 
@@ -36,11 +36,12 @@ def means(values: np.ndarray, pressure: np.ndarray, over: list[np.ndarray]) -> n
 def moved(
     values: np.ndarray, by_mm: np.ndarray, pitch_mm: float, over: list[np.ndarray]
 ) -> np.ndarray:
-    """Values, (n, rows, columns), moved along x and y by those of each body, (bodies, 2)."""
+    """Values, (n, rows, columns), moved along x and y by those of each body, (bodies, 2).
+    over: see `means`."""
     found = values
     for (along_x, along_y), here in zip(by_mm.tolist(), over, strict=True):
         if np.hypot(along_x, along_y) >= MIN_MOVE * pitch_mm:
             by_cells = (0, along_y / pitch_mm, along_x / pitch_mm)
-            moved = ndimage.shift(values, by_cells, order=1, mode="nearest")
-            found = np.where(here, moved, found)
+            shifted = ndimage.shift(values, by_cells, order=1, mode="nearest")
+            found = np.where(here, shifted, found)
     return found
