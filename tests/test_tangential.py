@@ -444,11 +444,11 @@ def test_a_layout_returns_to_smaller_pins_only_where_they_are_clearly_fewer():
     command = PressCommand(shape.name, 0.378, 1.078, 2.3, 2.25)
     survey = Survey(shape, command, cached_layer(DIGIT_GEL, 0.25))
     light, medium, heavy = (survey.expected_contact(force_n) for force_n in (0.2, 3.0, 4.0))
-    large, small = PinLayout(survey, *heavy), PinLayout(survey, *medium)
+    large, small = PinLayout([survey], [heavy]), PinLayout([survey], [medium])
     assert large.sizes < small.sizes
-    assert PinLayout(survey, *medium, before=large).sizes == large.sizes
-    assert PinLayout(survey, *medium, before=small).sizes == small.sizes
-    assert PinLayout(survey, *light, before=large).sizes == small.sizes
+    assert PinLayout([survey], [medium], before=large).sizes == large.sizes
+    assert PinLayout([survey], [medium], before=small).sizes == small.sizes
+    assert PinLayout([survey], [light], before=large).sizes == small.sizes
 
 
 def test_tips_settle_and_each_unsettled_step_counts(press):
