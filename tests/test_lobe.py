@@ -35,7 +35,8 @@ def unit():
 
 
 def surface(pose):
-    return probe_surfaces.ball(*pose, BALL_MM / 2, HOLD, SKIRT)
+    x_mm, y_mm, depth_mm = pose
+    return probe_surfaces.ball(x_mm, y_mm, depth_mm, BALL_MM / 2, HOLD, SKIRT)
 
 
 def true_geometry():
