@@ -28,6 +28,11 @@ BENCHMARK = Benchmark(
     minutes=4,
     sources=("sim/digit",),
     figures=(
+        Figure("rotations.mean.psnr_db", "dB", least=30.5),
+        Figure("rotations.mean.ssim", least=0.87),
+        Figure("rotations.rim_steepness", least=0.85),
+        Figure("blocks.mean.psnr_db", "dB"),
+        Figure("blocks.mean.ssim"),
         Figure("scores.calibrated.psnr_db", "dB", least=30.5),
         Figure("scores.calibrated.ssim", least=0.87),
         Figure("scores.calibrated.l1", "grey levels"),
