@@ -130,8 +130,9 @@ def _recipe(
     protocol.scale_of(arguments.text(scale, "scale"))
     if sensors is not None:
         arguments.instance(sensors, "sensors", SensorPair)
-    own = SensorPair(cyskin=CySkin(imperfections=DATASET_DEFAULT))
-    sensors, paper = sensors or own, load_recipe(PAPER)
+    else:
+        sensors = SensorPair(cyskin=CySkin(imperfections=DATASET_DEFAULT))
+    paper = load_recipe(PAPER)
     return structs.replace(
         paper,
         seed=seed or 0,

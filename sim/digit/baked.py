@@ -186,13 +186,18 @@ class BakedModel:
         self._add_lobe(self._rays, coated_mm, weight, samples, change)
         return self._reflected(change), pixels
 
-    def _reflected(self, change: np.ndarray) -> np.ndarray:
-        """A change of the light (RGB, S), reflected by the calibration's coating."""
+    @cached_property
+    def _albedo(self) -> np.ndarray | None:
+        """(S) of the calibration's coating; None for an even one."""
         albedo = self.calibration.albedo
         if albedo is None:
-            return change
+            return None
         samples = albedo.reshape(ROWS // 2, 2, COLUMNS // 2, 2).mean(axis=(1, 3))
-        return change * np.pad(samples, 1, mode="edge").astype(np.float32)
+        return np.pad(samples, 1, mode="edge").astype(np.float32)
+
+    def _reflected(self, change: np.ndarray) -> np.ndarray:
+        """A change of the light (RGB, S), reflected by the calibration's coating."""
+        return change if self._albedo is None else change * self._albedo
 
 
 def _gains(rays: Rays, response: np.ndarray) -> np.ndarray:

@@ -59,8 +59,8 @@ class Preset:
         (optimizer.weight_average); 0 for the last weights.
     bf16: compute in bfloat16 if the processor supports it.
     initial_share: after a warm start of a field run, share of the initial run's predictions in the
-        targets of the mean; statistics of batch norm are then kept. It prevents that the network
-        forgets shapes which are not in the dataset (Li and Hoiem 2016).
+        targets of the mean; statistics of batch norm are then kept. The network then keeps
+        its accuracy on shapes that are not in the dataset (Li and Hoiem 2016).
     drift: augmentation of the background frame, standard deviation of relative changes of each
         color's level and gradients since the frame was taken.
     brightness, contrast, noise: augmentation of the DIGIT image, standard deviations: offset and
