@@ -1,4 +1,5 @@
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -7,6 +8,7 @@ import pytest
 from msgspec import structs
 
 from t2twin.cli import main
+from t2twin.cli.dataset import SimdataOptions
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
@@ -100,6 +102,8 @@ def test_what_ships_can_be_planned():
         "moving",
         "pretrained-3",
     }
+    named = set(re.findall(r"[\w-]+", str(SimdataOptions.__doc__)))
+    assert set(bundled_worlds()) <= named
     open_world = load_recipe("open")
     batches = plan(open_world)
     assert sum(batch.pairs for batch in batches) == 100_000
