@@ -20,9 +20,9 @@ class SimdataOptions:
             paper (20,076).
         out: Folder to write; default data/SCALE or data/WORLD.
         workers: Number of processes; default: the number of cores.
-        world: Instead of a scale, a TOML file with shapes, places, forces and light. Or the name
-            of a bundled one: paper, open, open-8n, union, unseen-forces, forces, moving, shipped,
-            shipped-2 or pretrained-3.
+        world: Instead of a scale, a recipe: a TOML file with shapes, places, forces and light, or
+            the name of a bundled one. Bundled are paper, open, open-8n, union, unseen-forces,
+            forces, moving, shipped, shipped-2 and pretrained-3.
         seed: Random seed; default 0, or the recipe's. The same seed gives the same bytes.
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm; default cyskin-20.
             Not with --world.

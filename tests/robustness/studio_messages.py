@@ -117,7 +117,7 @@ def _case(name: str, message: Any, says: str = "", fine: bool = False) -> Case:
 
 
 def _prepare() -> None:
-    """Opens a page, of a new studio before the log of the present one limits its rate."""
+    """Opens a page. Starts a new studio before the log of the old one suppresses lines."""
     if _clients and len(_studio().lines) >= BURST / 2:
         STACK.close()
         _clients.clear()
