@@ -1,4 +1,4 @@
-"""Sliding contact against closed forms, tamaas and finite elements, random slides, and step time.
+"""Sliding contact against closed forms, tamaas and finite elements, and random slides.
 
     python -m benchmarks.slides [--slides N]
 
@@ -7,14 +7,12 @@
 - A ball and a square punch that slide on flat layers, against CalculiX (`benchmarks.slides_fem`).
   A press of t2twin has the force of CalculiX; each state after it has the same motion and force.
 - Slides of random shapes on both sensors: exceptions, warnings and steps that did not converge.
-- Processor time of a step on each sensor, and its ratio to that of a press.
 
 Without tamaas (`pip install '.[oracle]'`) or CalculiX (`apt-get install calculix-ccx`), its part is
 skipped, and null in the results.
 """
 
 import tempfile
-import time
 import warnings
 from argparse import Namespace
 from collections import Counter
@@ -47,7 +45,7 @@ from t2twin.sim.world.presses import random_name
 
 BENCHMARK = Benchmark(
     name="slides",
-    measures="Accuracy of sliding against closed forms and finite elements, failures, step time.",
+    measures="Accuracy of sliding against closed forms and finite elements, and failures.",
     minutes=15,
     sources=("sim/contact", "primitives_cad"),
     figures=(
@@ -75,8 +73,6 @@ BENCHMARK = Benchmark(
         Figure("random.unsettled_percent", "%"),
         Figure("random.refused"),
         Figure("random.force_error", most=0.002),
-        Figure("steps.*.median_ms", "ms"),
-        Figure("steps.*.of_a_press"),
     ),
     arguments=(Argument("--slides", "random slides; 5,000 take three hours", int, 250),),
 )
@@ -126,10 +122,6 @@ FORCES_N, FRICTIONS, MAX_MM, MAX_DEG = (0.5, 12.0), (0.3, 1.5), 3.0, 45.0
 PLACES_MM = (2.0, 3.0)
 """Standard deviations of the place of a random slide along x and y."""
 
-TIMED = ("hemisphere-4", "square-2", "wrench/open-end", *(random_name(SEED, n) for n in range(4)))
-TIMED_STEPS, TIMED_FORCE_N = 6, 4.0
-"""Shapes, steps of 0.2 mm, and force for which the time of a step is measured."""
-
 
 def measure(options: Namespace) -> dict[str, Any]:
     half_space = closed_forms.against_tamaas(DIGIT_GEL.poisson)
@@ -147,7 +139,6 @@ def measure(options: Namespace) -> dict[str, Any]:
         "tamaas": half_space and {"largest_error": max(half_space.values()), **half_space},
         "calculix": against_calculix() if fem.is_installed() else None,
         "random": random_slides(options.slides),
-        "steps": {name: step_time(name) for name in ("digit", "cyskin")},
     }
 
 
@@ -286,25 +277,6 @@ def random_slide(sensors: SensorPair, number: int) -> list[Contact]:
         touch = slide_to(sensors, touch, command, float(friction))
         contacts += touch.contacts.values()
     return contacts
-
-
-def step_time(sensor: str) -> dict[str, float]:
-    """Median processor time of a step and of a press over TIMED, ms, and their ratio."""
-    pair, presses, steps = SensorPair(), [], []
-    of_sensor = pair.digit if sensor == "digit" else pair.cyskin
-    for name in (TIMED[0], *TIMED):  # the first time, code is compiled and kernels are computed
-        shape = catalogue.load(name)
-        command = PressCommand(name, 0.0, 0.0, 0.0, TIMED_FORCE_N)
-        start = time.process_time()
-        contact = of_sensor.press(shape, command)
-        presses.append(1e3 * (time.process_time() - start))
-        for _ in range(TIMED_STEPS):
-            start = time.process_time()
-            contact = advance(contact, 0.2, 0.0, 0.0, TIMED_FORCE_N, 0.8)
-            steps.append(1e3 * (time.process_time() - start))
-    step_ms = float(np.median(steps[TIMED_STEPS:]))
-    press_ms = float(np.median(presses[1:]))
-    return {"median_ms": step_ms, "press_ms": press_ms, "of_a_press": step_ms / press_ms}
 
 
 if __name__ == "__main__":

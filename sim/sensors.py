@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -276,15 +275,10 @@ class SensorPair:
             command.force_n,
         )
         own = {"digit": GEL_FRICTION, "cyskin": COVER_FRICTION}
-        # Most of a step is compiled code, which runs at the same time.
-        with ThreadPoolExecutor(max_workers=2) as pool:
-            steps = {
-                sensor: pool.submit(
-                    advance, contact, *motion, own[sensor] if friction is None else friction
-                )
-                for sensor, contact in touch.contacts.items()
-            }
-        moved = {sensor: step.result() for sensor, step in steps.items()}
+        moved = {
+            sensor: advance(contact, *motion, own[sensor] if friction is None else friction)
+            for sensor, contact in touch.contacts.items()
+        }
         return replace(touch, command=command, image=None, counts=None, **moved)
 
     def with_readings(

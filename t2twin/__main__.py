@@ -10,8 +10,9 @@ def main() -> None:
     """Run the command line; installs the signal handlers before the slow imports."""
     install_handlers()
     _open_standard_streams()
-    # No command renders with MuJoCo, whose EGL needs a later PyOpenGL than pyrender requires.
-    os.environ.pop("MUJOCO_GL", None)
+    # No command renders with MuJoCo. Its EGL needs another PyOpenGL than pyrender, and its GLFW
+    # starts processes on import, which print an error when the command is stopped.
+    os.environ["MUJOCO_GL"] = "disabled"
 
     from t2twin.cli import main as run
 

@@ -201,9 +201,15 @@ def test_press_names_the_elastomer_and_the_versions(tmp_path):
     assert summary["versions"]["t2twin"] == version("t2twin")
 
 
-def test_commands_run_where_mujoco_is_to_render_with_egl():
-    """MuJoCo cannot be imported so: its EGL needs a later PyOpenGL than pyrender requires."""
-    command = [sys.executable, "-m", "t2twin", "press", "square-2", "--sensor", "cyskin"]
-    environment = {**os.environ, "MUJOCO_GL": "egl", "PYTHONPATH": str(Path(__file__).parents[1])}
+@pytest.mark.parametrize("backend", ["egl", "glfw"])
+def test_commands_import_no_renderer_of_mujoco(backend):
+    """Its EGL needs a later PyOpenGL than pyrender requires; its GLFW starts processes on import,
+    which print an error when the command is stopped."""
+    command = [sys.executable, "-X", "importtime", "-m", "t2twin"]
+    command += ["press", "square-2", "--sensor", "cyskin"]
+    folder = str(Path(__file__).parents[1])
+    environment = {**os.environ, "MUJOCO_GL": backend, "PYTHONPATH": folder}
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
+    assert "mujoco" in imported and not imported & {"glfw", "mujoco.egl"}
