@@ -26,14 +26,64 @@ gripper.main()
 print(gripper.END_S)
 """
 
+RERUN = """
+class RecordingStream:
+    def __init__(self, name):
+        self.lines = []
+
+    def save(self, file):
+        self.file = file
+
+    def set_time(self, name, duration):
+        self.time = duration
+
+    def log(self, place, value):
+        self.lines.append(f"{self.time:.6f} {place}")
+
+    def flush(self):
+        self.file.write_text("\\n".join(self.lines))
+
+    def disconnect(self):
+        pass
+
+
+class Image:
+    def __init__(self, pixels):
+        assert pixels.shape == (320, 240, 3)
+
+    def compress(self):
+        return self
+
+
+def BarChart(counts):
+    assert counts.shape == (20,)
+
+
+def Scalars(value):
+    assert isinstance(value, float)
+"""
+"""A stand-in for Rerun, which is not installed for the tests: a recording is lines of text."""
+
 
 def test_gripper_lifts_holds_and_loses_a_tool(tmp_path):
     """In a process of its own: MuJoCo's renderer changes OpenGL for pyrender."""
     file, rate_hz = tmp_path / "gripper.gif", 2.5
+    (tmp_path / "rerun.py").write_text(RERUN)
+    recording = tmp_path / "gripper.rrd"
     options = ["--tools", "allen-key", "--rate-hz", str(rate_hz), "--every", "4"]
+    folders = [EXAMPLES, EXAMPLES.parent, tmp_path]
     ended = subprocess.run(
-        [sys.executable, "-c", GRIPPER, *options, "--out", str(file)],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(EXAMPLES), str(EXAMPLES.parent)])},
+        [
+            sys.executable,
+            "-c",
+            GRIPPER,
+            *options,
+            "--out",
+            str(file),
+            "--rerun",
+            str(recording),
+        ],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))},
         capture_output=True,
         text=True,
     )
@@ -53,6 +103,13 @@ def test_gripper_lifts_holds_and_loses_a_tool(tmp_path):
         assert animation.size == (800, 360)
         pages = len(list(ImageSequence.Iterator(animation)))
         assert pages == np.ceil(end_s * rate_hz / 4)
+    lines = [line.split() for line in recording.read_text().splitlines()]
+    readings = sorted({float(time_s) for time_s, _ in lines})
+    np.testing.assert_allclose(readings, np.arange(1, len(readings) + 1) / rate_hz, atol=1e-3)
+    assert len(readings) > 3 * rate_hz
+    for place in ("digit/image", "cyskin/counts", "prediction/counts", "prediction/counts_std"):
+        assert [each for _, each in lines].count(place) == len(readings), place
+    assert {"digit/shear_n", "cyskin/shear_n"} <= {place for _, place in lines}
 
 
 def test_a_policy_that_reacts_to_slip_holds_what_the_other_drops(monkeypatch):
