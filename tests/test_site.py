@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from browser import browser
 
 import t2twin
 from maintenance.site import PAGES, public_names
@@ -33,3 +34,23 @@ def test_every_page_is_in_the_navigation() -> None:
     listed = str(yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"])
     for page in (ROOT / "docs").rglob("*.md"):
         assert page.relative_to(ROOT / "docs").as_posix() in listed, page
+
+
+WORKER = "addEventListener('message', (event) => postMessage(2 * event.data));"
+PAGE = """<!doctype html><script src="SCRIPT"></script><p></p><script>
+const worker = new Worker("worker.js"), answers = [];
+const said = () => { document.querySelector("p").textContent = answers.sort().join(" "); };
+worker.onmessage = (event) => { answers.push(`own ${event.data}`); said(); };
+worker.addEventListener("message", (event) => { answers.push(`heard ${event.data}`); said(); });
+worker.postMessage(21);
+</script>"""
+
+
+def test_a_page_opened_as_a_file_gets_answers_from_a_worker(tmp_path: Path) -> None:
+    script = ROOT / "docs/javascripts/iframe-worker.js"
+    (tmp_path / "worker.js").write_text(WORKER)
+    (tmp_path / "page.html").write_text(PAGE.replace("SCRIPT", script.as_uri()))
+    with browser() as chrome:
+        page = chrome.new_page()
+        page.goto((tmp_path / "page.html").as_uri())
+        page.get_by_text("heard 42 own 42", exact=True).wait_for()

@@ -1,0 +1,34 @@
+// Search in pages that are opened as files, where browsers start no worker: its script runs in a
+// hidden frame instead.
+if (location.protocol === "file:") {
+  window.Worker = class extends EventTarget {
+    constructor(url) {
+      super();
+      const frame = document.createElement("iframe");
+      frame.hidden = true;
+      document.documentElement.append(frame);
+      this.scope = frame.contentWindow;
+      this.scope.postMessage = (data) => this.deliver(this, data);
+      this.scope.importScripts = (...urls) => Promise.all(urls.map((each) => this.load(each)));
+      this.ready = this.load(url);
+    }
+
+    load(url) {
+      return new Promise((resolve, reject) => {
+        const script = this.scope.document.createElement("script");
+        Object.assign(script, { src: url, onload: resolve, onerror: reject });
+        this.scope.document.documentElement.append(script);
+      });
+    }
+
+    postMessage(data) {
+      this.ready.then(() => this.deliver(this.scope, data));
+    }
+
+    deliver(target, data) {
+      const message = new MessageEvent("message", { data });
+      target.dispatchEvent(message);
+      if (target === this && this.onmessage) this.onmessage(message);
+    }
+  };
+}
