@@ -27,7 +27,7 @@ BENCHMARK = Benchmark(
     name="slide_speed",
     measures="Time of a step of a slide on one core.",
     minutes=1,
-    sources=("sim/contact", "sim/digit", "sim/sensors.py", "sim/slide.py"),
+    sources=("primitives_cad", "sim"),
     figures=(
         Figure("one_sensor.*.median_ms", "ms", most=8.0),
         Figure("one_sensor.*.of_a_press"),
