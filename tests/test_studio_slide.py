@@ -240,8 +240,8 @@ def test_a_page_slides_and_lifts_off(opened):
     page, client = opened
     # One after the other: a page may press between two values, and slide from there.
     send(opened, **{"force, N": 6.0})
-    send(opened, **{"friction": 0.5})
-    send(opened, **{"Motion": "slide"})
+    send(opened, friction=0.5)
+    send(opened, Motion="slide")
     result = send(opened, **{"x, mm": 1.2})
     twin = t2twin.Twin()
     start = twin.press(page.state.shape, force_n=6.0)
