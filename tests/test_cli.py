@@ -203,8 +203,8 @@ def test_press_names_the_elastomer_and_the_versions(tmp_path):
 
 @pytest.mark.parametrize("backend", ["egl", "glfw"])
 def test_commands_import_no_renderer_of_mujoco(backend):
-    """Its EGL needs a later PyOpenGL than pyrender requires; its GLFW starts processes on import,
-    which print an error when the command is stopped."""
+    """MuJoCo's EGL needs another PyOpenGL than pyrender; GLFW starts processes on import, which
+    print an error when the command is stopped."""
     command = [sys.executable, "-X", "importtime", "-m", "t2twin"]
     command += ["press", "square-2", "--sensor", "cyskin"]
     folder = str(Path(__file__).parents[1])

@@ -39,9 +39,12 @@ def test_every_page_is_in_the_navigation() -> None:
 WORKER = "addEventListener('message', (event) => postMessage(2 * event.data));"
 PAGE = """<!doctype html><script src="SCRIPT"></script><p></p><script>
 const worker = new Worker("worker.js"), answers = [];
-const said = () => { document.querySelector("p").textContent = answers.sort().join(" "); };
-worker.onmessage = (event) => { answers.push(`own ${event.data}`); said(); };
-worker.addEventListener("message", (event) => { answers.push(`heard ${event.data}`); said(); });
+const show = (handler, event) => {
+  answers.push(`${handler} ${event.data}`);
+  document.querySelector("p").textContent = answers.sort().join(" ");
+};
+worker.onmessage = (event) => show("onmessage", event);
+worker.addEventListener("message", (event) => show("listener", event));
 worker.postMessage(21);
 </script>"""
 
@@ -53,4 +56,4 @@ def test_a_page_opened_as_a_file_gets_answers_from_a_worker(tmp_path: Path) -> N
     with browser() as chrome:
         page = chrome.new_page()
         page.goto((tmp_path / "page.html").as_uri())
-        page.get_by_text("heard 42 own 42", exact=True).wait_for()
+        page.get_by_text("listener 42 onmessage 42", exact=True).wait_for()

@@ -1,5 +1,5 @@
-// Search in pages that are opened as files, where browsers start no worker: its script runs in a
-// hidden frame instead.
+// The site's search runs in a worker, which browsers do not start for pages opened as files. For
+// these pages, the worker's script runs in a hidden frame.
 if (location.protocol === "file:") {
   window.Worker = class extends EventTarget {
     constructor(url) {
@@ -9,7 +9,6 @@ if (location.protocol === "file:") {
       document.documentElement.append(frame);
       this.scope = frame.contentWindow;
       this.scope.postMessage = (data) => this.deliver(this, data);
-      this.scope.importScripts = (...urls) => Promise.all(urls.map((each) => this.load(each)));
       this.ready = this.load(url);
     }
 
