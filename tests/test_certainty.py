@@ -14,7 +14,8 @@ from t2twin.sim.contact.elastomer import DIGIT_GEL
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
-from t2twin.sim.digit.calibrate.fit import BallFit, State
+from t2twin.sim.digit.calibrate.fit import BallFit
+from t2twin.sim.digit.calibrate.samples import State
 from t2twin.sim.digit.calibrate.forces import BallForces, fit_young_mpa
 from t2twin.sim.digit.calibrate.measurements import FORCES, Tolerance, read_measurements
 from t2twin.sim.digit.calibrate.record import uncertainty_lines

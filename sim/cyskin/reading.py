@@ -112,7 +112,7 @@ PRESETS = {
 fingers on a robot's skin (repository ladylou899/ros2_ws_cyskin_project), which
 benchmarks/recordings.py lists and compares with simulated ones."""
 
-DATASET_DEFAULT: Literal["none", "white", "baseline", "all", "recorded"] = "white"
+DATASET_DEFAULT: Literal["none", "white", "baseline", "all", "recorded"] = "recorded"
 """Imperfections of a dataset whose scale or recipe has none of its own."""
 
 

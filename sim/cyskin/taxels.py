@@ -28,7 +28,7 @@ DIELECTRIC_MAX_STRAIN = 0.5
 FULL_SCALE_COUNTS = 40_000
 """Count at which a taxel saturates (Grella et al. 2023)."""
 
-GAIN_COUNTS = 78_000.0
+GAIN_COUNTS = 73_813.0
 """Counts per doubling of the capacitance: fitted by benchmarks/gain.py, at scale paper, so that the
 99.5th percentile of the largest taxel over the training set is FULL_SCALE_COUNTS."""
 

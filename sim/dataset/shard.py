@@ -42,6 +42,9 @@ MARKER_STREAM = 18
 ARTIFACT_STREAM = 21
 """Random stream of a seed: artifacts of the units."""
 
+FIXED_STREAM = 22
+"""Random stream of a seed: which units are the fixed one."""
+
 MARKER_PITCHES_MM = (1.0, 2.5)
 """Range of the markers' pitches, mm (assumed)."""
 
@@ -156,6 +159,15 @@ def _touches(
         return read
 
 
+def _is_fixed(recipe: Recipe, part: int, number: int) -> bool:
+    """Whether a unit of a part is the fixed one."""
+    light = recipe.light
+    if light.kind == "fixed" or not light.fixed_share:
+        return light.kind == "fixed"
+    rng = np.random.default_rng((recipe.seed, FIXED_STREAM, part, number))
+    return bool(rng.random() < light.fixed_share)
+
+
 def _markers(rng: np.random.Generator, share: float) -> Markers | None:
     """Sampled markers of a DIGIT unit. share: of the units that have markers."""
     if rng.random() >= share:
@@ -185,7 +197,7 @@ def _units(batch: Batch, recipe: Recipe, sensors: SensorPair, watch: Stopwatch) 
             number = 0 if light.kind == "fixed" else sampled
             if unit is None or unit.number != number:
                 digit, columns = sensors.digit, {UNIT: number} if recipe.has_more else {}
-                if light.kind != "fixed":
+                if not _is_fixed(recipe, batch.part, number):
                     rng = np.random.default_rng((recipe.seed, UNIT_STREAM, batch.part, number))
                     with watch.running("light"):
                         sampled_unit = sample_unit(rng, light.draw, center)

@@ -169,8 +169,9 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     default calibration, or the default distribution. draw: ranges of the distribution. optics:
     "baked", or "pyrender", which takes seconds per image. frames: number of frames averaged for an
     image, which reduces the noise: 30 in the protocol, 1 for translation of single frames.
-    artifacts: of the sampled units; without them units have none, and info.json does not contain
-    them. Raises T2TwinError for artifacts of a fixed unit.
+    fixed_share: share of the units that are the fixed unit in place of a sampled one, without
+    artifacts. artifacts: of the sampled units; without them units have none, and info.json does not
+    contain them. Raises T2TwinError for artifacts and fixed_share with kind "fixed".
     """
 
     kind: Literal["fixed", "drawn"] = "fixed"
@@ -178,12 +179,15 @@ class Light(Struct, frozen=True, forbid_unknown_fields=True):
     each: Literal["shape", "press"] = "shape"
     optics: Literal["baked", "pyrender"] = "baked"
     draw: UnitRanges = UnitRanges()
+    fixed_share: Share = 0.0
     frames: Annotated[int, Meta(ge=1, le=MAX_FRAMES)] = FRAMES
     artifacts: Artifacts | UnsetType = UNSET
 
     def __post_init__(self) -> None:
         if self.artifacts and self.kind == "fixed":
             raise T2TwinError('artifacts of light need kind = "drawn", as they differ by unit')
+        if self.fixed_share and self.kind == "fixed":
+            raise T2TwinError('fixed_share of light needs kind = "drawn"')
 
 
 class Recipe(Struct, frozen=True, forbid_unknown_fields=True):

@@ -4,9 +4,11 @@ The parameters are the pose (x_mm, y_mm, depth_mm) of each press, the geometry (
 the response of each LED in each color, which is linear. All are fitted jointly to the grey levels
 around the contacts by the method of Levenberg and Marquardt (Marquardt 1963); the response is
 solved for after each step. Between two such fits ridge.select_terms selects the response's terms.
+
+A lobe can replace a tenth of the depths (measured on a real unit), so these are fitted without it.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -28,6 +30,7 @@ from t2twin.sim.digit.calibrate.samples import (
     START,
     Profile,
     Square,
+    State,
     ball_surface,
     inner,
     leds_of,
@@ -53,18 +56,6 @@ _POSE_REACH = np.array([0.3, 0.3, 0.3])  # longest step of a pose, mm
 _PRIOR = 2e-5
 """Weight of the priors: one standard deviation of a parameter costs as much as this mean square
 error over one press, in (grey / 255)^2 (assumed)."""
-
-
-@dataclass(frozen=True)
-class State:
-    """geometry: (12,) as in samples.GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms).
-    error: mean square error with the priors."""
-
-    geometry: np.ndarray
-    poses: np.ndarray
-    terms: Terms
-    response: np.ndarray
-    error: float
 
 
 class BallFit:
@@ -99,10 +90,17 @@ class BallFit:
             state = self._solved(START, self._start_poses, FIRST_TERMS)
             poses = [self.pose(state, index, pose) for index, pose in enumerate(state.poses)]
             state = self._refined(self._solved(state.geometry, np.array(poses), state.terms))
-            terms = select_terms(self._sums(state.geometry, state.poses, MAX_TERMS))
+            terms = replace(self._selected(state), lobe=False)
+            state = self._refined(self._solved(state.geometry, state.poses, terms))
+            terms = self._selected(state)
+            if not terms.lobe:
+                return state
             return self._refined(self._solved(state.geometry, state.poses, terms))
         poses = np.array([self.pose(start, index) for index in range(len(self._changes))])
         return self._refined(self._solved(start.geometry, poses, start.terms))
+
+    def _selected(self, state: State) -> Terms:
+        return select_terms(self._sums(state.geometry, state.poses, MAX_TERMS))
 
     def _refined(self, state: State) -> State:
         """The joint fit, from an initial state."""
@@ -319,6 +317,10 @@ class BallFit:
         prior = samples * _PRIOR / SPREAD**2
         matrix[of_geometry, of_geometry] += prior
         gradient[of_geometry] += prior * (state.geometry - START)
+        if state.terms.lobe:  # the depths stay
+            depths = 3 * entries + 3 * np.arange(count) + 2
+            matrix[depths], matrix[:, depths] = 0.0, 0.0
+            matrix[depths, depths], gradient[depths] = 1.0, 0.0
         return matrix, gradient
 
     def _linearized(

@@ -5,9 +5,12 @@ samples in a square around it. The geometry is the vector of the nonlinear param
 presses share: the LEDs, and the gel's profile around a ball.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.ridge import Terms
 from t2twin.sim.digit.camera.pinhole import COLUMNS, ROWS
 from t2twin.sim.digit.light.ray_casting import Leds
 
@@ -31,7 +34,7 @@ GEOMETRY = (
     ("elevation_0_deg", 19.0, 0.5, 6.0),  # assumed from the lengths of real shadows
     ("elevation_1_deg", 19.0, 0.5, 6.0),
     ("elevation_2_deg", 13.0, 0.5, 6.0),
-    ("radius_mm", 19.0, 0.5, 4.0),  # assumed: next to the gel
+    ("radius_mm", 19.0, 0.5, 1.0),  # assumed: next to the gel
     ("log_size_0", np.log(2.0), 0.05, 0.5),  # assumed: an LED behind a diffuser, mm
     ("log_size_1", np.log(2.0), 0.05, 0.5),
     ("log_size_2", np.log(3.0), 0.05, 0.5),
@@ -41,6 +44,18 @@ GEOMETRY = (
 START = np.array([row[1] for row in GEOMETRY])
 NUDGE = np.array([row[2] for row in GEOMETRY])
 SPREAD = np.array([row[3] for row in GEOMETRY])
+
+
+@dataclass(frozen=True)
+class State:
+    """geometry: (12,) as in GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms).
+    error: mean square error with the priors."""
+
+    geometry: np.ndarray
+    poses: np.ndarray
+    terms: Terms
+    response: np.ndarray
+    error: float
 
 
 def samples_of(image: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.digit.calibrate.fit import BallFit, State
+from t2twin.sim.digit.calibrate.fit import BallFit
 from t2twin.sim.digit.calibrate.measurements import Measurements
+from t2twin.sim.digit.calibrate.samples import State
 from t2twin.sim.digit.camera.pinhole import Camera
 
 SCALES_PX_PER_MM = (10.0, 40.0)
