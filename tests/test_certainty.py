@@ -15,12 +15,11 @@ from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.calibrate import calibrate
 from t2twin.sim.digit.calibrate.fit import BallFit
-from t2twin.sim.digit.calibrate.samples import State
 from t2twin.sim.digit.calibrate.forces import BallForces, fit_young_mpa
 from t2twin.sim.digit.calibrate.measurements import FORCES, Tolerance, read_measurements
 from t2twin.sim.digit.calibrate.record import uncertainty_lines
 from t2twin.sim.digit.calibrate.ridge import FIRST_TERMS
-from t2twin.sim.digit.calibrate.samples import START
+from t2twin.sim.digit.calibrate.samples import START, State
 from t2twin.sim.digit.calibration import DEFAULT_PATH, Calibration
 from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
 from t2twin.sim.digit.randomization.unit import UnitRanges, sample_unit

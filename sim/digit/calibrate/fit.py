@@ -45,8 +45,7 @@ from t2twin.sim.digit.light.lobe import lobe_columns, normal_terms
 from t2twin.sim.digit.light.ray_casting import Leds, Rays
 
 GAMMA = 1.0
-"""Exponent between light and grey levels of a real unit: shading is nearer to linear in its grey
-levels than in their power 2.2 (measured by cross-validation)."""
+"""Exponent between light and grey levels of a real unit (measured by cross-validation)."""
 MAX_STEPS = 8
 """Largest number of steps of the joint fit."""
 MIN_GAIN = 2e-3
@@ -90,14 +89,15 @@ class BallFit:
             state = self._solved(START, self._start_poses, FIRST_TERMS)
             poses = [self.pose(state, index, pose) for index, pose in enumerate(state.poses)]
             state = self._refined(self._solved(state.geometry, np.array(poses), state.terms))
-            terms = replace(self._selected(state), lobe=False)
-            state = self._refined(self._solved(state.geometry, state.poses, terms))
             terms = self._selected(state)
-            if not terms.lobe:
-                return state
-            return self._refined(self._solved(state.geometry, state.poses, terms))
-        poses = np.array([self.pose(start, index) for index in range(len(self._changes))])
-        return self._refined(self._solved(start.geometry, poses, start.terms))
+        else:
+            poses = [self.pose(start, index) for index in range(len(self._changes))]
+            state, terms = replace(start, poses=np.array(poses)), start.terms
+        state = self._refined(self._solved(state.geometry, state.poses, replace(terms, lobe=False)))
+        terms = terms if start else self._selected(state)
+        if not terms.lobe:
+            return state
+        return self._refined(self._solved(state.geometry, state.poses, terms))
 
     def _selected(self, state: State) -> Terms:
         return select_terms(self._sums(state.geometry, state.poses, MAX_TERMS))
