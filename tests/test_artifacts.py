@@ -217,11 +217,31 @@ def test_a_world_with_artifacts_is_independent_of_workers(tmp_path, shape_cache,
     assert len(apart["plain"]) >= 1 and max(apart["plain"]) < 1.5 < max(apart["used"])
 
 
+def test_a_share_of_the_units_is_the_fixed_one_without_artifacts(tmp_path, shape_cache) -> None:
+    world = tmp_path / "mixed.toml"
+    light = WORLD.replace('kind = "drawn"', 'kind = "drawn"\nfixed_share = 0.5')
+    light = light.replace("presses = 3", "presses = 8")
+    world.write_text(light + "[light.artifacts]\nworn = 1.0\n")
+    make_dataset(tmp_path / "mixed", world=world, workers=1, cache=shape_cache, shapes=TOOL)
+    default = Digit(noise_grey=0.0).background_frame()
+    rows = read_split(tmp_path / "mixed", "test").to_pylist()
+    frames = [decode_png(row["untouched"]["bytes"]) for row in rows]
+    off = np.array([np.abs(frame.astype(float) - default).mean() for frame in frames])
+    is_fixed = off < 1.5
+    assert 3 <= is_fixed.sum() <= 13 and off[~is_fixed].min() > 5.0
+
+
 @pytest.mark.parametrize(
     "old, new, sentence",
     [
         ('kind = "drawn"', 'kind = "fixed"', 'artifacts of light need kind = "drawn"'),
         ("[light.artifacts]", "[light.artifacts]\nglare = 1", "glare"),
+        (
+            'kind = "drawn"\neach = "press"\n[light.artifacts]',
+            "fixed_share = 0.5",
+            "fixed_share of",
+        ),
+        ('kind = "drawn"', 'kind = "drawn"\nfixed_share = 1.5', "fixed_share must be"),
         ("[light.artifacts]", "[light.artifacts]\nworn = 2.0", "worn must be"),
         ("[light.artifacts]", "[light.artifacts]\nstreaks = [3, 1]", "expected low first"),
         ("[light.artifacts]", "[light.artifacts]\nstreak_grey = [0, 9]", "streak_grey.* at least"),
@@ -234,11 +254,14 @@ def test_wrong_artifacts_are_refused(tmp_path, old, new, sentence) -> None:
         load_recipe(path)
 
 
-def test_the_next_pretrained_world_has_120000_touches_with_artifacts_and_motion() -> None:
+def test_the_pretrained_world_has_84960_touches_with_artifacts_motion_and_the_default_light() -> (
+    None
+):
     recipe = load_recipe("pretrained-3")
     batches = plan(recipe)
-    assert sum(batch.pairs for batch in batches) == 120_000
+    assert sum(batch.pairs for batch in batches) == 84_960
     assert recipe.light.artifacts == Artifacts() and recipe.motion
+    assert recipe.light.fixed_share == 0.3
     names = {name for batch in batches for name in batch.shapes}
     for other in ("shipped", "shipped-2"):
         theirs = {name for batch in plan(load_recipe(other)) for name in batch.shapes}

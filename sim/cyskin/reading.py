@@ -97,8 +97,16 @@ PRESETS = {
         gain_spread=0.1,
     ),
     "recorded": Imperfections(
-        noise_counts=((3, 0), (10, 10.3), (25, 44.5), (50, 127), (75, 185), (90, 306), (99, 468)),
-        offset_counts=((50, 0), (90, 291), (99, 771)),
+        noise_counts=(
+            (3.0, 0.0),
+            (10.0, 10.3),
+            (25.0, 44.5),
+            (50.0, 127.0),
+            (75.0, 185.0),
+            (90.0, 306.0),
+            (99.0, 468.0),
+        ),
+        offset_counts=((50.0, 0.0), (90.0, 291.0), (99.0, 771.0)),
         load_noise_counts=440.0,
         load_noise_spread=0.55,
         load_noise_level_counts=1500.0,

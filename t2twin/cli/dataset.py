@@ -26,8 +26,8 @@ class SimdataOptions:
         seed: Random seed; default 0, or the recipe's. The same seed gives the same bytes.
         layout: Taxel layout: a name, or a JSON or CSV file with x_mm and y_mm; default cyskin-20.
             Not with --world.
-        imperfections: The CySkin's errors: none, white (the default), baseline, all or
-            recorded. Not with --world.
+        imperfections: The CySkin's errors: none, white, baseline, all or recorded (the
+            default). Not with --world.
         calibration: The DIGIT's optics, as written by t2twin calibrate; default: the default
             calibration. Not with --world.
         optics: What renders the images: baked, in milliseconds (the default), or pyrender, in
