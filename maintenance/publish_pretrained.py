@@ -23,7 +23,7 @@ from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, REPO
 from t2twin.translate.evaluation.records import Evaluation, ModelRow
 from t2twin.translate.runs.card import CARD, LIMITS
 from t2twin.translate.runs.config import BEST, CONFIG, LOG, load_config
-from t2twin.translate.runs.pretrained import HOME
+from t2twin.translate.runs.pretrained import HOME, versioned
 
 MIN_NUMBERS = 1000
 """Minimum size of a tensor that is stored in half precision (assumed: smaller ones hold less than a
@@ -50,6 +50,7 @@ def publish_pretrained(run_dir: Path, evaluations: Sequence[Path] = (), home: Pa
         if not (run_dir / name).is_file():
             raise T2TwinError(f"{run_dir / name} is not there; the run has not finished")
     card = (run_dir / CARD).read_text(encoding="utf-8")
+    card = card.replace(", preset ", f", {versioned(config.model)}, preset ", 1)
     rows = [row for folder in evaluations for row in _rows(folder, config.data.sha256)]
     folder = home / config.model
     folder.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import require
 from t2twin.translate.runs import pretrained
 from t2twin.translate.runs.config import BEST
-from t2twin.translate.runs.pretrained import HOME, pretrained_runs, resolve_run
+from t2twin.translate.runs.pretrained import HOME, pretrained_runs, resolve_run, versioned
 
 MAX_BYTES = 16_000_000
 """Of all weights that ship together."""
@@ -48,6 +48,7 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
     np.testing.assert_allclose(by_name, load_run(runs[1]).predict_pixels(pixels), atol=100)
     card = (folder / "README.md").read_text()
     assert re.search(r"\| .*, new versions of primitives \| [\d,]+ \| [\d.]+ \|", card)
+    assert "# ResNet18, resnet18@1, preset smoke" in card
     assert card.index("## Measured") < card.index("## Limits")
 
 
@@ -62,6 +63,9 @@ def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monk
         resolve_run("fild")
     with pytest.raises(T2TwinError, match=r"there is no run \./field"):
         resolve_run("./field")
+    assert resolve_run(versioned("field")) == HOME / "field"
+    with pytest.raises(T2TwinError, match=r"no run field@1; this t2twin contains field@2"):
+        resolve_run("field@1")
 
 
 def test_what_cannot_ship_is_one_sentence(runs, data_dir, tmp_path) -> None:

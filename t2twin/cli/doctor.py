@@ -99,12 +99,12 @@ def _extras() -> str:
 
 def _network() -> str:
     from t2twin.translate.runs.config import BEST
-    from t2twin.translate.runs.pretrained import HOME, pretrained_runs
+    from t2twin.translate.runs.pretrained import HOME, pretrained_runs, versioned
 
     runs = [run for run in pretrained_runs() if (HOME / run / BEST).is_file()]
     if not runs:
         raise RuntimeError(f"{HOME} contains no pretrained run; install t2twin again")
-    return f"pretrained: {', '.join(runs)}"
+    return f"pretrained: {', '.join(map(versioned, runs))}"
 
 
 def _solids() -> str:
