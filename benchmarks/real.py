@@ -56,7 +56,6 @@ BENCHMARK = Benchmark(
 
 
 def measure(options: Namespace) -> dict[str, Any]:
-    from t2twin.adaptation.real_frame_evaluation import simulate_reference
     from t2twin.adaptation.record import baseline_rmse_percent
     from t2twin.translate.inference.load import load_run
 
@@ -67,16 +66,7 @@ def measure(options: Namespace) -> dict[str, Any]:
         if name in runs:
             raise T2TwinError(f"two runs are a {name}; name one of them")
         runs[name] = run
-    background = options.frames / "background.png"
-    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
-    with tempfile.TemporaryDirectory() as folder:
-        calibration = Path(folder) / "calibration.npz"
-        report.scored_by.save(calibration)
-        sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
-        ball = write_ball(Path(folder) / "ball.step", BALL_DIAMETER_MM)
-        balls = [ball] * len(report.held_out)
-        references = simulate_reference(report.held_out, report.poses, report.real, balls, sensors)
-    background_frame = upright_frame(read_frame(background))
+    references, background_frame = real_references(options.frames)
     zero, mean_array = baseline_rmse_percent(references, next(iter(runs.values())))
     return {
         "presses": [
@@ -86,6 +76,22 @@ def measure(options: Namespace) -> dict[str, Any]:
         "mean_array_rmse_percent": mean_array,
         "runs": {name: _scores(run, references, background_frame) for name, run in runs.items()},
     }
+
+
+def real_references(folder: Path) -> tuple[list[SimulatedReference], np.ndarray]:
+    """Simulated presses of the held-out frames in a folder, and the background frame."""
+    from t2twin.adaptation.real_frame_evaluation import simulate_reference
+
+    background = folder / "background.png"
+    report = calibrate(background, folder, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
+    with tempfile.TemporaryDirectory() as temporary:
+        calibration = Path(temporary) / "calibration.npz"
+        report.scored_by.save(calibration)
+        sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
+        ball = write_ball(Path(temporary) / "ball.step", BALL_DIAMETER_MM)
+        balls = [ball] * len(report.held_out)
+        references = simulate_reference(report.held_out, report.poses, report.real, balls, sensors)
+    return references, upright_frame(read_frame(background))
 
 
 def _scores(

@@ -100,11 +100,12 @@ def simulate_reference(
 
 
 def evaluate_frames(
-    run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray
+    run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray | None
 ) -> list[PressComparison]:
     """Evaluates a run on the real and the simulated frame of every press.
 
-    background: (320, 240, 3) uint8, background frame of the unit, an input of field runs.
+    background: (320, 240, 3) uint8, background frame of the unit, an input of field runs; None for
+    none.
     """
     return [
         PressComparison(
@@ -123,7 +124,7 @@ def evaluate_frame(
     image: np.ndarray,
     truth: np.ndarray,
     force_n: float,
-    background: np.ndarray,
+    background: np.ndarray | None,
 ) -> FrameResult:
     """Evaluates a run on one frame, (320, 240, 3) uint8.
 
@@ -145,14 +146,16 @@ def evaluate_frame(
     )
 
 
-def predict_counts(run: CountsPredictor, image: np.ndarray, background: np.ndarray) -> np.ndarray:
+def predict_counts(
+    run: CountsPredictor, image: np.ndarray, background: np.ndarray | None
+) -> np.ndarray:
     """Predicted counts, (N,); a field run also receives the background frame."""
     own = background if isinstance(run, FieldPredictor) else None
     return np.asarray(run.predict(image, own), dtype=float)
 
 
 def _predict(
-    run: CountsPredictor, image: np.ndarray, truth: np.ndarray, background: np.ndarray
+    run: CountsPredictor, image: np.ndarray, truth: np.ndarray, background: np.ndarray | None
 ) -> tuple[np.ndarray, float | None, float | None]:
     """Counts, force in newtons, and the share of the truth that the intervals cover."""
     if not isinstance(run, FieldPredictor):

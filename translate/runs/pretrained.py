@@ -16,7 +16,7 @@ DEFAULT_RUN = "field"
 """The pretrained run that commands, `load` and the studio use by default."""
 
 VERSIONS = {"field": 2}
-"""Versions of the pretrained runs, 1 unless given. A run that is trained again predicts other counts."""
+"""Versions of the pretrained runs, 1 unless given. Another training predicts other counts."""
 
 
 def pretrained_runs() -> tuple[str, ...]:
