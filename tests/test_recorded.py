@@ -19,6 +19,8 @@ from t2twin.sim.dataset.store import read_info, read_split, sha256_of
 from t2twin.sim.dataset.timing import Stopwatch
 from t2twin.sim.slide import path_commands, touches_along
 from t2twin.sim.world.presses import PressSample
+from t2twin.translate.evaluation.predictions import as_readings
+from t2twin.translate.uncertainty.estimate import Estimate
 
 LAYOUT, RECORDED = load_layout(), reading.imperfections("recorded")
 LEVEL = 10_000.0
@@ -65,9 +67,26 @@ def test_noise_and_offset_without_contact_have_the_recorded_percentiles():
 
 def test_the_mean_at_rest_is_that_of_a_clipped_normal_distribution():
     found = frames(np.zeros(4000), RECORDED).mean(axis=0)
-    np.testing.assert_allclose(
-        found, reading.counts_at_rest(RECORDED, LAYOUT.size), atol=30, rtol=0
-    )
+    expected, _ = reading.expected_reading(RECORDED, np.zeros(LAYOUT.size))
+    np.testing.assert_allclose(found, expected, atol=30, rtol=0)
+
+
+def test_an_estimate_of_noiseless_counts_becomes_one_of_readings(tmp_path):
+    """An exact estimate covers 90 % of the readings of its presses, and has no bias."""
+    info = make_dataset(tmp_path / "data", "smoke", shapes=("hemisphere-4",), workers=1)
+    rng = np.random.default_rng(3)
+    truth = rng.uniform(0.0, 12_000.0, (400, LAYOUT.size)).astype(np.float32)
+    truth[rng.random(truth.shape) < 0.5] = 0.0
+    none, unknown = np.zeros_like(truth), np.zeros(len(truth), np.float32)
+    exact = Estimate(truth, none, none, none, unknown, unknown, None, None, 40_000.0)
+    estimate = as_readings(exact, info)
+    readings = np.stack([reading.read(row, LAYOUT, RECORDED, rng).astype(float) for row in truth])
+    low, high = estimate.interval(0.9)
+    inside = (low <= readings) & (readings <= high)
+    assert inside.mean() == pytest.approx(0.9, abs=0.03)
+    bias = (readings - estimate.counts).mean(axis=0)
+    np.testing.assert_allclose(bias, 0.0, atol=40)
+    assert as_readings(exact, replace(info, parameters=None)) is exact
 
 
 @pytest.mark.parametrize("level", [300.0, 3_000.0, 14_000.0])

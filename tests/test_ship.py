@@ -11,9 +11,11 @@ from spots import write_spots
 
 from maintenance.publish_pretrained import publish_pretrained
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.dataset.store import read_info
 from t2twin.translate.data.pairs import load_pairs
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.metrics.reliability import REPORTED_LEVEL, uncertainty_metrics
+from t2twin.translate.evaluation.predictions import as_readings
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import require
@@ -94,7 +96,7 @@ def test_the_card_says_what_is_measured(protocol_dataset: Path) -> None:
     assert told is not None
     run = require(load_run(HOME / "field"), FieldPredictor, "the test")
     pairs = load_pairs(protocol_dataset, "test", run.config.preset.size, grey=False)
-    said = run.estimate_pixels(pairs.inputs)
+    said = as_readings(run.estimate_pixels(pairs.inputs), read_info(protocol_dataset))
     off = said.counts - pairs.counts
     percent = 100.0 * np.sqrt(np.mean(np.square(off))) / run.config.data.full_scale_counts
     assert percent == pytest.approx(float(told[1]), rel=0.1)

@@ -25,6 +25,9 @@ FRAME_S = 0.1
 SAMPLE_S = READINGS * FRAME_S
 """Duration of a sample, s."""
 
+FAR_FROM_ZERO = 40.0
+"""Level over its standard deviation at which clipping to 0 has no effect in float64."""
+
 ARRAY_STREAM = 19
 """Random stream of an array's seed: the taxels' noise, offsets and memory."""
 
@@ -170,24 +173,36 @@ def read_after(
     levels, memory = _remember(signal, memory, taxels, flaws, seconds / readings, readings)
     wandered = rng.random(n) < flaws.drift_share
     signals = levels + wandered * flaws.drift_counts * rng.standard_normal(n) + taxels.offset_counts
-    under_load = -np.expm1(-np.maximum(levels, 0.0) / flaws.load_noise_level_counts)
-    deviation = np.hypot(flaws.white_counts, taxels.noise_counts)
-    deviation = np.hypot(deviation, taxels.load_noise_counts * under_load)
-    found = signals + deviation * rng.standard_normal((readings, n))
+    found = signals + _deviation(flaws, taxels, levels) * rng.standard_normal((readings, n))
     counts = np.rint(np.clip(found, 0, FULL_SCALE_COUNTS).mean(axis=0)).astype(np.uint16)
     return counts, memory
 
 
-def counts_at_rest(flaws: Imperfections, taxels: int, array_seed: int = 0) -> np.ndarray:
-    """(N,) mean count of each taxel without contact that noise_counts and offset_counts cause.
+def expected_reading(
+    flaws: Imperfections, true_counts: np.ndarray, array_seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and standard deviation of readings of a static contact, (..., N) each.
 
-    It is the mean of a normal distribution that is clipped to 0.
+    true_counts: (..., N) noiseless. Offsets and noise are included, with the mean of a normal
+    distribution that is clipped to 0. Wandering, hysteresis, crosstalk and gains are not.
     """
-    array = _taxels(flaws, taxels, array_seed)
-    deviation = array.noise_counts
-    score = np.divide(array.offset_counts, deviation, where=deviation > 0, out=np.zeros(taxels))
+    array = _taxels(flaws, true_counts.shape[-1], array_seed)
+    deviation = _deviation(flaws, array, true_counts)
+    level = true_counts + array.offset_counts
+    far = np.full_like(level, FAR_FROM_ZERO)
+    score = np.divide(level, deviation, where=deviation > 0, out=far)
     density = np.exp(-(score**2) / 2) / np.sqrt(2 * np.pi)
-    return array.offset_counts * ndtr(score) + deviation * density
+    mean = level * ndtr(score) + deviation * density
+    square = (level**2 + deviation**2) * ndtr(score) + level * deviation * density
+    std = np.sqrt(np.maximum(square - mean**2, 0.0) / READINGS)
+    return np.minimum(mean, FULL_SCALE_COUNTS), std
+
+
+def _deviation(flaws: Imperfections, taxels: "_Taxels", levels: np.ndarray) -> np.ndarray:
+    """Standard deviation of one reading's noise at levels, (..., N)."""
+    under_load = -np.expm1(-np.maximum(levels, 0.0) / flaws.load_noise_level_counts)
+    deviation = np.hypot(flaws.white_counts, taxels.noise_counts)
+    return np.hypot(deviation, taxels.load_noise_counts * under_load)
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,15 @@ Shape letters: P pairs, N taxels.
 
 import zipfile
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
+from t2twin.sim.cyskin.reading import expected_reading
+from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.translate.data.pairs import InputImages, Pairs, load_pairs
 from t2twin.translate.evaluation.metrics.baselines import (
     MEAN_ARRAY,
@@ -103,11 +105,24 @@ def predict_runs(
         if isinstance(run, FieldPredictor):
             fixed = None if background is None else background.at_size(preset.size)
             images = own.inputs if fixed is None else InputImages(own.images, fixed)
-            estimates[name] = run.estimate_pixels(images, progress=name)
+            found = run.estimate_pixels(images, progress=name)
+            estimates[name] = as_readings(found, inputs.dataset)
             predictions[name] = estimates[name].counts
         else:
             predictions[name] = run.predict_pixels(own.images, progress=name)
     return predictions, estimates
+
+
+def as_readings(estimate: Estimate, info: DatasetInfo) -> Estimate:
+    """An estimate of readings of the dataset's array, from one of noiseless counts.
+
+    Counts at rest and noise are known properties of the array, which field runs do not predict.
+    """
+    if info.parameters is None:
+        return estimate
+    mean, noise = expected_reading(info.parameters.cyskin.imperfections, estimate.counts)
+    std = np.hypot(estimate.counts_std, noise)
+    return replace(estimate, counts=mean.astype(np.float32), counts_std=std.astype(np.float32))
 
 
 def read_predictions(folder: Path) -> Predictions:

@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from t2twin.sim.cyskin.layout import Layout
 from t2twin.sim.cyskin.phi import barycentric
-from t2twin.sim.cyskin.reading import counts_at_rest, read
+from t2twin.sim.cyskin.reading import expected_reading, read
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.digit.camera.pinhole import DIGIT_CAMERA, Camera
 from t2twin.translate.data.pairs import DataInfo
@@ -99,7 +99,7 @@ def second_reading(counts: np.ndarray, info: DatasetInfo, seed: int = SEED) -> n
         np.array(info.layout_y_mm),
         np.array(skin.pad_diameter_mm),
     )
-    at_rest = counts_at_rest(skin.imperfections, layout.size)
+    at_rest, _ = expected_reading(skin.imperfections, np.zeros(layout.size))
     rng = np.random.default_rng(seed)
     repeated = np.empty(counts.shape, np.float32)
     for row, stored in enumerate(counts.astype(float)):
