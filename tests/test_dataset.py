@@ -20,6 +20,7 @@ from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.core.images import decode_png
 from t2twin.primitives_cad import catalogue
+from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import Shard
 from t2twin.sim.dataset.store import (
@@ -260,7 +261,8 @@ def test_the_log_says_where_the_time_went(made):
 def test_a_pair_is_what_the_sensors_take(made, shapes):
     """The row's picture and counts are those of the two sensors under the row's own press."""
     table = pq.ParquetFile(made / "train/square-1.parquet").read()
-    index, sensors = table["index"][1].as_py(), SensorPair()
+    index = table["index"][1].as_py()
+    sensors = SensorPair(cyskin=CySkin(imperfections=DATASET_DEFAULT))
     command = protocol.press_at(shapes("square-1"), index)
     rng = np.random.default_rng((0, catalogue.NAMES.index("square-1"), index))
     image = sensors.digit.image(sensors.digit.press(shapes("square-1"), command), rng)

@@ -34,7 +34,7 @@ NOT_RUN = {
     "t2twin calibrate --background background.png --presses": "tests/test_calibrate.py",
     "t2twin press square-2 --calibration": "needs a calibration; tests/test_calibrate.py",
     "t2twin calibrate-uncertainty": "needs a trained field run; tests/test_field.py",
-    "t2twin evaluate runs/shipped-2": "needs a training of hours",
+    "t2twin evaluate runs/pretrained-3": "needs a training of hours",
     "t2twin live 0": "needs a camera",
     "t2twin live frames/ --run runs/mine": "needs a training of an hour",
     "t2twin live video.mp4": "tests/test_live.py",

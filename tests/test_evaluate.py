@@ -27,7 +27,7 @@ from t2twin.translate.evaluation.metrics.baselines import (
     mean_array,
     neighbors,
 )
-from t2twin.translate.evaluation.predictions import PREDICTIONS, read_predictions
+from t2twin.translate.evaluation.predictions import PREDICTIONS, as_readings, read_predictions
 from t2twin.translate.evaluation.records import (
     FORMAT,
     Bootstrap,
@@ -338,9 +338,11 @@ def test_a_field_run_is_given_the_background_of_the_default_calibration(
     pairs = load_pairs(small_dataset, "val", 96, grey=False)
     frame = DigitOptics.load().background
     expected = run.estimate_pixels(run.with_background(pairs.images[:], run.pixels_of(frame)[0]))
+    expected = as_readings(expected, read_info(small_dataset))
     predictions = read_predictions(tmp_path / "default").by_model["field"]
     np.testing.assert_allclose(predictions, expected.counts, atol=0.5)
-    assert not np.allclose(predictions, run.predict_pixels(pairs.images[:]), atol=0.5)
+    without = as_readings(run.estimate_pixels(pairs.images[:]), read_info(small_dataset))
+    assert not np.allclose(predictions, without.counts, atol=0.5)
 
 
 def test_a_given_background_frame_is_used(small_dataset: Path, tmp_path: Path) -> None:
