@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.cyskin.reading import Imperfections, imperfections, read
+from t2twin.sim.cyskin.reading import (
+    DATASET_DEFAULT,
+    Imperfections,
+    expected_reading,
+    imperfections,
+    read,
+)
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.dataset.info import DatasetInfo
 from t2twin.sim.dataset.store import read_info
@@ -95,9 +101,11 @@ def test_noise_floor_is_of_the_datasets_own_noise(data_dir: Path) -> None:
     inputs = EvaluationInputs(data_dir, read_info(data_dir), load_info(data_dir), {}, {}, None)
     rows = predict_baselines(inputs, pairs, train, near, ())
     error = np.sqrt(np.square(rows[NOISE_FLOOR] - pairs.counts).mean())
-    # 8.6 counts a reading; where a taxel is at zero, half of the noise is cut off
-    assert 0.6 * 8.6 * np.sqrt(2 / 5) < error < 1.1 * 8.6 * np.sqrt(2 / 5)
-    assert error < np.sqrt(np.square(rows[NEAREST_NEIGHBOR] - pairs.counts).mean()) / 20
+    flaws = imperfections(DATASET_DEFAULT)
+    at_rest, _ = expected_reading(flaws, np.zeros(pairs.counts.shape[1]))
+    _, noise = expected_reading(flaws, np.maximum(pairs.counts - at_rest, 0.0))
+    assert error == pytest.approx(np.sqrt(2 * np.square(noise).mean()), rel=0.1)
+    assert error < np.sqrt(np.square(rows[NEAREST_NEIGHBOR] - pairs.counts).mean()) / 5
 
 
 def figures_of(errors: np.ndarray) -> PairFigures:
