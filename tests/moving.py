@@ -6,6 +6,7 @@ WORLD = """
 format = 1
 name = "tiny"
 seed = 4
+imperfections = "white"
 
 [[parts]]
 shapes = "random"
