@@ -6,7 +6,7 @@ Presses CASES shapes of `benchmarks.contact_shapes` on the flat linear layers of
 half of them on each sensor. Force, position and yaw are sampled by the case's number. A force that
 pushes a shape through the layer is halved.
 
-The reference is `benchmarks.oracle` with cells of a third of the contact solver's smallest pin,
+The reference is `benchmarks.oracle` with cells of a quarter of the contact solver's smallest
 which samples the exact shape. Its depth is extrapolated from two grids; the difference between both
 grids bounds the error of the reference. References are cached by the gaps, the force and the
 oracle's code, so that a repetition is faster.
@@ -68,8 +68,8 @@ OUTER = {"depth": 0.04, "surface": 0.09, "pressure": 0.1, "pad": 0.04}
 """Errors that 95 % of the cases may have, and that each may have. Surface and pressure: relative
 L2. pad: largest error of a taxel pad, relative to the largest pad pressure."""
 
-PITCHES_MM = (0.25 / 3, 0.125 / 3)
-"""Cells of the reference, mm: two thirds and a third of the smallest pin."""
+PITCHES_MM = (0.0625, 0.03125)
+"""Cells of the reference, mm: a half and a quarter of the smallest pin."""
 
 FORCES_N = (0.5, 12.0)
 """Range of the sampled forces, N, log-uniform."""
