@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad.height_map import PITCH_MM
+from t2twin.primitives_cad.height_map import PITCH_MM, rounded_outline
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 
 REACH_MM = 8.4
@@ -47,11 +47,12 @@ class Case:
         return np.where(heights > NOTHING_MM / 2, tilted, NOTHING_MM)
 
     def shape(self, pitch_mm: float = PITCH_MM) -> tuple[Shape, float]:
-        """The shape with a height map of a pitch, mm, and its top, mm: the height before it was
-        moved to 0. Its mesh is not used."""
+        """The shape with a height map of a pitch, mm, made as for shapes from files, and its top,
+        mm: the height before it was moved to 0. Its mesh is not used."""
         half = int(np.ceil(REACH_MM / pitch_mm)) + 2
         axis = pitch_mm * np.arange(-half, half + 1)
-        heights = self.tilted_mm(*np.meshgrid(axis, axis))
+        x, y = np.meshgrid(axis, axis)
+        heights = rounded_outline(lambda dx, dy: self.tilted_mm(x + dx, y + dy), pitch_mm)
         top = float(heights.max())
         surface = np.where(heights > NOTHING_MM / 2, heights - top, NOTHING_MM).astype(np.float32)
         shape = Shape(self.name, trimesh.Trimesh(), HeightMap(surface, axis, axis), (1.4, 1.4))
