@@ -114,17 +114,19 @@ def solve(
     answer_of_cell: np.ndarray,
     tolerance: float = 1e-5,
     most: int = 6000,
+    start: np.ndarray | None = None,
 ) -> Answer:
     """Contact of a rigid shape, given by its gaps (rows, columns), under a force.
 
     answer_of_cell: what `kernel` gave for this grid. tolerance: change of the pressure in an
-    iteration, as a share of all of it, below which it has ended; most: iterations. Raises
-    T2TwinError where they are not enough.
+    iteration, as a share of all of it, below which it has ended; most: iterations. start: a
+    pressure near the solution, (rows, columns). Raises T2TwinError where they are not enough.
     """
     deflection = deflection_under(answer_of_cell)
     area = pitch_mm**2
-    pressure = np.where(gap_mm <= np.quantile(gap_mm, 0.1), 1.0, 0.0)
-    pressure *= force_n / (pressure.sum() * area)
+    if start is None:
+        start = np.where(gap_mm <= np.quantile(gap_mm, 0.1), 1.0, 0.0)
+    pressure = start * (force_n / (start.sum() * area))
     direction = np.zeros_like(pressure)
     last_square, restart = 1.0, True
     for _ in range(most):

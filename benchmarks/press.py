@@ -238,19 +238,22 @@ def halved(shape: Shape, sensor: Sensor, force_n: float) -> dict[str, float]:
 
 def _surface_error(contact: Contact, pad: FlatPad, deflection_mm: np.ndarray) -> float:
     expected = RectBivariateSpline(pad.y_mm, pad.x_mm, deflection_mm)(contact.y_mm, contact.x_mm)
-    return _distance(contact.surface_mm, expected)
+    return distance(contact.surface_mm, expected)
 
 
 def _pressure_error(contact: Contact, pad: FlatPad, pressure_mpa: np.ndarray) -> float:
-    edges = [_block_edges(length) for length in (pad.length_mm, pad.width_mm)]
+    given = block_forces(contact.x_mm, contact.y_mm, 1e-3 * contact.pressure_kpa, pad.elastomer)
+    return distance(given, block_forces(pad.x_mm, pad.y_mm, pressure_mpa, pad.elastomer))
 
-    def blocks(x_mm: np.ndarray, y_mm: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-        x, y = np.meshgrid(x_mm, y_mm)
-        force = pressure * (x_mm[1] - x_mm[0]) ** 2
-        return np.histogram2d(y.ravel(), x.ravel(), edges, weights=force.ravel())[0]
 
-    given = blocks(contact.x_mm, contact.y_mm, 1e-3 * contact.pressure_kpa)
-    return _distance(given, blocks(pad.x_mm, pad.y_mm, pressure_mpa))
+def block_forces(
+    x_mm: np.ndarray, y_mm: np.ndarray, pressure_mpa: np.ndarray, layer: Elastomer
+) -> np.ndarray:
+    """Forces, N, of a pressure on a grid's cells on blocks of BLOCK_MM that cover a layer."""
+    edges = [_block_edges(length) for length in (layer.length_mm, layer.width_mm)]
+    x, y = np.meshgrid(x_mm, y_mm)
+    force = pressure_mpa * (x_mm[1] - x_mm[0]) ** 2
+    return np.histogram2d(y.ravel(), x.ravel(), edges, weights=force.ravel())[0]
 
 
 def _block_edges(length_mm: float) -> np.ndarray:
@@ -259,7 +262,8 @@ def _block_edges(length_mm: float) -> np.ndarray:
     return BLOCK_MM * np.arange(-reach, reach + 1)
 
 
-def _distance(given: np.ndarray, expected: np.ndarray) -> float:
+def distance(given: np.ndarray, expected: np.ndarray) -> float:
+    """Relative L2 distance of two arrays of equal shape."""
     return float(np.linalg.norm(given - expected) / np.linalg.norm(expected))
 
 

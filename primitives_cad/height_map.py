@@ -1,5 +1,6 @@
 """Height maps of meshes: the highest point of a mesh over each grid point."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,13 @@ the largest offset of a press on a tool's or a file's shape, 4.5 mm."""
 MAX_CELLS = 1_500_000
 """Limit on the cells of a map whose pitch is not given (assumed)."""
 
+WALL_POINTS = 2.0
+"""Height difference from a point half a pitch away, in pitches, above which a wall is between them
+(assumed: a slope of 76 degrees)."""
+
+DIRECTIONS = 8
+"""Directions in which a point is compared with points half a pitch away."""
+
 FACE_MM = 0.02
 """Height range of a flat face, mm (assumed: finer than a print's layer)."""
 
@@ -36,12 +44,17 @@ EDGE_MM = 1.0e-6
 
 
 def aligned(
-    mesh: "trimesh.Trimesh", pitch_mm: float | None = None, reach_mm: float = REACH_MM
+    mesh: "trimesh.Trimesh",
+    pitch_mm: float | None = None,
+    reach_mm: float = REACH_MM,
+    rounds_outline: bool = False,
 ) -> tuple["trimesh.Trimesh", HeightMap]:
     """A mesh (mm) moved along z so that its highest point within reach is at 0, and its height map.
 
     pitch_mm: None for PITCH_MM, doubled until the map has at most MAX_CELLS.
     reach_mm: half the side of the map, which is centered on the press axis.
+    rounds_outline: whether outlines are at the nearest points, see `rounded_outline`, instead of
+        the last ones on the solid.
     The grid has a point on the axis, is symmetric about it, and ends in a rim of NOTHING_MM.
     Raises T2TwinError where the mesh has no surface within reach.
     """
@@ -59,8 +72,14 @@ def aligned(
         raise T2TwinError(f"the shape has no surface within {reach_mm:g} mm of the press axis")
     half_x, half_y = np.minimum(np.abs(triangles[:, :, :2]).max(axis=(0, 1)), reach_mm)
     pitch = pitch_mm if pitch_mm is not None else _pitch_for(half_x, half_y)
-    columns, rows = (int(np.floor(half / pitch + EDGE_MM)) for half in (half_x, half_y))
-    heights = rasterize_triangles(triangles, pitch, rows, columns)
+    beyond = 0.5 if rounds_outline else 0.0
+    columns, rows = (int(np.floor(half / pitch + beyond + EDGE_MM)) for half in (half_x, half_y))
+
+    def sample(dx_mm: float, dy_mm: float) -> np.ndarray:
+        moved = triangles - np.array((dx_mm, dy_mm, 0.0))
+        return rasterize_triangles(moved, pitch, rows, columns)
+
+    heights = rounded_outline(sample, pitch) if rounds_outline else sample(0.0, 0.0)
     top = float(heights.max())
     if top == NOTHING_MM:
         raise T2TwinError(f"the shape has no surface within {reach_mm:g} mm of the press axis")
@@ -72,6 +91,22 @@ def aligned(
         x_mm=np.arange(-columns - 1, columns + 2) * pitch,
         y_mm=np.arange(-rows - 1, rows + 2) * pitch,
     )
+
+
+def rounded_outline(sample: Callable[[float, float], np.ndarray], pitch_mm: float) -> np.ndarray:
+    """Heights at the points of a map, mm, with its outlines at the nearest points.
+
+    A point less than half a pitch beside a wall belongs to the top of the wall. Widths between
+    points are then right on average; without, they are too small by a pitch on average.
+    sample: heights at the points moved by dx, dy, mm.
+    """
+    heights, half = sample(0.0, 0.0), (1 - EDGE_MM) * pitch_mm / 2
+    beside = heights
+    for angle in 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
+        beside = np.maximum(
+            beside, sample(half * float(np.cos(angle)), half * float(np.sin(angle)))
+        )
+    return np.where(beside - heights > WALL_POINTS * pitch_mm, beside, heights)
 
 
 def base_mm(surface: HeightMap) -> float | None:

@@ -28,6 +28,10 @@ CENTER_AND_CORNERS = np.array([12, 0, 4, 20, 24])
 STEEPEST = 1.5
 """Height difference within a cell, in cells, above which it contains a wall and not a slope."""
 
+MIN_WALL_MM = 0.18
+"""Least height difference of a wall, mm (assumed: about that within the usual smallest pin). The
+steep rim of a round needle is no wall on pins that are smaller."""
+
 CENTER_WEIGHT = 1 - 1 / (12 * 0.4**2)
 """Weight of a cell's center in its mean height, the corners sharing the rest: exact for quadratic
 heights, as the corner samples lie 0.4 cells off the center both ways."""
@@ -143,12 +147,12 @@ def _sample_offsets(cos, sin, cell):
 
 
 @compiled(inline="always")
-def _walled_cell(heights, column, row, aside, ahead, samples, high, cell):
+def _walled_cell(heights, column, row, aside, ahead, samples, high, wall):
     """Mean height, share and peak of the part of a cell above its walls, from all samples."""
     for k in range(samples.size):
         samples[k] = interpolated(heights, column + aside[k], row + ahead[k])
         high = max(high, samples[k])
-    lowest = high - STEEPEST * cell
+    lowest = high - wall
     covered, total = 0, 0.0
     for k in range(samples.size):
         if samples[k] >= lowest and samples[k] > NOTHING_MM / 2:
@@ -160,7 +164,7 @@ def _walled_cell(heights, column, row, aside, ahead, samples, high, cell):
 
 
 @compiled(inline="always")
-def _smooth_cell(few, n, cell):
+def _smooth_cell(few, n, wall):
     """Whether a cell contains no wall, its mean height, lowest and highest sample."""
     center = few[0, n]
     low, high, total = center, center, np.float32(0.0)
@@ -168,7 +172,7 @@ def _smooth_cell(few, n, cell):
         height = few[k, n]
         low, high, total = min(low, height), max(high, height), total + height
     mean = CENTER_WEIGHT * center + (1 - CENTER_WEIGHT) * total / 4
-    return high - low <= STEEPEST * cell, mean, low, high
+    return high - low <= wall, mean, low, high
 
 
 @compiled(
@@ -182,6 +186,7 @@ def _footprint(
 ):  # fmt: skip
     """Writes mean, share and peak, all (ny, nx), of a Footprint."""
     cell = x_mm[1] - x_mm[0]
+    wall = max(STEEPEST * cell, MIN_WALL_MM)
     aside, ahead = _sample_offsets(cos, sin, cell)
     samples = np.empty(SAMPLES * SAMPLES)
     # The sampled cells of a row, and their heights at the center and the corners.
@@ -223,10 +228,10 @@ def _footprint(
             heights_along(heights, along, below, count, few[k])
         for n in range(count):
             j = chosen[n]
-            smooth, height, low, high = _smooth_cell(few, n, cell)
+            smooth, height, low, high = _smooth_cell(few, n, wall)
             if not smooth:
                 mean[i, j], share[i, j], peak[i, j] = _walled_cell(
-                    heights, columns[n], rows[n], aside, ahead, samples, np.float64(high), cell
+                    heights, columns[n], rows[n], aside, ahead, samples, np.float64(high), wall
                 )
                 continue
             peak[i, j] = high

@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
+from scipy import ndimage
 
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad.shape import NOTHING_MM, Shape
@@ -40,6 +41,11 @@ its edges and where it is uneven."""
 
 MIN_PINS = 200
 """Number of pins that the expected contact covers at least, if FINER allows it."""
+
+PART_PINS = 125
+"""Number of smallest pins that the separate parts of an expected contact cover on average, below
+which the body gets pins of half that size. Needles of 1 mm are such parts; no press of the protocol
+has them."""
 
 EDGE_FACTOR = 2
 """Factor on the number of pins along a survey cell at the shape's edges."""
@@ -164,17 +170,30 @@ class PinLayout:
         self.surveys = surveys
         self.active = [dilated(touching, MARGIN_CELLS) for touching, _ in expected]
         self.window = window_around(np.logical_or.reduce(self.active))
-        sizes = [len(FINER)] * len(surveys) if before is None else before.sizes
+        if before is None:
+            finer = [
+                _allowed_pins(survey, touching)
+                for survey, (touching, _) in zip(surveys, expected, strict=True)
+            ]
+        else:
+            finer = before.finer
+        sizes = list(map(len, finer)) if before is None else before.sizes
+        finest = max(each[-1] for each in finer)
         self._bodies = [
-            _BodyPins(survey, touching, depth_mm, active, self.window, size)
-            for survey, (touching, depth_mm), active, size in zip(
-                surveys, expected, self.active, sizes, strict=True
+            _BodyPins(survey, touching, depth_mm, active, self.window, allowed, finest, size)
+            for survey, (touching, depth_mm), active, allowed, size in zip(
+                surveys, expected, self.active, finer, sizes, strict=True
             )
         ]
 
     @property
+    def finer(self) -> list[tuple[int, ...]]:
+        """Of each body, the allowed numbers of pins along a survey cell."""
+        return [body.finer for body in self._bodies]
+
+    @property
     def sizes(self) -> list[int]:
-        """Of each body, the number of FINER that it uses."""
+        """Of each body, how many of the allowed numbers it uses."""
         return [body.sizes for body in self._bodies]
 
     def stage(self, last: bool) -> tuple[Pins, float]:
@@ -199,7 +218,9 @@ class _BodyPins:
     """The pins of one body on the survey's active cells, within a window that contains them.
 
     expected: (rows, columns) bool, the survey's cells in contact. depth_mm: the expected depth.
-    sizes_before: of FINER, how many an earlier layout used. Attributes: sizes, how many this uses.
+    finer: allowed numbers of pins along a survey cell. finest: the largest of all bodies.
+    sizes_before: of finer, how many an earlier layout used. Attributes: finer; sizes, how many this
+    uses.
     """
 
     def __init__(
@@ -209,11 +230,16 @@ class _BodyPins:
         depth_mm: float,
         active: np.ndarray,
         window: Window,
+        finer: tuple[int, ...],
+        finest: int,
         sizes_before: int,
     ) -> None:
-        self.survey, self.active, self.window, self.sizes = survey, active, window, len(FINER)
-        self._even = _pins_per_cell(float(survey.footprint.shares[expected].sum()))
-        self._finest = self._per_side(FINER[-1], STAGES[-1][0])
+        self.survey, self.active, self.window = survey, active, window
+        self.finer, self.sizes = finer, len(finer)
+        self._even = finer[-1]
+        if finer == FINER:
+            self._even = _pins_per_cell(float(survey.footprint.shares[expected].sum()))
+        self._finest = self._per_side(finest, STAGES[-1][0])
         fine = survey.fine_layer(self._finest)
         rows, columns = refined(window, survey.per_side * self._finest)
         self._footprint = footprint(
@@ -261,10 +287,10 @@ class _BodyPins:
         covered = self.active[self.window] & (cells.shares > 0)
         uneven = cells.peaks_mm - cells.heights_mm > UNEVEN * depth_mm
         wanted = np.where(self._at_edges(cells.shares), EDGE_FACTOR * self._even, self._even)
-        wanted[uneven] = FINER[-1]
+        wanted[uneven] = self.finer[-1]
         while True:
-            choices = np.searchsorted(FINER[: self.sizes - 1], wanted)
-            along = np.take(FINER[: self.sizes], choices) * covered
+            choices = np.searchsorted(self.finer[: self.sizes - 1], wanted)
+            along = np.take(self.finer[: self.sizes], choices) * covered
             most = POOL_SIZES[-1] * (REFINED_SHARE if self.sizes > sizes_before else 1.0)
             if (along**2).sum() <= most or self.sizes == 1:
                 return along
@@ -283,6 +309,18 @@ class _BodyPins:
             ends = np.moveaxis(free, axis, 0)
             ends[0], ends[-1] = side.start == 0, side.stop == length
         return dilated(free, 1)[1:-1, 1:-1] | (shares < 1.0)
+
+
+def _allowed_pins(survey: Survey, expected: np.ndarray) -> tuple[int, ...]:
+    """FINER, and twice its largest number where the separate parts of the expected contact,
+    (rows, columns) bool, are small."""
+    window = window_around(expected)
+    shares = survey.footprint.shares[window] * expected[window]
+    parts = np.empty(shares.shape, np.int32)
+    ndimage.label(shares, output=parts)
+    if shares.sum() * FINER[-1] ** 2 < PART_PINS * parts.max():
+        return *FINER, 2 * FINER[-1]
+    return FINER
 
 
 def _pins_per_cell(cells_in_contact: float) -> int:

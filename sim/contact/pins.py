@@ -14,7 +14,7 @@ import numpy as np
 
 from t2twin.core.jit import compiled
 from t2twin.primitives_cad.shape import NOTHING_MM
-from t2twin.sim.contact.footprint import MIN_COVER, STEEPEST, Footprint
+from t2twin.sim.contact.footprint import MIN_COVER, MIN_WALL_MM, STEEPEST, Footprint
 from t2twin.sim.contact.grid import Window, side_around
 from t2twin.sim.contact.layer import Layer
 
@@ -271,14 +271,14 @@ def _cover(heights, shares, wall, rows, columns, sides, cover):
     """Write the covered share of each fine cell of pins that are covered enough; zero elsewhere.
 
     wall: height difference from a pin's highest cell above which a cell is not part of it, mm per
-    fine cell of its side.
+    fine cell of its side; at least MIN_WALL_MM.
     """
     for n in range(rows.size):
         side, highest, covered = sides[n], NOTHING_MM, 0.0
         for i in range(rows[n], rows[n] + side):
             for j in range(columns[n], columns[n] + side):
                 highest = max(highest, heights[i, j])
-        lowest = max(highest - wall * side, NOTHING_MM / 2)
+        lowest = max(highest - max(wall * side, MIN_WALL_MM), NOTHING_MM / 2)
         for i in range(rows[n], rows[n] + side):
             for j in range(columns[n], columns[n] + side):
                 if heights[i, j] >= lowest:

@@ -1,0 +1,60 @@
+"""Difficult shapes of the benchmark contact_cases, and small pins under small parts."""
+
+import numpy as np
+import pytest
+
+from benchmarks import contact_cases
+from benchmarks.contact_shapes import FAMILIES, REACH_MM, TILT_DEG, make_case
+from benchmarks.press import SENSORS
+from benchmarks.solids import ball, punch
+from t2twin.primitives_cad.shape import NOTHING_MM
+from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.types import PressCommand
+
+NEEDLES = 142
+"""Number of a case of five round needles on the CySkin."""
+
+
+def smallest_pin_mm(shape, sensor):
+    own = SENSORS[sensor]
+    contact = solve_contact(shape, PressCommand("", 0.1, 0.2, 0.4, 0.5), own.flat, own.pitch_mm)
+    return contact.pins.side_mm.min()
+
+
+def test_a_case_is_determined_by_its_number():
+    first, again = (make_case(11).shape()[0].surface.heights_mm for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+    assert [make_case(number).family for number in range(len(FAMILIES))] == list(FAMILIES)
+
+
+@pytest.mark.parametrize("number", range(32))
+def test_the_faces_of_a_case_lie_within_reach_and_are_tilted(number):
+    case = make_case(number)
+    surface = case.shape()[0].surface
+    distance = np.hypot(*np.meshgrid(surface.x_mm, surface.y_mm))
+    faces = surface.heights_mm > NOTHING_MM / 2
+    assert surface.heights_mm.max() == 0.0 and faces.any()
+    assert distance[faces].max() <= REACH_MM
+    assert np.hypot(*case.slope) <= np.tan(np.radians(TILT_DEG))
+
+
+@pytest.mark.parametrize("sensor", SENSORS)
+def test_small_parts_get_pins_of_half_the_size(sensor):
+    assert smallest_pin_mm(punch(0.6), sensor) == pytest.approx(0.0625)
+    assert smallest_pin_mm(punch(1.0), sensor) == pytest.approx(0.125)
+    assert smallest_pin_mm(ball(6.0), sensor) >= 0.124
+
+
+def test_round_needles_have_the_depth_of_the_reference():
+    case, own = make_case(NEEDLES), SENSORS["cyskin"]
+    shape, top_mm = case.shape(contact_cases.FINE_MAP_MM)
+    command = contact_cases.sample_command(case, NEEDLES)
+    contact = contact_cases.press(shape, "cyskin", command)
+    coarse, fine = (
+        contact_cases.depth_on(
+            pad, contact_cases.gaps(pad, case, top_mm, contact.command), contact.command
+        )
+        for pad in (contact_cases.flat_pad("cyskin", pitch) for pitch in contact_cases.PITCHES_MM)
+    )
+    assert own.flat.law == "linear" and contact.settled
+    assert contact.depth_mm == pytest.approx(2 * fine - coarse, rel=0.02)
