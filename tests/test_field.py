@@ -50,6 +50,7 @@ WORLD = """
 format = 1
 name = "tiny"
 seed = 5
+imperfections = "white"
 
 [[parts]]
 shapes = "random"
