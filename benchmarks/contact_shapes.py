@@ -23,7 +23,7 @@ NEEDLE_APART_MM = 0.6
 """Least free distance between needles, mm."""
 
 Heights = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Heights at points x, y before the tilt, mm: 0 on faces, NOTHING_MM beside them."""
+"""Heights at points x, y before the tilt, mm: 0 on faces, NOTHING_MM next to them."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Case:
         return f"{self.family}-{self.seed}"
 
     def tilted_mm(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """Exact heights at points of the shape frame, mm; NOTHING_MM beside the faces."""
+        """Exact heights at points of the shape frame, mm; NOTHING_MM next to the faces."""
         heights = self.heights(x_mm, y_mm)
         tilted = heights + self.slope[0] * x_mm + self.slope[1] * y_mm
         return np.where(heights > NOTHING_MM / 2, tilted, NOTHING_MM)

@@ -96,17 +96,17 @@ def aligned(
 def rounded_outline(sample: Callable[[float, float], np.ndarray], pitch_mm: float) -> np.ndarray:
     """Heights at the points of a map, mm, with its outlines at the nearest points.
 
-    A point less than half a pitch beside a wall belongs to the top of the wall. Widths between
+    A point less than half a pitch from a wall belongs to the top of the wall. Widths between
     points are then right on average; without, they are too small by a pitch on average.
     sample: heights at the points moved by dx, dy, mm.
     """
     heights, half = sample(0.0, 0.0), (1 - EDGE_MM) * pitch_mm / 2
-    beside = heights
+    raised = heights
     for angle in 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
-        beside = np.maximum(
-            beside, sample(half * float(np.cos(angle)), half * float(np.sin(angle)))
+        raised = np.maximum(
+            raised, sample(half * float(np.cos(angle)), half * float(np.sin(angle)))
         )
-    return np.where(beside - heights > WALL_POINTS * pitch_mm, beside, heights)
+    return np.where(raised - heights > WALL_POINTS * pitch_mm, raised, heights)
 
 
 def base_mm(surface: HeightMap) -> float | None:

@@ -44,6 +44,7 @@ MINE = """
 format = 1
 name = "mine"
 seed = 3
+imperfections = "white"
 
 [[parts]]
 shapes = "random"
