@@ -1,7 +1,7 @@
 """Makes a pretrained run of a trained run and its evaluations.
 
-    t2twin evaluate RUN --data data/paper data/forces --split both --out EVALUATION
-    python -m maintenance.publish_pretrained RUN EVALUATION/paper EVALUATION/forces
+    t2twin evaluate RUN --data data/paper --split both --out EVALUATION
+    python -m maintenance.publish_pretrained RUN EVALUATION
 
 Files that only training needs are left out. Trained weights are stored in half precision, three
 decimal digits; buffers keep their precision. The card contains the figures of the evaluations.
