@@ -1,7 +1,7 @@
 """Accuracy of the pretrained network on protocol presses, on any light, and on a real DIGIT.
 
     t2twin evaluate RUN --data data/paper --split both --out paper
-    t2twin evaluate RUN --data data/pretrained-3 --split val --out pretrained-3
+    t2twin evaluate RUN --data data/pretrained-3 --split val --out pretrained-3/val
     python -m benchmarks.pretrained paper pretrained-3 [--frames FOLDER]
 
 RUN is the pretrained network, or the run that it was made of. FOLDER contains background.png and
