@@ -78,6 +78,8 @@ def test_a_quarter_of_a_square_is_the_square():
 
 
 def test_a_shape_a_name_and_a_file_press_alike(tmp_path):
+    """Outlines of files are at the nearest points of the height map, those of names on the solid.
+    They differ by half a point, 0.025 mm, on average."""
     shape = t2twin.load_shape("circle-2")
     shape.mesh.export(tmp_path / "circle.stl")
     twin = t2twin.Twin()
@@ -85,7 +87,7 @@ def test_a_shape_a_name_and_a_file_press_alike(tmp_path):
         twin.press(given) for given in ("circle-2", shape, tmp_path / "circle.stl")
     )
     assert (by_name.image == by_shape.image).all() and (by_name.counts == by_shape.counts).all()
-    assert by_file.digit.depth_mm == pytest.approx(by_name.digit.depth_mm, rel=1e-3)
+    assert by_file.digit.depth_mm == pytest.approx(by_name.digit.depth_mm, rel=5e-3)
 
 
 def test_noise_comes_from_the_seed_and_only_with_one():
