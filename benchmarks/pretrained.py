@@ -1,4 +1,4 @@
-"""Accuracy of the pretrained network on protocol presses, on any light, and on a real DIGIT.
+"""Accuracy of the pretrained network on protocol presses, in any light, and on a real DIGIT.
 
     t2twin evaluate RUN --data data/paper --split both --out paper
     t2twin evaluate RUN --data data/pretrained-3 --split val --out pretrained-3/val
@@ -11,6 +11,7 @@ background frame.
 """
 
 from argparse import Namespace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ BENCHMARK = Benchmark(
     name="pretrained",
     measures="Accuracy of the pretrained network: protocol, any light, and a real DIGIT.",
     minutes=2,
-    sources=("primitives_cad", "sim", "translate"),
+    sources=("primitives_cad", "sim", "t2twin/adaptation", "translate"),
     figures=(
         Figure("on.*.*.overall.rmse_percent", "%"),
         Figure("on.*.*.coverage_percent", "%"),
@@ -59,8 +60,6 @@ def measure(options: Namespace) -> dict[str, Any]:
 
 def _on_real_frames(folder: Path) -> dict[str, Any]:
     """Scores of the pretrained network on held-out frames of a real DIGIT."""
-    from dataclasses import asdict
-
     from t2twin.adaptation.real_frame_evaluation import evaluate_frames
     from t2twin.adaptation.record import AdaptationScores
     from t2twin.translate.inference.load import load_run

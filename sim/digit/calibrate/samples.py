@@ -48,8 +48,11 @@ SPREAD = np.array([row[3] for row in GEOMETRY])
 
 @dataclass(frozen=True)
 class State:
-    """geometry: (12,) as in GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms).
-    error: mean square error with the priors."""
+    """Fitted parameters.
+
+    geometry: (12,) as in GEOMETRY. poses: (n, 3). response: (RGB, entries of its terms). error:
+    mean square error with the priors.
+    """
 
     geometry: np.ndarray
     poses: np.ndarray
