@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from t2twin.primitives_cad.height_map import PITCH_MM, rounded_outline
+from t2twin.primitives_cad.height_map import FILE_PITCH_MM, rounded_outline
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 
 REACH_MM = 8.4
@@ -46,7 +46,7 @@ class Case:
         tilted = heights + self.slope[0] * x_mm + self.slope[1] * y_mm
         return np.where(heights > NOTHING_MM / 2, tilted, NOTHING_MM)
 
-    def shape(self, pitch_mm: float = PITCH_MM) -> tuple[Shape, float]:
+    def shape(self, pitch_mm: float = FILE_PITCH_MM) -> tuple[Shape, float]:
         """The shape with a height map of a pitch, mm, made as for shapes from files, and its top,
         mm: the height before it was moved to 0. Its mesh is not used."""
         half = int(np.ceil(REACH_MM / pitch_mm)) + 2

@@ -3,10 +3,11 @@
     python -m benchmarks.real FRAMES RUN [RUN ...]
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
-project. The light is fitted to the first presses. On the last ones every run is evaluated on
-the real frame, on the twin's simulated frame of the same press, and on the background frame. The
-reference is the twin's CySkin at the place and depth that the calibration finds in the frame. Runs
-have the name of the world that they were trained on.
+project. The light is fitted to the first presses. On the last ones every run is evaluated on the
+real frame, on the simulated frame of the same press, and on the background frame. A field run is
+also evaluated without the background frame. The reference is the simulated CySkin at the place and
+depth that the calibration finds in the frame. Runs have the name of the world that they were
+trained on.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ BENCHMARK = Benchmark(
     sources=("primitives_cad", "sim", "t2twin/adaptation", "translate"),
     figures=(
         Figure("runs.*.real.rmse_percent", "%"),
+        Figure("runs.*.real.interval_coverage_percent", "%"),
+        Figure("runs.*.real_without_background.rmse_percent", "%"),
         Figure("runs.*.simulated.rmse_percent", "%"),
         Figure("runs.*.real.centroid_mm", "mm"),
         Figure("runs.*.real.force_error"),
@@ -101,8 +104,10 @@ def _scores(
     from t2twin.adaptation.record import AdaptationScores
 
     comparisons = evaluate_frames(run, references, background)
+    alone = evaluate_frames(run, references, None)
     return {
         "real": asdict(AdaptationScores.of([one.real for one in comparisons])),
+        "real_without_background": asdict(AdaptationScores.of([one.real for one in alone])),
         "simulated": asdict(AdaptationScores.of([one.simulated for one in comparisons])),
         "background_counts": float(np.max(predict_counts(run, background, background))),
     }

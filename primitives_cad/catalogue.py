@@ -175,7 +175,9 @@ def _file(path: Path, scale: float | None) -> Shape:
     from t2twin.primitives_cad.mesh_io import read
 
     mesh, notes = read.read_solid(path, scale)
-    mesh, heights = height_map.aligned(mesh, rounds_outline=True)
+    mesh, heights = height_map.aligned(
+        mesh, rounds_outline=True, finest_mm=height_map.FILE_PITCH_MM
+    )
     spacing = min(primitive_parameters.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(
         name=os.fsencode(path.stem).decode(errors="replace"),  # a file name may be invalid text

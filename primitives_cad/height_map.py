@@ -15,6 +15,10 @@ if TYPE_CHECKING:
 PITCH_MM = 0.05
 """Finest pitch of a height map, mm (assumed: about one pixel of a DIGIT)."""
 
+FILE_PITCH_MM = 0.025
+"""Finest pitch of the height map of a file, mm. Its outlines are anywhere between the points; with
+0.05 mm, thin walls and needles have larger errors (measured by benchmarks/contact_cases.py)."""
+
 REACH_MM = 32.0
 """Half the side of a height map, mm. Assumed: half the diagonal of a 28 x 46 mm cover, 27 mm, and
 the largest offset of a press on a tool's or a file's shape, 4.5 mm."""
@@ -48,10 +52,11 @@ def aligned(
     pitch_mm: float | None = None,
     reach_mm: float = REACH_MM,
     rounds_outline: bool = False,
+    finest_mm: float = PITCH_MM,
 ) -> tuple["trimesh.Trimesh", HeightMap]:
     """A mesh (mm) moved along z so that its highest point within reach is at 0, and its height map.
 
-    pitch_mm: None for PITCH_MM, doubled until the map has at most MAX_CELLS.
+    pitch_mm: None for finest_mm, doubled until the map has at most MAX_CELLS.
     reach_mm: half the side of the map, which is centered on the press axis.
     rounds_outline: whether outlines are at the nearest points, see `rounded_outline`, instead of
         the last ones on the solid.
@@ -71,7 +76,7 @@ def aligned(
     if not len(triangles):
         raise T2TwinError(f"the shape has no surface within {reach_mm:g} mm of the press axis")
     half_x, half_y = np.minimum(np.abs(triangles[:, :, :2]).max(axis=(0, 1)), reach_mm)
-    pitch = pitch_mm if pitch_mm is not None else _pitch_for(half_x, half_y)
+    pitch = pitch_mm if pitch_mm is not None else _pitch_for(half_x, half_y, finest_mm)
     beyond = 0.5 if rounds_outline else 0.0
     columns, rows = (int(np.floor(half / pitch + beyond + EDGE_MM)) for half in (half_x, half_y))
 
@@ -134,8 +139,8 @@ def rasterize_triangles(
     return heights
 
 
-def _pitch_for(half_x: float, half_y: float) -> float:
-    pitch = PITCH_MM
+def _pitch_for(half_x: float, half_y: float, finest_mm: float) -> float:
+    pitch = finest_mm
     while (2 * half_x / pitch + 3) * (2 * half_y / pitch + 3) > MAX_CELLS:
         pitch *= 2.0
     return pitch

@@ -31,11 +31,13 @@ from t2twin.translate.inference.batch import translate_files
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load, load_run
 from t2twin.translate.inference.predictor import require
+from t2twin.translate.models import field as field_model
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PRESETS
 from t2twin.translate.networks.field_net import FieldNet, grid_of, resampling_weights
 from t2twin.translate.training.recalibrate import recalibrate
 from t2twin.translate.training.train import train
+from t2twin.translate.training.trainer import load_examples
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
     Errors,
@@ -446,6 +448,42 @@ def test_the_card_says_what_is_told_and_how_sure(run_dir: Path) -> None:
 def test_the_report_draws_how_sure_it_is(run_dir: Path, data_dir: Path, tmp_path: Path) -> None:
     page = write_report(tmp_path / "report", data_dir, [run_dir]).read_text()
     assert '<section id="uncertainty"' in page and "its 90 % intervals cover" in page
+
+
+def test_untouched_pairs_replace_a_share_of_the_training_pairs(data_dir: Path) -> None:
+    preset = replace(PRESETS["field"]["smoke"], untouched_share=0.5)
+    pairs = load_pairs(data_dir, "train", preset.size, False, with_field=True)
+    batch = np.arange(len(pairs))
+    examples = load_examples(pairs, batch, preset, np.random.default_rng(0))
+    plain = load_examples(pairs, batch, preset, None)
+    assert examples.field is not None and examples.force_n is not None
+    assert plain.field is not None and plain.force_n is not None
+    replaced = (examples.images[:, :3] == examples.images[:, 3:]).flatten(1).all(dim=1)
+    assert 0.3 < replaced.float().mean() < 0.7
+    assert not examples.field[replaced].any() and not examples.force_n[replaced].any()
+    kept = ~replaced
+    assert torch.equal(examples.images[kept], plain.images[kept])
+    assert torch.equal(examples.field[kept], plain.field[kept])
+    assert torch.equal(examples.force_n[kept], plain.force_n[kept])
+
+
+def test_calibrated_on_random_shapes_if_there_are_enough(
+    run: FieldPredictor, data_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pairs = load_pairs(data_dir, "val", 64, False, with_field=True)
+    families = pairs.families.copy()
+    families[::2] = "square"
+    mixed = replace(pairs, families=families)
+    monkeypatch.setattr(field_model, "MIN_RANDOM_PRESSES", len(pairs) // 2)
+    found = field_model._like_new_shapes(mixed)
+    assert len(found) == len(pairs) // 2 and set(found.families) == {"random"}
+    translator = deepcopy(translator_of(run))
+    translator.calibrate(mixed)
+    knots = translator.predictor.place_knots.clone()
+    translator.calibrate(found)
+    assert torch.equal(translator.predictor.place_knots, knots)
+    monkeypatch.setattr(field_model, "MIN_RANDOM_PRESSES", len(pairs))
+    assert field_model._like_new_shapes(mixed) is mixed
 
 
 def test_tempered_on_several_worlds(

@@ -154,6 +154,10 @@ def motion_row(
     return columns | (dict(zip(TRACTIONS, touch.tractions, strict=True)) if with_field else {})
 
 
+RANDOM_FAMILY = "random"
+"""Family of random shapes."""
+
+
 def family_of(shape: str) -> str:
     """The tool of `pliers/teeth`, the primitive family of `square-2`, `random` of `random-17`."""
     return shape.split("/")[0] if "/" in shape else shape.rpartition("-")[0] or shape

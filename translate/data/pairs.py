@@ -73,6 +73,10 @@ class ImageFile:
         own = index if self.places is None else self.places[index]
         return np.array(np.load(self.path, mmap_mode="r")[own])
 
+    def subset(self, places: np.ndarray) -> "ImageFile":
+        """The images with these indices, (b,)."""
+        return ImageFile(self.path, places if self.places is None else self.places[places])
+
 
 class BackgroundFrames(Protocol):
     """Background frames, indexed by pairs."""
@@ -136,12 +140,12 @@ class Pairs:
         return InputImages(self.images, self.backgrounds)
 
     def subset(self, places: np.ndarray) -> "Pairs":
-        """The pairs with these indices, (b,), of a split with all of its images."""
+        """The pairs with these indices, (b,)."""
         special = ("images", "backgrounds")
         arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in special}
         own: dict[str, Any] = {n: None if a is None else a[places] for n, a in arrays.items()}
         return Pairs(
-            images=ImageFile(self.images.path, places),
+            images=self.images.subset(places),
             backgrounds=None if self.backgrounds is None else self.backgrounds.subset(places),
             **own,
         )

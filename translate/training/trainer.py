@@ -11,6 +11,7 @@ from msgspec.structs import replace
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.progress import Progress
+from t2twin.translate.data.image_arrays import COLORS
 from t2twin.translate.data.images import augment, to_input
 from t2twin.translate.data.pairs import Examples, Pairs
 from t2twin.translate.models import distributed
@@ -247,13 +248,19 @@ class Trainer:
 def load_examples(
     pairs: Pairs, batch: np.ndarray, preset: Preset, rng: np.random.Generator | None
 ) -> Examples:
-    """The pairs with these indices; with rng, their images are augmented as the preset defines."""
+    """The pairs with these indices; with rng, augmented as the preset defines."""
     batch = np.sort(batch)  # the order on disk
-    more = (
+    more = [
         None if each is None else torch.from_numpy(each[batch].astype(np.float32))
         for each in (pairs.field, pairs.force_n, pairs.shear_n, pairs.initial)
-    )
+    ]
     pixels = pairs.inputs[batch].astype(np.float32) / 255.0
+    if rng is not None and preset.untouched_share and pairs.backgrounds is not None:
+        untouched = rng.random(len(batch)) < preset.untouched_share
+        pixels[untouched, ..., :COLORS] = pixels[untouched, ..., COLORS:]
+        for target in more:
+            if target is not None:
+                target[torch.from_numpy(untouched)] = 0.0
     if rng is not None and (preset.brightness or preset.contrast or preset.noise or preset.drift):
         pixels = augment(
             pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
