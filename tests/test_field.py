@@ -40,9 +40,11 @@ from t2twin.translate.training.train import train
 from t2twin.translate.training.trainer import load_examples
 from t2twin.translate.uncertainty.calibration import (
     HALF_WIDTH,
+    MIN_STD,
     Errors,
     UncertaintyCalibration,
     fit_calibration,
+    identity_knots,
     interpolate_scale,
     standard_deviation,
 )
@@ -291,6 +293,12 @@ def test_few_presses_that_all_hit_leave_standard_deviations() -> None:
     assert torch.isfinite(std).all() and (std > 0).all()
 
 
+def test_no_standard_deviation_is_below_the_noise_of_a_real_array() -> None:
+    knots = identity_knots(3)
+    std = standard_deviation(torch.tensor([[1e-6, 0.02]]).log(), knots, knots)
+    torch.testing.assert_close(std, torch.tensor([[MIN_STD, 0.02]]))
+
+
 @pytest.mark.parametrize("presses", [3, 40, 2000])
 def test_a_larger_spread_never_makes_a_smaller_standard_deviation(presses: int) -> None:
     generator = torch.Generator().manual_seed(presses)
@@ -309,7 +317,7 @@ def test_weights_of_an_earlier_version_keep_their_temperatures(run: FieldPredict
     earlier = {"temperature": torch.tensor([2.0, 3.0]), "power": torch.tensor(1.5)}
     other.load_state_dict(weights | earlier)
     assert isinstance(other, FieldNet)
-    spread = torch.tensor([[0.001, 0.01, 0.09]])
+    spread = torch.tensor([[0.002, 0.01, 0.09]])
     std = standard_deviation(spread.log(), other.place_knots, other.press_knots)
     torch.testing.assert_close(std, 0.02 * (spread / 0.01) ** 1.5)
     assert float(interpolate_scale(torch.zeros(()), other.force_knots)) == pytest.approx(3.0)

@@ -37,8 +37,13 @@ from t2twin.translate.data.pairs import DataInfo, Examples, Pairs
 from t2twin.translate.models.base import CountsTranslator
 from t2twin.translate.models.distributed import average_gradients
 from t2twin.translate.models.field_image import FieldImage
+from t2twin.translate.models.field_losses import (
+    FieldTargets,
+    force_target,
+    relative_squares,
+    training_loss,
+)
 from t2twin.translate.models.field_readout import (
-    MIN_FORCE_SCALE,
     FieldPrediction,
     FieldReadout,
     log_force,
@@ -49,35 +54,13 @@ from t2twin.translate.models.presets import Preset
 from t2twin.translate.networks.field_net import SHEAR, FieldNet, FieldOutputs
 from t2twin.translate.uncertainty.calibration import Errors, fit_calibration
 
-FORCE_WEIGHT = 0.3
-"""Weight of the force's squared error relative to the field's, both divided by their variance
-(assumed)."""
-
 SHEAR_RATE_SHARE = 5.0
 """Learning rate of the shear force's layers, divided by the preset's (assumed: they are new after a
 warm start, whose learning rate is lower)."""
 
-MIN_RELATIVE_SHEAR_N = 0.3
-"""Shear force below which its error is no longer relative to it, N (assumed: as for the figures of
-an evaluation)."""
-
-ABSOLUTE_WEIGHT = 0.1
-"""Weight of the field's absolute error relative to its squared error, both divided by the field's
-standard deviation (assumed). Squared errors of places without contact are negligible beside those
-of a contact; without this term the network predicts up to 100 counts there."""
-
-ROUNDING = 0.01
-"""Error, in standard deviations of the field, below which the absolute error is rounded off
-(assumed)."""
-
 MEAN_FRAME_SHARE = 0.35
 """Share of the training pairs whose background frame is replaced by the world's mean frame
 (assumed), so that the network also works without a background frame."""
-
-DEGREES_OF_FREEDOM = 4.0
-"""Of the t distribution of the likelihood. After 2,000 steps on fixed features, validation without
-the least certain fifth has a 13 % lower RMSE, with a Gaussian 4 %; 3 and 8 are equally good
-(measured)."""
 
 MIN_SHEAR_SCALE_N = 1e-3
 """Least scale of the shear force, N (assumed), for presses that all stay still."""
@@ -157,40 +140,13 @@ class FieldTranslator(CountsTranslator):
 
         Returns the losses by name: errors divided by the standard deviation, likelihoods in nats.
         """
-        assert examples.field is not None and examples.force_n is not None
         for optimizer in self.optimizers.values():
             optimizer.zero_grad()
         with self.precision():
             outputs = self.network(self._training_input(examples.images).to(self.device))
-        error = outputs.mean - examples.field.to(self.device) / self.full_scale
-        off_target = error
-        if examples.initial is not None:
-            off_initial = outputs.mean - examples.initial.to(self.device) / self.full_scale
-            off_target = error.lerp(off_initial, self.initial_share)
-        relative = off_target / self.network.field_variance.sqrt()
-        losses = {
-            "field": relative.square().mean(),
-            "field_absolute": (relative.square() + ROUNDING**2).sqrt().mean(),
-            "spread": _negative_log_likelihood(error.detach(), outputs.log_spread).mean(),
-        }
-        loss = losses["field"] + ABSOLUTE_WEIGHT * losses["field_absolute"] + losses["spread"]
-        if predicts_force(self.network):
-            error = outputs.force - self._force_target(examples.force_n.to(self.device))
-            losses["force"] = error.square().mean()
-            losses["force_spread"] = _negative_log_likelihood(
-                error.detach(), outputs.force_log_spread
-            ).mean()
-            loss = loss + FORCE_WEIGHT * losses["force"] + losses["force_spread"]
-        if outputs.shear is not None and outputs.shear_log_spread is not None:
-            assert examples.shear_n is not None
-            shear_n, scale = examples.shear_n.to(self.device), self.network.shear_scale
-            error = outputs.shear - shear_n / scale
-            log_spread = outputs.shear_log_spread
-            losses["shear"] = _negative_log_likelihood(error, log_spread.detach()).mean()
-            likelihood = _negative_log_likelihood(error.detach(), log_spread)
-            moving = shear_n.any(dim=1).float()  # without markers, still presses have no error
-            losses["shear_spread"] = likelihood.mean(dim=1) @ moving / moving.sum().clamp(min=1.0)
-            loss = loss + losses["shear"] + losses["shear_spread"]
+        loss, losses = training_loss(
+            self.network, outputs, self._targets(examples), self.initial_share
+        )
         loss.backward()
         average_gradients(self.network)
         for optimizer in self.optimizers.values():
@@ -235,7 +191,7 @@ class FieldTranslator(CountsTranslator):
             shear_n = torch.from_numpy(pairs.shear_n[part].astype(np.float32)).to(self.device)
             assert outputs.shear is not None
             error = outputs.shear * self.predictor.shear_scale - shear_n
-            logs.append(_relative_squares(error, shear_n)[shear_n.any(dim=1)].log())
+            logs.append(relative_squares(error, shear_n)[shear_n.any(dim=1)].log())
         return float(torch.cat(logs).mean().div(2.0).exp())
 
     @cached_property
@@ -267,7 +223,7 @@ class FieldTranslator(CountsTranslator):
             field = torch.from_numpy(pairs.field[part].astype(np.float32)).to(self.device)
             force = torch.from_numpy(pairs.force_n[part].astype(np.float32)).to(self.device)
             error = field / self.full_scale - outputs.mean.clamp(0.0, 1.0)
-            force_error = self._force_target(force) - outputs.force
+            force_error = force_target(self.predictor, force) - outputs.force
             spreads = outputs.log_spread.exp(), outputs.force_log_spread.exp()
             values = [error, spreads[0], force_error, spreads[1]]
             if pairs.shear_n is not None and outputs.shear is not None:
@@ -294,9 +250,15 @@ class FieldTranslator(CountsTranslator):
         with torch.inference_mode(), self.precision():
             return self.predictor(images)
 
-    def _force_target(self, force_n: torch.Tensor) -> torch.Tensor:
-        mean, std = self.predictor.force_scale
-        return (log_force(force_n) - mean) / std.clamp(min=MIN_FORCE_SCALE)
+    def _targets(self, examples: Examples) -> FieldTargets:
+        assert examples.field is not None and examples.force_n is not None
+        initial, shear_n = examples.initial, examples.shear_n
+        return FieldTargets(
+            examples.field.to(self.device) / self.full_scale,
+            examples.force_n.to(self.device),
+            None if initial is None else initial.to(self.device) / self.full_scale,
+            None if shear_n is None else shear_n.to(self.device),
+        )
 
     def _training_input(self, images: torch.Tensor) -> torch.Tensor:
         """(B, 6, S, S): images with background frames, a share of them the mean frame."""
@@ -357,16 +319,3 @@ class FromPixels(nn.Module):
         force = () if self.readout.predicts_force else ("force_n", "force_std_n")
         shear = () if self.network.predicts_shear else ("shear_n", "shear_std_n")
         return {*force, *shear}
-
-
-def _relative_squares(error_n: torch.Tensor, shear_n: torch.Tensor) -> torch.Tensor:
-    """(B,): squared errors of shear forces relative to them. Both (B, 2), N."""
-    size = shear_n.square().sum(dim=1) + MIN_RELATIVE_SHEAR_N**2
-    return error_n.square().sum(dim=1) / size
-
-
-def _negative_log_likelihood(error: torch.Tensor, log_spread: torch.Tensor) -> torch.Tensor:
-    """Negative logarithms of Student's density, up to a constant. All of one shape."""
-    square = error.square() * torch.exp(-2.0 * log_spread)
-    tail = torch.log1p(square / DEGREES_OF_FREEDOM)
-    return log_spread + 0.5 * (DEGREES_OF_FREEDOM + 1.0) * tail

@@ -36,6 +36,11 @@ PRESS_SHARES = FORCE_SHARES = (0.125,) * 8
 SHEAR_SHARES = (0.125,) * 8
 """Share of all components of the shear force in the bin of each knot (assumed)."""
 
+MIN_STD = 33.0 / 40_000.0
+"""Smallest standard deviation, fraction of full scale: the noise of a sample of a real array at
+rest, 74 counts a reading (median in benchmarks/recordings.py) over the square root of 5 readings.
+Without it, intervals of positions far from a contact are too narrow (measured)."""
+
 MIN_ERRORS = 100
 """Minimum number of errors in a bin (assumed: a 90 % quantile of fewer is unreliable)."""
 
@@ -118,12 +123,13 @@ def fit_calibration(worlds: Sequence[Errors]) -> UncertaintyCalibration:
 def standard_deviation(
     log_spread: torch.Tensor, place: torch.Tensor, press: torch.Tensor
 ) -> torch.Tensor:
-    """(B, F) standard deviations, fraction of full scale.
+    """(B, F) standard deviations, fraction of full scale, at least MIN_STD.
 
     log_spread: (B, F), logarithms of the raw spreads. place, press: (2, K) knots.
     """
     std = log_spread.exp() * interpolate_scale(log_spread, place)
-    return std * interpolate_scale(std.mean(dim=1, keepdim=True).log(), press)
+    std = std * interpolate_scale(std.mean(dim=1, keepdim=True).log(), press)
+    return std.clamp(min=MIN_STD)
 
 
 def interpolate_scale(log_spread: torch.Tensor, knots: torch.Tensor) -> torch.Tensor:
