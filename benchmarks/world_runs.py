@@ -6,7 +6,8 @@
     python -m benchmarks.world_runs runs/worlds/*
 
 The results contain the errors of every row, overall with intervals and by force, and the training
-data of each run. Runs have the name MODEL-of-WORLD; each combination may occur once.
+data of each run. Runs have the name MODEL-of-WORLD; each combination may occur once. Several
+evaluations may be on one dataset.
 
 Field runs also have the coverage of 90 % intervals, overall and by tenths of the predicted standard
 deviation, and the sparsification gain: the decrease of the RMSE without the least certain fifth of
@@ -37,19 +38,21 @@ BENCHMARK = Benchmark(
     minutes=1,
     sources=("primitives_cad", "sim", "translate"),
     figures=tuple(
-        Figure(f"on.*.{split}.*.{name}", "%")
-        for split in ("val", "test")
+        Figure(f"on.{part}.*.{name}", "%")
+        for part in ("*.val", "paper.test", "forces.test")
         for name in (
             "overall.rmse_percent",
             "coverage_percent",
             "sparsification_gain_percent",
-            "uncertainty.force_median_error_percent",
         )
     ),
     arguments=(Argument("evaluations", "folders of t2twin evaluate", Path, nargs="+"),),
 )
 
 SPLITS = ("val", "test")
+
+NO_UNCERTAINTY = {"coverage_percent": None, "sparsification_gain_percent": None}
+"""Figures of a row without predicted uncertainty."""
 
 TENTHS = 10
 """Parts of equal size that the counts are divided into."""
@@ -59,7 +62,8 @@ def measure(options: Namespace) -> dict[str, Any]:
     content: dict[str, Any] = {"runs": {}, "on": {}}
     for folder in options.evaluations:
         world, splits, runs = _figures(folder)
-        content["on"][world] = splits
+        for split, rows in splits.items():
+            content["on"].setdefault(world, {}).setdefault(split, {}).update(rows)
         content["runs"] |= runs
     return content
 
@@ -82,7 +86,7 @@ def _figures(folder: Path) -> tuple[str, dict[str, Any], dict[str, Any]]:
             )
         rankings = _rankings(evaluation, read_predictions(folder / split))
         splits[split] = {
-            names.get(name, name): _row(row) | rankings.get(name, {})
+            names.get(name, name): _row(row) | rankings.get(name, NO_UNCERTAINTY)
             for name, row in evaluation.models.items()
         }
         runs |= {names[name]: _trained(row) for name, row in evaluation.runs.items()}
