@@ -12,7 +12,7 @@ from t2twin.translate.networks.field_net import FieldNet, FieldOutputs
 
 ABSOLUTE_WEIGHT = 0.1
 """Weight of the field's absolute error relative to its squared error, both divided by the field's
-standard deviation (assumed). Squared errors of places without contact are negligible beside those
+standard deviation (assumed). Squared errors of places without contact are negligible next to those
 of a contact; without this term the network predicts up to 100 counts there."""
 
 ROUNDING = 0.01

@@ -256,11 +256,11 @@ def load_examples(
     ]
     pixels = pairs.inputs[batch].astype(np.float32) / 255.0
     if rng is not None and preset.untouched_share and pairs.backgrounds is not None:
-        untouched = rng.random(len(batch)) < preset.untouched_share
-        pixels[untouched, ..., :COLORS] = pixels[untouched, ..., COLORS:]
+        replaced = rng.random(len(batch)) < preset.untouched_share
+        pixels[replaced, ..., :COLORS] = pixels[replaced, ..., COLORS:]
         for target in more:
             if target is not None:
-                target[torch.from_numpy(untouched)] = 0.0
+                target[torch.from_numpy(replaced)] = 0.0
     if rng is not None and (preset.brightness or preset.contrast or preset.noise or preset.drift):
         pixels = augment(
             pixels, rng, preset.brightness, preset.contrast, preset.noise, preset.drift
