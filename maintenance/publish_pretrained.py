@@ -7,6 +7,7 @@ Files that only training needs are left out. Trained weights are stored in half 
 decimal digits; buffers keep their precision. The card contains the figures of the evaluations.
 """
 
+import json
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
@@ -15,6 +16,7 @@ from pathlib import Path
 import torch
 from safetensors.torch import load_file, save_file
 
+from maintenance.average_runs import AVERAGE
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.templates import environment
@@ -35,6 +37,13 @@ FULL_PRECISION = ("correlation", "mean_frame", "running_mean", "running_var")
 TABLE = Path(__file__).with_name("measured.md")
 """Template of the table in the card."""
 
+TRAINING = "## Training\n"
+"""Heading in the card."""
+
+MEAN = """\
+The published weights are {0:g} times those described here, plus {1:.2g} times those that the
+training started from."""
+
 SPLITS = {"val": "new versions of primitives", "test": "hand tools"}
 """Shapes in the splits of the protocol."""
 
@@ -51,6 +60,9 @@ def publish_pretrained(run_dir: Path, evaluations: Sequence[Path] = (), home: Pa
             raise T2TwinError(f"{run_dir / name} is not there; the run has not finished")
     card = (run_dir / CARD).read_text(encoding="utf-8")
     card = card.replace(", preset ", f", {versioned(config.model)}, preset ", 1)
+    if (run_dir / AVERAGE).is_file():
+        share = json.loads((run_dir / AVERAGE).read_text(encoding="utf-8"))["share"]
+        card = card.replace(TRAINING, f"{TRAINING}\n{MEAN.format(share, 1.0 - share)}\n", 1)
     rows = [row for folder in evaluations for row in _rows(folder, config.data.sha256)]
     folder = home / config.model
     folder.mkdir(parents=True, exist_ok=True)

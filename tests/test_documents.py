@@ -29,6 +29,7 @@ NOT_RUN = {
     "python -m benchmarks": "measures for minutes",
     "python -m pytest": "would run within itself",
     "python examples/": "tests/test_examples.py",
+    "python -m maintenance.average_runs": "tests/test_ship.py",
     "python -m maintenance.publish_pretrained": "tests/test_ship.py",
     "t2twin adapt": "takes an hour; tests/test_adapt.py",
     "t2twin calibrate --background background.png --presses": "tests/test_calibrate.py",

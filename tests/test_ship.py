@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from safetensors.torch import load_file
+import torch
+from safetensors.torch import load_file, save_file
 from spots import write_spots
 
+from maintenance.average_runs import average_runs
 from maintenance.publish_pretrained import publish_pretrained
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import read_info
@@ -52,6 +54,25 @@ def test_half_the_bytes_and_the_same_counts(runs, data_dir, tmp_path, monkeypatc
     assert re.search(r"\| .*, new versions of primitives \| [\d,]+ \| [\d.]+ \|", card)
     assert "# ResNet18, resnet18@1, preset smoke" in card
     assert card.index("## Measured") < card.index("## Limits")
+
+
+def test_weights_are_averaged_and_the_card_has_the_share(runs, tmp_path) -> None:
+    later = tmp_path / "later"
+    shutil.copytree(runs[1], later)
+    first = load_file(runs[1] / BEST)
+    save_file({k: v + 1.0 if v.is_floating_point() else v for k, v in first.items()}, later / BEST)
+    average_runs(runs[1], later, 0.75, tmp_path / "mean")
+    for name, tensor in load_file(tmp_path / "mean" / BEST).items():
+        expected = first[name] + 0.75 if tensor.is_floating_point() else first[name]
+        torch.testing.assert_close(tensor, expected)
+    folder = publish_pretrained(tmp_path / "mean", home=tmp_path / "home")
+    assert "0.75 times those described here, plus 0.25" in (folder / "README.md").read_text()
+    with pytest.raises(T2TwinError, match="from 0 to 1"):
+        average_runs(runs[1], later, 1.5, tmp_path / "other")
+    with pytest.raises(T2TwinError, match="exists"):
+        average_runs(runs[1], later, 0.5, tmp_path / "mean")
+    with pytest.raises(T2TwinError, match="different networks"):
+        average_runs(runs[0], later, 0.5, tmp_path / "other")
 
 
 def test_a_name_is_the_pretrained_run_and_a_path_the_folder(runs, tmp_path, monkeypatch) -> None:
