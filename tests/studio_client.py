@@ -46,8 +46,8 @@ class Client:
 
     def __init__(self, address: str, **options: Any) -> None:
         self.controls: dict[str, dict[str, Any]] = {}
-        self.images, self.has_intervals, self._force_n = 0, False, 5.0
-        self.cards = ""
+        self.images, self.has_intervals = 0, False
+        self.cards, self._command, self._presses = "", "", 0
         self._socket = websockets.sync.client.connect(
             address.replace("http", "ws", 1), subprotocols=[PROTOCOL], compression=None,
             max_size=None, open_timeout=PATIENCE_S, close_timeout=1.0, proxy=None, **options,
@@ -73,11 +73,14 @@ class Client:
         return self
 
     def serves(self) -> bool:
-        """Whether another force gives other images."""
-        known = self.images
-        self._force_n = 11.0 - self._force_n
-        self.set("force, N", self._force_n)
-        return self.wait_for(lambda: self.images > known)
+        """Whether a press with a force that was not used before is shown with its command line.
+
+        The studio presses only the latest state, and an equal one gives no update.
+        """
+        self._presses += 1
+        force_n = round(5.0 + 0.01 * self._presses, 2)
+        self.set("force, N", force_n)
+        return self.wait_for(lambda: f"--force-n {force_n:g}" in self._command)
 
     def wait_for(self, holds: Callable[[], bool], patience_s: float = PATIENCE_S) -> bool:
         """Reads until a condition holds; False if the studio closes the connection or is late."""
@@ -108,15 +111,18 @@ class Client:
         raw = self._socket.recv(timeout=max(timeout_s, 0.0))
         assert isinstance(raw, bytes)
         size = int.from_bytes(raw[8:16], "little")
-        content = zstandard.ZstdDecompressor().decompress(raw[16 : 16 + size])
-        for message in msgspec.msgpack.decode(content)["messages"]:
+        packed = zstandard.ZstdDecompressor().decompress(raw[16 : 16 + size])
+        for message in msgspec.msgpack.decode(packed)["messages"]:
             label = message.get("props", {}).get("label") if "uuid" in message else None
             if label:
                 self.controls[label] = message
             updates = message.get("updates")
-            if isinstance(updates, dict) and "data-name" in str(updates.get("content")):
-                self.images, self.cards = self.images + 1, updates["content"]
-                self.has_intervals |= 'data-name="intervals"' in updates["content"]
+            content = str(updates.get("content")) if isinstance(updates, dict) else ""
+            if "data-name" in content:
+                self.images, self.cards = self.images + 1, content
+                self.has_intervals |= 'data-name="intervals"' in content
+            if "--force-n" in content:
+                self._command = content
 
 
 def try_connect(address: str, **options: Any) -> int:
