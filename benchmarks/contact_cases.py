@@ -16,7 +16,6 @@ The contact solver presses a height map of FINE_MAP_MM, whose effect is negligib
 height map of the pitch that shapes from files have. Its outlines are known to half a point only.
 """
 
-import hashlib
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -31,7 +30,7 @@ from benchmarks import oracle
 from benchmarks.contact_shapes import FAMILIES, Case, make_case
 from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
-from benchmarks.flat_pad import DEEPEST_MM, FlatPad
+from benchmarks.flat_pad import DEEPEST_MM, TOLERANCE, FlatPad
 from benchmarks.press import SENSORS, block_forces, distance
 from t2twin.core.cached_files import cached_array
 from t2twin.core.errors import T2TwinError
@@ -82,9 +81,6 @@ FORCES_N = (0.5, 12.0)
 
 FINE_MAP_MM = 0.0125
 """Pitch of a height map whose effect is negligible, mm."""
-
-TOLERANCE = 1e-5
-"""Change of the reference's pressure in an iteration, as a share, below which it has ended."""
 
 OFFSET_MM = 0.5
 """Largest offset of a press along x and y, mm."""
@@ -215,14 +211,12 @@ def fields_of(contact: Contact, sensor: str) -> Fields:
 
 def references(case: Case, top_mm: float, sensor: str, contact: Contact) -> list[Fields]:
     """Of the oracle, on both grids of PITCHES_MM. top_mm: of the exact shape."""
-    found, start = [], None
+    found, pressure = [], None
     for pitch_mm in PITCHES_MM:
         pad = flat_pad(sensor, pitch_mm)
         gap_mm = gaps(pad, case, top_mm, contact.command)
-        if start is not None:
-            start = np.kron(start, np.ones((2, 2)))
-        start = press_reference(pad, gap_mm, contact.command.force_n, start)
-        found.append(_fields_of_reference(pad, sensor, gap_mm, start, contact))
+        pressure = pad.pressure_mpa(gap_mm, contact.command.force_n, pressure)
+        found.append(_fields_of_reference(pad, sensor, pad.answer(gap_mm, pressure), contact))
     return found
 
 
@@ -237,32 +231,6 @@ def gaps(pad: FlatPad, case: Case, top_mm: float, command: PressCommand) -> np.n
     x, y = np.meshgrid(pad.x_mm - command.x_mm, pad.y_mm - command.y_mm)
     cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
     return np.minimum(top_mm - case.tilted_mm(cos * x + sin * y, sin * x - cos * y), DEEPEST_MM)
-
-
-def touchable(pad: FlatPad, gap_mm: np.ndarray) -> tuple[slice, slice]:
-    """The window of the pad's cells that a shape can touch before it meets the base."""
-    rows, columns = np.nonzero(gap_mm <= pad.elastomer.thickness_mm)
-    return slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
-
-
-def press_reference(
-    pad: FlatPad, gap_mm: np.ndarray, force_n: float, start: np.ndarray | None
-) -> np.ndarray:
-    """The oracle's pressure on the pad's cells, (rows, columns), MPa. start: a pressure near it."""
-    window = touchable(pad, gap_mm)
-    down, across = gap_mm[window].shape
-    row, column = pad.y_mm.size - 1, pad.x_mm.size - 1
-    near = pad.answer_of_cell[row - down + 1 : row + down, column - across + 1 : column + across]
-
-    def solve() -> np.ndarray:
-        guess = None if start is None else start[window]
-        return oracle.solve(
-            gap_mm[window], force_n, pad.pitch_mm, near, TOLERANCE, start=guess
-        ).pressure_mpa
-
-    pressure, key = np.zeros(gap_mm.shape), _key(pad, gap_mm[window], force_n)
-    pressure[window] = cached_array(f"references-{pad.pitch_mm:.4f}", key, oracle.__file__, solve)
-    return pressure
 
 
 def extrapolated(
@@ -282,7 +250,7 @@ def extrapolated(
 
 def depth_on(pad: FlatPad, gap_mm: np.ndarray, command: PressCommand) -> float:
     """Depth of the oracle with a kernel for the touchable cells only, mm."""
-    gap_mm, layer = gap_mm[touchable(pad, gap_mm)], pad.elastomer
+    gap_mm, layer = gap_mm[pad.touchable(gap_mm)], pad.elastomer
 
     def solve() -> np.ndarray:
         rows, columns = gap_mm.shape
@@ -292,32 +260,19 @@ def depth_on(pad: FlatPad, gap_mm: np.ndarray, command: PressCommand) -> float:
         answer = oracle.solve(gap_mm, command.force_n, pad.pitch_mm, kernel, TOLERANCE)
         return np.array(answer.depth_mm)
 
-    key = _key(pad, gap_mm, command.force_n)
+    key = pad.key(gap_mm, command.force_n)
     return float(cached_array("reference-depths", key, oracle.__file__, solve))
 
 
-def _key(pad: FlatPad, gap_mm: np.ndarray, force_n: float) -> str:
-    content = hashlib.sha256(np.ascontiguousarray(gap_mm).tobytes()).hexdigest()
-    return repr((content, force_n, pad.pitch_mm, pad.elastomer, TOLERANCE))
-
-
 def _fields_of_reference(
-    pad: FlatPad, sensor: str, gap_mm: np.ndarray, pressure: np.ndarray, contact: Contact
+    pad: FlatPad, sensor: str, answer: oracle.Answer, contact: Contact
 ) -> Fields:
-    deflection = deflection_of(pad)(pressure)
-    depth_mm = float((deflection + gap_mm)[pressure > 0].mean())
-    surface = RectBivariateSpline(pad.y_mm, pad.x_mm, deflection)(contact.y_mm, contact.x_mm)
-    forces = block_forces(pad.x_mm, pad.y_mm, pressure, pad.elastomer)
+    surface = RectBivariateSpline(pad.y_mm, pad.x_mm, answer.deflection_mm)
+    forces = block_forces(pad.x_mm, pad.y_mm, answer.pressure_mpa, pad.elastomer)
     pads = np.zeros(0)
     if sensor == "cyskin":
-        pads = pad.pad_pressure_mpa(pressure, load_layout(DEFAULT_LAYOUT))
-    return Fields(depth_mm, surface, forces, pads)
-
-
-@cache
-def deflection_of(pad: FlatPad) -> Any:
-    """`oracle.deflection_under` of the whole pad."""
-    return oracle.deflection_under(pad.answer_of_cell)
+        pads = pad.pad_pressure_mpa(answer.pressure_mpa, load_layout(DEFAULT_LAYOUT))
+    return Fields(answer.depth_mm, surface(contact.y_mm, contact.x_mm), forces, pads)
 
 
 if __name__ == "__main__":

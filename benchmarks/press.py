@@ -70,7 +70,10 @@ BENCHMARK = Benchmark(
 )
 
 FORCES_N = (1.0, 2.0, 4.0, 8.0)
-ORACLE_PITCHES_MM = (0.125, 0.0625)
+ORACLE_PITCHES_MM = (0.0625, 0.03125)
+"""Coarse and fine cells of the oracle, mm: a half and a quarter of the smallest pin. With cells of
+0.0625 mm the surface around a punch is up to 2.5 % off."""
+
 YAW_RAD = 0.4
 """A turn that lines up with no grid."""
 
@@ -208,7 +211,8 @@ def compare(shape: Shape, sensor: Sensor, pads: list[FlatPad], force_n: float) -
     """Figures of one press on one flat layer. pads: the oracle's coarse and fine one."""
     command = PressCommand(shape.name, 0.0, 0.0, YAW_RAD, force_n)
     contact = solve_contact(shape, command, sensor.flat, sensor.pitch_mm)
-    coarse, fine = (pad.press(shape, command) for pad in pads)
+    coarse = pads[0].press(shape, command)
+    fine = pads[1].press(shape, command, coarse)
     depth_mm = 2 * fine.depth_mm - coarse.depth_mm
     row = {
         "force_n": force_n,

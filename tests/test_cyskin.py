@@ -1,11 +1,12 @@
 import json
+from dataclasses import replace
 
 import msgspec
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from benchmarks.solids import ball
+from benchmarks.solids import ball, punch
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import reading, taxels
@@ -155,3 +156,24 @@ def test_taxels_outside_the_cover_are_an_error(sensor):
     contact = sensor.press(ball(5.0), PressCommand("ball", 0.0, 0.0, 0.0, 8.0))
     with pytest.raises(T2TwinError, match="outside the cover"):
         taxels.pad_pressure_mpa(contact, far)
+
+
+def test_a_force_within_a_cell_acts_at_its_center_of_pressure(sensor):
+    """A thin punch gives the same counts wherever its center lies in a cell of the grid, if the
+    layout moves with it."""
+    layout, found = sensor.layout, []
+    for off_mm in (0.0, 0.1, 0.2, 0.25):
+        moved = replace(layout, x_mm=layout.x_mm + off_mm, y_mm=layout.y_mm + 0.5 * off_mm)
+        command = PressCommand("punch", off_mm, 0.5 * off_mm, 0.0, 2.0)
+        contact = sensor.press(punch(0.5), command)
+        center_mm = contact.moments_kpa_mm.sum(axis=(1, 2)) + np.array(
+            [
+                (contact.pressure_kpa * contact.x_mm).sum(),
+                (contact.pressure_kpa * contact.y_mm[:, None]).sum(),
+            ]
+        )
+        assert center_mm / contact.pressure_kpa.sum() == pytest.approx(
+            [off_mm, 0.5 * off_mm], abs=0.02
+        )
+        found.append(taxels.pad_pressure_mpa(contact, moved))
+    assert np.abs(np.array(found) - found[0]).max() < 0.02 * found[0].max()

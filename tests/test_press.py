@@ -11,6 +11,7 @@ from scipy.interpolate import RectBivariateSpline
 from benchmarks.oracle import kernel, solve
 from benchmarks.solids import ball, block, formula, punch
 from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature
 from t2twin.primitives_cad.random_shapes.rasterize import heights_mm
 from t2twin.primitives_cad.random_shapes.shape import RandomShape
@@ -31,6 +32,8 @@ from t2twin.sim.splines import on_lines
 from t2twin.sim.world import protocol
 
 FLAT = Elastomer("flat", 4.07, 0.5, 0.47, width_mm=18.5, length_mm=18.5, law="linear")
+
+FLAT_TOP = {"dome_width_radius_mm": np.inf, "dome_length_radius_mm": np.inf}
 
 
 def pressed(shape, elastomer=FLAT, pitch=0.5, force=8.0, x=0.0, y=0.0, yaw=0.0):
@@ -53,6 +56,18 @@ def test_a_flat_punch_on_a_thick_layer_is_boussinesq():
     contact = pressed(punch(3.0), thick, pitch=0.25, force=1.0)
     modulus = thick.young_mpa / (1 - thick.poisson**2)
     assert contact.depth_mm == pytest.approx(1.0 / (2 * 3.0 * modulus), rel=0.05)
+
+
+def test_depth_under_a_flat_face_is_proportional_to_force():
+    """Also where the depth is a hundredth of a cell, and the face turned: its walls, which a height
+    map interpolates, are no part of it."""
+    ring, linear = catalogue.load("circle-empty-4"), replace(DIGIT_GEL, law="linear", **FLAT_TOP)
+    for yaw in (0.0, 0.4):
+        slope = [
+            pressed(ring, linear, DIGIT_PITCH_MM, force, yaw=yaw).depth_mm / force
+            for force in (0.25, 1.0, 8.0)
+        ]
+        assert slope == pytest.approx([slope[-1]] * 3, rel=0.005)
 
 
 def test_depth_grows_with_force_as_theory_says():

@@ -147,6 +147,22 @@ class _Equilibrium:
         return self.solution.depths_mm + self.solution.pins.first_touch_mm
 
     @cached_property
+    def moments_mpa_mm(self) -> np.ndarray:
+        """(2, ny, nx) mean of pressure times distance from the cell's center, along x and y."""
+        survey, layer = self.layout.surveys[0], self.solution.pins.layer
+        window, fine = (
+            refined(self.layout.window, survey.per_side),
+            self.solution.fine_pressure_mpa(),
+        )
+        found = np.zeros((2, *self.pressure_mpa.shape))
+        # A block of fine cells begins at a cell's rim.
+        rows, columns = (np.arange(size) % layer.per_side for size in fine.shape)
+        for moment, places in zip(found, (columns, rows[:, None]), strict=True):
+            off_mm = layer.pitch_mm * (places - (layer.per_side - 1) / 2)
+            moment[window] = block_means(fine * off_mm, layer.per_side)
+        return found
+
+    @cached_property
     def body_pressures_mpa(self) -> np.ndarray:
         """(bodies, ny, nx) the pressure of each body on the contact's grid."""
         if len(self.names) == 1:

@@ -148,19 +148,30 @@ def _sample_offsets(cos, sin, cell):
 
 @compiled(inline="always")
 def _walled_cell(heights, column, row, aside, ahead, samples, high, wall):
-    """Mean height, share and peak of the part of a cell above its walls, from all samples."""
+    """Mean height, share and peak of the part of a cell above its walls, from all samples.
+
+    Some samples are on the wall, which the map interpolates as a slope. They are left out of the
+    mean: those farther below the mean of all samples than the highest one is above it.
+    """
     for k in range(samples.size):
         samples[k] = interpolated(heights, column + aside[k], row + ahead[k])
         high = max(high, samples[k])
-    lowest = high - wall
-    covered, total = 0, 0.0
+    mean, share = _mean_above(samples, max(high - wall, NOTHING_MM / 2))
+    if share < MIN_COVER:
+        return NOTHING_MM, 0.0, NOTHING_MM
+    mean, _ = _mean_above(samples, 2 * mean - high)
+    return mean, share, high
+
+
+@compiled(inline="always")
+def _mean_above(samples, lowest):
+    """Mean of the samples that are not below the lowest one, and their share."""
+    count, total = 0, 0.0
     for k in range(samples.size):
-        if samples[k] >= lowest and samples[k] > NOTHING_MM / 2:
-            covered += 1
+        if samples[k] >= lowest:
+            count += 1
             total += samples[k]
-    if covered >= MIN_COVER * samples.size:
-        return total / covered, covered / samples.size, high
-    return NOTHING_MM, 0.0, NOTHING_MM
+    return total / max(count, 1), count / samples.size
 
 
 @compiled(inline="always")

@@ -192,6 +192,12 @@ class Contact:
         out."""
         return self.compute_surface()
 
+    @property
+    def moments_kpa_mm(self) -> np.ndarray:
+        """(2, ny, nx) mean over each cell of the pressure times the distance from the cell's
+        center, along x and y, kPa mm. It is not zero where a cell is pressed unevenly."""
+        return 1e3 * self.equilibrium.moments_mpa_mm
+
     @cached_property
     def owner(self) -> np.ndarray:
         """(ny, nx) index of the body that presses most on each cell; 0 where none presses."""

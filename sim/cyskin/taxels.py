@@ -17,7 +17,7 @@ from t2twin.sim.contact.tangential.spectra import spectra
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin.layout import Layout
 
-Force = Literal["normal", "shear"]
+Force = Literal["normal", "moment", "shear"]
 
 DIELECTRIC_MODULUS_MPA = 0.5
 """Small-strain compressive modulus of the dielectric, MPa (assumed, range 0.2 to 1)."""
@@ -36,16 +36,21 @@ GAIN_COUNTS = 73_813.0
 def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
     """Mean normal stress on each taxel's pad under a contact, (n,), MPa.
 
-    Shear contributes to it: it raises the stress in front of a sliding shape.
+    Where a cell is pressed unevenly, its force acts at its center of pressure.
+    Shear contributes to the stress: it raises it in front of a sliding shape.
     Raises T2TwinError for a layout that extends beyond the contact's grid.
     """
-    weights = pad_weights(contact.elastomer, contact.x_mm, contact.y_mm, layout)
+    key = _key(contact.elastomer, contact.x_mm, contact.y_mm, layout)
     # einsum, because the last bits of a BLAS product depend on the number of threads.
-    stress = np.einsum("ij,j->i", weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64))
-    if contact.motion is None:
-        return stress
-    of_shear = shear_weights(contact.elastomer, contact.x_mm, contact.y_mm, layout)
-    return stress + np.einsum("cij,cj->i", of_shear, contact.motion.shear_mpa.reshape(2, -1))
+    pressure = 1e-3 * contact.pressure_kpa.ravel().astype(np.float64)
+    stress = np.einsum("ij,j->i", _weights(*key, "normal"), pressure)
+    moments = 1e-3 * contact.moments_kpa_mm.reshape(2, -1)
+    uneven = np.flatnonzero(moments.any(axis=0))
+    stress += np.einsum("cij,cj->i", _weights(*key, "moment")[..., uneven], moments[:, uneven])
+    if contact.motion is not None:
+        shear = contact.motion.shear_mpa.reshape(2, -1)
+        stress += np.einsum("cij,cj->i", _weights(*key, "shear"), shear)
+    return stress
 
 
 def pad_weights(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout) -> np.ndarray:
@@ -55,14 +60,6 @@ def pad_weights(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: La
     x_mm, y_mm: the grid's axes. Raises T2TwinError for a layout that extends beyond the grid.
     """
     return _weights(*_key(cover, x_mm, y_mm, layout), "normal")
-
-
-def shear_weights(
-    cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout
-) -> np.ndarray:
-    """Mean normal stress on each pad per unit shear along x and y on each cell of a cover's grid,
-    (2, n, rows * columns). Otherwise as `pad_weights`."""
-    return _weights(*_key(cover, x_mm, y_mm, layout), "shear")
 
 
 def _key(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout) -> tuple[Any, ...]:
@@ -93,6 +90,8 @@ def _weights(
     diameter_mm: tuple[float, ...],
     force: Force,
 ) -> np.ndarray:
+    """Mean stress on each pad per unit of "normal" pressure on each cell, (n, rows * columns), or
+    of "moment" (1/mm) or "shear" along x and y, (2, n, rows * columns)."""
     taxel_x, taxel_y = np.array(taxel_x_mm), np.array(taxel_y_mm)
     reach_x, reach_y = max(x_mm), max(y_mm)
     if (np.abs(taxel_x) > reach_x).any() or (np.abs(taxel_y) > reach_y).any():
@@ -117,7 +116,8 @@ def _pad_responses(
 ) -> np.ndarray:
     """Mean stress on round pads by a unit point force at a distance, both (n, m), 1/mm^2.
 
-    force: "shear" is along the line from the force to the pad. Cached on disk.
+    force: "shear" is along the line from the force to the pad; "moment" is the increase of the
+    stress per mm by which a normal force is nearer to the pad, 1/mm^3. Cached on disk.
     """
     responses = np.empty_like(distance_mm)
     for diameter in set(diameter_mm):
@@ -144,6 +144,8 @@ def _hankel(
     disc = 2 * special.j1(k * radius) / (k * radius)
     if force == "normal":
         spectrum, bessel = base_stress(k, thickness_mm, poisson), special.j0
+    elif force == "moment":  # the derivative of J0 is -J1
+        spectrum, bessel = k * base_stress(k, thickness_mm, poisson), special.j1
     else:
         spectrum, bessel = spectra(k, thickness_mm, 1.0, poisson).base_shear, special.j1
     spectrum = spectrum * disc * k / (2 * np.pi)
