@@ -150,16 +150,15 @@ class _Equilibrium:
     def moments_mpa_mm(self) -> np.ndarray:
         """(2, ny, nx) mean of pressure times distance from the cell's center, along x and y."""
         survey, layer = self.layout.surveys[0], self.solution.pins.layer
-        window, fine = (
-            refined(self.layout.window, survey.per_side),
-            self.solution.fine_pressure_mpa(),
+        fine, per_side = self.solution.fine_pressure_mpa(), layer.per_side
+        # The window's first fine cell is the first of a cell.
+        down, across = (
+            layer.pitch_mm * (np.arange(size) % per_side - (per_side - 1) / 2)
+            for size in fine.shape
         )
+        means = [block_means(fine * mm, per_side) for mm in (across, down[:, None])]
         found = np.zeros((2, *self.pressure_mpa.shape))
-        # A block of fine cells begins at a cell's rim.
-        rows, columns = (np.arange(size) % layer.per_side for size in fine.shape)
-        for moment, places in zip(found, (columns, rows[:, None]), strict=True):
-            off_mm = layer.pitch_mm * (places - (layer.per_side - 1) / 2)
-            moment[window] = block_means(fine * off_mm, layer.per_side)
+        found[:, *refined(self.layout.window, survey.per_side)] = means
         return found
 
     @cached_property

@@ -9,7 +9,6 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import KDTree
 
-from t2twin.core.jit import compiled
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, Elastomer
 from t2twin.sim.contact.types import Contact
 from t2twin.sim.cyskin import taxels
@@ -52,15 +51,7 @@ def field_layout(cover: Elastomer = CYSKIN_COVER) -> Layout:
 
 def field_counts(contact: Contact) -> np.ndarray:
     """Noiseless counts of a contact at the places of field_layout, (n,) uint16."""
-    weights = _weights(contact.elastomer, contact.pitch_mm, contact.x_mm.size, contact.y_mm.size)
-    pressure_mpa = np.zeros(weights.shape[1])
-    _add_stress(weights, 1e-3 * contact.pressure_kpa.ravel().astype(np.float64), pressure_mpa)
-    if contact.motion is not None:
-        places = field_layout(contact.elastomer)
-        of_shear = taxels.shear_weights(contact.elastomer, contact.x_mm, contact.y_mm, places)
-        shear_mpa = contact.motion.shear_mpa.reshape(2, -1)
-        loaded = np.flatnonzero(shear_mpa.any(axis=0))
-        pressure_mpa += np.einsum("cij,cj->i", of_shear[:, :, loaded], shear_mpa[:, loaded])
+    pressure_mpa = taxels.pad_pressure_mpa(contact, field_layout(contact.elastomer))
     return np.rint(taxels.counts(pressure_mpa)).astype(np.uint16)
 
 
@@ -85,20 +76,3 @@ def _nearest(cover: Elastomer, x_mm: tuple[float, ...], y_mm: tuple[float, ...])
     places = field_layout(cover)
     cells = np.stack(np.meshgrid(x_mm, y_mm), axis=-1).reshape(-1, 2)
     return np.asarray(KDTree(np.column_stack([places.x_mm, places.y_mm])).query(cells)[1])
-
-
-@lru_cache(maxsize=4)
-def _weights(cover: Elastomer, pitch_mm: float, columns: int, rows: int) -> np.ndarray:
-    """Mean stress on each pad per unit pressure on each cell of a centered grid,
-    (rows * columns, n): contiguous for a cell, as few cells are loaded."""
-    x_mm, y_mm = ((np.arange(n) - (n - 1) / 2) * pitch_mm for n in (columns, rows))
-    return np.ascontiguousarray(taxels.pad_weights(cover, x_mm, y_mm, field_layout(cover)).T)
-
-
-@compiled("void(f8[:, ::1], f8[::1], f8[::1])", nogil=True)
-def _add_stress(weights, pressure, stress):
-    """Add the effect of a pressure on the cells, (cells,), to the pads' mean stress, (n,)."""
-    for cell in range(pressure.size):
-        if pressure[cell] > 0.0:
-            for n in range(stress.size):
-                stress[n] += weights[cell, n] * pressure[cell]

@@ -5,13 +5,13 @@ thins, and the count is proportional to the increase of the capacitance, area ov
 """
 
 from functools import lru_cache, partial
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from t2twin.core.cached_files import cached_array
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import Elastomer
+from t2twin.core.jit import compiled
 from t2twin.sim.contact.layer import base_stress
 from t2twin.sim.contact.tangential.spectra import spectra
 from t2twin.sim.contact.types import Contact
@@ -40,32 +40,35 @@ def pad_pressure_mpa(contact: Contact, layout: Layout) -> np.ndarray:
     Shear contributes to the stress: it raises it in front of a sliding shape.
     Raises T2TwinError for a layout that extends beyond the contact's grid.
     """
-    key = _key(contact.elastomer, contact.x_mm, contact.y_mm, layout)
-    # einsum, because the last bits of a BLAS product depend on the number of threads.
-    pressure = 1e-3 * contact.pressure_kpa.ravel().astype(np.float64)
-    stress = np.einsum("ij,j->i", _weights(*key, "normal"), pressure)
-    moments = 1e-3 * contact.moments_kpa_mm.reshape(2, -1)
-    uneven = np.flatnonzero(moments.any(axis=0))
-    stress += np.einsum("cij,cj->i", _weights(*key, "moment")[..., uneven], moments[:, uneven])
+    key = (
+        contact.elastomer.thickness_mm, contact.elastomer.poisson,
+        tuple(contact.x_mm), tuple(contact.y_mm),
+        tuple(layout.x_mm), tuple(layout.y_mm), tuple(layout.pad_diameter_mm),
+    )  # fmt: skip
+    loads: dict[Force, np.ndarray] = {
+        "normal": 1e-3 * contact.pressure_kpa.astype(np.float64),
+        "moment": 1e-3 * contact.moments_kpa_mm,
+    }
     if contact.motion is not None:
-        shear = contact.motion.shear_mpa.reshape(2, -1)
-        stress += np.einsum("cij,cj->i", _weights(*key, "shear"), shear)
+        loads["shear"] = contact.motion.shear_mpa
+    stress = np.zeros(layout.size)
+    for force, load in loads.items():
+        by_direction = np.ascontiguousarray(load, float).reshape(-1, contact.pressure_kpa.size)
+        for weights, values in zip(_weights(*key, force), by_direction, strict=True):
+            _add_stress(weights, values, stress)
     return stress
 
 
-def pad_weights(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout) -> np.ndarray:
-    """Mean stress on each pad per unit pressure on each cell of a cover's grid, (n, rows *
-    columns).
+@compiled("void(f8[:, ::1], f8[::1], f8[::1])", nogil=True)
+def _add_stress(weights, values, stress):
+    """Add the effect of values on the cells, (cells,), to the pads' mean stress, (n,).
 
-    x_mm, y_mm: the grid's axes. Raises T2TwinError for a layout that extends beyond the grid.
+    Few cells are loaded. The last bits of a BLAS product would depend on the number of threads.
     """
-    return _weights(*_key(cover, x_mm, y_mm, layout), "normal")
-
-
-def _key(cover: Elastomer, x_mm: np.ndarray, y_mm: np.ndarray, layout: Layout) -> tuple[Any, ...]:
-    """What the weights depend on, as hashable arguments of `_weights`."""
-    taxels = tuple(layout.x_mm), tuple(layout.y_mm), tuple(layout.pad_diameter_mm)
-    return cover.thickness_mm, cover.poisson, tuple(x_mm), tuple(y_mm), *taxels
+    for cell in range(values.size):
+        if values[cell] != 0.0:
+            for n in range(stress.size):
+                stress[n] += weights[cell, n] * values[cell]
 
 
 def counts(pressure_mpa: np.ndarray, gain: float = GAIN_COUNTS) -> np.ndarray:
@@ -90,8 +93,8 @@ def _weights(
     diameter_mm: tuple[float, ...],
     force: Force,
 ) -> np.ndarray:
-    """Mean stress on each pad per unit of "normal" pressure on each cell, (n, rows * columns), or
-    of "moment" (1/mm) or "shear" along x and y, (2, n, rows * columns)."""
+    """Mean stress on each pad per unit of load on each cell: "normal", (1, rows * columns, n), or
+    "moment" (1/mm) or "shear" along x and y, (2, rows * columns, n)."""
     taxel_x, taxel_y = np.array(taxel_x_mm), np.array(taxel_y_mm)
     reach_x, reach_y = max(x_mm), max(y_mm)
     if (np.abs(taxel_x) > reach_x).any() or (np.abs(taxel_y) > reach_y).any():
@@ -101,10 +104,10 @@ def _weights(
         )
     x, y = np.meshgrid(x_mm, y_mm)
     pitch = x_mm[1] - x_mm[0]
-    ahead = np.stack([taxel_x[:, None] - x.ravel(), taxel_y[:, None] - y.ravel()])
+    ahead = np.stack([taxel_x - x.ravel()[:, None], taxel_y - y.ravel()[:, None]])
     distance = np.hypot(*ahead)
     weights = pitch**2 * _pad_responses(distance, thickness_mm, poisson, diameter_mm, force)
-    return weights if force == "normal" else weights * ahead / np.maximum(distance, 1e-9)
+    return weights[None] if force == "normal" else weights * ahead / np.maximum(distance, 1e-9)
 
 
 def _pad_responses(
@@ -114,7 +117,7 @@ def _pad_responses(
     diameter_mm: tuple[float, ...],
     force: Force,
 ) -> np.ndarray:
-    """Mean stress on round pads by a unit point force at a distance, both (n, m), 1/mm^2.
+    """Mean stress on n round pads by a unit point force at a distance, both (m, n), 1/mm^2.
 
     force: "shear" is along the line from the force to the pad; "moment" is the increase of the
     stress per mm by which a normal force is nearer to the pad, 1/mm^3. Cached on disk.
@@ -122,11 +125,11 @@ def _pad_responses(
     responses = np.empty_like(distance_mm)
     for diameter in set(diameter_mm):
         same = np.array(diameter_mm) == diameter
-        r = np.linspace(0.0, float(distance_mm[same].max()) + 0.1, 600)
+        r = np.linspace(0.0, float(distance_mm[:, same].max()) + 0.1, 600)
         key = repr((force, thickness_mm, poisson, diameter, float(r[-1])))
         compute = partial(_hankel, r, thickness_mm, poisson, diameter, force)
         profile = cached_array("taxels", key, __file__, compute)
-        responses[same] = np.interp(distance_mm[same], r, profile)
+        responses[:, same] = np.interp(distance_mm[:, same], r, profile)
     return responses
 
 

@@ -15,9 +15,8 @@ import viser
 from viser import _messages
 
 from t2twin.core.errors import T2TwinError
-from t2twin.sim.contact.elastomer import CYSKIN_COVER
 from t2twin.sim.cyskin.layout import load_layout
-from t2twin.sim.cyskin.taxels import pad_weights
+from t2twin.sim.cyskin.taxels import pad_pressure_mpa
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.studio.controls.file_drop import accept_dropped_files
 from t2twin.studio.controls.inputs import Inputs
@@ -134,7 +133,7 @@ class FileTasks:
         """Raises T2TwinError for an invalid layout and for one that exceeds the cover."""
         layout, result = load_layout(path), self._get_result()
         if result is not None:
-            pad_weights(CYSKIN_COVER, result.touch.cyskin.x_mm, result.touch.cyskin.y_mm, layout)
+            pad_pressure_mpa(result.touch.cyskin, layout)
 
     def _export(self) -> None:
         result = self._get_result()
