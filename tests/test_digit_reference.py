@@ -98,6 +98,13 @@ def test_a_surface_on_another_grid_is_refused():
         renderer.render(np.zeros((10, 10)))
 
 
+def test_a_closed_renderer_leaves_others_usable(ball, ball_picture):
+    with ReferenceRenderer(PURE, GREY_AMBIENT, led_points=1) as renderer:
+        render(FLAT)
+        np.testing.assert_array_equal(renderer.render(ball), ball_picture)
+        render(FLAT)
+
+
 def test_the_baked_model_takes_a_gel_without_a_dome():
     flat_gel = replace(DIGIT_GEL, dome_width_radius_mm=np.inf, dome_length_radius_mm=np.inf)
     own, domed = DigitOptics.load(gel=flat_gel), DigitOptics.load()

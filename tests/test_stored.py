@@ -37,13 +37,25 @@ def test_a_stored_dataset_is_valid(stored):
     assert pairs == [8, 2, 1]
 
 
-def test_a_stored_world_gives_the_same_bytes(stored, tmp_path, monkeypatch):
-    """With the gain of version 0.2."""
+def test_a_stored_world_gives_the_same_presses(stored, tmp_path, monkeypatch):
+    """With the gain of version 0.2. Contact is more accurate since: depths change by up to 1 %."""
     monkeypatch.setattr(taxels.counts, "__defaults__", (78_000.0,))
     t2twin.make_dataset(tmp_path / "again", world=stored / "world.toml", workers=1)
-    for shard in (stored / "dataset").rglob("*.parquet"):
-        again = tmp_path / "again" / shard.relative_to(stored / "dataset")
-        assert again.read_bytes() == shard.read_bytes()
+    tolerances = {
+        "digit_depth_mm": 0.02, "cyskin_depth_mm": 0.02, "digit_force_n": 1e-5,
+        "cyskin_force_n": 1e-5, "taxels": 400, "field": 400,
+    }  # fmt: skip
+    for split in ("train", "val", "test"):
+        before = read_split(stored / "dataset", split)
+        again = read_split(tmp_path / "again", split)
+        exact = set(before.column_names) - set(tolerances) - {"image"}
+        assert again.select(sorted(exact)).equals(before.select(sorted(exact)))
+        for name, tolerance in tolerances.items():
+            values = [np.array(table[name].to_pylist(), float) for table in (before, again)]
+            assert np.abs(values[1] - values[0]).max() <= tolerance, name
+        for images in zip(before["image"].to_pylist(), again["image"].to_pylist(), strict=True):
+            grey = [np.asarray(Image.open(io.BytesIO(each["bytes"])), float) for each in images]
+            assert np.abs(grey[1] - grey[0]).mean() < 1.0
 
 
 def test_a_stored_recipe_keeps_every_field(stored):
@@ -78,7 +90,8 @@ def test_a_press_with_a_stored_calibration_gives_the_same_image(stored):
     twin = t2twin.Twin(calibration=stored / "calibration" / "calibration.npz")
     image = twin.press("circle-1", force_n=4.0).image
     expected = PREDICTIONS["calibration"]["image_mean_of_rows"]
-    np.testing.assert_allclose(image.mean(axis=(1, 2))[::20], expected, atol=0.01)
+    # The press is 1 % deeper or less deep since.
+    np.testing.assert_allclose(image.mean(axis=(1, 2))[::20], expected, atol=0.1)
 
 
 def row_of(stored, expected):

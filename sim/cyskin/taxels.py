@@ -106,39 +106,48 @@ def _weights(
     pitch = x_mm[1] - x_mm[0]
     ahead = np.stack([taxel_x - x.ravel()[:, None], taxel_y - y.ravel()[:, None]])
     distance = np.hypot(*ahead)
-    weights = pitch**2 * _pad_responses(distance, thickness_mm, poisson, diameter_mm, force)
+    weights = pitch**2 * _pad_responses(distance, pitch, thickness_mm, poisson, diameter_mm, force)
     return weights[None] if force == "normal" else weights * ahead / np.maximum(distance, 1e-9)
 
 
 def _pad_responses(
     distance_mm: np.ndarray,
+    pitch_mm: float,
     thickness_mm: float,
     poisson: float,
     diameter_mm: tuple[float, ...],
     force: Force,
 ) -> np.ndarray:
-    """Mean stress on n round pads by a unit point force at a distance, both (m, n), 1/mm^2.
+    """Mean stress on n round pads by a unit force on a cell at a distance, both (m, n), 1/mm^2.
 
-    force: "shear" is along the line from the force to the pad; "moment" is the increase of the
-    stress per mm by which a normal force is nearer to the pad, 1/mm^3. Cached on disk.
+    pitch_mm: side of the cell. force: "shear" is along the line from the force to the pad; "moment"
+    is the increase of the stress per mm by which a normal force is nearer to the pad, 1/mm^3.
+    Cached on disk.
     """
     responses = np.empty_like(distance_mm)
     for diameter in set(diameter_mm):
         same = np.array(diameter_mm) == diameter
         r = np.linspace(0.0, float(distance_mm[:, same].max()) + 0.1, 600)
-        key = repr((force, thickness_mm, poisson, diameter, float(r[-1])))
-        compute = partial(_hankel, r, thickness_mm, poisson, diameter, force)
+        key = repr((force, pitch_mm, thickness_mm, poisson, diameter, float(r[-1])))
+        compute = partial(_hankel, r, pitch_mm, thickness_mm, poisson, diameter, force)
         profile = cached_array("taxels", key, __file__, compute)
         responses[:, same] = np.interp(distance_mm[:, same], r, profile)
     return responses
 
 
 def _hankel(
-    r_mm: np.ndarray, thickness_mm: float, poisson: float, diameter_mm: float, force: Force
+    r_mm: np.ndarray,
+    pitch_mm: float,
+    thickness_mm: float,
+    poisson: float,
+    diameter_mm: float,
+    force: Force,
 ) -> np.ndarray:
     """`_pad_responses` at distances (n,), 1/mm^2, by a Hankel transform.
 
-    The integrand is the stress at the base times the transform of a disc, 2 J1(k a) / (k a).
+    The integrand is the stress at the base times the transforms of a disc, 2 J1(k a) / (k a), and
+    of a cell. The latter is that of a Gaussian with the second moment of the square, p^2 / 12 along
+    each axis.
     """
     from scipy import special
 
@@ -151,5 +160,5 @@ def _hankel(
         spectrum, bessel = k * base_stress(k, thickness_mm, poisson), special.j1
     else:
         spectrum, bessel = spectra(k, thickness_mm, 1.0, poisson).base_shear, special.j1
-    spectrum = spectrum * disc * k / (2 * np.pi)
+    spectrum = spectrum * disc * np.exp(-((k * pitch_mm) ** 2) / 24) * k / (2 * np.pi)
     return np.trapezoid(spectrum * bessel(r_mm[:, None] * k), k, axis=1)

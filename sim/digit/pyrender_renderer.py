@@ -12,7 +12,7 @@ per point, and the images are averaged in linear light.
 
 import os
 import warnings
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -69,6 +69,15 @@ def _no_gl(error: Exception) -> str:
         f"({type(error).__name__}: {error}); on Debian: apt-get install libegl1 libgl1-mesa-dri "
         "libgl1"
     )
+
+
+def _destroy_context(platform: Any) -> None:
+    """Destroys the context of a pyrender platform, which is current."""
+    from OpenGL import EGL
+
+    display = platform._egl_display
+    EGL.eglMakeCurrent(display, EGL.EGL_NO_SURFACE, EGL.EGL_NO_SURFACE, EGL.EGL_NO_CONTEXT)
+    EGL.eglDestroyContext(display, platform._egl_context)
 
 
 class ReferenceRenderer:
@@ -158,7 +167,10 @@ class ReferenceRenderer:
         return total / self._passes
 
     def close(self) -> None:
-        """Free the GL context."""
+        """Free the GL context. Other renderers of the process stay usable, also those of MuJoCo."""
+        platform = self._renderer._platform
+        # pyrender's own function also terminates the display, which all contexts share.
+        platform.delete_context = partial(_destroy_context, platform)
         self._renderer.delete()
 
     def __enter__(self) -> "ReferenceRenderer":

@@ -136,7 +136,6 @@ class _RendererCache:
         self, leds: tuple[Led, ...], camera: Camera, gel: Elastomer
     ) -> tuple[ReferenceRenderer, np.ndarray]:
         if self._renderer is not None and self._parameters != (leds, camera, gel):
-            # before the next one is created: closing it ends the display of both
             self._renderer.close()
             self._renderer = None
         if self._renderer is None:
