@@ -10,7 +10,6 @@ import torch
 from safetensors.torch import load_file, save_file
 from spots import write_spots
 
-from maintenance.average_runs import average_runs
 from maintenance.publish_pretrained import publish_pretrained
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.store import read_info
@@ -22,6 +21,7 @@ from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.load import load_run
 from t2twin.translate.inference.predictor import require
 from t2twin.translate.runs import pretrained
+from t2twin.translate.runs.average import average_runs
 from t2twin.translate.runs.config import BEST
 from t2twin.translate.runs.pretrained import HOME, pretrained_runs, resolve_run, versioned
 

@@ -8,22 +8,19 @@ import numpy as np
 import pytest
 import torch
 from msgspec import structs
-from safetensors.torch import load_file
-from spots import stopped_after_an_epoch, train_smoke, write_spots
+from spots import train_smoke, write_spots
 
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.dataset.generate import make_dataset
 from t2twin.sim.world.recipe import load_recipe
 from t2twin.translate.data.pairs import load_info, load_pairs
 from t2twin.translate.inference.load import load_run
-from t2twin.translate.models import field
 from t2twin.translate.models.field import FieldTranslator
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS
 from t2twin.translate.runs.build import build
-from t2twin.translate.runs.config import BEST, CONFIG, load_config
+from t2twin.translate.runs.config import CONFIG, load_config
 from t2twin.translate.training.settings import WARM_START_SHARE, after_warm_start
 from t2twin.translate.training.train import train
-from t2twin.translate.training.trainer import load_examples
 from t2twin.translate.training.warm_start import apply_warm_start, find_warm_start
 
 WORLD = """
@@ -113,40 +110,6 @@ def test_a_field_run_keeps_what_it_knows_but_for_the_mean_frame(tmp_path: Path) 
     assert changed == {"mean_frame", "force_scale"}  # the force was the same in all it had seen
     translator.prepare(load_pairs(one, "train", config.preset.size, False, with_field=True))
     assert float(translator.network.force_scale[1]) > 0.1  # what is known of forces stays
-
-
-def test_initial_predictions_are_targets_also_after_an_interruption(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    data = world(tmp_path, 5, "{ low = 1.0, high = 10.0 }")
-    train("field", data, "smoke", tmp_path / "run", epochs=1)
-    preset = replace(PRESETS["field"]["smoke"], initial_share=1.0, drift=0.05)
-    translator = build(structs.replace(load_config(tmp_path / "run"), preset=preset))
-    assert isinstance(translator, FieldTranslator)
-    start = find_warm_start(tmp_path / "run", "field", preset, load_info(data))
-    apply_warm_start(start, translator)
-    translator.network.eval()
-    pairs = load_pairs(data, "train", preset.size, False, with_field=True)
-    monkeypatch.setattr(field, "MEAN_FRAME_SHARE", 0.0)
-    batch = np.arange(8)
-    with_initial = load_examples(translator.with_initial(pairs), batch, preset, None)
-    without = load_examples(pairs, batch, preset, None)
-    assert translator.step(with_initial)["field"] < 1e-6 < 0.1 < translator.step(without)["field"]
-
-    def training(name: str) -> None:
-        train("field", data, preset, tmp_path / name, epochs=2, init_from=tmp_path / "run")
-
-    training("whole")
-    with stopped_after_an_epoch():
-        training("killed")
-    training("killed")
-    initial, whole, resumed = (
-        load_file(tmp_path / name / BEST) for name in ("run", "whole", "killed")
-    )
-    assert all(torch.equal(tensor, resumed[name]) for name, tensor in whole.items())
-    assert not torch.equal(initial["mean.weight"], whole["mean.weight"])
-    for name in ("encoder.bn1.running_mean", "decode.1.running_var"):
-        assert torch.equal(initial[name], whole[name])
 
 
 def test_what_cannot_be_begun_with_is_one_sentence(

@@ -113,8 +113,7 @@ class Pairs:
     images: the P DIGIT images, (S, S, c) each. counts: (P, N) float32.
     shapes, families: (P,) names. x_mm, y_mm, yaw_rad, force_n: (P,) the presses.
     field: (P, F) uint16, counts, and backgrounds, if they were loaded. shear_n: (P, 2), N, along x
-    and y on the DIGIT, and is_moving: (P,) bool, of worlds with motion. initial: (P, F) float32,
-    counts, what the initial run of a warm start predicts, if it is the target.
+    and y on the DIGIT, and is_moving: (P,) bool, of worlds with motion.
     """
 
     images: ImageFile
@@ -129,7 +128,6 @@ class Pairs:
     backgrounds: PairBackgrounds | None = None
     shear_n: np.ndarray | None = None
     is_moving: np.ndarray | None = None
-    initial: np.ndarray | None = None
 
     def __len__(self) -> int:
         return self.counts.shape[0]
@@ -332,7 +330,7 @@ class Examples:
 
     images: as `images.to_input` returns them, (B, c, S, S). counts: (B, N) float32. field: (B, F)
     float32, counts, for translators that learn it. force_n: (B,) float32, 0 without contact.
-    shear_n: (B, 2) float32, of worlds with motion. initial: (B, F) float32, see Pairs.
+    shear_n: (B, 2) float32, of worlds with motion.
     """
 
     images: torch.Tensor
@@ -340,4 +338,3 @@ class Examples:
     field: torch.Tensor | None = None
     force_n: torch.Tensor | None = None
     shear_n: torch.Tensor | None = None
-    initial: torch.Tensor | None = None

@@ -52,10 +52,6 @@ class Translator(ABC):
         """Sets buffers from the training pairs before the first step; by default none."""
         return
 
-    def with_initial(self, pairs: Pairs) -> Pairs:
-        """The pairs with the field that the initial weights predict, if it is a target."""
-        return pairs
-
     def calibrate(self, *sets: Pairs) -> None:
         """Fits the uncertainty of the predictor to held-out pairs; by default there is none."""
         return

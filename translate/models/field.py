@@ -19,7 +19,6 @@ tactile image.
 
 from collections.abc import Iterator
 from copy import copy, deepcopy
-from dataclasses import replace
 from functools import cached_property
 from typing import Self, cast
 
@@ -87,7 +86,6 @@ class FieldTranslator(CountsTranslator):
         self.layout = info.taxels
         self.places_mm = info.field_x_mm, info.field_y_mm
         self.full_scale = info.full_scale_counts
-        self.initial_share = preset.initial_share
         self.device = device
         self.bf16 = bf16
         view_mm = DIGIT_CAMERA.seen_half_extent_mm()
@@ -128,13 +126,6 @@ class FieldTranslator(CountsTranslator):
                 rms_n = float(np.sqrt(np.square(pairs.shear_n).mean()))
                 network.shear_scale.fill_(max(rms_n, MIN_SHEAR_SCALE_N))
 
-    def with_initial(self, pairs: Pairs) -> Pairs:
-        """See Translator."""
-        if not self.initial_share:
-            return pairs
-        mean = torch.cat([outputs.mean for _, outputs in self._outputs_on(pairs)])
-        return replace(pairs, initial=mean.float().cpu().numpy() * self.full_scale)
-
     def step(self, examples: Examples) -> dict[str, float]:
         """One step on the errors of field and force and the likelihoods of their spreads.
 
@@ -144,9 +135,7 @@ class FieldTranslator(CountsTranslator):
             optimizer.zero_grad()
         with self.precision():
             outputs = self.network(self._training_input(examples.images).to(self.device))
-        loss, losses = training_loss(
-            self.network, outputs, self._targets(examples), self.initial_share
-        )
+        loss, losses = training_loss(self.network, outputs, self._targets(examples))
         loss.backward()
         average_gradients(self.network)
         for optimizer in self.optimizers.values():
@@ -252,11 +241,10 @@ class FieldTranslator(CountsTranslator):
 
     def _targets(self, examples: Examples) -> FieldTargets:
         assert examples.field is not None and examples.force_n is not None
-        initial, shear_n = examples.initial, examples.shear_n
+        shear_n = examples.shear_n
         return FieldTargets(
             examples.field.to(self.device) / self.full_scale,
             examples.force_n.to(self.device),
-            None if initial is None else initial.to(self.device) / self.full_scale,
             None if shear_n is None else shear_n.to(self.device),
         )
 

@@ -37,29 +37,23 @@ the least certain fifth has a 13 % lower RMSE, with a Gaussian 4 %; 3 and 8 are 
 class FieldTargets:
     """Targets of a batch.
 
-    field: (B, F), fraction of full scale. force_n: (B,). initial: (B, F), what the initial run of a
-    warm start predicts, or None. shear_n: (B, 2), or None.
+    field: (B, F), fraction of full scale. force_n: (B,). shear_n: (B, 2), or None.
     """
 
     field: torch.Tensor
     force_n: torch.Tensor
-    initial: torch.Tensor | None
     shear_n: torch.Tensor | None
 
 
 def training_loss(
-    network: FieldNet, outputs: FieldOutputs, targets: FieldTargets, initial_share: float
+    network: FieldNet, outputs: FieldOutputs, targets: FieldTargets
 ) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
     """The loss of a batch, and its parts by name.
 
     Errors are divided by the standard deviation of their target, likelihoods are in nats.
-    initial_share: share of `targets.initial` in the target of the mean.
     """
     error = outputs.mean - targets.field
-    mean_error = error
-    if targets.initial is not None:
-        mean_error = error.lerp(outputs.mean - targets.initial, initial_share)
-    relative = mean_error / network.field_variance.sqrt()
+    relative = error / network.field_variance.sqrt()
     losses = {
         "field": relative.square().mean(),
         "field_absolute": (relative.square() + ROUNDING**2).sqrt().mean(),

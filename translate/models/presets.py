@@ -58,9 +58,6 @@ class Preset:
     averaged_part: share of the steps so far in the weight average used for prediction
         (optimizer.weight_average); 0 for the last weights.
     bf16: compute in bfloat16 if the processor supports it.
-    initial_share: after a warm start of a field run, share of the initial run's predictions in the
-        targets of the mean; statistics of batch norm are then kept. The network then keeps
-        its accuracy on shapes that are not in the dataset (Li and Hoiem 2016).
     untouched_share: augmentation of a field run: share of the pairs whose image is replaced by its
         background frame, and whose targets are those without contact.
     drift: augmentation of the background frame, standard deviation of relative changes of each
@@ -93,7 +90,6 @@ class Preset:
     noise: NotNegative = 0.0
     untouched_share: Share = 0.0
     drift: NotNegative = 0.0
-    initial_share: Share = 0.0
 
 
 RESNET18_CPU = Preset(

@@ -81,7 +81,6 @@ class Trainer:
         self.translator = build(self.config)
         if self.warm_start is not None:
             apply_warm_start(self.warm_start, self.translator)
-            self.pairs = self.translator.with_initial(self.pairs)
         if resumed:
             self.history = load_state(self.out_dir / LAST, self.translator)
         else:
@@ -144,7 +143,7 @@ class Trainer:
         rng = np.random.default_rng([config.seed, epoch, 1 + self.rank])
         torch.manual_seed(int(rng.integers(2**63)))  # dropout
         for network in translator.networks.values():
-            network.train(self.pairs.initial is None)  # else keeps the statistics of batch norm
+            network.train()
         sums: dict[str, float] = {}
         for batch in batches:
             losses = self._step(translator, batch[self.rank :: config.processes], rng)
@@ -252,7 +251,7 @@ def load_examples(
     batch = np.sort(batch)  # the order on disk
     more = [
         None if each is None else torch.from_numpy(each[batch].astype(np.float32))
-        for each in (pairs.field, pairs.force_n, pairs.shear_n, pairs.initial)
+        for each in (pairs.field, pairs.force_n, pairs.shear_n)
     ]
     pixels = pairs.inputs[batch].astype(np.float32) / 255.0
     if rng is not None and preset.untouched_share and pairs.backgrounds is not None:
