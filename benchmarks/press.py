@@ -52,7 +52,7 @@ BENCHMARK = Benchmark(
         Figure("sensors.*.worst.pressure_error", most=0.03),
         Figure("sensors.cyskin.worst.pad_error", most=0.008),
         Figure("sensors.*.worst.force_error", most=0.001),
-        Figure("sensors.*.random.within_limits_percent", "%", least=88.0),
+        Figure("sensors.*.random.within_limits_percent", "%", least=90.0),
         Figure("sensors.*.random.worst.*"),
         Figure("sensors.*.worst.halved_grid"),
         Figure("sensors.*.worst.orientations"),

@@ -1,4 +1,4 @@
-"""Averages the weights of two runs, of which the later one started from the earlier one.
+"""Averages the weights of a run and of a later run that was initialized with it.
 
     python -m maintenance.average_runs EARLIER LATER SHARE OUT
     t2twin calibrate-uncertainty OUT --data DATASET

@@ -41,7 +41,8 @@ frames = 1
 def write_recipe(file: Path, model: str, minutes: float, calibration: Path) -> None:
     """Writes the recipe of a dataset in the light of one unit.
 
-    minutes: duration of the adaptation. calibration: file of the light around which units are
+    file: the recipe. model: named in its comment. minutes: duration of the adaptation, which
+    determines the number of presses. calibration: file of the light around which units are
     sampled.
     """
     path = str(calibration.absolute()).replace("\\", "\\\\").replace('"', '\\"')

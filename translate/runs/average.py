@@ -12,6 +12,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from t2twin.core.errors import T2TwinError
+from t2twin.translate.networks.field_net import SHEAR
 from t2twin.translate.runs.card import CARD
 from t2twin.translate.runs.config import BEST, CONFIG, LOG, load_config
 
@@ -38,7 +39,8 @@ def average_runs(earlier: Path, later: Path, share: float, out: Path) -> None:
             raise T2TwinError(f"{run / BEST} does not exist; the run has not finished an epoch")
         weights.append(load_file(run / BEST))
     first, last = weights
-    if any(name not in first or first[name].shape != each.shape for name, each in last.items()):
+    first = {n: each for n, each in first.items() if n in last or not n.startswith(SHEAR)}
+    if {n: each.shape for n, each in first.items()} != {n: each.shape for n, each in last.items()}:
         raise T2TwinError(f"{earlier} and {later} have different networks; expected equal ones")
     mean = {name: _mean(first[name], last[name], share) for name in last}
     out.mkdir(parents=True)
