@@ -200,8 +200,10 @@ def _equilibrium(
             for survey, active, depth_mm in zip(surveys, layout.active, depths_mm, strict=True)
         ]
         if any(each.any() for each in missed):
-            wanted = [active | more for active, more in zip(layout.active, missed, strict=True)]
-            layout = PinLayout(surveys, list(zip(wanted, depths_mm, strict=True)), before)
+            loaded = [block_max(each, surveys[0].per_side) > 0 for each in found.body_pressures_mpa]
+            wanted = [touching | more for touching, more in zip(loaded, missed, strict=True)]
+            expected = list(zip(wanted, depths_mm, strict=True))
+            layout = PinLayout(surveys, expected, before, layout.active)
         elif found.last:
             return found
         found = _solve_stage(layout, found, verify)

@@ -42,10 +42,10 @@ its edges and where it is uneven."""
 MIN_PINS = 200
 """Number of pins that the expected contact covers at least, if FINER allows it."""
 
-PART_PINS = 125
+PART_PINS = 200
 """Number of smallest pins that the separate parts of an expected contact cover on average, below
-which the body gets pins of half that size. Needles of 1 mm are such parts; no press of the protocol
-has them."""
+which the body gets pins of half that size. Needles of 1 mm are such parts, and narrow ridges that
+barely touch; no press of the protocol has them."""
 
 EDGE_FACTOR = 2
 """Factor on the number of pins along a survey cell at the shape's edges."""
@@ -156,7 +156,8 @@ class PinLayout:
 
     surveys: of the bodies, on the same layer. expected: (rows, columns) bool on the survey's cells
     and the expected depth, mm, of each. before: the layout of a contact of the same bodies near to
-    this one, whose sizes of pins are kept where possible.
+    this one, whose sizes of pins are kept where possible. at_least: (rows, columns) bool of each,
+    cells that have pins in any case.
     Attributes: surveys; active, the survey's cells that have pins of each body; window, the window
     that contains them.
     """
@@ -166,9 +167,12 @@ class PinLayout:
         surveys: Sequence[Survey],
         expected: Sequence[tuple[np.ndarray, float]],
         before: "PinLayout | None" = None,
+        at_least: Sequence[np.ndarray] | None = None,
     ) -> None:
         self.surveys = surveys
         self.active = [dilated(touching, MARGIN_CELLS) for touching, _ in expected]
+        if at_least is not None:
+            self.active = [own | more for own, more in zip(self.active, at_least, strict=True)]
         self.window = window_around(np.logical_or.reduce(self.active))
         if before is None:
             finer = [
