@@ -7,8 +7,9 @@ from benchmarks import contact_cases
 from benchmarks.contact_shapes import FAMILIES, REACH_MM, TILT_DEG, make_case
 from benchmarks.press import SENSORS
 from benchmarks.solids import ball, punch
+from t2twin.primitives_cad.random_shapes.shape import RandomShape
 from t2twin.primitives_cad.shape import NOTHING_MM
-from t2twin.sim.contact.contact_solver import solve_contact
+from t2twin.sim.contact.contact_solver import solve_bodies, solve_contact
 from t2twin.sim.contact.types import PressCommand
 
 NEEDLES = 142
@@ -41,8 +42,22 @@ def test_the_faces_of_a_case_lie_within_reach_and_are_tilted(number):
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_small_parts_get_pins_of_half_the_size(sensor):
     assert smallest_pin_mm(punch(0.6), sensor) == pytest.approx(0.0625)
-    assert smallest_pin_mm(punch(1.0), sensor) == pytest.approx(0.125)
+    assert smallest_pin_mm(punch(1.2), sensor) == pytest.approx(0.125)
     assert smallest_pin_mm(ball(6.0), sensor) >= 0.124
+
+
+@pytest.mark.parametrize(
+    ("seed", "force_n", "side_mm"),
+    [
+        pytest.param(3, 2.0, 0.125, id="ridges over the whole pad"),
+        pytest.param(1, 1.0, 0.0625, id="narrow ridges that the first estimate misses in part"),
+    ],
+)
+def test_narrow_ridges_get_small_pins(seed, force_n, side_mm):
+    own, command = SENSORS["cyskin"], PressCommand("", 0.0, 0.0, 0.4, force_n)
+    body = RandomShape(seed), command
+    contact = solve_bodies([body], own.flat, own.pitch_mm, verify=False)
+    assert contact.settled and contact.pins.side_mm.min() == pytest.approx(side_mm)
 
 
 def test_round_needles_have_the_depth_of_the_reference():

@@ -99,8 +99,8 @@ def mjcf(pins: int) -> str:
 
 
 def _model(pins: int) -> mujoco.MjModel:
-    """The compiled model. Large ones are cached on disk: the time to compile grows with the square of
-    the pins, to seconds for 8,192 and most of a minute for 24,576; loading takes a second at most."""
+    """The compiled model. Large ones are cached on disk: the time to compile grows with the square
+    of the pins, up to a minute for the largest; loading takes a second at most."""
     text, folder = mjcf(pins), cache_dir() if pins >= MIN_CACHED_PINS else None
     if folder is None:
         return mujoco.MjModel.from_xml_string(text)
