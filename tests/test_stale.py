@@ -56,6 +56,29 @@ def test_results_of_the_present_commit_are_up_to_date(repository):
     assert changed_sources(SMALL, root, commits[1]) == ["sim/digit"]
 
 
+@pytest.mark.parametrize(
+    ("text", "changed"),
+    [
+        ('"""New."""\n\nA = 1  # new\n"""A value."""\n', []),
+        ('"""Text."""\nA = 2\n', ["sim/digit"]),
+        ('"""Text."""\nA = (\n', ["sim/digit"]),
+        (None, ["sim/digit"]),
+    ],
+    ids=["text", "code", "broken", "deleted"],
+)
+def test_changes_of_comments_and_docstrings_do_not_count(repository, text, changed):
+    root, commits = repository
+    path = root / "sim/digit/a.py"
+    path.write_text('"""Text."""\nA = 1\n')
+    git(root, "-c", "user.name=x", "-c", "user.email=x@x", "commit", "-qam", "a")
+    measure_at(git(root, "rev-parse", "--short=12", "HEAD"))
+    if text is None:
+        path.unlink()
+    else:
+        path.write_text(text)
+    assert changed_sources(SMALL, root, commits[1]) == changed
+
+
 def test_an_unmeasured_benchmark_and_a_baseline(repository):
     root, commits = repository
     assert changed_sources(SMALL, root, commits[1]) is None

@@ -1,5 +1,6 @@
 """Staleness: which source folders of a benchmark changed since its results were measured."""
 
+import ast
 from pathlib import Path
 
 from benchmarks import ROOT
@@ -16,8 +17,8 @@ def changed_sources(
 ) -> list[str] | None:
     """The source folders that differ from the measured commit.
 
-    Uncommitted changes of tracked files count. None if there are no results. A baseline benchmark
-    is never stale.
+    Uncommitted changes of tracked files count; changes of comments and docstrings do not. None if
+    there are no results. A baseline benchmark is never stale.
 
     Raises T2TwinError if the repository at root lacks the history.
     """
@@ -33,8 +34,37 @@ def changed_sources(
         )
     is_later = git("merge-base", "--is-ancestor", baseline, measured, root=root) is not None
     since = measured if is_later else baseline
-    return [
-        source
-        for source in benchmark.sources
-        if git("diff", "--name-only", since, "--", source, root=root)
-    ]
+    return [source for source in benchmark.sources if _has_changed(source, since, root)]
+
+
+def _has_changed(source: str, commit: str, root: Path) -> bool:
+    paths = git("diff", "--name-only", "--no-renames", commit, "--", source, root=root) or ""
+    return any(_code_differs(path, commit, root) for path in paths.splitlines())
+
+
+def _code_differs(path: str, commit: str, root: Path) -> bool:
+    """Whether a file that changed since a commit differs in more than comments and docstrings."""
+    before, now = git("show", f"{commit}:{path}", root=root), root / path
+    if before is None or not now.is_file() or now.suffix != ".py":
+        return True
+    try:
+        return _code(before) != _code(now.read_text("utf-8"))
+    except SyntaxError:
+        return True
+
+
+def _code(text: str) -> str:
+    """The syntax tree of a module, without the strings that stand alone as statements."""
+    tree = ast.parse(text)
+    for node in ast.walk(tree):
+        if isinstance(body := getattr(node, "body", None), list):
+            node.body = [each for each in body if not _is_string(each)]  # pyright: ignore
+    return ast.dump(tree)
+
+
+def _is_string(node: ast.AST) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
