@@ -63,7 +63,12 @@ def measure(options: Namespace) -> dict[str, Any]:
     for folder in options.evaluations:
         world, splits, runs = _figures(folder)
         for split, rows in splits.items():
-            content["on"].setdefault(world, {}).setdefault(split, {}).update(rows)
+            known = content["on"].setdefault(world, {}).setdefault(split, {})
+            if twice := sorted(runs.keys() & known.keys()):
+                raise T2TwinError(
+                    f"{folder} has another evaluation of {twice[0]} on {world}; give one of them"
+                )
+            known |= rows
         content["runs"] |= runs
     return content
 
