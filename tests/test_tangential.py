@@ -441,7 +441,7 @@ def test_a_tip_settles_between_two_sets_of_cells():
 
 
 def test_a_layout_returns_to_smaller_pins_only_where_they_are_clearly_fewer(monkeypatch):
-    monkeypatch.setattr(pin_layout, "POOL_SIZES", (8192,))
+    monkeypatch.setattr(pin_layout, "POOL_SIZES", (8192,))  # fewer than this shape needs
     shape = catalogue.load("random-4322000001087")
     command = PressCommand(shape.name, 0.378, 1.078, 2.3, 2.25)
     survey = Survey(shape, command, cached_layer(DIGIT_GEL, 0.25))

@@ -54,17 +54,14 @@ def _code_differs(path: str, commit: str, root: Path) -> bool:
 
 
 def _code(text: str) -> str:
-    """The syntax tree of a module, without the strings that stand alone as statements."""
-    tree = ast.parse(text)
-    for node in ast.walk(tree):
-        if isinstance(body := getattr(node, "body", None), list):
-            node.body = [each for each in body if not _is_string(each)]  # pyright: ignore
-    return ast.dump(tree)
+    """The syntax tree of a module, without docstrings."""
+    return ast.dump(_WithoutDocstrings().visit(ast.parse(text)))
 
 
-def _is_string(node: ast.AST) -> bool:
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
+class _WithoutDocstrings(ast.NodeTransformer):
+    """Removes the strings that stand alone as statements."""
+
+    def visit_Expr(self, node: ast.Expr) -> ast.Expr | None:
+        value = node.value
+        is_string = isinstance(value, ast.Constant) and isinstance(value.value, str)
+        return None if is_string else node

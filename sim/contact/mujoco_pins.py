@@ -41,24 +41,9 @@ SHAPE_MASS = 10.0
 equilibrium in one or two steps, and its contact stays stiff."""
 
 POOL_SIZES = (
-    128,
-    192,
-    256,
-    384,
-    512,
-    768,
-    1024,
-    1280,
-    1536,
-    2048,
-    3072,
-    4096,
-    6144,
-    8192,
-    12288,
-    16384,
+    128, 192, 256, 384, 512, 768, 1024, 1280, 1536, 2048, 3072, 4096, 6144, 8192, 12288, 16384,
     24576,
-)
+)  # fmt: skip
 """Numbers of pins for which a model is compiled; a press uses the smallest that fits."""
 
 MIN_CACHED_PINS = 1024
