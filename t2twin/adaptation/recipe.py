@@ -4,9 +4,9 @@ from pathlib import Path
 
 from t2twin.core.files import atomic_write
 
-SHAPES_PER_MINUTE = 160
+SHAPES_PER_MINUTE = 90
 """Random shapes of the dataset per minute of the adaptation. Pressing them, four times each, takes
-a third of the time on two cores (measured: 0.05 s of a core for a pair)."""
+a third of the time on two cores of a virtual machine (measured: 0.1 s of a core for a pair)."""
 
 PRIMITIVE_PRESSES_PER_MINUTE = 1.5
 """Presses of each primitive per minute of the adaptation (assumed)."""
