@@ -61,7 +61,7 @@ def one_sensor(twin: t2twin.Twin, sensor: str) -> dict[str, float]:
     """Median processor time of a step and of a press, ms, and their ratio."""
     presses, steps = [], []
     of_sensor = twin.sensors.digit if sensor == "digit" else twin.sensors.cyskin
-    for name in (SHAPES[0], *SHAPES):  # the first time, code is compiled and kernels are computed
+    for name in (*SHAPES, *SHAPES):  # the first round compiles code, loads models, computes kernels
         shape = catalogue.load(name)
         start = time.process_time()
         contact = of_sensor.press(shape, PressCommand(name, 0.0, 0.0, 0.0, FORCE_N))
@@ -70,14 +70,15 @@ def one_sensor(twin: t2twin.Twin, sensor: str) -> dict[str, float]:
             start = time.process_time()
             contact = advance(contact, STEP_MM, 0.0, 0.0, FORCE_N, FRICTION[sensor])
             steps.append(1e3 * (time.process_time() - start))
-    step_ms, press_ms = float(np.median(steps[STEPS:])), float(np.median(presses[1:]))
+    press_ms = float(np.median(presses[len(SHAPES) :]))
+    step_ms = float(np.median(steps[len(SHAPES) * STEPS :]))
     return {"median_ms": step_ms, "press_ms": press_ms, "of_a_press": step_ms / press_ms}
 
 
 def both_sensors(twin: t2twin.Twin) -> dict[str, float]:
     """Steps a second of `Twin.slide` with each shape, in real time."""
     rates = {}
-    for name in (SHAPES[0], *SHAPES):  # the first time is replaced
+    for name in (*SHAPES, *SHAPES):  # the rates of the first round are replaced
         touch = twin.press(name, force_n=FORCE_N)
         start = time.perf_counter()
         twin.slide(touch, dx_mm=STEPS * STEP_MM, steps=STEPS)
