@@ -1,4 +1,4 @@
-"""Measurements of the project: each module is a command that prints and stores its figures."""
+"""Measurements of the project, by subject: most modules are commands that print their figures."""
 
 from pathlib import Path
 

@@ -35,7 +35,7 @@ def test_a_results_file_belongs_to_a_benchmark_and_has_provenance(path):
     assert path.stem in BENCHMARKS
     measured_on = read_results(path).measured_on
     assert len(measured_on.commit.rstrip("+")) == 12
-    assert measured_on.date and f"benchmarks.{path.stem}" in measured_on.command
+    assert measured_on.date and f".{path.stem}" in measured_on.command
 
 
 @pytest.mark.parametrize("benchmark", BENCHMARKS.values(), ids=lambda benchmark: benchmark.name)
@@ -46,7 +46,7 @@ def test_every_figure_is_in_the_results(benchmark):
 
 @pytest.mark.parametrize("benchmark", BENCHMARKS.values(), ids=lambda benchmark: benchmark.name)
 def test_a_module_declares_a_benchmark_of_its_own_name(benchmark):
-    path = ROOT / "benchmarks" / f"{benchmark.name}.py"
+    path = ROOT / f"{benchmark.module.replace('.', '/')}.py"
     text = path.read_text()
     assert "    main(BENCHMARK)\n" in text
     assert any(isinstance(n, ast.FunctionDef) and n.name == "measure" for n in ast.parse(text).body)
@@ -82,7 +82,7 @@ def test_values_are_found_by_their_paths():
 
 
 SMALL = Benchmark(
-    name="small",
+    module="benchmarks.small",
     measures="Nothing.",
     minutes=0.0,
     figures=(Figure("time_ms", "ms", most=2.0), Figure("rows.*.ratio", least=1.5)),
@@ -194,21 +194,21 @@ def test_a_failed_benchmark_does_not_stop_the_others(monkeypatch):
 
     def call(arguments, check):
         called.append(arguments[-1])
-        return type("Done", (), {"returncode": int(arguments[-1] == "benchmarks.press")})
+        return type("Done", (), {"returncode": int(arguments[-1] == "benchmarks.contact.press")})
 
     monkeypatch.setattr(run.subprocess, "run", call)
     with pytest.raises(SystemExit, match=r"failed, or missed a limit: press$"):
         command.main([])
     assert called == [b.module for b in BENCHMARKS.values() if not b.needs_arguments]
-    assert {"benchmarks.press", "benchmarks.kills", "benchmarks.gain"} <= set(called)
-    assert not {"benchmarks.translation", "benchmarks.probes"} & set(called)
+    assert {"benchmarks.contact.press", "benchmarks.taxels.gain"} <= set(called)
+    assert not {"benchmarks.networks.translation", "benchmarks.networks.probes"} & set(called)
 
 
 @pytest.mark.parametrize(
     "arguments, sentence",
     [
         (["nothing"], r"no benchmark 'nothing'; there are .*, press, "),
-        (["translation"], "translation needs arguments: python -m benchmarks.translation"),
+        (["translation"], "translation needs arguments: python -m benchmarks.networks.translation"),
     ],
 )
 def test_an_impossible_request_is_refused(arguments, sentence):

@@ -10,7 +10,7 @@ import pytest
 from ball_frames import BALL_MM, HELD_OUT, POSES, save
 from PIL import Image
 
-from benchmarks.calibration import background_floor, repeats_floor
+from benchmarks.optics.calibration import background_floor, repeats_floor
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit import probe_surfaces

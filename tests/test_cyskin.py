@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from benchmarks.solids import ball, punch
+from benchmarks.contact.solids import ball, punch
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import reading, taxels

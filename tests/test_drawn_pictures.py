@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.image_metrics import (
+from benchmarks.networks.image_metrics import (
     CONTACT_GREY,
     DETAILS_MM,
     compare_images,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from benchmarks.same_surface import SHARED, KnownSurfaces, tool_surfaces
+from benchmarks.datasets.same_surface import SHARED, KnownSurfaces, tool_surfaces
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.same_solid import KnownSolids, invariants

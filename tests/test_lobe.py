@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from ball_frames import BALL_MM, POSES
 
-from benchmarks.calibration import rim_steepness
+from benchmarks.optics.calibration import rim_steepness
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.digit import probe_surfaces
 from t2twin.sim.digit.calibrate.fit import BallFit

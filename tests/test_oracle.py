@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.flat_pad import FlatPad
-from benchmarks.oracle import Waves, kernel, solve
-from benchmarks.solids import block
+from benchmarks.contact.flat_pad import FlatPad
+from benchmarks.contact.oracle import Waves, kernel, solve
+from benchmarks.contact.solids import block
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.layer import base_stress, compliance_mm_per_mpa

@@ -8,8 +8,8 @@ import pytest
 import trimesh
 from scipy.interpolate import RectBivariateSpline
 
-from benchmarks.oracle import kernel, solve
-from benchmarks.solids import ball, block, formula, punch
+from benchmarks.contact.oracle import kernel, solve
+from benchmarks.contact.solids import ball, block, formula, punch
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.random_shapes.features import Composition, Feature

@@ -3,7 +3,7 @@ import pickle
 import numpy as np
 import pytest
 
-from benchmarks.same_surface import KnownSurfaces
+from benchmarks.datasets.same_surface import KnownSurfaces
 from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue, height_map

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import t2twin
-from benchmarks import recordings
-from benchmarks.recordings import REAL
+from benchmarks.taxels import recordings
+from benchmarks.taxels.recordings import REAL
 from t2twin.sim.contact.types import PressCommand
 from t2twin.sim.cyskin import reading
 from t2twin.sim.cyskin.layout import load_layout

@@ -1,4 +1,4 @@
-"""RMSE on synthetic data, held to the committed baseline: see benchmarks/regression.py."""
+"""RMSE on synthetic data, held to the committed baseline: see benchmarks/networks/regression.py."""
 
 import json
 import os
@@ -6,10 +6,10 @@ import shutil
 
 import pytest
 
-from benchmarks import regression
 from benchmarks.evidence.results import read_results
 from benchmarks.evidence.run import missed
-from benchmarks.regression import BENCHMARK, EPOCHS, against, train_and_evaluate
+from benchmarks.networks import regression
+from benchmarks.networks.regression import BENCHMARK, EPOCHS, against, train_and_evaluate
 
 BASELINE = read_results(BENCHMARK.results).content
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from benchmarks import oracle
-from benchmarks.solid import COARSEST_MM, Gel, Mesh, half_axis_mm, quarter, solve, stiffness
+from benchmarks.contact import oracle
+from benchmarks.contact.solid import COARSEST_MM, Gel, Mesh, half_axis_mm, quarter, solve, stiffness
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import DIGIT_GEL, Elastomer
 from t2twin.sim.contact.layer import compliance_mm_per_mpa

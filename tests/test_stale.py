@@ -11,7 +11,7 @@ from benchmarks.evidence.results import Provenance, Results, write_results
 from benchmarks.evidence.stale import BASELINE, changed_sources
 from t2twin.core.errors import T2TwinError
 
-SMALL = Benchmark("small", "Nothing.", 0.0, sources=("sim/contact", "sim/digit"))
+SMALL = Benchmark("benchmarks.small", "Nothing.", 0.0, sources=("sim/contact", "sim/digit"))
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_changes_of_comments_and_docstrings_do_not_count(repository, text, chang
 def test_an_unmeasured_benchmark_and_a_baseline(repository):
     root, commits = repository
     assert changed_sources(SMALL, root, commits[1]) is None
-    baseline = Benchmark("small", "Nothing.", 0.0, SMALL.sources, is_baseline=True)
+    baseline = Benchmark("benchmarks.small", "Nothing.", 0.0, SMALL.sources, is_baseline=True)
     assert changed_sources(baseline, root, commits[1]) == []
 
 

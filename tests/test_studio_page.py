@@ -17,7 +17,7 @@ from PIL import Image
 from waiting import wait_until
 
 import t2twin
-from benchmarks.studio_events import act
+from benchmarks.timing.studio_events import act
 from t2twin.cli import main
 from t2twin.studio.press_state import PressState
 from t2twin.studio.server import FOLDER, studio
@@ -300,7 +300,7 @@ def fits(tab, size):
 
 @pytest.mark.exhaustive
 def test_two_busy_clients_end_with_the_right_state(desk, opened, served, tmp_path):
-    """A tenth of what benchmarks/studio.py does; its figure for memory needs all of it."""
+    """A tenth of what benchmarks/timing/studio.py does; its figure for memory needs all of it."""
     tab, page = desk
     other_tab, other = opened(PressState("circle-1"))
     done = act(served, [page, other], 100, tmp_path)

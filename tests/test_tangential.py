@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import t2twin
-from benchmarks.slides_closed_forms import FORCE_N, torsion, twisted_ball
+from benchmarks.motion.slides_closed_forms import FORCE_N, torsion, twisted_ball
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact import pin_layout

@@ -1,14 +1,13 @@
 """Tables of the reference: options of the commands, public names, results files, renamed names."""
 
-import ast
-import re
 import warnings
 from collections.abc import Callable
+from importlib import import_module
 from inspect import getdoc
 
-from benchmarks import ROOT
-from benchmarks.documents.figures import RESULTS, Figures, figure_tables, markdown
+from benchmarks.documents.figures import Figures, figure_tables, markdown
 from benchmarks.documents.renames import renames
+from benchmarks.evidence.record import find_benchmarks
 
 
 def tables() -> dict[str, Callable[[], str]]:
@@ -53,11 +52,9 @@ def public_names() -> str:
 def benchmarks() -> str:
     """The results files, what their benchmarks measure, and when they were measured."""
     figures, lines = Figures(), [["name", "measures", "date"]]
-    for path in sorted((ROOT / "benchmarks").glob("*.py")):
-        text = path.read_text("utf-8")
-        declared = re.search(r'BENCHMARK = Benchmark\(\s*name="(\w+)"', text)
-        name = declared[1] if declared else path.stem
-        if (RESULTS / f"{name}.json").is_file():
-            first = (ast.get_docstring(ast.parse(text)) or "").partition("\n\n")[0]
-            lines.append([f"`{name}`", " ".join(first.split()), figures.date(name)])
+    for benchmark in find_benchmarks().values():
+        if benchmark.results.is_file():
+            first = (getdoc(import_module(benchmark.module)) or "").partition("\n\n")[0]
+            text = " ".join(first.split())
+            lines.append([f"`{benchmark.name}`", text, figures.date(benchmark.name)])
     return markdown(lines)

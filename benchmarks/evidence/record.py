@@ -4,6 +4,7 @@ from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -77,17 +78,17 @@ class Argument:
 
 @dataclass(frozen=True)
 class Benchmark:
-    """One benchmark, declared as `BENCHMARK` by its module benchmarks.NAME.
+    """One benchmark, declared as `BENCHMARK` by its module.
 
     The module also defines `measure(options)`, which returns the content of the results.
 
-    name: of the module and of the results file. measures: one sentence. minutes: duration on two
-    cores. sources: folders whose code determines the figures, relative to the repository. Folders
-    of general helpers, such as t2twin/core, are left out. is_baseline: the results are a baseline
-    for a test: they are written with --write only and never stale.
+    module: benchmarks.FOLDER.NAME. measures: one sentence. minutes: duration on two cores. sources:
+    folders whose code determines the figures, relative to the repository. Folders of general
+    helpers, such as t2twin/core, are left out. is_baseline: the results are a baseline for a test:
+    they are written with --write only and never stale.
     """
 
-    name: str
+    module: str
     measures: str
     minutes: float
     sources: tuple[str, ...] = ()
@@ -96,8 +97,9 @@ class Benchmark:
     is_baseline: bool = False
 
     @property
-    def module(self) -> str:
-        return f"benchmarks.{self.name}"
+    def name(self) -> str:
+        """NAME, which the results file also has."""
+        return self.module.rpartition(".")[2]
 
     @property
     def results(self) -> Path:
@@ -114,7 +116,8 @@ class Benchmark:
 
 def find_benchmarks() -> dict[str, Benchmark]:
     """The benchmarks of all modules of the package that declare one, by name."""
-    paths = sorted((ROOT / "benchmarks").glob("*.py"))
-    names = [path.stem for path in paths if DECLARATION in path.read_text(encoding="utf-8")]
-    found = (import_module(f"benchmarks.{name}").BENCHMARK for name in names)
-    return {benchmark.name: benchmark for benchmark in found}
+    found = []
+    for path in (ROOT / "benchmarks").glob("*/*.py"):
+        if DECLARATION in path.read_text(encoding="utf-8"):
+            found.append(import_module(f"benchmarks.{path.parent.name}.{path.stem}").BENCHMARK)
+    return {benchmark.name: benchmark for benchmark in sorted(found, key=attrgetter("name"))}

@@ -94,7 +94,7 @@ def figures(benchmark: Benchmark, content: dict[str, Any]) -> list[tuple[str, An
 
 
 def main(benchmark: Benchmark) -> None:
-    """The command `python -m benchmarks.NAME`. Exits with 1 if a limit is missed."""
+    """The command `python -m benchmarks.FOLDER.NAME`. Exits with 1 if a limit is missed."""
     try:
         sentences = run(benchmark, sys.argv[1:])
     except T2TwinError as error:

@@ -1,0 +1,1 @@
+"""Accuracy of contact: the references and what is compared with them."""

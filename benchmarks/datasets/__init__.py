@@ -1,0 +1,1 @@
+"""Content of datasets, and runs that are killed."""

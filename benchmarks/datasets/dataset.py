@@ -1,0 +1,185 @@
+"""Content, size and generation rate of a dataset.
+
+    t2twin simdata --scale paper --out data/paper
+    t2twin simdata --scale small --workers 1 --out data/one
+    t2twin simdata --scale small --workers 2 --out data/two
+    python -m benchmarks.datasets.dataset data/paper --rates data/one data/two
+
+The figures come from the dataset's shards and log, and docs/pictures/dataset_*.png are drawn from
+them. Without --rates the results keep the earlier rates, with their commit and date.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks import ROOT
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.results import current_commit, now, read_results
+from benchmarks.evidence.run import main
+from t2twin.core.errors import T2TwinError
+from t2twin.core.files import atomic_write
+from t2twin.core.records import decode_json
+from t2twin.sim.dataset.store import LOG, read_info
+from t2twin.sim.dataset.timing import RunTiming
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure as Page
+
+    from t2twin.report.dataset.tables import Dataset
+
+BENCHMARK = Benchmark(
+    module="benchmarks.datasets.dataset",
+    measures="Content, size and generation rate of a dataset.",
+    minutes=2,
+    sources=("primitives_cad", "sim", "t2twin/report/dataset"),
+    figures=(
+        Figure("run.minutes", "minutes", most=15.0),
+        Figure("run.pairs_a_second", "pairs/s"),
+        Figure("run.peak_memory_gib", "GiB", most=4.0),
+        Figure("rates.two_workers_over_one", least=1.8),
+        Figure("size_gib", "GiB", most=1.5),
+        Figure("near_duplicates_percent", "%", most=2.0),
+        Figure("alike_but_felt_otherwise_percent", "%"),
+        Figure("pairs_without_contact"),
+        Figure("unsettled"),
+        Figure("bottomed"),
+        Figure("saturated_taxels_percent", "%"),
+    ),
+    arguments=(
+        Argument("folder", "the dataset", Path),
+        Argument(
+            "--rates",
+            "one dataset made twice in a row, with one worker and with two; the results keep the "
+            "rates they have unless given",
+            Path,
+            nargs=2,
+            metavar=("ONE", "TWO"),
+        ),
+    ),
+)
+
+PICTURES = ROOT / "docs" / "pictures"
+SENSORS = ("digit", "cyskin")
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.report.dataset.tables import read_dataset
+
+    dataset = read_dataset(options.folder)
+    rates = _earlier_rates() if options.rates is None else _rates(*options.rates)
+    if not options.keep_nothing:
+        draw(dataset)
+    return figures(dataset) | {"run": _last_run(dataset.data), "rates": rates}
+
+
+def figures(dataset: Dataset) -> dict[str, Any]:
+    """What a dataset's shards say."""
+    from t2twin.report.dataset import contents
+    from t2twin.report.dataset.scan import near_duplicates, noise_grey, scan
+
+    scanned = scan(dataset, noise_grey(dataset))
+    counts, saturated = dataset.counts, dataset.saturated
+    largest = counts.max(axis=1)
+    split = np.array([split for split, _ in dataset.places])
+    size = sum((dataset.data / path).stat().st_size for path in dataset.info.shards)
+    force = dataset.column("force_n")
+    alike, same = np.isfinite(scanned.alike_counts), near_duplicates(dataset, scanned)
+    return {
+        "pairs": {name: len(table) for name, table in dataset.tables.items()},
+        "shards_sha256": shards_sha256(dataset.data),
+        "versions": dict(dataset.info.versions),
+        "size_gib": size / 2**30,
+        "kb_a_pair": size / len(counts) / 1e3,
+        "pairs_without_contact": int((largest < contents.MIN_CONTACT_COUNTS).sum()),
+        "unsettled": int(sum((~dataset.column(f"{s}_settled")).sum() for s in SENSORS)),
+        "bottomed": int(sum(dataset.column(f"{s}_bottomed").sum() for s in SENSORS)),
+        "force_off_percent": {
+            s: 100 * float(np.abs(dataset.column(f"{s}_force_n") / force - 1).max())
+            for s in SENSORS
+        },
+        "depth_mm": {
+            s: [float(of(dataset.column(f"{s}_depth_mm"))) for of in (np.min, np.median, np.max)]
+            for s in SENSORS
+        },
+        "largest_taxel_percentile_99_5": float(np.percentile(largest[split == "train"], 99.5)),
+        "saturated_taxels_percent": 100 * float(saturated.mean()),
+        "pairs_with_a_saturated_taxel_percent": 100 * float(saturated.any(axis=1).mean()),
+        "near_duplicates_percent": 100 * float(same.mean()),
+        "alike_but_felt_otherwise_percent": 100 * float((alike & ~same).mean()),
+    }
+
+
+def shards_sha256(folder: Path) -> str:
+    """SHA-256 of the list of a dataset's shards and their own SHA-256."""
+    shards = {path: shard.sha256 for path, shard in read_info(folder).shards.items()}
+    return hashlib.sha256(json.dumps(shards, sort_keys=True).encode()).hexdigest()
+
+
+def _last_run(folder: Path) -> dict[str, Any]:
+    """Of a dataset made in one run, how long it took and on what."""
+    lines = (folder / LOG).read_text().splitlines()
+    run = decode_json(lines[-1], RunTiming, folder / LOG)
+    stages = {stage: 1e3 * seconds / run.pairs for stage, seconds in run.stage_seconds.items()}
+    return {
+        "runs": len(lines),
+        "pairs": run.pairs,
+        "workers": run.workers,
+        "minutes": run.seconds / 60,
+        "pairs_a_second": run.pairs / run.seconds,
+        "processor_ms_a_pair": stages,
+        "all_processor_ms_a_pair": sum(stages.values()),
+        "peak_memory_gib": run.peak_memory_bytes / 2**30,
+    }
+
+
+def _rates(one: Path, two: Path) -> dict[str, Any]:
+    """How much faster two workers are than one, and when that was measured."""
+    alone, both = _last_run(one), _last_run(two)
+    return {
+        "commit": current_commit(),
+        "date": now(),
+        "one_worker": alone,
+        "two_workers": both,
+        "two_workers_over_one": both["pairs_a_second"] / alone["pairs_a_second"],
+    }
+
+
+def _earlier_rates() -> dict[str, Any] | None:
+    try:
+        return read_results(BENCHMARK.results).content["rates"]
+    except (T2TwinError, KeyError):
+        return None
+
+
+def draw(dataset: Dataset) -> None:
+    """The pictures of a dataset."""
+    from t2twin.report.dataset import contents, forces
+    from t2twin.report.html.figures import figure
+
+    rows = contents.gallery(dataset)
+    lines = -(-len(rows) // contents.GALLERY_COLUMNS)
+    drawings: dict[str, tuple[float, Callable[[Page], None]]] = {
+        "forces_and_counts": (
+            forces.HEIGHT_IN,
+            lambda page: forces.forces_and_counts(page, dataset),
+        ),
+        "depths": (forces.DEPTHS_IN, lambda page: forces.depths_in(page, dataset)),
+        "saturation": (contents.SATURATION_IN, lambda page: contents.saturation(page, dataset)),
+        "gallery": (contents.TILE_IN * lines, lambda page: contents.tiles(page, dataset, rows)),
+    }
+    for name, (height_in, drawing) in drawings.items():
+        content = figure("png", contents.WIDTH_IN, height_in, drawing)
+        with atomic_write(PICTURES / f"dataset_{name}.png") as temporary:
+            temporary.write_bytes(content)
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)

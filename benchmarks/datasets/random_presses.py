@@ -1,0 +1,355 @@
+"""Presses of 5,125 random shapes, and whether they cover the presses of the tools.
+
+    python -m benchmarks.datasets.random_presses
+
+The shapes have seeds of no published world, with four presses each, sampled as in the open world.
+Counts refused, repeated and unsettled presses. Compares the time of a shape with that of its four
+presses. Checks whether the surface of a shape is that of a tool.
+
+Writes docs/pictures/random_shapes.png and docs/pictures/open_world.png. The latter has
+distributions of force, depth, contact area and largest taxel, next to those of the tools.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from argparse import Namespace
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from functools import partial
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image, ImageDraw
+from tqdm import tqdm
+
+from benchmarks import ROOT
+from benchmarks.datasets.same_surface import tool_surfaces
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.run import main
+from t2twin.core.files import atomic_write
+from t2twin.core.machine import cores
+from t2twin.primitives_cad import catalogue
+from t2twin.primitives_cad.random_shapes.shape import RandomShape
+from t2twin.primitives_cad.shape import Shape
+from t2twin.sim.contact.types import Contact, PressCommand
+from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
+from t2twin.sim.dataset.rejection_sampling import press_until_accepted
+from t2twin.sim.sensors import SensorPair
+from t2twin.sim.touch import Touch
+from t2twin.sim.world import protocol
+from t2twin.sim.world.presses import PressSample, press_attempts, random_name, sample_force
+from t2twin.sim.world.recipe import Part, load_recipe
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure as Page
+
+BENCHMARK = Benchmark(
+    module="benchmarks.datasets.random_presses",
+    measures="Presses of random shapes, and whether they cover the presses of the tools.",
+    minutes=10,
+    sources=("primitives_cad", "sim"),
+    figures=(
+        Figure("presses"),
+        Figure("exceptions", most=0),
+        Figure("unsettled", most=0),
+        Figure("drawn_again_percent", "%"),
+        Figure("force_off_percent", "%", most=0.5),
+        Figure("shape_over_its_presses", most=0.1),
+        Figure("tail.*.p99_over_median", most=3.0),
+        Figure("spread.*.tools_inside_percent", "%", least=95.0),
+    ),
+    arguments=(
+        Argument("--presses", "how many; keeps nothing unless 20,500", int, 20_500, partial=True),
+    ),
+)
+
+SHAPES_PICTURE = ROOT / "docs" / "pictures" / "random_shapes.png"
+SPREAD_PICTURE = ROOT / "docs" / "pictures" / "open_world.png"
+
+SEED = 4_321
+"""A world's seed that no shipped recipe has."""
+
+A_SHAPE = 4
+CHUNK = 50
+"""Presses of a shape, and shapes that a process takes at once."""
+
+LOOKED_AT = 2_000
+"""Shapes that are compared with the tools' surfaces."""
+
+QUANTITIES = ("force_n", "depth_mm", "area_mm2", "largest_taxel_counts")
+AXES = {
+    "force_n": "force, N",
+    "depth_mm": "depth in the DIGIT's gel, mm",
+    "area_mm2": "contact area on the CySkin, mm²",
+    "largest_taxel_counts": "largest taxel, counts",
+}
+"""What is compared with the tools', and how the picture calls it."""
+
+INNER_PERCENT = (0.5, 99.5)
+"""Percentiles of the random presses between which a tool's press counts as inside."""
+
+SHEET = (6, 10)
+TILE_PX = (170, 150)
+"""Rows and columns of shapes in their picture, and a shape's pixels."""
+
+FORCES_N = (0.5, 1.0, 2.0, 4.0, 8.0, 12.0)
+"""Edges of the forces for which saturation is stated, N."""
+
+BARS = 30
+"""Bars of a histogram, even in the logarithm."""
+
+
+@dataclass
+class Pressed:
+    """What came of some shapes. values: of each press, by QUANTITIES. again: presses that were
+    drawn again, by why. stand_ins: presses of a shape in the place of one that can't be touched.
+    exceptions: what was raised that is no refusal. same: shapes that press with a tool's surface,
+    and whose. shape_ms, press_ms: the processor's time for each shape and pair; digit_ms,
+    cyskin_ms: each press's own, by the clock."""
+
+    values: list[tuple[float, ...]] = field(default_factory=list)
+    again: Counter[str] = field(default_factory=Counter)
+    stand_ins: int = 0
+    exceptions: list[str] = field(default_factory=list)
+    same: list[tuple[str, str]] = field(default_factory=list)
+    shape_ms: list[float] = field(default_factory=list)
+    press_ms: list[float] = field(default_factory=list)
+    digit_ms: list[float] = field(default_factory=list)
+    cyskin_ms: list[float] = field(default_factory=list)
+    force_off_percent: float = 0.0
+
+    def add(self, other: Pressed) -> None:
+        self.values += other.values
+        self.again += other.again
+        self.stand_ins += other.stand_ins
+        self.exceptions += other.exceptions
+        self.same += other.same
+        self.shape_ms += other.shape_ms
+        self.press_ms += other.press_ms
+        self.digit_ms += other.digit_ms
+        self.cyskin_ms += other.cyskin_ms
+        self.force_off_percent = max(self.force_off_percent, other.force_off_percent)
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    shapes = options.presses // A_SHAPE
+    everything, starts = Pressed(), range(0, shapes, CHUNK)
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(cores(), mp_context=context) as pool:
+        work = partial(press_some, last=shapes)
+        for some in tqdm(pool.map(work, starts), total=len(starts), unit="50 shapes"):
+            everything.add(some)
+        tools = np.array([row for rows in pool.map(press_tool, catalogue.OBJECTS) for row in rows])
+    values = np.array(everything.values)
+    if not options.keep_nothing:
+        draw_shapes()
+        draw_spread(values, tools)
+    a_shape, a_press = np.median(everything.shape_ms), np.median(everything.press_ms)
+    return {
+        "shapes": shapes,
+        "presses": len(values),
+        "exceptions": len(everything.exceptions),
+        "unsettled": everything.again["not settled"],
+        "drawn_again": dict(sorted(everything.again.items())),
+        "stand_ins": everything.stand_ins,
+        "drawn_again_percent": 100.0 * sum(everything.again.values()) / len(values),
+        "force_off_percent": everything.force_off_percent,
+        "shape_ms": a_shape,
+        "press_ms": a_press,
+        "tail": tail(everything),
+        "shape_over_its_presses": a_shape / (A_SHAPE * a_press),
+        "looked_at_for_tools": min(shapes, LOOKED_AT),
+        "like_a_tool": sorted(everything.same),
+        "spread": spread(values, tools),
+        "by_force": {"random": by_force(values), "tools": by_force(tools)},
+    }
+
+
+def tail(everything: Pressed) -> dict[str, dict[str, float]]:
+    """How long the slowest presses take beside the usual one: of each sensor by the clock, without
+    compiling, and of the whole pair by the processor's time."""
+    found = {}
+    for name in ("digit", "cyskin", "press"):
+        times = np.array(getattr(everything, f"{name}_ms"))
+        median, p99 = np.percentile(times, [50, 99])
+        found[name] = {
+            "median_ms": float(median),
+            "p99_ms": float(p99),
+            "most_ms": float(times.max()),
+            "p99_over_median": float(p99 / median),
+        }
+    return found
+
+
+def press_some(first: int, last: int) -> Pressed:
+    """The shapes of a chunk that begins with the first, four presses each."""
+    sensors, made, part = SensorPair(), Pressed(), load_recipe("open").parts[0]
+    sensors.press(RandomShape(0), PressCommand("", 0.0, 0.0, 0.0, 8.0))  # compiled, laid out
+    for number in range(first, min(first + CHUNK, last)):
+        start = time.thread_time()
+        shape = catalogue.load(random_name(SEED, number))
+        made.shape_ms.append(1e3 * (time.thread_time() - start))
+        if number < LOOKED_AT:
+            same = tool_surfaces().same_as(shape.surface)
+            made.same += [] if same is None else [(shape.name, same)]
+        for press in range(A_SHAPE):
+            _press(part, shape, number, press, sensors, made)
+    return made
+
+
+def _press(
+    part: Part, shape: Shape, number: int, press: int, sensors: SensorPair, made: Pressed
+) -> None:
+    """One press, drawn until it touches the features, as a dataset's."""
+    took_ms = 0.0
+
+    def press_it(shape: Shape, sample: PressSample) -> list[Touch]:
+        nonlocal took_ms
+        start = time.thread_time()
+        touch = sensors.press(shape, sample.command, sample.rng)
+        took_ms = 1e3 * (time.thread_time() - start)
+        return [touch]
+
+    attempts = press_attempts(part, shape.name, number, press, (SEED, 0))
+    try:
+        (touch,), _ = press_until_accepted(attempts, shape, press_it, made.again)
+    except Exception as error:
+        made.exceptions.append(f"{shape.name}: {type(error).__name__}: {error}")
+        return
+    if not touch.contacts:
+        return
+    made.stand_ins += touch.shape is not shape
+    made.press_ms.append(took_ms)
+    made.digit_ms.append(touch.digit.milliseconds)
+    made.cyskin_ms.append(touch.cyskin.milliseconds)
+    off = max(_force_off_percent(contact) for contact in touch.contacts.values())
+    made.force_off_percent = max(made.force_off_percent, off)
+    made.values.append(_values(touch))
+
+
+def _force_off_percent(contact: Contact) -> float:
+    return 100.0 * abs(contact.force_n / contact.command.force_n - 1.0)
+
+
+def _values(sample: Touch) -> tuple[float, ...]:
+    """By QUANTITIES."""
+    return (
+        sample.command.force_n,
+        sample.digit.depth_mm,
+        sample.cyskin.contact_area_mm2,
+        float(sample.counts.max()),
+    )
+
+
+def press_tool(name: str) -> list[tuple[float, ...]]:
+    """A tool's presses on the protocol's grid at a keypoint, with forces of the open world."""
+    sensors, shape = SensorPair(), catalogue.load(name)
+    forces = load_recipe("open").parts[0].force_n
+    place, rows = catalogue.NAMES.index(name), []
+    for index in protocol.indices(name, protocol.scale_of("paper")):
+        rng = np.random.default_rng((SEED, place, index))
+        at = protocol.press_at(shape, index)
+        force_n = sample_force(rng, forces)
+        command = PressCommand(name, at.x_mm, at.y_mm, at.yaw_rad, force_n)
+        rows.append(_values(sensors.press(shape, command, rng)))
+    return rows
+
+
+def spread(values: np.ndarray, tools: np.ndarray) -> dict[str, dict[str, Any]]:
+    """Percentiles of both, and the share of the tools' presses that lie inside, by quantity."""
+    percents = (INNER_PERCENT[0], 50.0, INNER_PERCENT[1])
+    content = {}
+    for column, name in enumerate(QUANTITIES):
+        low, middle, high = np.percentile(values[:, column], percents)
+        inside = (tools[:, column] >= low) & (tools[:, column] <= high)
+        content[name] = {
+            "random": [float(low), float(middle), float(high)],
+            "tools": [float(each) for each in np.percentile(tools[:, column], percents)],
+            "tools_inside_percent": 100.0 * float(inside.mean()),
+        }
+    return content
+
+
+def by_force(values: np.ndarray) -> list[dict[str, float]]:
+    """What the largest taxel counts, and how many presses saturate one, by force."""
+    force, largest = values[:, QUANTITIES.index("force_n")], values[:, -1]
+    content = []
+    for low, high in pairwise(FORCES_N):
+        chosen = largest[(force >= low) & (force < high)]
+        content.append(
+            {
+                "low_n": low,
+                "high_n": high,
+                "presses": chosen.size,
+                "median_counts": float(np.median(chosen)),
+                "percentile_99_5_counts": float(np.percentile(chosen, 99.5)),
+                "saturated_percent": 100.0 * float((chosen >= FULL_SCALE_COUNTS - 1).mean()),
+            }
+        )
+    return content
+
+
+def draw_spread(values: np.ndarray, tools: np.ndarray) -> None:
+    """The distributions side by side, each as a share of its presses."""
+    from t2twin.report.html.figures import figure
+
+    def draw(page: Page) -> None:
+        axes = page.subplots(1, len(QUANTITIES))
+        for column, (name, axis) in enumerate(zip(QUANTITIES, axes, strict=True)):
+            _histograms(axis, values[:, column], tools[:, column], AXES[name])
+        axes[0].set_ylabel("share of the presses, %")
+        axes[0].legend()
+
+    with atomic_write(SPREAD_PICTURE) as temporary:
+        temporary.write_bytes(figure("png", 13.0, 3.2, draw))
+
+
+def _histograms(axis: Axes, values: np.ndarray, tools: np.ndarray, label: str) -> None:
+    low, high = np.percentile(values, (0.2, 99.9))
+    edges = np.geomspace(max(low, 1e-2), high, BARS + 1)
+    for of, name in ((values, "random shapes"), (tools, "tools")):
+        weights = np.full(of.size, 100.0 / of.size)
+        axis.hist(of, edges, weights=weights, histtype="step", label=name, linewidth=1.6)
+    axis.set_xscale("log")
+    axis.set_xlabel(label)
+
+
+def draw_shapes() -> None:
+    """The first random shapes of all, from above and aside."""
+    from t2twin.primitives_cad import contact_sheet
+
+    rows, columns = SHEET
+    page = Image.new(
+        "RGB", (columns * TILE_PX[0], rows * TILE_PX[1]), tuple(contact_sheet.PAPER.tolist())
+    )
+    pen = ImageDraw.Draw(page)
+    for seed, (left, top) in enumerate(_tiles(rows, columns)):
+        mesh = RandomShape(seed).mesh
+        tile, _ = contact_sheet.draw(
+            mesh, contact_sheet.PRIMITIVE_VIEW, TILE_PX, contact_sheet.RESIN
+        )
+        page.paste(Image.fromarray(tile), (left, top))
+        pen.text(
+            (left + 6, top + TILE_PX[1] - 18),
+            f"random-{seed}",
+            fill=contact_sheet.INK,
+            font_size=11,
+        )
+    with atomic_write(SHAPES_PICTURE) as temporary:
+        page.save(temporary, format="PNG", optimize=True)
+
+
+def _tiles(rows: int, columns: int) -> Iterator[tuple[int, int]]:
+    for row in range(rows):
+        for column in range(columns):
+            yield column * TILE_PX[0], row * TILE_PX[1]
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)

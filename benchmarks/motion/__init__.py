@@ -1,0 +1,1 @@
+"""Sliding contact and sensors in MuJoCo models."""

@@ -1,0 +1,117 @@
+"""Predictions of trained translators for frames of a real DIGIT.
+
+    python -m benchmarks.networks.real FRAMES RUN [RUN ...]
+
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project. The light is fitted to the first presses. On the last ones every run is evaluated on the
+real frame, on the simulated frame of the same press, and on the background frame. A field run is
+also evaluated without the background frame. The reference is the simulated CySkin at the place and
+depth that the calibration finds in the frame. Runs have the name of the world that they were
+trained on.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.run import main
+from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
+from t2twin.core.errors import T2TwinError
+from t2twin.primitives_cad.ball import write_ball
+from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.frames import read_frame, upright_frame
+from t2twin.sim.digit.optics import NOISE_GREY
+from t2twin.sim.sensors import Digit, SensorPair
+
+if TYPE_CHECKING:
+    from t2twin.adaptation.real_frame_evaluation import SimulatedReference
+    from t2twin.translate.inference.predictor import CountsPredictor
+
+BENCHMARK = Benchmark(
+    module="benchmarks.networks.real",
+    measures="Predictions of trained translators for frames of a real DIGIT.",
+    minutes=2,
+    sources=("primitives_cad", "sim", "t2twin/adaptation", "translate"),
+    figures=(
+        Figure("runs.*.real.rmse_percent", "%"),
+        Figure("runs.*.real.interval_coverage_percent", "%"),
+        Figure("runs.*.real_without_background.rmse_percent", "%"),
+        Figure("runs.*.simulated.rmse_percent", "%"),
+        Figure("runs.*.real.centroid_mm", "mm"),
+        Figure("runs.*.real.force_error"),
+        Figure("runs.*.background_counts", "counts"),
+        Figure("zero_rmse_percent", "%"),
+        Figure("mean_array_rmse_percent", "%"),
+    ),
+    arguments=(
+        Argument("frames", "folder of background.png and press_*.png", Path),
+        Argument("runs", "folders of trained runs", Path, nargs="+"),
+    ),
+)
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.adaptation.record import baseline_rmse_percent
+    from t2twin.translate.inference.load import load_run
+
+    runs = {}
+    for folder in options.runs:
+        run = load_run(folder)
+        name = f"{run.config.model}-of-{run.config.data.world_shown}"
+        if name in runs:
+            raise T2TwinError(f"two runs are a {name}; name one of them")
+        runs[name] = run
+    references, background_frame = real_references(options.frames)
+    zero, mean_array = baseline_rmse_percent(references, next(iter(runs.values())))
+    return {
+        "presses": [
+            {"name": one.name, "pose": one.pose, "force_n": one.force_n} for one in references
+        ],
+        "zero_rmse_percent": zero,
+        "mean_array_rmse_percent": mean_array,
+        "runs": {name: _scores(run, references, background_frame) for name, run in runs.items()},
+    }
+
+
+def real_references(folder: Path) -> tuple[list[SimulatedReference], np.ndarray]:
+    """Simulated presses of the held-out frames in a folder, and the background frame."""
+    from t2twin.adaptation.real_frame_evaluation import simulate_reference
+
+    background = folder / "background.png"
+    report = calibrate(background, folder, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
+    with tempfile.TemporaryDirectory() as temporary:
+        calibration = Path(temporary) / "calibration.npz"
+        report.scored_by.save(calibration)
+        sensors = SensorPair(Digit(calibration=str(calibration), noise_grey=NOISE_GREY))
+        ball = write_ball(Path(temporary) / "ball.step", BALL_DIAMETER_MM)
+        balls = [ball] * len(report.held_out)
+        references = simulate_reference(report.held_out, report.poses, report.real, balls, sensors)
+    return references, upright_frame(read_frame(background))
+
+
+def _scores(
+    run: CountsPredictor, references: Sequence[SimulatedReference], background: np.ndarray
+) -> dict[str, Any]:
+    from t2twin.adaptation.real_frame_evaluation import evaluate_frames, predict_counts
+    from t2twin.adaptation.record import AdaptationScores
+
+    comparisons = evaluate_frames(run, references, background)
+    alone = evaluate_frames(run, references, None)
+    return {
+        "real": asdict(AdaptationScores.of([one.real for one in comparisons])),
+        "real_without_background": asdict(AdaptationScores.of([one.real for one in alone])),
+        "simulated": asdict(AdaptationScores.of([one.simulated for one in comparisons])),
+        "background_counts": float(np.max(predict_counts(run, background, background))),
+    }
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)

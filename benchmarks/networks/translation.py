@@ -1,0 +1,147 @@
+"""Errors of trained translators and sample images, from the folder of `t2twin report`.
+
+    python -m benchmarks.networks.translation data/paper RUN... --report runs/paper/report
+                                     [--layouts EVALUATION...]
+
+The results have the errors of every row, overall with intervals and by shape. They have the overall
+errors on the taxel layouts of other folders of `t2twin evaluate`, and the ratios to the baselines.
+Writes docs/pictures/samples.png: samples of the report at fixed quantiles of the error.
+"""
+
+from __future__ import annotations
+
+import io
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+from PIL import Image
+
+from benchmarks import ROOT
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.run import main
+from t2twin.core.files import atomic_write
+
+if TYPE_CHECKING:
+    from t2twin.report.data import ReportData
+
+BENCHMARK = Benchmark(
+    module="benchmarks.networks.translation",
+    measures="Errors of trained translators, baselines and floors.",
+    minutes=4,
+    sources=("primitives_cad", "sim", "translate"),
+    figures=(
+        # A quarter of the mean array's, and the nearest neighbor's, on validation; three quarters
+        # of the better of the two on the objects.
+        Figure("ratios.val.*.of_mean_array", most=0.25),
+        Figure("ratios.val.*.of_nearest_neighbor", most=1.0),
+        Figure("ratios.test.*.of_best_trivial", most=0.75),
+        Figure("ratios.test.*.of_lookalikes"),
+        Figure("val.*.overall.rmse_percent", "%"),
+        Figure("test.*.overall.rmse_percent", "%"),
+        Figure("runs.*.minutes", "minutes"),
+    ),
+    arguments=(
+        Argument("data", "the dataset", Path),
+        Argument("runs", "folders of t2twin train", Path, nargs="+"),
+        Argument("--report", "the report's folder", Path, required=True, metavar="DIR"),
+        Argument("--layouts", "evaluations on other layouts", Path, (), "*", metavar="DIR"),
+    ),
+)
+
+PICTURE = ROOT / "docs" / "pictures" / "samples.png"
+
+SHOWN = {"val": (0.5, 1.0), "test": (0.1, 0.5, 0.9, 1.0)}
+"""Quantiles of each split's error; the report has more."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.report.data import read_report_data
+
+    report = read_report_data(options.report, options.data, options.runs)
+    if not options.keep_nothing:
+        draw(report)
+    content = figures(report)
+    return {
+        **content,
+        "ratios": ratios(content),
+        "layouts": [on_layout(evaluation) for evaluation in options.layouts],
+    }
+
+
+def figures(report: ReportData) -> dict[str, Any]:
+    """Epochs and minutes of each run, and the figures of every row by split."""
+    evaluations = {
+        split: msgspec.to_builtins(evaluation) for split, evaluation in report.evaluations.items()
+    }
+    return {
+        "runs": {
+            name: {
+                "preset": run.config.preset.name,
+                "epochs": len(report.histories[name]),
+                "minutes": sum(record.seconds for record in report.histories[name]) / 60.0,
+            }
+            for name, run in report.runs.items()
+        },
+        **{
+            split: {
+                name: {key: row[key] for key in ("overall", "interval", "by_shape")}
+                for name, row in evaluation["models"].items()
+            }
+            for split, evaluation in evaluations.items()
+        },
+        "lookalikes": {s: evaluation["irreducible_error"] for s, evaluation in evaluations.items()},
+    }
+
+
+def ratios(content: dict[str, Any]) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Ratios of each run's RMSE to that of the mean array, of the nearest neighbor, of the better
+    of the two, and to the irreducible-error estimate; by split and run."""
+    from t2twin.translate.evaluation.metrics.baselines import MEAN_ARRAY, NEAREST_NEIGHBOR
+
+    parts: dict[str, dict[str, dict[str, float | None]]] = {}
+    for split in SHOWN:
+        errors = {name: row["overall"]["rmse_counts"] for name, row in content[split].items()}
+        alike = content["lookalikes"][split]["split"]["extrapolated_rmse_counts"]
+        bounds = {
+            "of_mean_array": errors[MEAN_ARRAY],
+            "of_nearest_neighbor": errors[NEAREST_NEIGHBOR],
+            "of_best_trivial": min(errors[MEAN_ARRAY], errors[NEAREST_NEIGHBOR]),
+            "of_lookalikes": alike,
+        }
+        parts[split] = {
+            run: {name: errors[run] / bound if bound else None for name, bound in bounds.items()}
+            for run in content["runs"]
+        }
+    return parts
+
+
+def on_layout(folder: Path) -> dict[str, Any]:
+    """Figures of every row, overall, by split, from a folder of `t2twin evaluate`."""
+    from t2twin.translate.evaluation.files import read_evaluation
+
+    evaluations = {split: read_evaluation(folder / split) for split in SHOWN}
+    return {"layout": evaluations["val"].layout} | {
+        split: {name: msgspec.to_builtins(row.overall) for name, row in evaluation.models.items()}
+        for split, evaluation in evaluations.items()
+    }
+
+
+def draw(report: ReportData) -> None:
+    """The samples, one below another."""
+    from t2twin.report.sections.qualitative import sample_image, samples_at_quantiles
+
+    rows = []
+    for split, quantiles in SHOWN.items():
+        for row, quantile in samples_at_quantiles(report, split):
+            if quantile in quantiles:
+                with Image.open(io.BytesIO(sample_image(report, split, row))) as picture:
+                    rows.append(np.asarray(picture.convert("RGB")))
+    with atomic_write(PICTURE) as temporary:
+        Image.fromarray(np.concatenate(rows)).save(temporary, optimize=True)
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)

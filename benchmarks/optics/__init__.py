@@ -1,0 +1,1 @@
+"""Images of the DIGIT, and calibration to real frames."""

@@ -1,0 +1,173 @@
+"""Accuracy of a calibration with known displacements, forces and a second ball.
+
+    python -m benchmarks.optics.anchors
+
+Simulates eight presses of one ball and of two balls, with a known scale and gel, in the default
+light. Measures the loss of PSNR at wrong scales. Measures the errors of scale, depths and modulus
+with and without known displacements and forces, and whether the stated ranges contain the truth.
+"""
+
+import csv
+import tempfile
+from argparse import Namespace
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.evidence.record import Benchmark, Figure
+from benchmarks.evidence.run import main
+from t2twin.sim.contact.elastomer import DIGIT_GEL
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.forces import BallForces
+from t2twin.sim.digit.calibrate.frames import clean_background, contact_patch
+from t2twin.sim.digit.calibrate.measurements import FORCES, Measurements
+from t2twin.sim.digit.calibrate.scale import Presses, fit_presses
+from t2twin.sim.digit.calibrate.uncertainty import Bounds, CalibrationUncertainty
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera.pinhole import Camera
+from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+
+BENCHMARK = Benchmark(
+    module="benchmarks.optics.anchors",
+    measures="Accuracy of a calibration with known displacements, forces and a second ball.",
+    minutes=6,
+    sources=("primitives_cad", "sim/contact", "sim/digit"),
+    figures=tuple(
+        figure
+        for balls in ("one_ball", "two_balls")
+        for figure in (
+            Figure(f"{balls}.lost_db.*", "dB"),
+            Figure(f"{balls}.stated.depth_range"),
+            Figure(f"{balls}.stated.depths_inside", least=8),
+            Figure(f"{balls}.stated.forces_inside", least=8),
+            Figure(f"{balls}.anchored.scale_off_percent", "%", most=2.0),
+            Figure(f"{balls}.anchored.young_off_percent", "%", most=5.0),
+            Figure(f"{balls}.anchored.depth_off_percent", "%", most=3.0),
+            Figure(f"{balls}.anchored.depths_inside", least=8),
+        )
+    ),
+)
+
+SCALE_PX_PER_MM, YOUNG_MPA = 18.0, 0.42
+"""Of the twins; stated are 19.2 px/mm and assumed 0.5 MPa."""
+OFF = (0.95, 1.05)
+"""Scales that are tried, over the true one."""
+BALLS_MM = {"one_ball": (4.7,), "two_balls": (4.0, 6.0)}
+BALL, DEPTH, FORCE = "ball_diameter_mm", "depth_mm", "force_n"
+"""Columns of the table beside the frames."""
+PRESSES, HELD_OUT, DISPLACEMENTS = 8, 2, 3
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    rng = np.random.default_rng(0)
+    poses = np.stack(
+        [rng.uniform(-2.5, 2.5, PRESSES), rng.uniform(-3.5, 3.5, PRESSES),
+         rng.uniform(0.7, 1.3, PRESSES)], axis=1
+    )  # fmt: skip
+    content: dict[str, Any] = {"scale_px_per_mm": SCALE_PX_PER_MM, "young_mpa": YOUNG_MPA}
+    for name, balls_mm in BALLS_MM.items():
+        diameters_mm = np.resize(balls_mm, PRESSES)
+        background, frames = _frames(poses, diameters_mm, rng)
+        forces_n = BallForces().of(poses, diameters_mm) * YOUNG_MPA / DIGIT_GEL.young_mpa
+        known = {BALL: diameters_mm}
+        stated = _certainty(background, frames, known)
+        known |= {DEPTH: poses[:DISPLACEMENTS, 2], FORCE: forces_n}
+        anchored = _certainty(background, frames, known)
+        content[name] = {
+            "lost_db": _lost_db(background, frames, diameters_mm),
+            "stated": _beside(stated, poses, forces_n),
+            "anchored": _beside(anchored, poses, forces_n),
+        }
+    return content
+
+
+def _frames(
+    poses: np.ndarray, diameters_mm: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """The untouched frame and those of the presses, (n, 320, 240, 3) uint8."""
+    optics = DigitOptics(replace(Calibration.load(), scale_px_per_mm=SCALE_PX_PER_MM))
+    still = optics.render(0.0 * probe_surfaces.ball(0.0, 0.0, 1.0), rng, NOISE_GREY)
+    surfaces = (
+        probe_surfaces.ball(x_mm, y_mm, depth_mm, diameter_mm / 2)
+        for (x_mm, y_mm, depth_mm), diameter_mm in zip(poses, diameters_mm, strict=True)
+    )
+    return still, np.array([optics.render(surface, rng, NOISE_GREY) for surface in surfaces])
+
+
+def _lost_db(
+    background: np.ndarray, frames: np.ndarray, diameters_mm: np.ndarray
+) -> dict[str, float]:
+    """By how many decibels a fit at a scale that is off is worse than at the true one."""
+    patches = np.array([contact_patch(frame, background) for frame in frames])
+    nothing = np.full(PRESSES, np.nan)
+    known = Measurements(diameters_mm, nothing, nothing)
+    presses = Presses(clean_background(background, frames), frames, patches, known)
+    true = fit_presses(presses, Camera(SCALE_PX_PER_MM)).state
+    errors = {
+        off: fit_presses(presses, Camera(off * SCALE_PX_PER_MM), true).state.error for off in OFF
+    }
+    return {f"at_{off:g}": float(10 * np.log10(of / true.error)) for off, of in errors.items()}
+
+
+def _certainty(
+    background: np.ndarray, frames: np.ndarray, known: Mapping[str, np.ndarray]
+) -> CalibrationUncertainty:
+    """Of a calibration of these frames. known: columns of the table, for as many first presses."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        Image.fromarray(background).save(folder / "background.png")
+        names = [f"press_{index:02d}.png" for index in range(PRESSES)]
+        for path, frame in zip(names, frames, strict=True):
+            Image.fromarray(frame).save(folder / path)
+        with (folder / FORCES).open("w", newline="") as file:
+            table = csv.writer(file)
+            table.writerow(["file", *known])
+            for index, path in enumerate(names):
+                cells = (of[index] if index < len(of) else "" for of in known.values())
+                table.writerow([path, *cells])
+        ball_mm = float(known[BALL][0])
+        certainty = calibrate(folder / "background.png", folder, ball_mm, HELD_OUT).uncertainty
+    assert certainty is not None
+    return certainty
+
+
+def _beside(
+    certainty: CalibrationUncertainty, poses: np.ndarray, forces_n: np.ndarray
+) -> dict[str, Any]:
+    """How far from the truth, in percent, and how many ranges hold it."""
+    depths = [press.depth_mm for press in certainty.presses]
+    forces = [press.force_n for press in certainty.presses if press.force_n is not None]
+    young = certainty.young_mpa
+    return {
+        "scale_off_percent": _percent(certainty.scale_px_per_mm, SCALE_PX_PER_MM),
+        "young_off_percent": None if young is None else _percent(young, YOUNG_MPA),
+        "depth_off_percent": _off_percent(depths, poses[:, 2]),
+        "force_off_percent": _off_percent(forces, forces_n),
+        "depth_range": float(np.mean([of.high / of.low for of in depths])),
+        "force_range": float(np.mean([of.high / of.low for of in forces])),
+        "depths_inside": _inside(depths, poses[:, 2]),
+        "forces_inside": _inside(forces, forces_n),
+        "presses": PRESSES,
+    }
+
+
+def _percent(span: Bounds, truth: float) -> float:
+    return abs(100.0 * (span.value / truth - 1.0))
+
+
+def _off_percent(spans: list[Bounds], truth: np.ndarray) -> float:
+    """The mean over presses."""
+    return float(np.mean([_percent(of, one) for of, one in zip(spans, truth, strict=True)]))
+
+
+def _inside(spans: list[Bounds], truth: np.ndarray) -> int:
+    return sum(bool(of.low <= one <= of.high) for of, one in zip(spans, truth, strict=True))
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)

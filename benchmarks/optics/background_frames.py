@@ -1,0 +1,158 @@
+"""Accuracy of lights that are estimated from the background frame of a real DIGIT.
+
+    python -m benchmarks.optics.background_frames FRAMES
+
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project. Every light renders the presses at the places and depths that the fitted light finds.
+
+- The default light, with its own and with the unit's background.
+- The sampled unit whose LEDs explain that background best, with and without a color correction.
+- The mean of the best units, and the mean of all (as in `t2twin calibrate --background`).
+- The light fitted to the first presses.
+
+All are scored on the last presses, and on the first ones as plain balls.
+"""
+
+from argparse import Namespace
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import nnls
+
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.run import main
+from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.background_light import mean_light, sample_lights
+from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibrate.frames import contact_patch, read_frames
+from t2twin.sim.digit.calibrate.scores import Score, crop_scores, mean_score
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.camera.pinhole import COLUMNS, DIGIT_CAMERA, ROWS
+from t2twin.sim.digit.camera.response import linear
+from t2twin.sim.digit.optics import DigitOptics
+from t2twin.sim.digit.randomization.lighting import SampledLight, light_at_rest
+
+BENCHMARK = Benchmark(
+    module="benchmarks.optics.background_frames",
+    measures="Accuracy of lights estimated from the background frame of a real DIGIT.",
+    minutes=2,
+    sources=("sim/digit",),
+    figures=(
+        Figure("held_out_presses.*.psnr_db", "dB"),
+        Figure("held_out_presses.*.ssim"),
+        Figure("first_presses.*.psnr_db", "dB"),
+        Figure("nearest_singly_psnr_db", "dB"),
+        Figure("drawn_singly_psnr_db", "dB"),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+)
+
+DRAWN = 1000
+"""Sampled units."""
+NEAREST = 30
+"""Number of the best units that are averaged."""
+BLOCK_PX = 10
+"""Side of the blocks of pixels that are compared, px."""
+
+
+@dataclass(frozen=True)
+class Explained:
+    """A sampled unit fitted to the background frame.
+
+    gains: (3,) of the LEDs' colors, in addition to an even light in each color. off_grey: RMSE of
+    the fit, grey levels.
+    """
+
+    light: Calibration
+    gains: np.ndarray
+    off_grey: float
+
+    @property
+    def bent(self) -> Calibration:
+        """The light with the fitted gains of the colors."""
+        return replace(self.light, response=self.light.response * self.gains[None, :, None, None])
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Presses: frames and deflections, mm, (n, ...) each, and where they are touched, (n, 2)."""
+
+    frames: np.ndarray
+    surfaces_mm: np.ndarray
+    patches: np.ndarray
+
+    def score(self, light: Calibration) -> Score:
+        optics = DigitOptics(light)
+        shown = np.array([optics.render(surface_mm) for surface_mm in self.surfaces_mm])
+        return mean_score(crop_scores(self.frames, shown, self.patches))
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    background = options.frames / "background.png"
+    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
+    background, frames, names = read_frames(background, options.frames)
+    last = _shown(background, report.real, report.surfaces_mm)
+    balls = [
+        probe_surfaces.ball(x_mm, y_mm, depth_mm, BALL_DIAMETER_MM / 2)
+        for x_mm, y_mm, depth_mm in report.training_poses
+    ]
+    trained = frames[[names.index(name) for name in report.trained]]
+    first = _shown(background, trained, np.array(balls))
+    explained = sorted(_explained(background), key=lambda one: one.off_grey)
+    shipped, best = Calibration.load(), [one.light for one in explained[:NEAREST]]
+    lights = {
+        "shipped": shipped,
+        "shipped_on_own_background": replace(shipped, background=background),
+        "nearest": best[0],
+        "nearest_bent": explained[0].bent,
+        "mean_of_nearest": mean_light(best),
+        "mean_of_all": mean_light(sample_lights(background, DIGIT_CAMERA)),
+        "fitted": report.scored_by,
+    }
+    return {
+        "held_out": report.held_out,
+        "drawn": DRAWN,
+        "averaged": NEAREST,
+        "do_nothing": asdict(report.scores.do_nothing),
+        "held_out_presses": {name: asdict(last.score(light)) for name, light in lights.items()},
+        "first_presses": {
+            name: asdict(first.score(light)) for name, light in lights.items() if name != "fitted"
+        },
+        "nearest_singly_psnr_db": _mean_psnr_db(last, best),
+        "drawn_singly_psnr_db": _mean_psnr_db(last, [one.light for one in explained[::10]]),
+    }
+
+
+def _shown(background: np.ndarray, frames: np.ndarray, surfaces_mm: np.ndarray) -> Shown:
+    patches = [contact_patch(frame, background) for frame in frames]
+    return Shown(frames, surfaces_mm, np.array(patches))
+
+
+def _mean_psnr_db(shown: Shown, lights: Iterable[Calibration]) -> float:
+    """Of each light alone."""
+    return float(np.mean([shown.score(light).psnr_db for light in lights]))
+
+
+def _explained(background: np.ndarray) -> list[Explained]:
+    blocks = background.reshape(ROWS // BLOCK_PX, BLOCK_PX, COLUMNS // BLOCK_PX, BLOCK_PX, 3)
+    grey = blocks.mean(axis=(1, 3))
+    rows, columns = (BLOCK_PX * np.arange(n) + (BLOCK_PX - 1) / 2 for n in grey.shape[:2])
+    explained = []
+    for unit in sample_lights(background, DIGIT_CAMERA, DRAWN):
+        light = SampledLight(unit.leds_mm, unit.sizes_mm, unit.response)
+        lit = light_at_rest(light, DIGIT_CAMERA, columns, rows).reshape(-1, 3)
+        wanted = linear(grey, unit.gamma).reshape(-1, 3)
+        fits = [
+            nnls(np.stack([lit[:, c], np.ones(len(lit))], axis=1), wanted[:, c]) for c in range(3)
+        ]
+        off = 255.0 * np.sqrt(np.sum([error**2 for _, error in fits]) / wanted.size)
+        explained.append(Explained(unit, np.array([gain for (gain, _), _ in fits]), float(off)))
+    return explained
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)

@@ -1,0 +1,225 @@
+"""A real DIGIT compared with randomly sampled units, and the cost of sampling one.
+
+    python -m benchmarks.optics.units FRAMES
+
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project. A calibration is fitted to the frames. It and the default calibration are compared with
+sampled units, by parameter and by image. A percentile is the share of the sampled units below a
+value. Writes docs/pictures/units.png.
+"""
+
+import time
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from benchmarks import ROOT
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.run import main
+from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT
+from t2twin.core.files import atomic_write
+from t2twin.sim.digit import probe_surfaces
+from t2twin.sim.digit.calibrate.calibrate import calibrate
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.digit.optics import NOISE_GREY, DigitOptics
+from t2twin.sim.digit.randomization.lighting import MIDDLE_COSINE, TERMS, at_middle
+from t2twin.sim.digit.randomization.unit import Unit, UnitRanges, sample_unit
+
+BENCHMARK = Benchmark(
+    module="benchmarks.optics.units",
+    measures="A real DIGIT compared with randomly sampled units, and the cost of a unit.",
+    minutes=2,
+    sources=("sim/digit",),
+    figures=(
+        Figure("made_best_ms", "ms", most=10.0),
+        Figure("parameters.*.real.percentile", "%"),
+        Figure("pictures.*.*.mean", "grey levels"),
+        Figure("pictures.*.real.mean_percentile", "%", most=95.0),
+        Figure("pictures.*.real.nearest_percentile", "%", most=95.0),
+        Figure("pictures.*.shipped.mean_percentile", "%", most=95.0),
+    ),
+    arguments=(Argument("frames", "folder of background.png and press_*.png", Path),),
+)
+
+PICTURE = ROOT / "docs" / "pictures" / "units.png"
+DRAWN = 300
+SEED = 1
+TIMED = 60
+BALLS = ((0.0, 0.0, 1.1), (2.0, -2.5, 1.0), (-2.2, 2.0, 1.2), (1.2, 3.0, 0.8))
+"""x_mm, y_mm, depth_mm of the presses whose pictures are compared."""
+STRIDE = 2
+"""Of the pixels that are compared, along both axes."""
+SHEET = (3, 8)
+"""Rows and columns of units in the picture."""
+TILE_PX = (150, 200)
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    background = options.frames / "background.png"
+    report = calibrate(background, options.frames, BALL_DIAMETER_MM, HELD_OUT, tolerance=None)
+    real = report.calibration
+    known = {"real": Unit(real, NOISE_GREY), "shipped": Unit(Calibration.load(), NOISE_GREY)}
+    units = [drawn(number) for number in range(DRAWN)]
+    if not options.keep_nothing:
+        with atomic_write(PICTURE) as temporary:
+            sheet().save(temporary, optimize=True)
+    return {
+        "drawn": DRAWN,
+        **_cost(),
+        "parameters": {
+            name: _placed(parameter, units, known) for name, parameter in PARAMETERS.items()
+        },
+        "pictures": _pictures(units, known),
+    }
+
+
+def drawn(number: int) -> Unit:
+    """One unit of the shipped distribution."""
+    return sample_unit(np.random.default_rng([SEED, number]), UnitRanges())
+
+
+def _cost() -> dict[str, float]:
+    """Least and median milliseconds of making a unit, and its optics too; one core, warm.
+
+    Time of the processor, which other programs do not lengthen by waiting.
+    """
+    draws, whole = [], []
+    for number in range(TIMED):
+        start = time.thread_time()
+        unit = drawn(number)
+        draws.append(time.thread_time() - start)
+        DigitOptics(unit.calibration)
+        whole.append(time.thread_time() - start)
+    return {
+        "draw_best_ms": 1e3 * min(draws),
+        "made_best_ms": 1e3 * min(whole),
+        "made_median_ms": 1e3 * float(np.median(whole)),
+    }
+
+
+def _own(unit: Unit) -> np.ndarray:
+    """(3,) each LED's light in its own color, in the picture's middle."""
+    return np.diag(at_middle(unit.calibration.response))
+
+
+def _leaks(unit: Unit) -> np.ndarray:
+    """(6,) light in other colors there, in parts of the color's own LED's."""
+    return (at_middle(unit.calibration.response) / _own(unit))[~np.eye(3, dtype=bool)]
+
+
+def _irregularity(unit: Unit) -> float:
+    """Root mean square, over LEDs and other colors, of the coefficients in the place."""
+    powers = MIDDLE_COSINE ** np.arange(unit.calibration.response.shape[-1])
+    places = np.einsum("kcij,j->kci", unit.calibration.response, powers)[:, :, 1:TERMS]
+    parts = (places / _own(unit)[None, :, None])[~np.eye(3, dtype=bool)]
+    return float(np.sqrt(np.mean(parts**2)))
+
+
+def _far_mm(unit: Unit) -> np.ndarray:
+    return np.hypot(unit.calibration.leds_mm[:, 0], unit.calibration.leds_mm[:, 1])
+
+
+def _elevation_deg(unit: Unit) -> np.ndarray:
+    return np.degrees(np.arctan2(-unit.calibration.leds_mm[:, 2], _far_mm(unit)))
+
+
+def _grey(unit: Unit) -> np.ndarray:
+    return unit.calibration.background.astype(float)
+
+
+PARAMETERS: dict[str, Callable[[Unit], float]] = {
+    "gamma": lambda unit: unit.calibration.gamma,
+    "led_distance_mm": lambda unit: float(_far_mm(unit).mean()),
+    "led_elevation_deg": lambda unit: float(_elevation_deg(unit).mean()),
+    "led_size_least_mm": lambda unit: float(unit.calibration.sizes_mm.min()),
+    "led_size_most_mm": lambda unit: float(unit.calibration.sizes_mm.max()),
+    "own_light_grey": lambda unit: float(
+        255.0 * np.mean(np.maximum(_own(unit), 0.0)) ** (1.0 / unit.calibration.gamma)
+    ),
+    "leak_mean_size": lambda unit: float(np.abs(_leaks(unit)).mean()),
+    "leak_least": lambda unit: float(_leaks(unit).min()),
+    "leak_most": lambda unit: float(_leaks(unit).max()),
+    "irregularity": _irregularity,
+    "background_mean_grey": lambda unit: float(_grey(unit).mean()),
+    "background_deviation_grey": lambda unit: float(_grey(unit).std(axis=(0, 1)).mean()),
+    "noise_grey": lambda unit: unit.noise_grey,
+}
+
+
+def _placed(
+    parameter: Callable[[Unit], float], units: list[Unit], known: dict[str, Unit]
+) -> dict[str, Any]:
+    """A parameter's spread over the units, and where the known ones lie in it."""
+    values = np.array([parameter(unit) for unit in units])
+    low, middle, high = np.percentile(values, (5, 50, 95))
+    return {
+        "drawn": {"p5": float(low), "median": float(middle), "p95": float(high)},
+        **{
+            name: {"value": parameter(unit), "percentile": _percentile(values, parameter(unit))}
+            for name, unit in known.items()
+        },
+    }
+
+
+def _percentile(values: np.ndarray, value: float) -> float:
+    return 100.0 * float(np.mean(values < value))
+
+
+def _pictures(units: list[Unit], known: dict[str, Unit]) -> dict[str, Any]:
+    """Mean absolute differences, grey levels, between the pictures of units.
+
+    "change": of pressed less untouched; "background": of the untouched. From each unit to all drawn
+    ones in the mean, and to the nearest of them.
+    """
+    shown = [_shown(unit) for unit in units]
+    seen = {name: _shown(unit) for name, unit in known.items()}
+    found: dict[str, Any] = {}
+    for index, what in enumerate(("change", "background")):
+        among = np.array([pair[index] for pair in shown])
+        all_of = [np.delete(_distances(one, among), n) for n, one in enumerate(among)]
+        means = np.array([of.mean() for of in all_of])
+        nearest = np.array([of.min() for of in all_of])
+        found[what] = {"drawn": {"mean": float(means.mean()), "nearest": float(nearest.mean())}}
+        for name, pair in seen.items():
+            distances = _distances(pair[index], among)
+            found[what][name] = {
+                "mean": float(distances.mean()),
+                "mean_percentile": _percentile(means, float(distances.mean())),
+                "nearest": float(distances.min()),
+                "nearest_percentile": _percentile(nearest, float(distances.min())),
+            }
+    return found
+
+
+def _shown(unit: Unit) -> tuple[np.ndarray, np.ndarray]:
+    """(presses, rows, columns, RGB) int16 change of the pictures, and the background."""
+    optics = DigitOptics(unit.calibration)
+    still = optics.background[::STRIDE, ::STRIDE].astype(np.int16)
+    pressed = [optics.render(probe_surfaces.ball(*ball))[::STRIDE, ::STRIDE] for ball in BALLS]
+    return np.array(pressed).astype(np.int16) - still, still
+
+
+def _distances(one: np.ndarray, among: np.ndarray) -> np.ndarray:
+    return np.array([np.abs(other - one).mean() for other in among])
+
+
+def sheet() -> Image.Image:
+    """Drawn units, each pressed by a ball and a block."""
+    surface = np.maximum(
+        probe_surfaces.ball(-1.5, -2.5, 1.1), probe_surfaces.block(1.8, 3.0, 0.7, 5.0, 2.0, 0.5)
+    )
+    page = Image.new("RGB", (SHEET[1] * TILE_PX[0], SHEET[0] * TILE_PX[1]))
+    for number in range(SHEET[0] * SHEET[1]):
+        picture = DigitOptics(drawn(number).calibration).render(surface)
+        row, column = divmod(number, SHEET[1])
+        tile = Image.fromarray(picture).resize(TILE_PX)
+        page.paste(tile, (column * TILE_PX[0], row * TILE_PX[1]))
+    return page
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)

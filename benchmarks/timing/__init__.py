@@ -1,0 +1,1 @@
+"""Durations, alone and against other programs or commits."""

@@ -1,0 +1,161 @@
+"""Time from one DIGIT frame to its counts on one core, as a live sensor needs it.
+
+    python -m benchmarks.timing.latency
+
+The input is a (320, 240, 3) uint8 array; the time includes resizing. All translators at the presets
+cpu and paper are timed with random weights, which do not change the time. `t2twin.load` uses ONNX
+Runtime here. The same run in PyTorch, and its unmodified network in PyTorch (batch norms not
+folded, contiguous, no_grad), are timed in turn on one thread.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import tempfile
+import time
+from argparse import Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from PIL import Image
+
+from benchmarks.evidence.record import Benchmark, Figure
+from benchmarks.evidence.run import main
+from t2twin.core.cache_dir import VARIABLE
+from t2twin.sim.cyskin.field import field_layout
+from t2twin.sim.cyskin.layout import load_layout
+
+if TYPE_CHECKING:
+    from t2twin.translate.models.presets import Model, Preset
+    from t2twin.translate.runs.config import RunConfig
+
+BENCHMARK = Benchmark(
+    module="benchmarks.timing.latency",
+    measures="Time from one DIGIT frame to its counts on one core, against PyTorch.",
+    minutes=2,
+    sources=("sim/cyskin", "translate"),
+    figures=(
+        Figure("presets.touch2touch-cpu.median_ms", "ms", most=30.0),
+        Figure("presets.resnet18-cpu.median_ms", "ms", most=16.0),
+        Figure("presets.field-cpu.median_ms", "ms", most=12.0),
+        Figure("presets.touch2touch-paper.median_ms", "ms"),
+        Figure("presets.resnet18-paper.median_ms", "ms"),
+        Figure("presets.*.p95_ms", "ms"),
+        Figure("presets.*.torch_ratio"),
+        Figure("presets.*.plain_ratio"),
+    ),
+)
+
+FRAME = (320, 240, 3)
+FULL_SCALE = 40_000.0
+ROUNDS = 30
+"""Frames that each way is given, after two that are not counted."""
+
+MEASURED = ("cpu", "paper")
+"""Presets of either model."""
+
+Way = Callable[[np.ndarray], np.ndarray]
+"""From a frame to counts, (N,)."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    import torch
+
+    from t2twin.translate.models.presets import MODELS, PRESETS
+
+    torch.set_num_threads(1)
+    frames = np.random.default_rng(0).integers(0, 256, (ROUNDS + 2, *FRAME), dtype=np.uint8)
+    return {
+        "threads": 1,
+        "frame": list(FRAME),
+        "rounds": ROUNDS,
+        "presets": {
+            f"{model}-{name}": _measure(model, PRESETS[model][name], frames)
+            for model in MODELS
+            for name in MEASURED
+        },
+    }
+
+
+def _measure(model: Model, preset: Preset, frames: np.ndarray) -> dict[str, float]:
+    from t2twin.translate.inference.load import load
+
+    with tempfile.TemporaryDirectory() as folder:
+        run_dir = Path(folder)
+        config = _fresh_run(model, preset, run_dir)
+        os.environ[VARIABLE] = folder  # where its ONNX file is kept
+        ways = {
+            "": load(run_dir, engine="onnx").predict,
+            "torch_": load(run_dir, engine="torch").predict,
+            "plain_": _plain(config, run_dir),
+        }
+        times: dict[str, list[float]] = {way: [] for way in ways}
+        for frame in frames:
+            for way, predict in ways.items():
+                started = time.perf_counter()
+                predict(frame)
+                times[way].append(1e3 * (time.perf_counter() - started))
+    counted = {way: sorted(each[2:]) for way, each in times.items()}
+    medians = {way: statistics.median(each) for way, each in counted.items()}
+    return {
+        **{f"{way}median_ms": median for way, median in medians.items()},
+        "p95_ms": counted[""][int(0.95 * len(counted[""]))],
+        "torch_ratio": medians["torch_"] / medians[""],
+        "plain_ratio": medians["plain_"] / medians[""],
+    }
+
+
+def _fresh_run(model: Model, preset: Preset, run_dir: Path) -> RunConfig:
+    from t2twin.translate.data.pairs import DataInfo
+    from t2twin.translate.runs.build import build
+    from t2twin.translate.runs.checkpoint import save_weights
+    from t2twin.translate.runs.config import BEST, RunConfig
+
+    layout, places = load_layout(), field_layout()
+    info = DataInfo(
+        "0" * 64, layout.name, layout.x_mm, layout.y_mm, FULL_SCALE,
+        field_x_mm=places.x_mm, field_y_mm=places.y_mm,
+    )  # fmt: skip
+    config = RunConfig(model, preset, 0, info, None, None, 1, False, 1)
+    config.save(run_dir)
+    save_weights(run_dir / BEST, build(config).predictor)
+    return config
+
+
+def _plain(config: RunConfig, run_dir: Path) -> Way:
+    """The same network as anyone would write its use first."""
+    import torch
+
+    from t2twin.translate.data.images import to_input, to_pixels
+    from t2twin.translate.models.field import FieldTranslator
+    from t2twin.translate.models.touch2touch import Touch2Touch
+    from t2twin.translate.runs.build import build
+    from t2twin.translate.runs.checkpoint import load_weights
+    from t2twin.translate.runs.config import BEST
+
+    translator, preset = build(config), config.preset
+    load_weights(run_dir / BEST, translator.predictor)
+    network = translator.predictor.to(memory_format=torch.contiguous_format).eval()  # pyright: ignore[reportCallIssue]
+
+    def predict(frame: np.ndarray) -> np.ndarray:
+        pixels = to_pixels(Image.fromarray(frame), preset.size, preset.grey)
+        images = to_input(pixels[None].astype(np.float32) / 255.0).contiguous()
+        with torch.no_grad():
+            if isinstance(translator, FieldTranslator):
+                own = translator.predictor.mean_frame.expand_as(images)
+                return translator.readout(network(torch.cat([images, own], 1))).counts[0].numpy()
+            output = network(images)
+            if isinstance(translator, Touch2Touch):
+                counts = translator.counts_of((output + 1.0) * (FULL_SCALE / 2.0))
+            else:
+                counts = (output * FULL_SCALE).clamp(0.0, FULL_SCALE)
+        return counts[0].numpy()
+
+    return predict
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)
