@@ -1,8 +1,10 @@
 """Errors and uncertainty of runs that were trained on one world and evaluated on others.
 
+    t2twin simdata --world forces
+    t2twin simdata --world benchmarks/networks/unseen-shapes.toml --out data/unseen-shapes
     for data in paper forces; do
         t2twin evaluate RUN... --data data/$data --split both --out runs/worlds/$data; done
-    t2twin evaluate RUN... --data data/pretrained-3 --split val --out runs/worlds/pretrained-3/val
+    t2twin evaluate RUN... --data data/unseen-shapes --split val --out runs/worlds/unseen-shapes/val
     python -m benchmarks.networks.world_runs runs/worlds/*
 
 The results contain the errors of every row, overall with intervals and by force, and the training
