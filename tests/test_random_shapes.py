@@ -40,6 +40,8 @@ def test_surfaces_are_as_the_frame_has_them():
         assert (heights[[0, -1]] == NOTHING_MM).all() and (heights[:, [0, -1]] == NOTHING_MM).all()
         assert shape.surface.pitch_mm == pytest.approx(PITCH_MM)
         assert shape.base_mm == -BASE_DEPTH_MM
+        # random-27, for example, once had a hole that left nothing
+        assert rasterize.heights_mm(shape.composition, AXIS, AXIS).max() > NOTHING_MM / 2
 
 
 @pytest.mark.parametrize("seed", [3, 14, 25])

@@ -84,6 +84,8 @@ def _sample(seed: int) -> tuple[Composition, HeightMap]:
         composition = sample_composition(rng)
         sampled = heights_mm(composition, inside, inside)
         top = sampled.max()
+        if top == NOTHING_MM:  # cuts and holes leave nothing of the features
+            continue
         high = sampled[np.ix_(near, near)] > top - BASE_DEPTH_MM / 2
         if high.sum() * PITCH_MM**2 >= MIN_AREA_MM2:
             heights = np.full((axis.size, axis.size), NOTHING_MM, np.float32)
