@@ -161,6 +161,12 @@ class _Equilibrium:
         found[:, *refined(self.layout.window, survey.per_side)] = means
         return found
 
+    @property
+    def touching(self) -> list[np.ndarray]:
+        """(rows, columns) of each body: the cells of its footprint that carry pressure."""
+        per_side = self.layout.surveys[0].per_side
+        return [block_max(each, per_side) > 0 for each in self.body_pressures_mpa]
+
     @cached_property
     def body_pressures_mpa(self) -> np.ndarray:
         """(bodies, ny, nx) the pressure of each body on the contact's grid."""
@@ -188,9 +194,8 @@ def _equilibrium(
         layout = PinLayout(surveys, expected)
         found = _solve_stage(layout, None, False)
     else:
-        earlier, per_side = start.equilibrium, surveys[0].per_side
-        touching = [block_max(each, per_side) > 0 for each in earlier.body_pressures_mpa]
-        expected = list(zip(touching, earlier.solution.depths_mm, strict=True))
+        earlier = start.equilibrium
+        expected = list(zip(earlier.touching, earlier.solution.depths_mm, strict=True))
         layout = PinLayout(surveys, expected, before)
         found = _solve_stage(layout, earlier, verify, slips_mm)
     while True:
@@ -200,8 +205,7 @@ def _equilibrium(
             for survey, active, depth_mm in zip(surveys, layout.active, depths_mm, strict=True)
         ]
         if any(each.any() for each in missed):
-            loaded = [block_max(each, surveys[0].per_side) > 0 for each in found.body_pressures_mpa]
-            wanted = [touching | more for touching, more in zip(loaded, missed, strict=True)]
+            wanted = [cells | more for cells, more in zip(found.touching, missed, strict=True)]
             expected = list(zip(wanted, depths_mm, strict=True))
             layout = PinLayout(surveys, expected, before, layout.active)
         elif found.last:
