@@ -17,7 +17,7 @@ PITCH_MM = 0.05
 
 FILE_PITCH_MM = 0.025
 """Finest pitch of the height map of a file, mm. Its outlines are anywhere between the points; with
-0.05 mm, thin walls and needles have larger errors (measured by the benchmark contact_cases)."""
+0.05 mm, thin walls and needles have larger errors (measured by the benchmark `contact_cases`)."""
 
 REACH_MM = 32.0
 """Half the side of a height map, mm. Assumed: half the diagonal of a 28 x 46 mm cover, 27 mm, and

@@ -1,1 +1,1 @@
-"""Content of datasets, and runs that are killed."""
+"""Content of datasets and of random presses, and runs that are killed."""

@@ -30,8 +30,7 @@ STREAM = 1_701
 """Separates these random numbers from others with the same seed."""
 
 MAX_TRIES = 100
-"""Limit on the compositions that are sampled until one can be pressed; one in some hundred cannot.
-"""
+"""Limit on the compositions sampled until one can be pressed; about one in sixty cannot."""
 
 MIN_AREA_MM2 = 0.1
 """Least area of a shape's features near the press axis, mm2."""

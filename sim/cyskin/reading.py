@@ -121,7 +121,7 @@ PRESETS = {
 }
 """Presets by name. The values of "recorded" are fitted to figures of 373 public recordings of
 fingers on a robot's skin (repository ladylou899/ros2_ws_cyskin_project), which
-the benchmark recordings lists and compares with simulated ones."""
+the benchmark `recordings` lists and compares with simulated ones."""
 
 DATASET_DEFAULT: Literal["none", "white", "baseline", "all", "recorded"] = "recorded"
 """Imperfections of a dataset whose scale or recipe has none of its own."""

@@ -29,7 +29,7 @@ FULL_SCALE_COUNTS = 40_000
 """Count at which a taxel saturates (Grella et al. 2023)."""
 
 GAIN_COUNTS = 73_813.0
-"""Counts per doubling of the capacitance: fitted by the benchmark gain, at scale paper, so that the
+"""Counts per doubling of the capacitance: fitted by the benchmark `gain`, scale paper, so that the
 99.5th percentile of the largest taxel over the training set is FULL_SCALE_COUNTS."""
 
 

@@ -16,7 +16,7 @@ def check_held_out(recipe: Recipe, cache_dir: str | Path | None = None) -> None:
 
     That is a whole tool, as the solid or one of its bodies, also rotated, mirrored or scaled.
     cache_dir: as for catalogue.load. Random shapes do not depend on the tools;
-    the benchmark random_presses compares them.
+    the benchmark `random_presses` compares them.
     """
     for part in recipe.parts:
         if part.shapes in NAMED or (part.split == "test" and not part.val_share):

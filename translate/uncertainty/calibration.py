@@ -40,7 +40,7 @@ SHEAR_SHARES = (0.125,) * 8
 
 MIN_STD = 33.0 / FULL_SCALE_COUNTS
 """Smallest standard deviation, fraction of full scale: the noise of a sample of a real array at
-rest, 74 counts a reading (median, benchmark recordings) over the square root of 5 readings.
+rest, 74 counts a reading (median, benchmark `recordings`) over the square root of 5 readings.
 Without it, intervals of positions far from a contact are too narrow (measured)."""
 
 MIN_ERRORS = 100
