@@ -18,9 +18,7 @@ def failures(measured, baseline=BASELINE):
     return missed(BENCHMARK, {"against": against(measured, baseline)})
 
 
-@pytest.mark.parametrize(
-    "model", ["resnet18", pytest.param("touch2touch", marks=pytest.mark.exhaustive)]
-)
+@pytest.mark.parametrize("model", ["resnet18", "touch2touch"])
 def test_a_translator_stays_within_the_band(
     model, tmp_path, monkeypatch, protocol_dataset, shape_cache
 ):
