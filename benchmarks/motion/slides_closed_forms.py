@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import integrate, special
 
+from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.tangential.kernels import shear_kernels
 from t2twin.sim.contact.tangential.shear_layer import ShearLayer
@@ -169,18 +170,19 @@ def stuck_punches(pitch_mm: float) -> dict[str, float]:
     }
 
 
-def against_tamaas(poisson: float, n: int = 32, pitch_mm: float = 0.1) -> dict[str, float] | None:
+def against_tamaas(poisson: float, n: int = 32, pitch_mm: float = 0.1) -> dict[str, float]:
     """Largest difference of a displacement component by one traction component from tamaas, over
-    it, for random tractions on a periodic half-space; None without tamaas.
+    it, for random tractions on a periodic half-space.
 
     The tractions have no waves at the Nyquist frequency, where odd spectra have no meaning. The
     layer is as thick as two periods, so that it is a half-space for the longest wave.
+
+    Raises T2TwinError without tamaas.
     """
     try:
         tamaas: Any = import_module("tamaas")
     except ImportError:
-        print("tamaas is not installed; the comparison with it is skipped")
-        return None
+        raise T2TwinError("tamaas is not installed; pip install '.[oracle]'") from None
     side, rng = n * pitch_mm, np.random.default_rng(0)
     model = tamaas.Model(tamaas.model_type.surface_2d, [side, side], [n, n])
     model.E, model.nu = YOUNG_MPA, poisson

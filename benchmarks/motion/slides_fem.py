@@ -92,11 +92,10 @@ class Solved:
         return self.normal_n[1:], self.tangential_n[1:], self.markers_mm[1:]
 
 
-def is_installed() -> bool:
-    """Whether CalculiX is installed; prints a sentence if not."""
+def require_calculix() -> None:
+    """Raises T2TwinError if CalculiX is not installed."""
     if shutil.which(PROGRAM) is None:
-        print(f"CalculiX ({PROGRAM}) is not installed; the comparison with it is skipped")
-    return shutil.which(PROGRAM) is not None
+        raise T2TwinError(f"CalculiX ({PROGRAM}) is not installed; apt-get install calculix-ccx")
 
 
 def solve(slide: Slide, folder: Path) -> Solved:
