@@ -1,12 +1,10 @@
 """Content, size and generation rate of a dataset.
 
     t2twin simdata --scale paper --out data/paper
-    t2twin simdata --scale small --workers 1 --out data/one
-    t2twin simdata --scale small --workers 2 --out data/two
-    python -m benchmarks.datasets.dataset data/paper --rates data/one data/two
+    python -m benchmarks.datasets.dataset data/paper
 
 The figures come from the dataset's shards and log, and docs/pictures/dataset_*.png are drawn from
-them. Without --rates the results keep the earlier rates, with their commit and date.
+them.
 """
 
 from __future__ import annotations
@@ -22,9 +20,7 @@ import numpy as np
 
 from benchmarks import ROOT
 from benchmarks.evidence.record import Argument, Benchmark, Figure
-from benchmarks.evidence.results import current_commit, now, read_results
 from benchmarks.evidence.run import main
-from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
 from t2twin.core.records import decode_json
 from t2twin.sim.dataset.store import LOG, read_info
@@ -44,7 +40,6 @@ BENCHMARK = Benchmark(
         Figure("run.minutes", "minutes", most=15.0),
         Figure("run.pairs_a_second", "pairs/s"),
         Figure("run.peak_memory_gib", "GiB", most=4.0),
-        Figure("rates.two_workers_over_one", least=1.8),
         Figure("size_gib", "GiB", most=1.5),
         Figure("near_duplicates_percent", "%", most=2.0),
         Figure("alike_but_felt_otherwise_percent", "%"),
@@ -53,17 +48,7 @@ BENCHMARK = Benchmark(
         Figure("bottomed"),
         Figure("saturated_taxels_percent", "%"),
     ),
-    arguments=(
-        Argument("folder", "the dataset", Path),
-        Argument(
-            "--rates",
-            "one dataset made twice in a row, with one worker and with two; the results keep the "
-            "rates they have unless given",
-            Path,
-            nargs=2,
-            metavar=("ONE", "TWO"),
-        ),
-    ),
+    arguments=(Argument("folder", "the dataset", Path),),
 )
 
 PICTURES = ROOT / "docs" / "pictures"
@@ -74,10 +59,9 @@ def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.report.dataset.tables import read_dataset
 
     dataset = read_dataset(options.folder)
-    rates = _earlier_rates() if options.rates is None else _rates(*options.rates)
     if not options.keep_nothing:
         draw(dataset)
-    return figures(dataset) | {"run": _last_run(dataset.data), "rates": rates}
+    return figures(dataset) | {"run": _last_run(dataset.data)}
 
 
 def figures(dataset: Dataset) -> dict[str, Any]:
@@ -138,25 +122,6 @@ def _last_run(folder: Path) -> dict[str, Any]:
         "all_processor_ms_a_pair": sum(stages.values()),
         "peak_memory_gib": run.peak_memory_bytes / 2**30,
     }
-
-
-def _rates(one: Path, two: Path) -> dict[str, Any]:
-    """How much faster two workers are than one, and when that was measured."""
-    alone, both = _last_run(one), _last_run(two)
-    return {
-        "commit": current_commit(),
-        "date": now(),
-        "one_worker": alone,
-        "two_workers": both,
-        "two_workers_over_one": both["pairs_a_second"] / alone["pairs_a_second"],
-    }
-
-
-def _earlier_rates() -> dict[str, Any] | None:
-    try:
-        return read_results(BENCHMARK.results).content["rates"]
-    except (T2TwinError, KeyError):
-        return None
 
 
 def draw(dataset: Dataset) -> None:

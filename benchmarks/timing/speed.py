@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 from argparse import Namespace
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ BENCHMARK = Benchmark(
         Figure("times_as_fast.press_digit", "times", least=2.0),
         Figure("times_as_fast.press_cyskin", "times", least=2.2),
         Figure("times_as_fast.picture", "times", least=2.0),
-        Figure("two_workers_over_one", "times", least=1.9),
+        Figure("two_workers_over_two_runs", "times", least=0.95),
         Figure("ms.*", "ms"),
         Figure("where_ms.*.*", "ms"),
         Figure("pairs_a_second", "pairs/s"),
@@ -71,6 +72,7 @@ def measure(options: Namespace) -> dict[str, Any]:
                 "pairs_a_second": {
                     "now": _rate(ROOT, Path(folder), 1),
                     "now_two_workers": _rate(ROOT, Path(folder), 2),
+                    "now_two_runs": _rate_of_two_runs(ROOT, Path(folder)),
                     "before": _rate(other, Path(folder), 1),
                 },
             }
@@ -87,7 +89,9 @@ def measure(options: Namespace) -> dict[str, Any]:
             for stage in STAGES
         }
         | {"pairs": _median(rate["now"] / rate["before"] for rate in rates)},
-        "two_workers_over_one": _median(rate["now_two_workers"] / rate["now"] for rate in rates),
+        "two_workers_over_two_runs": _median(
+            rate["now_two_workers"] / rate["now_two_runs"] for rate in rates
+        ),
         "ms": {
             stage: _median(turn["stages_ms"]["now"][stage] for turn in turns) for stage in STAGES
         },
@@ -118,6 +122,12 @@ def _rate(checkout: Path, folder: Path, workers: int) -> float:
         )
     (rate,) = RATE.findall(said)
     return float(rate)
+
+
+def _rate_of_two_runs(checkout: Path, folder: Path) -> float:
+    """Sum of the pairs a second of two simultaneous runs of one worker each."""
+    with ThreadPoolExecutor(2) as pool:
+        return sum(pool.map(lambda _: _rate(checkout, folder, 1), range(2)))
 
 
 def _run(checkout: Path, arguments: list[str]) -> str:
