@@ -60,8 +60,9 @@ PRESSES, SEED = 60, 77
 def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.sim.dataset.columns import MARKERS
     from t2twin.sim.dataset.generate import make_dataset
-    from t2twin.sim.dataset.store import read_split
+    from t2twin.sim.dataset.store import read_info, read_split
     from t2twin.translate.data.pairs import load_pairs
+    from t2twin.translate.evaluation.predictions import as_readings
     from t2twin.translate.evaluation.scoring import training_steps
     from t2twin.translate.inference.field_predictor import FieldPredictor
     from t2twin.translate.inference.load import load_run
@@ -75,13 +76,15 @@ def measure(options: Namespace) -> dict[str, Any]:
     preset = run.config.preset
     pairs = load_pairs(options.data, "test", preset.size, preset.grey, with_field=True)
     has_markers = read_split(options.data, "test", [MARKERS])[MARKERS].to_numpy(False)
-    estimate = run.estimate_pixels(pairs.inputs)
+    info = read_info(options.data)
+    estimate = as_readings(run.estimate_pixels(pairs.inputs), info)
+    before = as_readings(start.estimate_pixels(pairs.inputs), info)
     content: dict[str, Any] = {
         "markers": _shear(estimate, pairs, has_markers),
         "plain": _shear(estimate, pairs, ~has_markers),
         "counts": {
             "run": _counts(estimate, pairs, run),
-            "start": _counts(start.estimate_pixels(pairs.inputs), pairs, start),
+            "start": _counts(before, pairs, start),
         },
     }
     found = content["counts"]["run"]
