@@ -58,8 +58,8 @@ class Results:
 def provenance(module: str, arguments: list[str]) -> Provenance:
     """The provenance of a measurement that starts now: `python -m module arguments`."""
     return Provenance(
-        commit=current_commit(),
-        date=now(),
+        commit=_current_commit(),
+        date=_now(),
         command=shlex.join(["python", "-m", module, *arguments]),
         versions=versions(),
         processor=processor(),
@@ -87,11 +87,11 @@ def write_results(path: Path, results: Results) -> None:
         temporary.write_text(json.dumps(_finite(whole), indent=1, allow_nan=False) + "\n")
 
 
-def now() -> str:
+def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def current_commit() -> str:
+def _current_commit() -> str:
     """The checked-out commit, with a + for uncommitted changes; "unknown" without git history."""
     commit = git("rev-parse", "--short=12", "HEAD")
     if commit is None:

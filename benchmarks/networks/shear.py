@@ -78,13 +78,13 @@ def measure(options: Namespace) -> dict[str, Any]:
     has_markers = read_split(options.data, "test", [MARKERS])[MARKERS].to_numpy(False)
     info = read_info(options.data)
     estimate = as_readings(run.estimate_pixels(pairs.inputs), info)
-    before = as_readings(start.estimate_pixels(pairs.inputs), info)
+    of_start = as_readings(start.estimate_pixels(pairs.inputs), info)
     content: dict[str, Any] = {
         "markers": _shear(estimate, pairs, has_markers),
         "plain": _shear(estimate, pairs, ~has_markers),
         "counts": {
             "run": _counts(estimate, pairs, run),
-            "start": _counts(before, pairs, start),
+            "start": _counts(of_start, pairs, start),
         },
     }
     found = content["counts"]["run"]

@@ -80,7 +80,7 @@ def measure(options: Namespace) -> dict[str, Any]:
             for _ in tqdm(range(options.turns), unit="turn")
         ]
         two_workers = _rate(ROOT, Path(folder), 2, LONG_SCALE)
-        two_runs = _rate_of_two_runs(ROOT, Path(folder))
+        two_runs = _rate_of_two_runs(Path(folder))
     rates = [turn["pairs_a_second"] for turn in turns]
     return {
         "before": _commit(other),
@@ -126,10 +126,10 @@ def _rate(checkout: Path, folder: Path, workers: int, scale: str = SCALE) -> flo
     return float(rate)
 
 
-def _rate_of_two_runs(checkout: Path, folder: Path) -> float:
-    """Sum of the pairs a second of two simultaneous runs of one worker each."""
+def _rate_of_two_runs(folder: Path) -> float:
+    """Pairs a second of two simultaneous runs of this checkout, with one worker each, together."""
     with ThreadPoolExecutor(2) as pool:
-        return sum(pool.map(lambda _: _rate(checkout, folder, 1, LONG_SCALE), range(2)))
+        return sum(pool.map(lambda _: _rate(ROOT, folder, 1, LONG_SCALE), range(2)))
 
 
 def _run(checkout: Path, arguments: list[str]) -> str:
