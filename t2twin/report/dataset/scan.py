@@ -15,6 +15,7 @@ from t2twin.core.machine import cores
 from t2twin.core.progress import Progress
 from t2twin.report.dataset.tables import Dataset
 from t2twin.report.html.figures import figure
+from t2twin.sim.cyskin.reading import expected_reading
 from t2twin.sim.dataset.store import iter_images, split_shards
 
 BLOCK_PX = 8
@@ -26,9 +27,13 @@ BATCH_SIZE = 256
 NOISE_GREY = 0.5
 """Noise of images of imported datasets, grey levels: that of simulated ones."""
 
-DUPLICATE_SHARE = 0.0005
-"""Difference of the counts of two equal pairs, relative to full scale (assumed: 20 of 40,000
-counts, four times the difference of two readings of one press)."""
+SAME_READINGS = 1.5
+"""Largest difference of two readings of one press, relative to its RMS (assumed: three standard
+deviations of the RMS over 20 taxels)."""
+
+SAME_SHARE = 0.0005
+"""Difference of the counts of two equal pairs with less noise, or with unknown noise, relative to
+full scale (assumed)."""
 
 BINS = 60
 WIDTH_IN, HEIGHT_IN = 9.0, 2.6
@@ -117,7 +122,7 @@ def duplicates(dataset: Dataset, scan: Scan) -> dict[str, Any]:
     return {
         "noise_grey": noise,
         "block_px": BLOCK_PX,
-        "same_counts": same_counts(dataset),
+        "same_counts": float(np.median(same_counts(dataset))),
         "duplicates": near,
         "ambiguous": ambiguous,
         "chart": figure("svg", WIDTH_IN, HEIGHT_IN, lambda page: _histogram(page, scan, noise)),
@@ -135,9 +140,14 @@ def near_duplicates(dataset: Dataset, scan: Scan) -> np.ndarray:
     return scan.alike_counts < same_counts(dataset)
 
 
-def same_counts(dataset: Dataset) -> float:
-    """RMS difference of the counts below which pairs are equal."""
-    return DUPLICATE_SHARE * dataset.layout.full_scale_counts
+def same_counts(dataset: Dataset) -> np.ndarray:
+    """RMS difference from the counts of each pair below which another pair is equal to it: (P,)."""
+    counts, parameters = dataset.counts, dataset.info.parameters
+    least = np.full(len(counts), SAME_SHARE * dataset.layout.full_scale_counts)
+    if parameters is None:  # imported
+        return least
+    _, noise = expected_reading(parameters.cyskin.imperfections, counts)
+    return np.maximum(least, SAME_READINGS * np.sqrt(2.0 * np.square(noise).mean(axis=1)))
 
 
 def _histogram(page: Figure, scan: Scan, noise: float) -> None:
