@@ -1,4 +1,4 @@
-"""Staleness: which source folders of a benchmark changed since its results were measured."""
+"""Staleness: which sources of a benchmark changed since its results were measured."""
 
 import ast
 from pathlib import Path
@@ -15,7 +15,7 @@ BASELINE = "0d1cde67c747"
 def changed_sources(
     benchmark: Benchmark, root: Path = ROOT, baseline: str = BASELINE
 ) -> list[str] | None:
-    """The source folders that differ from the measured commit.
+    """The sources that differ from the measured commit.
 
     Uncommitted changes of tracked files count; changes of comments and docstrings do not. None if
     there are no results. A baseline benchmark is never stale.

@@ -2,7 +2,7 @@
 
 There are four steps, which are also separate commands. A finished step is not repeated.
 
-1. light: calibrates the optics on some of the presses.
+1. light: calibrates the optics, first without the held-out presses, then on all.
 2. data: simulates a dataset of random shapes and primitives, pressed with 0.5 to 12 N. Its light is
    sampled around the calibration, and its images have the noise of single frames.
 3. training: trains a translator on this dataset. The weights of a field run are then averaged with

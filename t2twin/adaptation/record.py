@@ -34,7 +34,7 @@ FORMAT = 2
 
 @dataclass(frozen=True)
 class HeldOutPress:
-    """A press that the calibration was not fitted to, and scores of its simulated image."""
+    """A held-out press, and scores of its image, simulated with a calibration without it."""
 
     name: str
     x_mm: float

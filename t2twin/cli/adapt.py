@@ -25,8 +25,8 @@ def adapt(
     """Adapt a translator to your own DIGIT, from its background frame and presses of one ball.
 
     Calibrates the optics, simulates presses with them, and trains on these. Evaluates the trained
-    and the initial run on presses that the calibration was not fitted to, and keeps the better one.
-    Resumes an interrupted adaptation.
+    and the initial run on the held-out presses, and keeps the better one. The final optics are
+    fitted to these too; no network is trained on real frames. Resumes an interrupted adaptation.
 
     Args:
         background: Frame of the sensor without contact, 240 x 320 or larger, in any orientation.
