@@ -83,9 +83,9 @@ class Benchmark:
     The module also defines `measure(options)`, which returns the content of the results.
 
     module: benchmarks.FOLDER.NAME. measures: one sentence. minutes: duration on two cores. sources:
-    folders and modules whose code determines the figures, relative to the repository. Folders of general
-    helpers, such as t2twin/core, are left out. is_baseline: the results are a baseline for a test:
-    they are written with --write only and never stale.
+    folders and modules whose code determines the figures, relative to the repository, without
+    general helpers such as t2twin/core. is_baseline: the results are a baseline for a test: they
+    are written with --write only and never stale.
     """
 
     module: str
