@@ -1,0 +1,137 @@
+"""Predictions for frames of a real DIGIT before and after an adaptation to it.
+
+    python -m benchmarks.networks.adaptation FRAMES OUT
+
+FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
+project. The pretrained network is adapted on two thirds of the presses, three times for each
+duration, and evaluated on the other third, of which `adapt` has no frame. The reference is the
+simulated CySkin at the place and depth that a calibration without this third finds in the frame.
+OUT keeps the adaptations, so that the same command continues an interrupted measurement.
+"""
+
+from __future__ import annotations
+
+import shutil
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.evidence.record import Argument, Benchmark, Figure
+from benchmarks.evidence.run import main
+from benchmarks.networks.real import real_references
+from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT, ROTATIONS
+
+if TYPE_CHECKING:
+    from t2twin.adaptation.real_frame_evaluation import SimulatedReference
+    from t2twin.translate.inference.predictor import CountsPredictor
+
+BENCHMARK = Benchmark(
+    module="benchmarks.networks.adaptation",
+    measures="Predictions for frames of a real DIGIT before and after an adaptation to it.",
+    minutes=220,
+    sources=("primitives_cad", "sim", "t2twin/adaptation", "translate"),
+    figures=(
+        Figure("pretrained.mean_rmse_percent", "%"),
+        Figure("adapted.*.mean_rmse_percent", "%"),
+        Figure("adapted.*.largest_ratio", most=1.0),
+        Figure("adapted.60.median_ratio", most=0.9),
+    ),
+    arguments=(
+        Argument("frames", "folder of background.png and press_*.png", Path),
+        Argument("out", "folder of the adaptations", Path),
+    ),
+)
+
+BACKGROUND = "background.png"
+
+MINUTES = (12, 60)
+"""Durations of the adaptations: a short one, and the default."""
+
+
+def measure(options: Namespace) -> dict[str, Any]:
+    from t2twin.adaptation.pipeline import adapt
+    from t2twin.translate.inference.load import load_run
+    from t2twin.translate.runs.pretrained import HOME
+
+    pretrained, adapted = [], {str(minutes): [] for minutes in MINUTES}
+    for rotation in range(ROTATIONS):
+        folder = options.out / f"rotation-{rotation}"
+        all_frames, some_frames = _arrange(options.frames, folder, rotation)
+        references, background = real_references(all_frames)
+        pretrained.append(_scores(load_run(HOME / "field"), references, background))
+        for minutes in MINUTES:
+            out = folder / f"{minutes}-minutes"
+            adapt(all_frames / BACKGROUND, some_frames, BALL_DIAMETER_MM, out, minutes=minutes)
+            adapted[str(minutes)].append(_scores(load_run(out / "field"), references, background))
+    initial = _summary(pretrained)
+    return {
+        "pretrained": initial,
+        "adapted": {
+            minutes: summary | _ratios(summary, initial)
+            for minutes, summary in ((name, _summary(each)) for name, each in adapted.items())
+        },
+    }
+
+
+def _arrange(frames: Path, folder: Path, rotation: int) -> tuple[Path, Path]:
+    """Copies the frames; every third press is held out.
+
+    Returns two folders: all frames, with the held-out presses as the last, and the other presses.
+    """
+    presses = sorted(frames.glob("press_*.png"))
+    held_out = presses[rotation::ROTATIONS]
+    assert len(held_out) == HELD_OUT
+    others = [press for press in presses if press not in held_out]
+    folders = folder / "all", folder / "fitted"
+    for of, chosen in zip(folders, ([*others, *held_out], others), strict=True):
+        shutil.rmtree(of, ignore_errors=True)
+        of.mkdir(parents=True)
+        for number, press in enumerate(chosen):
+            shutil.copy(press, of / f"press_{number:02d}.png")
+    shutil.copy(frames / BACKGROUND, folders[0])
+    return folders
+
+
+def _scores(
+    run: CountsPredictor, references: list[SimulatedReference], background: np.ndarray
+) -> dict[str, Any]:
+    """Scores of a run on the real frames of a third."""
+    from t2twin.adaptation.real_frame_evaluation import evaluate_frames
+    from t2twin.adaptation.record import AdaptationScores
+
+    found, alone = (
+        AdaptationScores.of([one.real for one in evaluate_frames(run, references, still)])
+        for still in (background, None)
+    )
+    return {
+        "presses": len(references),
+        "rmse_percent": found.rmse_percent,
+        "rmse_percent_without_background": alone.rmse_percent,
+        "interval_coverage_percent": found.interval_coverage_percent,
+    }
+
+
+def _summary(thirds: list[dict[str, Any]]) -> dict[str, Any]:
+    """The scores of the thirds, and their means."""
+    names = [name for name in thirds[0] if name != "presses"]
+    means = {f"mean_{name}": float(np.mean([one[name] for one in thirds])) for name in names}
+    return {"thirds": thirds} | means
+
+
+def _ratios(summary: dict[str, Any], initial: dict[str, Any]) -> dict[str, Any]:
+    """RMSE over that of the pretrained network: of each third, the median and the largest."""
+    ratios = [
+        one["rmse_percent"] / before["rmse_percent"]
+        for one, before in zip(summary["thirds"], initial["thirds"], strict=True)
+    ]
+    return {
+        "ratios": ratios,
+        "median_ratio": float(np.median(ratios)),
+        "largest_ratio": max(ratios),
+    }
+
+
+if __name__ == "__main__":
+    main(BENCHMARK)
