@@ -4,7 +4,7 @@
 
 FRAMES is a folder with background.png and press_*.png of a 4.70 mm ball. It is not part of the
 project. The pretrained network is adapted on two thirds of the presses, three times for each
-duration, and evaluated on the other third, of which `adapt` has no frame. The reference is the
+duration, and evaluated on the other third, which `adapt` does not get. The reference is the
 simulated CySkin at the place and depth that a calibration without this third finds in the frame.
 OUT keeps the adaptations, so that the same command continues an interrupted measurement.
 """
@@ -22,6 +22,7 @@ from benchmarks.evidence.record import Argument, Benchmark, Figure
 from benchmarks.evidence.run import main
 from benchmarks.networks.real import real_references
 from benchmarks.optics.calibration import BALL_DIAMETER_MM, HELD_OUT, ROTATIONS
+from t2twin.core.errors import T2TwinError
 
 if TYPE_CHECKING:
     from t2twin.adaptation.real_frame_evaluation import SimulatedReference
@@ -53,24 +54,24 @@ MINUTES = (12, 60)
 def measure(options: Namespace) -> dict[str, Any]:
     from t2twin.adaptation.pipeline import adapt
     from t2twin.translate.inference.load import load_run
-    from t2twin.translate.runs.pretrained import HOME
+    from t2twin.translate.runs.pretrained import DEFAULT_RUN
 
+    initial_run = load_run(DEFAULT_RUN)
     pretrained, adapted = [], {str(minutes): [] for minutes in MINUTES}
     for rotation in range(ROTATIONS):
         folder = options.out / f"rotation-{rotation}"
-        all_frames, some_frames = _arrange(options.frames, folder, rotation)
+        all_frames, fitted_frames = _arrange(options.frames, folder, rotation)
         references, background = real_references(all_frames)
-        pretrained.append(_scores(load_run(HOME / "field"), references, background))
+        pretrained.append(_scores(initial_run, references, background))
         for minutes in MINUTES:
             out = folder / f"{minutes}-minutes"
-            adapt(all_frames / BACKGROUND, some_frames, BALL_DIAMETER_MM, out, minutes=minutes)
+            adapt(all_frames / BACKGROUND, fitted_frames, BALL_DIAMETER_MM, out, minutes=minutes)
             adapted[str(minutes)].append(_scores(load_run(out / "field"), references, background))
-    initial = _summary(pretrained)
     return {
-        "pretrained": initial,
+        "pretrained": _summary(pretrained),
         "adapted": {
-            minutes: summary | _ratios(summary, initial)
-            for minutes, summary in ((name, _summary(each)) for name, each in adapted.items())
+            minutes: _summary(thirds) | _ratios(thirds, pretrained)
+            for minutes, thirds in adapted.items()
         },
     }
 
@@ -79,10 +80,15 @@ def _arrange(frames: Path, folder: Path, rotation: int) -> tuple[Path, Path]:
     """Copies the frames; every third press is held out.
 
     Returns two folders: all frames, with the held-out presses as the last, and the other presses.
+    Raises T2TwinError unless a third of the presses are HELD_OUT.
     """
     presses = sorted(frames.glob("press_*.png"))
+    if len(presses) != ROTATIONS * HELD_OUT:
+        raise T2TwinError(
+            f"{frames} contains {len(presses)} presses, press_*.png; this benchmark uses "
+            f"{ROTATIONS * HELD_OUT}"
+        )
     held_out = presses[rotation::ROTATIONS]
-    assert len(held_out) == HELD_OUT
     others = [press for press in presses if press not in held_out]
     folders = folder / "all", folder / "fitted"
     for of, chosen in zip(folders, ([*others, *held_out], others), strict=True):
@@ -120,11 +126,11 @@ def _summary(thirds: list[dict[str, Any]]) -> dict[str, Any]:
     return {"thirds": thirds} | means
 
 
-def _ratios(summary: dict[str, Any], initial: dict[str, Any]) -> dict[str, Any]:
+def _ratios(thirds: list[dict[str, Any]], pretrained: list[dict[str, Any]]) -> dict[str, Any]:
     """RMSE over that of the pretrained network: of each third, the median and the largest."""
     ratios = [
         one["rmse_percent"] / before["rmse_percent"]
-        for one, before in zip(summary["thirds"], initial["thirds"], strict=True)
+        for one, before in zip(thirds, pretrained, strict=True)
     ]
     return {
         "ratios": ratios,

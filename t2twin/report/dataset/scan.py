@@ -141,7 +141,7 @@ def near_duplicates(dataset: Dataset, scan: Scan) -> np.ndarray:
 
 
 def same_counts(dataset: Dataset) -> np.ndarray:
-    """RMS difference from the counts of each pair below which another pair is equal to it: (P,)."""
+    """Threshold of each pair, (P,): with a smaller RMS difference of counts, another is equal."""
     counts, parameters = dataset.counts, dataset.info.parameters
     least = np.full(len(counts), SAME_SHARE * dataset.layout.full_scale_counts)
     if parameters is None:  # imported
