@@ -6,6 +6,7 @@ Content that does not fit raises a T2TwinError of one sentence with the line and
 import csv
 import io
 import re
+from collections.abc import Sequence
 from dataclasses import MISSING, fields
 from math import isfinite
 from pathlib import Path
@@ -38,11 +39,11 @@ def read_rows(path: Path, kind: type[Record], what: str) -> tuple[Record, ...]:
     for messages. Raises T2TwinError with the file and, if known, the line and the column.
     """
     content = read_file(path)
+    known = fields(kind)  # pyright: ignore[reportArgumentType]
     try:
-        table, places = read_csv(content)
+        table, places = read_csv(content, [field.name for field in known if field.type is str])
     except ERRORS as error:
         raise T2TwinError(f"{path} cannot be read as {what}'s CSV ({error})") from error
-    known = fields(kind)  # pyright: ignore[reportArgumentType]
     check_names(table.column_names, [field.name for field in known], path)
     for field in known:
         if field.default is MISSING and field.name not in table.column_names:
@@ -65,14 +66,19 @@ def _cells(row: dict[str, Any], at: str) -> dict[str, Any]:
     return {name: value for name, value in row.items() if value is not None}
 
 
-def read_csv(content: bytes) -> tuple[pa.Table, list[str]]:
+def read_csv(content: bytes, texts: Sequence[str] = ()) -> tuple[pa.Table, list[str]]:
     """The table, and the place of each row in the file, such as "line 2".
 
-    The delimiter is the most frequent one in the first line. Skips a byte order mark and empty
-    lines. Raises ERRORS.
+    The delimiter is the most frequent one in the first line. Skips a byte order mark, empty lines,
+    and spaces around cells. texts: columns that are text, also where all cells are numbers; an
+    empty cell is null. Raises ERRORS.
     """
     first_line = content.partition(b"\n")[0]
     delimiter = max(DELIMITERS, key=first_line.count)
+    reader = _reader(content, delimiter)
+    places = [f"line {reader.line_num}" for row in reader if row][1:]
+    if b" " in content:
+        content = _without_spaces(content, delimiter)
     comma = delimiter != b"," and DECIMAL_COMMA.search(content)
     table = pyarrow.csv.read_csv(
         io.BytesIO(content),
@@ -80,14 +86,30 @@ def read_csv(content: bytes) -> tuple[pa.Table, list[str]]:
         read_options=pyarrow.csv.ReadOptions(use_threads=False),
         parse_options=pyarrow.csv.ParseOptions(delimiter=delimiter.decode()),
         convert_options=pyarrow.csv.ConvertOptions(
-            decimal_point="," if comma else ".", null_values=[""]
+            decimal_point="," if comma else ".",
+            null_values=[""],
+            strings_can_be_null=True,
+            column_types=dict.fromkeys(texts, pa.string()),
         ),
     )
-    text = io.StringIO(content.decode("utf-8-sig"), newline="")
-    lines = csv.reader(text, delimiter=delimiter.decode())
-    places = [f"line {lines.line_num}" for row in lines if row][1:]
     # The two readers may disagree about line ends within quotes.
     return table, places if len(places) == len(table) else row_labels(table)
+
+
+def _reader(content: bytes, delimiter: bytes) -> Any:
+    """A reader of the csv module."""
+    text = io.StringIO(content.decode("utf-8-sig"), newline="")
+    return csv.reader(text, delimiter=delimiter.decode(), skipinitialspace=True)
+
+
+def _without_spaces(content: bytes, delimiter: bytes) -> bytes:
+    """The CSV without the spaces around its cells, which Arrow keeps."""
+    if content.count(b'"') % 2:
+        raise csv.Error("a quotation mark is not closed")
+    text = io.StringIO()
+    rows = ([cell.strip() for cell in row] for row in _reader(content, delimiter))
+    csv.writer(text, delimiter=delimiter.decode()).writerows(rows)
+    return text.getvalue().encode()
 
 
 def row_labels(table: pa.Table) -> list[str]:

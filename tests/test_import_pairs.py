@@ -89,18 +89,30 @@ def test_what_the_rows_say_is_kept(tmp_path, layout):
 @pytest.mark.parametrize(
     "changes, said",
     [
-        ({"taxel_1": {3: 50_000}}, "line 5: its counts must be numbers from 0 to 40000"),
-        ({"taxel_1": {3: -1}}, "line 5: its counts"),
-        ({"taxel_1": {3: ""}}, "line 5: its counts"),
+        ({"taxel_1": {3: 50_000}}, r"pairs\.csv, line 5: taxel_1 is 50000; .* from 0 to 40000$"),
+        ({"taxel_1": {3: -1}}, "line 5: taxel_1 is -1; expected a number from 0 to 40000"),
+        ({"taxel_1": {3: ""}}, "line 5: taxel_1 is empty"),
+        ({"taxel_2": {3: "many"}}, "line 5: taxel_2 is 'many'"),
+        ({"taxel_2": {3: "1_000"}}, "line 5: taxel_2 is '1_000'"),
+        ({"taxel_2": dict.fromkeys(range(20), "true")}, "line 2: taxel_2 is True; expected a num"),
+        (
+            {f"taxel_{n}": dict.fromkeys(range(20), 0.5) for n in range(TAXELS)},
+            "all counts lie between 0 and 1",
+        ),
         ({"taxel_4": {3: 5}}, "5 columns"),
         ({"image": {3: "gone.png"}}, "line 5: its image cannot be read: there is no file"),
         ({"image": {3: "text.png"}}, "line 5: its image cannot be read"),
         ({"image": {3: "deep.png"}}, "line 5: its image cannot be read"),
         ({"image": {3: "large.png"}}, "24 x 32; all must be of one size"),
-        ({"image": {3: "2.png"}}, "line 4 and line 5 have the same image"),
+        ({"image": {3: "2.png"}}, "line 4 and .*line 5 have the same image"),
         ({"image": {3: ""}}, "line 5: there is no image"),
-        ({"split": {3: "training"}}, "allowed are train, val, test"),
-        ({"x_mm": {3: "inf"}}, "line 5: x_mm"),
+        ({"split": {3: "training"}}, "line 5: split is 'training'; expected train, val, test"),
+        ({"split": {3: ""}}, "line 5: split is empty; expected train, val, test"),
+        ({"x_mm": {3: "inf"}}, "line 5: x_mm is inf; expected a finite number"),
+        ({"x_mm": {2: 1.5, 3: "left"}}, "line 5: x_mm is 'left'; expected a finite number"),
+        ({"force_n": {3: -4}}, r"pairs\.csv, line 5: force_n is -4; expected a number from 0 to "),
+        ({"force_n": dict.fromkeys(range(20), "true")}, "line 2: force_n is True"),
+        ({"yaw_rad": {3: 30}}, "line 5: yaw_rad is 30; expected a number from -12"),
     ],
 )
 def test_what_is_wrong_is_named_and_nothing_written(tmp_path, layout, changes, said):
@@ -132,8 +144,60 @@ def test_a_spreadsheet_s_csv_is_read_as_any_other(tmp_path, layout, delimiter):
     assert taxels(table)[0].tolist() == [rows[0][f"taxel_{i}"] for i in range(TAXELS)]
     # The empty line counts, as it does in an editor.
     (folder / "3.png").unlink()
-    with pytest.raises(T2TwinError, match=r"^line 6: its image cannot be read: there is no file"):
+    with pytest.raises(
+        T2TwinError, match=r"pairs\.csv, line 6: its image cannot be read: there is no file"
+    ):
         import_pairs(folder, tmp_path / "again", layout)
+
+
+def test_spaces_and_quotation_marks_around_cells_change_nothing(tmp_path, layout):
+    shapes = {row: f"mug {row % 2}" for row in range(20)}
+    folder, _ = write_csv(tmp_path / "mine", shape=shapes, split=dict.fromkeys(range(20), "train"))
+    path = folder / "pairs.csv"
+    plain, text = read_table(path), path.read_text()
+    quoted = (", ".join(f'"{cell}"' for cell in line.split(",")) for line in text.splitlines())
+    for changed in (
+        text.replace(",", ", "),
+        text.replace(",", " , "),
+        "\ufeff" + "\r\n".join(quoted),
+    ):
+        path.write_text(changed, newline="")
+        assert read_table(path)[0].equals(plain[0]) and read_table(path)[1] == plain[1]
+
+
+def test_names_that_look_like_numbers_are_names(tmp_path, layout):
+    """Shape 0 is a shape, and 007 keeps its zeros."""
+    folder, _ = write_csv(
+        tmp_path / "mine", shape={n: ("0", "007")[n % 2] for n in range(20)},
+        split=dict.fromkeys(range(20), "train"),
+    )  # fmt: skip
+    import_pairs(folder, tmp_path / "data", layout)
+    assert set(read_split(tmp_path / "data", "train")["shape"].to_pylist()) == {"0", "007"}
+
+
+@pytest.mark.parametrize(
+    "name, values, said",
+    [
+        ("taxels", [["1", "2", "3", "4"]] * 20, r"row 1: taxels\[0\] is '1'; expected a number"),
+        ("taxels", [[1, 2, 3, -4]] * 20, r"row 1: taxels\[3\] is -4; expected a number from 0"),
+        ("taxels", [[True] * 4] * 20, r"row 1: taxels\[0\] is True; expected a number"),
+        ("force_n", ["3.0"] * 20, "row 1: force_n is '3.0'; expected a number"),
+        ("split", [False] * 20, "row 1: split is False; expected a name"),
+        ("shape", [0.5] * 20, "row 1: shape is 0.5; expected a name"),
+    ],
+)
+def test_parquet_of_other_types_is_refused(tmp_path, layout, name, values, said):
+    columns = {"image": [f"{n}.png" for n in range(20)], "taxels": [[1, 2, 3, 4]] * 20}
+    pq.write_table(pa.table(columns | {name: values}), tmp_path / "mine.parquet")
+    with pytest.raises(T2TwinError, match=rf"mine\.parquet, {said}"):
+        import_pairs(tmp_path / "mine.parquet", tmp_path / "data", layout)
+
+
+def test_a_folder_without_a_table_is_refused(tmp_path, layout):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "empty" / "._pairs.csv").touch()  # macOS leaves these
+    with pytest.raises(T2TwinError, match="empty contains no CSV or Parquet file; expected a fold"):
+        import_pairs(tmp_path / "empty", tmp_path / "data", layout)
 
 
 def test_rows_are_named_by_where_they_stand(tmp_path):

@@ -11,7 +11,8 @@ taxel, and optional columns:
     shape, family   names; default "own"
     x_mm, y_mm, yaw_rad, force_n    the press
 
-Other columns are ignored. An unknown name that is similar to one of these is an error.
+Other columns are ignored. An unknown name that is similar to one of these is an error. Numbers are
+numbers, not text or booleans; only CSV has no other way to write them.
 """
 
 import hashlib
@@ -57,10 +58,17 @@ COLUMNS = [*SCHEMA.names, UNIT, FIELD, BACKGROUND]
 OWN = "own"
 """Shape and family of pairs without a name."""
 
+LIMITS = {"yaw_rad": (-4 * math.pi, 4 * math.pi), "force_n": (0.0, 1000.0)}
+"""Range of columns of the press, rad and N (assumed: larger angles are in degrees). The places have
+none, since they may be those of a robot."""
+
+NUMBER = re.compile(r"[-+]?(\d+[.,]?\d*|[.,]\d+)([eE][-+]?\d+)?", re.ASCII)
+"""A number in a column of CSV that also has other text."""
+
 
 @dataclass(frozen=True)
 class Pair:
-    """One row, its image not yet read. place: its line or row, for messages."""
+    """One row, its image not yet read. place: its file and line or row, for messages."""
 
     place: str
     image: str | bytes
@@ -102,6 +110,7 @@ def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     check_names(table.column_names, COLUMNS + _counts_of(table), path, others=True)
     if "image" not in table.column_names:
         raise T2TwinError(f"{path} has no column image; its columns are {_list(table)}")
+    is_csv = path.suffix.lower() == ".csv"
     counts = _counts(table, places, path, layout, full_scale)
     columns = {
         name: table[name].to_pylist() if name in table.column_names else [None] * len(table)
@@ -110,22 +119,17 @@ def _read(path: Path, layout: Layout, full_scale: int) -> list[Pair]:
     pairs = []
     for row, place in enumerate(places):
         location = f"{path}, {place}"
-        shape = str(columns["shape"][row] or columns["family"][row] or OWN)
-        if "\0" in shape or len(os.fsencode(shape)) > LONGEST_NAME:
-            raise T2TwinError(
-                f"{location}: shape is {shape[:30]!r}; it must be a name of at most "
-                f"{LONGEST_NAME} bytes"
-            )
-        family = str(columns["family"][row] or shape)
+        names = {n: _name(columns[n][row], location, n) for n in ("split", "shape", "family")}
+        shape = names["shape"] or names["family"] or OWN
         pairs.append(
             Pair(
-                place=place,
+                place=location,
                 image=_image(columns["image"][row], location),
                 counts=tuple(counts[row].tolist()),
-                split=str(columns["split"][row] or ""),
+                split=names["split"],
                 shape=shape,
-                family=family,
-                pose=tuple(_number(columns[name][row], location, name) for name in POSE),
+                family=names["family"] or shape,
+                pose=tuple(_pose(columns[name][row], location, name, is_csv) for name in POSE),
             )
         )
     return pairs
@@ -148,6 +152,7 @@ def _counts(
             f"{path} has {len(columns)} columns taxel_0, taxel_1 ... and no column taxels; layout "
             f"{layout.name} needs taxel_0 to {expected[-1]}"
         )
+    is_csv = path.suffix.lower() == ".csv"
     for place, row in zip(places, rows, strict=True):
         if not isinstance(row, list | tuple) or len(row) != layout.size:
             size = len(row) if isinstance(row, list | tuple) else 0
@@ -155,9 +160,20 @@ def _counts(
                 f"{path}, {place}: {size} taxels instead of the {layout.size} of layout "
                 f"{layout.name}"
             )
-        if not all(0 <= _count(value) <= full_scale for value in row):
-            raise T2TwinError(f"{path}, {place}: its counts must be numbers from 0 to {full_scale}")
-    return np.rint([[_count(value) for value in row] for row in rows]).astype(np.int64)
+        for taxel, value in enumerate(row):
+            if not 0 <= _number(value, is_csv) <= full_scale:
+                name = f"taxel_{taxel}" if columns else f"taxels[{taxel}]"
+                raise T2TwinError(
+                    f"{path}, {place}: {name} is {_shown(value)}; expected a number "
+                    f"from 0 to {full_scale}"
+                )
+    counts = np.array([[_number(value, is_csv) for value in row] for row in rows])
+    if counts.max() <= 1.0 and (counts % 1.0).any():
+        raise T2TwinError(
+            f"{path}: all counts lie between 0 and 1; expected counts, which are rounded to whole "
+            f"numbers, from 0 to the full scale of {full_scale}"
+        )
+    return np.rint(counts).astype(np.int64)
 
 
 def _counts_of(table: pa.Table) -> list[str]:
@@ -165,12 +181,25 @@ def _counts_of(table: pa.Table) -> list[str]:
     return [name for name in table.column_names if re.fullmatch(r"taxel_\d+", name)]
 
 
-def _count(value: Any) -> float:
-    """A count, NaN for other values. A word in a CSV column makes all of the column text."""
-    try:
-        return float(value) if isinstance(value, int | float | str) else math.nan
-    except (ValueError, OverflowError):
+def _number(value: Any, is_csv: bool) -> float:
+    """A finite number, NaN for other values. A word in a CSV column makes all of it text."""
+    if is_csv and isinstance(value, str) and NUMBER.fullmatch(value):
+        value = float(value.replace(",", "."))
+    if isinstance(value, bool) or not isinstance(value, int | float):
         return math.nan
+    return float(value) if math.isfinite(value) else math.nan
+
+
+def _name(value: Any, location: str, column: str) -> str:
+    """A name, empty where there is none."""
+    is_name = isinstance(value, str | int) and not isinstance(value, bool)
+    text = "" if value is None else str(value)
+    if not (is_name or value is None) or "\0" in text or len(os.fsencode(text)) > LONGEST_NAME:
+        raise T2TwinError(
+            f"{location}: {column} is {_shown(value)}; expected a name of at most "
+            f"{LONGEST_NAME} bytes"
+        )
+    return text
 
 
 def _image(value: Any, location: str) -> str | bytes:
@@ -181,12 +210,22 @@ def _image(value: Any, location: str) -> str | bytes:
     return value
 
 
-def _number(value: Any, location: str, name: str) -> float | None:
+def _pose(value: Any, location: str, name: str, is_csv: bool) -> float | None:
     if value is None:
         return None
-    if not isinstance(value, int | float) or not np.isfinite(value):
-        raise T2TwinError(f"{location}: {name} is {value!r}; it must be a finite number")
-    return float(value)
+    number, (low, high) = _number(value, is_csv), LIMITS.get(name, (-math.inf, math.inf))
+    if not low <= number <= high:
+        allowed = f"a number from {low:g} to {high:g}" if name in LIMITS else "a finite number"
+        raise T2TwinError(
+            f"{location}: {name} is {_shown(value)}; expected {allowed}, or nothing "
+            "where it is not known"
+        )
+    return number
+
+
+def _shown(value: Any) -> str:
+    """A value for a message."""
+    return "empty" if value is None else f"{value!r:.40}"
 
 
 def _list(table: pa.Table) -> str:
@@ -199,7 +238,8 @@ def _with_splits(pairs: list[Pair], seed: int) -> list[Pair]:
         for pair in pairs:
             if pair.split not in SPLITS:
                 raise T2TwinError(
-                    f"{pair.place}: no split {pair.split!r}; allowed are {', '.join(SPLITS)}"
+                    f"{pair.place}: split is {_shown(pair.split or None)}; expected "
+                    f"{', '.join(SPLITS)}, or no split in any row"
                 )
         return pairs
     ends = np.rint(np.cumsum(SHARES) * len(pairs)).astype(int)

@@ -12,6 +12,9 @@ from t2twin.sim.tables import ERRORS, read_csv, row_labels
 
 SUFFIXES = (".csv", ".parquet")
 
+TEXTS = ("image", "split", "shape", "family")
+"""Columns of CSV that are text, also where they look like numbers."""
+
 MAX_PARQUET_BYTES = 1_000_000_000
 """Largest Parquet file, also when decoded, bytes (assumed: 10,000 images of 100 kB)."""
 
@@ -22,12 +25,21 @@ BATCH_ROWS = 64
 def find_table(source: Path) -> Path:
     """The table: source, or the only one in that folder. Raises T2TwinError without one."""
     if source.is_dir():
-        tables = sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
-        if len(tables) != 1:
+        tables = [
+            path
+            for path in source.iterdir()
+            if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
+        ]
+        if not tables:
+            raise T2TwinError(
+                f"{source} contains no CSV or Parquet file; expected a folder with the table of "
+                "pairs and its images"
+            )
+        if len(tables) > 1:
             raise T2TwinError(
                 f"{source} holds {len(tables)} CSV and Parquet files; name the one with the pairs"
             )
-        return tables[0]
+        source = tables[0]
     if not source.is_file() or source.suffix.lower() not in SUFFIXES:
         raise T2TwinError(
             f"{source} is not a table of pairs; expected a .csv or .parquet file, or its folder"
@@ -44,7 +56,7 @@ def read_table(path: Path) -> tuple[pa.Table, list[str]]:
     is_csv = path.suffix.lower() == ".csv"
     try:
         if is_csv:
-            table, places = read_csv(read_file(path))
+            table, places = read_csv(read_file(path), TEXTS)
         else:
             table = _read_parquet(path)
             places = row_labels(table)

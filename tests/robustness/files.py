@@ -95,7 +95,8 @@ BAD_CSV = (
     f"{XY}|1,2|inf,4|5,6", f'{XY}|"1,2|3,4|5,6', f"{XY},pad_diameter|1,2,3|3,4,3|5,9,3",
     f"{XY},note|1,2,a|3,4,b|5,9,c", f"{XY},x_mm|1,2,1|3,4,3|5,9,5", f"{XY}|1,2|NA,4|5,6",
     f"{XY},pad_diameter_mm|1,2,nan|3,4,3|5,9,3", f"{XY},pad_diameter_mm|1,2,inf|3,4,3|5,9,3",
-    "x_mm, y_mm|1,2|3,4|5,9", "X_MM,Y_MM|1,2|3,4|5,9", f"{XY}|1,2|1e400,4|5,6",
+    "x_mm, y_mm|1, 2|3, |5, 9", 'x_mm, y_mm|"1, 2|3, 4|5, 9', "X_MM,Y_MM|1,2|3,4|5,9",
+    f"{XY}|1,2|1e400,4|5,6",
     f"{XY},pad_diameter_mm|1,2,0|3,4,0|5,9,0",
 )  # fmt: skip
 GOOD: dict[str, str] = {
@@ -104,6 +105,9 @@ GOOD: dict[str, str] = {
     "l.csv": LAYOUT_CSV, "l.CSV": LAYOUT_CSV, "tabs.csv": LAYOUT_CSV.replace(",", "\t"),
     "bom.csv": "\ufeff" + LAYOUT_CSV.replace(",", ";").replace(".", ",").replace("\n", "\r\n"),
     "lines.csv": LAYOUT_CSV.replace("\n", "\n\n"),
+    "spaces.csv": LAYOUT_CSV.replace(",", ", "),
+    "quoted.csv": '"' + LAYOUT_CSV.replace(",", '" , "').replace("\n", '"\n"')[:-1],
+    "all.csv": "\ufeff" + LAYOUT_CSV.replace(",", " , ").replace("\n", "\r\n"),
     "turned.csv": LAYOUT_CSV.replace("x_mm,y_mm", "y_mm,x_mm"),
 }  # fmt: skip
 

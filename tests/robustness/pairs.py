@@ -61,7 +61,7 @@ BAD_CSV: tuple[tuple[str | bytes, str], ...] = (
     (_table() + _row(9) + ",1,2,3\n", "pairs.csv"), (_third(image="nowhere.png"), "nowhere.png"),
     *((_third(first=v), "line 4") for v in ("many", "", -1, 40_001, "nan", "inf", "1e300", 2**70)),
     *((_third(image=image), "line 4") for image in ("", ".", "x" * 5000)),
-    (_table(rows=[_row(n, image=str(n)) for n in range(COUNT)]), "line 2"),
+    (_table(rows=[_row(n, image=str(n)) for n in range(COUNT)]), "no file"),
     (_third(image="a\0b.png"), ""), (_third(image="1.png"), "same"),
     (_more("split", _odd("dev", "train")), "dev"), (_more("split", _odd("", "train")), "split"),
     (_more("shape", _odd("a/b", "a-b")), "same"), (_more("shape", _odd("a\0b", "c")), ""),
@@ -72,7 +72,12 @@ BAD_CSV: tuple[tuple[str | bytes, str], ...] = (
     *((_more(name, ["1.0"] * COUNT), says) for name, says in (
         ("froce_n", "force_n"), ("force", "force_n"), ("force_kg", "force_n"), ("Split", "split"),
         ("yaw_deg", "yaw_rad"), ("x_cm", "x_mm"), ("splits", "split"), ("shapes", "shape"),
-        ("familly", "family"), (" split", "split"))),
+        ("familly", "family"))),
+    *((_more(name, _odd(value, 0.5)), f"line 4: {name}") for name, value in (
+        ("force_n", -4), ("force_n", "true"), ("force_n", 5000), ("yaw_rad", 90))),
+    *((_third(first=v), "line 4: taxel_0") for v in ("true", "1_000", '"a, b"', "2024-01-01")),
+    (_table(rows=[_row(n, "true") for n in range(COUNT)]), "line 2: taxel_0 is True"),
+    (_table(rows=[",".join([f"{n}.png"] + ["0.5"] * TAXELS) for n in range(COUNT)]), "0 and 1"),
     (_more("note,note", ["a,b"] * COUNT), "note"), (_table().replace("3.png", '"3.png'), "csv"),
 )  # fmt: skip
 """Content, and part of the sentence."""
@@ -83,7 +88,10 @@ GOOD_CSV: tuple[str, ...] = (
     _table(end="\r\n"), _table(end="\n\n"), _table().rstrip(), _third(first="12.4"),
     _table().replace("3.png", '"3.png"'), _more("note", ["mine"] * COUNT), _more("shape", NAMES),
     _more("x_mm", _odd("", 0.5)), _more("split", ["train"] * 8 + ["val", "test"]),
-    _third(image="./2.png"),
+    _third(image="./2.png"), _table().replace(",", ", "),
+    '"' + _table().replace(",", '" , "').replace("\n", '"\n"')[:-1],
+    _more(" split", ["train"] * 8 + ["val", "test"]), _more("shape", range(COUNT)),
+    "\ufeff" + _table(end="\r\n").replace(",", " ; "), _more("force_n", _odd("0", 12.5)),
     "\n".join(",".join(reversed(line.split(","))) for line in _table().splitlines()),
 )  # fmt: skip
 
@@ -123,7 +131,7 @@ THIRD: tuple[tuple[str, Any], ...] = (
     ("image", None), *(("image", {"bytes": b, "path": None}) for b in (
         b"", b"hello", PNG[:300], bomb(), PNG)),
     ("taxels", None), ("taxels", [1, 2, 3]), ("taxels", [None] * TAXELS),
-    ("taxels", [10**12] * TAXELS),
+    ("taxels", [10**12] * TAXELS), ("taxels", [-1] * TAXELS),
 )  # fmt: skip
 """Bad values of row 3."""
 
@@ -132,6 +140,10 @@ COLUMNS: tuple[tuple[str, list, str], ...] = (
     ("taxels", list(range(COUNT)), "row 1"), ("taxels", [["many"] * TAXELS] * COUNT, "row 1"),
     ("taxels", [[float("nan")] * TAXELS] * COUNT, "row 1"), ("x_mm", ["left"] * COUNT, "x_mm"),
     ("taxels", [[[1]] * TAXELS] * COUNT, "row 1"), ("split", list(range(COUNT)), ""),
+    ("taxels", [["1"] * TAXELS] * COUNT, "row 1: taxels[0] is '1'"),
+    ("taxels", [[True] * TAXELS] * COUNT, "row 1: taxels[0] is True"),
+    ("force_n", ["3.0"] * COUNT, "row 1: force_n"), ("force_n", [-3.0] * COUNT, "row 1: force_n"),
+    ("split", [False] * COUNT, "row 1: split"), ("shape", [[1]] * COUNT, "row 1: shape"),
     ("taxel_0", list(range(COUNT)), "both"), ("force_N", [1.0] * COUNT, "force_n"),
     ("splt", ["train"] * COUNT, "split"), ("x_mm", [float("nan")] * COUNT, "x_mm"),
     ("force_n", [float("inf")] * COUNT, "force_n"), ("x_mm", [[1.0]] * COUNT, "x_mm"),
@@ -173,6 +185,8 @@ def cases() -> Iterator[Case]:
     for kind in ("BMP", "TIFF", "WEBP", "JPEG"):
         files = PAIRS | {"2.png": encoded(frame(2, SMALL), kind)}
         yield Case(f"an image is {kind}", CSV, laid(files), fine=True)
+    empty: dict[str, Content] = {"pairs/notes.txt": "x"}
+    yield Case("no table", CSV.replace("pairs.csv", "pairs"), laid(empty), "no CSV or Parquet")
     two: dict[str, Content] = {"pairs/a.csv": "x", "pairs/b.csv": "x"}
     yield Case("two tables", CSV.replace("pairs.csv", "pairs"), laid(two), "2 CSV")
     yield Case("a folder", CSV.replace("pairs.csv", "."), laid(PAIRS), fine=True)
