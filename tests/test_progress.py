@@ -47,6 +47,16 @@ def test_work_that_goes_on_is_estimated_from_here(capsys, now):
     assert lines == ["work: 661 of 1,200 pairs, about 9.0 minutes left"]
 
 
+def test_a_line_of_its_own_takes_the_place_of_the_next(capsys, now):
+    with Progress(total=1000, desc="work", unit="step") as bar:
+        for n in range(200):
+            now[0] += 1.0
+            bar.update()
+            if n % 50 == 49:
+                bar.print_line(f"part {n // 50}")
+    assert capsys.readouterr().err.splitlines() == [f"work: part {n}" for n in range(4)]
+
+
 def test_short_work_says_nothing(capsys):
     assert [*Progress(range(5), desc="work", unit="pair")] == [0, 1, 2, 3, 4]
     assert capsys.readouterr().err == ""
@@ -55,4 +65,5 @@ def test_short_work_says_nothing(capsys):
 def test_what_is_not_wanted_says_nothing(capsys):
     with Progress(total=2, disable=True) as bar:
         bar.update()
+        bar.print_line("half")
     assert capsys.readouterr().err == ""

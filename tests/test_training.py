@@ -11,18 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from msgspec import structs
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from spots import stopped_after_an_epoch, write_spots
 
+from t2twin.core import machine
 from t2twin.core.errors import T2TwinError
 from t2twin.translate.data.images import to_input
 from t2twin.translate.data.pairs import Examples, load_info, load_pairs
 from t2twin.translate.models import distributed
 from t2twin.translate.models.base import CountsTranslator
 from t2twin.translate.models.presets import PAPER_MODELS, PRESETS, Model, find_preset
-from t2twin.translate.runs.build import build
-from t2twin.translate.runs.checkpoint import load_state
+from t2twin.translate.runs.build import build, has_bf16
+from t2twin.translate.runs.card import CARD
+from t2twin.translate.runs.checkpoint import load_state, load_weights
 from t2twin.translate.runs.config import RunConfig, load_config
 from t2twin.translate.training import train as training
 from t2twin.translate.training.train import train
@@ -111,6 +114,61 @@ def test_run_folder_says_what_it_is(data_dir: Path, tmp_path: Path) -> None:
     assert outcome.best_rmse_counts == best["val_rmse_counts"]
     assert list((tmp_path / "tensorboard").iterdir())
     assert not list(tmp_path.glob(".*"))
+
+
+def test_each_epoch_is_a_line_of_a_log(
+    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    errors = iter([900.0, 500.0, 700.0])
+    monkeypatch.setattr(Trainer, "_validate", lambda self: next(errors))
+    train("resnet18", data_dir, "smoke", tmp_path, epochs=3)
+    scale = load_info(data_dir).full_scale_counts / 100
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(" minutes")[0].rsplit(",", 1)[0] for line in lines] == [
+        f"resnet18: epoch {n} of 3, step {4 * n} of 12" for n in (1, 2, 3)
+    ]
+    assert [line.split("validation ")[1] for line in lines] == [
+        f"RMSE {900 / scale:.2f} %, best {900 / scale:.2f} % in epoch 1",
+        f"RMSE {500 / scale:.2f} %, best {500 / scale:.2f} % in epoch 2",
+        f"RMSE {700 / scale:.2f} %, best {500 / scale:.2f} % in epoch 2",
+    ]
+
+
+@pytest.mark.parametrize("model", PAPER_MODELS)
+def test_bf16_trains_float32_weights_that_are_validated_in_float32(
+    data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, model: Model
+) -> None:
+    monkeypatch.setattr(training, "has_bf16", lambda: True)
+    train(model, data_dir, replace(PRESETS[model]["smoke"], bf16=True), tmp_path, epochs=1)
+    config, state = load_config(tmp_path), load_file(tmp_path / "last.safetensors")
+    assert config.precision == "bf16" and "trained in bfloat16" in (tmp_path / CARD).read_text()
+    assert {tensor.dtype for tensor in state.values()} == {torch.float32, torch.int64}
+
+    pairs = load_pairs(data_dir, "val", config.preset.size, config.preset.grey)
+    rmse = {}
+    for bf16 in (True, False):
+        translator = build(structs.replace(config, bf16=bf16))
+        load_weights(tmp_path / "best.safetensors", translator.predictor)
+        rmse[bf16] = np.sqrt(np.square(translator.errors(pairs.inputs[:], pairs.counts)).mean())
+    [record] = records(tmp_path)
+    assert record["val_rmse_counts"] == pytest.approx(rmse[False], rel=1e-6)
+    assert record["val_rmse_counts"] != pytest.approx(rmse[True], rel=1e-6)
+
+
+@pytest.mark.parametrize("found", [{"avx512_bf16": True}, {"amx_bf16": True}, {"avx2": True}, {}])
+def test_bf16_is_for_processors_with_its_instructions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, found: dict[str, bool]
+) -> None:
+    """As torch reports them, or Linux where torch does not."""
+    faster = found.keys() <= {"avx512_bf16", "amx_bf16"} and bool(found)
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: found, raising=False)
+    assert has_bf16() is faster
+    monkeypatch.delattr(torch.cpu, "get_capabilities")
+    (tmp_path / "cpuinfo").write_text(f"model name\t: a\nflags\t\t: fpu {' '.join(found)}\n")
+    monkeypatch.setattr(machine, "CPUINFO", tmp_path / "cpuinfo")
+    assert has_bf16() is faster
+    monkeypatch.setattr(machine, "CPUINFO", tmp_path / "none")
+    assert not has_bf16()
 
 
 def test_finished_run_does_nothing_again(

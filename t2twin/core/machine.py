@@ -17,6 +17,16 @@ def cores() -> int:
 
 def processor() -> str:
     """The processor's name."""
+    return _cpuinfo("model name") or platform.processor() or platform.machine()
+
+
+def processor_flags() -> list[str]:
+    """The processor's features as Linux names them; empty on other systems."""
+    return _cpuinfo("flags").split()
+
+
+def _cpuinfo(key: str) -> str:
+    """The first value of a key in CPUINFO; empty without such a file or key."""
     lines = CPUINFO.read_text().splitlines() if CPUINFO.is_file() else []
-    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(names, platform.processor() or platform.machine())
+    values = (line.partition(":")[2].strip() for line in lines if line.startswith(key))
+    return next(values, "")

@@ -40,11 +40,14 @@ class Progress(tqdm):
         if not self._plain:
             super().display(msg, pos)
         elif self.total and 0 < self.n < self.total and time() >= self.last_print_t + INTERVAL_S:
-            self.last_print_t = time()
             step_s = (time() - self.start_t) / max(self.n - self.initial, 1)
-            print(
-                f"{self.desc.removesuffix(': ')}: {self.n:,} of {self.total:,} {self.unit}s, about "
-                f"{step_s * (self.total - self.n) / 60:.1f} minutes left",
-                file=sys.stderr,
-                flush=True,
+            self.print_line(
+                f"{self.n:,} of {self.total:,} {self.unit}s, about "
+                f"{step_s * (self.total - self.n) / 60:.1f} minutes left"
             )
+
+    def print_line(self, text: str) -> None:
+        """Print a line of its own where there is no bar; the next comes an interval later."""
+        if self._plain and not self.disable:
+            self.last_print_t = time()
+            print(f"{self.desc.removesuffix(': ')}: {text}", file=sys.stderr, flush=True)

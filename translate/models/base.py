@@ -70,7 +70,11 @@ class Translator(ABC):
         return other
 
     def precision(self) -> torch.autocast:
-        """Context in which the networks compute."""
+        """Context in which the networks compute.
+
+        In bfloat16, weights and the statistics of batch norm remain float32. Losses are computed
+        outside of this context, in float32.
+        """
         return torch.autocast(self.device.type, torch.bfloat16, enabled=self.bf16)
 
 

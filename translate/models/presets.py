@@ -57,7 +57,7 @@ class Preset:
     patience: epochs without a lower validation RMSE before training stops.
     averaged_part: share of the steps so far in the weight average used for prediction
         (optimizer.weight_average); 0 for the last weights.
-    bf16: compute in bfloat16 if the processor supports it.
+    bf16: train in bfloat16 if the processor supports it, else in float32 (build.has_bf16).
     untouched_share: augmentation of a field run: share of the pairs whose image is replaced by its
         background frame, and whose targets are those without contact.
     drift: augmentation of the background frame, standard deviation of relative changes of each
@@ -141,6 +141,7 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             l1_weight=100.0,  # Isola et al. 2017
             epochs=200,  # Isola et al. 2017, most of their datasets
             patience=20,  # assumed
+            bf16=True,  # 2.3 times as fast on two cores (measured)
         ),
         "cpu": Preset(
             name="cpu",
@@ -187,6 +188,7 @@ PRESETS: dict[Model, dict[str, Preset]] = {
             beta1=0.9,  # assumed: Adam's default; the paper names no optimizer
             epochs=200,  # assumed
             patience=20,  # assumed
+            bf16=True,  # twice as fast on two cores (measured)
         ),
         "cpu": RESNET18_CPU,
         "smoke": RESNET18_SMOKE,

@@ -53,7 +53,7 @@ def write_card(run_dir: Path, data_dir: Path) -> None:
             "planned epochs": config.planned_epochs,
             "steps per epoch": config.epoch_steps or "all of the data",
             "seed": config.seed,
-            "precision": "bf16" if config.bf16 else "fp32",
+            "precision": config.precision,
             "processes": config.processes,
         },
     )

@@ -54,10 +54,11 @@ class RunConfig(Struct, frozen=True):
     """Configuration of a run, and the content of its config.json.
 
     epochs, minutes, steps: limits given by the user, or None. planned_epochs: the resulting number;
-    with a limit in minutes it depends on the machine and is set once. processes: number of
-    processes that share a batch. Runs of older versions lack the following. ood_detector:
-    statistics of the training images. epoch_steps: steps per epoch. init_from: SHA-256 of the
-    initial weights, None for random ones. direction: see module presets.
+    with a limit in minutes it depends on the machine and is set once. bf16: whether the networks
+    train in bfloat16. processes: number of processes that share a batch. Runs of older versions
+    lack the following. ood_detector: statistics of the training images. epoch_steps: steps per
+    epoch. init_from: SHA-256 of the initial weights, None for random ones. direction: see module
+    presets.
     """
 
     model: str
@@ -80,6 +81,11 @@ class RunConfig(Struct, frozen=True):
     def budget(self) -> int:
         """Maximum steps, the user's or the preset's; 0 for no limit, as with given epochs."""
         return 0 if self.epochs is not None else self.steps or self.preset.steps
+
+    @property
+    def precision(self) -> str:
+        """Name of the numbers that the networks train in."""
+        return "bf16" if self.bf16 else "fp32"
 
     @property
     def predicts_images(self) -> bool:

@@ -119,17 +119,30 @@ class Trainer:
                 record = self._epoch(len(self.history), bar)
                 self.history.append(record)
                 best = best_epoch(self.history) is record
+                bar.print_line(self._progress())
                 bar.set_postfix_str(f"val {record.val_rmse_percent:.2f} %")
                 if log is not None:
                     # The best weights first: if killed in between, the epoch is repeated.
                     if best:
-                        self.translator.calibrate(self.validation)
+                        self.translator.in_float32().calibrate(self.validation)
                         save_weights(self.out_dir / BEST, self.translator.predictor)
                     save_state(self.out_dir / LAST, self.translator, self.history)
                     log.write(self.history)
                 distributed.wait()
         if log is not None:
             log.close()
+
+    def _progress(self) -> str:
+        """The last epoch as one line."""
+        last, best = self.history[-1], best_epoch(self.history)
+        total = self.config.planned_epochs
+        minutes = sum(record.seconds for record in self.history) / 60
+        return (
+            f"epoch {last.epoch:,} of {total:,}, step {last.epoch * self.steps:,} of "
+            f"{total * self.steps:,}, {minutes:.1f} minutes, validation RMSE "
+            f"{last.val_rmse_percent:.2f} %, best {best.val_rmse_percent:.2f} % in epoch "
+            f"{best.epoch:,}"
+        )
 
     def _epoch(self, epoch: int, bar: Progress) -> EpochRecord:
         """Trains for one epoch and validates. Returns the record of the epoch."""
@@ -157,7 +170,7 @@ class Trainer:
             )
         for network in dict.fromkeys((*translator.networks.values(), translator.predictor)):
             distributed.average_statistics(network)
-        rmse, shear = self._validate(), translator.shear_error(self.validation)
+        rmse, shear = self._validate(), translator.in_float32().shear_error(self.validation)
         return EpochRecord(
             epoch=epoch + 1,
             learning_rate=share * config.preset.learning_rate,
@@ -205,8 +218,9 @@ class Trainer:
         return math.sqrt(distributed.total(squares) / distributed.total(values))
 
     def _errors(self, translator: Translator, index: np.ndarray) -> np.ndarray:
-        """(b, n) prediction errors of the validation pairs with these indices."""
-        return translator.errors(self.validation.inputs[index], self.validation.counts[index])
+        """(b, n) errors of predictions in float32, of the validation pairs with these indices."""
+        inputs, counts = self.validation.inputs[index], self.validation.counts[index]
+        return translator.in_float32().errors(inputs, counts)
 
     def _measure(self) -> float:
         """Estimated seconds per epoch, from a few steps of other networks."""
@@ -231,15 +245,15 @@ class Trainer:
         config, done = self.config, len(self.history)
         left = config.planned_epochs - done
         resumes = f" resumes after epoch {done};" if done else ""
-        precision = "bf16" if config.bf16 else "fp32"
         direction = f" {config.direction}" if config.predicts_images else ""
         print(
             f"{config.model}{direction}, preset {config.preset.name}:{resumes} "
             f"{len(self.pairs)} pairs, "
             f"validated on {len(self.validation)}, {config.planned_epochs} epochs of {self.steps} "
-            f"steps, {precision} on {self.translator.device.type}, {config.processes} process(es) "
-            f"of {torch.get_num_threads()} thread(s). At most {left * epoch_seconds / 60:.1f} "
-            f"minutes; it stops after {config.preset.patience} epochs without a better validation.",
+            f"steps, {config.precision} on {self.translator.device.type}, "
+            f"{config.processes} process(es) of {torch.get_num_threads()} thread(s). "
+            f"At most {left * epoch_seconds / 60:.1f} minutes; it stops after "
+            f"{config.preset.patience} epochs without a better validation.",
             flush=True,
         )
 
