@@ -91,3 +91,32 @@ def test_a_damaged_shard_is_one_sentence(data, tmp_path):
         read_split(tmp_path / "cut", "train")
     with pytest.raises(T2TwinError, match=r"square-1\.parquet cannot be read"):
         list(iter_images(tmp_path / "cut", "train/square-1.parquet"))
+
+
+def test_a_shard_of_another_dataset_is_refused_where_it_is_read(data, tmp_path):
+    """It has the same columns, rows and pictures' sizes; only its bytes are others."""
+    other = write_spots(tmp_path / "other", train=4, val=1, test=1, seed=1)
+    shutil.copytree(data, tmp_path / "swapped")
+    path = tmp_path / "swapped/train/square-1.parquet"
+    assert len(read_split(tmp_path / "swapped", "train")) == 4
+    shutil.copyfile(other / "train/square-1.parquet", path)
+    for read in (
+        lambda: read_split(tmp_path / "swapped", "train", ["taxels"]),
+        lambda: list(iter_images(tmp_path / "swapped", "train/square-1.parquet")),
+    ):
+        with pytest.raises(T2TwinError, match=r"square-1\.parquet is not the shard .* --verify"):
+            read()
+    shutil.copyfile(data / "train/square-1.parquet", path)
+    assert len(read_split(tmp_path / "swapped", "train")) == 4
+
+
+def test_a_shard_is_hashed_once(data, tmp_path, monkeypatch):
+    from t2twin.sim.dataset import store
+
+    shutil.copytree(data, tmp_path / "copy")
+    hashed = []
+    monkeypatch.setattr(store, "sha256_of", lambda path: hashed.append(path) or sha256_of(path))
+    for _ in range(2):
+        read_split(tmp_path / "copy", "train")
+        list(iter_images(tmp_path / "copy", "train/square-1.parquet"))
+    assert [path.name for path in hashed] == ["square-1.parquet"]

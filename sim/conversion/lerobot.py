@@ -39,8 +39,6 @@ from t2twin.sim.dataset.store import (
     iter_shards,
     read_info,
     row_writer,
-    sha256_of,
-    split_shards,
     write_whole,
 )
 
@@ -174,13 +172,7 @@ class _Conversion:
 
     def _rows(self, split: str) -> Iterator[Row]:
         """The rows of a split, with little memory."""
-        shards = split_shards(self._info, split)
-        for path, table in zip(shards, iter_shards(self._folder, split), strict=True):
-            if sha256_of(self._folder / path) != self._info.shards[path].sha256:
-                raise T2TwinError(
-                    f"{self._folder / path} is damaged: its bytes are not those that were written "
-                    f"(sha256); `t2twin simdata --verify {self._folder}` lists all damage"
-                )
+        for table in iter_shards(self._folder, split):
             for batch in table.to_batches(BATCH_ROWS):
                 yield from batch.to_pylist()
 

@@ -38,6 +38,7 @@ from t2twin.sim.cyskin.reading import DATASET_DEFAULT
 from t2twin.sim.digit.optics import FRAMES
 from t2twin.sim.digit.randomization.artifacts import Artifacts
 from t2twin.sim.digit.randomization.ranges import UnitRanges
+from t2twin.sim.world.effects import check_effects
 from t2twin.sim.world.motion import Motion
 
 RECIPES = Path(__file__).parent / "recipes"
@@ -260,6 +261,7 @@ def load_recipe(source: str | Path) -> Recipe:
         raise T2TwinError(f"{path} is not TOML ({error})") from error
     recipe = convert(content, Recipe, path)
     _check_ranges(content.get("light", {}).get("draw", {}), path)
+    check_effects(recipe, path)
     return recipe
 
 
@@ -272,7 +274,9 @@ def checked(recipe: Recipe) -> Recipe:
         content = to_builtins(recipe)
     except TypeError:  # a value that JSON cannot represent
         raise T2TwinError("the recipe has values other than numbers, text and lists") from None
-    return convert(content, Recipe, "the recipe")
+    recipe = convert(content, Recipe, "the recipe")
+    check_effects(recipe, "the recipe")
+    return recipe
 
 
 def _check_ranges(content: dict[str, Any], path: Path) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from cases import DAMAGES, Case, Content, Copy, laid
+from cases import DAMAGES, Case, Content, Copy, laid, put
 from frames import ADAPT, CALIBRATE, FRAMES, PRESS
 from pairs import CSV, PAIRS, PARQUET
 from pictures import PNG, TRANSLATE, encoded, frame
@@ -15,6 +15,11 @@ from solids import SOLIDS
 RUN: dict[str, Content] = {"run": Copy("resnet18"), "x.png": PNG}
 DATA: dict[str, Content] = {"data": Copy("data")}
 SHARD = "data/train/circle-1.parquet"
+SHARD_READERS = (
+    "train resnet18 --data data --preset smoke --epochs 1 --out out", "simdata --verify data",
+    "evaluate {resnet18} --data data --split val --out out", "report --data data --out out",
+    "convert data --to lerobot --out out",
+)  # fmt: skip
 FIELD = "live d --frames 1 --background b.png"
 LIVE = {"d/x.png": PNG, "b.png": PNG}
 PLACES = ((-6.0, -10.0), (0.0, -8.0), (6.0, -10.0), (-6.0, 8.0), (0.5, 9.0), (6.0, 10.0))
@@ -126,5 +131,8 @@ def cases() -> Iterator[Case]:
             yield Case(f"layout: {content[:60]}", f"{command}l.{suffix}", laid(files))
     for name, content in GOOD.items():
         yield Case(f"layout: {name}", ASKED[0] + name, laid({name: content}), fine=True)
+    swapped = DATA | {SHARD: lambda path: put(path, path.with_stem("square-1").read_bytes())}
+    for command in SHARD_READERS:
+        yield Case(f"a swapped shard: {command[:8]}", command, laid(swapped), "circle-1.parquet")
     small = {"d/x.png": PNG, "b.png": encoded(frame(size=(30, 40)).convert("L"))}
     yield Case("a small background", FIELD, laid(small), fine=True)

@@ -35,6 +35,8 @@ ADDED = (
         [[2.0, 3.0]] * 1000, "[[nan, 3.0]]", "[[3.0, 2.0]]", "[[3.0]]")),
     RANGE + "leaveout = [[2.0, 3.0]] }", "untouched_share = 2.0", "val_share = nan", "seed = 3",
     'split = "trian"', 'split = "by-version"', 'split = "Train"', "untouchd_share = 0.1",
+    'scale = "small"', 'split = "val"\nval_share = 0.5', "val_share = 0.02", "[motion]",
+    "[motion]\nslide = 0.0\ntwist = 0.6\nslide_mm = [1.0, 2.0]",
 )  # fmt: skip
 """Lines that make the valid part invalid."""
 
@@ -43,7 +45,10 @@ LIGHTS = (
     'each = "tool"', 'kynd = "drawn"', "draw = 1", 'optics = "pyrender"\ncalibration = "gone.npz"',
     *(f'kind = "drawn"\n[light.draw]\n{line}' for line in (
         "led_sice_mm = [1.0, 2.0]", "led_size_mm = [4.0, 1.0]", "led_size_mm = [nan, 1.0]",
-        "led_size_mm = [1.0, 2.0, 3.0]")),
+        "led_size_mm = [1.0, 2.0, 3.0]", "around_part = [0.0, 0.1]",
+        "specks = [0, 0]\nspeck_px = [1.0, 2.0]")),
+    'each = "press"', "[light.draw]\nled_size_mm = [1.0, 2.0]", "[light.artifacts]",
+    'kind = "drawn"\n[light.artifacts]\nworn = 0.0\nwear_part = [0.1, 0.2]',
 )  # fmt: skip
 
 SOLIDS = HEAD + PART.replace('"random"\ncount = 1', '"solids"')

@@ -1,0 +1,78 @@
+"""Fields of a recipe that have no effect are refused; so is a share of no shape."""
+
+from pathlib import Path
+
+import pytest
+from msgspec import structs
+
+import t2twin
+from t2twin.core.errors import T2TwinError
+from t2twin.sim.world.recipe import checked
+
+HEAD = 'format = 1\nname = "w"\n'
+PART = (
+    '[[parts]]\nshapes = "random"\ncount = 10\npresses = 2\nplace = { normal_mm = 2.0 }\n'
+    "force_n = 4.0\n"
+)
+DRAWN = '[light]\nkind = "drawn"\n'
+
+
+def load(folder: Path, text: str) -> t2twin.Recipe:
+    path = folder / "w.toml"
+    path.write_text(HEAD + text)
+    return t2twin.load_recipe(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[light.draw]\nled_size_mm = [1.0, 2.0]\n", "draw of light .* kind is not"),
+        ('[light]\neach = "press"\n', "each of light .* kind is not"),
+        ('scale = "small"\n', "scale of the part of random shapes .* place is not the grid"),
+        ('split = "val"\nval_share = 0.5\n', "val_share of the part of random shapes"),
+        (f"{DRAWN}[light.draw]\naround_part = [0.0, 0.1]\n", "around_part .* has no calibration"),
+        (
+            f'{DRAWN}calibration = "c.npz"\n[light.draw]\nled_size_mm = [1.0, 2.0]\n',
+            "led_size_mm of light.draw .* has a calibration",
+        ),
+        (f"{DRAWN}[light.draw]\nspecks = [0, 0]\nspeck_px = [1.0, 2.0]\n", "speck_px .* specks is"),
+        (f"{DRAWN}[light.artifacts]\nworn = 0.0\nwear_part = [0.1, 0.2]\n", "wear_part of light.a"),
+        ("[motion]\nslide = 0.0\ntwist = 0.6\nslide_mm = [1.0, 2.0]\n", "slide_mm of motion"),
+        ("[motion]\nstill = 1.0\nslide = 0.0\ntwist = 0.0\nsteps = [2, 3]\n", "steps of motion"),
+    ],
+)
+def test_a_field_without_effect_is_refused(text: str, said: str, tmp_path: Path) -> None:
+    with pytest.raises(T2TwinError, match=rf"w\.toml: {said}") as error:
+        load(tmp_path, PART + text)
+    assert str(error.value).endswith("leave it out or change that")
+
+
+def test_motion_of_single_presses_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(T2TwinError, match=r"motion .* a path needs two touches"):
+        load(tmp_path, PART.replace("presses = 2", "presses = 1") + "[motion]\n")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[light.draw]\nled_size_mm = [1.0, 9.0]\n",  # the default
+        "[motion]\nstill = 1.0\nslide = 0.0\ntwist = 0.0\nmarkers = 1.0\n",
+        f'{DRAWN}calibration = "c.npz"\n[light.draw]\naround_part = [0.0, 0.1]\n',
+        f"{DRAWN}[light.draw]\nled_size_mm = [1.0, 2.0]\n[light.artifacts]\nglares = [0, 0]\n",
+    ],
+)
+def test_fields_with_an_effect_are_accepted(text: str, tmp_path: Path) -> None:
+    assert load(tmp_path, PART + text).name == "w"
+
+
+def test_recipes_from_python_are_checked_too(tmp_path: Path) -> None:
+    recipe = load(tmp_path, PART)
+    with pytest.raises(T2TwinError, match="the recipe: each of light has no effect"):
+        checked(structs.replace(recipe, light=structs.replace(recipe.light, each="press")))
+
+
+def test_a_share_of_no_shape_is_refused(tmp_path: Path) -> None:
+    recipe = load(tmp_path, f"{PART}val_share = 0.02\n")
+    with pytest.raises(T2TwinError, match=r"val_share of .* is 0\.02, which is less than half a"):
+        t2twin.make_dataset(tmp_path / "out", world=recipe)
+    assert not (tmp_path / "out").exists()
