@@ -186,6 +186,19 @@ class Contact:
     shift: SurfaceShift | None = None
     motion: Motion | None = None
 
+    def __repr__(self) -> str:
+        return f"Contact({self.command.shape!r}, {self.elastomer.name}: {self.summary})"
+
+    @property
+    def summary(self) -> str:
+        """The contact as one clause."""
+        shear_n = "" if self.motion is None else f", shear {np.hypot(*self.shear_n):.3g} N"
+        return (
+            f"force {self.force_n:.3g} N{shear_n}, depth {self.depth_mm:.3g} mm, "
+            f"area {self.contact_area_mm2:.3g} mm2, {'' if self.settled else 'not '}settled"
+            f"{', bottomed' if self.bottomed else ''}"
+        )
+
     @cached_property
     def surface_mm(self) -> np.ndarray:
         """(ny, nx) float32 deflection of the surface into the sensor, mm; negative where it bulges

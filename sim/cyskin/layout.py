@@ -58,6 +58,9 @@ class Layout:
     y_mm: np.ndarray
     pad_diameter_mm: np.ndarray
 
+    def __repr__(self) -> str:
+        return f"Layout({self.name!r}, {self.x_mm.size} taxels)"
+
     def __post_init__(self) -> None:
         arguments.text(self.name, "the layout's name")
         n = None

@@ -77,6 +77,9 @@ class RunConfig(Struct, frozen=True):
     direction: str = DIGIT_TO_CYSKIN
     format: int = FORMAT
 
+    def __repr__(self) -> str:
+        return f"RunConfig({self.model!r}, {self.direction}, preset {self.preset.name})"
+
     @property
     def budget(self) -> int:
         """Maximum steps, the user's or the preset's; 0 for no limit, as with given epochs."""

@@ -34,6 +34,17 @@ class Estimate:
     shear_std_n: np.ndarray | None
     full_scale_counts: float
 
+    def __repr__(self) -> str:
+        parts = [f"counts {self.counts.shape}", f"field {self.field.shape}"]
+        for name, value, std in (
+            ("force", self.force_n, self.force_std_n),
+            ("shear", self.shear_n, self.shear_std_n),
+        ):
+            if value is not None and std is not None:
+                is_single = self.counts.ndim == 1
+                parts.append(f"{name} {_with_std(value, std) if is_single else value.shape} N")
+        return f"Estimate({', '.join(parts)})"
+
     def interval(self, level: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper ends of the central intervals of the counts, clipped to full scale.
 
@@ -52,6 +63,11 @@ class Estimate:
             if name != "full_scale_counts"
         }
         return Estimate(**values, full_scale_counts=self.full_scale_counts)
+
+
+def _with_std(value: np.ndarray, std: np.ndarray) -> str:
+    pairs = zip(np.atleast_1d(value), np.atleast_1d(std), strict=True)
+    return ", ".join(f"{each:.3g} ± {spread:.2g}" for each, spread in pairs)
 
 
 def half_width(level: float) -> float:
