@@ -17,6 +17,8 @@ from t2twin.primitives_cad.shape import Keypoint, Shape
 if TYPE_CHECKING:
     import trimesh
 
+    from t2twin.primitives_cad.mesh_io.read import Hints
+
 KEYPOINTS: dict[str, tuple[str, ...]] = {
     "pliers": ("jaw-tip", "teeth", "pivot", "handle"),
     "clamp": ("screw", "pad", "frame", "handle"),
@@ -55,7 +57,11 @@ def split(name: str) -> str:
 
 
 def load(
-    name_or_path: str | Path, cache_dir: str | Path | None = None, scale: float | None = None
+    name_or_path: str | Path,
+    cache_dir: str | Path | None = None,
+    scale: float | None = None,
+    center: bool = False,
+    hints: "Hints | None" = None,
 ) -> Shape:
     """A shape by its name (`square-2`, `pliers/jaw-tip`, `random-17`), or from a file.
 
@@ -63,17 +69,18 @@ def load(
     cache_dir: folder for the prepared shapes of files, None for `shapes` in the cache directory.
     They are used only while the code and the file's content are unchanged.
     scale: mm per unit of the file, None for the file's own unit: see mesh_io.read.read_solid.
+    center: whether the press axis passes through the middle of the highest part of a file's shape
+    instead of the middle of its bounding box. hints: how messages name scale and center.
     Raises T2TwinError for an unknown name, a file that cannot be pressed, and a scale that is not
-    positive or not for a file.
+    positive; for a scale and center without a file.
     """
     name = str(name_or_path)
-    if scale is not None and name in NAMES:
-        raise T2TwinError(f"{name} is a shape of the catalogue, in mm; a scale is for files only")
+    arguments.instance(center, "center", bool)
     if name in NAMES:
+        check_not_of_file(f"{name} is a shape of the catalogue", scale, center)
         return bundled_shapes.BundledShape(name, **properties(name))
     if (seed := seed_of(name)) is not None:
-        if scale is not None:
-            raise T2TwinError(f"{name} is a random shape, in mm; a scale is for files only")
+        check_not_of_file(f"{name} is a random shape", scale, center)
         from t2twin.primitives_cad.random_shapes.shape import RandomShape
 
         return RandomShape(seed)
@@ -85,10 +92,21 @@ def load(
         raise T2TwinError(_unknown(name))
     read.check_scale(scale)
     content = hashlib.sha256(read.read_bytes(path)).digest()
-    key = f"{path.suffix.lower()} {scale}".encode() + content
+    key = f"{path.suffix.lower()} {scale} {center}".encode() + content
     return shape_cache.fetch(
-        cache_folder(cache_dir), shape_cache.file_label(path), key, lambda: _file(path, scale)
+        cache_folder(cache_dir),
+        shape_cache.file_label(path),
+        key,
+        lambda: _file(path, scale, center, hints or read.COMMAND_HINTS),
     )
+
+
+def check_not_of_file(shape: str, scale: float | None, center: bool) -> None:
+    """Raises T2TwinError for options of files. shape: a clause about what is no file."""
+    if scale is not None:
+        raise T2TwinError(f"{shape}, in mm; a scale is for files only")
+    if center:
+        raise T2TwinError(f"{shape}, which has its place; center is for files only")
 
 
 def cache_folder(folder: str | Path | None) -> Path | None:
@@ -170,14 +188,26 @@ def properties(name: str) -> dict[str, Any]:
     }
 
 
-def _file(path: Path, scale: float | None) -> Shape:
+def _file(path: Path, scale: float | None, center: bool, hints: "Hints") -> Shape:
     from t2twin.primitives_cad import height_map
     from t2twin.primitives_cad.mesh_io import read
 
-    mesh, notes = read.read_solid(path, scale)
-    mesh, heights = height_map.aligned(
-        mesh, rounds_outline=True, finest_mm=height_map.FILE_PITCH_MM
-    )
+    mesh, notes = read.read_solid(path, scale, hints)
+    if center:
+        x, y = height_map.highest_place(mesh)
+        mesh.apply_translation((-x, -y, 0.0))
+    try:
+        mesh, heights = height_map.aligned(
+            mesh, rounds_outline=True, finest_mm=height_map.FILE_PITCH_MM
+        )
+    except T2TwinError as error:
+        hint = "" if center else f"; {hints.center} presses its highest part"
+        raise T2TwinError(f"{path} cannot be pressed: {error}{hint}") from error
+    if lost_mm := height_map.lost_mm(mesh, heights):
+        notes += (
+            f"{path} has walls or needles without width, up to {lost_mm:.2g} mm above its surface; "
+            "they are not pressed",
+        )
     spacing = min(primitive_parameters.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(
         name=os.fsencode(path.stem).decode(errors="replace"),  # a file name may be invalid text

@@ -42,6 +42,15 @@ FACE_SHARE = 0.2
 FEATURES_MM = 0.1
 """Least height of features on a base plate, mm (assumed)."""
 
+FLAT_TOP_MM = 0.1
+"""Height range of a shape's highest part, mm (assumed: the depth of a light press)."""
+
+PLACE_POINTS = 300
+"""Points to each side of the middle in which the highest part is searched (assumed)."""
+
+LOST_MM = 0.1
+"""Height of lost parts that is ignored, mm (assumed: the tip of a needle)."""
+
 EDGE_MM = 1.0e-6
 """Tolerance at a triangle's outline, mm, so that both edges of a symmetric shape are included
 (assumed: far below any length of a shape)."""
@@ -98,6 +107,38 @@ def aligned(
     )
 
 
+def highest_place(mesh: "trimesh.Trimesh") -> tuple[float, float]:
+    """x and y of the middle of a mesh's highest part, mm: of its points within FLAT_TOP_MM of the
+    highest one, the farthest from the outline of this part.
+
+    Raises T2TwinError for a mesh without a surface seen from above.
+    """
+    from scipy import ndimage  # slow to import
+
+    triangles = np.array(mesh.triangles, dtype=np.float64, order="C")
+    sides = triangles[:, 1:, :2] - triangles[:, :1, :2]
+    triangles = triangles[np.linalg.det(sides) != 0.0]
+    if not len(triangles):
+        raise T2TwinError("the shape has no surface that is seen from above (+z)")
+    level = triangles[:, :, 2].max() - FLAT_TOP_MM
+    triangles = triangles[triangles[:, :, 2].max(axis=1) >= level]
+    low, high = triangles[:, :, :2].min(axis=(0, 1)), triangles[:, :, :2].max(axis=(0, 1))
+    middle, half = (low + high) / 2, (high - low) / 2
+    pitch = max(float(half.max()) / PLACE_POINTS, PITCH_MM)
+    columns, rows = (int(np.ceil(side / pitch)) for side in half)
+    moved = triangles - np.array((*middle, 0.0))
+    top = rasterize_triangles(moved, pitch, rows, columns) >= level
+    if not top.any():  # narrower than the pitch
+        x, y, _ = triangles.reshape(-1, 3)[triangles[:, :, 2].argmax()]
+        return float(x), float(y)
+    inside = np.asarray(ndimage.distance_transform_edt(top))
+    row, column = divmod(int(inside.argmax()), top.shape[1])
+    return (
+        float(middle[0] + (column - columns - 1) * pitch),
+        float(middle[1] + (row - rows - 1) * pitch),
+    )
+
+
 def rounded_outline(sample: Callable[[float, float], np.ndarray], pitch_mm: float) -> np.ndarray:
     """Heights at the points of a map, mm, with its outlines at the nearest points.
 
@@ -112,6 +153,15 @@ def rounded_outline(sample: Callable[[float, float], np.ndarray], pitch_mm: floa
             raised, sample(half * float(np.cos(angle)), half * float(np.sin(angle)))
         )
     return np.where(raised - heights > WALL_POINTS * pitch_mm, raised, heights)
+
+
+def lost_mm(mesh: "trimesh.Trimesh", surface: HeightMap) -> float:
+    """Height of a mesh's vertices above its height map, mm: of walls and needles without width,
+    which the map does not contain. 0 below LOST_MM."""
+    x, y, z = mesh.vertices.view(np.ndarray).T
+    near = (np.abs(x) <= surface.x_mm[-2]) & (np.abs(y) <= surface.y_mm[-2])
+    higher = float(z[near].max(initial=0.0))
+    return higher if higher > LOST_MM else 0.0
 
 
 def base_mm(surface: HeightMap) -> float | None:
@@ -177,7 +227,10 @@ def _raster(triangles, pitch, rows, columns, heights):  # pragma: no cover - com
                 of_b = turn * ((ax - cx) * (y - cy) - (ay - cy) * (x - cx))
                 if of_c < -EDGE_MM * ab or of_a < -EDGE_MM * bc or of_b < -EDGE_MM * ca:
                     continue
-                z = (of_a * az + of_b * bz + of_c * cz) / (of_a + of_b + of_c)
+                total = of_a + of_b + of_c
+                if total == 0.0:
+                    continue  # a wall whose area is less than the rounding
+                z = (of_a * az + of_b * bz + of_c * cz) / total
                 z = min(max(z, low), high)
                 if z > heights[row + rows + 1, column + columns + 1]:
                     heights[row + rows + 1, column + columns + 1] = z

@@ -26,7 +26,9 @@ class KnownSolids:
 
     def same_as(self, mesh: trimesh.Trimesh) -> str | None:
         """The name of the first reference solid that a body of a mesh equals, or None."""
-        ratios = invariants(mesh)[:, None] / self._invariants[None]
+        if not len(own := invariants(mesh)):
+            return None  # a sheet
+        ratios = own[:, None] / self._invariants[None]
         same = np.flatnonzero((np.abs(ratios - 1.0) < SAME_SHARE).all(axis=-1).any(axis=0))
         return self.names[same[0]] if same.size else None
 

@@ -78,13 +78,14 @@ class Shape:
     """A named solid with its pressing surface, in the shape frame.
 
     name: as in the catalogue (`square-2`, `pliers/jaw-tip`) or a file's stem.
-    mesh: the solid, mm, in the shape frame, closed around a volume.
+    mesh: the solid, mm, in the shape frame, closed around a volume; of a file that is not closed,
+        its surface.
     surface: its pressing surface.
     spacing_mm: pitch of the protocol's grid of press points for this shape, along x and y.
     parameters: of a primitive, by name, mm.
     base_mm: height of the base plate's top (negative), or None; of a shape from a file the lowest
         flat face below other parts.
-    notes: repairs of a shape from a file, each a sentence.
+    notes: repairs of a shape from a file, and what stays open or is not pressed, each a sentence.
     """
 
     name: str
@@ -94,6 +95,9 @@ class Shape:
     parameters: dict[str, float] = field(default_factory=dict)
     base_mm: float | None = None
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return f"Shape({self.name!r})"
 
     @property
     def triangles(self) -> tuple[np.ndarray, np.ndarray]:

@@ -97,7 +97,7 @@ def tessellate(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trime
 
     Raises T2TwinError where the solid's faces do not close.
     """
-    return watertight(*_triangles(solid, chordal_mm))
+    return watertight(*triangles_of(solid, chordal_mm))
 
 
 def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> trimesh.Trimesh:
@@ -106,7 +106,7 @@ def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> tri
     The mesher's triangles are not symmetric, so one quarter is meshed and mirrored.
     """
     corner = cq.Workplane().box(BEYOND_MM, BEYOND_MM, BEYOND_MM, centered=(False, False, True))
-    points, triangles = _triangles(solid.intersect(corner.val()), chordal_mm)  # pyright: ignore[reportArgumentType]
+    points, triangles = triangles_of(solid.intersect(corner.val()), chordal_mm)  # pyright: ignore[reportArgumentType]
     points[np.abs(points) < SAME_MM] = 0.0
     on_cut = (points[triangles][:, :, :2] == 0.0).all(axis=1).any(axis=1)
     triangles = triangles[~on_cut]
@@ -119,7 +119,7 @@ def tessellate_symmetric(solid: cq.Shape, chordal_mm: float = CHORDAL_MM) -> tri
     return watertight(np.concatenate(all_points), np.concatenate(all_triangles))
 
 
-def _triangles(solid: cq.Shape, chordal_mm: float) -> tuple[np.ndarray, np.ndarray]:
+def triangles_of(solid: cq.Shape, chordal_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) mm and triangles (m, 3); each face of the solid has its own points."""
     own = solid.copy()
     # CadQuery requests an error relative to each edge's length; here it is absolute, in mm.

@@ -83,18 +83,19 @@ class Twin:
         yaw_deg: float = 0.0,
         seed: int | None = None,
         scale: float | None = None,
+        center: bool = False,
     ) -> Touch:
         """Press a shape into both sensors.
 
-        shape, scale: as for `load_shape`. force_n: 0.01 to 100, default 8. depth_mm: instead of a
-        force, the depth in the DIGIT's gel from first contact; the CySkin is pressed with the
-        resulting force. x_mm, y_mm: position of the shape's origin, right and down in the image.
-        yaw_deg: rotation, clockwise in the image. seed: of the camera noise and the CySkin's
+        shape, scale, center: as for `load_shape`. force_n: 0.01 to 100, default 8. depth_mm:
+        instead of a force, the depth in the DIGIT's gel from first contact; the CySkin is pressed
+        with the resulting force. x_mm, y_mm: position of the shape's origin, right and down in the
+        image. yaw_deg: rotation, clockwise in the image. seed: of the camera noise and the CySkin's
         imperfections; None for neither.
         Raises T2TwinError for an invalid shape, number or position.
         """
         rng = generator(seed)
-        solid = load_shape(shape, scale)
+        solid = load_shape(shape, scale, center)
         command = press_command(solid, force_n, x_mm, y_mm, yaw_deg, depth_mm, self.sensors.digit)
         return self.sensors.press(solid, command, rng)
 
@@ -147,17 +148,18 @@ class Twin:
         friction: float | None = None,
         seed: int | None = None,
         scale: float | None = None,
+        center: bool = False,
     ) -> list[Touch]:
         """Press a shape and slide it along a path, with friction; returns a touch for each row.
 
         path: (n, 4) rows of x_mm, y_mm, yaw_deg, force_n. The first row is a press; each further
         row continues the one before. A row with force 0 lifts the shape off: its touch has no
         contact, and the next row with a force is a press without tangential traction.
-        shape, scale, seed: as for `press`. friction: as for `slide`.
+        shape, scale, center, seed: as for `press`. friction: as for `slide`.
         Raises T2TwinError for an invalid shape, path or number, and where the shape leaves a pad.
         """
         friction, rng = check_friction(friction), generator(seed)
-        solid = load_shape(shape, scale)
+        solid = load_shape(shape, scale, center)
         commands = path_commands(solid.name, path)
         return list(touches_along(self.sensors, solid, commands, friction, rng))
 
@@ -172,6 +174,7 @@ def press(
     yaw_deg: float = 0.0,
     seed: int | None = None,
     scale: float | None = None,
+    center: bool = False,
 ) -> Touch:
     """Press a shape into a default `Twin`: see `Twin.press`."""
     return _default_twin().press(
@@ -183,6 +186,7 @@ def press(
         yaw_deg=yaw_deg,
         seed=seed,
         scale=scale,
+        center=center,
     )
 
 
@@ -199,20 +203,24 @@ def shapes() -> tuple[str, ...]:
     return catalogue.NAMES
 
 
-def load_shape(shape: str | Path | Shape, scale: float | None = None) -> Shape:
+def load_shape(
+    shape: str | Path | Shape, scale: float | None = None, center: bool = False
+) -> Shape:
     """A shape by name (see `t2twin.shapes()`), a random one (`random-17`), or from a file.
 
     A file is STL, STEP, OBJ, PLY, 3MF or GLB, its pressing side up. scale: mm per unit of the file;
-    None for the file's own unit, or 1 if it has none. The Shape's `notes` list repairs of the mesh.
-    A prepared file is cached on disk. A Shape is returned unchanged. Raises T2TwinError for an
-    unknown name, a file that cannot be pressed, and a scale that is not positive or without a file.
+    None for the file's own unit, or 1 if it has none. center: whether the press axis passes through
+    the middle of the highest part of the file's shape instead of the middle of its bounding box.
+    The Shape's `notes` list repairs of the mesh and what stays open: the upper surface of an open
+    mesh is pressed. A prepared file is cached on disk. A Shape is returned unchanged.
+    Raises T2TwinError for an unknown name, a file that cannot be pressed, a scale that is not
+    positive, and for scale and center without a file.
     """
     if not isinstance(shape, Shape):
         arguments.path(shape, "shape")
-        return catalogue.load(shape, scale=scale)
+        return catalogue.load(shape, scale=scale, center=center)
     arguments.instance(shape.surface, "the shape's surface", HeightMap)
-    if scale is not None:
-        raise T2TwinError(f"{shape.name} is a Shape, in mm; scale is for files only")
+    catalogue.check_not_of_file(f"{shape.name} is a Shape", scale, center)
     return shape
 
 

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 import zipfile
 
 import numpy as np
@@ -12,7 +13,7 @@ from solid_files import SIDES_MM, box, glb_of, model, obj_text, part, taken_apar
 import t2twin
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
-from t2twin.primitives_cad.mesh_io import bodies, obj, read, threemf
+from t2twin.primitives_cad.mesh_io import bodies, polygons, read, threemf
 
 VOLUME_MM3 = 72.0
 
@@ -118,23 +119,59 @@ def test_a_scale_is_for_files_only(tmp_path):
         t2twin.load_shape(shape, scale=2.0)
 
 
+def hint_of(path, **options):
+    """The scale that the refusal of a file names, or None, and the sentence."""
+    with pytest.raises(T2TwinError, match=r"0\.5 x 0\.2 mm and at most 1000 mm") as caught:
+        read.read_solid(path, **options)
+    found = re.search(r"--scale (\S+)", str(caught.value))
+    return found and float(found[1]), str(caught.value)
+
+
 @pytest.mark.parametrize(
-    "name, sides, hint",
+    "sides, scale",
     [
-        ("m.stl", (0.03, 0.02, 0.01), "in meters, --scale 1000 makes it 30 mm large"),
-        ("in.stl", (0.4, 0.3, 0.2), "in inches, --scale 25.4 makes it 10.16 mm large"),
-        ("um.ply", (30000.0, 2e4, 1e4), "in micrometers, --scale 0.001 makes it 30 mm large"),
-        ("mm.glb", SIDES_MM, "in mm, --scale 1 makes it 6 mm large"),
+        ((0.03, 0.02, 0.01), 1000.0),
+        ((0.12, 0.33, 0.03), 1000.0),
+        ((0.4, 0.18, 0.2), 1000.0),
+        ((0.3, 0.2, 0.9), 1.7),  # larger than a hand in meters
+        ((2e-4, 1e-4, 1e-4), 2500.0),
+        ((30000.0, 2e4, 1e4), None),
+        ((1200.0, 900.0, 10.0), None),
+        ((0.001, 900.0, 10.0), None),
     ],
 )
-def test_an_unlikely_size_names_the_likely_scale(name, sides, hint, tmp_path):
-    mesh = box(sides, at=(0, 0, 0))
-    mesh.export(tmp_path / name)
-    with pytest.raises(T2TwinError) as caught:
-        read.read_solid(tmp_path / name)
-    assert hint in str(caught.value) and "0.5 x 0.2 mm" in str(caught.value)
-    scale = float(str(caught.value).split("--scale ")[1].split()[0])
-    assert read.read_solid(tmp_path / name, scale)[0].is_watertight
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
+def test_a_scale_in_a_refusal_follows_from_the_size_and_works(sides, scale, suffix, tmp_path):
+    path = tmp_path / f"it{suffix}"
+    box(sides, at=(0, 0, 0)).export(path)
+    named, sentence = hint_of(path)
+    assert named == (scale and pytest.approx(scale, rel=0.05))
+    assert "inch" not in sentence and "micro" not in sentence
+    if named:
+        assert read.read_solid(path, named)[0].is_watertight
+
+
+def test_a_glb_of_another_unit_than_the_meter_is_refused(tmp_path):
+    y_up(box()).export(tmp_path / "mm.glb")
+    assert hint_of(tmp_path / "mm.glb")[0] is None
+    y_up(box(unit_mm=1e5)).export(tmp_path / "small.glb")
+    scale, _ = hint_of(tmp_path / "small.glb")
+    assert read.read_solid(tmp_path / "small.glb", scale)[0].extents[0] == pytest.approx(
+        0.5, rel=0.5
+    )
+
+
+@pytest.mark.parametrize("text", ["# units: inches", "# one unit is an inch", "# INCHES"])
+def test_inches_are_named_only_where_the_file_does(text, tmp_path):
+    lines = obj_text(box((0.4, 0.3, 0.2), at=(0, 0, 0)))
+    (tmp_path / "in.obj").write_text(f"{text}\n{lines}")
+    (tmp_path / "pinch.obj").write_text(f"# pinched\n{lines}")
+    scale, sentence = hint_of(tmp_path / "in.obj")
+    assert scale == 25.4 and "in inches" in sentence
+    assert read.read_solid(tmp_path / "in.obj", scale)[0].extents == pytest.approx(
+        (10.16, 7.62, 5.08)
+    )
+    assert hint_of(tmp_path / "pinch.obj")[0] == 1000.0
 
 
 def test_the_smallest_solid_is_felt_wherever_it_is_pressed(tmp_path):
@@ -311,7 +348,7 @@ def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path, monkeypatch):
     (tmp_path / "prism.obj").write_text("\ufeff" + "\r".join(lines), encoding="utf-8")
     mesh, _ = read.read_solid(tmp_path / "prism.obj")
     assert mesh.volume == pytest.approx(np.pi * 25 * 5, rel=1e-3)
-    monkeypatch.setattr(obj, "MAX_FACE_CORNERS", 399)
+    monkeypatch.setattr(polygons, "MAX_FACE_CORNERS", 399)
     with pytest.raises(T2TwinError, match="a face of 400 corners; at most 399"):
         read.read_solid(tmp_path / "prism.obj")
 

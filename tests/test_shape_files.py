@@ -71,17 +71,10 @@ def test_a_mesh_with_hairline_gaps_is_joined(tmp_path):
     assert catalogue.load(tmp_path / "loose.stl", tmp_path).mesh.is_watertight
 
 
-def make_open(path):
-    mesh = trimesh.creation.box((5.0, 5.0, 5.0))
-    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
-    mesh.export(path)
-
-
 REFUSED = {
     "missing.stl": (lambda path: None, "no file"),
     "missing.step": (lambda path: None, "no file"),
     "words.step": (lambda path: path.write_text("not a STEP file\n"), "damaged or not STEP"),
-    "open.stl": (make_open, "is open"),
     "huge.stl": (lambda path: block(path, (1500.0, 10.0, 10.0)), "at most 1000 mm"),
     "mesh.dae": (lambda path: path.write_text("<COLLADA/>"), "one of .stl, .obj"),
     "missing.dae": (lambda path: None, "also allowed"),

@@ -23,6 +23,9 @@ FLOAT = 5126
 
 COMPRESSED = "its triangles are compressed; export it without compression"
 
+APPEARANCE = ("KHR_materials_", "KHR_texture_", "KHR_lights_", "EXT_texture_", "MSFT_texture_")
+"""Starts of the names of extensions that leave triangles as they are."""
+
 Index = Annotated[int, Meta(ge=0)]
 Size = Annotated[int, Meta(ge=0, le=2**40)]
 
@@ -104,11 +107,15 @@ class Description(Struct, frozen=True, rename="camel"):
     extensions_required: tuple[str, ...] = ()
 
     def check(self) -> None:
-        """Raises ValueError for a file with compressed data."""
-        if any(
-            "compression" in name or "quantization" in name for name in self.extensions_required
-        ):
-            raise ValueError(COMPRESSED)
+        """Raises ValueError for a file with compressed data, and for one that requires an extension
+        that may change its triangles."""
+        for name in self.extensions_required:
+            if "compression" in name or "quantization" in name:
+                raise ValueError(COMPRESSED)
+            if not name.startswith(APPEARANCE):
+                raise ValueError(
+                    f"it requires the extension {name}, which is not read; export it without"
+                )
 
     def roots(self) -> tuple[int, ...]:
         """The root nodes of the default scene, or of all nodes without a scene."""

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from t2twin.primitives_cad.mesh_io import polygons
 from t2twin.primitives_cad.mesh_io.bodies import (
     NOT_NUMBERS,
     check_coordinates,
@@ -21,20 +22,8 @@ from t2twin.primitives_cad.mesh_io.bodies import (
     merged,
 )
 
-FLAT = 1e-9
-"""Share of a face's area below which one of its triangles counts as a line (assumed)."""
-
 MAX_LINE = 1_000_000
 """Limit on the characters of a line (assumed: far more than a face needs)."""
-
-MAX_FACE_CORNERS = 1000
-"""Limit on the corners of a face (assumed: a fine circle)."""
-
-MAX_TRIED_CORNERS = 50_000_000
-"""Limit on corners times attempts to triangulate their face (assumed: some seconds)."""
-
-CHUNK_CORNERS = 300_000
-"""Corners of the faces that are triangulated at a time (assumed: tens of MB)."""
 
 BYTE_ORDER_MARK = "\u00ef\u00bb\u00bf"
 """The three bytes of UTF-8's byte order mark, read as Latin-1."""
@@ -58,9 +47,8 @@ def read(path: Path) -> tuple[trimesh.Trimesh, float]:
             faces.setdefault(len(face), array("q")).extend(face)
     places = np.array(corners, dtype=np.float64).reshape(-1, 3)
     check_coordinates(places)
-    rows = [_triangles(np.array(faces[size]).reshape(-1, size), places) for size in sorted(faces)]
-    whole = np.concatenate(rows) if rows else np.zeros((0, 3), dtype=np.int64)
-    return merged([(places, whole)]), 1.0
+    rows = [np.array(faces[size]).reshape(-1, size) for size in sorted(faces)]
+    return merged([(places, polygons.triangles(rows, places))]), 1.0
 
 
 def _lines(path: Path) -> Iterator[list[str]]:
@@ -96,46 +84,3 @@ def _index(field: str, corners: int) -> int:
     if abs(index) >= 2**62:
         raise ValueError("its faces name corners that it lacks")
     return index - 1 if index >= 0 else corners + index
-
-
-def _triangles(faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Triangles (m, 3) within the outlines of faces (k, n) with n corners each."""
-    size = faces.shape[1]
-    if size > MAX_FACE_CORNERS:
-        raise ValueError(
-            f"it has a face of {size:,} corners; at most {MAX_FACE_CORNERS:,} are allowed; export "
-            "it with triangles for faces"
-        )
-    if faces.min() < 0 or faces.max() >= len(corners):
-        raise ValueError("its faces name corners that it lacks")
-    if size == 3:
-        return faces
-    batch = max(CHUNK_CORNERS // size, 1)
-    tried, cut = 0, []
-    for start in range(0, len(faces), batch):
-        waiting = faces[start : start + batch]
-        for _ in range(size):
-            tried += waiting.size
-            good = _is_fan(waiting, corners)
-            cut.append(_fans(waiting[good]))
-            waiting = np.roll(waiting[~good], -1, axis=1)
-            if not len(waiting) or tried > MAX_TRIED_CORNERS:
-                break
-        if len(waiting):
-            raise ValueError("it has faces with notches; export it with triangles for faces")
-    return np.concatenate(cut)
-
-
-def _is_fan(faces: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """(k,) whether the fan of triangles from each face's first corner lies within its outline."""
-    spokes = corners[faces[:, 1:]] - corners[faces[:, :1]]
-    areas = np.cross(spokes[:, :-1], spokes[:, 1:])
-    whole = areas.sum(axis=1)
-    along = np.einsum("kni,ki->kn", areas, whole)
-    return (along >= -FLAT * (whole**2).sum(axis=1, keepdims=True)).all(axis=1)
-
-
-def _fans(faces: np.ndarray) -> np.ndarray:
-    """(k * (n - 2), 3) fans of triangles from the first corner of each face (k, n)."""
-    first = np.broadcast_to(faces[:, :1], faces[:, 2:].shape)
-    return np.stack([first, faces[:, 1:-1], faces[:, 2:]], axis=-1).reshape(-1, 3)

@@ -1,6 +1,8 @@
 """Reads solids from mesh files and STEP files."""
 
 import math
+import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +39,28 @@ blades of 0.2 mm and more at none."""
 LARGEST_MM = 1000.0
 """Largest size of a solid, mm (assumed: larger ones are in other units)."""
 
-UNITS_MM = {"meters": 1000.0, "inches": 25.4, "mm": 1.0, "micrometers": 0.001}
-"""Possible units of a file with an unlikely size, mm."""
+HAND_MM = 500.0
+"""Largest size of what a hand holds, mm (assumed: a long tool). Files of up to half a unit are
+likely in meters, the unit of robot models."""
 
-LIKELY_MM = 30.0
-"""A likely size of a shape, mm (assumed: about a sensor's length)."""
+METER_MM, INCH_MM = 1000.0, 25.4
+
+INCHES = re.compile(rb"\binch(es)?\b", re.IGNORECASE)
+"""Words of a file for its unit."""
+
+HEAD_BYTES = 2000
+"""Bytes from the start of a file in which its unit may be named (assumed)."""
+
+
+@dataclass(frozen=True)
+class Hints:
+    """How hints name a scale and the option that centers a shape."""
+
+    scale: str = "--scale {:g}"
+    center: str = "--center"
+
+
+COMMAND_HINTS = Hints()
 
 
 def check_scale(scale: float | None) -> None:
@@ -62,80 +81,88 @@ def read_bytes(path: Path) -> bytes:
     return content
 
 
-def read_solid(path: Path, scale: float | None = None) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
-    """The solid in a file, mm, its pressing side up (+z), and sentences about repairs.
+def read_solid(
+    path: Path, scale: float | None = None, hints: Hints = COMMAND_HINTS
+) -> tuple[trimesh.Trimesh, tuple[str, ...]]:
+    """The solid or surface in a file, mm, its pressing side up (+z), and sentences about it.
 
     The press axis passes through the center of the bounding box in x and y; the highest point is at
-    z = 0. Several bodies form one solid. scale: mm per unit of the file; None for the file's own
+    z = 0. Several bodies form one shape. scale: mm per unit of the file; None for the file's own
     unit (3MF, GLB, STEP), else 1. STEP is always read in mm, so that the scale is a factor.
-    Raises T2TwinError for a missing, unreadable, empty or open solid, or an unlikely size.
+    Raises T2TwinError for a missing, unreadable or empty file, one without a surface seen from
+    above, and an unlikely size.
     """
     check_scale(scale)
     suffix = path.suffix.lower()
     if suffix not in READERS:
         raise T2TwinError(f"{path} is not a solid's file; one of {', '.join(SUFFIXES)} is needed")
-    read_bytes(path)
+    head = read_bytes(path)[:HEAD_BYTES]
     try:
         mesh, unit_mm = READERS[suffix](path)
     except Exception as error:  # readers raise many unrelated types
         raise T2TwinError(
             f"{path} cannot be read as {suffix[1:].upper()}: {_first_line(error)}"
         ) from error
-    _resize(path, mesh, unit_mm if scale is None else scale)
-    try:
-        mesh, repaired = repair.close_mesh(mesh)
-    except ValueError as error:
-        raise T2TwinError(f"{path} {error}") from error
+    of_file = mesh.metadata.get("note")
+    _resize(path, mesh, unit_mm if scale is None else scale, INCHES.search(head), hints)
+    mesh, repaired = repair.close_mesh(mesh)
     low, high = mesh.bounds
     middle = (low + high) / 2.0
     mesh.apply_translation((-middle[0], -middle[1], -high[2]))
-    return mesh, () if repaired is None else (f"{path} {repaired}",)
+    return mesh, tuple(f"{path} {clause}" for clause in (of_file, repaired) if clause)
 
 
-def _resize(path: Path, mesh: trimesh.Trimesh, unit_mm: float) -> None:
+def _resize(
+    path: Path, mesh: trimesh.Trimesh, unit_mm: float, says_inches: object, hints: Hints
+) -> None:
     """Scale a mesh to mm. Raises T2TwinError for a size that cannot be pressed."""
     with np.errstate(over="ignore"):
         sides = np.ptp(mesh.vertices, axis=0)
-    if sides.min() == 0.0:
+    if sides[:2].min() == 0.0:
         raise T2TwinError(
-            f"{path} is flat: it has no {'xyz'[int(sides.argmin())]}; a solid is needed"
+            f"{path} is flat: it has no {'xy'[int(sides[:2].argmin())]}; a surface that is seen "
+            "from above (+z) is needed"
         )
     width, length, height = (float(side) * unit_mm for side in sides)
-    if not _fits(width, length, height):
+    if not _fits(sides, unit_mm):
         raise T2TwinError(
             f"{path} is {width:g} x {length:g} mm seen from above and {height:g} mm high; at least "
             f"{SMALLEST_MM:g} x {NARROWEST_MM:g} mm and at most {LARGEST_MM:g} mm are allowed"
-            + _likelier(sides, unit_mm)
+            + _scale_hint(sides, unit_mm, bool(says_inches), hints)
         )
     if unit_mm != 1.0:
         mesh.apply_scale(unit_mm)
 
 
-def _fits(width: float, length: float, height: float) -> bool:
-    narrow, wide = sorted((width, length))
-    return (
-        narrow >= NARROWEST_MM and wide >= SMALLEST_MM and max(width, length, height) <= LARGEST_MM
-    )
+def _fits(sides: np.ndarray, unit_mm: float) -> bool:
+    narrow, wide = sorted(sides[:2] * unit_mm)
+    return narrow >= NARROWEST_MM and wide >= SMALLEST_MM and sides.max() * unit_mm <= LARGEST_MM
 
 
-def _likelier(sides: np.ndarray, unit_mm: float) -> str:
-    """A clause with a scale that gives these sides, (3,), a likely size, or an empty one."""
+def _scale_hint(sides: np.ndarray, unit_mm: float, says_inches: bool, hints: Hints) -> str:
+    """A clause with a scale that makes sides, (3,) in the file's units, large enough; empty for a
+    shape that is too large."""
     largest = float(sides.max())
-
-    def unlikeliness(unit: float) -> float:
-        return abs(math.log(largest * unit / LIKELY_MM))
-
-    fitting = {
-        name: unit
-        for name, unit in UNITS_MM.items()
-        if _fits(*(float(side) * unit for side in sides))
-        and unlikeliness(unit) < unlikeliness(unit_mm)
-    }
-    if not fitting:
+    if largest * unit_mm > LARGEST_MM:
         return ""
-    name = min(fitting, key=lambda name: unlikeliness(fitting[name]))
-    unit = fitting[name]
-    return f"; if it is in {name}, --scale {unit:g} makes it {largest * unit:g} mm large"
+    for name, scale, likely in (
+        ("inches", INCH_MM, says_inches),
+        ("meters", METER_MM, largest * METER_MM <= HAND_MM),
+    ):
+        if likely and _fits(sides, scale):
+            option = hints.scale.format(scale)
+            return f"; if it is in {name}, {option} makes it {largest * scale:g} mm large"
+    narrow, wide = sorted(sides[:2].tolist())
+    least = _rounded_up(max(NARROWEST_MM / narrow, SMALLEST_MM / wide))
+    if not _fits(sides, least):
+        return ""
+    return f"; {hints.scale.format(least)} or more, mm per unit, makes it large enough"
+
+
+def _rounded_up(scale: float) -> float:
+    """A scale, rounded up to two digits."""
+    digit = 10.0 ** (math.floor(math.log10(scale)) - 1)
+    return math.ceil(scale / digit) * digit
 
 
 def _first_line(error: Exception) -> str:

@@ -20,7 +20,12 @@ HOLES_SHARE = 0.01
 """
 
 MAX_RIM_EDGES = 2000
-"""Limit on the edges around holes (assumed: more is a surface, not a solid)."""
+"""Limit on the edges around closed holes (assumed: more is a surface, not a solid)."""
+
+MAX_MEASURED = 100
+"""Number of gaps, those of the most edges, whose width is measured (assumed: milliseconds)."""
+
+UPPER = "its upper surface is pressed"
 
 THINNEST_MM = 1e-6
 """Least volume over half the surface, mm: thinner bodies are sheets (assumed: far below any length
@@ -28,41 +33,64 @@ of a shape)."""
 
 
 def close_mesh(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
-    """A closed mesh (mm) with its faces turned outwards, and a clause about closed holes or None.
+    """A mesh (mm), closed with its faces turned outwards where possible, and a clause about closed
+    holes, what stays open, or None.
 
-    Bodies that touch or overlap are not changed. Raises ValueError with the reason where the mesh
-    is not a solid.
+    Bodies that touch or overlap are not changed. A mesh that stays open keeps its triangles.
     """
     note = None
     if not mesh.is_watertight:
-        mesh, note = _merged(mesh)
+        mesh, note, closed = _merged(mesh)
+        if not closed:
+            return mesh, note
     with np.errstate(invalid="ignore", divide="ignore"):  # a sheet has no center of volume
         if not mesh.is_winding_consistent or mesh.volume <= 0.0:
             trimesh.repair.fix_normals(mesh)
         sheet = mesh.volume <= THINNEST_MM * mesh.area / 2.0
-    if sheet:
-        raise ValueError("encloses no volume; a solid is needed")
-    return mesh, note
+    return mesh, f"encloses no volume; {UPPER}" if sheet else note
 
 
-def _merged(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None]:
-    """The mesh with merged corners, without duplicate faces and small holes."""
+def _merged(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str | None, bool]:
+    """The mesh with merged corners, without duplicate faces and small holes, a clause about it, and
+    whether it is closed."""
     loose = mesh.copy()
     loose.merge_vertices(digits_vertex=LOOSE_DIGITS)
     loose.update_faces(loose.nondegenerate_faces())
     single = loose.copy()
     single.update_faces(single.unique_faces())
     single.remove_unreferenced_vertices()
+    if not len(single.faces):  # all triangles are smaller than the rounding
+        return mesh, _openness(mesh), False
     if single.is_watertight:
-        return single, None
+        return single, None, True
     if _balanced(loose):  # bodies that share edges or faces
-        return loose, None
-    if not len(_rim_edges(single)):
-        raise ValueError(
-            "is not a solid: at some edges more than two of its triangles meet; "
-            "a watertight mesh is needed"
+        return loose, None, True
+    if 0 < len(_rim_edges(single)) <= MAX_RIM_EDGES:
+        filled = _filled(single)
+        if filled is not None:
+            return *filled, True
+    return single, _openness(single), False
+
+
+def _openness(mesh: trimesh.Trimesh) -> str:
+    """A clause about the edges that keep a mesh from being closed."""
+    rims = _rim_edges(mesh)
+    if not len(rims):
+        _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
+        return (
+            f"has {_edges(int((counts > 2).sum()))} at which more than two triangles meet; {UPPER}"
         )
-    return _filled(single)
+    labels = trimesh.graph.connected_component_labels(rims, node_count=len(mesh.vertices))
+    which, counts = np.unique(labels[rims[:, 0]], return_counts=True)
+    widest = max(
+        float(np.ptp(mesh.vertices[labels == label], axis=0).max())
+        for label in which[counts.argsort()[-MAX_MEASURED:]]
+    )
+    return f"is open at {_edges(len(rims))}, the widest gap {widest:.2g} mm; {UPPER}"
+
+
+def _edges(count: int) -> str:
+    return f"{count} edge{'s' * (count > 1)}"
 
 
 def _balanced(mesh: trimesh.Trimesh) -> bool:
@@ -78,16 +106,16 @@ def _rim_edges(mesh: trimesh.Trimesh) -> np.ndarray:
     return mesh.edges[trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)]
 
 
-def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str]:
-    """The mesh with its holes closed by fans of triangles, and a clause about them."""
+def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str] | None:
+    """The mesh with its holes closed by fans of triangles, and a clause about them; None where they
+    are too large or do not close."""
+    mesh = mesh.copy()
     trimesh.repair.fix_winding(mesh)
     rims = _rims(mesh, _rim_edges(mesh))
     added = [(rim[0], b, a) for rim in rims for a, b in pairwise(rim[1:])]
     whole = trimesh.Trimesh(mesh.vertices, [*mesh.faces.tolist(), *added], process=False)
     if not added or not _balanced(whole) or whole.area > (1.0 + HOLES_SHARE) * mesh.area:
-        raise ValueError(
-            "is open: its triangles do not close around a solid; a watertight mesh is needed"
-        )
+        return None
     widest = max(float(np.ptp(mesh.vertices[rim], axis=0).max()) for rim in rims)
     return whole, (
         f"had {len(rims)} small hole{'s' * (len(rims) > 1)}, the widest {widest:.2g} mm, closed "
@@ -96,10 +124,7 @@ def _filled(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, str]:
 
 
 def _rims(mesh: trimesh.Trimesh, edges: np.ndarray) -> list[list[int]]:
-    """Corners around each hole, from the edges (n, 2) around all; empty where the edges do not
-    close or are too many."""
-    if len(edges) > MAX_RIM_EDGES:
-        return []
+    """Corners around each hole, from the edges (n, 2) around all; empty where they do not close."""
     onward: dict[int, list[int]] = {}
     for a, b in edges.tolist():
         onward.setdefault(a, []).append(b)

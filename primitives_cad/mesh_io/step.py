@@ -6,25 +6,44 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import cadquery as cq
     import trimesh
 
 
 def read(path: Path) -> tuple["trimesh.Trimesh", float]:
-    """The solids of a STEP file as one mesh, and 1 mm; see this package."""
+    """The solids of a STEP file, or its surfaces without solids, as one mesh, and 1 mm; see this
+    package."""
     import cadquery as cq
     import trimesh
 
-    from t2twin.primitives_cad.solids import tessellate
-
     try:
         with _quiet_kernel():
-            solids = cq.importers.importStep(str(path)).solids().vals()
+            content = cq.importers.importStep(str(path))
     except Exception as error:  # the CAD kernel raises many unrelated types
         raise ValueError("it is damaged or not STEP") from error
-    if not solids:
-        raise ValueError("it holds no solid body; surfaces alone cannot be pressed")
-    mesh = trimesh.util.concatenate([tessellate(solid) for solid in solids])  # pyright: ignore[reportArgumentType]
-    return mesh, 1.0  # pyright: ignore[reportReturnType]
+    solids = content.solids().vals()
+    meshes = [_mesh(shape) for shape in solids or content.faces().vals()]  # pyright: ignore[reportArgumentType]
+    if not any(len(mesh.faces) for mesh in meshes):
+        raise ValueError("it holds no solid and no surface")
+    mesh: trimesh.Trimesh = trimesh.util.concatenate(meshes)  # pyright: ignore[reportArgumentType, reportAssignmentType]
+    if len(solids) > 1:
+        mesh.metadata["note"] = f"contains {len(solids)} solids, which are pressed as one shape"
+    return mesh, 1.0
+
+
+def _mesh(shape: "cq.Shape") -> "trimesh.Trimesh":
+    """The mesh of a solid or a surface. The triangles of a solid may leave gaps between its faces,
+    which `repair` closes."""
+    import trimesh
+
+    from t2twin.core.errors import T2TwinError
+    from t2twin.primitives_cad.solids import CHORDAL_MM, triangles_of, watertight
+
+    points, triangles = triangles_of(shape, CHORDAL_MM)
+    try:
+        return watertight(points, triangles)
+    except T2TwinError:
+        return trimesh.Trimesh(points, triangles, process=False)
 
 
 @contextmanager

@@ -6,6 +6,7 @@ accepts corners that are not numbers. It rejects old Macintosh line ends, and 33
 """
 
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -37,7 +38,7 @@ BATCH_SIZE = 30_000
 
 def read(path: Path) -> tuple["trimesh.Trimesh", float]:
     """The triangles of an STL file, and 1 mm; see this package."""
-    content = path.read_bytes()
+    content = path.read_bytes().removeprefix(BOM_UTF8)
     announced = int.from_bytes(content[HEADER_BYTES - 4 : HEADER_BYTES], "little")
     room = max(len(content) - HEADER_BYTES, 0)
     if len(content) >= HEADER_BYTES and room == announced * RECORD.itemsize:
@@ -73,7 +74,7 @@ def _corners(text: bytes, start: int, end: int) -> np.ndarray:
     while few := tuple(islice(corners, BATCH_SIZE)):
         count += len(few)
         check_triangles(count // 3)
-        parts.append(_numbers(b" ".join(few)))
+        parts.append(numbers(b" ".join(few)))
         if parts[-1].size != 3 * len(few):
             raise ValueError("it has corners that are not numbers")
     if count % 3 or count != sum(1 for _ in WORD.finditer(text, start, end)):
@@ -81,7 +82,7 @@ def _corners(text: bytes, start: int, end: int) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _numbers(text: bytes) -> np.ndarray:
+def numbers(text: bytes) -> np.ndarray:
     """The numbers in a text, or fewer where a word is not a number."""
     try:
         return np.fromstring(text, sep=" ")

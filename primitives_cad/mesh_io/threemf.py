@@ -45,8 +45,19 @@ CHUNK_BYTES = 1 << 20
 """Bytes that are unpacked and parsed at a time (assumed)."""
 
 CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
-ELSEWHERE = "{http://schemas.microsoft.com/3dmanufacturing/production/2015/06}path"
+PRODUCTION = "http://schemas.microsoft.com/3dmanufacturing/production/2015/06"
+ELSEWHERE = f"{{{PRODUCTION}}}path"
 """Attribute with the name of another model in the archive."""
+
+KNOWN_EXTENSIONS = (
+    PRODUCTION,
+    "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
+    "http://schemas.microsoft.com/3dmanufacturing/trianglesets/2021/07",
+)
+"""Extensions that a model may require: the others change its triangles."""
+
+PRESSED = ("model", "surface")
+"""Types of objects that are pressed; supports and the like are not part of the shape."""
 
 START = "/3D/3dmodel.model"
 """Default name of the model with the build instructions."""
@@ -98,6 +109,9 @@ class _Xml:
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         raise NotImplementedError
 
+    def start_ns(self, prefix: str, uri: str) -> None:
+        pass
+
     def doctype(self, name: str, public: str, system: str) -> None:
         raise ValueError("its XML declares a document type, which 3MF does not allow")
 
@@ -125,6 +139,10 @@ class _Model(_Xml):
         self.parts: dict[tuple[str, str], _Part] = {}
         self.built: list[_Place] = []
         self.part = _Part()
+        self.namespaces: dict[str, str] = {}
+
+    def start_ns(self, prefix: str, uri: str) -> None:
+        self.namespaces[prefix] = uri
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         if not tag.startswith(CORE):
@@ -145,9 +163,8 @@ class _Model(_Xml):
             case "object":
                 self.counts.count_part()
                 self.part = _Part()
-                # Supports and the like are not part of the solid and stay empty.
-                solid = attributes.get("type", "model") == "model"
-                self.parts[self.name, attributes["id"]] = self.part if solid else _Part()
+                pressed = attributes.get("type", "model") in PRESSED
+                self.parts[self.name, attributes["id"]] = self.part if pressed else _Part()
             case "component":
                 self.part.places.append(self._place(attributes))
             case "item":
@@ -157,6 +174,14 @@ class _Model(_Xml):
                 if unit not in UNITS_MM:
                     raise ValueError(f"its unit {unit!r} is not one of {', '.join(UNITS_MM)}")
                 self.unit_mm = UNITS_MM[unit]
+                for prefix in attributes.get("requiredextensions", "").split():
+                    self._check_extension(self.namespaces.get(prefix, prefix))
+
+    def _check_extension(self, name: str) -> None:
+        if name not in KNOWN_EXTENSIONS:
+            raise ValueError(
+                f"it requires the extension {name}, which is not read; export it without"
+            )
 
     def _place(self, attributes: dict[str, str]) -> _Place:
         self.counts.count_part()

@@ -31,9 +31,9 @@ from t2twin.sim.contact.grid import (
     repeated,
     window_shape,
 )
-from t2twin.sim.contact.heights import heights_at
+from t2twin.sim.contact.heights import heights_at, place_of_top
 from t2twin.sim.contact.layer import cached_layer
-from t2twin.sim.contact.pin_layout import STAGES, PinLayout, Survey
+from t2twin.sim.contact.pin_layout import STAGES, OffPadError, PinLayout, Survey
 from t2twin.sim.contact.types import Contact, PressCommand, SurfaceShift, check_force
 
 DIGIT_PITCH_MM = 0.25
@@ -61,9 +61,17 @@ def solve_contact(
     Uses the command's pose and force, not its shape name. shift: of the surface by shear. Safe to
     call from several threads.
     Raises T2TwinError for a force out of range or too large for a linear layer, and its OffPadError
-    for a shape that does not lie over the pad.
+    for a shape that does not lie over the pad, with a position that does.
     """
-    return solve_bodies([(shape, command)], elastomer, pitch_mm, shift)
+    try:
+        return solve_bodies([(shape, command)], elastomer, pitch_mm, shift)
+    except OffPadError as error:
+        x_mm, y_mm = place_of_top(shape.surface, command.yaw_rad)
+        raise OffPadError(
+            f"{error}; --x-mm {x_mm:.2f} --y-mm {y_mm:.2f} puts its highest part there, and so "
+            "does --center for a file",
+            error.shape,
+        ) from None
 
 
 def solve_bodies(

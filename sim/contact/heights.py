@@ -25,6 +25,19 @@ def heights_at(
     return heights
 
 
+def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
+    """x and y of a press, mm, that puts a high place of a shape over the pad's center: of the
+    points near the highest one, the nearest to their mean."""
+    step = max(1, max(surface.heights_mm.shape) // MAX_PLACES)
+    heights = surface.heights_mm[::step, ::step]
+    rows, columns = np.nonzero(heights >= heights.max() - TOP_MM)
+    x, y = surface.x_mm[::step][columns], surface.y_mm[::step][rows]
+    nearest = np.hypot(x - x.mean(), y - y.mean()).argmin()
+    cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
+    x, y = x[nearest], y[nearest]
+    return float(-cos * x - sin * y), float(cos * y - sin * x)
+
+
 def shifts_on(
     shift: SurfaceShift | None, x_mm: np.ndarray, y_mm: np.ndarray
 ) -> tuple[bool, np.ndarray]:
@@ -71,6 +84,12 @@ def lookup(surface: HeightMap, command: PressCommand) -> tuple[Any, ...]:
         float(np.sin(command.yaw_rad)) * per_mm,
     )
 
+
+MAX_PLACES = 200
+"""Points along a side of a map among which a high place is searched (assumed)."""
+
+TOP_MM = 0.1
+"""Height range of a high place, mm (assumed: the depth of a light press)."""
 
 LOOKUP = "f4[:, ::1], f8, f8, f8, f8, f8, f8"
 """Types of what `lookup` returns."""

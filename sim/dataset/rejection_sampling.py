@@ -44,7 +44,8 @@ def press_until_accepted(
                 return touches, sample.attempt
         rejected[reason] += 1
     raise T2TwinError(
-        f"no attempt at a press touched {planned}; use places nearer to the middle of the shapes"
+        f"no attempt at a press touched {planned}; use places nearer to the middle of the shapes, "
+        "or center = true in a part of files"
     )
 
 

@@ -12,7 +12,6 @@ import numpy as np
 
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.images import encode_png
-from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.dataset.columns import BACKGROUND, FIELD, MARKERS, UNIT, motion_row, row, schema_of
 from t2twin.sim.dataset.rejection_sampling import press_until_accepted, rejection_reason
@@ -26,7 +25,7 @@ from t2twin.sim.sensors import SensorPair
 from t2twin.sim.slide import slide_to
 from t2twin.sim.touch import Touch
 from t2twin.sim.world.motion import sample_friction
-from t2twin.sim.world.plan import Batch, name_of, paths_of
+from t2twin.sim.world.plan import Batch, load_shape, name_of, paths_of
 from t2twin.sim.world.presses import (
     FRAME_STREAM,
     MAX_ATTEMPTS,
@@ -105,7 +104,7 @@ def _rows(
     units = _units(batch, recipe, context.sensors, watch)
     for source, number in zip(batch.shapes, batch.numbers, strict=True):
         with watch.running("shape"):
-            shape = catalogue.load(source, context.cache)
+            shape = load_shape(recipe.parts[batch.part], source, context.cache)
         first, friction = 0, {}
         if recipe.motion:
             friction = sample_friction(recipe.motion, (recipe.seed, batch.part), number)

@@ -47,7 +47,7 @@ def _without_effect(recipe: Any) -> Iterator[tuple[str, str, str]]:
     light, motion = recipe.light, recipe.motion
     for part in recipe.parts:
         of = f"the part of {part.shapes} shapes"
-        if part.place != "grid" and part.scale != "paper":
+        if part.place != "grid" and isinstance(part.scale, str) and part.scale != "paper":
             yield "scale", of, "its place is not the grid"
         if part.split == "val" and part.val_share:
             yield "val_share", of, 'its split is "val"'

@@ -1,6 +1,6 @@
 """Plans the presses of a world, divided into shards."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,9 +8,14 @@ from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io import read
 from t2twin.primitives_cad.primitive_parameters import PRIMITIVES
+from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.world.motion import MotionPath, sample_paths
 from t2twin.sim.world.presses import MAX_SHAPE_SEED, grid_indices, random_name
-from t2twin.sim.world.recipe import RANDOM, Part, Recipe, Split
+from t2twin.sim.world.recipe import NAMED, RANDOM, Part, Recipe, Split
+
+RECIPE_HINTS = read.Hints(
+    scale="scale = {:g} in this part of the recipe", center="center = true in this part"
+)
 
 PRESSES_PER_SHARD = 500
 """Approximate number of presses of a shard: some 40 MB, made in half a minute."""
@@ -67,16 +72,29 @@ def name_of(source: str) -> str:
 def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch]:
     """All shards of a world. names: restricts the primitives and tools, and orders the grids.
 
-    Raises T2TwinError for a folder without files of solids.
+    Raises T2TwinError for a folder without files of solids, and for different files of one name.
     """
     batches = [
         batch
         for number, part in enumerate(recipe.parts)
         for batch in _part_batches(recipe, number, part, names)
     ]
+    _check_names(source for batch in batches for source in batch.shapes)
     on_grid = [batch for batch in batches if batch.indices is not None]
     others = [batch for batch in batches if batch.indices is None]
     return sorted(on_grid, key=lambda batch: names.index(batch.shapes[0])) + others
+
+
+def _check_names(sources: Iterable[str]) -> None:
+    """Raises T2TwinError for two shapes of one name, which a dataset could not tell apart."""
+    known: dict[str, str] = {}
+    for source in sources:
+        other = known.setdefault(name_of(source), source)
+        if Path(other) != Path(source):
+            raise T2TwinError(
+                f"{other} and {source} would both be the shape {name_of(source)!r} of the dataset; "
+                "rename one of them"
+            )
 
 
 def solids_in(folder: str) -> tuple[str, ...]:
@@ -90,6 +108,13 @@ def solids_in(folder: str) -> tuple[str, ...]:
             f"with files of {', '.join(read.SUFFIXES)}"
         )
     return tuple(found)
+
+
+def load_shape(part: Part, source: str, cache_dir: str | Path | None = None) -> Shape:
+    """A shape of a part by its name or file. cache_dir and errors: as for catalogue.load."""
+    if part.shapes in NAMED:
+        return catalogue.load(source, cache_dir)
+    return catalogue.load(source, cache_dir, part.solid_scale, bool(part.center), RECIPE_HINTS)
 
 
 def _part_batches(

@@ -83,6 +83,7 @@ def planned_name(name: str) -> str:
 
 def grid_indices(part: Part, name: str) -> tuple[int, ...]:
     """Indices of a shape's presses on the grid, rising: all forces of a list at each grid press."""
+    assert isinstance(part.scale, str)  # a number is of files, which have no grid
     grid = protocol.indices(name, protocol.scale_of(part.scale))
     forces = len(part.force_n) if isinstance(part.force_n, tuple) else 1
     return tuple(index * forces + which for index in grid for which in range(forces))

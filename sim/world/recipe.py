@@ -128,6 +128,8 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     list, or a range; a grid with a list has each press with each force, other presses sample one.
     untouched_share: of the presses, without contact. split: of the shapes; "by-version" is the
     protocol's split of the primitives. val_share: of the shapes, the last ones, for validation.
+    scale and center of files: a number of mm per unit of the files, and whether to press them at
+    their highest part, see catalogue.load.
     """
 
     shapes: str
@@ -135,7 +137,8 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
     count: Annotated[int, Meta(ge=1, le=MAX_SHAPES)] | None = None
     presses: Annotated[int, Meta(ge=1, le=MAX_PRESSES)] | None = None
     place: Literal["grid"] | Place = "grid"
-    scale: Literal["smoke", "light", "small", "paper"] = "paper"
+    scale: Literal["smoke", "light", "small", "paper"] | Annotated[float, Meta(gt=0)] = "paper"
+    center: bool | UnsetType = UNSET
     force_n: Force | Annotated[tuple[Force, ...], Meta(max_length=MAX_FORCES)] | ForceRange = 8.0
     untouched_share: Share = 0.0
     val_share: Share = 0.0
@@ -158,8 +161,15 @@ class Part(Struct, frozen=True, forbid_unknown_fields=True):
             raise T2TwinError(f"{named}: split by-version must not have val_share")
         if self.force_n == ():
             raise T2TwinError(f"{named}: force_n is an empty list")
+        if self.shapes in NAMED and (self.center or self.solid_scale is not None):
+            raise T2TwinError(f"{named}: center and a scale in mm per unit are for files only")
         if self.shapes == "tools" and self.split != "test":
             raise T2TwinError("the split of tools must be test, in every world")
+
+    @property
+    def solid_scale(self) -> float | None:
+        """mm per unit of the files; None for their own unit."""
+        return None if isinstance(self.scale, str) else float(self.scale)
 
 
 class Light(Struct, frozen=True, forbid_unknown_fields=True):

@@ -35,6 +35,8 @@ class TouchOptions:
         force_n: Commanded force, N; default 8.
         scale: mm per unit of the file: 1000 for meters, 25.4 for inches. Default: the file's unit
             (3MF, GLB, STEP), else 1.
+        center: Press a file's shape at the middle of its highest part instead of the middle of its
+            bounding box.
         out: Folder to write; default runs/COMMAND/SHAPE.
         thickness_mm: Thickness of the elastomer, mm. With this, young_mpa or poisson the elastomer
             is linear elastic, for comparison with theory.
@@ -58,6 +60,7 @@ class TouchOptions:
     yaw_deg: float = 0.0
     force_n: Float = None
     scale: Float = None
+    center: bool = False
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     thickness_mm: Float = None
     young_mpa: Float = None
@@ -74,7 +77,7 @@ class TouchOptions:
         """The shape; prints its notes."""
         import t2twin
 
-        shape = t2twin.load_shape(self.shape, self.scale)
+        shape = t2twin.load_shape(self.shape, self.scale, self.center)
         for note in shape.notes:
             print(f"t2twin: {note}", file=sys.stderr)
         return shape
@@ -104,8 +107,16 @@ class TouchOptions:
         )
 
     def folder(self, command: str, shape: "Shape") -> Path:
-        """The folder to write."""
-        return self.out or Path("runs") / command / shape.name.replace("/", "-")
+        """The folder to write. The suffix is added where another file of a shape has this stem."""
+        from t2twin.primitives_cad.mesh_io.read import SUFFIXES
+
+        name, file = shape.name, Path(self.shape)
+        if file.suffix.lower() in SUFFIXES and any(
+            other != file and other.stem == file.stem and other.suffix.lower() in SUFFIXES
+            for other in file.parent.glob("*")
+        ):
+            name += file.suffix.replace(".", "-")
+        return self.out or Path("runs") / command / name.replace("/", "-")
 
 
 @dataclass(frozen=True)
