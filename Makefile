@@ -66,8 +66,8 @@ test-all: setup browser
 setup: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt | system
-	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))' || \
-		{ echo "$(PYTHON) will not do: Python 3.11 to 3.13 is needed; name it with PYTHON="; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 15))' || \
+		{ echo "$(PYTHON) will not do: Python 3.11 to 3.14 is needed; name it with PYTHON="; exit 1; }
 	$(PYTHON) -m venv .venv
 	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check $(PIP_ARGS) \
 		-c constraints.txt -e '.[dev]'

@@ -5,7 +5,6 @@ import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -13,6 +12,7 @@ import numpy as np
 import trimesh
 
 from t2twin.core.cached_files import DIGEST_DIGITS, read_checked, short_digest, write_checked
+from t2twin.core.machine import installed_version
 from t2twin.primitives_cad.shape import HeightMap, Shape
 
 MAKERS = ("cadquery", "cadquery-ocp", "trimesh")
@@ -84,7 +84,7 @@ def code_digest(with_random: bool = False) -> str:
         is_random = source.parent.name == RANDOM_SHAPES
         if source.name not in NOT_MAKERS and (with_random or not is_random):
             content += source.read_bytes()
-    return short_digest(content + "".join(version(maker) for maker in MAKERS).encode())
+    return short_digest(content + "".join(installed_version(maker) for maker in MAKERS).encode())
 
 
 def key(label: str, content: bytes = b"") -> str:

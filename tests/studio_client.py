@@ -146,8 +146,11 @@ class Target:
     @property
     def memory_mb(self) -> float:
         """Resident memory of the process, MB."""
-        words = Path(f"/proc/{self._process.pid}/statm").read_text().split()
-        return int(words[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+        status = Path(f"/proc/{self._process.pid}/statm")
+        if status.is_file():
+            return int(status.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+        command = ("ps", "-o", "rss=", "-p", str(self._process.pid))
+        return int(subprocess.check_output(command)) * 1024 / 1e6
 
     @property
     def lines(self) -> list[str]:

@@ -3,7 +3,6 @@
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import PurePosixPath
 from typing import Annotated
 
@@ -12,6 +11,7 @@ from msgspec import Meta
 
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
+from t2twin.core.machine import installed_version
 from t2twin.sim.cyskin.layout import MAX_TAXELS, PAD_DIAMETER_MM, Layout
 from t2twin.sim.cyskin.reading import Imperfections
 from t2twin.sim.world.recipe import PAPER, Recipe
@@ -210,7 +210,8 @@ def is_sha256(digits: str) -> bool:
 
 def versions() -> dict[str, str]:
     """Versions on this machine of everything that may change a shard's bytes."""
-    return {name: version(name) for name in PACKAGES} | {"zlib": zlib.ZLIB_RUNTIME_VERSION}
+    installed = {name: installed_version(name) for name in PACKAGES}
+    return installed | {"zlib": zlib.ZLIB_RUNTIME_VERSION}
 
 
 def _is_shard_path(path: str) -> bool:

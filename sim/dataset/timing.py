@@ -3,6 +3,7 @@
 import os
 import platform
 import resource
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,6 +24,9 @@ STAGES = (
 )
 """Stages of a shard. "shape" is done once for all presses of a shape; "field", "light" and
 "motion" only where the recipe has a field, samples the light or has motion."""
+
+STATUS = Path("/proc/self/status")
+"""File with the memory of this process on Linux."""
 
 
 @dataclass
@@ -54,12 +58,12 @@ def peak_memory() -> int:
 
     On Linux from the process's status: getrusage includes the memory of the parent before exec.
     """
-    status = Path("/proc/self/status")
-    if status.is_file():
-        for line in status.read_text().splitlines():
+    if STATUS.is_file():
+        for line in STATUS.read_text().splitlines():
             if line.startswith("VmHWM:"):
                 return int(line.split()[1]) * 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    unit = 1 if sys.platform == "darwin" else 1024  # of getrusage, bytes
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
 
 
 def process_name() -> str:

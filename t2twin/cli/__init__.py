@@ -104,9 +104,9 @@ def _drop_output() -> None:
 
 
 def _version() -> str:
-    from importlib.metadata import version
+    from t2twin.core.machine import installed_version
 
-    return f"t2twin {version('t2twin')}"
+    return f"t2twin {installed_version('t2twin')}"
 
 
 def _file_error(error: OSError) -> str:

@@ -134,6 +134,8 @@ def _contact() -> str:
 
 
 def _rendering() -> str:
+    if sys.platform == "darwin":
+        return "not on macOS, which has no EGL; only the optics pyrender need it"
     import numpy as np
 
     from t2twin.sim.digit.camera.pinhole import optical_grid
@@ -148,7 +150,7 @@ def _rendering() -> str:
 
 
 def _memory() -> str:
-    if not hasattr(os, "sysconf"):
+    if "SC_PHYS_PAGES" not in getattr(os, "sysconf_names", ()):
         return "unknown"
     gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     if gib < MEMORY_GIB:

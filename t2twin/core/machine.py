@@ -1,7 +1,8 @@
-"""The processor of this machine and its cores."""
+"""The processor of this machine, its cores, and the versions of installed packages."""
 
 import os
 import platform
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 CPUINFO = Path("/proc/cpuinfo")
@@ -30,3 +31,11 @@ def _cpuinfo(key: str) -> str:
     lines = CPUINFO.read_text().splitlines() if CPUINFO.is_file() else []
     values = (line.partition(":")[2].strip() for line in lines if line.startswith(key))
     return next(values, "")
+
+
+def installed_version(package: str) -> str:
+    """The version of a package for a record of provenance, or "not installed"."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

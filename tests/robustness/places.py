@@ -101,6 +101,8 @@ def _exports() -> Iterator[Case]:
     export, own, targets = "export --run {resnet18} ", "export --run run ", laid(TARGETS)
     for says, places in NEVER.items():
         for place in places.split():
+            if place.startswith("/dev/") and not Path(place).exists():
+                continue  # macOS has no /dev/full
             yield Case(f"export to {place[:20]}", f"{export} --out {place}", targets, says)
     for place in ("folder", "/dev/null", "pipe", "to-device", ".", "socket"):
         words = f"{export} --force --out {place}"

@@ -23,7 +23,6 @@ R rows and C columns.
 
 import json
 import warnings
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +32,7 @@ import torch
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import atomic_write
+from t2twin.core.machine import installed_version
 from t2twin.translate.inference.field_predictor import FieldPredictor
 from t2twin.translate.inference.predictor import (
     COUNTS,
@@ -171,7 +171,7 @@ def _metadata(run: CountsPredictor) -> dict[str, str]:
     """All values are text; lists are JSON."""
     preset, info = run.config.preset, run.config.data
     return {
-        "made_by": f"t2twin {version('t2twin')}",
+        "made_by": f"t2twin {installed_version('t2twin')}",
         "model": run.config.model,
         "preset": preset.name,
         "size": str(preset.size),

@@ -8,7 +8,7 @@ RUN/best.safetensors   weights of the epoch with the lowest validation RMSE
 RUN/README.md          the model card, after the end of the training
 """
 
-from importlib.metadata import version
+from dataclasses import fields
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -19,6 +19,7 @@ from msgspec import Meta, Struct
 from t2twin.core.arguments import MAX_SEED
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
+from t2twin.core.machine import installed_version
 from t2twin.core.records import convert, read_json
 from t2twin.core.renames import translated
 from t2twin.sim.dataset.info import is_sha256
@@ -114,7 +115,7 @@ class RunConfig(Struct, frozen=True):
     def save(self, run_dir: Path) -> None:
         """Writes RUN/config.json."""
         content = msgspec.to_builtins(self, enc_hook=np.ndarray.tolist)
-        libraries = {name: version(name) for name in ("torch", "numpy")}
+        libraries = {name: installed_version(name) for name in ("torch", "numpy")}
         write_json(run_dir / CONFIG, content | {"versions": libraries})
 
 
@@ -129,7 +130,8 @@ def load_config(run_dir: Path) -> RunConfig:
         raise T2TwinError(f"{run_dir} has no config.json; give a folder that `train` has made")
     content = translated("json", read_json(path, dict[str, Any], FORMAT))
     preset = content.get("preset")
-    unknown = sorted(set(preset) - set(Preset.__annotations__)) if isinstance(preset, dict) else ()
+    known = {each.name for each in fields(Preset)}
+    unknown = sorted(set(preset) - known) if isinstance(preset, dict) else ()
     if unknown:
         raise T2TwinError(f"{path}: preset.{unknown[0]} is no setting of this version")
     config = convert(content, RunConfig, path)

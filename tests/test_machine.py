@@ -1,0 +1,66 @@
+"""What only Linux has is used where it exists: macOS, and installations without a package."""
+
+import os
+import resource
+from types import SimpleNamespace
+
+import pytest
+
+from t2twin.cli import doctor
+from t2twin.core import machine
+from t2twin.primitives_cad import shape_cache
+from t2twin.sim.dataset import info, timing
+from t2twin.translate.models import distributed
+
+ABSENT = "no-such-package-of-t2twin"
+
+
+@pytest.fixture
+def macos(monkeypatch, tmp_path):
+    """This process as if on macOS on arm64: no /proc, no affinity of processes."""
+    monkeypatch.setattr("sys.platform", "darwin")
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    monkeypatch.setattr(os, "cpu_count", lambda: 8)
+    monkeypatch.setattr("platform.processor", lambda: "")
+    monkeypatch.setattr("platform.machine", lambda: "arm64")
+    monkeypatch.setattr(machine, "CPUINFO", tmp_path / "cpuinfo")
+    monkeypatch.setattr(timing, "STATUS", tmp_path / "status")
+
+
+def test_macos_has_cores_and_a_processor(macos):
+    assert machine.cores() == 8
+    assert machine.processor() == "arm64"
+    assert machine.processor_flags() == []
+
+
+def test_memory_is_in_bytes(macos, monkeypatch):
+    """macOS gives the peak in bytes, Linux in KiB."""
+    used = SimpleNamespace(ru_maxrss=50_000_000)
+    monkeypatch.setattr(resource, "getrusage", lambda who: used)
+    assert timing.peak_memory() == 50_000_000
+    monkeypatch.setattr("sys.platform", "linux")
+    assert timing.peak_memory() == 50_000_000 * 1024
+    timing.STATUS.write_text("Name:\tpython\nVmHWM:\t    2048 kB\n")
+    assert timing.peak_memory() == 2 * 2**20
+
+
+def test_macos_keeps_torchs_memory_as_it_is(macos, monkeypatch):
+    monkeypatch.setattr(distributed.ctypes, "CDLL", lambda name: pytest.fail("glibc's"))
+    distributed.keep_memory()
+
+
+def test_doctor_wants_no_egl_on_macos(macos, monkeypatch):
+    assert "not on macOS" in doctor._rendering()
+    assert doctor._memory() != "unknown"
+    monkeypatch.setattr(os, "sysconf_names", {})
+    assert doctor._memory() == "unknown"
+
+
+def test_a_record_names_a_package_that_is_not_installed(monkeypatch):
+    assert machine.installed_version("numpy")[0].isdigit()
+    assert machine.installed_version(ABSENT) == "not installed"
+    monkeypatch.setattr(info, "PACKAGES", ("t2twin", ABSENT))
+    assert info.versions()[ABSENT] == "not installed"
+    before = shape_cache.code_digest()
+    monkeypatch.setattr(shape_cache, "MAKERS", ("cadquery", ABSENT, "trimesh"))
+    assert shape_cache.code_digest() != before
