@@ -13,7 +13,6 @@ scene_digit.xml, scene_cyskin.xml    each contact as a MuJoCo scene
 import json
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ from PIL import Image
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.core.files import locked, move_into, temporary_folder, write_csv
+from t2twin.core.machine import installed_version
 from t2twin.primitives_cad.mesh_io.stl import binary_stl
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim import scene
@@ -35,6 +35,7 @@ from t2twin.sim.cyskin.tactile_image import colored_tactile_image
 from t2twin.sim.cyskin.taxels import FULL_SCALE_COUNTS
 from t2twin.sim.digit.markers import Markers, surface_shift
 from t2twin.sim.digit.optics import Renderer
+from t2twin.sim.notices import Notice
 
 VERSIONS = ("t2twin", "mujoco", "numpy")
 """Packages whose versions press.json contains."""
@@ -57,6 +58,7 @@ class Touch:
     markers: those on the DIGIT's gel, None for none.
     sensor_to_world: (4, 4) transform, m, of a sensor in a MuJoCo model; None without a model.
     memory: (m, n) state of the CySkin's memory after the counts, counts; None without a memory.
+    notices: what the contacts lack of the forces in a MuJoCo model, and where they are approximate.
 
     The fields of a sensor that was not pressed are None. A press of 0 N, which datasets contain,
     has an image and counts but no contacts.
@@ -74,6 +76,17 @@ class Touch:
     markers: Markers | None = None
     sensor_to_world: np.ndarray | None = None
     memory: np.ndarray | MaybeNone = None
+    notices: tuple[Notice, ...] = ()
+
+    def __repr__(self) -> str:
+        parts = [f"{sensor}: {contact.summary}" for sensor, contact in self.contacts.items()]
+        parts += [f"not read: {self.unread_n:.3g} N"] if self.unread_n else []
+        return f"Touch({self.command.shape!r}, {'; '.join(parts) or 'no contact'})"
+
+    @property
+    def unread_n(self) -> float:
+        """Sum of the sizes of all forces that the contacts lack, N."""
+        return sum(notice.unread_n for notice in self.notices)
 
     @cached_property
     def contacts(self) -> dict[str, Contact]:
@@ -190,7 +203,10 @@ def _press_json(touch: Touch) -> dict[str, Any]:
         setup["digit"]["markers"] = asdict(touch.markers)
     command = touch.command
     to_world = touch.sensor_to_world
-    attached = {} if to_world is None else {"sensor_to_world": to_world.tolist()}
+    attached: dict[str, Any] = {}
+    if to_world is not None:
+        attached["sensor_to_world"] = to_world.tolist()
+        attached["notices"] = [asdict(notice) for notice in touch.notices]
     return {
         **attached,
         "shape": command.shape,
@@ -198,7 +214,7 @@ def _press_json(touch: Touch) -> dict[str, Any]:
         "y_mm": command.y_mm,
         "yaw_rad": command.yaw_rad,
         "commanded_force_n": command.force_n,
-        "versions": {name: version(name) for name in VERSIONS},
+        "versions": {name: installed_version(name) for name in VERSIONS},
     } | {
         sensor: {
             "force_n": contact.force_n,

@@ -2,6 +2,7 @@ from .adaptation.pipeline import adapt as adapt
 from .attachment.mount import attach as attach
 from .attachment.sensor import AttachedSensor as AttachedSensor
 from .core.errors import T2TwinError as T2TwinError
+from .core.errors import T2TwinWarning as T2TwinWarning
 from .primitives_cad.export import export_shapes as export_shapes
 from .primitives_cad.shape import Shape as Shape
 from .report.dataset_report import write_data_report as write_data_report

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 import t2twin
 from t2twin import T2TwinError
 from t2twin.attachment.contacts import Pose, relative_motion
+from t2twin.core.errors import T2TwinWarning
 
 RADIUS_M = 0.006
 FORCE_N = 8.0
@@ -105,7 +106,7 @@ def test_the_same_press_as_by_the_twin():
         )
         mesh = spec.add_mesh(name="shape", uservert=(1e-3 * vertices).ravel())
         mesh.userface = faces.ravel()
-        attached = t2twin.attach(spec, site="pad", sensor=sensor)
+        attached = t2twin.attach(spec, site="pad", sensor=sensor, geometry="visual")
         touch = attached.read(*simulate(spec))
         contact, truth = touch.contacts[sensor], expected.contacts[sensor]
         assert contact.depth_mm == pytest.approx(truth.depth_mm, rel=0.01)
@@ -267,12 +268,17 @@ def test_sensors_in_threads():
         assert alone.contacts[sensor.sensor].force_n > 1.9
 
 
-def test_contacts_at_the_side_are_left_out():
+def test_contacts_at_the_side_are_named():
     spec = scene(x_m=-0.016, gap_m=-0.004, axes="x")
     attached = t2twin.attach(spec, site="pad", sensor="digit")
     model, data = simulate(spec, FORCE_N)
     assert model.geom("digit/surface").id in data.contact.geom
-    assert not attached.read(model, data).contacts
+    with pytest.warns(T2TwinWarning, match="8 N of ball not read: at the sensor's side"):
+        touch = attached.read(model, data)
+    assert not touch.contacts
+    assert touch.unread_n == pytest.approx(FORCE_N, rel=0.01)
+    attached.reset()
+    assert attached.read(model, data).unread_n == touch.unread_n  # warned of once
 
 
 def test_several_sensors_have_names_of_their_own():
@@ -390,6 +396,9 @@ def test_a_body_sinks_in_as_deep_as_into_the_layer():
 def test_a_force_above_the_largest_is_limited():
     spec = scene(mass=5.0)
     attached = t2twin.attach(spec, site="pad", sensor="cyskin")
-    contact = attached.read(*simulate(spec, -150.0)).cyskin
+    with pytest.warns(T2TwinWarning, match="50 N of ball not read: .* limit of 100 N"):
+        touch = attached.read(*simulate(spec, -150.0))
+    contact = touch.cyskin
+    assert touch.unread_n == pytest.approx(50.0, rel=1e-2)
     assert contact.force_n == pytest.approx(100.0, rel=1e-3)
     assert contact.settled

@@ -71,7 +71,7 @@ def ball_mesh() -> trimesh.Trimesh:
 
 def check_with_rays(model, data, rotation, position_m, region=REGION, tolerance_mm=1e-3):
     """Compares a body's surface with the first hits of rays, except next to its outline."""
-    found = body_surface(model, data, BODY, rotation, position_m, region)
+    found = body_surface(model, data, BODY, rotation, position_m, region, "visual")
     assert found is not None
     surface = found.surface
     heights = surface.heights_mm

@@ -3,6 +3,7 @@
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
+from copy import copy
 from dataclasses import dataclass
 from math import atan2
 from typing import NamedTuple
@@ -16,6 +17,15 @@ from t2twin.core.errors import T2TwinError
 MIN_FACING = 0.5
 """Least cosine of the angle between a contact's normal and the sensor's (assumed). A dome is at
 most 31 degrees steep; contacts at 60 degrees or more are at the sensor's side or back."""
+
+WAKING_STEPS = 8
+"""Steps after which a woken body rests (assumed). MuJoCo stops a body that falls asleep, where its
+contact force differs by up to 1 % from that at rest. After ten steps it may sleep again."""
+
+SIDE = "at the sensor's side"
+BACK = "at the sensor's back, from behind the sensor or from inside it"
+ADHESION = "pulling at the sensor"
+"""Places of forces that are not read."""
 
 
 class Pose(NamedTuple):
@@ -44,6 +54,8 @@ class Wrench:
     body: id of the body, the first of those that are welded together. force_n: (3,).
     torque_nmm: (3,) about the sensor's origin. center_mm: (3,) mean of the places of contact,
     weighted with their normal forces. friction: coefficient, the mean weighted in the same way.
+    slope_n: (2,) the part of the force along x and y that is due to the normals of the contacts, on
+    the slope of a dome.
     """
 
     body: int
@@ -51,6 +63,7 @@ class Wrench:
     torque_nmm: np.ndarray
     center_mm: np.ndarray
     friction: float
+    slope_n: np.ndarray
 
     @property
     def pressing_n(self) -> float:
@@ -58,15 +71,27 @@ class Wrench:
         return -float(self.force_n[2])
 
 
-def wrenches(
-    model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose
-) -> list[Wrench]:
-    """The wrench of each body that touches the geom of a sensor with this frame, by body id.
+class Push(NamedTuple):
+    """A force on a sensor that no reading contains.
 
-    Contacts at the sensor's side or back are left out (MIN_FACING).
+    body: as of a Wrench. reason: a clause that names the cause. force_n: (3,) in the sensor frame.
+    """
+
+    body: int
+    reason: str
+    force_n: np.ndarray
+
+
+def contact_forces(
+    model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose
+) -> tuple[list[Wrench], list[Push]]:
+    """What the contacts of a sensor's geom do to it: the wrenches of the bodies that press, by body
+    id, and the other forces.
+
     Raises T2TwinError for a flex that touches the sensor.
     """
-    found: dict[int, list[tuple[np.ndarray, np.ndarray, np.ndarray, float, float]]] = {}
+    found: dict[int, list[tuple]] = {}
+    others: list[Push] = []
     contacts, force = data.contact, np.zeros(6)
     for index in np.flatnonzero((contacts.geom == geom).any(axis=1)):
         contact = contacts[int(index)]
@@ -76,30 +101,48 @@ def wrenches(
             raise T2TwinError(
                 f"a flex touches geom {model.geom(geom).name}; sensors read rigid bodies only"
             )
-        axes = contact.frame.reshape(3, 3) @ frame.rotation
-        # MuJoCo's normal points from the first geom to the second, which the force acts on
-        if -sign * axes[0, 2] < MIN_FACING:
-            continue
         mujoco.mj_contactForce(model, data, index, force)
-        if force[0] <= 0:
+        if force[0] == 0:
+            continue
+        axes = contact.frame.reshape(3, 3) @ frame.rotation
+        force_n = sign * force[:3] @ axes
+        body = int(model.body_weldid[model.geom_bodyid[other]])
+        # MuJoCo's normal points from the first geom to the second, which the force acts on
+        facing = -sign * axes[0, 2]
+        if facing < MIN_FACING or force[0] < 0:
+            reason = SIDE if facing > -MIN_FACING else BACK
+            others.append(Push(body, ADHESION if force[0] < 0 else reason, force_n))
             continue
         at_mm = MM_PER_M * (contact.pos - frame.position_m) @ frame.rotation
-        force_n = sign * force[:3] @ axes
         torque_nmm = MM_PER_M * sign * force[3:] @ axes + np.cross(at_mm, force_n)
         friction = float(contact.friction[0]) if contact.dim > 1 else 0.0
-        body = int(model.body_weldid[model.geom_bodyid[other]])
-        found.setdefault(body, []).append((force_n, torque_nmm, at_mm, force[0], friction))
-    return [_sum(body, found[body]) for body in sorted(found)]
+        along = sign * force[0] * axes[0, :2]
+        found.setdefault(body, []).append((force_n, torque_nmm, at_mm, force[0], friction, along))
+    return [_sum(body, found[body]) for body in sorted(found)], others
+
+
+def awake(model: "mujoco.MjModel", data: "mujoco.MjData") -> "mujoco.MjData":
+    """A state with the contacts of bodies that sleep, WAKING_STEPS later."""
+    woken = copy(data)
+    woken.qvel[woken.qvel == 0] = -0.0  # any byte that is not 0 wakes a body
+    mujoco.mj_step(model, woken, nstep=WAKING_STEPS)
+    return woken
 
 
 def _sum(body: int, parts: list) -> Wrench:
-    """The wrench of a body's contacts: force, torque, place, normal force and friction of each."""
-    forces, torques, places, normal, friction = (
+    """The wrench of a body's contacts: force, torque, place, normal force, friction and force along
+    the slope of each."""
+    forces, torques, places, normal, friction, along = (
         np.array(part) for part in zip(*parts, strict=True)
     )
     share = normal / normal.sum()
     return Wrench(
-        body, forces.sum(axis=0), torques.sum(axis=0), share @ places, float(share @ friction)
+        body,
+        forces.sum(axis=0),
+        torques.sum(axis=0),
+        share @ places,
+        float(share @ friction),
+        along.sum(axis=0),
     )
 
 

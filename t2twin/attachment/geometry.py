@@ -97,7 +97,8 @@ def body_surface(
     rotation: (3, 3), its columns the sensor's x, y and z in the world. position_m: (3,) of the
     sensor's origin in the world, m. geometry: see `body_geoms`. excluded: ids of geoms that are
     left out. Poses are those of the last forward kinematics of `data`, which is not changed.
-    A plane is a half space. A mesh has its own faces, not those of its convex hull.
+    A plane is a half space. A mesh that MuJoCo collides has the faces of its convex hull, and with
+    "visual" its own.
     """
     geoms = body_geoms(model, body_id, geometry)
     to_shape = SHAPE_FROM_SENSOR * np.asarray(rotation, float).T
@@ -118,7 +119,7 @@ def body_surface(
         if kind in (PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER):
             top = raise_to_primitive(kind, MM_PER_M * model.geom_size[geom], *place)
         else:
-            mesh = triangles_of(model, geom)
+            mesh = triangles_of(model, geom, geometry == "collision")
             lowest_mm = top - region.depth_mm
             blocks = mesh.blocks_near(turn, center, half_mm, lowest_mm, BEHIND_MM)
             solid = mesh.triangles_mm, mesh.normals, *blocks, mesh.is_closed
@@ -141,12 +142,13 @@ def body_surface(
 def body_geoms(model: "mujoco.MjModel", body_id: int, geometry: Geometry) -> np.ndarray:
     """Ids of the geoms of a body and of all bodies welded to it.
 
-    geometry: "collision" for those that can collide; "visual" for those that cannot, or all of a
-    body that has only geoms that can.
+    geometry: "collision" for those that can collide, by their masks or in an explicit pair;
+    "visual" for those that cannot, or all of a body that has only geoms that can.
     """
     arguments.choice(geometry, "geometry", get_args(Geometry))
     welded = model.body_weldid[model.geom_bodyid] == model.body_weldid[body_id]
     collides = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    collides[model.pair_geom1] = collides[model.pair_geom2] = True
     if geometry == "collision":
         return np.flatnonzero(welded & collides)
     has_visual = np.zeros(model.nbody, bool)

@@ -14,14 +14,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from t2twin.attachment.backing import backing_m
+from t2twin.attachment.elements import BODY, FRAME, SURFACE
 from t2twin.attachment.geometry import Geometry
-from t2twin.attachment.sensor import (
-    BODY,
-    FRAME,
-    SURFACE,
-    AttachedSensor,
-    SensorName,
-)
+from t2twin.attachment.sensor import AttachedSensor, SensorName
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
 from t2twin.sim.contact.elastomer import Elastomer
@@ -39,6 +35,14 @@ COLOR = {"digit": (0.85, 0.75, 0.6, 1.0), "cyskin": (0.25, 0.3, 0.35, 1.0)}
 
 CONDIM = 4
 """Dimensions of MuJoCo's contacts: a soft surface also resists turning about the normal."""
+
+SOLREF, SOLIMP = (0.004, 1.0), (0.9, 0.99, 0.001, 0.5, 2.0)
+"""Contact parameters of a sensor's geom, see MuJoCo's manual, Modeling, Solver parameters (assumed:
+a finger of 50 g yields by 0.03 mm at 10 N, less than the layer). MuJoCo raises the time constant of
+0.004 s to two time steps."""
+
+OWN_SOLMIX = 1e6
+"""Weight of the contact parameters of a sensor's geom; others have 1."""
 
 MESH_PITCH_MM = 1.0
 """Distance of the vertices of a dome, mm. Its facets are within 0.006 mm of the dome."""
@@ -70,7 +74,8 @@ def attach(
     outward normal. Its x axis is the sensor's x axis, to the right in the DIGIT's image.
     name: of the sensor; None for "digit" or "cyskin", with a number from the second one on. The
     model gets the body NAME/body, the geom and mesh NAME/surface, and the site NAME/frame at the
-    apex of the undeformed surface. calibration, markers: of a DIGIT, as for `Twin`. layout,
+    apex of the undeformed surface. The geom reaches behind the base, as far as the geoms there, so
+    that no body gets through it. calibration, markers: of a DIGIT, as for `Twin`. layout,
     imperfections: of a CySkin, as for `Twin`. friction: coefficient of the sensor's geom; None for
     MuJoCo's default. MuJoCo uses the larger coefficient of both geoms in a contact.
     geometry: geoms of the touching bodies whose surfaces are pressed into the sensor: "collision",
@@ -94,8 +99,9 @@ def attach(
         seed=seed,
     )
     pose = _vector(pos, "pos", 3), _unit(quat)
-    own, prefix = _own_spec(sensor, mounted.elastomer, friction, *pose), f"{mounted.name}/"
-    place = _place(spec, site, body)
+    place, prefix = _place(spec, site, body), f"{mounted.name}/"
+    depth_m = backing_m(spec, place.name, site is not None, *pose, mounted.elastomer)
+    own = _own_spec(sensor, mounted.elastomer, friction, depth_m, *pose)
     if site is not None:
         spec.attach(own, site=place, prefix=prefix)
     else:
@@ -142,35 +148,44 @@ def _device(
 
 
 def _own_spec(
-    sensor: str, elastomer: Elastomer, friction: float | None, pos: np.ndarray, quat: np.ndarray
+    sensor: str,
+    elastomer: Elastomer,
+    friction: float | None,
+    depth_m: float,
+    pos: np.ndarray,
+    quat: np.ndarray,
 ) -> "mujoco.MjSpec":
-    """The sensor as a spec of its own, so that defaults of the model do not apply to it."""
+    """The sensor as a spec of its own, so that defaults of the model do not apply to it. depth_m:
+    of its geom behind the base."""
     spec, thickness_m = mujoco.MjSpec(), 1e-3 * elastomer.thickness_mm
     body = spec.worldbody.add_body(name=BODY, pos=pos, quat=quat)
     geom = body.add_geom(name=SURFACE, mass=MASS_KG[sensor], rgba=COLOR[sensor], condim=CONDIM)
+    geom.solref, geom.solimp, geom.solmix = SOLREF, SOLIMP, OWN_SOLMIX
     half_m = 0.5e-3 * np.array([elastomer.width_mm, elastomer.length_mm])
     if np.isfinite([elastomer.dome_width_radius_mm, elastomer.dome_length_radius_mm]).any():
         mesh = spec.add_mesh(name=SURFACE, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
-        mesh.uservert = _dome_vertices_m(elastomer).ravel()
+        mesh.uservert = _dome_vertices_m(elastomer, depth_m).ravel()
         geom.type, geom.meshname = mujoco.mjtGeom.mjGEOM_MESH, SURFACE
     else:
-        geom.type, geom.size = mujoco.mjtGeom.mjGEOM_BOX, [*half_m, thickness_m / 2]
-        geom.pos = [0.0, 0.0, thickness_m / 2]
+        geom.type = mujoco.mjtGeom.mjGEOM_BOX
+        geom.size = [*half_m, (thickness_m + depth_m) / 2]
+        geom.pos = [0.0, 0.0, (thickness_m - depth_m) / 2]
     if friction is not None:
         geom.friction[0] = arguments.number(friction, "friction", 0.0, MAX_FRICTION)
     body.add_site(name=FRAME, pos=[0.0, 0.0, thickness_m])
     return spec
 
 
-def _dome_vertices_m(elastomer: Elastomer) -> np.ndarray:
-    """(n, 3) vertices whose convex hull is the elastomer, m; z is 0 at its base."""
+def _dome_vertices_m(elastomer: Elastomer, depth_m: float) -> np.ndarray:
+    """(n, 3) vertices whose convex hull is the elastomer and its backing, m; z is 0 at the base."""
     sides = np.array([elastomer.width_mm, elastomer.length_mm])
     # an even number, so that the apex is in a facet: a ball rests on the flat facet
     points = 2 * np.ceil(sides / MESH_PITCH_MM / 2).astype(int)
     x, y = (np.linspace(-side / 2, side / 2, n) for side, n in zip(sides, points, strict=True))
     x, y = np.meshgrid(x, y)
     top = np.stack([x, y, elastomer.thickness_at_mm(x, y)], axis=-1).reshape(-1, 3)
-    base = top.reshape(*x.shape, 3)[:: len(y) - 1, :: x.shape[1] - 1].reshape(-1, 3) * (1, 1, 0)
+    base = top.reshape(*x.shape, 3)[:: len(y) - 1, :: x.shape[1] - 1].reshape(-1, 3).copy()
+    base[:, 2] = -1e3 * depth_m
     return 1e-3 * np.concatenate([top, base])
 
 

@@ -7,35 +7,34 @@ DIGIT's image, y is down, z is out of the sensor.
 # MuJoCo defines its names at import, where pyright does not find them.
 # pyright: reportAttributeAccessIssue=false
 
-from dataclasses import dataclass, field, replace
-from math import floor, inf
+import warnings
+from copy import copy
+from dataclasses import replace
+from math import floor, isfinite
 from threading import Lock
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
 from trimesh import Trimesh
 
-from t2twin.attachment.contacts import Pose, Wrench, relative_motion, wrenches
+from t2twin.attachment.carried import LIGHT, Body, carried_contact, push_notices
+from t2twin.attachment.contacts import Pose, Push, Wrench, relative_motion
+from t2twin.attachment.elements import Elements, check_state, find_elements, frame_of, kept_away
 from t2twin.attachment.geometry import Geometry, Region, body_surface
+from t2twin.attachment.state import State
 from t2twin.attachment.stiffness import fit_stiffness
 from t2twin.core import arguments
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap, Shape
 from t2twin.sim.contact.elastomer import Elastomer
-from t2twin.sim.contact.loads.carry import carry
-from t2twin.sim.contact.loads.prescribed import Load
-from t2twin.sim.contact.pin_layout import OffPadError
-from t2twin.sim.contact.sliding import MAX_FRICTION
 from t2twin.sim.contact.types import FORCE_RANGE_N, Contact, PressCommand
+from t2twin.sim.notices import Notice
 from t2twin.sim.sensors import CySkin, Digit
 from t2twin.sim.touch import Touch
 
 SensorName = Literal["digit", "cyskin"]
-
-BODY, SURFACE, FRAME = "body", "surface", "frame"
-"""Names of a sensor's elements in the model, after the sensor's name and a slash."""
 
 NOTHING = Shape(
     "nothing",
@@ -48,11 +47,11 @@ NOTHING = Shape(
 MAX_RATE_HZ = 1e6
 """Largest rate of readings, Hz (assumed: beyond any simulation's steps)."""
 
-OWN_SOLMIX = 1e6
-"""Weight of the contact parameters of a sensor's geom with `set_stiffness`; others have 1."""
+LISTED = 5
+"""Geoms that a warning names (assumed)."""
 
-MAX_FORCE_N = 0.9999 * FORCE_RANGE_N[1]
-"""Largest force of all bodies together, N: below the limit on a press by more than rounding."""
+OWN = ("_states", "_elements", "_lock")
+"""Attributes that a copy of a sensor does not share."""
 
 MAX_JUMP_MM = 2.0
 """Distance between the places of contact in two readings up to which the second one continues the
@@ -60,25 +59,6 @@ tractions of the first, mm (assumed: less than most contacts are wide)."""
 
 ROUNDING = 1e-6
 """Share of a period by which a reading may be early, for rounding errors of the time."""
-
-
-@dataclass
-class _State:
-    """What a sensor has read from one MjData.
-
-    time_s, period: of the last reading. reads: their number. seen: the poses and forces, as bytes.
-    touch, touch_s: the last touch and its time. poses, centers_mm: of the touching bodies and of
-    their places of contact, in the sensor frame, by the body's id.
-    """
-
-    time_s: float = -inf
-    period: int = -1
-    reads: int = 0
-    seen: bytes = b""
-    poses: dict[int, Pose] = field(default_factory=dict)
-    centers_mm: dict[int, np.ndarray] = field(default_factory=dict)
-    touch: Touch | None = None
-    touch_s: float = 0.0
 
 
 class AttachedSensor:
@@ -109,14 +89,39 @@ class AttachedSensor:
         self.name, self.sensor, self.device = name, sensor, device
         self.geometry: Geometry = geometry
         self.rate_hz, self.seed = rate_hz, seed
-        self._states: WeakKeyDictionary[object, _State] = WeakKeyDictionary()
-        self._lock = Lock()
+        self._suffix = ""
+        self._warned: set[str] = set()
+        self._begin()
 
     @property
     def elastomer(self) -> Elastomer:
         """The DIGIT's gel or the CySkin's cover."""
         device = self.device
         return device.elastomer if isinstance(device, Digit) else device.cover
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What a copy has: all but the readings."""
+        return {name: value for name, value in vars(self).items() if name not in OWN}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Start without readings."""
+        self._states: WeakKeyDictionary[object, State] = WeakKeyDictionary()
+        self._elements: WeakKeyDictionary[object, Elements] = WeakKeyDictionary()
+        self._lock = Lock()
+
+    def with_prefix(self, prefix: str, suffix: str = "") -> "AttachedSensor":
+        """The sensor of a model to which its spec was attached with this prefix and suffix.
+
+        Needed only where the spec was attached several times. The new sensor has no readings.
+        """
+        found = copy(self)
+        found.name = f"{arguments.text(prefix, 'prefix')}{self.name}"
+        found._suffix = arguments.text(suffix, "suffix")
+        return found
 
     def reset(self) -> None:
         """Forget all contacts and readings; the next reading is the first one."""
@@ -125,74 +130,108 @@ class AttachedSensor:
 
     def pose(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> np.ndarray:
         """(4, 4) transform from the sensor frame to the world, m. Raises T2TwinError as `read`."""
-        return self._frame(model, data).matrix
+        return frame_of(data, self._found(model, data).site).matrix
 
     def read(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Touch:
         """The touch in the current state of a simulation, which does not change.
 
-        model: compiled from the spec of `attach`. data: after `mj_step`, `mj_step1` and 2, or
-        `mj_forward`, which compute the contact forces. Contacts and poses are those at the
-        beginning of the last step, as for MuJoCo's own sensors.
+        model: compiled from the spec of `attach`, or from one to which that was attached. data:
+        after `mj_step`, `mj_step1` and 2, or `mj_forward`, which compute the contact forces.
+        Contacts and poses are those at the beginning of the last step, as for MuJoCo's own sensors.
         The touch has the fields of this sensor, and None for the other's. `sensor_to_world` is the
-        sensor's pose. A body that presses with less than 0.01 N is left out, and all together press
-        with at most 100 N. An unchanged state gives the same touch again, as does each state before
-        the next period of `rate_hz`. The tangential tractions continue those of the last reading of
-        the same MjData, until its time decreases.
-        Raises T2TwinError for another model or data, and for a flex that touches the sensor.
+        sensor's pose. `notices` has each force of MuJoCo's contacts that the contact lacks by more
+        than 1 % and 0.01 N, with the reason; each reason is also a T2TwinWarning, once. An
+        unchanged state gives the same touch again, as does each state before the next period of
+        `rate_hz`. The tangential tractions continue those of the last reading of the same MjData,
+        until its time decreases.
+        Raises T2TwinError for another model or data, for values that are not finite, and for a flex
+        that touches the sensor.
         """
-        frame = self._frame(model, data)
+        elements = self._found(model, data)
+        frame = frame_of(data, elements.site)
         with self._lock:
-            return self._read(model, data, frame)
+            return self._read(model, data, elements.geom, frame)
 
     def set_stiffness(self, model: "mujoco.MjModel", data: "mujoco.MjData", body: str) -> float:
         """Let a body sink into the sensor as deep in MuJoCo as into the soft layer.
 
-        Sets `geom_solref`, `geom_solimp` and `geom_solmix` of the sensor's geom in the model, for a
+        Sets `geom_solref` and `geom_solimp` of the sensor's geom in the model, for a
         body that touches it at one point in its present pose over the sensor. data: as for `read`.
         Friction cones must be elliptic. Several contact points share a force and sink in less.
         Returns the largest error of the depth at rest from 0.5 to 12 N, mm.
         Raises T2TwinError for an unknown body, one that is not over the sensor, and as `read`.
         """
-        frame = self._frame(model, data)
+        elements = self._found(model, data)
         touching = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, arguments.text(body, "body"))
         if touching < 0:
             raise T2TwinError(f"the model has no body {body!r}; expected the name of a body")
-        shape = self._shape(model, data, frame, touching)
+        shape = self._shape(model, data, frame_of(data, elements.site), touching)
         if shape is None:
             raise T2TwinError(f"body {body} is not over {self.name}; move it there first")
         if model.opt.cone != mujoco.mjtCone.mjCONE_ELLIPTIC:
             raise T2TwinError("the model has pyramidal friction cones; expected elliptic ones")
-        geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{self.name}/{SURFACE}")
+        geom = elements.geom
         bodies = [touching, model.geom_bodyid[geom]]
         inverse_mass = float(model.body_invweight0[bodies, 0].sum())
         found = fit_stiffness(shape, self.elastomer, self.device.pitch_mm, inverse_mass)
         model.geom_solref[geom], model.geom_solimp[geom] = found.solref, found.solimp
-        model.geom_solmix[geom] = OWN_SOLMIX
         return found.error_mm
 
-    def _read(self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose) -> Touch:
-        state = self._states.setdefault(data, _State())
+    def _found(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Elements:
+        """The sensor's elements in a model, whose state can be read."""
+        check_state(model, data)
+        with self._lock:
+            if model not in self._elements:
+                found = find_elements(model, self.name, self._suffix)
+                self._elements[model] = found
+                if kept := kept_away(model, found.geom):
+                    more = f" and {len(kept) - LISTED} more" if len(kept) > LISTED else ""
+                    self._warn(
+                        "masks",
+                        f"collision masks keep {', '.join(kept[:LISTED])}{more} from the sensor, "
+                        "which reads only what MuJoCo collides; change contype or conaffinity, or "
+                        f"add a pair with geom {model.geom(found.geom).name}",
+                    )
+            return self._elements[model]
+
+    def _warn(self, cause: str, message: str) -> None:
+        """Warn of a cause, once."""
+        if cause not in self._warned:
+            self._warned.add(cause)
+            warnings.warn(f"{self.name}: {message}", T2TwinWarning, stacklevel=4)
+
+    def _read(
+        self, model: "mujoco.MjModel", data: "mujoco.MjData", geom: int, frame: Pose
+    ) -> Touch:
+        state = self._states.setdefault(data, State())
         if data.time < state.time_s:
-            state = self._states[data] = _State(reads=state.reads)
+            state = self._states[data] = State(reads=state.reads)
         state.time_s = data.time
-        period = 0 if self.rate_hz is None else floor(data.time * self.rate_hz + ROUNDING)
-        if self.rate_hz is not None and state.touch is not None and period == state.period:
-            return state.touch
-        geom = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, f"{self.name}/{SURFACE}")
-        pressing = [
-            each
-            for each in wrenches(model, data, geom, frame)
-            if each.pressing_n >= FORCE_RANGE_N[0]
-        ]
+        period = 0
+        if self.rate_hz is not None:
+            if not isfinite(periods := data.time * self.rate_hz):
+                raise T2TwinError(f"data.time is {data.time:g} s, beyond what rate_hz can divide")
+            period = floor(periods + ROUNDING)
+            if state.touch is not None and period == state.period:
+                return state.touch
+        touching, others = state.forces(model, data, geom, frame)
+        pressing = [each for each in touching if each.pressing_n >= FORCE_RANGE_N[0]]
+        light = [each for each in touching if each.pressing_n < FORCE_RANGE_N[0]]
+        others += [Push(each.body, LIGHT, each.force_n) for each in light]
         poses = {each.body: _body_pose(data, each.body).in_frame(frame) for each in pressing}
-        seen = _as_bytes(data.time, frame, pressing, poses)
+        seen = _as_bytes(data.time, frame, pressing, others, poses)
         if state.touch is None or seen != state.seen:
-            contact = self._contact(model, data, frame, pressing, poses, state)
-            state.touch = self._touch(contact, frame, state, data.time)
+            contact, notices = self._contact(model, data, frame, pressing, poses, state)
+            names = {each.body: _body_name(model, each.body) for each in others}
+            notices += push_notices(others, names)
+            touch = self._touch(contact, frame, state, data.time)
+            state.touch = replace(touch, notices=tuple(notices))
             state.touch_s = data.time
             state.poses, state.seen = poses, seen
             state.centers_mm = {each.body: each.center_mm for each in pressing}
             state.reads += 1
+            for each in notices:
+                self._warn(each.reason, str(each))
         state.period = period
         return state.touch
 
@@ -203,39 +242,20 @@ class AttachedSensor:
         frame: Pose,
         pressing: list[Wrench],
         poses: dict[int, Pose],
-        state: _State,
-    ) -> Contact | None:
+        state: State,
+    ) -> tuple[Contact | None, list[Notice]]:
         """The contact of the pressing bodies, which continues the state's last one."""
-        limit = MAX_FORCE_N / max(sum(each.pressing_n for each in pressing), MAX_FORCE_N)
         near = {each.body for each in pressing if _is_near(each, state.centers_mm)}
-        loads = []
+        bodies = []
         for each in pressing:
+            motion = None
+            if each.body in near or len(pressing) == 1:
+                before = state.poses.get(each.body)
+                motion = relative_motion(before, poses[each.body], each.center_mm)
             shape = self._shape(model, data, frame, each.body)
-            if shape is not None:
-                load = Load(
-                    shape=shape,
-                    force_n=max(limit * each.pressing_n, FORCE_RANGE_N[0]),
-                    shear_n=(float(each.force_n[0]), float(each.force_n[1])),
-                    torque_nmm=float(each.torque_nmm[2]),
-                    motion=relative_motion(
-                        state.poses.get(each.body), poses[each.body], each.center_mm
-                    )
-                    if each.body in near or len(pressing) == 1
-                    else None,
-                    friction=min(each.friction, MAX_FRICTION),
-                )
-                loads.append(load)
+            bodies.append(Body(_body_name(model, each.body), each, shape, motion))
         before = state.touch.contacts.get(self.sensor) if state.touch and near else None
-        return self._solve(loads, before)
-
-    def _solve(self, loads: list[Load], before: Contact | None) -> Contact | None:
-        """The contact of loads, without those that are not over the pad."""
-        if not loads:
-            return None
-        try:
-            return carry(self.elastomer, self.device.pitch_mm, loads, before)
-        except OffPadError as error:
-            return self._solve([load for load in loads if load.shape.name != error.shape], before)
+        return carried_contact(self.elastomer, self.device.pitch_mm, bodies, before)
 
     def _shape(
         self, model: "mujoco.MjModel", data: "mujoco.MjData", frame: Pose, body: int
@@ -244,10 +264,9 @@ class AttachedSensor:
         found = body_surface(model, data, body, *frame, Region.of(self.elastomer), self.geometry)
         if found is None:
             return None
-        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body {body}"
-        return replace(NOTHING, name=name, surface=found.surface)
+        return replace(NOTHING, name=_body_name(model, body), surface=found.surface)
 
-    def _touch(self, contact: Contact | None, frame: Pose, state: _State, time_s: float) -> Touch:
+    def _touch(self, contact: Contact | None, frame: Pose, state: State, time_s: float) -> Touch:
         """The touch of a contact at a time; its noise depends on the number of earlier readings."""
         rng = None if self.seed is None else np.random.default_rng((self.seed, state.reads))
         device, command = self.device, PressCommand(NOTHING.name, 0.0, 0.0, 0.0, 0.0)
@@ -277,31 +296,9 @@ class AttachedSensor:
             memory=memory,
         )
 
-    def _frame(self, model: "mujoco.MjModel", data: "mujoco.MjData") -> Pose:
-        """The sensor frame. Raises T2TwinError for a model or data that cannot be read."""
-        for value, name, kind in (
-            (model, "model", mujoco.MjModel),
-            (data, "data", mujoco.MjData),
-        ):
-            if not isinstance(value, kind):
-                raise T2TwinError(
-                    f"{name} is {arguments.describe(value)}; expected a mujoco.{kind.__name__} "
-                    "(mjx.get_data copies a state of MJX into one)"
-                )
-        if model.signature != data.signature:
-            raise T2TwinError("data is of another model; expected a mujoco.MjData of this model")
-        site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{self.name}/{FRAME}")
-        if site < 0:
-            raise T2TwinError(
-                f"the model has no site {self.name}/{FRAME}; expected a model compiled from the "
-                f"spec to which {self.name} was attached"
-            )
-        rotation = data.site_xmat[site].reshape(3, 3).copy()
-        if not rotation.any():
-            raise T2TwinError(
-                "data has no poses yet; call mujoco.mj_forward(model, data) before the first read"
-            )
-        return Pose(rotation, data.site_xpos[site].copy())
+
+def _body_name(model: "mujoco.MjModel", body: int) -> str:
+    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body {body}"
 
 
 def _is_near(wrench: Wrench, centers_mm: dict[int, np.ndarray]) -> bool:
@@ -314,11 +311,18 @@ def _body_pose(data: "mujoco.MjData", body: int) -> Pose:
     return Pose(data.xmat[body].reshape(3, 3).copy(), data.xpos[body].copy())
 
 
-def _as_bytes(time_s: float, frame: Pose, pressing: list[Wrench], poses: dict[int, Pose]) -> bytes:
+def _as_bytes(
+    time_s: float,
+    frame: Pose,
+    pressing: list[Wrench],
+    others: list[Push],
+    poses: dict[int, Pose],
+) -> bytes:
     """All that a reading depends on."""
     values = [np.array([time_s]), frame.rotation.ravel(), frame.position_m]
     for each in pressing:
         pose = poses[each.body]
         values += [np.array([each.body, each.friction]), each.force_n, each.torque_nmm]
         values += [pose.rotation.ravel(), pose.position_m]
+    values += [each.force_n for each in others]
     return np.concatenate(values).tobytes()

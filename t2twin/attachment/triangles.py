@@ -60,13 +60,16 @@ class Triangles(NamedTuple):
         return blocks, upper[blocks]
 
 
-_known: dict[int, tuple[weakref.ref, dict[tuple[int, int], tuple[np.ndarray, Triangles]]]] = {}
-"""Triangles of living models by the model's identity, the type and the asset, and a height field's
-data."""
+_known: dict[
+    int, tuple[weakref.ref, dict[tuple[int, int, bool], tuple[np.ndarray, Triangles]]]
+] = {}
+"""Triangles of living models by the model's identity, the type, the asset, and whether of its
+convex hull, and a height field's data."""
 
 
-def triangles_of(model: "mujoco.MjModel", geom: int) -> Triangles:
-    """The triangles of a box, mesh, sdf or hfield.
+def triangles_of(model: "mujoco.MjModel", geom: int, hull: bool = False) -> Triangles:
+    """The triangles of a box, mesh, sdf or hfield. hull: of a mesh, those of its convex hull, which
+    MuJoCo collides, if the model has it.
 
     Those of an asset are computed once, and again for a height field whose data has changed.
     Raises T2TwinError for other geoms.
@@ -84,10 +87,11 @@ def triangles_of(model: "mujoco.MjModel", geom: int) -> Triangles:
         _known[place] = weakref.ref(model, lambda _: _known.pop(place, None)), {}
     found = _known[place][1]
     data = _hfield_data(model, asset) if kind == HFIELD else np.empty(0)
-    if (kind, asset) not in found or not np.array_equal(found[kind, asset][0], data):
-        triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset)
-        found[kind, asset] = data.copy(), _in_blocks(triangles)
-    return found[kind, asset][1]
+    key = kind, asset, hull and kind == MESH and model.mesh_graphadr[asset] >= 0
+    if key not in found or not np.array_equal(found[key][0], data):
+        triangles = _of_hfield(model, asset) if kind == HFIELD else _of_mesh(model, asset, key[2])
+        found[key] = data.copy(), _in_blocks(triangles)
+    return found[key][1]
 
 
 def _box(half_mm: np.ndarray) -> Triangles:
@@ -107,11 +111,17 @@ def _hfield_data(model: "mujoco.MjModel", hfield: int) -> np.ndarray:
     return model.hfield_data[start : start + size]
 
 
-def _of_mesh(model: "mujoco.MjModel", mesh: int) -> np.ndarray:
-    """Triangles of a mesh, (n, 3, 3), m."""
+def _of_mesh(model: "mujoco.MjModel", mesh: int, hull: bool) -> np.ndarray:
+    """Triangles of a mesh or of its convex hull, (n, 3, 3), m."""
     vertex, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
     vertices = model.mesh_vert[vertex : vertex + model.mesh_vertnum[mesh]]
-    return vertices[model.mesh_face[face : face + model.mesh_facenum[mesh]]]
+    if not hull:
+        return vertices[model.mesh_face[face : face + model.mesh_facenum[mesh]]]
+    # the graph: numbers of vertices and faces, two addresses a vertex, edges, and the faces
+    graph = model.mesh_graph[model.mesh_graphadr[mesh] :]
+    points, faces = int(graph[0]), int(graph[1])
+    start = 2 + 3 * points + 3 * faces
+    return vertices[graph[start : start + 3 * faces].reshape(-1, 3)]
 
 
 def _of_hfield(model: "mujoco.MjModel", hfield: int) -> np.ndarray:

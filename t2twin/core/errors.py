@@ -1,4 +1,4 @@
-"""The base class of the project's exceptions."""
+"""The base classes of the project's exceptions and warnings."""
 
 
 class T2TwinError(ValueError):
@@ -6,3 +6,8 @@ class T2TwinError(ValueError):
 
     The command line prints the message and exits with status 2.
     """
+
+
+class T2TwinWarning(UserWarning):
+    """A result that is incomplete or approximate. The message says what was found, what it does to
+    the result, and what to do."""

@@ -1,0 +1,305 @@
+"""Forces of MuJoCo's contacts on an attached sensor: each is read, or a notice names it."""
+
+# MuJoCo defines its names at import, where pyright does not find them.
+# pyright: reportAttributeAccessIssue=false
+
+import copy
+import pickle
+import warnings
+
+import mujoco
+import numpy as np
+import pytest
+import trimesh
+
+import t2twin
+from t2twin import T2TwinError
+from t2twin.core.errors import T2TwinWarning
+
+GRAVITY = 9.81
+HALF = (5e-3, 4e-3, 3e-3)
+"""Half sides of a box, m."""
+
+
+def scene(*geoms, sensor="digit", mount="", options="", **attach):
+    """A sensor at the origin, and a body that moves along z, with geoms, and with a free joint if
+    the options enable sleep."""
+    joint = "<freejoint/>" if "sleep" in options else "<joint type='slide' axis='0 0 1'/>"
+    spec = mujoco.MjSpec.from_string(
+        f"<mujoco><option timestep='.002' cone='elliptic'>{options}</option><worldbody>{mount}"
+        f"<site name='pad'/><body name='load' pos='0 0 .0081'>{joint}{''.join(geoms)}</body>"
+        "</worldbody></mujoco>"
+    )
+    return spec, t2twin.attach(spec, site="pad", sensor=sensor, **attach)
+
+
+def box(half=HALF, mass=0.3, more=""):
+    size = " ".join(map(str, half))
+    return f"<geom name='box' type='box' size='{size}' mass='{mass}' {more}/>"
+
+
+def at_rest(spec, steps=400):
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, steps)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def force_n(model, data):
+    """Sum of MuJoCo's normal forces."""
+    total, force = 0.0, np.zeros(6)
+    for number in range(data.ncon):
+        mujoco.mj_contactForce(model, data, number, force)
+        total += force[0]
+    return total
+
+
+@pytest.mark.parametrize("kind", ["sphere", "box", "cylinder", "ellipsoid", "capsule"])
+@pytest.mark.parametrize(("drop_mm", "step_s"), [(20, 0.002), (100, 0.001), (100, 0.005)])
+@pytest.mark.parametrize("sensor", ["digit", "cyskin"])
+def test_a_dropped_body_rests_on_the_sensor(kind, drop_mm, step_s, sensor):
+    """It arrives at 0.6 or 1.4 m/s, and moves by up to 7 mm a step."""
+    size = {"sphere": ".006", "cylinder": ".006 .004", "capsule": ".003 .006"}
+    geom = f"<geom type='{kind}' size='{size.get(kind, '.006 .005 .004')}' mass='.05'/>"
+    spec, attached = scene(geom, sensor=sensor)
+    spec.option.timestep = step_s
+    spec.body("load").pos[2] = 0.0141 + 1e-3 * drop_mm
+    model, data = at_rest(spec, round(1.0 / step_s))
+    touch = attached.read(model, data)
+    assert touch.contacts[sensor].force_n == pytest.approx(0.05 * GRAVITY, rel=0.01)
+    assert touch.notices == ()
+
+
+@pytest.mark.parametrize("finger_mm", [3.0, 8.0, 50.0])
+def test_the_geom_does_not_reach_through_the_finger(finger_mm):
+    finger = f"<geom type='box' size='.02 .02 {finger_mm / 2e3}' pos='0 0 {-finger_mm / 2e3}'/>"
+    for sensor in ("digit", "cyskin"):
+        spec, attached = scene(box(), mount=finger, sensor=sensor)
+        model = spec.compile()
+        geom = model.geom(f"{sensor}/surface")
+        center, half = np.split(model.geom_aabb[geom.id], 2)
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        turn = data.geom_xmat[geom.id].reshape(3, 3)
+        extent = (np.abs(turn) @ half)[2]
+        lowest_mm = 1e3 * (data.geom_xpos[geom.id] + turn @ center)[2] - 1e3 * extent
+        assert lowest_mm == pytest.approx(-min(finger_mm, 20.0), abs=0.11)
+        top_mm = lowest_mm + 2e3 * extent
+        assert top_mm == pytest.approx(attached.elastomer.thickness_mm, abs=0.01)
+
+
+def test_a_spec_that_is_not_complete_gets_a_sensor():
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body(name="later")  # a moving body without mass does not compile
+    body.add_freejoint()
+    t2twin.attach(spec, body="later", sensor="digit")
+    other = spec.worldbody.add_body(name="massless")
+    other.add_freejoint()
+    t2twin.attach(spec, body="world", sensor="digit")
+    other.add_geom(size=[0.01, 0, 0])
+    assert spec.compile().nmesh == 2
+
+
+def test_the_contact_of_an_explicit_pair_is_read():
+    spec, attached = scene(box(more="contype='0' conaffinity='0'"))
+    spec.add_pair(geomname1="digit/surface", geomname2="box")
+    touch = attached.read(*at_rest(spec))
+    assert touch.digit.force_n == pytest.approx(0.3 * GRAVITY, rel=0.01)
+
+
+def test_masks_that_keep_a_geom_away_are_named_once():
+    spec, attached = scene(box(more="contype='2' conaffinity='2'"))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    with pytest.warns(T2TwinWarning, match="collision masks keep box from the sensor"):
+        attached.read(model, data)
+    attached.read(model, data)
+
+
+def test_a_hollow_mesh_is_read_as_the_hull_that_collides():
+    """A ring of 50 mm inner diameter: MuJoCo's hull covers the pad, the ring does not."""
+    spec, attached = scene("<geom type='mesh' mesh='ring' mass='.2'/>", geometry="collision")
+    ring = trimesh.creation.annulus(0.025, 0.04, 0.008)
+    mesh = spec.add_mesh(name="ring", uservert=ring.vertices.ravel())
+    mesh.userface = ring.faces.ravel()
+    contact = attached.read(*at_rest(spec)).digit
+    assert contact.force_n == pytest.approx(0.2 * GRAVITY, rel=0.01)
+    middle = contact.pressure_kpa.shape[0] // 2, contact.pressure_kpa.shape[1] // 2
+    assert contact.pressure_kpa[middle] > 0
+    visual, attached = scene("<geom type='mesh' mesh='ring' mass='.2'/>", geometry="visual")
+    mesh = visual.add_mesh(name="ring", uservert=ring.vertices.ravel())
+    mesh.userface = ring.faces.ravel()
+    with pytest.warns(T2TwinWarning, match="none of its surface lies over the pad"):
+        touch = attached.read(*at_rest(visual))
+    assert touch.digit is None
+    assert touch.unread_n == pytest.approx(0.2 * GRAVITY, rel=0.01)
+
+
+def test_a_sleeping_body_keeps_its_force():
+    spec, attached = scene(box(), options="<flag sleep='enable'/>")
+    model, data = at_rest(spec, 1500)
+    assert not data.ncon and (data.tree_asleep >= 0).all()
+    awake = data.tree_asleep.copy()
+    touch = attached.read(model, data)
+    assert touch.digit.force_n == pytest.approx(0.3 * GRAVITY, rel=0.005)
+    assert np.array_equal(data.tree_asleep, awake)
+    mujoco.mj_step(model, data)
+    assert attached.read(model, data).digit.force_n == touch.digit.force_n
+
+
+@pytest.mark.parametrize(
+    "geom",
+    [
+        "type='cylinder' size='.0001 .01'",
+        "type='box' size='.0001 .0001 .01'",
+        "type='box' size='.00001 .01 .002'",
+        "type='capsule' size='.0001 .01'",
+    ],
+)
+@pytest.mark.parametrize("sensor", ["digit", "cyskin"])
+@pytest.mark.filterwarnings("ignore:.*wider on each side")
+def test_a_body_thinner_than_a_cell_is_read(geom, sensor):
+    spec, attached = scene(f"<geom {geom} mass='.1'/>", sensor=sensor)
+    spec.body("load").pos = [0.0013, 0.0021, 0.0145]
+    touch = attached.read(*at_rest(spec))
+    contact = touch.contacts[sensor]
+    assert contact.force_n == pytest.approx(0.1 * GRAVITY, rel=0.01)
+    pressure, total = contact.pressure_kpa, contact.pressure_kpa.sum()
+    assert pressure.sum(axis=0) @ contact.x_mm / total == pytest.approx(1.3, abs=0.1)
+    if ".01 .002" not in geom:
+        assert pressure.sum(axis=1) @ contact.y_mm / total == pytest.approx(2.1, abs=0.1)
+    assert touch.unread_n == 0
+
+
+def test_a_tangential_load_that_the_layer_cannot_carry_is_named():
+    """MuJoCo carries three times the normal force along x, on a ball that sinks in deeply."""
+    spec, attached = scene(
+        "<joint type='slide' axis='1 0 0'/>",
+        "<geom type='sphere' size='.003' mass='1.2' friction='3 .01 .0001'/>",
+        sensor="cyskin",
+    )
+    spec.option.gravity = [0, 0, 0]
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.0025 + 0.003 - 0.0005 - 0.0081
+    data.qvel[1] = 5.0
+    mujoco.mj_forward(model, data)
+    normal, tangential = np.zeros(6), 0.0
+    mujoco.mj_contactForce(model, data, 0, normal)
+    tangential = float(np.hypot(*normal[1:3]))
+    assert tangential > 2 * normal[0] > 20
+    with pytest.warns(T2TwinWarning, match="tangential load is more than"):
+        touch = attached.read(model, data)
+    read_n = min(normal[0], 99.99)
+    assert touch.cyskin.force_n == pytest.approx(read_n, rel=0.01)
+    (notice,) = touch.notices
+    lacking = np.array([tangential - touch.cyskin.shear_n[0], 0.0, normal[0] - read_n])
+    assert np.abs(notice.force_n) == pytest.approx(np.abs(lacking), rel=0.02, abs=0.2)
+
+
+def test_a_body_inside_the_sensor_is_named():
+    """MuJoCo pushes a body out at the back, from where it is inside the sensor."""
+    spec, attached = scene(box(half=(2e-3, 2e-3, 2e-3)))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    data.qpos[0] = -0.0081 - 0.018
+    mujoco.mj_forward(model, data)
+    assert force_n(model, data) > 0
+    with pytest.warns(T2TwinWarning, match="of load not read: at the sensor's back"):
+        touch = attached.read(model, data)
+    assert touch.digit is None and touch.unread_n == pytest.approx(force_n(model, data), rel=0.1)
+
+
+def test_many_light_bodies_are_named():
+    spec, attached = scene(box(mass=0.0009))
+    spec.body("load").pos = [0.006, 0, 0.0061]
+    for number in range(3):
+        body = spec.worldbody.add_body(name=f"grain-{number}", pos=[-0.003 * number, 0, 0.0051])
+        body.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+        body.add_geom(size=[1e-3, 0, 0], mass=0.0009)
+    with pytest.warns(T2TwinWarning, match="less than 0.01 N"):
+        touch = attached.read(*at_rest(spec))
+    assert touch.digit is None
+    assert touch.unread_n == pytest.approx(4 * 0.0009 * GRAVITY, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["time", "qpos"])
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("rate_hz", [None, 100])
+def test_a_state_that_is_not_finite_is_refused(name, value, rate_hz):
+    spec, attached = scene(box(), rate_hz=rate_hz)
+    model, data = at_rest(spec, 1)
+    if name == "time":
+        data.time = value
+    else:
+        data.qpos[0] = value
+        mujoco.mj_forward(model, data)
+    with pytest.raises(T2TwinError, match="not finite"):
+        attached.read(model, data)
+
+
+def gripper():
+    spec = mujoco.MjSpec.from_string(
+        "<mujoco><worldbody><body name='finger'><geom size='.01'/><site name='pad' pos='0 0 .01'/>"
+        "</body></worldbody></mujoco>"
+    )
+    return spec, t2twin.attach(spec, site="pad", sensor="digit", seed=1)
+
+
+def arm(*prefixes, suffix=""):
+    """An arm with grippers, and a ball on the sensor of each."""
+    spec = mujoco.MjSpec()
+    spec.option.gravity = [0, 0, -GRAVITY]
+    for number, prefix in enumerate(prefixes):
+        own, attached = gripper()
+        site = spec.worldbody.add_site(name=f"wrist-{number}", pos=[0.1 * number, 0, 0])
+        spec.attach(own, site=site, prefix=prefix, suffix=suffix)
+        ball = spec.worldbody.add_body(name=f"ball-{number}", pos=[0.1 * number, 0, 0.0202])
+        ball.add_joint(type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0, 0, 1])
+        ball.add_geom(size=[6e-3, 0, 0], mass=0.1 * (number + 1))
+    return spec, attached
+
+
+@pytest.mark.parametrize(("prefix", "suffix"), [("left_", ""), ("a/", "-b")])
+def test_a_model_that_is_attached_to_another_has_its_sensor(prefix, suffix):
+    spec, attached = arm(prefix, suffix=suffix)
+    model, data = at_rest(spec)
+    assert attached.read(model, data).digit.force_n == pytest.approx(0.1 * GRAVITY, rel=0.01)
+    assert attached.pose(model, data)[2, 3] == pytest.approx(0.01 + 0.00407)
+
+
+def test_a_model_that_is_attached_twice_has_two_sensors():
+    spec, attached = arm("left_", "right_")
+    model, data = at_rest(spec)
+    with pytest.raises(T2TwinError, match=r"left_digit/frame, right_digit/frame.*with_prefix"):
+        attached.read(model, data)
+    forces = [
+        attached.with_prefix(prefix).read(model, data).digit.force_n
+        for prefix in ("left_", "right_")
+    ]
+    assert forces == pytest.approx([0.1 * GRAVITY, 0.2 * GRAVITY], rel=0.01)
+
+
+def test_copies_of_a_sensor_read_the_same():
+    spec, attached = scene(box(), seed=3, rate_hz=100)
+    model, data = at_rest(spec)
+    image = attached.read(model, data).image
+    for other in (copy.copy(attached), copy.deepcopy(attached)):
+        assert np.array_equal(other.read(model, data).image, image)
+    sent = pickle.loads(pickle.dumps((attached, model)))
+    again = mujoco.MjData(sent[1])
+    mujoco.mj_step(sent[1], again, 400)
+    mujoco.mj_forward(sent[1], again)
+    assert np.array_equal(sent[0].read(sent[1], again).image, image)
+    assert np.array_equal(attached.read(copy.copy(model), copy.copy(data)).image, image)
+
+
+def test_frictionless_contact_on_the_dome_is_no_loss():
+    """The pressure on the dome's slope carries the lateral part of MuJoCo's normal force."""
+    spec, attached = scene("<geom type='sphere' size='.006' mass='.5' condim='1' priority='1'/>")
+    spec.body("load").pos = [0.004, 0, 0.0141]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert attached.read(*at_rest(spec)).notices == ()
