@@ -112,6 +112,14 @@ def test_an_unusable_recording_is_one_sentence(file: str, sentence: str) -> None
         RerunLog(Path(file))
 
 
+@pytest.mark.parametrize("port", ["99999", "-1", "65536", "port"])
+def test_a_port_out_of_range_is_refused(port: str) -> None:
+    """ZeroMQ itself takes it modulo 65,536."""
+    with pytest.raises(T2TwinError, match=f"127.0.0.1:{port} has no valid port; expected 0 to 655"):
+        ZmqPublisher(f"tcp://127.0.0.1:{port}")
+    ZmqPublisher("tcp://127.0.0.1:*").close()
+
+
 def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("t2twin.rerun_log.find_spec", lambda name: None)
     monkeypatch.setattr("t2twin.live.outputs.find_spec", lambda name: None)

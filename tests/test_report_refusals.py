@@ -59,3 +59,14 @@ def test_evaluation_without_runs_is_refused(
     with pytest.raises(SystemExit):
         main(["report", "--data", str(tmp_path), "--evaluation", str(tmp_path)])
     assert "give them with --runs" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("folder", ["nowhere", "."])
+def test_a_folder_without_an_evaluation_is_refused(
+    folder: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["report", "--data", "d", "--runs", "r", "--out", str(tmp_path / "out")]
+    with pytest.raises(SystemExit):
+        main([*words, "--evaluation", str(tmp_path / folder)])
+    assert f"{tmp_path / folder} contains no evaluation; expected" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

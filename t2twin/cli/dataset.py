@@ -54,9 +54,9 @@ class SimdataOptions:
 
 def simdata(options: Annotated[SimdataOptions, tyro.conf.arg(name="")]) -> None:
     """Make a paired dataset or continue one; or check one with --verify."""
+    _check_options(options)
     if options.verify is not None:
         sys.exit(_verify(options.verify))
-    _check_options(options)
 
     import t2twin
     from t2twin.sim.cyskin.layout import DEFAULT_LAYOUT
@@ -89,6 +89,11 @@ def _check_options(options: SimdataOptions) -> None:
     each other."""
     from t2twin.core.errors import T2TwinError
 
+    if options.verify is not None:
+        for name, value in vars(options).items():
+            if name != "verify" and value is not None:
+                raise T2TwinError(f"--{name} cannot be used with --verify, which makes nothing")
+        return
     if options.scale is None and options.world is None:
         raise T2TwinError(
             "--scale is missing: smoke, light, small or paper (or --world WORLD, or --verify DIR)"

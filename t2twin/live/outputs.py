@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 from t2twin.core.errors import T2TwinError
 from t2twin.live.frame import Frame
@@ -26,6 +27,7 @@ class ZmqPublisher:
             raise T2TwinError("--zmq needs PyZMQ: `pip install 't2twin[zmq]'`")
         import zmq
 
+        _check_port(address)
         self._context = zmq.Context()
         self._socket = self._context.socket(zmq.PUB)
         try:
@@ -43,6 +45,17 @@ class ZmqPublisher:
     def close(self) -> None:
         """Close the socket; messages that are not sent are dropped."""
         self._context.destroy(linger=0)
+
+
+def _check_port(address: str) -> None:
+    """Raises T2TwinError for a port of TCP out of range, which ZeroMQ replaces by another one."""
+    try:
+        if address.startswith("tcp:") and not address.endswith(":*"):
+            _ = urlsplit(address).port  # raises ValueError
+    except ValueError:
+        raise T2TwinError(
+            f"--zmq {address} has no valid port; expected 0 to 65535, as in tcp://127.0.0.1:5555"
+        ) from None
 
 
 class RerunOutput:

@@ -11,6 +11,7 @@ from pathlib import Path
 from t2twin.core.errors import T2TwinError
 from t2twin.report.dataset.tables import Dataset, read_dataset
 from t2twin.report.html.page import check_out
+from t2twin.sim.dataset.info import SPLITS
 from t2twin.sim.dataset.store import sha256_of
 from t2twin.translate.evaluation.evaluate import evaluate
 from t2twin.translate.evaluation.files import read_evaluation, write_findings
@@ -63,6 +64,11 @@ def read_report_data(
     if not runs:
         raise T2TwinError(
             "there is no run to report on; expected at least one folder of `t2twin train`"
+        )
+    if evaluation is not None and not any((evaluation / name).is_dir() for name in SPLITS):
+        raise T2TwinError(
+            f"{evaluation} contains no evaluation; expected a folder of "
+            "`t2twin evaluate --split both`"
         )
     runs = [resolve_run(run) for run in runs]
     dataset, splits = read_dataset(data), splits_with_pairs(data)

@@ -82,6 +82,7 @@ PRESS | --seed 1 --imperfections some => imperfections
 simdata --out out | => --scale is missing | --scale huge => scale | --scale '' => scale
 simdata --out out | --optics x => expected baked or pyrender
 simdata --verify | => --verify has no value | nowhere => no dataset | /dev/null => no dataset
+simdata --verify {data} | --scale smoke => --scale cannot | --workers 2 => --workers cannot be used
 simdata | smoke => unexpected argument 'smoke'
 SIM | --layout none => layout | --layout '' => layout | --imperfections some => imperfections
 SIM | --calibration none.npz => none.npz | --scheduler foo => scheduler
@@ -119,6 +120,8 @@ export --out x.onnx --run | ./field => there is no run ./field | fild => there i
 export --out x.onnx --run {resnet18} | --layout none => layout | --layout cyskin-63 => ResNet18
 report | x => unexpected argument 'x' | --runs => no dataset | --data nowhere => nowhere
 report --data {data} | --runs nowhere => nowhere | --evaluation {evaluation} => --runs
+report --data {data} --runs {resnet18} --out out --evaluation | nowhere => no evaluation
+live {data} --frames 1 --zmq | tcp://127.0.0.1:99999 => port | tcp://127.0.0.1:-1 => port
 import-pairs | x.csv => --out is missing
 import-pairs --out out | nowhere => nowhere | nowhere.csv => nowhere.csv | '' => expected a path
 import-pairs --out out | /dev/null => csv
