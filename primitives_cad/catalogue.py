@@ -203,10 +203,11 @@ def _file(path: Path, scale: float | None, center: bool, hints: "Hints") -> Shap
     except T2TwinError as error:
         hint = "" if center else f"; {hints.center} presses its highest part"
         raise T2TwinError(f"{path} cannot be pressed: {error}{hint}") from error
-    if lost_mm := height_map.lost_mm(mesh, heights):
+    least_mm = read.NARROWEST_MM, read.SMALLEST_MM
+    if narrow_mm := height_map.narrow_mm(mesh, heights, least_mm):
         notes += (
-            f"{path} has walls or needles without width, up to {lost_mm:.2g} mm above its surface; "
-            "they are not pressed",
+            f"{path} has parts that are narrower than {read.SMALLEST_MM:g} x {read.NARROWEST_MM:g} "
+            f"mm, up to {narrow_mm:.2g} mm above the others; a press may miss them",
         )
     spacing = min(primitive_parameters.spacing_mm(float(mesh.extents[:2].max())), FILE_SPACING_MM)
     return Shape(

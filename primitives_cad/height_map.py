@@ -48,8 +48,9 @@ FLAT_TOP_MM = 0.1
 PLACE_POINTS = 300
 """Points to each side of the middle in which the highest part is searched (assumed)."""
 
-LOST_MM = 0.1
-"""Height of lost parts that is ignored, mm (assumed: the tip of a needle)."""
+WALL_MM, NEEDLE_MM = 0.1, 0.5
+"""Height of walls without width and of narrow parts that is ignored, mm (assumed: rounding, and the
+tip of a cone of 45 degrees)."""
 
 EDGE_MM = 1.0e-6
 """Tolerance at a triangle's outline, mm, so that both edges of a symmetric shape are included
@@ -155,13 +156,25 @@ def rounded_outline(sample: Callable[[float, float], np.ndarray], pitch_mm: floa
     return np.where(raised - heights > WALL_POINTS * pitch_mm, raised, heights)
 
 
-def lost_mm(mesh: "trimesh.Trimesh", surface: HeightMap) -> float:
-    """Height of a mesh's vertices above its height map, mm: of walls and needles without width,
-    which the map does not contain. 0 below LOST_MM."""
+def narrow_mm(mesh: "trimesh.Trimesh", surface: HeightMap, sides_mm: tuple[float, float]) -> float:
+    """Height of a mesh's highest vertex above the parts of its surface that have at least these
+    sides, mm: of needles and thin walls, which a press may miss. 0 where it is small.
+
+    sides_mm: the narrower and the wider side. Walls without width are missing in the surface.
+    """
+    from scipy import ndimage  # slow to import
+
     x, y, z = mesh.vertices.view(np.ndarray).T
     near = (np.abs(x) <= surface.x_mm[-2]) & (np.abs(y) <= surface.y_mm[-2])
     higher = float(z[near].max(initial=0.0))
-    return higher if higher > LOST_MM else 0.0
+    heights, pitch = surface.heights_mm, surface.pitch_mm
+    # A square that fits into a strip of the narrower side at any angle.
+    side = int(sides_mm[0] / np.sqrt(2.0) / pitch) + 1
+    points = min(int(sides_mm[0] * sides_mm[1] / pitch**2) + 1, heights.size)
+    widest = float(ndimage.minimum_filter(heights, side, mode="nearest").max())
+    largest = float(np.partition(heights, heights.size - points, axis=None)[-points])
+    narrow = higher - min(widest, largest)
+    return narrow if higher > WALL_MM or narrow > NEEDLE_MM else 0.0
 
 
 def base_mm(surface: HeightMap) -> float | None:

@@ -1,12 +1,17 @@
 """Shapes that a user might bring: the pressing surface is found, and the contact is right."""
 
+import re
+
 import numpy as np
 import pytest
 import trimesh
 
+from t2twin.cli.press import contact_summary
+from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.sim.contact.contact_solver import CYSKIN_PITCH_MM, DIGIT_PITCH_MM, solve_contact
 from t2twin.sim.contact.elastomer import CYSKIN_COVER, DIGIT_GEL
+from t2twin.sim.contact.pin_layout import OffPadError
 from t2twin.sim.contact.types import PressCommand
 
 SENSORS = ((DIGIT_GEL, DIGIT_PITCH_MM), (CYSKIN_COVER, CYSKIN_PITCH_MM))
@@ -82,6 +87,61 @@ def test_a_part_off_center_presses_where_it_stands(solid):
         solid(plate, post), CYSKIN_COVER, CYSKIN_PITCH_MM, x=1.0, y=-3.0, yaw=np.pi / 2
     )
     assert center(turned) == pytest.approx((1.0, 3.0), abs=0.1)
+
+
+@pytest.mark.parametrize("elastomer, pitch", SENSORS)
+@pytest.mark.parametrize("side, resolved", [(0.1, False), (0.25, False), (0.5, True)])
+def test_a_contact_smaller_than_the_grid_is_not_settled(solid, elastomer, pitch, side, resolved):
+    """4 N on a needle: tens of MPa."""
+    shape = solid(box((20, 20, 1), (0, 0, 0)), box((side, side, 6), (0, 0, 3)))
+    contact = solve_contact(shape, PressCommand("my", 0.0, 0.0, 0.0, 4.0), elastomer, pitch)
+    assert contact.contact_area_mm2 == pytest.approx(side**2, rel=0.01)
+    assert contact.settled is resolved and contact.smaller_than_grid is not resolved
+    assert ("smaller than the grid" in contact_summary("digit", contact)) is not resolved
+    assert ("narrower than 0.5 x 0.2 mm" in "".join(shape.notes)) is not resolved
+
+
+def test_a_needle_that_may_be_missed_is_named(solid):
+    """Between the points at which the solver reads a shape, its plate is pressed instead."""
+    plate = box((20, 20, 1), (0, 0, 0))
+    for needle in (box((0.05, 0.05, 6), (0, 0, 3)), trimesh.creation.cone(0.2, 6.0)):
+        (note,) = solid(plate, needle).notes
+        assert "narrower than 0.5 x 0.2 mm" in note and "a press may miss them" in note
+    for other in (box((0.2, 0.5, 6), (0, 0, 3)), trimesh.creation.cone(2.0, 4.0), plate):
+        for yaw in (0.0, 0.5, np.pi / 4):
+            turned = other.copy()
+            turned.apply_transform(trimesh.transformations.rotation_matrix(yaw, (0, 0, 1)))
+            assert solid(plate, turned).notes == ()
+
+
+@pytest.mark.parametrize("yaw", [0.0, 1.0, -2.5])
+def test_a_shape_off_the_middle_is_told_where_it_lies(solid, yaw):
+    """A ring around the pad: the position in the sentence presses it, and so does centering."""
+    ring = solid(trimesh.creation.annulus(r_min=20.0, r_max=24.0, height=6.0))
+    with pytest.raises(OffPadError, match="does not lie over the digit pad") as caught:
+        solve_contact(ring, PressCommand("my", 0.0, 0.0, yaw, 4.0), *SENSORS[0])
+    found = re.search(r"--x-mm (\S+) --y-mm (\S+) .*--center", str(caught.value))
+    assert found
+    x, y = map(float, found.groups())
+    assert np.hypot(x, y) == pytest.approx(22.0, abs=0.5)
+    contact = pressed(ring, *SENSORS[0], force=4.0, x=x, y=y, yaw=yaw)
+    assert np.hypot(*center(contact)) < 4.0
+
+
+@pytest.mark.parametrize("radius", [22.0, 100.0])
+def test_a_shape_may_be_pressed_at_its_highest_part(radius, tmp_path):
+    ring = trimesh.creation.annulus(r_min=radius - 3.0, r_max=radius + 3.0, height=6.0)
+    pad = box((4, 4, 2), (0, radius, 4))  # 2 mm above the ring, at y = radius
+    trimesh.util.concatenate([ring, pad]).export(tmp_path / "ring.stl")
+    if radius > 32.0:
+        with pytest.raises(T2TwinError, match=r"no surface within 32 mm.*--center"):
+            catalogue.load(tmp_path / "ring.stl", tmp_path / "kept")
+    shape = catalogue.load(tmp_path / "ring.stl", tmp_path / "kept", center=True)
+    contact = pressed(shape, CYSKIN_COVER, CYSKIN_PITCH_MM, force=1.0)
+    assert center(contact) == pytest.approx((0.0, 0.0), abs=0.1)
+    assert contact.contact_area_mm2 == pytest.approx(16.0, rel=0.03)
+    with pytest.raises(T2TwinError, match="center is for files only"):
+        catalogue.load("square-2", center=True)
 
 
 @pytest.mark.parametrize("elastomer, pitch", SENSORS)

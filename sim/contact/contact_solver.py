@@ -34,7 +34,13 @@ from t2twin.sim.contact.grid import (
 from t2twin.sim.contact.heights import heights_at, place_of_top
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import STAGES, OffPadError, PinLayout, Survey
-from t2twin.sim.contact.types import Contact, PressCommand, SurfaceShift, check_force
+from t2twin.sim.contact.types import (
+    SMALLEST_CONTACT_MM2,
+    Contact,
+    PressCommand,
+    SurfaceShift,
+    check_force,
+)
 
 DIGIT_PITCH_MM = 0.25
 """Grid of the DIGIT's gel, mm: fine enough for features of 1 mm seen at 0.05 mm a pixel."""
@@ -106,6 +112,7 @@ def solve_bodies(
     if elastomer.law == "linear":
         _check_not_through(equilibrium)
     pins, loaded, (shape, command) = solution.pins, solution.pressure_mpa > 0, bodies[0]
+    area_mm2 = float(pins.covered[loaded].sum() * pins.cell_mm2)
     preparing_s = sum(survey.preparing_s for survey in surveys)
     return Contact(
         shape=shape,
@@ -114,11 +121,11 @@ def solve_bodies(
         pressure_kpa=_read_only((1e3 * pressure).astype(np.float32)),
         x_mm=_read_only(layer.x_mm),
         y_mm=_read_only(layer.y_mm),
-        contact_area_mm2=float(pins.covered[loaded].sum() * pins.cell_mm2),
+        contact_area_mm2=area_mm2,
         depth_mm=solution.depth_mm,
         shape_depth_mm=float(equilibrium.shape_depths_mm.max()),
         force_n=float(pressure.sum() * pitch_mm**2),
-        settled=equilibrium.converged,
+        settled=equilibrium.converged and area_mm2 > SMALLEST_CONTACT_MM2,
         bottomed=_bottomed(equilibrium),
         pins=solution.pin_state(),
         milliseconds=1e3 * (time.perf_counter() - compile_time_s() - started - preparing_s),

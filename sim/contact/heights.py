@@ -27,14 +27,15 @@ def heights_at(
 
 def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
     """x and y of a press, mm, that puts a high place of a shape over the pad's center: of the
-    points near the highest one, the nearest to their mean."""
+    points near the highest one, the farthest from the others."""
+    from scipy import ndimage  # slow to import
+
     step = max(1, max(surface.heights_mm.shape) // MAX_PLACES)
     heights = surface.heights_mm[::step, ::step]
-    rows, columns = np.nonzero(heights >= heights.max() - TOP_MM)
-    x, y = surface.x_mm[::step][columns], surface.y_mm[::step][rows]
-    nearest = np.hypot(x - x.mean(), y - y.mean()).argmin()
+    inside = np.asarray(ndimage.distance_transform_edt(heights >= heights.max() - TOP_MM))
+    row, column = divmod(int(inside.argmax()), heights.shape[1])
+    x, y = surface.x_mm[::step][column], surface.y_mm[::step][row]
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
-    x, y = x[nearest], y[nearest]
     return float(-cos * x - sin * y), float(cos * y - sin * x)
 
 

@@ -23,6 +23,10 @@ from t2twin.sim.contact.tangential.shear_layer import DomedLayer, ShearLayer, do
 FORCE_RANGE_N = (0.01, 100.0)
 """Smallest and largest force that can be commanded, N."""
 
+SMALLEST_CONTACT_MM2 = 0.0625
+"""Area of a contact up to which it is not resolved, mm2: one cell of the DIGIT's grid of 0.25 mm. A
+point of a mesh that carries newtons has tens of MPa there, which no elastomer withstands."""
+
 AT_LIMIT = 1e-3
 """Share by which a traction may be below the limit of friction where the shape slips: three times
 the tolerance of the traction."""
@@ -155,7 +159,8 @@ class Contact:
     shape_depth_mm: depth of the shape's highest point below the apex of the undeformed surface
         (equal to depth_mm on a flat layer).
     force_n: integral of the pressure, N.
-    settled: whether the solver converged, in a slide also in all steps since the press.
+    settled: whether the solver converged and resolves the contact (`smaller_than_grid`), in a slide
+        also in all steps since the press.
     bottomed: whether the shape's base plate is in contact.
     pins: the pins that carry the force.
     milliseconds: computing time without surface_mm.
@@ -196,8 +201,14 @@ class Contact:
         return (
             f"force {self.force_n:.3g} N{shear_n}, depth {self.depth_mm:.3g} mm, "
             f"area {self.contact_area_mm2:.3g} mm2, {'' if self.settled else 'not '}settled"
+            f"{', smaller than the grid' if self.smaller_than_grid else ''}"
             f"{', bottomed' if self.bottomed else ''}"
         )
+
+    @property
+    def smaller_than_grid(self) -> bool:
+        """Whether the contact is too small for the grid to resolve its pressure and depth."""
+        return self.contact_area_mm2 <= SMALLEST_CONTACT_MM2
 
     @cached_property
     def surface_mm(self) -> np.ndarray:

@@ -275,7 +275,9 @@ def contact_summary(sensor: str, contact: "Contact") -> str:
         f"{sensor}: {contact.force_n:.2f} N at {contact.depth_mm:.3f} mm, "
         f"{contact.contact_area_mm2:.1f} mm2 in contact, {contact.milliseconds:.0f} ms"
     )
-    if not contact.settled:
+    if contact.smaller_than_grid:
+        line += "; it is smaller than the grid, which does not resolve its pressure and depth"
+    elif not contact.settled:
         line += "; it did not settle"
     if contact.bottomed:
         line += "; it bottomed out: the base plate (the lowest flat face) touched"

@@ -274,7 +274,9 @@ def _notes(touch: Touch) -> list[str]:
     notes = list(touch.shape.notes)
     for sensor, contact in touch.contacts.items():
         name = SENSORS[sensor][0]
-        if not contact.settled:
+        if contact.smaller_than_grid:
+            notes.append(f"The contact of the {name} is smaller than the grid and not resolved.")
+        elif not contact.settled:
             notes.append(f"The press on the {name} did not converge.")
         if contact.bottomed:
             notes.append(
