@@ -10,12 +10,13 @@ from msgspec.structs import replace
 
 from t2twin import cli
 from t2twin.cli import demo
-from t2twin.core.errors import T2TwinError
 from t2twin.core.files import write_json
 from t2twin.primitives_cad import contact_sheet, export
 from t2twin.sim.dataset.store import INFO, sha256_of
 from t2twin.translate.evaluation import files
-from t2twin.translate.runs.config import BEST, load_config
+from t2twin.translate.runs import checkpoint
+from t2twin.translate.runs.config import BEST, LAST, load_config
+from t2twin.translate.runs.log import EpochRecord
 from t2twin.translate.training import train
 
 SPEEDS = (0.2, 1.0, 3.0, 10.0)
@@ -94,11 +95,58 @@ def test_a_demo_over_its_limit_is_reported(steps, capsys, monkeypatch):
     assert "sheet" not in names and "report" in names
 
 
-def test_a_stopped_training_continues_with_its_limit(untrained_runs, tmp_path):
-    replace(load_config(untrained_runs[0]), minutes=1.1).save(tmp_path)
-    assert demo.earlier_limit(tmp_path, allowed=2.0) == 1.1
-    with pytest.raises(T2TwinError, match=r"1.1 minutes, for which --minutes leaves 0.50"):
-        demo.earlier_limit(tmp_path, allowed=0.5)
+@pytest.fixture
+def stopped(untrained_runs, tmp_path, monkeypatch):
+    """A demo in its first training of 1.1 minutes; makes the run with a number of epochs of half a
+    minute."""
+    monkeypatch.setattr(demo, "is_complete", lambda folder: folder.name == "small")
+
+    def make(epochs):
+        run = tmp_path / "runs" / "small" / "touch2touch"
+        run.mkdir(parents=True)
+        replace(load_config(untrained_runs[0]), minutes=1.1, planned_epochs=9).save(run)
+        history = [EpochRecord(n + 1, 1e-3, {}, 900.0, 2.0, 30.0) for n in range(epochs)]
+        monkeypatch.setattr(checkpoint, "load_history", lambda _: history)
+        if epochs:
+            (run / LAST).touch()
+        return run
+
+    return make
+
+
+def minutes_of_trainings(steps):
+    return {
+        arguments[0]: options["minutes"] for name, arguments, options in steps if name == "train"
+    }
+
+
+def test_a_stopped_training_continues_with_its_limit(stopped, steps):
+    run = stopped(epochs=1)
+    assert demo.earlier_training(run) == (1.1, pytest.approx(0.6), 1)
+    cli.main(["demo", "--minutes", "9"])
+    assert minutes_of_trainings(steps) == {"touch2touch": 1.1, "resnet18": 1.1}
+
+
+def test_a_stopped_training_stays_where_its_time_does_not_fit(stopped, steps, capsys, monkeypatch):
+    """As on a machine that has become busy: the further steps use the weights it has."""
+    run = stopped(epochs=1)
+    monkeypatch.setattr(demo, "slowness", lambda: 8.0)
+    cli.main(["demo", "--minutes", "3"])
+    assert minutes_of_trainings(steps) == {"resnet18": demo.MIN_TRAINING_MINUTES}
+    assert [name for name, *_ in steps][-2:] == ["evaluate", "report"]
+    out = capsys.readouterr().out
+    assert "stays as it is after 1 epoch(s) for lack of time" in out
+    assert "less than 1.1 minutes for lack of time" in out
+    assert run.is_dir() and "--minutes 1.1" in out
+
+
+def test_a_training_without_an_epoch_begins_again_shorter(stopped, steps, monkeypatch):
+    run = stopped(epochs=0)
+    monkeypatch.setattr(demo, "slowness", lambda: 3.5)
+    cli.main(["demo", "--minutes", "3"])
+    minutes = minutes_of_trainings(steps)
+    assert 0.01 < minutes["touch2touch"] < 1.1
+    assert not run.exists()
 
 
 def test_an_evaluation_of_the_same_weights_is_not_repeated(untrained_runs, tmp_path, monkeypatch):

@@ -2,11 +2,12 @@
 
 import math
 import shlex
+import shutil
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import tyro
 
@@ -168,21 +169,36 @@ class Demo:
         # Starting processes takes longer than the few pairs of scale smoke.
         workers = 1 if scale == "smoke" else cores()
         with self._command("simdata", "--scale", scale, "--workers", workers, "--out", folder):
+            if scale == "smoke":
+                print("the dataset is of scale smoke instead of small for lack of time")
             simdata(SimdataOptions(scale=scale, out=folder, workers=workers))
         return scale
 
     def _train(self, folder: Path, data: Path, scale: str, trainings: int) -> None:
         """Trains a run, or continues it. trainings: number of those that are not finished."""
-        from t2twin.translate.runs.config import CONFIG
+        from t2twin.core.files import locked
         from t2twin.translate.training.train import train
 
         minutes, allowed = TRAINING_MINUTES, math.inf
         if self.minutes is not None:
             allowed = training_minutes(self.clock.left_s, slowness(), scale, trainings)
             minutes = round(allowed, 2)
-        limit = earlier_limit(folder, allowed) if (folder / CONFIG).is_file() else minutes
+        earlier = earlier_training(folder)
+        if earlier is not None and not earlier.epochs and earlier.remaining > allowed:
+            with locked(folder):
+                shutil.rmtree(folder)  # without an epoch, nothing is lost
+            earlier = None
+        limit = minutes if earlier is None else earlier.limit
         option = () if limit is None else ("--minutes", limit)
         with self._command("train", folder.name, "--data", data, "--out", folder, *option):
+            if earlier is not None and earlier.remaining > allowed:
+                print(
+                    f"the training stays as it is after {earlier.epochs} epoch(s) for lack of "
+                    "time; this command continues it"
+                )
+                return
+            if earlier is None and minutes < TRAINING_MINUTES:
+                print(f"it has less than {TRAINING_MINUTES:g} minutes for lack of time")
             train(folder.name, data, "cpu", folder, minutes=limit)
 
     def _evaluate(self, runs: list[Path], data: Path, folder: Path) -> None:
@@ -244,26 +260,30 @@ def is_complete(folder: Path) -> bool:
     return (folder / INFO).is_file() and read_info(folder).complete
 
 
-def earlier_limit(run: Path, allowed: float) -> float | None:
-    """Limit in minutes of the run in a folder, with which its training continues.
+class EarlierTraining(NamedTuple):
+    """A training that an earlier demo began. limit: its minutes, None for no limit. remaining:
+    those that are left; 0 if it is finished. epochs: number of its finished epochs."""
 
-    allowed: minutes that may remain. Raises T2TwinError if more do.
-    """
-    from t2twin.core.errors import T2TwinError
+    limit: float | None
+    remaining: float
+    epochs: int
+
+
+def earlier_training(run: Path) -> EarlierTraining | None:
+    """The training in the folder of a run, or None."""
     from t2twin.translate.runs.checkpoint import load_history
-    from t2twin.translate.runs.config import LAST, load_config
+    from t2twin.translate.runs.config import CONFIG, LAST, load_config
     from t2twin.translate.training.early_stopping import stop_reason
 
+    if not (run / CONFIG).is_file():
+        return None
     config = load_config(run)
     history = load_history(run / LAST) if (run / LAST).is_file() else []
-    limit = math.inf if config.minutes is None else config.minutes
-    remaining = limit - sum(record.seconds for record in history) / 60.0
-    if remaining > allowed and stop_reason(config, history) is None:
-        raise T2TwinError(
-            f"{run} is an unfinished training of {limit:g} minutes, for which --minutes leaves "
-            f"{allowed:.2f}; use another --out, or no --minutes"
-        )
-    return config.minutes
+    remaining = 0.0
+    if stop_reason(config, history) is None:
+        limit = math.inf if config.minutes is None else config.minutes
+        remaining = limit - sum(record.seconds for record in history) / 60.0
+    return EarlierTraining(config.minutes, remaining, len(history))
 
 
 def is_evaluated(folder: Path, runs: Sequence[Path], data: Path) -> bool:
