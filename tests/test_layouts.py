@@ -1,5 +1,6 @@
-"""A translator on a taxel layout that it was not trained on: what is read, what is refused."""
+"""Files of taxel layouts, and a translator on a layout that it was not trained on."""
 
+import json
 from dataclasses import astuple, replace
 from pathlib import Path
 
@@ -142,3 +143,42 @@ def test_view_sorts_the_default_layout() -> None:
         "under": 4, "near": 12, "beyond": 4,
     }  # fmt: skip
     assert (np.stack(list(view.groups.values())).sum(axis=0) == 1).all()
+
+
+TAXELS = [{"x_mm": -6.0, "y_mm": -6.0}, {"x_mm": 6.0, "y_mm": -6.0}, {"x_mm": 0.0, "y_mm": 6.0}]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x_mm,y_mm\n-6,-6\n6,-6\n0,6\n",
+        "x_mm, y_mm\n-6, -6\n6, -6\n0, 6\n",
+        'x_mm , "y_mm"\n"-6" , -6\n 6 ,-6\n0,  "6"\n',
+        "\ufeffx_mm, y_mm\r\n-6, -6\r\n\r\n6, -6\r\n0, 6\r\n",
+        "x_mm; y_mm; pad_diameter_mm\n-6,0; -6; 4,0\n6; -6; 4\n0; 6; \n",
+        "x_mm\ty_mm\n-6\t-6\n6\t-6\n0\t6",
+        json.dumps({"about": "three", "format": 1, "taxels": [t | {"note": "a"} for t in TAXELS]}),
+    ],
+)
+def test_spellings_of_one_layout(text: str, tmp_path: Path) -> None:
+    path = tmp_path / ("three.json" if text.startswith("{") else "three.csv")
+    path.write_text(text, encoding="utf-8", newline="")
+    layout = load_layout(path)
+    assert [*zip(layout.x_mm, layout.y_mm, strict=True)] == [(-6, -6), (6, -6), (0, 6)]
+    assert layout.pad_diameter_mm.tolist() == [4.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"taxels": TAXELS, "units": "cm"}, "has a key 'units', which is not read"),
+        ({"taxels": [t | {"gain": 2} for t in TAXELS]}, "a taxel has a key 'gain', which is not"),
+        ({"taxels": [t | {"pad_mm": 2} for t in TAXELS]}, "a taxel has a key 'pad_mm', which is"),
+        ({"taxels": TAXELS[:2]}, "2 taxels; it needs at least 3"),
+    ],
+)
+def test_keys_that_are_not_read_are_refused(content: dict, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(T2TwinError, match=said):
+        load_layout(path)

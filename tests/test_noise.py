@@ -95,6 +95,9 @@ def test_the_file_keeps_it(noise, tmp_path):
     np.savez(path, **parts, noise_mix=MIX)
     with pytest.raises(T2TwinError, match="one of noise_mix and noise_taps is missing"):
         Calibration.load(path)
+    np.savez(path, **parts, young_kpa=500.0)
+    with pytest.raises(T2TwinError, match="its young_kpa is not read"):
+        Calibration.load(path)
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,10 @@ class _Taxel:
     pad_diameter_mm: Annotated[float, Meta(gt=0, le=LARGEST_PAD_MM)] = PAD_DIAMETER_MM
 
 
+REMARKS = ("about", "note")
+"""Keys of a JSON layout file, and of its taxels, that are not read."""
+
+
 @dataclass(frozen=True)
 class _File:
     """Content of a JSON layout file."""
@@ -92,8 +96,8 @@ class Layout:
 def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
     """A layout by its name, or from a JSON or CSV file.
 
-    JSON: {"taxels": [{"x_mm": ..., "y_mm": ..., "pad_diameter_mm": ...}, ...]}; CSV: columns x_mm,
-    y_mm and optionally pad_diameter_mm. Raises T2TwinError for anything else.
+    JSON: {"taxels": [{"x_mm": ..., "y_mm": ..., "pad_diameter_mm": ...}, ...]}, with REMARKS; CSV:
+    columns x_mm, y_mm and optionally pad_diameter_mm. Raises T2TwinError for anything else.
     """
     path = LAYOUTS / f"{arguments.path(source, 'layout')}.json"
     if not path.exists():
@@ -119,8 +123,9 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
 
 
 def _check_keys(path: Path) -> None:
-    """Raises T2TwinError for misspelled keys of taxels, which would be treated as missing."""
-    taxels = msgspec.json.decode(read_file(path))["taxels"]
-    given = sorted({key for taxel in taxels for key in taxel})
+    """Raises T2TwinError for unknown keys, which would have no effect, such as a gain."""
+    content = msgspec.json.decode(read_file(path))
+    given = sorted({key for taxel in content["taxels"] for key in taxel})
     known = [field.name for field in fields(_Taxel)]
-    check_names(given, known, f"{path}: a taxel", others=True, what="key")
+    check_names(content, ["taxels", "format", *REMARKS], path, what="key")
+    check_names(given, [*known, *REMARKS], f"{path}: a taxel", what="key")

@@ -204,6 +204,9 @@ def _read(path: Path | str) -> dict[str, Any]:
     if not is_zipfile(path):
         raise T2TwinError("it is not an .npz file")
     with np.load(path, allow_pickle=False) as file:
+        optional = (YOUNG, LOBE, ALBEDO, NOISE_MIX, NOISE_TAPS)
+        if unknown := sorted({*file.files} - {*_KEYS.values(), *optional}):
+            raise T2TwinError(f"its {unknown[0]} is not read")
         for key in _KEYS.values():
             if key not in file and key not in MAX_MISALIGNMENT:
                 raise T2TwinError(f"its {key} is missing")

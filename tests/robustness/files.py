@@ -91,7 +91,8 @@ BAD_JSON = (
     JSON.replace("-6.0", "1e400", 1), *(_layout(pad_diameter_mm=v) for v in (0, -4, "4 mm", 1000)),
     _layout(x_mm=-6.0, y_mm=-10.0), json.dumps({"taxels": ROWS[:1] * 5}), "[" * 100_000,
     json.dumps({"taxels": GRID}), _all(pad_diameter=4), _all(pad_diamter_mm=4), _all(X_mm=4),
-    _all(pad_diameter_cm=0.4), json.dumps({"format": 9, "taxels": ROWS}),
+    _all(pad_diameter_cm=0.4), _all(gain=2), json.dumps({"taxels": ROWS, "units": "cm"}),
+    json.dumps({"format": 9, "taxels": ROWS}),
 )  # fmt: skip
 XY = "x_mm,y_mm"
 BAD_CSV = (
