@@ -16,6 +16,8 @@ from typing import Any
 
 import lazy_loader
 
+from t2twin.core.mujoco_gl import EglRepair
+
 _imported, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
@@ -35,6 +37,7 @@ class _RenamedModules:
 
 
 sys.meta_path.append(_RenamedModules)
+sys.meta_path.insert(0, EglRepair)
 
 
 def __getattr__(name: str) -> Any:

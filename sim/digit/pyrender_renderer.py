@@ -37,9 +37,12 @@ SEEN_MARGIN_MM = 0.3
 ALBEDO = 0.96
 """Fraction of the light that pyrender's rough dielectric scatters diffusely (its constant)."""
 
+PLATFORM = "PYOPENGL_PLATFORM"
+"""Environment variable with the platform of PyOpenGL. MuJoCo sets it to that of MUJOCO_GL."""
+
 
 def _import_pyrender() -> Any:
-    os.environ.setdefault("PYOPENGL_PLATFORM", "egl")
+    os.environ.setdefault(PLATFORM, "egl")
     np.__dict__.setdefault("infty", np.inf)
     try:
         with warnings.catch_warnings():
@@ -64,10 +67,13 @@ def _name_ctypes_parameters() -> None:
 
 
 def _no_gl(error: Exception) -> str:
+    platform = os.environ[PLATFORM]
+    help_ = "on Debian: apt-get install libegl1 libgl1-mesa-dri libgl1"
+    if platform != "egl":
+        help_ = f"unset {PLATFORM}, which is {platform!r}, and MUJOCO_GL, or set both to egl"
     return (
         "the reference renderer needs OpenGL through EGL, which does not start here "
-        f"({type(error).__name__}: {error}); on Debian: apt-get install libegl1 libgl1-mesa-dri "
-        "libgl1"
+        f"({type(error).__name__}: {error}); {help_}"
     )
 
 

@@ -1,0 +1,61 @@
+"""MuJoCo and pyrender in one process, for each platform of OpenGL in the environment."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PRESS = "import t2twin; t2twin.attach; print(t2twin.press('hemisphere-4').digit.force_n)\n"
+
+RENDER = """
+import numpy as np
+from t2twin.sim.digit.camera.pinhole import optical_grid
+from t2twin.sim.digit.pyrender_renderer import ReferenceRenderer
+x, y = optical_grid()
+with ReferenceRenderer() as renderer:
+    assert renderer.render(np.zeros((y.size, x.size))).max() > 0
+"""
+
+MUJOCO = """
+import t2twin, mujoco
+model = mujoco.MjModel.from_xml_string(
+    "<mujoco><worldbody><light pos='0 0 3'/><geom size='.5'/></worldbody></mujoco>"
+)
+data = mujoco.MjData(model)
+mujoco.mj_forward(model, data)
+with mujoco.Renderer(model, 60, 60) as renderer:
+    renderer.update_scene(data)
+    assert renderer.render().max() > 0
+"""
+
+
+def run(program: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    kept = {name: value for name, value in os.environ.items() if name != "PYOPENGL_PLATFORM"}
+    environment = {**kept, "PYTHONPATH": str(Path(__file__).parents[1]), **variables}
+    command = [sys.executable, "-c", program]
+    return subprocess.run(command, env=environment, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("backend", ["egl", "osmesa", "glfw", "disabled"])
+def test_press_works_under_every_backend(backend):
+    done = run(PRESS, MUJOCO_GL=backend)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) == pytest.approx(8.0, rel=1e-3)
+
+
+def test_press_works_with_a_platform_that_contradicts_the_backend():
+    done = run(PRESS, MUJOCO_GL="egl", PYOPENGL_PLATFORM="osmesa")
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("program", [MUJOCO + RENDER, RENDER + MUJOCO])
+def test_mujoco_and_pyrender_render_through_egl_in_either_order(program):
+    done = run(program, MUJOCO_GL="egl")
+    assert done.returncode == 0, done.stderr
+
+
+def test_another_platform_is_named():
+    done = run(RENDER, PYOPENGL_PLATFORM="glx")
+    assert "T2TwinError" in done.stderr and "unset PYOPENGL_PLATFORM" in done.stderr
