@@ -1,6 +1,7 @@
 import os
 import pickle
 import shutil
+import sys
 from functools import lru_cache
 from pathlib import Path
 
@@ -60,6 +61,16 @@ def session_folder():
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder / "empty")
         yield folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def egl():
+    """Skips what renders with pyrender on macOS, which has no EGL."""
+    with pytest.MonkeyPatch.context() as patch:
+        if sys.platform == "darwin":
+            renderer = "t2twin.sim.digit.pyrender_renderer._import_pyrender"
+            patch.setattr(renderer, lambda: pytest.skip("macOS has no EGL"))
+        yield
 
 
 @pytest.fixture(autouse=True)

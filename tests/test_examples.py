@@ -65,6 +65,7 @@ def Scalars(value):
 """A stand-in for Rerun, which is not installed for the tests: a recording is lines of text."""
 
 
+@pytest.mark.skipif(sys.platform == "darwin", reason="macOS has no EGL")
 def test_gripper_lifts_holds_and_loses_a_tool(tmp_path):
     """In a process of its own: MuJoCo's renderer changes OpenGL for pyrender."""
     file, rate_hz = tmp_path / "gripper.gif", 2.5
