@@ -8,6 +8,7 @@ import shlex
 import shutil
 from pathlib import Path
 
+import cv2
 import pytest
 import sentences
 import trimesh
@@ -19,6 +20,10 @@ from benchmarks.documents import figures, markers, reference
 from benchmarks.evidence.record import find_benchmarks
 from t2twin import cli
 from t2twin.core.errors import T2TwinError
+from t2twin.sim.cyskin.layout import load_layout
+from t2twin.sim.digit.calibrate.measurements import read_measurements
+from t2twin.sim.digit.calibration import Calibration
+from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path
 from t2twin.sim.world.recipe import load_recipe
 
 NOT_RUN = {
@@ -34,28 +39,36 @@ NOT_RUN = {
     "python -m maintenance.publish_pretrained": "tests/test_ship.py",
     "t2twin adapt": "takes an hour; tests/test_adapt.py",
     "t2twin calibrate --background background.png --presses": "tests/test_calibrate.py",
-    "t2twin press square-2 --calibration": "needs a calibration; tests/test_calibrate.py",
     "t2twin calibrate-uncertainty": "needs a trained field run; tests/test_field.py",
     "t2twin evaluate runs/pretrained-3": "needs a training of hours",
     "t2twin live 0": "needs a camera",
     "t2twin live frames/ --run runs/mine": "needs a training of an hour",
-    "t2twin live video.mp4": "tests/test_live.py",
     "t2twin simdata --scale paper": "takes minutes",
     "t2twin simdata --scale light": "takes minutes; tests/test_protocol.py",
     "t2twin convert data/light": "needs this dataset; tests/test_lerobot.py",
+    "t2twin simdata --world moving": "takes minutes; tests/test_motion_world.py",
+    "t2twin simdata --world union": "takes an hour",
+    "t2twin simdata --world shipped": "takes hours",
+    "t2twin simdata --world pretrained-3": "takes hours",
     "t2twin simdata --scale small": "takes minutes; tests/test_regression.py",
-    "t2twin simdata --world": "takes minutes to hours; tests/test_world_data.py",
     "t2twin studio": "serves until Ctrl-C; tests/test_studio_server.py",
-    "t2twin train": "trains for minutes to hours; tests/test_training.py",
-    "t2twin evaluate runs/mine": "needs one of these trainings",
-    "t2twin evaluate runs/my/": "needs one of these trainings",
-    "t2twin report --data data/small --runs runs/my/": "needs one of these trainings",
-    "t2twin report --data data/mine": "needs one of these trainings",
+    "t2twin train field --data data/union": "needs this dataset; tests/test_field.py",
+    "t2twin train field --data data/moving": "needs this dataset; tests/test_shear.py",
+    "t2twin train field --data data/shipped": "needs hours; tests/test_field.py",
+    "t2twin train field --data data/pretrained-3": "needs hours; tests/test_field.py",
+    "t2twin train touch2touch --direction": "needs data/paper; tests/test_training.py",
+    "t2twin train touch2touch --data data/paper": "needs data/paper; tests/test_training.py",
 }
 """Beginnings of command lines that no test runs, and why. Their arguments are parsed."""
 
 EXHAUSTIVE = ("t2twin evaluate", "t2twin primitives", "make_dataset")
 """Commands and functions that take longer than the others; `make test` leaves their blocks out."""
+
+SHORT = {"t2twin train": "--preset smoke --epochs 1", "t2twin simdata --world": "--workers 1"}
+"""Further options with which commands of that beginning are run."""
+
+REPLACED = "--minutes 5"
+"""An option that they replace."""
 
 NOT_INSTALLED = {"dask_jobqueue": "needs SLURM", "datasets": "of Hugging Face, as an example"}
 """Libraries of examples that are compiled only."""
@@ -297,8 +310,17 @@ def examples(products, small_dataset, trained):
         Image.fromarray(twin.background).save(folder / "background.png")
         header = "image,taxel_0,taxel_1,taxel_2\n"
         (folder / "my_pairs" / "pairs.csv").write_text(header + "\n".join(rows) + "\n")
-        (folder / "my-taxels.csv").write_text("x_mm,y_mm,pad_diameter_mm\n-6,-6,4\n6,-6,4\n0,6,4\n")
-        (folder / "path.csv").write_text("x_mm,y_mm,yaw_deg,force_n\n0,0,0,4\n0.2,0,0,4\n")
+        (folder / "my-taxels.csv").write_text(example("how-to/taxel-layouts.md", "csv"))
+        (folder / "path.csv").write_text(example("how-to/sliding.md", "csv"))
+        recipe = example("how-to/worlds.md", "toml").replace("count = 1000", "count = 4")
+        (folder / "my-world.toml").write_text(recipe.replace("val_share = 0.02", "val_share = 0.5"))
+        Calibration.load().save(folder / "runs" / "calibration" / "calibration.npz")
+        video = cv2.VideoWriter(
+            str(folder / "video.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 60, (240, 320)
+        )
+        for _ in range(3):
+            video.write(twin.background[:, :, ::-1])
+        video.release()
         (folder / "gripper.xml").write_text(
             '<mujoco><worldbody><site name="left_pad"/></worldbody></mujoco>'
         )
@@ -316,7 +338,47 @@ def examples(products, small_dataset, trained):
     return products.make("documents", build)
 
 
-def run_block(block, namespace, expensive):
+def example(page, language):
+    """The first block of a language on a page of docs/."""
+    found = blocks(sentences.ROOT / "docs" / page)
+    return next(block.text for block in found if block.language == language)
+
+
+def check_csv(block):
+    """Reads a table with the reader of its header."""
+    header, path = block.text.partition("\n")[0], Path("example.csv")
+    path.write_text(block.text)
+    if header.startswith("x_mm,y_mm,pad"):
+        assert load_layout(path).size == 3
+    elif header == ",".join(PATH_COLUMNS):
+        assert len(path_commands("square-2", read_path(path))) == 4
+    elif header.startswith("file,"):
+        path.rename("forces.csv")
+        names = [line.partition(",")[0] for line in block.text.splitlines()[1:]]
+        measured = read_measurements(Path(), names, 4.7)
+        assert measured.has_forces and measured.has_depths and measured.diameters_mm[2] == 6.0
+    else:
+        assert header.startswith("image,taxel_0"), block.place
+        shutil.move(path, "my_pairs/example.csv")
+        layout = load_layout("my-taxels.csv")
+        info = t2twin.import_pairs("my_pairs/example.csv", "example", layout)
+        assert sum(info.pairs.values()) == len(block.text.splitlines()) - 1
+
+
+def check_json(block, printed):
+    """Compares an example with what the program reads, or wrote before: printed."""
+    content = json.loads(block.text)
+    if "taxels" in content:
+        Path("my-taxels.json").write_text(block.text)
+        layouts = [load_layout(f"my-taxels.{suffix}") for suffix in ("json", "csv")]
+        assert len({tuple(each.x_mm) + tuple(each.y_mm) for each in layouts}) == 1
+        return
+    written = json.loads(next(line for line in printed.splitlines() if line.startswith("{")))
+    assert list(content) == list(written), block.place
+    assert [*map(type, content.values())] == [*map(type, written.values())], block.place
+
+
+def run_block(block, namespace, expensive, capsys):
     """Runs a block, or nothing if it takes long and expensive is false."""
     if any(name in block.text for name in EXHAUSTIVE) and not expensive:
         return
@@ -327,13 +389,16 @@ def run_block(block, namespace, expensive):
     elif block.language == "bash":
         for line in block.commands():
             if not line.startswith(tuple(NOT_RUN)):
-                cli.main(shlex.split(line)[1:])
+                more = [words for start, words in SHORT.items() if line.startswith(start)]
+                cli.main(shlex.split(" ".join([line.replace(REPLACED, ""), *more]))[1:])
     elif block.language == "toml":
         recipe = block.page.with_suffix(".toml").name
         Path(recipe).write_text(block.text)
         assert load_recipe(recipe)
     elif block.language == "json":
-        assert json.loads(block.text)
+        check_json(block, capsys.readouterr().out)
+    elif block.language == "csv":
+        check_csv(block)
     else:
         assert block.language == "text", block.place
 
@@ -349,8 +414,8 @@ def cases():
 
 
 @pytest.mark.parametrize("page, expensive", list(cases()))
-def test_examples_run(page, expensive, examples, tmp_path, monkeypatch):
+def test_examples_run(page, expensive, examples, tmp_path, capsys):
     shutil.copytree(examples, tmp_path, dirs_exist_ok=True)
     namespace = {"__name__": "example"}
     for block in blocks(page):
-        run_block(block, namespace, expensive)
+        run_block(block, namespace, expensive, capsys)
