@@ -214,12 +214,14 @@ def _press_json(touch: Touch) -> dict[str, Any]:
         "y_mm": command.y_mm,
         "yaw_rad": command.yaw_rad,
         "commanded_force_n": command.force_n,
+        "notes": list(touch.shape.notes),
         "versions": {name: installed_version(name) for name in VERSIONS},
     } | {
         sensor: {
             "force_n": contact.force_n,
             "depth_mm": contact.depth_mm,
             "settled": bool(contact.settled),
+            "smaller_than_grid": contact.smaller_than_grid,
             "bottomed": contact.bottomed,
             "contact_area_mm2": contact.contact_area_mm2,
             "milliseconds": contact.milliseconds,

@@ -1,5 +1,6 @@
 """The public interface of the simulation: press a shape into both sensors."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
@@ -10,7 +11,7 @@ import numpy as np
 
 from t2twin.core import arguments
 from t2twin.core.arguments import check_seed
-from t2twin.core.errors import T2TwinError
+from t2twin.core.errors import T2TwinError, T2TwinWarning
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.shape import HeightMap, Shape
 from t2twin.sim.contact.depth import force_at_depth
@@ -212,13 +213,17 @@ def load_shape(
     None for the file's own unit, or 1 if it has none. center: whether the press axis passes through
     the middle of the highest part of the file's shape instead of the middle of its bounding box.
     The Shape's `notes` list repairs of the mesh and what stays open: the upper surface of an open
-    mesh is pressed. A prepared file is cached on disk. A Shape is returned unchanged.
+    mesh is pressed. Each note is also a T2TwinWarning. A prepared file is cached on disk. A Shape
+    is returned unchanged.
     Raises T2TwinError for an unknown name, a file that cannot be pressed, a scale that is not
     positive, and for scale and center without a file.
     """
     if not isinstance(shape, Shape):
         arguments.path(shape, "shape")
-        return catalogue.load(shape, scale=scale, center=center)
+        found = catalogue.load(shape, scale=scale, center=center)
+        for note in found.notes:
+            warnings.warn(note, T2TwinWarning, stacklevel=2)
+        return found
     arguments.instance(shape.surface, "the shape's surface", HeightMap)
     catalogue.check_not_of_file(f"{shape.name} is a Shape", scale, center)
     return shape

@@ -15,6 +15,7 @@ import numpy as np
 
 from t2twin.core.errors import T2TwinError
 from t2twin.core.jit import compile_time_s
+from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.shape import Shape
 from t2twin.sim.contact.elastomer import Elastomer
 from t2twin.sim.contact.fixed_point import FixedPoint, InitialGuess
@@ -31,7 +32,7 @@ from t2twin.sim.contact.grid import (
     repeated,
     window_shape,
 )
-from t2twin.sim.contact.heights import heights_at, place_of_top
+from t2twin.sim.contact.heights import heights_at, is_cut, place_of_top
 from t2twin.sim.contact.layer import cached_layer
 from t2twin.sim.contact.pin_layout import STAGES, OffPadError, PinLayout, Survey
 from t2twin.sim.contact.types import (
@@ -72,12 +73,13 @@ def solve_contact(
     try:
         return solve_bodies([(shape, command)], elastomer, pitch_mm, shift)
     except OffPadError as error:
+        place = f"{error}; --center puts the highest part of a file's shape there"
         x_mm, y_mm = place_of_top(shape.surface, command.yaw_rad)
-        raise OffPadError(
-            f"{error}; --x-mm {x_mm:.2f} --y-mm {y_mm:.2f} puts its highest part there, and so "
-            "does --center for a file",
-            error.shape,
-        ) from None
+        reach_mm = np.hypot(elastomer.width_mm, elastomer.length_mm) / 2
+        # Farther out the pad would reach beyond the height map.
+        if np.hypot(x_mm, y_mm) < REACH_MM - reach_mm or not is_cut(shape.surface):
+            place += f", as do --x-mm {x_mm:.2f} --y-mm {y_mm:.2f}"
+        raise OffPadError(place, error.shape) from None
 
 
 def solve_bodies(

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from t2twin.core.jit import compiled
+from t2twin.primitives_cad.height_map import REACH_MM
 from t2twin.primitives_cad.shape import NOTHING_MM, HeightMap
 from t2twin.sim.contact.types import PressCommand, SurfaceShift
 
@@ -37,6 +38,11 @@ def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
     x, y = surface.x_mm[::step][column], surface.y_mm[::step][row]
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return float(-cos * x - sin * y), float(cos * y - sin * x)
+
+
+def is_cut(surface: HeightMap) -> bool:
+    """Whether a height map ends at REACH_MM, where its shape may go on."""
+    return max(surface.x_mm[-1], surface.y_mm[-1]) >= REACH_MM
 
 
 def shifts_on(

@@ -74,13 +74,9 @@ class TouchOptions:
     marker_pitch_mm: Float = None
 
     def load_shape(self) -> "Shape":
-        """The shape; prints its notes."""
-        import t2twin
+        from t2twin.primitives_cad import catalogue
 
-        shape = t2twin.load_shape(self.shape, self.scale, self.center)
-        for note in shape.notes:
-            print(f"t2twin: {note}", file=sys.stderr)
-        return shape
+        return catalogue.load(self.shape, scale=self.scale, center=self.center)
 
     def sensors(self, optics: Optics = "baked") -> "SensorPair":
         """The sensors. optics: what renders the DIGIT's image."""
@@ -202,6 +198,7 @@ def press(options: Annotated[PressOptions, tyro.conf.arg(name="")]) -> None:
     touch = sensors.press(shape, command, rng, sensor=sensor)
     folder = options.folder("press", shape)
     touch.save(folder)
+    print_notes(shape)
     for name, contact in touch.contacts.items():
         print(contact_summary(name, contact))
     if touch.counts is not None:
@@ -236,11 +233,18 @@ def slide(options: Annotated[SlideOptions, tyro.conf.arg(name="")]) -> None:
     )
     if log is not None:
         log.close()
+    print_notes(shape)
     for name in ("digit", "cyskin"):
         contacts = [row for row in rows if f"{name}_shear_x_n" in row]
         if contacts:
             print(slide_summary(name, contacts))
     print(f"written to {folder}")
+
+
+def print_notes(shape: "Shape") -> None:
+    """Print what was repaired in a shape, stays open or may be missed."""
+    for note in shape.notes:
+        print(f"t2twin: {note}", file=sys.stderr)
 
 
 def slide_summary(sensor: str, rows: "list[dict[str, float]]") -> str:
@@ -281,7 +285,7 @@ def contact_summary(sensor: str, contact: "Contact") -> str:
         line += "; it did not settle"
     if contact.bottomed:
         line += "; it bottomed out: the base plate (the lowest flat face) touched"
-    return line + _off_sensor(contact)
+    return line + _off_sensor(contact) + _off_map(contact)
 
 
 def _off_sensor(contact: "Contact") -> str:
@@ -294,6 +298,24 @@ def _off_sensor(contact: "Contact") -> str:
         "; its middle lies off the sensor, whose soft layer reaches "
         f"{half_x:.1f} mm to each side and {half_y:.1f} mm up and down"
     )
+
+
+def _off_map(contact: "Contact") -> str:
+    """A note that the sensor reaches parts of the shape beyond its height map, or an empty text."""
+    import numpy as np
+
+    command, surface = contact.command, contact.shape.surface
+    reach = max(surface.x_mm[-1], surface.y_mm[-1])
+    corners = [
+        (x - command.x_mm) + 1j * (y - command.y_mm)
+        for x in contact.x_mm[[0, -1]]
+        for y in contact.y_mm[[0, -1]]
+    ]
+    turned = np.array(corners) * np.exp(-1j * command.yaw_rad)
+    farthest = max(abs(turned.real).max(), abs(turned.imag).max())
+    if farthest <= reach or abs(contact.shape.triangles[0][:, :2]).max() <= reach:
+        return ""
+    return f"; parts of the shape beyond {reach:.0f} mm from its middle are not pressed"
 
 
 def show(path: Path) -> None:
