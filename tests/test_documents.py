@@ -9,6 +9,7 @@ import shutil
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 import sentences
 import trimesh
@@ -24,7 +25,8 @@ from t2twin.sim.cyskin.layout import load_layout
 from t2twin.sim.digit.calibrate.measurements import read_measurements
 from t2twin.sim.digit.calibration import Calibration
 from t2twin.sim.slide import PATH_COLUMNS, path_commands, read_path
-from t2twin.sim.world.recipe import load_recipe
+from t2twin.sim.world.motion import Motion
+from t2twin.sim.world.recipe import Light, Part, Recipe, load_recipe
 
 NOT_RUN = {
     "source ": "changes the shell",
@@ -411,6 +413,44 @@ def cases():
         if any(name in block.text for name in EXHAUSTIVE for block in found):
             marks = pytest.mark.exhaustive
             yield pytest.param(page, True, id=f"{name_of(page)}-all", marks=marks)
+
+
+def listed(section):
+    """Names in the first column of the tables of a section of file-formats.md, in their order."""
+    text = (sentences.ROOT / "docs/reference/file-formats.md").read_text("utf-8")
+    rows = re.findall(
+        r"(?m)^\| ([^|]*`[^|]*) \|", text.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    )
+    return [name for row in rows for name in re.findall(r"`([^`]+)`", row)]
+
+
+def files(folder):
+    """Names in a folder; folders end with /, and the numbers of contacts are 000."""
+    names = {path.name + "/" * path.is_dir() for path in Path(folder).iterdir()}
+    return {re.sub(r"_\d{3}\.npz", "_000.npz", name) for name in names}
+
+
+def test_the_files_of_file_formats_are_those_that_are_written(examples, tmp_path):
+    shutil.copytree(examples, tmp_path, dirs_exist_ok=True)
+    cli.main(["press", "square-2", "--markers", "--out", "pressed"])
+    assert files("pressed") == {*listed("Press")}
+    cli.main(["slide", "square-2", "--dx-mm", "0.4", "--steps", "2", "--markers", "--out", "slid"])
+    names = [name for name in listed("Slide") if "." in name or name.endswith("/")]
+    assert files("slid") | {"slide.mp4"} == {*names}
+    others = [name for name in listed("Slide") if name not in names]
+    with np.load("slid/contact_digit_001.npz") as contact:
+        assert {*contact} <= {*others}
+    header = Path("slid/slide.csv").read_text().partition("\n")[0].split(",")
+    for name in header[5:-4]:
+        assert name.partition("_")[2] in others, name
+    cli.main(["translate", "image.png", "--out", "translated"])
+    assert files("translated") == {n.replace("NAME", "image") for n in listed("Predictions")}
+    assert files("runs/small/resnet18") == {*listed("Runs")}
+
+
+@pytest.mark.parametrize("kind", [Recipe, Part, Light, Motion])
+def test_the_keys_of_a_recipe_are_listed(kind):
+    assert {*kind.__struct_fields__} - {"parts", "light", "motion"} <= {*listed("Worlds")}
 
 
 @pytest.mark.parametrize("page, expensive", list(cases()))
