@@ -3,7 +3,9 @@
 import base64
 import io
 import re
+import struct
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import trimesh
 from solid_files import SIDES_MM, box, glb_of, model, obj_text, part, taken_apart, threemf_of, y_up
 
 import t2twin
+from t2twin.cli import main
 from t2twin.core.errors import T2TwinError
 from t2twin.primitives_cad import catalogue
 from t2twin.primitives_cad.mesh_io import bodies, polygons, read, threemf
@@ -47,6 +50,14 @@ FORMATS = {
         path, model(part(1, box(unit_mm=25.4)), '<item objectid="1"/>', "inch")
     ),
 }
+
+
+FORMATS["marked.stl"] = lambda path: path.write_text(
+    box().export(file_type="stl_ascii"), encoding="utf-8-sig"
+)
+FORMATS["surface.3mf"] = lambda path: threemf_of(
+    path, model(part(1, box(), kind="surface"), '<item objectid="1"/>')
+)
 
 
 @pytest.mark.parametrize("name", FORMATS)
@@ -336,6 +347,123 @@ def test_a_3mf_names_its_model(tmp_path):
         archive.writestr("3D/3dmodel.model", small)
         archive.writestr("other/main.model", large)
     assert read.read_solid(tmp_path / "named.3mf")[0].volume == pytest.approx(72.0)
+
+
+def ply(faces, order="<", more="", element="face", name="vertex_indices"):
+    """A binary PLY file of the block's corners and of faces of any numbers of corners, each with a
+    byte before it and another list after it."""
+    form = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    corners = corners_of().vertices
+    head = (
+        f"ply\nformat {form} 1.0\nelement vertex 9\nproperty float x\nproperty float y\n"
+        f"property float z\nelement {element} {len(faces)}\nproperty uchar red\n"
+        f"property list uchar int {name}\nproperty list uchar float texcoord\n{more}end_header\n"
+    )
+    body = np.vstack([corners, [[np.nan] * 3]]).astype(f"{order}f4").tobytes()
+    for face in faces:
+        body += struct.pack(f"{order}BB{len(face)}iB2f", 9, len(face), *face, 2, 0.5, 0.5)
+    return head.encode() + body
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_a_ply_may_have_faces_of_several_sizes_and_strips(order, tmp_path):
+    squares = [[corner - 1 for corner in square] for square in quads()]
+    mixed = [*squares[:4], *([a, b, c] for a, b, c, _ in squares[4:])]
+    mixed += [[a, c, d] for a, _, c, d in squares[4:]] + [[0, 1], [2]]
+    strips = [[corner for a, b, c, d in squares for corner in (a, b, d, c, -1)]]
+    for name, content in (
+        ("squares", ply(squares, order)),
+        ("mixed", ply(mixed, order)),
+        ("index", ply(mixed, order, name="vertex_index")),
+        ("strips", ply(strips, order, element="tristrips")),
+    ):
+        (tmp_path / f"{name}.ply").write_bytes(content)
+        mesh, notes = read.read_solid(tmp_path / f"{name}.ply")
+        assert mesh.volume == pytest.approx(VOLUME_MM3) and mesh.is_watertight and notes == ()
+    notch = ply([[0, 1, 3, 2], [0, 4, 5, 7, 6, 2, 3, 1]], order)
+    (tmp_path / "cut.ply").write_bytes(notch[:-3])
+    with pytest.raises(T2TwinError, match="damaged"):
+        read.read_solid(tmp_path / "cut.ply")
+
+
+def test_a_ply_of_triangles_that_lie_on_each_other_is_pressed(tmp_path):
+    """As of scans with two sides; it has triangles for faces already."""
+    squares = [[corner - 1 for corner in square] for square in quads()]
+    faces = [face for a, b, c, d in squares for face in ([a, b, c], [a, c, d])]
+    (tmp_path / "twice.ply").write_bytes(ply([*faces, *(face[::-1] for face in faces)]))
+    shape = catalogue.load(tmp_path / "twice.ply", tmp_path / "kept")
+    assert shape.mesh.extents == pytest.approx(SIDES_MM)
+    assert shape.surface.sample(np.zeros(1), np.zeros(1)) == pytest.approx([0.0])
+
+
+def step(path, *shapes):
+    import cadquery as cq
+
+    cq.exporters.export(cq.Workplane(cq.Compound.makeCompound(list(shapes))), str(path))
+    return path
+
+
+def test_a_step_wall_whose_weights_sum_to_zero(tmp_path):
+    """A wall of 45 degrees with a hole in it; the division failed."""
+    import cadquery as cq
+
+    block = cq.Workplane("XY").box(20, 20, 10)
+    block = block.edges(cq.selectors.NearestToPointSelector((10, -10, 0))).chamfer(20 - 9.8)
+    wall = cq.Plane(origin=(4.9, -4.9, 0), xDir=(1, 1, 0), normal=(1, -1, 0))
+    block = block.cut(cq.Workplane(wall).circle(2.0).extrude(-6))
+    shape = catalogue.load(step(tmp_path / "wall.step", block.val()), tmp_path / "kept")
+    x, y = np.array([-5.0, 4.0, 6.0]), np.array([5.0, -4.0, -6.0])
+    assert shape.surface.sample(x, y)[:2] == pytest.approx(0.0)
+    assert shape.surface.sample(x, y)[2] < -100.0
+
+
+def test_gaps_between_the_triangles_of_a_step_solid_are_closed(tmp_path, monkeypatch):
+    """The kernel leaves some in valid solids; here one triangle is lost."""
+    import cadquery as cq
+
+    from t2twin.primitives_cad import solids
+
+    path = step(tmp_path / "ball.step", cq.Workplane().sphere(5.0).val())
+    whole, notes = read.read_solid(path)
+    assert notes == ()
+    triangles_of = solids.triangles_of
+    monkeypatch.setattr(
+        solids, "triangles_of", lambda *given: (lambda p, t: (p, t[1:]))(*triangles_of(*given))
+    )
+    mesh, (note,) = read.read_solid(path)
+    assert mesh.is_watertight and "1 small hole" in note
+    assert mesh.volume == pytest.approx(whole.volume, rel=1e-3)
+
+
+def test_step_bodies_are_one_shape_and_faces_a_surface(tmp_path):
+    import cadquery as cq
+
+    low, high = (cq.Workplane().box(4, 4, 2 * z).translate((x, 0, 0)).val() for x, z in
+                 ((0, 1), (8, 2)))  # fmt: skip
+    two = catalogue.load(step(tmp_path / "two.step", low, high), tmp_path / "kept")
+    assert two.notes == (
+        f"{tmp_path / 'two.step'} contains 2 solids, which are pressed as one shape",
+    )
+    assert two.surface.sample(np.array([-4.0, 4.0]), np.zeros(2)) == pytest.approx([-1.0, 0.0])
+    top = cq.Workplane(high).faces(">Z").val()
+    sheet = catalogue.load(step(tmp_path / "sheet.step", top), tmp_path / "kept")
+    assert "is open at 4 edges, the widest gap 4 mm" in sheet.notes[0]
+    assert sheet.surface.sample(np.zeros(1), np.ones(1)) == pytest.approx([0.0])
+
+
+def test_files_of_one_stem_are_different_shapes(tmp_path, monkeypatch, capfd):
+    """Also in one folder, and pressed one after the other."""
+    monkeypatch.chdir(tmp_path)
+    box((6, 4, 3)).export("a.stl")
+    box((5, 5, 5)).export("a.obj")
+    for name in ("a.stl", "a.obj", "a.stl"):
+        main(["press", name, "--sensor", "digit", "--force-n", "1"])
+    sizes = {
+        folder.name: trimesh.load_mesh(folder / "shape.stl").extents.tolist()
+        for folder in Path("runs/press").iterdir()
+    }
+    assert sizes["a-stl"] == pytest.approx([6, 4, 3]) and sizes["a-obj"] == pytest.approx([5, 5, 5])
+    assert len(sizes) == 2
 
 
 def test_an_obj_of_many_sided_faces_is_cut_in_a_moment(tmp_path, monkeypatch):

@@ -86,7 +86,8 @@ def _openness(mesh: trimesh.Trimesh) -> str:
         float(np.ptp(mesh.vertices[labels == label], axis=0).max())
         for label in which[counts.argsort()[-MAX_MEASURED:]]
     )
-    return f"is open at {_edges(len(rims))}, the widest gap {widest:.2g} mm; {UPPER}"
+    gap = f"{float(f'{widest:.2g}'):g} mm"  # two digits, without an exponent
+    return f"is open at {_edges(len(rims))}, the widest gap {gap}; {UPPER}"
 
 
 def _edges(count: int) -> str:

@@ -18,6 +18,8 @@ FORMATS = ("stl", "text.stl", "mark.stl", "obj", "ply", "text.ply", "index.ply",
 UNITS_MM = (1.0, 1.0, 1.0, 1000.0, 25.4, 0.001, 1e-4, 500.0)
 """mm per unit of the numbers of a file, which no file names but 3MF and STEP."""
 
+Sides = tuple[float, float, float]
+
 Top = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Height of a surface at x and y, mm; NaN at its edges and beyond."""
 
@@ -45,14 +47,14 @@ def _where(inside: np.ndarray, heights: np.ndarray | float) -> np.ndarray:
     return np.where(inside, heights, np.nan)
 
 
-def _box(sides: tuple[float, ...], at: tuple[float, ...]) -> trimesh.Trimesh:
+def _box(sides: Sides, at: Sides) -> trimesh.Trimesh:
     """A box of small triangles on its foot's center."""
     box = trimesh.creation.box(sides)
     box.apply_translation(np.add(at, (0.0, 0.0, sides[2] / 2)))
     return box.subdivide().subdivide()
 
 
-def _boxes(boxes: list[tuple[tuple[float, ...], tuple[float, ...]]]) -> Shape:
+def _boxes(boxes: list[tuple[Sides, Sides]]) -> Shape:
     """Boxes (sides, foot's center), and the highest of them at each point."""
 
     def top(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -257,7 +259,8 @@ def write(it: Odd, kind: str, path: Path) -> None:
         case "stl":
             mesh.export(path)
         case "text.stl" | "mark.stl":
-            text = trimesh.exchange.stl.export_stl_ascii(mesh)
+            text = mesh.export(file_type="stl_ascii")
+            assert isinstance(text, str)
             path.write_text(text, "utf-8-sig" if kind == "mark.stl" else "utf-8")
         case "obj":
             path.write_text(obj_text(mesh))

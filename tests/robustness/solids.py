@@ -100,7 +100,18 @@ SOLIDS: dict[str, Content] = {"stl": STL, "obj": OBJ, "ply": PLY, "3mf": _3mf(),
                               "step": b"ISO-10303-21;"}  # fmt: skip
 """A file of each format; STEP is not complete."""
 
+BEAMS = "http://schemas.microsoft.com/3dmanufacturing/beamlattice/2017/02"
+MATERIALS = "http://schemas.microsoft.com/3dmanufacturing/material/2015/02"
+REQUIRES = '<model requiredextensions="y" '
+
+
+def _required(name: str) -> str:
+    """The block as a 3MF model that requires an extension."""
+    return _model().replace("<model ", f'<model xmlns:x="{name}" requiredextensions="x" ')
+
+
 WITHIN = '<object id="2"><components><component objectid="2"/></components></object>'
+SMALL = {"nodes": [{"mesh": 0, "scale": [1e-3] * 3}], "scenes": [{"nodes": [0]}], "scene": 0}
 LOOP = {"nodes": [{"mesh": 0, "children": [0]}], "scenes": [{"nodes": [0]}], "scene": 0}
 TURNED = "1 0 0 0 1 0 0 0 1 0 0 "
 
@@ -120,8 +131,8 @@ BAD: dict[str, tuple[tuple[Content, str], ...]] = {
           for value in (b"nan", b"1e400")),
         (ASCII.replace(b".", b","), "not numbers"), (ASCII[: len(ASCII) // 2], ""),
         (_binary(_block().triangles, 2**32 - 1), ""), (_binary(_block().triangles[:0]), ""),
-        *((_moved(value), "") for value in (np.nan, np.inf, 1e38)), (_part(slice(0, 640)), ""),
-        (_binary(_block().triangles[:1]), ""), (_binary(np.ones((12, 3, 3))), ""),
+        *((_moved(value), "") for value in (np.nan, np.inf, 1e38)),
+        (_binary(np.ones((12, 3, 3))), ""),
         *((_exported(_block(*sides), "stl"), "") for sides in (
             (0.25, 0.25, 0.25), (0.03, 0.02, 0.01), (2000.0, 10.0, 10.0))),
     ),
@@ -137,6 +148,9 @@ BAD: dict[str, tuple[tuple[Content, str], ...]] = {
         (_3mf(_model("furlong")), "furlong"), (_3mf("<model>"), ""), (_3mf(ENTITIES), ""),
         (_3mf(_model().replace('v1="0"', f'v1="{10**30}"', 1)), "lacks"),
         (lambda path: path.write_bytes(_3mf(" " * 1_100_000_000)), "x.3mf"),
+        (_3mf(_required("http://example.org/x")), "http://example.org/x"),
+        (_3mf(_required(BEAMS)), "beamlattice"),
+        (_3mf(_model().replace("<model ", REQUIRES)), "extension y,"),
     ),
     "glb": (
         (_node(matrix=[float("nan")] * 16), "damaged"), (_node(matrix=[1.0] * 15), "damaged"),
@@ -146,6 +160,8 @@ BAD: dict[str, tuple[tuple[Content, str], ...]] = {
         *((_glb({"scenes": [{"nodes": [node]}]}), "damaged") for node in (9, -1)),
         *((_glb({"extensionsRequired": [name]}), "compressed") for name in (
             "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_mesh_quantization")),
+        *((_glb({"extensionsRequired": [name]}), name) for name in (
+            "EXT_mesh_gpu_instancing", "KHR_unknown")),
         (_of("accessors", sparse={"count": 1}), "compressed"),
         (_of("accessors", count=10**12), "damaged"), (_glb({"meshes": []}), ""),
         (_of("accessors", componentType=5130), "compressed"),
@@ -167,13 +183,18 @@ BAD: dict[str, tuple[tuple[Content, str], ...]] = {
 
 
 GOOD: dict[str, tuple[bytes, ...]] = {
-    "x.stl": (STL, ASCII, _exported(_block().apply_translation((1e3, -2e3, 5e2)), "stl"),
+    "x.stl": (STL, ASCII, b"\xef\xbb\xbf" + ASCII, _part(slice(0, 640)),
+              _binary(_block().triangles[:8]),
+              _exported(_block().apply_translation((1e3, -2e3, 5e2)), "stl"),
               _binary(_block().triangles[:, ::-1]), _part(slice(1, None))),
     "--scale 1000 x.stl": (_exported(_block(0.006, 0.004, 0.003), "stl"),),
     "x.obj": (OBJ, b"mtllib ../../etc/passwd\n" + OBJ, OBJ.replace(b"\n", b"\r\n"),
               b"\xef\xbb\xbf" + OBJ.partition(b"\n")[2], OBJ.replace(b"\n", b"\r"),
               OBJ.replace(b"f 1 ", b"f \\\n1 ", 1)),
-    "x.ply": (PLY,), "x.glb": (_exported(_block(0.006, 0.004, 0.003), "glb"),), "x.3mf": (_3mf(),),
+    "x.ply": (PLY, PLY.replace(b"vertex_indices", b"vertex_index")),
+    "x.glb": (_exported(_block(0.006, 0.004, 0.003), "glb"),
+              _glb(SMALL | {"extensionsRequired": ["KHR_materials_unlit"]})),
+    "x.3mf": (_3mf(), _3mf(_required(MATERIALS)), _3mf(_model().replace('"model"', '"surface"'))),
 } | dict.fromkeys(("'$\\foo_{$.stl'", os.fsdecode(b"caf\xe9.stl"), "./--out.stl", "square-2.stl",
                    "x.STL"), (STL,))  # fmt: skip
 """Valid contents by the end of the command."""
