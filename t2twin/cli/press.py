@@ -16,6 +16,12 @@ Float = Annotated[float | None, tyro.conf.arg(metavar="FLOAT")]
 Sensor = Literal["digit", "cyskin", "both"]
 Optics = Literal["baked", "pyrender"]
 
+UNUSED = {
+    "digit": ("layout", "imperfections"),
+    "cyskin": ("flat", "calibration", "markers", "marker_pitch_mm", "optics"),
+}
+"""Options without effect, by the sensor that is pressed."""
+
 DEFAULT_STEPS = 10
 """Steps of a slide unless given."""
 
@@ -84,12 +90,26 @@ class TouchOptions:
         from t2twin.sim.digit.markers import Markers
         from t2twin.twin import Twin, other_elastomer
 
+        self._check_effects()
         changes = (self.thickness_mm, self.young_mpa, self.poisson, self.flat)
         gel, cover = (other_elastomer(own, *changes) for own in (DIGIT_GEL, CYSKIN_COVER))
         pitch = self.marker_pitch_mm
         markers = self.markers if pitch is None else Markers(pitch)
         twin = Twin(self.calibration, self.layout, self.imperfections, gel, cover, optics, markers)
         return twin.sensors
+
+    def _check_effects(self) -> None:
+        """Raises T2TwinError for an option without effect."""
+        from t2twin.core.errors import T2TwinError
+
+        plain = type(self)(self.shape)
+        for name in UNUSED.get(self.sensor, ()):
+            if getattr(self, name, None) != getattr(plain, name, None):
+                raise T2TwinError(
+                    f"--{name.replace('_', '-')} has no effect with --sensor {self.sensor}"
+                )
+        if self.seed is None and self.imperfections != plain.imperfections:
+            raise T2TwinError("--imperfections has no effect without --seed; give both or none")
 
     def command(
         self, shape: "Shape", sensors: "SensorPair", depth_mm: float | None = None
@@ -302,20 +322,15 @@ def _off_sensor(contact: "Contact") -> str:
 
 def _off_map(contact: "Contact") -> str:
     """A note that the sensor reaches parts of the shape beyond its height map, or an empty text."""
-    import numpy as np
+    from t2twin.sim.contact.heights import reaches_beyond
 
-    command, surface = contact.command, contact.shape.surface
-    reach = max(surface.x_mm[-1], surface.y_mm[-1])
-    corners = [
-        (x - command.x_mm) + 1j * (y - command.y_mm)
-        for x in contact.x_mm[[0, -1]]
-        for y in contact.y_mm[[0, -1]]
-    ]
-    turned = np.array(corners) * np.exp(-1j * command.yaw_rad)
-    farthest = max(abs(turned.real).max(), abs(turned.imag).max())
-    if farthest <= reach or abs(contact.shape.triangles[0][:, :2]).max() <= reach:
+    surface = contact.shape.surface
+    reach_mm = max(surface.x_mm[-1], surface.y_mm[-1])
+    if not reaches_beyond(surface, contact.command, contact.x_mm, contact.y_mm) or (
+        abs(contact.shape.triangles[0][:, :2]).max() <= reach_mm
+    ):
         return ""
-    return f"; parts of the shape beyond {reach:.0f} mm from its middle are not pressed"
+    return f"; parts of the shape beyond {reach_mm:.0f} mm from its middle are not pressed"
 
 
 def show(path: Path) -> None:

@@ -78,7 +78,12 @@ press circle-1 | --x-mm 1 --x-mm 2,0 => --x-mm is '2,0'
 press circle-1 | --calibration => --calibration has no value; expected FILE
 press circle-1 | --imperfections => --imperfections has no value; expected NAME
 press circle-1 | --layout => --layout has no value; expected a name
-PRESS | --seed 1 --imperfections some => imperfections
+PRESS | --seed 1 --imperfections some => imperfections | --imperfections all => without --seed
+PRESS --sensor cyskin | --markers => --markers has no effect | --optics pyrender => --optics has no
+PRESS --sensor cyskin | --flat => --flat has no effect with --sensor cyskin
+PRESS --sensor digit | --layout cyskin-63 => --layout has no effect with --sensor digit
+PRESS --sensor digit | --seed 1 --imperfections all => --imperfections has no effect
+slide circle-1 --dx-mm 1 --sensor cyskin --out out | --marker-pitch-mm 2 => --marker-pitch-mm has
 simdata --out out | => --scale is missing | --scale huge => scale | --scale '' => scale
 simdata --out out | --optics x => expected baked or pyrender
 simdata --verify | => --verify has no value | nowhere => no dataset | /dev/null => no dataset
