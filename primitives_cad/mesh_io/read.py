@@ -113,7 +113,7 @@ def read_solid(
 
 
 def _resize(
-    path: Path, mesh: trimesh.Trimesh, unit_mm: float, says_inches: object, hints: Hints
+    path: Path, mesh: trimesh.Trimesh, unit_mm: float, in_inches: object, hints: Hints
 ) -> None:
     """Scale a mesh to mm. Raises T2TwinError for a size that cannot be pressed."""
     with np.errstate(over="ignore"):
@@ -128,7 +128,7 @@ def _resize(
         raise T2TwinError(
             f"{path} is {width:g} x {length:g} mm seen from above and {height:g} mm high; at least "
             f"{SMALLEST_MM:g} x {NARROWEST_MM:g} mm and at most {LARGEST_MM:g} mm are allowed"
-            + _scale_hint(sides, unit_mm, bool(says_inches), hints)
+            + _scale_hint(sides, unit_mm, bool(in_inches), hints)
         )
     if unit_mm != 1.0:
         mesh.apply_scale(unit_mm)
@@ -139,14 +139,14 @@ def _fits(sides: np.ndarray, unit_mm: float) -> bool:
     return narrow >= NARROWEST_MM and wide >= SMALLEST_MM and sides.max() * unit_mm <= LARGEST_MM
 
 
-def _scale_hint(sides: np.ndarray, unit_mm: float, says_inches: bool, hints: Hints) -> str:
+def _scale_hint(sides: np.ndarray, unit_mm: float, in_inches: bool, hints: Hints) -> str:
     """A clause with a scale that makes sides, (3,) in the file's units, large enough; empty for a
     shape that is too large."""
     largest = float(sides.max())
     if largest * unit_mm > LARGEST_MM:
         return ""
     for name, scale, likely in (
-        ("inches", INCH_MM, says_inches),
+        ("inches", INCH_MM, in_inches),
         ("meters", METER_MM, largest * METER_MM <= HAND_MM),
     ):
         if likely and _fits(sides, scale):

@@ -67,8 +67,8 @@ def solve_contact(
 
     Uses the command's pose and force, not its shape name. shift: of the surface by shear. Safe to
     call from several threads.
-    Raises T2TwinError for a force out of range or too large for a linear layer, and its OffPadError
-    for a shape that does not lie over the pad, with a position that does.
+    Raises T2TwinError for a force out of range or too large for a linear layer. Raises OffPadError,
+    with a position over the pad, for a shape that does not lie over it.
     """
     try:
         return solve_bodies([(shape, command)], elastomer, pitch_mm, shift)

@@ -27,8 +27,8 @@ def heights_at(
 
 
 def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
-    """x and y of a press, mm, that puts a high place of a shape over the pad's center: of the
-    points near the highest one, the farthest from the others."""
+    """x and y of a press, mm, that puts the middle of a shape's highest part over the pad's
+    center."""
     from scipy import ndimage  # slow to import
 
     step = max(1, max(surface.heights_mm.shape) // MAX_PLACES)
@@ -38,6 +38,16 @@ def place_of_top(surface: HeightMap, yaw_rad: float) -> tuple[float, float]:
     x, y = surface.x_mm[::step][column], surface.y_mm[::step][row]
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return float(-cos * x - sin * y), float(cos * y - sin * x)
+
+
+def reaches_beyond(
+    surface: HeightMap, command: PressCommand, x_mm: np.ndarray, y_mm: np.ndarray
+) -> bool:
+    """Whether a corner of a pad with these axes lies beyond a pressed shape's height map."""
+    x, y = np.meshgrid(x_mm[[0, -1]] - command.x_mm, y_mm[[0, -1]] - command.y_mm)
+    cos, sin = np.cos(command.yaw_rad), np.sin(command.yaw_rad)
+    farthest = max(np.abs(cos * x + sin * y).max(), np.abs(sin * x - cos * y).max())
+    return bool(farthest > max(surface.x_mm[-1], surface.y_mm[-1]))
 
 
 def is_cut(surface: HeightMap) -> bool:

@@ -86,7 +86,7 @@ def plan(recipe: Recipe, names: tuple[str, ...] = catalogue.NAMES) -> list[Batch
 
 
 def _check_names(sources: Iterable[str]) -> None:
-    """Raises T2TwinError for two shapes of one name, which a dataset could not tell apart."""
+    """Raises T2TwinError for two shapes of one name, by which a dataset refers to them."""
     known: dict[str, str] = {}
     for source in sources:
         other = known.setdefault(name_of(source), source)
