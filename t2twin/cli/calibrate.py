@@ -78,10 +78,10 @@ def calibrate(
 
     camera = Camera(fit.scale_px_per_mm)
     if presses is None:
-        if ball_diameter_mm is not None or fit.held_out is not None:
+        if ball_diameter_mm is not None or fit != FitOptions(scale_px_per_mm=fit.scale_px_per_mm):
             raise T2TwinError(
                 "--presses is missing, the folder of frames of the ball; the background alone "
-                "takes neither --ball-diameter-mm nor --held-out"
+                "takes none of --ball-diameter-mm, --held-out and the tolerances"
             )
         with locked(out):
             guess_light(background, camera, print).save(out / "calibration.npz")

@@ -136,6 +136,7 @@ convert --to lerobot --out x | nowhere => no dataset | {resnet18} => no dataset 
 calibrate | => --background is missing | --background => --background has no value; expected PNG
 calibrate --out out --background none.png | => none.png | --ball-diameter-mm 4 => --presses
 calibrate --out out --background none.png | --held-out 3 => --presses
+calibrate --out out --background none.png | --force-tolerance-n 1 => --presses is missing
 CALIBRATE | => --ball-diameter-mm is missing | --ball-diameter-mm 4 => background.png
 adapt | => --background and --presses and --ball-diameter-mm are missing
 adapt --background b.png --presses p --ball-diameter-mm 4.7 --out out | --workers 0 => workers is 0
