@@ -63,19 +63,12 @@ def files(folder):
     return {path for path in folder.rglob("*") if path.is_file()}
 
 
-def open_mesh(path):
-    box = trimesh.creation.box((5, 5, 5))
-    box.update_faces(np.arange(len(box.faces)) > 1)
-    box.export(path)
-
-
 @pytest.mark.parametrize(
     "arguments, words",
     [
         (("press", "sqare-2"), "square-2"),
         (("press", "missing.stl"), "missing.stl"),
         (("press", "text.stl"), "text.stl"),
-        (("press", "open.stl"), "open"),
         (("press", "square-2", "--force-n", "-3"), "0.01 to 100 N"),
         (("press", "square-2", "--force-n", "5000"), "0.01 to 100 N"),
         (("press", "square-2", "--force-n", "nan"), "0.01 to 100 N"),
@@ -109,7 +102,6 @@ def test_bad_input_is_one_sentence_and_status_2(tmp_path, capsys, arguments, wor
     (tmp_path / "empty").mkdir()
     for name in ("text.stl", "text.png"):
         (tmp_path / name).write_text("no picture, no solid")
-    open_mesh(tmp_path / "open.stl")
     before = files(tmp_path)
     run(*arguments, code=2)
     said = capsys.readouterr()
