@@ -157,11 +157,12 @@ TAXELS = [{"x_mm": -6.0, "y_mm": -6.0}, {"x_mm": 6.0, "y_mm": -6.0}, {"x_mm": 0.
         "\ufeffx_mm, y_mm\r\n-6, -6\r\n\r\n6, -6\r\n0, 6\r\n",
         "x_mm; y_mm; pad_diameter_mm\n-6,0; -6; 4,0\n6; -6; 4\n0; 6; \n",
         "x_mm\ty_mm\n-6\t-6\n6\t-6\n0\t6",
+        "\ufeff" + json.dumps({"taxels": TAXELS}),
         json.dumps({"about": "three", "format": 1, "taxels": [t | {"note": "a"} for t in TAXELS]}),
     ],
 )
 def test_spellings_of_one_layout(text: str, tmp_path: Path) -> None:
-    path = tmp_path / ("three.json" if text.startswith("{") else "three.csv")
+    path = tmp_path / ("three.json" if "{" in text else "three.csv")
     path.write_text(text, encoding="utf-8", newline="")
     layout = load_layout(path)
     assert [*zip(layout.x_mm, layout.y_mm, strict=True)] == [(-6, -6), (6, -6), (0, 6)]

@@ -4,13 +4,11 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import numpy as np
 from msgspec import Meta
 
 from t2twin.core import arguments
 from t2twin.core.errors import T2TwinError
-from t2twin.core.files import read_file
 from t2twin.core.records import check_names, read_json
 
 LAYOUTS = Path(__file__).parent / "layouts"
@@ -124,7 +122,7 @@ def load_layout(source: str | Path = DEFAULT_LAYOUT) -> Layout:
 
 def _check_keys(path: Path) -> None:
     """Raises T2TwinError for unknown keys, which would have no effect, such as a gain."""
-    content = msgspec.json.decode(read_file(path))
+    content = read_json(path, dict, 1)
     given = sorted({key for taxel in content["taxels"] for key in taxel})
     known = [field.name for field in fields(_Taxel)]
     check_names(content, ["taxels", "format", *REMARKS], path, what="key")

@@ -5,6 +5,7 @@ Content that does not fit raises a T2TwinError of one sentence.
 
 import difflib
 import re
+from codecs import BOM_UTF8
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,12 +52,13 @@ class _FormatNumber:
 
 
 def read_json(path: Path, kind: type[Record], number: int) -> Record:
-    """The record in a JSON file. kind: its dataclass. number: the supported format number.
+    """The record in a JSON file, which may have a byte order mark. kind: its dataclass. number: the
+    supported format number.
 
     Raises T2TwinError where the file cannot be read, has another format, or does not fit the
     dataclass; see `decode_json`.
     """
-    content = read_file(path)
+    content = read_file(path).removeprefix(BOM_UTF8)
     found = decode_json(content, _FormatNumber, path).format
     if found != number:
         raise T2TwinError(
